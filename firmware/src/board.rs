@@ -1,0 +1,146 @@
+//! The board: clocks, pins, DMA streams, interrupts. What is wired where stands here and nowhere else.
+//!
+//! | signal | pin | peripheral |
+//! |---|---|---|
+//! | resonator x, y, z | PA0, PA1, PB10 | TIM2 channels 1, 2, 3 |
+//! | converter data-ready | PB2 and PC7 (wired together) | TIM2 channel 4, EXTI 7 |
+//! | converter SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
+//! | link out, in | PA9, PA10 | USART1 |
+
+use crate::capture::{self, Clock, Rings};
+use crate::converter::Converter;
+use crate::params;
+use embassy_stm32::exti::{self, ExtiInput};
+use embassy_stm32::flash::{Blocking, Flash};
+use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::{
+    DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, DMA2_CH5, DMA2_CH7, IWDG, USART1,
+};
+use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc};
+use hrg_core::calibration::{self, BlockError, Calibration};
+use hrg_core::status::unit;
+use static_cell::ConstStaticCell;
+
+bind_interrupts!(struct Irqs {
+    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
+    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
+    DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
+    DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
+    DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
+    DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
+    DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
+    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
+    USART1 => usart::InterruptHandler<USART1>;
+});
+
+/// Everything on the board, set up.
+pub struct Board {
+    /// Edges of the resonators.
+    pub rings: Rings,
+    /// The timer.
+    pub clock: Clock,
+    /// The rate converter.
+    pub converter: Converter,
+    /// Frames out.
+    pub link_out: UartTx<'static, Async>,
+    /// Commands in.
+    pub link_in: RingBufferedUartRx<'static>,
+    /// Not yet running.
+    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    /// Whether the last reset came from the watchdog.
+    pub watchdog_reset: bool,
+    flash: Flash<'static, Blocking>,
+}
+
+fn clocks() -> rcc::Config {
+    let mut c = rcc::Config::default();
+    c.hse = Some(rcc::Hse { freq: Hertz(params::HSE_HZ), mode: rcc::HseMode::Bypass });
+    c.pll_src = rcc::PllSource::HSE;
+    // 8 MHz / 4 * 180 / 2 = 180 MHz
+    c.pll = Some(rcc::Pll {
+        prediv: rcc::PllPreDiv::DIV4,
+        mul: rcc::PllMul::MUL180,
+        divp: Some(rcc::PllPDiv::DIV2),
+        divq: None,
+        divr: None,
+    });
+    c.sys = rcc::Sysclk::PLL1_P;
+    c.ahb_pre = rcc::AHBPrescaler::DIV1;
+    c.apb1_pre = rcc::APBPrescaler::DIV4;
+    c.apb2_pre = rcc::APBPrescaler::DIV2;
+    c
+}
+
+impl Board {
+    /// Sets everything up.
+    pub fn new() -> Self {
+        let mut config = embassy_stm32::Config::default();
+        config.rcc = clocks();
+        let p = embassy_stm32::init(config);
+        let watchdog_reset = pac::RCC.csr().read().wdgrstf();
+        pac::RCC.csr().modify(|w| w.set_rmvf(true));
+
+        let (rings, clock) = capture::start(
+            p.TIM2,
+            capture::Pins { x: p.PA0, y: p.PA1, z: p.PB10, data_ready: p.PB2 },
+            capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
+            Irqs,
+        );
+
+        let mut spi_config = spi::Config::default();
+        // Mode 1: clock idles low, data on its falling edge (data sheet SBAS950, section 8.5.1).
+        spi_config.mode = spi::MODE_1;
+        spi_config.frequency = Hertz(params::CONVERTER_SPI_HZ);
+        let spi = Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, spi_config);
+        let select = Output::new(p.PB6, Level::High, Speed::High);
+        let data_ready = ExtiInput::new(p.PC7, p.EXTI7, Pull::Up, Irqs);
+
+        let mut link_config = usart::Config::default();
+        link_config.baudrate = params::LINK_BAUD;
+        static LINK_RING: ConstStaticCell<[u8; params::LINK_RING]> = ConstStaticCell::new([0; params::LINK_RING]);
+        // The configuration is a constant one, good for this USART.
+        let uart = match Uart::new(p.USART1, p.PA10, p.PA9, p.DMA2_CH7, p.DMA2_CH5, Irqs, link_config) {
+            Ok(uart) => uart,
+            Err(_) => defmt::panic!("link configuration"),
+        };
+        let (link_out, link_in) = uart.split();
+
+        Self {
+            rings,
+            clock,
+            converter: Converter::new(spi, select, data_ready),
+            link_out,
+            link_in: link_in.into_ring_buffered(LINK_RING.take()),
+            watchdog: IndependentWatchdog::new(p.IWDG, params::WATCHDOG_US),
+            watchdog_reset,
+            flash: Flash::new_blocking(p.FLASH),
+        }
+    }
+
+    /// The newest valid block of the two sectors, or the compiled-in default; with what status to report.
+    pub fn calibration(&mut self) -> (Calibration, u8) {
+        static A: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
+        static B: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
+        let (a, b) = (A.take(), B.take());
+        let read = self
+            .flash
+            .blocking_read(params::CALIBRATION_A, a)
+            .and_then(|()| self.flash.blocking_read(params::CALIBRATION_B, b));
+        if read.is_err() {
+            return (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED);
+        }
+        match calibration::newest(a, b) {
+            Ok((calibration, _)) => (calibration, 0),
+            Err(BlockError::NoBlock) => (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION),
+            Err(error) => {
+                defmt::error!("calibration refused: {}", error);
+                (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED)
+            }
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! The navigation computer of an HRG inertial unit (STM32F446RE).
+//!
+//! What it does:
+//! - measures three resonator frequencies (TIM2 captures by DMA) and reads three rates (ADS131M08, 1 kSPS);
+//! - turns frequencies into temperatures and biases once a second, with the calibration in flash;
+//! - takes the biases off the rates and sends them at 200 Hz over RS-422, with housekeeping each second;
+//! - logs one line a second over RTT (defmt);
+//! - feeds its watchdog only while the rate path runs.
+//!
+//! | task | priority | file |
+//! |---|---|---|
+//! | rate path | interrupt executor | `rate` |
+//! | model | thread | `model` |
+//! | telemetry, log | thread | `telemetry` |
+//! | link in, link out | thread | `link` |
+//! | watchdog | thread | here |
+//!
+//! Pins are in `board`, numbers in `params`; all that computes is in the crate `hrg_core`.
+#![no_std]
+#![no_main]
+
+mod board;
+mod capture;
+mod channels;
+mod converter;
+mod link;
+mod model;
+mod params;
+mod rate;
+mod telemetry;
+
+use defmt_rtt as _;
+use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken, Spawner};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_time::Timer;
+use hrg_core::compensator::Compensator;
+use hrg_core::link::Identity;
+use hrg_core::rate_path::RatePath;
+use hrg_core::status::unit;
+use static_cell::StaticCell;
+
+/// Runs the rate path, in the interrupt of a peripheral that the unit does not use.
+static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+
+#[interrupt]
+#[allow(unsafe_code)] // `on_interrupt` must be called from here and from nowhere else.
+unsafe fn UART5() {
+    // SAFETY: this is the interrupt that `RATE_EXECUTOR` was started with.
+    unsafe { RATE_EXECUTOR.on_interrupt() }
+}
+
+fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(SpawnToken<S>)) {
+    match token {
+        Ok(token) => spawn(token),
+        Err(_) => defmt::error!("a task was started twice"),
+    }
+}
+
+#[embassy_executor::main]
+async fn main(spawner: Spawner) {
+    let mut board = board::Board::new();
+    let (calibration, mut unit_status) = board.calibration();
+    if board.watchdog_reset {
+        unit_status |= unit::WATCHDOG_RESET;
+    }
+    let identity = Identity {
+        unit: calibration.unit,
+        calibration: calibration.checksum(),
+        created_unix_s: calibration.created_unix_s,
+        sequence: calibration.sequence,
+    };
+    let who = channels::Who { identity, unit_status };
+    defmt::info!(
+        "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u8:02x}",
+        env!("CARGO_PKG_VERSION"),
+        calibration.unit_name(),
+        identity.calibration,
+        identity.sequence,
+        unit_status
+    );
+    let path = RatePath::new(
+        [calibration.axes[0].rate_scale_dph, calibration.axes[1].rate_scale_dph, calibration.axes[2].rate_scale_dph],
+        params::DIVIDER,
+    );
+    static COMPENSATOR: StaticCell<Compensator> = StaticCell::new();
+    let compensator = COMPENSATOR.init(Compensator::new(calibration, 0.0));
+
+    // Peripheral interrupts stay at the top; the rate path comes next, threads last.
+    interrupt::UART5.set_priority(Priority::P6);
+    let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
+    spawned(rate::task(board.converter, board.clock, path, unit_status), |t| rate_spawner.spawn(t));
+    spawned(model::task(board.rings, board.clock, compensator), |t| spawner.spawn(t));
+    spawned(telemetry::task(who), |t| spawner.spawn(t));
+    spawned(telemetry::log(), |t| spawner.spawn(t));
+    spawned(link::send(board.link_out), |t| spawner.spawn(t));
+    spawned(link::receive(board.link_in, who), |t| spawner.spawn(t));
+    watch(board.watchdog).await
+}
+
+/// Feeds the watchdog while the rate path runs. Being a thread task it also proves that threads get to run.
+async fn watch(mut watchdog: IndependentWatchdog<'static, embassy_stm32::peripherals::IWDG>) -> ! {
+    watchdog.unleash();
+    loop {
+        Timer::after(params::WATCHDOG_FEED).await;
+        if channels::RATE_ALIVE.try_take().is_some() {
+            watchdog.pet();
+        }
+    }
+}
+
+/// A panic is a bug: say where, stop, and let the watchdog reset the unit (the reset is flagged).
+#[panic_handler]
+fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    match info.location() {
+        Some(at) => defmt::error!("panic at {=str}:{=u32}", at.file(), at.line()),
+        None => defmt::error!("panic"),
+    }
+    loop {
+        cortex_m::asm::nop();
+    }
+}

@@ -1,0 +1,55 @@
+//! Every number that shapes the unit's timing, wiring and memory, each with its unit and its reason.
+
+use embassy_time::Duration;
+
+/// Crystal or ST-LINK clock, Hz. A NUCLEO-F446RE feeds 8 MHz into OSC_IN.
+pub const HSE_HZ: u32 = 8_000_000;
+
+/// Clock of TIM2, Hz: twice APB1 (45 MHz), as APB1 is divided. One tick is 11.1 ns.
+pub const TIMER_HZ: u32 = 90_000_000;
+
+/// Edges each capture ring holds. 256 at 10 kHz (twice any resonator) last 25 ms; they are fetched every
+/// [`FETCH_PERIOD`].
+pub const RING: usize = 256;
+
+/// How often captured edges are fetched. Much shorter than the ring lasts and than a gate (0.1 s), and
+/// shorter than [`BIAS_DELAY_TICKS`] by enough to finish the bias in time.
+pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
+
+/// Frequency gates in one step of the bias model: ten of 0.1 s make [`hrg_core::MODEL_STEP_S`].
+pub const GATES_PER_STEP: u32 = 10;
+
+/// A new bias takes effect this long after the end of the step it came from, ticks: 50 ms. It is known after
+/// at most [`FETCH_PERIOD`] and a millisecond; the rest is reserve for a busy link and log.
+pub const BIAS_DELAY_TICKS: u32 = TIMER_HZ / 20;
+
+/// Samples per rate frame: 1 kHz / 5 = 200 Hz. Settable over the link.
+pub const DIVIDER: u16 = 5;
+
+/// SPI clock of the converter, Hz. The ADS131M08 takes 25 MHz; a frame of 30 bytes takes 21 us at 11.25 MHz,
+/// 2 % of the sample time, and the lines may be long.
+pub const CONVERTER_SPI_HZ: u32 = 11_250_000;
+
+/// Link rate, baud. A frame of 39 bytes at 1 kHz is 390 kbit/s; RS-422 carries 921600 over tens of metres.
+pub const LINK_BAUD: u32 = 921_600;
+
+/// Bytes of the link's receive ring: 5 ms at line rate.
+pub const LINK_RING: usize = 512;
+
+/// Rate frames that may wait for the link: 40 ms at 200 Hz.
+pub const FRAME_QUEUE: usize = 8;
+
+/// Watchdog, us. The rate path runs each millisecond and is looked at each [`WATCHDOG_FEED`]; the longest
+/// legitimate pause is none.
+pub const WATCHDOG_US: u32 = 500_000;
+
+/// How often the watchdog is fed, if the rate path has run.
+pub const WATCHDOG_FEED: Duration = Duration::from_millis(100);
+
+/// The rates of a step come this long after its frequencies at most.
+pub const SUMMARY_WAIT: Duration = Duration::from_millis(200);
+
+/// Calibration sector A, bytes from the start of flash (memory.x: CAL_A).
+pub const CALIBRATION_A: u32 = 0x4_0000;
+/// Calibration sector B (memory.x: CAL_B).
+pub const CALIBRATION_B: u32 = 0x6_0000;

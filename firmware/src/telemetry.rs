@@ -1,0 +1,72 @@
+//! Housekeeping each second, to the link and to the log.
+
+use crate::channels::{Who, HOUSEKEEPING, LINK_ERRORS, LOG, STEP, SUMMARY};
+use crate::params::{SUMMARY_WAIT, TIMER_HZ};
+use embassy_time::with_timeout;
+use hrg_core::link::Housekeeping;
+use hrg_core::status::unit;
+use hrg_core::AXES;
+
+/// Merges what the model and the rate path say of one second.
+#[embassy_executor::task]
+pub async fn task(who: Who) {
+    let mut dropped = 0;
+    let mut link_errors = 0;
+    loop {
+        let (step, output) = STEP.receive().await;
+        let summary = match with_timeout(SUMMARY_WAIT, SUMMARY.receive()).await {
+            Ok((summary, d)) => {
+                dropped = d;
+                Some(summary)
+            }
+            Err(_) => None,
+        };
+        let mut unit_status = who.unit_status;
+        if let Some(errors) = LINK_ERRORS.try_take() {
+            if errors != link_errors {
+                unit_status |= unit::LINK_ERRORS;
+            }
+            link_errors = errors;
+        }
+        let samples = summary.map_or(0, |s| s.samples);
+        let converter_errors = summary.map_or(0, |s| s.converter_errors);
+        if samples == 0 || converter_errors > 0 {
+            unit_status |= unit::CONVERTER_FAULT;
+        }
+        let housekeeping = Housekeeping {
+            step: step.step,
+            time_ms: (step.end_ticks / u64::from(TIMER_HZ / 1000)) as u32,
+            frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
+            temperature_c: output.temperature_c,
+            rate_c_per_min: output.rate_c_per_min,
+            bias_dph: output.bias_dph,
+            raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
+            corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
+            samples,
+            converter_errors,
+            axis_status: output.status,
+            unit_status,
+            rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
+            missing: step.missing.map(|n| n.min(0xFFFF) as u16),
+            dropped,
+            link_errors,
+            calibration: who.identity.calibration,
+        };
+        HOUSEKEEPING.signal(housekeeping);
+        LOG.signal(housekeeping);
+    }
+}
+
+/// One line a second over RTT: enough to make a recording of.
+#[embassy_executor::task]
+pub async fn log() {
+    loop {
+        let h = LOG.wait().await;
+        let (f, t, r, b, w) = (h.frequency_hz, h.temperature_c, h.rate_c_per_min, h.bias_dph, h.raw_dph);
+        defmt::info!(
+            "t={=u32} f={=f64},{=f64},{=f64} T={=f32},{=f32},{=f32} dT={=f32},{=f32},{=f32} b={=f32},{=f32},{=f32} raw={=f32},{=f32},{=f32} status={=u8:02x},{=u8:02x},{=u8:02x},{=u8:02x} cal={=u32:08x}",
+            h.time_ms, f[0], f[1], f[2], t[0], t[1], t[2], r[0], r[1], r[2], b[0], b[1], b[2], w[0], w[1], w[2],
+            h.axis_status[0], h.axis_status[1], h.axis_status[2], h.unit_status, h.calibration
+        );
+    }
+}

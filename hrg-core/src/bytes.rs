@@ -1,0 +1,110 @@
+//! Little-endian writing and reading of fixed buffers, shared by the calibration block and the link.
+
+/// Appends numbers to a byte slice; remembers when it did not fit.
+#[derive(Debug)]
+pub struct Writer<'a> {
+    buffer: &'a mut [u8],
+    at: usize,
+    overflow: bool,
+}
+
+impl<'a> Writer<'a> {
+    /// Starts at the front of `buffer`.
+    pub fn new(buffer: &'a mut [u8]) -> Self {
+        Self { buffer, at: 0, overflow: false }
+    }
+    /// Appends raw bytes.
+    pub fn bytes(&mut self, bytes: &[u8]) {
+        match self.buffer.get_mut(self.at..self.at + bytes.len()) {
+            Some(room) => {
+                room.copy_from_slice(bytes);
+                self.at += bytes.len();
+            }
+            None => self.overflow = true,
+        }
+    }
+    /// Appends one byte.
+    pub fn u8(&mut self, value: u8) {
+        self.bytes(&[value]);
+    }
+    /// Appends a 16-bit number.
+    pub fn u16(&mut self, value: u16) {
+        self.bytes(&value.to_le_bytes());
+    }
+    /// Appends a 32-bit number.
+    pub fn u32(&mut self, value: u32) {
+        self.bytes(&value.to_le_bytes());
+    }
+    /// Appends a single.
+    pub fn f32(&mut self, value: f32) {
+        self.bytes(&value.to_le_bytes());
+    }
+    /// Appends singles.
+    pub fn f32s(&mut self, values: &[f32]) {
+        for &v in values {
+            self.f32(v);
+        }
+    }
+    /// Appends a double.
+    pub fn f64(&mut self, value: f64) {
+        self.bytes(&value.to_le_bytes());
+    }
+    /// Bytes written, or `None` if something did not fit.
+    #[must_use]
+    pub fn finish(self) -> Option<usize> {
+        (!self.overflow).then_some(self.at)
+    }
+}
+
+/// Takes numbers off the front of a byte slice; `None` at its end.
+#[derive(Debug, Clone)]
+pub struct Reader<'a> {
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    /// Starts at the front of `bytes`.
+    #[must_use]
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { rest: bytes }
+    }
+    /// Bytes not yet read.
+    #[must_use]
+    pub fn remaining(&self) -> usize {
+        self.rest.len()
+    }
+    /// Takes `N` raw bytes.
+    pub fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
+        let (head, rest) = self.rest.split_first_chunk::<N>()?;
+        self.rest = rest;
+        Some(*head)
+    }
+    /// Takes one byte.
+    pub fn u8(&mut self) -> Option<u8> {
+        self.array::<1>().map(|b| b[0])
+    }
+    /// Takes a 16-bit number.
+    pub fn u16(&mut self) -> Option<u16> {
+        self.array().map(u16::from_le_bytes)
+    }
+    /// Takes a 32-bit number.
+    pub fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+    /// Takes a single.
+    pub fn f32(&mut self) -> Option<f32> {
+        self.array().map(f32::from_le_bytes)
+    }
+    /// Takes `N` singles.
+    pub fn f32s<const N: usize>(&mut self) -> Option<[f32; N]> {
+        let mut out = [0.0; N];
+        for v in &mut out {
+            *v = self.f32()?;
+        }
+        Some(out)
+    }
+    /// Takes a double.
+    pub fn f64(&mut self) -> Option<f64> {
+        self.array().map(f64::from_le_bytes)
+    }
+}

@@ -1,0 +1,532 @@
+//! The coefficient block: what the desktop identifies and the unit keeps in flash.
+//!
+//! # Layout (little-endian)
+//! `magic "HRGC"`, `version u16`, `length u16` (of the whole block, checksum included), payload, `CRC-32` (ISO-HDLC)
+//! of all before it. The payload is written and read by one pair of functions in this file, in one order.
+//! Effects are named by the stable numbers of [`crate::effects`], so an old block loads in a new firmware; a new
+//! block with an effect that an old firmware lacks is refused by name of error, never half used.
+//!
+//! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
+//! useless as a broken one.
+
+use crate::bias::{Coefficients, Scaling, TERMS};
+use crate::bytes::{Reader, Writer};
+use crate::effects::{by_id, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use crate::temperature::TemperatureLaw;
+use crate::AXES;
+use heapless::Vec;
+
+/// First bytes of every block.
+pub const MAGIC: [u8; 4] = *b"HRGC";
+/// Version of the layout.
+pub const VERSION: u16 = 1;
+/// Most effects in one block.
+pub const MAX_EFFECTS: usize = 6;
+/// Longest possible block in bytes.
+pub const MAX_BYTES: usize = 2048;
+/// Bytes before the payload.
+const HEADER: usize = 8;
+/// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
+const ABSURD: f32 = 1e7;
+
+/// The checksum of blocks and link frames.
+pub const CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+
+/// One axis of a calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// Frequency to temperature.
+    pub law: TemperatureLaw,
+    /// Scale of the rate converter, deg/h per code.
+    pub rate_scale_dph: f32,
+    /// Range of dT/dt in the data of the fit, C per minute.
+    pub rate_range_c_per_min: [f32; 2],
+    /// The baseline model.
+    pub coefficients: Coefficients,
+    /// Standard deviation of each coefficient, cooling then heating set (zeros: not stated).
+    pub coefficient_std: [[f32; TERMS]; 2],
+    /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
+    pub train_rms_dph: f32,
+    /// The same on a run that the fit never saw, deg/h (0: not measured).
+    pub verify_rms_dph: f32,
+}
+
+/// One effect of a calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectTerm {
+    /// Number of the effect.
+    pub id: u16,
+    /// Inner parameters, common to the axes.
+    pub parameters: [f32; MAX_PARAMETERS],
+    /// Gain of each regressor on each axis, deg/h per unit of the regressor.
+    pub gains: [[f32; MAX_OUTPUTS]; AXES],
+    /// Standard deviations of the gains.
+    pub gain_std: [[f32; MAX_OUTPUTS]; AXES],
+}
+
+/// A calibration: all that makes a unit's numbers that unit's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// Name of the unit, ASCII, zero-padded.
+    pub unit: [u8; 16],
+    /// When it was made, seconds since 1970 (0: the compiled-in default).
+    pub created_unix_s: u32,
+    /// Counts up with each block burnt; the newest valid block wins.
+    pub sequence: u32,
+    /// CRC-32 of the recordings that made it.
+    pub data_hash: u32,
+    /// False for the compiled-in default: rates are flagged uncalibrated.
+    pub calibrated: bool,
+    /// Centre and scale of the bias model.
+    pub scaling: Scaling,
+    /// The axes.
+    pub axes: [Axis; AXES],
+    /// Effects beyond the baseline.
+    pub effects: Vec<EffectTerm, MAX_EFFECTS>,
+}
+
+/// Why a block was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum BlockError {
+    /// It does not begin with the magic: empty or foreign flash.
+    NoBlock,
+    /// It is of another version.
+    Version(u16),
+    /// Its length is impossible, or more than there is.
+    Length(u16),
+    /// Its checksum does not match.
+    Checksum,
+    /// A number is NaN or infinite.
+    NotFinite,
+    /// A number is impossible for a gyro (which: see the name).
+    Absurd(&'static str),
+    /// It holds an effect that this firmware does not know.
+    UnknownEffect(u16),
+    /// It holds an effect that this unit cannot compute.
+    NotOnUnit(u16),
+}
+
+impl core::fmt::Display for BlockError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NoBlock => write!(f, "there is no calibration block"),
+            Self::Version(v) => write!(f, "the block is of version {v}, this program reads version {VERSION}"),
+            Self::Length(n) => write!(f, "the block's length of {n} bytes is impossible"),
+            Self::Checksum => write!(f, "the block's checksum does not match its content"),
+            Self::NotFinite => write!(f, "the block holds a number that is not finite"),
+            Self::Absurd(what) => write!(f, "the block's {what} is impossible"),
+            Self::UnknownEffect(id) => write!(f, "the block holds effect number {id}, which this program does not know"),
+            Self::NotOnUnit(id) => write!(f, "the block holds effect number {id}, which a unit cannot compute"),
+        }
+    }
+}
+
+impl core::error::Error for BlockError {}
+
+impl Calibration {
+    /// What a unit runs that was never calibrated: the frequency laws of dong2023's Table 1 and no bias.
+    ///
+    /// The laws are the centred cubic fits of that table on its shell sensors; `hrg points
+    /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.
+    #[must_use]
+    pub fn uncalibrated() -> Self {
+        let law = |f0_hz, scale_hz, c, min_c, max_c| TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
+        let laws = [
+            law(4900.0, 21.152, [9.202_026, 45.084_118, 0.550_473, -0.289_634_68], -34.374, 55.128),
+            law(4891.974_5, 20.227_5, [7.640_893_5, 45.103_584, 0.507_602_5, -0.308_386_18], -35.865, 53.673),
+            law(4703.596, 19.444, [7.688_126, 45.110_886, 0.519_293_8, -0.306_628_3], -35.849, 53.708),
+        ];
+        Self {
+            unit: *b"default\0\0\0\0\0\0\0\0\0",
+            created_unix_s: 0,
+            sequence: 0,
+            data_hash: 0,
+            calibrated: false,
+            scaling: Scaling {
+                t_ref_c: 10.0,
+                t_scale_c: 45.0,
+                t_linear_c: [-45.0, 65.0],
+                r_linear: 10.0,
+                blend_band: 0.1,
+            },
+            axes: laws.map(|law| Axis {
+                law,
+                rate_scale_dph: RATE_SCALE_DPH,
+                rate_range_c_per_min: [-10.0, 10.0],
+                coefficients: Coefficients::One([0.0; TERMS]),
+                coefficient_std: [[0.0; TERMS]; 2],
+                train_rms_dph: 0.0,
+                verify_rms_dph: 0.0,
+            }),
+            effects: Vec::new(),
+        }
+    }
+
+    /// The unit's name as text.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        let end = self.unit.iter().position(|&b| b == 0).unwrap_or(self.unit.len());
+        core::str::from_utf8(&self.unit[..end]).unwrap_or("?")
+    }
+
+    /// Sets the name; longer than 16 bytes is cut.
+    pub fn set_unit_name(&mut self, name: &str) {
+        self.unit = [0; 16];
+        for (to, from) in self.unit.iter_mut().zip(name.bytes().filter(u8::is_ascii_graphic)) {
+            *to = from;
+        }
+    }
+
+    /// The block, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
+    #[must_use]
+    pub fn to_bytes(&self) -> Option<Vec<u8, MAX_BYTES>> {
+        let mut buffer = [0u8; MAX_BYTES];
+        let mut w = Writer::new(&mut buffer);
+        w.bytes(&MAGIC);
+        w.u16(VERSION);
+        w.u16(0);
+        self.write_payload(&mut w);
+        let payload_end = w.finish()?;
+        let length = payload_end + 4;
+        if length > MAX_BYTES {
+            return None;
+        }
+        buffer[6..8].copy_from_slice(&(length as u16).to_le_bytes());
+        let crc = CRC32.checksum(&buffer[..payload_end]);
+        buffer[payload_end..length].copy_from_slice(&crc.to_le_bytes());
+        Vec::from_slice(&buffer[..length]).ok()
+    }
+
+    /// Reads a block; `bytes` may be longer than the block (a whole flash sector).
+    ///
+    /// # Errors
+    /// Each defect has its own [`BlockError`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, BlockError> {
+        let mut header = Reader::new(bytes);
+        if header.array::<4>() != Some(MAGIC) {
+            return Err(BlockError::NoBlock);
+        }
+        let version = header.u16().ok_or(BlockError::Length(0))?;
+        let length = header.u16().ok_or(BlockError::Length(0))?;
+        if version != VERSION {
+            return Err(BlockError::Version(version));
+        }
+        let n = usize::from(length);
+        if !(HEADER + 4..=MAX_BYTES).contains(&n) || n > bytes.len() {
+            return Err(BlockError::Length(length));
+        }
+        let (content, crc) = bytes[..n].split_at(n - 4);
+        if crc != CRC32.checksum(content).to_le_bytes() {
+            return Err(BlockError::Checksum);
+        }
+        let mut payload = Reader::new(&content[HEADER..]);
+        let calibration = Self::read_payload(&mut payload, length)?;
+        if payload.remaining() != 0 {
+            return Err(BlockError::Length(length));
+        }
+        calibration.check()?;
+        Ok(calibration)
+    }
+
+    /// The block's checksum: its identity in housekeeping and log.
+    #[must_use]
+    pub fn checksum(&self) -> u32 {
+        let Some(bytes) = self.to_bytes() else { return 0 };
+        let end = bytes.len() - 4;
+        u32::from_le_bytes([bytes[end], bytes[end + 1], bytes[end + 2], bytes[end + 3]])
+    }
+
+    fn write_payload(&self, w: &mut Writer<'_>) {
+        w.bytes(&self.unit);
+        w.u32(self.created_unix_s);
+        w.u32(self.sequence);
+        w.u32(self.data_hash);
+        w.u8(u8::from(self.calibrated));
+        let s = &self.scaling;
+        w.f32s(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band]);
+        for a in &self.axes {
+            w.f64(a.law.f0_hz);
+            w.f32(a.law.scale_hz);
+            w.f32s(&a.law.c);
+            w.f32s(&[a.law.min_c, a.law.max_c, a.rate_scale_dph]);
+            w.f32s(&a.rate_range_c_per_min);
+            match &a.coefficients {
+                Coefficients::One(k) => {
+                    w.u8(1);
+                    w.f32s(k);
+                }
+                Coefficients::CoolingHeating(cooling, heating) => {
+                    w.u8(2);
+                    w.f32s(cooling);
+                    w.f32s(heating);
+                }
+            }
+            w.f32s(&a.coefficient_std[0]);
+            w.f32s(&a.coefficient_std[1]);
+            w.f32s(&[a.train_rms_dph, a.verify_rms_dph]);
+        }
+        w.u8(self.effects.len() as u8);
+        for e in &self.effects {
+            let outputs = by_id(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
+            w.u16(e.id);
+            w.u8(outputs as u8);
+            w.f32s(&e.parameters);
+            for (g, s) in e.gains.iter().zip(&e.gain_std) {
+                w.f32s(&g[..outputs]);
+                w.f32s(&s[..outputs]);
+            }
+        }
+    }
+
+    fn read_payload(r: &mut Reader<'_>, length: u16) -> Result<Self, BlockError> {
+        let short = BlockError::Length(length);
+        let unit = r.array().ok_or(short)?;
+        let created_unix_s = r.u32().ok_or(short)?;
+        let sequence = r.u32().ok_or(short)?;
+        let data_hash = r.u32().ok_or(short)?;
+        let calibrated = r.u8().ok_or(short)? != 0;
+        let s: [f32; 6] = r.f32s().ok_or(short)?;
+        let scaling = Scaling {
+            t_ref_c: s[0],
+            t_scale_c: s[1],
+            t_linear_c: [s[2], s[3]],
+            r_linear: s[4],
+            blend_band: s[5],
+        };
+        let mut axes = Self::uncalibrated().axes;
+        for a in &mut axes {
+            let f0_hz = r.f64().ok_or(short)?;
+            let scale_hz = r.f32().ok_or(short)?;
+            let c = r.f32s().ok_or(short)?;
+            let [min_c, max_c, rate_scale_dph] = r.f32s().ok_or(short)?;
+            a.law = TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
+            a.rate_scale_dph = rate_scale_dph;
+            a.rate_range_c_per_min = r.f32s().ok_or(short)?;
+            a.coefficients = match r.u8().ok_or(short)? {
+                1 => Coefficients::One(r.f32s().ok_or(short)?),
+                2 => {
+                    let cooling = r.f32s().ok_or(short)?;
+                    Coefficients::CoolingHeating(cooling, r.f32s().ok_or(short)?)
+                }
+                _ => return Err(BlockError::Absurd("number of coefficient sets")),
+            };
+            a.coefficient_std = [r.f32s().ok_or(short)?, r.f32s().ok_or(short)?];
+            [a.train_rms_dph, a.verify_rms_dph] = r.f32s().ok_or(short)?;
+        }
+        let mut effects = Vec::new();
+        for _ in 0..r.u8().ok_or(short)? {
+            let id = r.u16().ok_or(short)?;
+            let facts = by_id(id).ok_or(BlockError::UnknownEffect(id))?;
+            if usize::from(r.u8().ok_or(short)?) != facts.outputs {
+                return Err(BlockError::Absurd("number of gains of an effect"));
+            }
+            let mut e = EffectTerm {
+                id,
+                parameters: r.f32s().ok_or(short)?,
+                gains: [[0.0; MAX_OUTPUTS]; AXES],
+                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+            };
+            for axis in 0..AXES {
+                for k in 0..facts.outputs {
+                    e.gains[axis][k] = r.f32().ok_or(short)?;
+                }
+                for k in 0..facts.outputs {
+                    e.gain_std[axis][k] = r.f32().ok_or(short)?;
+                }
+            }
+            effects.push(e).map_err(|_| BlockError::Absurd("number of effects"))?;
+        }
+        Ok(Self { unit, created_unix_s, sequence, data_hash, calibrated, scaling, axes, effects })
+    }
+
+    /// Whether every number is finite and possible, and every effect one that a unit can compute.
+    ///
+    /// # Errors
+    /// The first defect found.
+    pub fn check(&self) -> Result<(), BlockError> {
+        let s = &self.scaling;
+        finite(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band])?;
+        let possible = |ok: bool, what| if ok { Ok(()) } else { Err(BlockError::Absurd(what)) };
+        possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
+        possible((0.1..=1000.0).contains(&s.t_scale_c), "temperature scale")?;
+        possible(s.t_linear_c[0] < s.t_linear_c[1], "temperature range")?;
+        possible(s.r_linear > 0.0, "range of the rate of change")?;
+        possible(s.blend_band >= 0.0, "blend band")?;
+        for a in &self.axes {
+            if !a.law.f0_hz.is_finite() {
+                return Err(BlockError::NotFinite);
+            }
+            finite(&a.law.c)?;
+            finite(&[a.law.scale_hz, a.law.min_c, a.law.max_c, a.rate_scale_dph, a.train_rms_dph, a.verify_rms_dph])?;
+            finite(&a.rate_range_c_per_min)?;
+            finite(&a.coefficient_std[0])?;
+            finite(&a.coefficient_std[1])?;
+            match &a.coefficients {
+                Coefficients::One(k) => finite(k)?,
+                Coefficients::CoolingHeating(c, h) => {
+                    finite(c)?;
+                    finite(h)?;
+                }
+            }
+            possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
+            possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
+            possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
+            possible(a.rate_scale_dph != 0.0, "rate scale")?;
+            possible(a.rate_range_c_per_min[0] <= a.rate_range_c_per_min[1], "range of the rate of change")?;
+        }
+        for e in &self.effects {
+            finite(&e.parameters)?;
+            for (g, d) in e.gains.iter().zip(&e.gain_std) {
+                finite(g)?;
+                finite(d)?;
+            }
+            match by_id(e.id) {
+                None => return Err(BlockError::UnknownEffect(e.id)),
+                Some(f) if f.reach != Reach::Unit => return Err(BlockError::NotOnUnit(e.id)),
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Default scale of the rate converter: 20 deg/s at the end of 24 bits.
+pub const RATE_SCALE_DPH: f32 = 72_000.0 / 8_388_608.0;
+
+fn finite(values: &[f32]) -> Result<(), BlockError> {
+    for v in values {
+        if !v.is_finite() {
+            return Err(BlockError::NotFinite);
+        }
+        if v.abs() > ABSURD {
+            return Err(BlockError::Absurd("coefficient"));
+        }
+    }
+    Ok(())
+}
+
+/// The newest valid block of two flash sectors, with the sector it came from (0 or 1).
+///
+/// # Errors
+/// The error of the sector that looked most like a block, where neither is valid.
+pub fn newest(a: &[u8], b: &[u8]) -> Result<(Calibration, usize), BlockError> {
+    match (Calibration::from_bytes(a), Calibration::from_bytes(b)) {
+        (Ok(x), Ok(y)) => {
+            // Sequence numbers compare across their wrap.
+            let b_newer = y.sequence.wrapping_sub(x.sequence) as i32 > 0;
+            Ok(if b_newer { (y, 1) } else { (x, 0) })
+        }
+        (Ok(x), Err(_)) => Ok((x, 0)),
+        (Err(_), Ok(y)) => Ok((y, 1)),
+        (Err(BlockError::NoBlock), Err(e)) | (Err(e), Err(_)) => Err(e),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn full() -> Calibration {
+        let mut c = Calibration::uncalibrated();
+        c.set_unit_name("HRG-101");
+        c.sequence = 7;
+        c.axes[1].coefficients = Coefficients::CoolingHeating([1.5; TERMS], [-2.5e-3; TERMS]);
+        for id in [4u16, 6, 3] {
+            let outputs = by_id(id).expect("in the list").outputs;
+            let mut e = EffectTerm {
+                id,
+                parameters: [600.0, 1.0],
+                gains: [[0.0; MAX_OUTPUTS]; AXES],
+                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+            };
+            for g in &mut e.gains {
+                g[..outputs].fill(0.125);
+            }
+            c.effects.push(e).expect("room");
+        }
+        c
+    }
+
+    #[test]
+    fn there_and_back() {
+        for c in [Calibration::uncalibrated(), full()] {
+            let bytes = c.to_bytes().expect("fits");
+            assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
+            let mut sector = [0xFFu8; 4096];
+            sector[..bytes.len()].copy_from_slice(&bytes);
+            assert_eq!(Calibration::from_bytes(&sector), Ok(c));
+        }
+    }
+
+    #[test]
+    fn the_largest_block_fits() {
+        let mut c = full();
+        c.effects.clear();
+        for axis in &mut c.axes {
+            axis.coefficients = Coefficients::CoolingHeating([1.0; TERMS], [2.0; TERMS]);
+        }
+        for _ in 0..MAX_EFFECTS {
+            c.effects.push(EffectTerm { id: 3, parameters: [0.0; 2], gains: [[1.0; 8]; 3], gain_std: [[1.0; 8]; 3] }).expect("room");
+        }
+        assert!(c.to_bytes().is_some());
+    }
+
+    #[test]
+    fn each_defect_has_its_error() {
+        let good = full().to_bytes().expect("fits");
+        assert_eq!(Calibration::from_bytes(&[]), Err(BlockError::NoBlock));
+        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(BlockError::NoBlock));
+        let mut b = good.clone();
+        b[4] = 9;
+        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Version(9)));
+        assert_eq!(Calibration::from_bytes(&good[..good.len() - 1]), Err(BlockError::Length(good.len() as u16)));
+        let mut b = good.clone();
+        b[40] ^= 1;
+        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Checksum));
+        let refused = |edit: &dyn Fn(&mut Calibration)| {
+            let mut c = full();
+            edit(&mut c);
+            Calibration::from_bytes(&c.to_bytes().expect("fits")).expect_err("must be refused")
+        };
+        assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), BlockError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[0].rate_scale_dph = 0.0), BlockError::Absurd("rate scale"));
+        assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
+        assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
+        assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
+    }
+
+    #[test]
+    fn every_single_flipped_bit_is_found() {
+        let good = full().to_bytes().expect("fits");
+        for bit in 0..good.len() * 8 {
+            let mut b = good.clone();
+            b[bit / 8] ^= 1 << (bit % 8);
+            assert!(Calibration::from_bytes(&b).is_err(), "bit {bit}");
+        }
+    }
+
+    #[test]
+    fn newest_valid_block_wins() {
+        let (mut x, mut y) = (full(), full());
+        x.sequence = u32::MAX;
+        y.sequence = 0;
+        let (bx, mut by) = (x.to_bytes().expect("fits"), y.to_bytes().expect("fits"));
+        assert_eq!(newest(&bx, &by), Ok((y, 1)));
+        by[20] ^= 4;
+        assert_eq!(newest(&bx, &by), Ok((x, 0)));
+        assert_eq!(newest(&[0xFF; 8], &by), Err(BlockError::Checksum));
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_is_refused_not_panicked_on(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let mut b = MAGIC.to_vec();
+            b.extend([1, 0]);
+            b.extend(bytes);
+            prop_assert!(Calibration::from_bytes(&b).is_err());
+        }
+    }
+}

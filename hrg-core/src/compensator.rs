@@ -1,0 +1,263 @@
+//! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
+
+use crate::bias::{dot, Coefficients};
+use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
+use crate::rate_of_change::SlopeWindow;
+use crate::status::axis;
+use crate::temperature::TemperatureLaw;
+use crate::{AXES, MODEL_STEP_S};
+use heapless::Vec;
+
+/// A lost frequency is bridged for this long, with the last temperature and bias held and flagged
+/// [`axis::FREQUENCY_LOST`]; after it [`axis::TEMPERATURE_STALE`] joins. In model steps (seconds).
+pub const HOLD_S: u32 = 10;
+
+/// Temperatures of one model step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Thermal {
+    /// Temperature of each axis, C; the last known one where the frequency is lost; `None` before the first.
+    pub temperature_c: [Option<f32>; AXES],
+    /// Its rate of change, C per minute.
+    pub rate_c_per_min: [f32; AXES],
+    /// Normalised frequency of each axis (held likewise).
+    pub frequency_u: [f32; AXES],
+    /// Steps since the frequency of each axis was last measured.
+    pub age: [u32; AXES],
+    /// Whether the slope's window is full.
+    pub settled: bool,
+    /// Time since power-on at the end of the step, s.
+    pub time_s: f32,
+}
+
+/// Frequencies to temperatures and their rates of change: the state that a fit and a unit share.
+#[derive(Debug, Clone)]
+pub struct Thermometer {
+    laws: [TemperatureLaw; AXES],
+    windows: [SlopeWindow; AXES],
+    last: [Option<(f32, f32)>; AXES],
+    age: [u32; AXES],
+    steps: u32,
+    power_on_s: f32,
+}
+
+impl Thermometer {
+    /// `power_on_s`: age of the power-on at the first step (0 on the unit; a recording may begin later).
+    #[must_use]
+    pub fn new(laws: [TemperatureLaw; AXES], power_on_s: f32) -> Self {
+        Self {
+            laws,
+            windows: core::array::from_fn(|_| SlopeWindow::default()),
+            last: [None; AXES],
+            age: [0; AXES],
+            steps: 0,
+            power_on_s,
+        }
+    }
+
+    /// One model step.
+    pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Thermal {
+        self.steps = self.steps.saturating_add(1);
+        let mut rate_c_per_min = [0.0; AXES];
+        for k in 0..AXES {
+            let law = &self.laws[k];
+            let now = frequency_hz[k].map(|f| (law.temperature_c(f), law.normalised(f))).filter(|(t, _)| t.is_finite());
+            rate_c_per_min[k] = self.windows[k].push(now.map(|(t, _)| t));
+            match now {
+                Some(_) => {
+                    self.last[k] = now;
+                    self.age[k] = 0;
+                }
+                None => self.age[k] = self.age[k].saturating_add(1),
+            }
+        }
+        Thermal {
+            temperature_c: self.last.map(|l| l.map(|(t, _)| t)),
+            rate_c_per_min,
+            frequency_u: self.last.map(|l| l.map_or(0.0, |(_, u)| u)),
+            age: self.age,
+            settled: self.windows[0].settled(),
+            time_s: self.power_on_s + self.steps as f32 * MODEL_STEP_S,
+        }
+    }
+}
+
+impl Thermal {
+    /// What effects of one axis may look at. Axes without a temperature count as being as warm as this one.
+    /// `None` where this axis itself has none.
+    #[must_use]
+    pub fn inputs<'a>(&self, scaling: &'a crate::bias::Scaling, k: usize, recorded: Recorded) -> Option<Inputs<'a>> {
+        let own = self.temperature_c[k]?;
+        Some(Inputs {
+            scaling,
+            axis: k,
+            temperature_c: self.temperature_c.map(|t| t.unwrap_or(own)),
+            rate_c_per_min: self.rate_c_per_min[k],
+            frequency_u: self.frequency_u[k],
+            time_s: self.time_s,
+            recorded,
+        })
+    }
+}
+
+/// What one model step gives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Output {
+    /// Temperatures, C (NaN before the first frequency).
+    pub temperature_c: [f32; AXES],
+    /// Rates of change, C per minute.
+    pub rate_c_per_min: [f32; AXES],
+    /// Biases to subtract, deg/h. Always finite.
+    pub bias_dph: [f32; AXES],
+    /// Status bits ([`crate::status::axis`]).
+    pub status: [u8; AXES],
+}
+
+/// The bias model of a unit, running.
+#[derive(Debug, Clone)]
+pub struct Compensator {
+    calibration: Calibration,
+    thermometer: Thermometer,
+    running: Vec<(EffectTerm, usize, [Running; AXES]), MAX_EFFECTS>,
+    bias_dph: [f32; AXES],
+}
+
+impl Compensator {
+    /// Starts in equilibrium with the first temperature.
+    #[must_use]
+    pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
+        let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];
+        let mut running = Vec::new();
+        for term in &calibration.effects {
+            // `Calibration::check` has refused unknown numbers.
+            let (Some(facts), Some(one)) = (by_id(term.id), Running::new(term.id, &term.parameters, MODEL_STEP_S)) else {
+                continue;
+            };
+            let _ = running.push((term.clone(), facts.outputs, [one.clone(), one.clone(), one]));
+        }
+        Self { calibration, thermometer: Thermometer::new(laws, power_on_s), running, bias_dph: [0.0; AXES] }
+    }
+
+    /// The calibration in use.
+    #[must_use]
+    pub fn calibration(&self) -> &Calibration {
+        &self.calibration
+    }
+
+    /// One model step: frequencies in Hz, `None` where lost.
+    pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Output {
+        let thermal = self.thermometer.step(frequency_hz);
+        let scaling = &self.calibration.scaling;
+        let mut status = [0u8; AXES];
+        for k in 0..AXES {
+            let a = &self.calibration.axes[k];
+            let s = &mut status[k];
+            if !self.calibration.calibrated {
+                *s |= axis::UNCALIBRATED;
+            }
+            if !thermal.settled {
+                *s |= axis::SETTLING;
+            }
+            if thermal.age[k] > 0 {
+                *s |= axis::FREQUENCY_LOST;
+            }
+            let Some(inputs) = thermal.inputs(scaling, k, Recorded::NONE) else {
+                *s |= axis::TEMPERATURE_STALE;
+                self.bias_dph[k] = 0.0;
+                continue;
+            };
+            if thermal.age[k] > HOLD_S {
+                *s |= axis::TEMPERATURE_STALE;
+            }
+            let t = inputs.own_c();
+            let r = inputs.rate_c_per_min;
+            if t < a.law.min_c || t > a.law.max_c {
+                *s |= axis::TEMPERATURE_RANGE;
+            }
+            if r < a.rate_range_c_per_min[0] || r > a.rate_range_c_per_min[1] {
+                *s |= axis::RAMP_RANGE;
+            }
+            let mut bias = a.coefficients.bias_dph(scaling, t, r);
+            for (term, outputs, running) in &mut self.running {
+                let x: [f32; MAX_OUTPUTS] = running[k].step(&inputs);
+                bias += dot(&term.gains[k][..*outputs], &x[..*outputs]);
+            }
+            if thermal.age[k] > 0 {
+                // Bridging: the last bias is held, whatever the states do.
+                continue;
+            }
+            if bias.is_finite() {
+                self.bias_dph[k] = bias;
+            } else {
+                *s |= axis::UNCALIBRATED;
+                self.bias_dph[k] = 0.0;
+            }
+        }
+        Output {
+            temperature_c: thermal.temperature_c.map(|t| t.unwrap_or(f32::NAN)),
+            rate_c_per_min: thermal.rate_c_per_min,
+            bias_dph: self.bias_dph,
+            status,
+        }
+    }
+}
+
+/// Number of coefficients of an axis: six for one set, twelve for two.
+#[must_use]
+pub fn coefficient_count(c: &Coefficients) -> usize {
+    match c {
+        Coefficients::One(_) => crate::bias::TERMS,
+        Coefficients::CoolingHeating(..) => crate::bias::TERMS_TWO_SETS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibrated() -> Calibration {
+        let mut c = Calibration::uncalibrated();
+        c.calibrated = true;
+        for a in &mut c.axes {
+            a.coefficients = Coefficients::One([1.0, 2.0, 0.0, 0.5, 0.0, 0.0]);
+        }
+        c
+    }
+
+    const F: [Option<f64>; 3] = [Some(4900.0), Some(4892.0), Some(4703.6)];
+
+    #[test]
+    fn bias_of_a_soak() {
+        let mut c = Compensator::new(calibrated(), 0.0);
+        let mut out = c.step(&F);
+        for _ in 0..70 {
+            out = c.step(&F);
+        }
+        assert_eq!(out.status, [0; 3]);
+        let t = out.temperature_c[0];
+        assert!((out.bias_dph[0] - (1.0 + 2.0 * (t - 10.0) / 45.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn a_lost_axis_is_bridged_then_stale_and_others_do_not_notice() {
+        let (mut a, mut b) = (Compensator::new(calibrated(), 0.0), Compensator::new(calibrated(), 0.0));
+        for k in 0..100u32 {
+            let lost = (40..60).contains(&k);
+            let x = a.step(&if lost { [None, F[1], F[2]] } else { F });
+            let y = b.step(&F);
+            assert_eq!((x.bias_dph[1], x.bias_dph[2], x.status[1], x.status[2]), (y.bias_dph[1], y.bias_dph[2], y.status[1], y.status[2]));
+            assert_eq!(x.status[0] & axis::FREQUENCY_LOST != 0, lost);
+            assert_eq!(x.status[0] & axis::TEMPERATURE_STALE != 0, (50..60).contains(&k));
+            assert_eq!(x.bias_dph[0], y.bias_dph[0]);
+        }
+    }
+
+    #[test]
+    fn nothing_known_is_said() {
+        let out = Compensator::new(calibrated(), 0.0).step(&[None, Some(f64::NAN), Some(1e300)]);
+        for k in 0..3 {
+            assert!(out.bias_dph[k].is_finite());
+            assert_ne!(out.status[k], 0);
+        }
+    }
+}

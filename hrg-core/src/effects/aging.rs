@@ -1,0 +1,25 @@
+//! `aging`: time, in hours: a drift that goes on. A unit that does not know how old its calibration is cannot
+//! predict it. Stateless.
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// Time since power-on; h.
+#[derive(Debug, Clone)]
+pub struct Aging;
+
+impl Effect for Aging {
+    const NAME: &'static str = "aging";
+    const ID: u16 = 10;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::Unpredictable;
+
+    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        one(inputs.time_s / 3600.0)
+    }
+}

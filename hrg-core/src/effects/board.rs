@@ -1,0 +1,27 @@
+//! `board`: electronics: board temperature less resonator temperature (parameter `source` 0, C), or the supply
+//! (`source` 1, V). Needs it recorded. Stateless.
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// Board temperature less resonator temperature (C), or supply (V).
+#[derive(Debug, Clone)]
+pub struct Board {
+    supply: bool,
+}
+
+impl Effect for Board {
+    const NAME: &'static str = "board";
+    const ID: u16 = 16;
+    const PARAMETERS: &'static [&'static str] = &["source"];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::NeedsInput("board_c or supply_v");
+
+    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { supply: parameters[0] > 0.5 }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        one(if self.supply { inputs.recorded.supply_v } else { inputs.recorded.board_c - inputs.own_c() })
+    }
+}

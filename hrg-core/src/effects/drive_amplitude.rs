@@ -1,0 +1,25 @@
+//! `drive-amplitude`: the amplitude-control drive voltage, which follows the resonator's damping. Needs it
+//! recorded. Stateless. Source: dong2023 eq 3 (bias grows with the anisotropy of damping `D(1/tau)`).
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// Drive voltage of this axis; V.
+#[derive(Debug, Clone)]
+pub struct DriveAmplitude;
+
+impl Effect for DriveAmplitude {
+    const NAME: &'static str = "drive-amplitude";
+    const ID: u16 = 14;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::NeedsInput("drive_v");
+
+    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        one(inputs.recorded.drive_v)
+    }
+}

@@ -1,0 +1,29 @@
+//! `frequency-direct`: bias as a cubic of normalised frequency, with no temperature in between: three
+//! regressors `v, v^2, v^3`. Stateless. Source: the outlook of dong2023.
+//!
+//! As temperature is a curve of frequency, these span what `u, u^2, cubic` span: as an *addition* to the
+//! baseline it is `cubic` by another name.
+
+use super::{Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// `v, v^2, v^3` of the normalised frequency.
+#[derive(Debug, Clone)]
+pub struct FrequencyDirect;
+
+impl Effect for FrequencyDirect {
+    const NAME: &'static str = "frequency-direct";
+    const ID: u16 = 17;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const OUTPUTS: usize = 3;
+    const REACH: Reach = Reach::Unit;
+
+    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        let v = inputs.frequency_u;
+        [v, v * v, v * v * v, 0.0, 0.0, 0.0, 0.0, 0.0]
+    }
+}

@@ -1,0 +1,28 @@
+//! `kink`: `max(T - Tc, 0) / t_scale`, a change of slope at `Tc`: an adhesive or solder that changes state, a
+//! stop that comes into contact. Stateless. Source: wu2023's breakpoint `div_a`.
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// A change of slope at `break_c`.
+#[derive(Debug, Clone)]
+pub struct Kink {
+    break_c: f32,
+}
+
+impl Effect for Kink {
+    const NAME: &'static str = "kink";
+    const ID: u16 = 2;
+    const PARAMETERS: &'static [&'static str] = &["break_c"];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::Unit;
+
+    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { break_c: parameters[0] }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        let above = inputs.own_c() - self.break_c;
+        one(if above > 0.0 { above / inputs.scaling.t_scale_c } else { 0.0 })
+    }
+}

@@ -1,0 +1,37 @@
+//! `second-derivative`: `d2T/dt2`, C per minute squared, from the change of `dT/dt` through a first-order high
+//! pass of 60 s (so it answers 60 s after the slope's own 29.5 s). State: the lagged `dT/dt`.
+
+use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// Time constant of the high pass, s.
+const TAU_S: f32 = 60.0;
+
+/// Rate of change of the rate of change of temperature; C per minute squared.
+#[derive(Debug, Clone)]
+pub struct SecondDerivative {
+    share: f32,
+    state: f32,
+}
+
+impl Effect for SecondDerivative {
+    const NAME: &'static str = "second-derivative";
+    const ID: u16 = 5;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::Unit;
+
+    fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+        Self { share: lag_share(step_s, TAU_S), state: f32::NAN }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        let r = inputs.rate_c_per_min;
+        if self.state.is_nan() {
+            self.state = r;
+        }
+        let out = (r - self.state) * (60.0 / TAU_S);
+        self.state += self.share * (r - self.state);
+        one(out)
+    }
+}

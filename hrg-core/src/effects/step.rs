@@ -1,0 +1,27 @@
+//! `step`: 0 before a time, 1 from it on: something came loose, was switched, or was bumped. No unit can
+//! predict it; it is taken out of a fit so that it does not bend the other coefficients. Stateless.
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// A jump at `time_s`.
+#[derive(Debug, Clone)]
+pub struct Step {
+    time_s: f32,
+}
+
+impl Effect for Step {
+    const NAME: &'static str = "step";
+    const ID: u16 = 11;
+    const PARAMETERS: &'static [&'static str] = &["time_s"];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::Unpredictable;
+
+    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { time_s: parameters[0] }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        one(if inputs.time_s >= self.time_s { 1.0 } else { 0.0 })
+    }
+}

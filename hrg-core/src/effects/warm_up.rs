@@ -1,0 +1,27 @@
+//! `warm-up`: `exp(-(t - power_on) / tau)`: electronics or the resonator's own heat settling after power-on.
+//! State: none but the time since power-on, which the unit counts.
+
+use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+
+/// Exponential decay since power-on, 1 to 0.
+#[derive(Debug, Clone)]
+pub struct WarmUp {
+    tau_s: f32,
+}
+
+impl Effect for WarmUp {
+    const NAME: &'static str = "warm-up";
+    const ID: u16 = 9;
+    const PARAMETERS: &'static [&'static str] = &["tau_s"];
+    const OUTPUTS: usize = 1;
+    const REACH: Reach = Reach::Unit;
+
+    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { tau_s: if parameters[0] > 0.0 { parameters[0] } else { 1.0 } }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+        one(libm::expf(-inputs.time_s / self.tau_s))
+    }
+}

@@ -1,0 +1,54 @@
+//! Everything that a hemispherical resonator gyro (HRG) unit computes, and nothing that touches hardware.
+//!
+//! # The field in one page
+//! An HRG is a wine glass of fused silica that rings at a few kilohertz. In *force-rebalance* mode a loop
+//! holds the vibration pattern still relative to the case; the force that takes is the *rate*. A small error
+//! of that rate, the *bias*, changes with temperature. The *resonator frequency* changes with temperature
+//! too (about 100 ppm per degree), smoothly and repeatably, so the resonator is its own thermometer, and a
+//! better one than any sensor outside the vacuum.
+//!
+//! The chain, each link one module:
+//!
+//! | step | module | rate |
+//! |---|---|---|
+//! | timer captures of the pick-off's edges to frequency | [`frequency`] | each edge; a result each 0.1 s gate |
+//! | frequency to temperature | [`temperature`] | 1 Hz |
+//! | temperature to its rate of change | [`rate_of_change`] | 1 Hz |
+//! | temperature and its rate to bias | [`bias`], [`effects`] | 1 Hz |
+//! | the three axes together | [`compensator`] | 1 Hz |
+//! | raw rate minus bias | [`rate_path`] | 1 kHz in, 200 Hz out |
+//! | bytes on the wire | [`link`] | 200 Hz |
+//! | coefficients, in flash and in a file | [`calibration`] | at start |
+//!
+//! # One sign rule
+//! `corrected = raw - bias`, everywhere.
+//!
+//! # What is calibrated is what flies
+//! The desktop tools call this very crate to make the regressors of a fit, so a coefficient means the same
+//! to the fit and to the unit. Nothing here depends on scheduling: given the same time stamps and converter
+//! codes, the results are the same bit for bit on a desktop and on the target. Arithmetic is plain f32 (f64
+//! where a carrier must be subtracted), transcendental functions come from `libm`, and the compiler never
+//! fuses a multiply with an add in Rust.
+#![no_std]
+#![forbid(unsafe_code)]
+
+pub mod bias;
+pub mod bytes;
+pub mod calibration;
+pub mod compensator;
+pub mod effects;
+pub mod frequency;
+pub mod link;
+pub mod rate_of_change;
+pub mod rate_path;
+pub mod status;
+pub mod temperature;
+
+/// Axes of a unit: x, y, z.
+pub const AXES: usize = 3;
+
+/// The interval of the bias model, in seconds.
+///
+/// Frequencies are combined to gates of this length and every state of the model (windows, lags) advances
+/// once per step. A recording is brought to this interval before a fit, so the states mean the same there.
+pub const MODEL_STEP_S: f32 = 1.0;

@@ -1,0 +1,353 @@
+//! The RS-422 link: typed messages, a CRC-32, COBS framing with a zero after each frame.
+//!
+//! Frame: `COBS(type u8, fields little-endian, CRC-32)` `0x00`. A receiver that joins late or sees garbage is in
+//! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (divider settable) and
+//! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
+
+use crate::bytes::{Reader, Writer};
+use crate::calibration::CRC32;
+use crate::rate_path::RateFrame;
+use crate::AXES;
+use heapless::Vec;
+
+/// Longest frame before framing: type, fields, checksum.
+pub const MAX_PAYLOAD: usize = 224;
+/// Longest frame on the wire, with its zero.
+pub const MAX_FRAME: usize = MAX_PAYLOAD + 4;
+
+/// Once a second: what the unit measured and how it feels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Housekeeping {
+    /// Number of the model step, from start.
+    pub step: u32,
+    /// Time since power-on at the end of the step, ms.
+    pub time_ms: u32,
+    /// Frequencies, Hz; NaN where lost.
+    pub frequency_hz: [f64; AXES],
+    /// Temperatures, C; NaN before the first.
+    pub temperature_c: [f32; AXES],
+    /// Their rates of change, C per minute.
+    pub rate_c_per_min: [f32; AXES],
+    /// Biases in use after this step, deg/h.
+    pub bias_dph: [f32; AXES],
+    /// Mean raw rates over the bias before, deg/h; NaN without samples.
+    pub raw_dph: [f32; AXES],
+    /// Mean corrected rates over the same samples, deg/h.
+    pub corrected_dph: [f32; AXES],
+    /// Samples in those means.
+    pub samples: u16,
+    /// Samples missing or refused meanwhile.
+    pub converter_errors: u16,
+    /// Status of each axis.
+    pub axis_status: [u8; AXES],
+    /// Status of the unit.
+    pub unit_status: u8,
+    /// Rejected edges of each axis in this step.
+    pub rejected: [u16; AXES],
+    /// Missing edges of each axis in this step.
+    pub missing: [u16; AXES],
+    /// Frames out dropped since start.
+    pub dropped: u16,
+    /// Bad frames in since start.
+    pub link_errors: u16,
+    /// Checksum of the calibration in use.
+    pub calibration: u32,
+}
+
+/// Who is there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Identity {
+    /// The unit's name in its calibration.
+    pub unit: [u8; 16],
+    /// Checksum of the calibration in use.
+    pub calibration: u32,
+    /// When that calibration was made, seconds since 1970.
+    pub created_unix_s: u32,
+    /// Its sequence number.
+    pub sequence: u32,
+}
+
+/// Every message of the link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Message {
+    /// Unit to host: corrected rates.
+    Rate(RateFrame),
+    /// Unit to host: each second.
+    Housekeeping(Housekeeping),
+    /// Unit to host: answer to [`Message::Identify`].
+    Identity(Identity),
+    /// Host to unit: who are you?
+    Identify,
+    /// Host to unit: samples per rate frame, 1 to 1000.
+    SetDivider(u16),
+}
+
+/// Why bytes are not a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LinkError {
+    /// Longer than any frame.
+    TooLong,
+    /// Not COBS, or too short.
+    Framing,
+    /// The checksum does not match.
+    Checksum,
+    /// A type that is not known.
+    UnknownType(u8),
+    /// The fields are not as long as the type wants.
+    Length(u8),
+}
+
+/// Status of the unit that changes in a frame after it was made: the sender adds bits here.
+impl Message {
+    /// The frame on the wire, with its zero.
+    #[must_use]
+    pub fn encode(&self) -> Vec<u8, MAX_FRAME> {
+        let mut plain = [0u8; MAX_PAYLOAD];
+        let mut w = Writer::new(&mut plain);
+        self.write(&mut w);
+        // The longest message fits: test `every_message_there_and_back`.
+        let n = w.finish().unwrap_or(0).min(MAX_PAYLOAD - 4);
+        let crc = CRC32.checksum(&plain[..n]).to_le_bytes();
+        plain[n..n + 4].copy_from_slice(&crc);
+        let mut out = Vec::new();
+        // Capacity is MAX_FRAME, zeroed here and cut to what COBS needs.
+        let _ = out.resize(MAX_FRAME, 0);
+        let used = cobs::encode(&plain[..n + 4], &mut out[..MAX_FRAME - 1]);
+        out.truncate(used + 1);
+        if let Some(last) = out.last_mut() {
+            *last = 0;
+        }
+        out
+    }
+
+    fn write(&self, w: &mut Writer<'_>) {
+        match self {
+            Self::Rate(r) => {
+                w.u8(0x01);
+                w.u32(r.sample);
+                w.u32(r.tick);
+                w.u32(r.step);
+                w.bytes(&r.axis_status);
+                w.u8(r.unit_status);
+                w.f32s(&r.rate_dph);
+            }
+            Self::Housekeeping(h) => {
+                w.u8(0x02);
+                w.u32(h.step);
+                w.u32(h.time_ms);
+                for f in h.frequency_hz {
+                    w.f64(f);
+                }
+                for v in [&h.temperature_c, &h.rate_c_per_min, &h.bias_dph, &h.raw_dph, &h.corrected_dph] {
+                    w.f32s(v);
+                }
+                w.u16(h.samples);
+                w.u16(h.converter_errors);
+                w.bytes(&h.axis_status);
+                w.u8(h.unit_status);
+                for v in h.rejected.iter().chain(&h.missing) {
+                    w.u16(*v);
+                }
+                w.u16(h.dropped);
+                w.u16(h.link_errors);
+                w.u32(h.calibration);
+            }
+            Self::Identity(i) => {
+                w.u8(0x03);
+                w.bytes(&i.unit);
+                w.u32(i.calibration);
+                w.u32(i.created_unix_s);
+                w.u32(i.sequence);
+            }
+            Self::Identify => w.u8(0x80),
+            Self::SetDivider(d) => {
+                w.u8(0x81);
+                w.u16(*d);
+            }
+        }
+    }
+
+    fn read(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
+        Some(match kind {
+            0x01 => Self::Rate(RateFrame {
+                sample: r.u32()?,
+                tick: r.u32()?,
+                step: r.u32()?,
+                axis_status: r.array()?,
+                unit_status: r.u8()?,
+                rate_dph: r.f32s()?,
+            }),
+            0x02 => Self::Housekeeping(Housekeeping {
+                step: r.u32()?,
+                time_ms: r.u32()?,
+                frequency_hz: [r.f64()?, r.f64()?, r.f64()?],
+                temperature_c: r.f32s()?,
+                rate_c_per_min: r.f32s()?,
+                bias_dph: r.f32s()?,
+                raw_dph: r.f32s()?,
+                corrected_dph: r.f32s()?,
+                samples: r.u16()?,
+                converter_errors: r.u16()?,
+                axis_status: r.array()?,
+                unit_status: r.u8()?,
+                rejected: [r.u16()?, r.u16()?, r.u16()?],
+                missing: [r.u16()?, r.u16()?, r.u16()?],
+                dropped: r.u16()?,
+                link_errors: r.u16()?,
+                calibration: r.u32()?,
+            }),
+            0x03 => Self::Identity(Identity {
+                unit: r.array()?,
+                calibration: r.u32()?,
+                created_unix_s: r.u32()?,
+                sequence: r.u32()?,
+            }),
+            0x80 => Self::Identify,
+            0x81 => Self::SetDivider(r.u16()?),
+            _ => return None,
+        })
+    }
+
+    /// Reads one frame, without its zero.
+    ///
+    /// # Errors
+    /// [`LinkError`] says what is wrong; nothing of the frame is used.
+    pub fn decode(frame: &[u8]) -> Result<Self, LinkError> {
+        if frame.len() >= MAX_FRAME {
+            return Err(LinkError::TooLong);
+        }
+        let mut plain = [0u8; MAX_FRAME];
+        let n = cobs::decode(frame, &mut plain).map_err(|_| LinkError::Framing)?.frame_size();
+        if n < 5 || n > MAX_PAYLOAD {
+            return Err(LinkError::Framing);
+        }
+        let (content, crc) = plain[..n].split_at(n - 4);
+        if crc != CRC32.checksum(content).to_le_bytes() {
+            return Err(LinkError::Checksum);
+        }
+        let kind = content[0];
+        if !matches!(kind, 0x01..=0x03 | 0x80 | 0x81) {
+            return Err(LinkError::UnknownType(kind));
+        }
+        let mut r = Reader::new(&content[1..]);
+        match Self::read(kind, &mut r) {
+            Some(m) if r.remaining() == 0 => Ok(m),
+            _ => Err(LinkError::Length(kind)),
+        }
+    }
+}
+
+/// Cuts a stream of bytes into frames.
+#[derive(Debug, Clone, Default)]
+pub struct Deframer {
+    buffer: Vec<u8, MAX_FRAME>,
+    overflow: bool,
+}
+
+impl Deframer {
+    /// Takes one byte; gives a message, or why there is none, at the end of each frame. Empty frames are
+    /// silence, not errors.
+    pub fn push(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
+        if byte != 0 {
+            self.overflow |= self.buffer.push(byte).is_err();
+            return None;
+        }
+        let result = if self.overflow {
+            Some(Err(LinkError::TooLong))
+        } else if self.buffer.is_empty() {
+            None
+        } else {
+            Some(Message::decode(&self.buffer))
+        };
+        self.buffer.clear();
+        self.overflow = false;
+        result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn housekeeping() -> Housekeeping {
+        Housekeeping {
+            step: 77,
+            time_ms: 78_050,
+            frequency_hz: [4898.626, 4890.667, 4702.343],
+            temperature_c: [6.3, 4.9, 5.0],
+            rate_c_per_min: [0.0, 1.0, -1.0],
+            bias_dph: [1.0, 2.0, 3.0],
+            raw_dph: [4.0; 3],
+            corrected_dph: [3.0, 2.0, 1.0],
+            samples: 1000,
+            converter_errors: 1,
+            axis_status: [0, 1, 2],
+            unit_status: 4,
+            rejected: [0, 0, 3],
+            missing: [1, 0, 0],
+            dropped: 0,
+            link_errors: 9,
+            calibration: 0xDEAD_BEEF,
+        }
+    }
+
+    fn messages() -> [Message; 5] {
+        [
+            Message::Rate(RateFrame {
+                sample: 0,
+                tick: 90_000,
+                step: 3,
+                axis_status: [0; 3],
+                unit_status: 0,
+                rate_dph: [0.0, -1.5, 1e5],
+            }),
+            Message::Housekeeping(housekeeping()),
+            Message::Identity(Identity { unit: [b'a'; 16], calibration: 1, created_unix_s: 2, sequence: 3 }),
+            Message::Identify,
+            Message::SetDivider(5),
+        ]
+    }
+
+    #[test]
+    fn every_message_there_and_back() {
+        let mut d = Deframer::default();
+        for m in messages() {
+            let bytes = m.encode();
+            assert_eq!(bytes.iter().filter(|&&b| b == 0).count(), 1, "one zero, at the end");
+            let mut got = None;
+            for b in bytes {
+                got = got.or(d.push(b));
+            }
+            assert_eq!(got, Some(Ok(m)));
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_never_passes() {
+        for m in messages() {
+            let bytes = m.encode();
+            for bit in 0..(bytes.len() - 1) * 8 {
+                let mut b = bytes.clone();
+                b[bit / 8] ^= 1 << (bit % 8);
+                assert!(Message::decode(&b[..b.len() - 1]).is_err());
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn in_step_again_after_garbage(garbage in proptest::collection::vec(any::<u8>(), 0..600)) {
+            let mut d = Deframer::default();
+            for b in garbage.into_iter().chain([0]) {
+                let _ = d.push(b);
+            }
+            let mut got = None;
+            for b in Message::Identify.encode() {
+                got = got.or(d.push(b));
+            }
+            prop_assert_eq!(got, Some(Ok(Message::Identify)));
+        }
+    }
+}

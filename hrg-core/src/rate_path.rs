@@ -1,0 +1,246 @@
+//! The rate path: converter codes in at 1 kHz, corrected rates out.
+//!
+//! # When a new bias takes effect
+//! A bias is *staged* with the timer tick from which it holds. It takes effect at the first sample whose
+//! data-ready edge, captured by the same timer, is at or after that tick. So the sample is defined by time
+//! stamps, not by when a task ran, and a replay on a desktop does the same. A bias that arrives after its
+//! tick has passed takes effect at the next sample and raises [`unit::BIAS_LATE`].
+
+use crate::status::{axis, unit};
+use crate::AXES;
+
+/// Codes at or beyond this magnitude are the converter's end of scale (24 bits, two's complement).
+pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
+
+/// A bias with the moment from which it holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Staged {
+    /// First timer tick (32-bit, wrapping) of its validity.
+    pub effective_tick: u32,
+    /// Number of the model step that made it.
+    pub step: u32,
+    /// Bias of each axis, deg/h.
+    pub bias_dph: [f32; AXES],
+    /// Status of each axis.
+    pub status: [u8; AXES],
+}
+
+/// One frame of corrected rates: the mean of `divider` samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateFrame {
+    /// Number of the last sample in it, since start.
+    pub sample: u32,
+    /// Timer tick of that sample's data-ready edge.
+    pub tick: u32,
+    /// Number of the model step whose bias was taken off the last sample.
+    pub step: u32,
+    /// Status of each axis, worst over the samples.
+    pub axis_status: [u8; AXES],
+    /// Status of the unit.
+    pub unit_status: u8,
+    /// Corrected rate of each axis, deg/h.
+    pub rate_dph: [f32; AXES],
+}
+
+/// Means over the samples that shared one bias.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Summary {
+    /// Model step of the bias that ended.
+    pub step: u32,
+    /// Samples in the means.
+    pub samples: u16,
+    /// Mean raw rate, deg/h; NaN without samples.
+    pub raw_dph: [f32; AXES],
+    /// Mean corrected rate, deg/h; NaN without samples.
+    pub corrected_dph: [f32; AXES],
+    /// Samples missing or refused in that time.
+    pub converter_errors: u16,
+}
+
+/// What a sample may give.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Event {
+    /// A frame to send.
+    pub frame: Option<RateFrame>,
+    /// The end of a bias' validity.
+    pub summary: Option<Summary>,
+}
+
+/// State of the rate path.
+#[derive(Debug, Clone)]
+pub struct RatePath {
+    scale_dph: [f32; AXES],
+    divider: u16,
+    current: Staged,
+    pending: Option<Staged>,
+    sample: u32,
+    // The frame being filled.
+    in_frame: u16,
+    sum_dph: [f32; AXES],
+    axis_status: [u8; AXES],
+    unit_status: u8,
+    // The summary being filled.
+    code_sum: [i64; AXES],
+    in_summary: u16,
+    errors: u16,
+}
+
+impl RatePath {
+    /// `scale_dph`: deg/h per code of each axis; `divider`: samples per frame, 1 to 1000.
+    #[must_use]
+    pub fn new(scale_dph: [f32; AXES], divider: u16) -> Self {
+        Self {
+            scale_dph,
+            divider: divider.clamp(1, 1000),
+            current: Staged {
+                effective_tick: 0,
+                step: u32::MAX,
+                bias_dph: [0.0; AXES],
+                status: [axis::TEMPERATURE_STALE | axis::SETTLING; AXES],
+            },
+            pending: None,
+            sample: 0,
+            in_frame: 0,
+            sum_dph: [0.0; AXES],
+            axis_status: [0; AXES],
+            unit_status: 0,
+            code_sum: [0; AXES],
+            in_summary: 0,
+            errors: 0,
+        }
+    }
+
+    /// Samples per frame from the next frame on.
+    pub fn set_divider(&mut self, divider: u16) {
+        self.divider = divider.clamp(1, 1000);
+    }
+
+    /// Stages the next bias.
+    pub fn stage(&mut self, staged: Staged) {
+        self.pending = Some(staged);
+    }
+
+    /// Takes one sample: the timer tick of its data-ready edge and the codes of the rate channels.
+    #[inline]
+    pub fn sample(&mut self, tick: u32, codes: [i32; AXES]) -> Event {
+        let summary = self.turn(tick);
+        self.sample = self.sample.wrapping_add(1);
+        for k in 0..AXES {
+            let code = codes[k];
+            self.sum_dph[k] += code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
+            self.axis_status[k] |= self.current.status[k];
+            if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
+                self.axis_status[k] |= axis::OVER_RANGE;
+            }
+            self.code_sum[k] += i64::from(code);
+        }
+        self.in_summary = self.in_summary.saturating_add(1);
+        self.in_frame += 1;
+        let frame = (self.in_frame >= self.divider).then(|| self.finish_frame(tick));
+        Event { frame, summary }
+    }
+
+    /// Says that a sample was missing or refused at about `tick`. A frame whose samples all are missing is
+    /// not sent; the next one carries [`unit::CONVERTER_FAULT`].
+    pub fn missing(&mut self, tick: u32) -> Event {
+        self.errors = self.errors.saturating_add(1);
+        self.unit_status |= unit::CONVERTER_FAULT;
+        Event { frame: None, summary: self.turn(tick) }
+    }
+
+    /// Takes the pending bias into use if `tick` has reached it.
+    #[inline]
+    fn turn(&mut self, tick: u32) -> Option<Summary> {
+        let staged = self.pending?;
+        let past = tick.wrapping_sub(staged.effective_tick) as i32;
+        if past < 0 {
+            return None;
+        }
+        self.pending = None;
+        // More than two sample times late: it was not there in time.
+        if past > LATE_TICKS {
+            self.unit_status |= unit::BIAS_LATE;
+        }
+        let summary = self.summarise();
+        self.current = staged;
+        Some(summary)
+    }
+
+    fn summarise(&mut self) -> Summary {
+        let n = f64::from(self.in_summary);
+        let mut raw_dph = [f32::NAN; AXES];
+        let mut corrected_dph = [f32::NAN; AXES];
+        if self.in_summary > 0 {
+            for k in 0..AXES {
+                raw_dph[k] = (self.code_sum[k] as f64 / n) as f32 * self.scale_dph[k];
+                corrected_dph[k] = raw_dph[k] - self.current.bias_dph[k];
+            }
+        }
+        let summary = Summary {
+            step: self.current.step,
+            samples: self.in_summary,
+            raw_dph,
+            corrected_dph,
+            converter_errors: self.errors,
+        };
+        self.code_sum = [0; AXES];
+        self.in_summary = 0;
+        self.errors = 0;
+        summary
+    }
+
+    fn finish_frame(&mut self, tick: u32) -> RateFrame {
+        let share = 1.0 / f32::from(self.in_frame);
+        let frame = RateFrame {
+            sample: self.sample,
+            tick,
+            step: self.current.step,
+            axis_status: self.axis_status,
+            unit_status: self.unit_status,
+            rate_dph: self.sum_dph.map(|s| s * share),
+        };
+        self.in_frame = 0;
+        self.sum_dph = [0.0; AXES];
+        self.axis_status = [0; AXES];
+        self.unit_status = 0;
+        frame
+    }
+}
+
+/// A bias is late if the first sample after its tick is this much later (2 ms at 90 MHz).
+const LATE_TICKS: i32 = 180_000;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bias_changes_at_its_tick_and_across_the_wrap() {
+        let mut p = RatePath::new([0.01; 3], 1);
+        let start = u32::MAX - 250_000;
+        let staged = Staged { effective_tick: start.wrapping_add(270_000), step: 5, bias_dph: [1.0; 3], status: [0; 3] };
+        p.stage(staged);
+        let mut rates = [0.0; 6];
+        for (k, r) in rates.iter_mut().enumerate() {
+            let e = p.sample(start.wrapping_add(90_000 * k as u32), [100; 3]);
+            *r = e.frame.expect("one frame a sample").rate_dph[0];
+            if k == 3 {
+                let s = e.summary.expect("the first bias ended here");
+                assert_eq!((s.samples, s.raw_dph[0]), (3, 1.0));
+            }
+        }
+        assert_eq!(rates, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn late_bias_and_missing_samples_are_said() {
+        let mut p = RatePath::new([0.01; 3], 2);
+        p.stage(Staged { effective_tick: 0, step: 1, bias_dph: [0.0; 3], status: [0; 3] });
+        let e = p.missing(200_000);
+        assert_eq!(e.summary.map(|s| s.converter_errors), Some(1));
+        let _ = p.sample(290_000, [0; 3]);
+        let f = p.sample(380_000, [0, 0x7F_FFFF, 0]).frame.expect("second sample");
+        assert_eq!(f.unit_status, unit::CONVERTER_FAULT | unit::BIAS_LATE);
+        assert_eq!(f.axis_status, [0, axis::OVER_RANGE, 0].map(|b| b));
+    }
+}

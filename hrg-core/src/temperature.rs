@@ -1,0 +1,127 @@
+//! Resonator frequency to temperature, and back.
+//!
+//! The unit evaluates `T(f)` directly: a cubic in `u = (f - f0) / scale`, so that every term is of order one
+//! and f32 suffices. dong2023 prints the same cubic uncentred, with terms of 2e6 that cancel to 50: evaluated
+//! so, its temperatures sit 0.022 C low. The forward law `f(T)` with its root by Newton's method is kept as
+//! the reference that the inverse replaces.
+
+/// `T(f)`: a cubic about a centre. What the unit evaluates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TemperatureLaw {
+    /// Centre `f0`, Hz. Subtracted in f64.
+    pub f0_hz: f64,
+    /// Half-width of the fitted range, Hz.
+    pub scale_hz: f32,
+    /// Coefficients of `u^0..u^3`, C.
+    pub c: [f32; 4],
+    /// Lowest temperature of the fit, C.
+    pub min_c: f32,
+    /// Highest temperature of the fit, C.
+    pub max_c: f32,
+}
+
+impl TemperatureLaw {
+    /// Centred and scaled frequency, about -1 to 1 inside the fitted range.
+    #[inline]
+    #[must_use]
+    pub fn normalised(&self, frequency_hz: f64) -> f32 {
+        (frequency_hz - self.f0_hz) as f32 / self.scale_hz
+    }
+
+    /// Temperature in C of a frequency in Hz.
+    ///
+    /// Good to 2e-5 C against the same polynomial in f64 (test `table1`). Not clamped: compare with
+    /// [`min_c`](Self::min_c) and [`max_c`](Self::max_c).
+    #[inline]
+    #[must_use]
+    pub fn temperature_c(&self, frequency_hz: f64) -> f32 {
+        let u = self.normalised(frequency_hz);
+        ((self.c[3] * u + self.c[2]) * u + self.c[1]) * u + self.c[0]
+    }
+
+    /// Slope dT/df in C per Hz at a frequency.
+    #[must_use]
+    pub fn slope_c_per_hz(&self, frequency_hz: f64) -> f32 {
+        let u = self.normalised(frequency_hz);
+        ((3.0 * self.c[3] * u + 2.0 * self.c[2]) * u + self.c[1]) / self.scale_hz
+    }
+
+    /// The frequency in Hz at a temperature in C: Newton's method on this law, f64.
+    ///
+    /// For simulation and checks; `None` if it does not converge (far outside the range).
+    #[must_use]
+    pub fn frequency_hz(&self, temperature_c: f64) -> Option<f64> {
+        let c = self.c.map(f64::from);
+        let mut u = (temperature_c - c[0]) / c[1];
+        for _ in 0..30 {
+            let value = ((c[3] * u + c[2]) * u + c[1]) * u + c[0] - temperature_c;
+            let slope = (3.0 * c[3] * u + 2.0 * c[2]) * u + c[1];
+            let step = value / slope;
+            u -= step;
+            if !u.is_finite() || libm::fabs(u) > 1e3 {
+                return None;
+            }
+            if libm::fabs(step) < 1e-15 * (1.0 + libm::fabs(u)) {
+                break;
+            }
+        }
+        Some(self.f0_hz + u * f64::from(self.scale_hz))
+    }
+}
+
+/// `f(T)`: the forward cubic (dong2023 eq 1 and 2), in f64.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ForwardLaw {
+    /// Centre, C.
+    pub t0_c: f64,
+    /// Half-width of the fitted range, C.
+    pub scale_c: f64,
+    /// Coefficients of `v^0..v^3` with `v = (T - t0) / scale`, Hz.
+    pub c: [f64; 4],
+}
+
+impl ForwardLaw {
+    /// Frequency in Hz at a temperature in C.
+    #[must_use]
+    pub fn frequency_hz(&self, temperature_c: f64) -> f64 {
+        let v = (temperature_c - self.t0_c) / self.scale_c;
+        ((self.c[3] * v + self.c[2]) * v + self.c[1]) * v + self.c[0]
+    }
+
+    /// Root in C of `f(T) = frequency`, by Newton's method from `guess_c` (take the inverse law's value).
+    ///
+    /// `None` if 30 steps do not converge.
+    #[must_use]
+    pub fn root_c(&self, frequency_hz: f64, guess_c: f64) -> Option<f64> {
+        let mut v = (guess_c - self.t0_c) / self.scale_c;
+        for _ in 0..30 {
+            let value = ((self.c[3] * v + self.c[2]) * v + self.c[1]) * v + self.c[0] - frequency_hz;
+            let slope = (3.0 * self.c[3] * v + 2.0 * self.c[2]) * v + self.c[1];
+            let step = value / slope;
+            v -= step;
+            if !v.is_finite() {
+                return None;
+            }
+            if libm::fabs(step) < 1e-14 * (1.0 + libm::fabs(v)) {
+                return Some(self.t0_c + v * self.scale_c);
+            }
+        }
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inverse_and_root_agree() {
+        let law = TemperatureLaw { f0_hz: 4900.0, scale_hz: 22.0, c: [9.6, 45.0, 0.4, -0.2], min_c: -36.0, max_c: 55.0 };
+        for t in [-35.0, -10.0, 0.0, 33.3, 55.0] {
+            let f = law.frequency_hz(t).expect("converges");
+            assert!((f64::from(law.temperature_c(f)) - t).abs() < 2e-5);
+        }
+        assert!(law.frequency_hz(f64::NAN).is_none());
+    }
+}
