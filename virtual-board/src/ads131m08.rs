@@ -1,0 +1,133 @@
+//! The ADS131M08 converter as its SPI master sees it (data sheet SBAS950).
+//!
+//! Frames of ten 24-bit words. What goes out is latched when chip select falls: the answer to the last command,
+//! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is obeyed when the frame ends.
+
+const WORDS: usize = 10;
+const FRAME: usize = WORDS * 3;
+const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+
+/// Master clock of the modulator's divider, Hz.
+const CLKIN_HZ: u64 = 8_192_000;
+
+/// The converter.
+#[derive(Debug, Clone)]
+pub struct Ads131m08 {
+    registers: [u16; 64],
+    answer: u16,
+    codes: [i32; 8],
+    fresh: bool,
+    out: [u8; FRAME],
+    input: [u8; FRAME],
+    at: usize,
+    selected: bool,
+    spoil: bool,
+}
+
+impl Default for Ads131m08 {
+    fn default() -> Self {
+        let mut registers = [0u16; 64];
+        registers[0x00] = 0x2800; // ID: eight channels
+        registers[0x01] = 0x0500; // STATUS: RESET, 24-bit words
+        registers[0x02] = 0x0510; // MODE
+        registers[0x03] = 0xFF0E; // CLOCK
+        Self {
+            registers,
+            answer: 0xFF28,
+            codes: [0; 8],
+            fresh: false,
+            out: [0; FRAME],
+            input: [0; FRAME],
+            at: 0,
+            selected: false,
+            spoil: false,
+        }
+    }
+}
+
+impl Ads131m08 {
+    /// Cycles of a clock of `hz` between samples, from the oversampling ratio set.
+    #[must_use]
+    pub fn period(&self, hz: u64) -> u64 {
+        let ratio = match (self.registers[0x03] >> 2) & 7 {
+            0b111 => 16_256,
+            n => 128u64 << n,
+        };
+        hz * ratio * 2 / CLKIN_HZ
+    }
+
+    /// A conversion is done.
+    pub fn convert(&mut self, codes: [i32; 8]) {
+        self.codes = codes;
+        self.fresh = true;
+    }
+
+    /// Chip select changes; `spoil` flips a bit of the frame that begins.
+    pub fn select(&mut self, selected: bool, spoil: bool) {
+        if selected && !self.selected {
+            self.at = 0;
+            self.spoil = spoil;
+            self.latch();
+        }
+        if !selected && self.selected && self.at >= 6 {
+            self.obey();
+        }
+        self.selected = selected;
+    }
+
+    fn latch(&mut self) {
+        let mut words = [0u32; WORDS];
+        words[0] = u32::from(self.answer) << 8;
+        for (w, code) in words[1..9].iter_mut().zip(self.codes) {
+            *w = code as u32 & 0xFF_FFFF;
+        }
+        for (bytes, w) in self.out.chunks_exact_mut(3).zip(words) {
+            bytes.copy_from_slice(&w.to_be_bytes()[1..]);
+        }
+        let crc = CRC.checksum(&self.out[..27]);
+        self.out[27..29].copy_from_slice(&crc.to_be_bytes());
+        if self.spoil {
+            self.out[4] ^= 0x10;
+        }
+        self.fresh = false;
+    }
+
+    /// Moves one byte each way.
+    pub fn exchange(&mut self, byte: u8) -> u8 {
+        if !self.selected || self.at >= FRAME {
+            return 0;
+        }
+        self.input[self.at] = byte;
+        let out = self.out[self.at];
+        self.at += 1;
+        out
+    }
+
+    /// The codes of the frame that was just sent, and whether it was unspoilt and whole.
+    #[must_use]
+    pub fn sent(&self) -> ([i32; 8], bool) {
+        (self.codes, !self.spoil && self.at == FRAME)
+    }
+
+    fn word(&self, index: usize) -> u16 {
+        u16::from_be_bytes([self.input[index * 3], self.input[index * 3 + 1]])
+    }
+
+    fn obey(&mut self) {
+        let command = self.word(0);
+        let address = usize::from(command >> 7) & 63;
+        match command >> 13 {
+            0b011 => {
+                let value = self.word(1);
+                self.registers[address] = value;
+                if address == 0x02 && value & 0x0400 == 0 {
+                    self.registers[0x01] &= !0x0400;
+                }
+                self.answer = 0x4000 | (command & 0x1FFF);
+            }
+            0b101 => self.answer = self.registers[address],
+            _ if command == 0x0011 => *self = Self::default(),
+            _ => self.answer = self.registers[0x01] | 0x00FF,
+        }
+    }
+}

@@ -1,0 +1,693 @@
+//! The board: CPU, chip, wires, and the loop that keeps time.
+//!
+//! # Design
+//! Unicorn runs until a block hook finds that the next event is due or that something needs attention; then this
+//! loop handles events in order of time, takes the interrupt of highest priority if it may, and goes on. The
+//! hook counts Thumb instructions; a block is never left inside an IT block. On exception entry the extended
+//! frame (with the floating-point registers) is stacked always, as if lazy stacking were off.
+
+use crate::chip::{Chip, Request};
+use crate::system::{CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
+use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
+use object::{Object, ObjectSegment, ObjectSymbol};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, Unicorn};
+
+/// Why a run ended in error.
+#[derive(Debug)]
+pub enum RunError {
+    /// The ELF is not one for this board.
+    Elf(String),
+    /// The firmware did something that the board does not model; the program counter is where it did.
+    NotModelled {
+        /// What.
+        what: String,
+        /// Where.
+        pc: u32,
+    },
+    /// The CPU stopped on its own: a fault.
+    Cpu {
+        /// What Unicorn said.
+        what: String,
+        /// Where.
+        pc: u32,
+    },
+    /// A flash address outside the flash.
+    Flash(u32),
+}
+
+impl std::fmt::Display for RunError {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Elf(what) => write!(f, "the firmware ELF cannot be run: {what}"),
+            Self::NotModelled { what, pc } => write!(f, "{what} (at {pc:#010x})"),
+            Self::Cpu { what, pc } => write!(f, "the CPU stopped: {what} (at {pc:#010x})"),
+            Self::Flash(a) => write!(f, "flash offset {a:#x} is outside the flash"),
+        }
+    }
+}
+
+impl std::error::Error for RunError {}
+
+/// Why [`Board::run_until`] came back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stop {
+    /// The time is reached.
+    Time,
+    /// The watchdog has reset the unit; it starts anew when run on.
+    Watchdog,
+    /// The firmware has reset itself.
+    Software,
+}
+
+/// Faults to put in.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Faults {
+    /// Stop (power cut) when this many instructions have been executed since power-on.
+    pub power_cut_at: Option<u64>,
+}
+
+const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
+const SLEEP_LIMIT: u64 = CPU_HZ * 10;
+
+/// The board with firmware in its flash.
+pub struct Board<W: World> {
+    cpu: Unicorn<'static, Chip>,
+    /// What is on the wires.
+    pub world: W,
+    rtt: Option<u32>,
+    next_edge: [u64; 3],
+    next_sample: u64,
+    next_byte: Option<(u64, u8)>,
+    link_idle: u64,
+    next_look: u64,
+    ready_stamp: u32,
+    fetch_stamp: u32,
+    spoilt: bool,
+}
+
+impl<W: World> std::fmt::Debug for Board<W> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Board at cycle {}", self.now())
+    }
+}
+
+type Cpu<'a> = Unicorn<'a, Chip>;
+
+fn uc<T>(result: Result<T, unicorn_engine::uc_error>) -> Result<T, RunError> {
+    result.map_err(|e| RunError::Cpu { what: format!("{e:?}"), pc: 0 })
+}
+
+impl<W: World> Board<W> {
+    /// Puts the firmware into flash and switches the board on.
+    ///
+    /// # Errors
+    /// Where the ELF does not fit the board.
+    pub fn new(elf: &[u8], world: W) -> Result<Self, RunError> {
+        let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
+        let mut flash = vec![0xFFu8; FLASH_SIZE as usize];
+        for segment in file.segments() {
+            let data = segment.data().map_err(|e| RunError::Elf(e.to_string()))?;
+            if data.is_empty() {
+                continue;
+            }
+            let address = load_address(elf, segment.address())?;
+            let at = address.checked_sub(FLASH_START).map(|a| a as usize).unwrap_or(usize::MAX);
+            flash
+                .get_mut(at..at.saturating_add(data.len()))
+                .ok_or_else(|| RunError::Elf(format!("a segment at {address:#010x} is outside the flash")))?
+                .copy_from_slice(data);
+        }
+        let rtt = file.symbols().find(|s| s.name() == Ok("_SEGGER_RTT")).map(|s| s.address() as u32);
+
+        let mut cpu = uc(Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(CSR_POWER_ON, 0)))?;
+        uc(cpu.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32))?;
+        uc(cpu.mem_map(u64::from(FLASH_START), u64::from(FLASH_SIZE), Prot::ALL))?;
+        uc(cpu.mem_map(0, u64::from(FLASH_SIZE), Prot::READ))?;
+        uc(cpu.mem_map(u64::from(RAM_START), u64::from(RAM_SIZE), Prot::ALL))?;
+        uc(cpu.mem_write(u64::from(FLASH_START), &flash))?;
+        for (base, size) in [(0x4000_0000u64, 0x8_0000u64), (0xE000_0000, 0x10_0000)] {
+            uc(cpu.mmio_map(
+                base,
+                size,
+                Some(move |c: &mut Cpu<'_>, offset: u64, size: usize| {
+                    let address = (base + offset) as u32;
+                    let value = c.get_data_mut().read(address & !3);
+                    let shifted = value >> (8 * (address & 3));
+                    u64::from(match size {
+                        1 => shifted & 0xFF,
+                        2 => shifted & 0xFFFF,
+                        _ => shifted,
+                    })
+                }),
+                Some(move |c: &mut Cpu<'_>, offset: u64, size: usize, value: u64| {
+                    let address = (base + offset) as u32;
+                    let chip = c.get_data_mut();
+                    // Registers are written whole, but for byte-wide interrupt priorities and half-words
+                    // written to a register's lower half.
+                    chip.write(address, value as u32, size);
+                }),
+            ))?;
+        }
+        let mut lengths = vec![0u8; FLASH_SIZE as usize / 2];
+        let mut sizes = vec![0u16; FLASH_SIZE as usize / 2];
+        let code = flash.clone();
+        uc(cpu.add_block_hook(u64::from(FLASH_START), u64::from(FLASH_START + FLASH_SIZE), move |c, address, size| {
+            let at = (address as usize - FLASH_START as usize) / 2;
+            if usize::from(sizes[at]) != size as usize {
+                sizes[at] = size as u16;
+                lengths[at] = thumb_instructions(&code[at * 2..at * 2 + size as usize]);
+            }
+            let n = u64::from(lengths[at]);
+            let chip = c.get_data_mut();
+            let unmasked = chip.masked && {
+                let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
+                let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
+                primask & 1 == 0 && basepri == 0
+            };
+            let chip = c.get_data_mut();
+            if chip.now >= chip.deadline || chip.attention || unmasked {
+                // The stopped block is not executed; it comes again.
+                let in_it_block = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0);
+                if !in_it_block {
+                    let _ = c.emu_stop();
+                    return;
+                }
+            }
+            let chip = c.get_data_mut();
+            chip.now += n;
+            chip.instructions += n;
+        }))?;
+        // WFE and SEV are found by their encodings.
+        for at in (0..flash.len() - 1).step_by(2) {
+            let address = u64::from(FLASH_START) + at as u64;
+            match (flash[at], flash[at + 1]) {
+                (0x20, 0xBF) => {
+                    // Unicorn must not see it: it is stepped over here.
+                    uc(cpu.add_code_hook(address, address, |c, address, _| {
+                        let _ = c.reg_write(RegisterARM::PC, (address + 2) | 1);
+                        let chip = c.get_data_mut();
+                        chip.attention = true;
+                        if chip.event {
+                            chip.event = false;
+                        } else {
+                            chip.asleep = true;
+                        }
+                        let _ = c.emu_stop();
+                    }))?;
+                }
+                (0x40, 0xBF) => {
+                    uc(cpu.add_code_hook(address, address, |c, _, _| c.get_data_mut().event = true))?;
+                }
+                _ => {}
+            }
+        }
+        uc(cpu.add_intr_hook(|c, number| {
+            let chip = c.get_data_mut();
+            if number == 8 {
+                chip.returning = true;
+            } else {
+                chip.error.get_or_insert(format!("the firmware raised CPU exception {number}"));
+            }
+            let _ = c.emu_stop();
+        }))?;
+        uc(cpu.add_mem_hook(
+            HookType::MEM_WRITE,
+            u64::from(FLASH_START),
+            u64::from(FLASH_START + FLASH_SIZE - 1),
+            |c, _, address, _, _| {
+                let word = address & !3;
+                let mut old = [0; 4];
+                let _ = c.mem_read(word, &mut old);
+                let chip = c.get_data_mut();
+                chip.flash_writes.push((word as u32, old));
+                chip.attention = true;
+                true
+            },
+        ))?;
+        let mut board = Self {
+            cpu,
+            world,
+            rtt,
+            next_edge: [0; 3],
+            next_sample: 0,
+            next_byte: None,
+            link_idle: u64::MAX,
+            next_look: 0,
+            ready_stamp: 0,
+            fetch_stamp: 0,
+            spoilt: false,
+        };
+        for channel in 0..3 {
+            board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
+        }
+        board.next_byte = board.world.next_link_byte();
+        board.restart(CSR_POWER_ON)?;
+        Ok(board)
+    }
+
+    /// Cycles since power-on.
+    #[must_use]
+    pub fn now(&self) -> u64 {
+        self.cpu.get_data().now
+    }
+
+    /// Instructions executed since power-on.
+    #[must_use]
+    pub fn instructions(&self) -> u64 {
+        self.cpu.get_data().instructions
+    }
+
+    /// Writes into flash from outside, as a programmer does: erased bits and all. `offset` from its start.
+    ///
+    /// # Errors
+    /// Outside the flash.
+    pub fn write_flash(&mut self, offset: u32, bytes: &[u8]) -> Result<(), RunError> {
+        if offset as usize + bytes.len() > FLASH_SIZE as usize {
+            return Err(RunError::Flash(offset));
+        }
+        uc(self.cpu.mem_write(u64::from(FLASH_START + offset), bytes))
+    }
+
+    /// Reads memory.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub fn read_memory(&self, address: u32, bytes: &mut [u8]) -> Result<(), RunError> {
+        uc(self.cpu.mem_read(u64::from(address), bytes))
+    }
+
+    /// Flips one bit of RAM or flash.
+    ///
+    /// # Errors
+    /// Where there is no memory.
+    pub fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), RunError> {
+        let mut byte = [0];
+        self.read_memory(address, &mut byte)?;
+        byte[0] ^= 1 << (bit & 7);
+        uc(self.cpu.mem_write(u64::from(address), &byte))
+    }
+
+    fn restart(&mut self, cause: u32) -> Result<(), RunError> {
+        let (now, instructions) = (self.now(), self.instructions());
+        let mut chip = Chip::new(cause, now);
+        chip.instructions = instructions;
+        *self.cpu.get_data_mut() = chip;
+        let word = |cpu: &Cpu<'_>, at: u32| -> Result<u32, RunError> {
+            let mut b = [0; 4];
+            uc(cpu.mem_read(u64::from(at), &mut b))?;
+            Ok(u32::from_le_bytes(b))
+        };
+        let (sp, pc) = (word(&self.cpu, FLASH_START)?, word(&self.cpu, FLASH_START + 4)?);
+        uc(self.cpu.reg_write(RegisterARM::XPSR, 0x0100_0000))?;
+        uc(self.cpu.reg_write(RegisterARM::PRIMASK, 0))?;
+        uc(self.cpu.reg_write(RegisterARM::BASEPRI, 0))?;
+        uc(self.cpu.reg_write(RegisterARM::CONTROL, 0))?;
+        uc(self.cpu.reg_write(RegisterARM::SP, u64::from(sp)))?;
+        uc(self.cpu.reg_write(RegisterARM::LR, 0xFFFF_FFFF))?;
+        uc(self.cpu.reg_write(RegisterARM::PC, u64::from(pc | 1)))?;
+        self.next_sample = now;
+        Ok(())
+    }
+
+    /// Runs until `cycles` since power-on.
+    ///
+    /// # Errors
+    /// Where the firmware does what the board does not model, or the CPU faults.
+    pub fn run_until(&mut self, cycles: u64) -> Result<Stop, RunError> {
+        loop {
+            self.events()?;
+            if self.now() >= cycles {
+                return Ok(Stop::Time);
+            }
+            let chip = self.cpu.get_data_mut();
+            chip.attention = false;
+            chip.masked = false;
+            if chip.now >= chip.iwdg.next_event() {
+                self.restart(CSR_WATCHDOG)?;
+                return Ok(Stop::Watchdog);
+            }
+            if chip.nvic.reset {
+                self.restart(CSR_SOFTWARE)?;
+                return Ok(Stop::Software);
+            }
+            if chip.asleep {
+                if chip.event || chip.nvic.any_pending() {
+                    chip.asleep = false;
+                    chip.event = false;
+                } else {
+                    let next = self.next_event().min(cycles);
+                    let chip = self.cpu.get_data_mut();
+                    if next == u64::MAX || next > chip.now + SLEEP_LIMIT {
+                        return Err(RunError::Cpu { what: "it sleeps and nothing will wake it".into(), pc: self.pc() });
+                    }
+                    chip.now = chip.now.max(next);
+                    continue;
+                }
+            }
+            self.interrupts()?;
+            let next = self.next_event().min(cycles);
+            let chip = self.cpu.get_data_mut();
+            chip.deadline = next;
+            chip.nvic.changed = false;
+            let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
+            if let Err(e) = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0) {
+                return Err(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() });
+            }
+            let chip = self.cpu.get_data_mut();
+            if let Some(what) = chip.error.take() {
+                return Err(RunError::NotModelled { what, pc: self.pc() });
+            }
+            if chip.returning {
+                chip.returning = false;
+                self.leave_exception()?;
+            }
+            if !self.cpu.get_data().flash_writes.is_empty() {
+                self.judge_flash_writes()?;
+            }
+            if let Some(sector) = self.cpu.get_data_mut().flash.erase.take() {
+                if let (Some(&from), Some(&to)) = (SECTORS.get(sector), SECTORS.get(sector + 1)) {
+                    uc(self.cpu.mem_write(u64::from(FLASH_START + from), &vec![0xFF; (to - from) as usize]))?;
+                }
+                self.cpu.get_data_mut().flash.done();
+            }
+        }
+    }
+
+    fn pc(&self) -> u32 {
+        self.cpu.reg_read(RegisterARM::PC).unwrap_or(0) as u32
+    }
+
+    fn next_event(&self) -> u64 {
+        let chip = self.cpu.get_data();
+        let mut next = self.next_edge.iter().copied().min().unwrap_or(u64::MAX);
+        next = next.min(self.next_sample).min(self.next_look).min(self.link_idle);
+        next = next.min(self.next_byte.map_or(u64::MAX, |(t, _)| t));
+        next.min(chip.tim2.next_event())
+            .min(chip.tim5.next_event())
+            .min(chip.spi_done)
+            .min(chip.usart_done)
+            .min(chip.iwdg.next_event())
+    }
+
+    /// Handles everything that is due.
+    fn events(&mut self) -> Result<(), RunError> {
+        let now = self.now();
+        let mut any = false;
+        for channel in 0..3 {
+            while self.next_edge[channel] <= now {
+                self.edge(channel)?;
+                any = true;
+            }
+        }
+        while self.next_sample <= now {
+            self.sample();
+            any = true;
+        }
+        let chip = self.cpu.get_data_mut();
+        if chip.tim2.next_event() <= now {
+            chip.tim2.advance(now);
+            any = true;
+        }
+        if chip.tim5.next_event() <= now {
+            chip.tim5.advance(now);
+            any = true;
+        }
+        if chip.spi_done <= now {
+            self.finish_spi()?;
+            any = true;
+        }
+        if self.cpu.get_data().usart_done <= now {
+            self.finish_usart()?;
+            any = true;
+        }
+        while let Some((at, byte)) = self.next_byte.filter(|(t, _)| *t <= now) {
+            self.receive(at, byte)?;
+            any = true;
+        }
+        if self.link_idle <= now {
+            self.link_idle = u64::MAX;
+            self.cpu.get_data_mut().usart1.idle();
+            any = true;
+        }
+        if self.next_look <= now {
+            self.next_look = now + EVENTS_PER_LOOK;
+            self.look_at_rtt()?;
+        }
+        if any {
+            self.cpu.get_data_mut().update_lines();
+        }
+        Ok(())
+    }
+
+    fn edge(&mut self, channel: usize) -> Result<(), RunError> {
+        let at = self.next_edge[channel];
+        let chip = self.cpu.get_data_mut();
+        if let Some((stamp, dma)) = chip.tim2.edge(channel, true, at) {
+            if dma {
+                if let Some(stream) = chip.stream(Request::Tim2(channel)) {
+                    let to = chip.dma[stream.0].streams[stream.1].memory();
+                    chip.moved(stream, 1);
+                    uc(self.cpu.mem_write(u64::from(to), &stamp.to_le_bytes()))?;
+                }
+            }
+            self.world.captured(channel, stamp);
+        }
+        self.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
+        Ok(())
+    }
+
+    fn sample(&mut self) {
+        let at = self.next_sample;
+        self.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
+        let Some(codes) = self.world.convert(at) else { return };
+        self.spoilt = self.world.spoil_converter_frame();
+        let chip = self.cpu.get_data_mut();
+        chip.spoil = self.spoilt;
+        chip.converter.convert(codes);
+        // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
+        if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
+            self.ready_stamp = stamp;
+        }
+        chip.exti.edge(7, false);
+    }
+
+    fn finish_spi(&mut self) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        chip.spi_done = u64::MAX;
+        let (Some(rx), Some(tx)) = (chip.stream(Request::Spi1Rx), chip.stream(Request::Spi1Tx)) else { return Ok(()) };
+        let n = chip.dma[rx.0].streams[rx.1].ndtr;
+        let from = chip.dma[tx.0].streams[tx.1].memory();
+        let to = chip.dma[rx.0].streams[rx.1].memory();
+        let stamp = chip.tim2.capture(3);
+        let mut bytes = vec![0; n as usize];
+        uc(self.cpu.mem_read(u64::from(from), &mut bytes))?;
+        let null = bytes.iter().all(|b| *b == 0);
+        let chip = self.cpu.get_data_mut();
+        for b in &mut bytes {
+            *b = chip.converter.exchange(*b);
+        }
+        chip.moved(rx, n);
+        chip.moved(tx, n);
+        let (codes, good) = chip.converter.sent();
+        uc(self.cpu.mem_write(u64::from(to), &bytes))?;
+        self.fetch_stamp = stamp;
+        if null && n == 30 {
+            // A frame with the converter's reset flag is refused by the firmware like a spoilt one.
+            let good = good && bytes[0] & 0x04 == 0;
+            self.world.fetched(self.fetch_stamp, codes, good);
+        }
+        Ok(())
+    }
+
+    fn finish_usart(&mut self) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        chip.usart_done = u64::MAX;
+        let Some(tx) = chip.stream(Request::Usart1Tx) else { return Ok(()) };
+        let s = &chip.dma[tx.0].streams[tx.1];
+        let (from, n) = (s.memory(), s.ndtr);
+        chip.moved(tx, n);
+        chip.usart1.transmitted();
+        let now = chip.now;
+        let mut bytes = vec![0; n as usize];
+        uc(self.cpu.mem_read(u64::from(from), &mut bytes))?;
+        self.world.link_out(now, &bytes);
+        Ok(())
+    }
+
+    fn receive(&mut self, at: u64, byte: u8) -> Result<(), RunError> {
+        self.next_byte = self.world.next_link_byte();
+        let chip = self.cpu.get_data_mut();
+        if !chip.usart1.receiving() {
+            return Ok(());
+        }
+        let idle_after = at + chip.usart1.cycles_per_byte();
+        self.link_idle = if self.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
+        match chip.usart1.receives_by_dma().then(|| chip.stream(Request::Usart1Rx)).flatten() {
+            Some(rx) => {
+                let to = chip.dma[rx.0].streams[rx.1].memory();
+                chip.moved(rx, 1);
+                uc(self.cpu.mem_write(u64::from(to), &[byte]))?;
+            }
+            None => chip.usart1.received_by_hand(byte),
+        }
+        Ok(())
+    }
+
+    fn look_at_rtt(&mut self) -> Result<(), RunError> {
+        let Some(block) = self.rtt else { return Ok(()) };
+        let mut b = [0u8; 48];
+        uc(self.cpu.mem_read(u64::from(block), &mut b))?;
+        let field = |at: usize| u32::from_le_bytes([b[at], b[at + 1], b[at + 2], b[at + 3]]);
+        if &b[..10] != b"SEGGER RTT" {
+            return Ok(());
+        }
+        let (buffer, size, write, mut read) = (field(28), field(32), field(36), field(40));
+        if write == read || size == 0 || write >= size || read >= size {
+            return Ok(());
+        }
+        let mut bytes = Vec::new();
+        while read != write {
+            let end = if read < write { write } else { size };
+            let mut part = vec![0; (end - read) as usize];
+            uc(self.cpu.mem_read(u64::from(buffer + read), &mut part))?;
+            bytes.extend(part);
+            read = end % size;
+        }
+        uc(self.cpu.mem_write(u64::from(block + 40), &read.to_le_bytes()))?;
+        let now = self.now();
+        self.world.log_out(now, &bytes);
+        Ok(())
+    }
+
+    fn interrupts(&mut self) -> Result<(), RunError> {
+        loop {
+            let chip = self.cpu.get_data();
+            if !chip.nvic.any_pending() {
+                return Ok(());
+            }
+            let primask = uc(self.cpu.reg_read(RegisterARM::PRIMASK))? & 1 != 0;
+            let basepri = uc(self.cpu.reg_read(RegisterARM::BASEPRI))? as u8;
+            match chip.nvic.next(primask, basepri) {
+                Some(exception) => self.enter_exception(exception)?,
+                None => {
+                    // Pending but masked: look when the mask is off.
+                    if primask || basepri != 0 {
+                        self.cpu.get_data_mut().masked = true;
+                    }
+                    return Ok(());
+                }
+            }
+        }
+    }
+
+    const CORE: [RegisterARM; 6] =
+        [RegisterARM::R0, RegisterARM::R1, RegisterARM::R2, RegisterARM::R3, RegisterARM::R12, RegisterARM::LR];
+    const FLOAT: [RegisterARM; 8] = [
+        RegisterARM::D0,
+        RegisterARM::D1,
+        RegisterARM::D2,
+        RegisterARM::D3,
+        RegisterARM::D4,
+        RegisterARM::D5,
+        RegisterARM::D6,
+        RegisterARM::D7,
+    ];
+
+    fn enter_exception(&mut self, exception: u16) -> Result<(), RunError> {
+        let cpu = &mut self.cpu;
+        let sp = uc(cpu.reg_read(RegisterARM::SP))? as u32;
+        let unaligned = sp.wrapping_sub(0x68);
+        let frame_at = unaligned & !7;
+        let xpsr = uc(cpu.reg_read(RegisterARM::XPSR))? as u32;
+        let pc = uc(cpu.reg_read(RegisterARM::PC))? as u32 & !1;
+        let mut frame = Vec::with_capacity(0x68);
+        for r in Self::CORE {
+            frame.extend((uc(cpu.reg_read(r))? as u32).to_le_bytes());
+        }
+        frame.extend(pc.to_le_bytes());
+        frame.extend((xpsr & !0x200 | (unaligned & 4) << 7).to_le_bytes());
+        for r in Self::FLOAT {
+            frame.extend(uc(cpu.reg_read(r))?.to_le_bytes());
+        }
+        frame.extend((uc(cpu.reg_read(RegisterARM::FPSCR))? as u32).to_le_bytes());
+        frame.extend([0; 4]);
+        uc(cpu.mem_write(u64::from(frame_at), &frame))?;
+        let nested = !cpu.get_data().nvic.stack.is_empty();
+        let vector_at = cpu.get_data().nvic.vtor().max(FLASH_START) + 4 * u32::from(exception);
+        let mut vector = [0; 4];
+        uc(cpu.mem_read(u64::from(vector_at), &mut vector))?;
+        uc(cpu.reg_write(RegisterARM::SP, u64::from(frame_at)))?;
+        uc(cpu.reg_write(RegisterARM::LR, if nested { 0xFFFF_FFE1 } else { 0xFFFF_FFE9 }))?;
+        uc(cpu.reg_write(RegisterARM::XPSR, u64::from(0x0100_0000 | u32::from(exception))))?;
+        uc(cpu.reg_write(RegisterARM::PC, u64::from(u32::from_le_bytes(vector) | 1)))?;
+        let chip = cpu.get_data_mut();
+        chip.nvic.enter(exception);
+        chip.event = true;
+        Ok(())
+    }
+
+    fn leave_exception(&mut self) -> Result<(), RunError> {
+        let cpu = &mut self.cpu;
+        let sp = uc(cpu.reg_read(RegisterARM::SP))? as u32;
+        let mut frame = [0u8; 0x68];
+        uc(cpu.mem_read(u64::from(sp), &mut frame))?;
+        let word = |n: usize| u32::from_le_bytes([frame[n * 4], frame[n * 4 + 1], frame[n * 4 + 2], frame[n * 4 + 3]]);
+        for (n, r) in Self::CORE.into_iter().enumerate() {
+            uc(cpu.reg_write(r, u64::from(word(n))))?;
+        }
+        for (n, r) in Self::FLOAT.into_iter().enumerate() {
+            let value = u64::from(word(8 + 2 * n)) | u64::from(word(9 + 2 * n)) << 32;
+            uc(cpu.reg_write(r, value))?;
+        }
+        uc(cpu.reg_write(RegisterARM::FPSCR, u64::from(word(24))))?;
+        let xpsr = word(7);
+        let sp = sp + 0x68 + if xpsr & 0x200 != 0 { 4 } else { 0 };
+        uc(cpu.reg_write(RegisterARM::XPSR, u64::from(xpsr & !0x200)))?;
+        uc(cpu.reg_write(RegisterARM::SP, u64::from(sp)))?;
+        uc(cpu.reg_write(RegisterARM::PC, u64::from(word(6) | 1)))?;
+        let chip = cpu.get_data_mut();
+        chip.nvic.leave();
+        chip.event = true;
+        chip.update_lines();
+        Ok(())
+    }
+
+    fn judge_flash_writes(&mut self) -> Result<(), RunError> {
+        let writes = std::mem::take(&mut self.cpu.get_data_mut().flash_writes);
+        for (address, old) in writes {
+            let programming = self.cpu.get_data().flash.programming();
+            let mut new = [0; 4];
+            uc(self.cpu.mem_read(u64::from(address), &mut new))?;
+            let kept: Vec<u8> = old.iter().zip(new).map(|(o, n)| if programming { o & n } else { *o }).collect();
+            uc(self.cpu.mem_write(u64::from(address), &kept))?;
+            if !programming {
+                self.cpu.get_data_mut().flash.refuse();
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Where a segment is loaded (its physical address), given where it runs.
+fn load_address(elf: &[u8], virtual_address: u64) -> Result<u32, RunError> {
+    use object::read::elf::{ElfFile32, ProgramHeader};
+    let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
+    let endian = file.endian();
+    file.elf_program_headers()
+        .iter()
+        .find(|h| u64::from(h.p_vaddr(endian)) == virtual_address && h.p_filesz(endian) > 0)
+        .map(|h| h.p_paddr(endian))
+        .ok_or_else(|| RunError::Elf(format!("no program header for {virtual_address:#x}")))
+}
+
+/// Number of Thumb instructions in a block.
+fn thumb_instructions(code: &[u8]) -> u8 {
+    let mut at = 0;
+    let mut n = 0u8;
+    while at + 1 < code.len() {
+        // A first half-word of 0b11101, 0b11110 or 0b11111 begins an instruction of four bytes.
+        at += if code[at + 1] >= 0xE8 { 4 } else { 2 };
+        n = n.saturating_add(1);
+    }
+    n
+}

@@ -1,0 +1,77 @@
+//! A desktop twin of an STM32F446 board that runs the very ELF that gets flashed.
+//!
+//! The CPU is Unicorn; this library adds what Unicorn has not (interrupt controller, exception entry and
+//! return, sleep) and the peripherals that the firmware uses, down to their registers. It knows the chip, the
+//! converter on its SPI and the wires; it knows nothing of gyros. What happens on the wires comes from a
+//! [`World`].
+//!
+//! # Time
+//! One instruction is one cycle of 180 MHz, so runs repeat exactly. While the CPU sleeps, time jumps to the
+//! next event. Wait states, pipeline and bus contention are not modelled: instruction counts are exact, cycle
+//! counts are not.
+//!
+//! # What is not modelled is an error
+//! An access to a register that is not modelled stops the run with its address.
+//!
+//! # Navigating
+//! | file | models |
+//! |---|---|
+//! | `board` | the CPU loop: events, interrupts, sleep, time |
+//! | `chip` | which address belongs to which peripheral; DMA and its requests |
+//! | `nvic` | NVIC, SCB, SysTick registers; exception priorities |
+//! | `timer` | TIM2, TIM5 |
+//! | `gpio` | ports, SYSCFG, EXTI |
+//! | `serial` | SPI1, USART1 |
+//! | `system` | RCC, PWR, FLASH, IWDG, DBGMCU |
+//! | `ads131m08` | the converter's protocol |
+//! | `rtt` | the debug probe's side of RTT, and the defmt decoder |
+
+pub mod ads131m08;
+pub mod board;
+mod chip;
+mod gpio;
+mod nvic;
+pub mod rtt;
+mod serial;
+mod system;
+mod timer;
+
+pub use board::{Board, Faults, RunError, Stop};
+
+/// Cycles per second.
+pub const CPU_HZ: u64 = 180_000_000;
+/// Cycles per tick of the timers.
+pub const CYCLES_PER_TICK: u64 = 2;
+/// Start of flash.
+pub const FLASH_START: u32 = 0x0800_0000;
+/// Size of flash.
+pub const FLASH_SIZE: u32 = 512 * 1024;
+/// Start of RAM.
+pub const RAM_START: u32 = 0x2000_0000;
+/// Size of RAM.
+pub const RAM_SIZE: u32 = 128 * 1024;
+
+/// What happens on the wires. All times are cycles since power-on and must not go backwards per source.
+pub trait World {
+    /// Time of the next rising edge at capture input `channel` (0 to 2), or `None` if there will be none.
+    fn next_edge(&mut self, channel: usize) -> Option<u64>;
+    /// The eight codes that the converter finishes at `cycles`, or `None` if it is silent.
+    fn convert(&mut self, cycles: u64) -> Option<[i32; 8]>;
+    /// The next byte that the other end of the link sends: when it has arrived, and the byte.
+    fn next_link_byte(&mut self) -> Option<(u64, u8)> {
+        None
+    }
+    /// Whether the frame that the converter sends now is spoilt on the wire.
+    fn spoil_converter_frame(&mut self) -> bool {
+        false
+    }
+    /// An edge was captured: the channel and the timer's reading.
+    fn captured(&mut self, _channel: usize, _stamp: u32) {}
+    /// The firmware has fetched a whole converter frame: reading of the timer at its data-ready edge, the codes
+    /// of the frame, and whether it went over the wire unspoilt.
+    fn fetched(&mut self, _stamp: u32, _codes: [i32; 8], _good: bool) {}
+    /// Bytes that the firmware has sent over the link, at the end of a DMA transfer.
+    fn link_out(&mut self, cycles: u64, bytes: &[u8]);
+    /// Bytes of the firmware's log (RTT up channel 0).
+    fn log_out(&mut self, cycles: u64, bytes: &[u8]);
+}

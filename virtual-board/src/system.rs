@@ -1,0 +1,184 @@
+//! RCC, PWR, FLASH, IWDG, DBGMCU.
+
+/// RCC: plain registers, with every oscillator ready as soon as it is on.
+#[derive(Debug)]
+pub struct Rcc {
+    regs: [u32; 0x98 / 4],
+}
+
+/// Reset causes of RCC_CSR.
+pub const CSR_POWER_ON: u32 = 0x0E00_0000;
+/// Watchdog reset (and pin reset, which always joins it).
+pub const CSR_WATCHDOG: u32 = 0x2400_0000;
+/// Software reset (and pin reset).
+pub const CSR_SOFTWARE: u32 = 0x1400_0000;
+
+impl Rcc {
+    pub fn new(cause: u32) -> Self {
+        let mut regs = [0; 0x98 / 4];
+        regs[0] = 0x83;
+        regs[1] = 0x2400_3010;
+        regs[0x74 / 4] = cause;
+        Self { regs }
+    }
+    pub fn read(&self, word: usize) -> Option<u32> {
+        let value = *self.regs.get(word)?;
+        Some(match word {
+            // CR: HSI, HSE, PLL, PLLI2S, PLLSAI ready follow their on bits.
+            0 => value & !0x2A02_0002 | (value & 0x1501_0001) << 1,
+            // CFGR: SWS follows SW.
+            2 => value & !0xC | (value & 3) << 2,
+            // BDCR, CSR: LSE and LSI ready.
+            0x1C => value & !2 | (value & 1) << 1,
+            0x1D => value & !2 | (value & 1) << 1,
+            _ => value,
+        })
+    }
+    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+        let slot = self.regs.get_mut(word)?;
+        if word == 0x1D {
+            let causes = if value & (1 << 24) != 0 { 0 } else { *slot & 0xFE00_0000 };
+            *slot = causes | (value & 1);
+        } else {
+            *slot = value;
+        }
+        Some(())
+    }
+}
+
+/// PWR: CR, CSR with every regulator ready.
+#[derive(Debug, Default)]
+pub struct Pwr {
+    regs: [u32; 2],
+}
+
+impl Pwr {
+    pub fn read(&self, word: usize) -> Option<u32> {
+        match word {
+            0 => Some(self.regs[0]),
+            1 => Some(self.regs[1] | 1 << 14 | 1 << 16 | 1 << 17),
+            _ => None,
+        }
+    }
+    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+        *self.regs.get_mut(word)? = value;
+        Some(())
+    }
+}
+
+/// Sector starts of the 512 KiB part, and its end.
+pub const SECTORS: [u32; 9] = [0, 0x4000, 0x8000, 0xC000, 0x1_0000, 0x2_0000, 0x4_0000, 0x6_0000, 0x8_0000];
+
+/// FLASH: ACR, KEYR, OPTKEYR, SR, CR, OPTCR.
+#[derive(Debug)]
+pub struct Flash {
+    regs: [u32; 6],
+    key: u8,
+    /// A sector whose erase was started.
+    pub erase: Option<usize>,
+}
+
+const SR: usize = 3;
+const CR: usize = 4;
+const LOCK: u32 = 1 << 31;
+
+impl Default for Flash {
+    fn default() -> Self {
+        Self { regs: [0, 0, 0, 0, LOCK, 0x0FFF_AAED], key: 0, erase: None }
+    }
+}
+
+impl Flash {
+    pub fn read(&self, word: usize) -> Option<u32> {
+        match word {
+            1 | 2 => Some(0),
+            n => self.regs.get(n).copied(),
+        }
+    }
+    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+        match word {
+            1 => {
+                self.key = match (self.key, value) {
+                    (0, 0x4567_0123) => 1,
+                    (1, 0xCDEF_89AB) => {
+                        self.regs[CR] &= !LOCK;
+                        0
+                    }
+                    _ => 0,
+                };
+            }
+            SR => self.regs[SR] &= !(value & 0xF3),
+            CR => {
+                if self.regs[CR] & LOCK == 0 {
+                    self.regs[CR] = value & !(1 << 16);
+                    // STRT with SER: erase.
+                    if value & (1 << 16) != 0 && value & 2 != 0 {
+                        self.erase = Some((value >> 3 & 0xF) as usize);
+                    }
+                }
+            }
+            n => *self.regs.get_mut(n)? = value,
+        }
+        Some(())
+    }
+    /// Whether a write to flash programs it.
+    pub fn programming(&self) -> bool {
+        self.regs[CR] & (LOCK | 1) == 1
+    }
+    /// A write that was not allowed.
+    pub fn refuse(&mut self) {
+        self.regs[SR] |= 1 << 7;
+    }
+    /// The operation is done.
+    pub fn done(&mut self) {
+        self.regs[SR] |= 1;
+    }
+}
+
+/// IWDG on the 32 kHz LSI.
+#[derive(Debug, Default)]
+pub struct Iwdg {
+    prescaler: u32,
+    reload: u32,
+    running: bool,
+    /// Cycle at which it bites.
+    pub bites: u64,
+}
+
+impl Iwdg {
+    fn restart(&mut self, now: u64) {
+        let lsi_cycles = (4u64 << self.prescaler) * (u64::from(self.reload) + 1);
+        self.bites = now + lsi_cycles * crate::CPU_HZ / 32_000;
+    }
+    pub fn read(&self, word: usize) -> Option<u32> {
+        match word {
+            0 | 3 => Some(0),
+            1 => Some(self.prescaler),
+            2 => Some(self.reload),
+            _ => None,
+        }
+    }
+    pub fn write(&mut self, word: usize, value: u32, now: u64) -> Option<()> {
+        match word {
+            0 => {
+                if value == 0xCCCC {
+                    self.running = true;
+                }
+                if self.running && (value == 0xCCCC || value == 0xAAAA) {
+                    self.restart(now);
+                }
+            }
+            1 => self.prescaler = (value & 7).min(6),
+            2 => self.reload = value & 0xFFF,
+            _ => return None,
+        }
+        Some(())
+    }
+    pub fn next_event(&self) -> u64 {
+        if self.running {
+            self.bites
+        } else {
+            u64::MAX
+        }
+    }
+}
