@@ -8,20 +8,15 @@
 //! | link out, in | PA9, PA10 | USART1 |
 
 use crate::capture::{self, Clock, Rings};
-use crate::converter::Converter;
+use crate::converter::{Converter, Wiring};
 use crate::params;
-use embassy_stm32::exti::{self, ExtiInput};
 use embassy_stm32::flash::{Blocking, Flash};
-use embassy_stm32::gpio::{Level, Output, Pull, Speed};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{
-    DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH0, DMA2_CH3, DMA2_CH5, DMA2_CH7, IWDG, USART1,
-};
-use embassy_stm32::spi::{self, Spi};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, IWDG, USART1};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{bind_interrupts, dma, interrupt, pac, rcc};
+use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::{self, BlockError, Calibration};
 use hrg_core::status::unit;
 use static_cell::ConstStaticCell;
@@ -30,11 +25,8 @@ bind_interrupts!(struct Irqs {
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
     DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
-    DMA2_STREAM0 => dma::InterruptHandler<DMA2_CH0>;
-    DMA2_STREAM3 => dma::InterruptHandler<DMA2_CH3>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
-    EXTI9_5 => exti::InterruptHandler<interrupt::typelevel::EXTI9_5>;
     USART1 => usart::InterruptHandler<USART1>;
 });
 
@@ -92,13 +84,17 @@ impl Board {
             Irqs,
         );
 
-        let mut spi_config = spi::Config::default();
-        // Mode 1: clock idles low, data on its falling edge (data sheet SBAS950, section 8.5.1).
-        spi_config.mode = spi::MODE_1;
-        spi_config.frequency = Hertz(params::CONVERTER_SPI_HZ);
-        let spi = Spi::new(p.SPI1, p.PA5, p.PA7, p.PA6, p.DMA2_CH3, p.DMA2_CH0, Irqs, spi_config);
-        let select = Output::new(p.PB6, Level::High, Speed::High);
-        let data_ready = ExtiInput::new(p.PC7, p.EXTI7, Pull::Up, Irqs);
+        let converter = Converter::new(Wiring {
+            spi: p.SPI1,
+            sck: p.PA5,
+            miso: p.PA6,
+            mosi: p.PA7,
+            select: p.PB6,
+            ready: p.PC7,
+            ready_line: p.EXTI7,
+            rx: p.DMA2_CH0,
+            tx: p.DMA2_CH3,
+        });
 
         let mut link_config = usart::Config::default();
         link_config.baudrate = params::LINK_BAUD;
@@ -113,7 +109,7 @@ impl Board {
         Self {
             rings,
             clock,
-            converter: Converter::new(spi, select, data_ready),
+            converter,
             link_out,
             link_in: link_in.into_ring_buffered(LINK_RING.take()),
             watchdog: IndependentWatchdog::new(p.IWDG, params::WATCHDOG_US),

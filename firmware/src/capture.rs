@@ -65,11 +65,6 @@ impl Clock {
     pub fn now(self) -> u32 {
         pac::TIM2.cnt().read()
     }
-    /// The last data-ready edge, ticks.
-    #[inline]
-    pub fn data_ready(self) -> u32 {
-        pac::TIM2.ccr(3).read()
-    }
 }
 
 /// One pin as input of the timer, pulled down so that a missing resonator is silent.

@@ -90,7 +90,7 @@ async fn main(spawner: Spawner) {
     // Peripheral interrupts stay at the top; the rate path comes next, threads last.
     interrupt::UART5.set_priority(Priority::P6);
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
-    spawned(rate::task(board.converter, board.clock, path, unit_status), |t| rate_spawner.spawn(t));
+    spawned(rate::task(board.converter, path, unit_status), |t| rate_spawner.spawn(t));
     spawned(model::task(board.rings, board.clock, compensator), |t| spawner.spawn(t));
     spawned(telemetry::task(who), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));

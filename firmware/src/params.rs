@@ -26,9 +26,9 @@ pub const BIAS_DELAY_TICKS: u32 = TIMER_HZ / 20;
 /// Samples per rate frame: 1 kHz / 5 = 200 Hz. Settable over the link.
 pub const DIVIDER: u16 = 5;
 
-/// SPI clock of the converter, Hz. The ADS131M08 takes 25 MHz; a frame of 30 bytes takes 21 us at 11.25 MHz,
-/// 2 % of the sample time, and the lines may be long.
-pub const CONVERTER_SPI_HZ: u32 = 11_250_000;
+/// Divider of the converter's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
+/// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
+pub const CONVERTER_SPI_DIVIDER: u8 = 0b010;
 
 /// Link rate, baud. A frame of 39 bytes at 1 kHz is 390 kbit/s; RS-422 carries 921600 over tens of metres.
 pub const LINK_BAUD: u32 = 921_600;

@@ -1,7 +1,6 @@
-//! The rate path: data-ready, converter frame, bias off, frame out. Runs above everything else and waits for
-//! nothing but the converter: queues that are full drop, and say so.
+//! The rate path: converter frame in, bias off, rate frame out. Runs above everything else and waits for nothing
+//! but the converter: queues that are full drop, and say so.
 
-use crate::capture::Clock;
 use crate::channels::{BIAS, DIVIDER, FRAMES, RATE_ALIVE, SUMMARY, TICK};
 use crate::converter::{Converter, Fault};
 use embassy_futures::select::{select, Either};
@@ -10,26 +9,26 @@ use hrg_core::status::unit;
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut converter: Converter, clock: Clock, mut path: RatePath, start_status: u8) {
+pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8) {
     let mut dropped = 0u16;
     let mut drops_to_say = false;
-    // Fetches without a sample between them: the converter is silent after two.
+    // Fetches of edges (each 10 ms) without a sample between them: the converter is silent after two.
     let mut silent = 0u8;
-    converter.set_up().await;
     loop {
-        let event = match select(converter.data_ready.wait_for_falling_edge(), TICK.wait()).await {
-            Either::First(()) => {
+        let event = match select(converter.next(), TICK.wait()).await {
+            Either::First(tick) => {
                 silent = 0;
-                let tick = clock.data_ready();
-                let codes = converter.read().await;
                 if let Some(staged) = BIAS.try_take() {
                     path.stage(staged);
                 }
-                match codes {
-                    Ok(codes) => path.sample(tick, codes),
+                match converter.codes() {
+                    Ok(codes) => {
+                        converter.set_up_done();
+                        path.sample(tick, codes)
+                    }
                     Err(fault) => {
                         if fault == Fault::Reset {
-                            converter.set_up().await;
+                            converter.set_up();
                         }
                         path.missing(tick)
                     }

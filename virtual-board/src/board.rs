@@ -7,10 +7,11 @@
 //! frame (with the floating-point registers) is stacked always, as if lazy stacking were off.
 
 use crate::chip::{Chip, Request};
+use crate::memory::Memory;
 use crate::system::{CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::{Object, ObjectSegment, ObjectSymbol};
-use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, Unicorn};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, UcHookId, Unicorn};
 
 /// Why a run ended in error.
 #[derive(Debug)]
@@ -71,7 +72,10 @@ const SLEEP_LIMIT: u64 = CPU_HZ * 10;
 
 /// The board with firmware in its flash.
 pub struct Board<W: World> {
+    // Dropped first: it points into the memories.
     cpu: Unicorn<'static, Chip>,
+    flash: Memory,
+    ram: Memory,
     /// What is on the wires.
     pub world: W,
     rtt: Option<u32>,
@@ -83,6 +87,7 @@ pub struct Board<W: World> {
     ready_stamp: u32,
     fetch_stamp: u32,
     spoilt: bool,
+    flash_watch: Option<UcHookId>,
 }
 
 impl<W: World> std::fmt::Debug for Board<W> {
@@ -104,6 +109,8 @@ impl<W: World> Board<W> {
     /// Where the ELF does not fit the board.
     pub fn new(elf: &[u8], world: W) -> Result<Self, RunError> {
         let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
+        let mut flash_memory = Memory::new(FLASH_START, FLASH_SIZE)?;
+        let ram_memory = Memory::new(RAM_START, RAM_SIZE)?;
         let mut flash = vec![0xFFu8; FLASH_SIZE as usize];
         for segment in file.segments() {
             let data = segment.data().map_err(|e| RunError::Elf(e.to_string()))?;
@@ -121,10 +128,15 @@ impl<W: World> Board<W> {
 
         let mut cpu = uc(Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(CSR_POWER_ON, 0)))?;
         uc(cpu.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32))?;
-        uc(cpu.mem_map(u64::from(FLASH_START), u64::from(FLASH_SIZE), Prot::ALL))?;
-        uc(cpu.mem_map(0, u64::from(FLASH_SIZE), Prot::READ))?;
-        uc(cpu.mem_map(u64::from(RAM_START), u64::from(RAM_SIZE), Prot::ALL))?;
-        uc(cpu.mem_write(u64::from(FLASH_START), &flash))?;
+        flash_memory.write(FLASH_START, &flash).ok_or(RunError::Flash(0))?;
+        for (memory, start, size, access) in [
+            (&flash_memory, FLASH_START, FLASH_SIZE, Prot::READ | Prot::EXEC),
+            (&ram_memory, RAM_START, RAM_SIZE, Prot::READ | Prot::WRITE),
+        ] {
+            // SAFETY: the memories live in `Board` beside the emulator, which is dropped before them.
+            #[allow(unsafe_code)]
+            uc(unsafe { cpu.mem_map_ptr(u64::from(start), u64::from(size), access, memory.pointer()) })?;
+        }
         for (base, size) in [(0x4000_0000u64, 0x8_0000u64), (0xE000_0000, 0x10_0000)] {
             uc(cpu.mmio_map(
                 base,
@@ -148,6 +160,8 @@ impl<W: World> Board<W> {
                 }),
             ))?;
         }
+        // No exit addresses: clearing one up after each run would cost more than most runs.
+        uc(cpu.ctl_exits_enable())?;
         let mut lengths = vec![0u8; FLASH_SIZE as usize / 2];
         let mut sizes = vec![0u16; FLASH_SIZE as usize / 2];
         let code = flash.clone();
@@ -210,22 +224,10 @@ impl<W: World> Board<W> {
             }
             let _ = c.emu_stop();
         }))?;
-        uc(cpu.add_mem_hook(
-            HookType::MEM_WRITE,
-            u64::from(FLASH_START),
-            u64::from(FLASH_START + FLASH_SIZE - 1),
-            |c, _, address, _, _| {
-                let word = address & !3;
-                let mut old = [0; 4];
-                let _ = c.mem_read(word, &mut old);
-                let chip = c.get_data_mut();
-                chip.flash_writes.push((word as u32, old));
-                chip.attention = true;
-                true
-            },
-        ))?;
         let mut board = Self {
             cpu,
+            flash: flash_memory,
+            ram: ram_memory,
             world,
             rtt,
             next_edge: [0; 3],
@@ -236,6 +238,7 @@ impl<W: World> Board<W> {
             ready_stamp: 0,
             fetch_stamp: 0,
             spoilt: false,
+            flash_watch: None,
         };
         for channel in 0..3 {
             board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
@@ -262,10 +265,7 @@ impl<W: World> Board<W> {
     /// # Errors
     /// Outside the flash.
     pub fn write_flash(&mut self, offset: u32, bytes: &[u8]) -> Result<(), RunError> {
-        if offset as usize + bytes.len() > FLASH_SIZE as usize {
-            return Err(RunError::Flash(offset));
-        }
-        uc(self.cpu.mem_write(u64::from(FLASH_START + offset), bytes))
+        self.flash.write(FLASH_START + offset, bytes).ok_or(RunError::Flash(offset))
     }
 
     /// Reads memory.
@@ -273,7 +273,7 @@ impl<W: World> Board<W> {
     /// # Errors
     /// Where there is none.
     pub fn read_memory(&self, address: u32, bytes: &mut [u8]) -> Result<(), RunError> {
-        uc(self.cpu.mem_read(u64::from(address), bytes))
+        self.get(address, bytes)
     }
 
     /// Flips one bit of RAM or flash.
@@ -287,17 +287,28 @@ impl<W: World> Board<W> {
         uc(self.cpu.mem_write(u64::from(address), &byte))
     }
 
+    fn get(&self, address: u32, out: &mut [u8]) -> Result<(), RunError> {
+        self.ram.read(address, out).or_else(|| self.flash.read(address, out)).ok_or_else(|| self.outside(address))
+    }
+
+    fn put(&mut self, address: u32, from: &[u8]) -> Result<(), RunError> {
+        let done = self.ram.write(address, from).or_else(|| self.flash.write(address, from));
+        done.ok_or_else(|| self.outside(address))
+    }
+
+    fn outside(&self, address: u32) -> RunError {
+        RunError::NotModelled { what: format!("no memory at {address:#010x}"), pc: self.pc() }
+    }
+
     fn restart(&mut self, cause: u32) -> Result<(), RunError> {
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(cause, now);
         chip.instructions = instructions;
         *self.cpu.get_data_mut() = chip;
-        let word = |cpu: &Cpu<'_>, at: u32| -> Result<u32, RunError> {
-            let mut b = [0; 4];
-            uc(cpu.mem_read(u64::from(at), &mut b))?;
-            Ok(u32::from_le_bytes(b))
-        };
-        let (sp, pc) = (word(&self.cpu, FLASH_START)?, word(&self.cpu, FLASH_START + 4)?);
+        let (mut sp, mut pc) = ([0; 4], [0; 4]);
+        self.get(FLASH_START, &mut sp)?;
+        self.get(FLASH_START + 4, &mut pc)?;
+        let (sp, pc) = (u32::from_le_bytes(sp), u32::from_le_bytes(pc));
         uc(self.cpu.reg_write(RegisterARM::XPSR, 0x0100_0000))?;
         uc(self.cpu.reg_write(RegisterARM::PRIMASK, 0))?;
         uc(self.cpu.reg_write(RegisterARM::BASEPRI, 0))?;
@@ -361,6 +372,7 @@ impl<W: World> Board<W> {
                 chip.returning = false;
                 self.leave_exception()?;
             }
+            self.open_or_close_flash()?;
             if !self.cpu.get_data().flash_writes.is_empty() {
                 self.judge_flash_writes()?;
             }
@@ -447,7 +459,7 @@ impl<W: World> Board<W> {
                 if let Some(stream) = chip.stream(Request::Tim2(channel)) {
                     let to = chip.dma[stream.0].streams[stream.1].memory();
                     chip.moved(stream, 1);
-                    uc(self.cpu.mem_write(u64::from(to), &stamp.to_le_bytes()))?;
+                    self.put(to, &stamp.to_le_bytes())?;
                 }
             }
             self.world.captured(channel, stamp);
@@ -480,8 +492,7 @@ impl<W: World> Board<W> {
         let to = chip.dma[rx.0].streams[rx.1].memory();
         let stamp = chip.tim2.capture(3);
         let mut bytes = vec![0; n as usize];
-        uc(self.cpu.mem_read(u64::from(from), &mut bytes))?;
-        let null = bytes.iter().all(|b| *b == 0);
+        self.get(from, &mut bytes)?;
         let chip = self.cpu.get_data_mut();
         for b in &mut bytes {
             *b = chip.converter.exchange(*b);
@@ -489,10 +500,10 @@ impl<W: World> Board<W> {
         chip.moved(rx, n);
         chip.moved(tx, n);
         let (codes, good) = chip.converter.sent();
-        uc(self.cpu.mem_write(u64::from(to), &bytes))?;
+        self.put(to, &bytes)?;
         self.fetch_stamp = stamp;
-        if null && n == 30 {
-            // A frame with the converter's reset flag is refused by the firmware like a spoilt one.
+        if n == 30 {
+            // With the reset flag of the converter in its status, the codes are not to be used.
             let good = good && bytes[0] & 0x04 == 0;
             self.world.fetched(self.fetch_stamp, codes, good);
         }
@@ -509,7 +520,7 @@ impl<W: World> Board<W> {
         chip.usart1.transmitted();
         let now = chip.now;
         let mut bytes = vec![0; n as usize];
-        uc(self.cpu.mem_read(u64::from(from), &mut bytes))?;
+        self.get(from, &mut bytes)?;
         self.world.link_out(now, &bytes);
         Ok(())
     }
@@ -526,7 +537,7 @@ impl<W: World> Board<W> {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();
                 chip.moved(rx, 1);
-                uc(self.cpu.mem_write(u64::from(to), &[byte]))?;
+                self.put(to, &[byte])?;
             }
             None => chip.usart1.received_by_hand(byte),
         }
@@ -536,7 +547,7 @@ impl<W: World> Board<W> {
     fn look_at_rtt(&mut self) -> Result<(), RunError> {
         let Some(block) = self.rtt else { return Ok(()) };
         let mut b = [0u8; 48];
-        uc(self.cpu.mem_read(u64::from(block), &mut b))?;
+        self.get(block, &mut b)?;
         let field = |at: usize| u32::from_le_bytes([b[at], b[at + 1], b[at + 2], b[at + 3]]);
         if &b[..10] != b"SEGGER RTT" {
             return Ok(());
@@ -549,11 +560,11 @@ impl<W: World> Board<W> {
         while read != write {
             let end = if read < write { write } else { size };
             let mut part = vec![0; (end - read) as usize];
-            uc(self.cpu.mem_read(u64::from(buffer + read), &mut part))?;
+            self.get(buffer + read, &mut part)?;
             bytes.extend(part);
             read = end % size;
         }
-        uc(self.cpu.mem_write(u64::from(block + 40), &read.to_le_bytes()))?;
+        self.put(block + 40, &read.to_le_bytes())?;
         let now = self.now();
         self.world.log_out(now, &bytes);
         Ok(())
@@ -611,11 +622,12 @@ impl<W: World> Board<W> {
         }
         frame.extend((uc(cpu.reg_read(RegisterARM::FPSCR))? as u32).to_le_bytes());
         frame.extend([0; 4]);
-        uc(cpu.mem_write(u64::from(frame_at), &frame))?;
         let nested = !cpu.get_data().nvic.stack.is_empty();
         let vector_at = cpu.get_data().nvic.vtor().max(FLASH_START) + 4 * u32::from(exception);
         let mut vector = [0; 4];
-        uc(cpu.mem_read(u64::from(vector_at), &mut vector))?;
+        self.put(frame_at, &frame)?;
+        self.get(vector_at, &mut vector)?;
+        let cpu = &mut self.cpu;
         uc(cpu.reg_write(RegisterARM::SP, u64::from(frame_at)))?;
         uc(cpu.reg_write(RegisterARM::LR, if nested { 0xFFFF_FFE1 } else { 0xFFFF_FFE9 }))?;
         uc(cpu.reg_write(RegisterARM::XPSR, u64::from(0x0100_0000 | u32::from(exception))))?;
@@ -627,10 +639,10 @@ impl<W: World> Board<W> {
     }
 
     fn leave_exception(&mut self) -> Result<(), RunError> {
-        let cpu = &mut self.cpu;
-        let sp = uc(cpu.reg_read(RegisterARM::SP))? as u32;
+        let sp = uc(self.cpu.reg_read(RegisterARM::SP))? as u32;
         let mut frame = [0u8; 0x68];
-        uc(cpu.mem_read(u64::from(sp), &mut frame))?;
+        self.get(sp, &mut frame)?;
+        let cpu = &mut self.cpu;
         let word = |n: usize| u32::from_le_bytes([frame[n * 4], frame[n * 4 + 1], frame[n * 4 + 2], frame[n * 4 + 3]]);
         for (n, r) in Self::CORE.into_iter().enumerate() {
             uc(cpu.reg_write(r, u64::from(word(n))))?;
@@ -652,14 +664,45 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
+    /// While the flash is unlocked, writes to it are let through and watched. (Watching slows every store of
+    /// the CPU down, so it is not done all the time; a write while locked is a fault of the CPU.)
+    fn open_or_close_flash(&mut self) -> Result<(), RunError> {
+        let unlocked = self.cpu.get_data().flash.unlocked();
+        if unlocked == self.flash_watch.is_some() {
+            return Ok(());
+        }
+        if let Some(hook) = self.flash_watch.take() {
+            uc(self.cpu.remove_hook(hook))?;
+            uc(self.cpu.mem_protect(u64::from(FLASH_START), u64::from(FLASH_SIZE), Prot::READ | Prot::EXEC))?;
+            return Ok(());
+        }
+        uc(self.cpu.mem_protect(u64::from(FLASH_START), u64::from(FLASH_SIZE), Prot::ALL))?;
+        let hook = self.cpu.add_mem_hook(
+            HookType::MEM_WRITE,
+            u64::from(FLASH_START),
+            u64::from(FLASH_START + FLASH_SIZE - 1),
+            |c, _, address, _, _| {
+                let word = address & !3;
+                let mut old = [0; 4];
+                let _ = c.mem_read(word, &mut old);
+                let chip = c.get_data_mut();
+                chip.flash_writes.push((word as u32, old));
+                chip.attention = true;
+                true
+            },
+        );
+        self.flash_watch = Some(uc(hook)?);
+        Ok(())
+    }
+
     fn judge_flash_writes(&mut self) -> Result<(), RunError> {
         let writes = std::mem::take(&mut self.cpu.get_data_mut().flash_writes);
         for (address, old) in writes {
             let programming = self.cpu.get_data().flash.programming();
             let mut new = [0; 4];
-            uc(self.cpu.mem_read(u64::from(address), &mut new))?;
+            self.get(address, &mut new)?;
             let kept: Vec<u8> = old.iter().zip(new).map(|(o, n)| if programming { o & n } else { *o }).collect();
-            uc(self.cpu.mem_write(u64::from(address), &kept))?;
+            self.put(address, &kept)?;
             if !programming {
                 self.cpu.get_data_mut().flash.refuse();
             }

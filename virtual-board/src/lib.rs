@@ -18,6 +18,7 @@
 //! |---|---|
 //! | `board` | the CPU loop: events, interrupts, sleep, time |
 //! | `chip` | which address belongs to which peripheral; DMA and its requests |
+//! | `memory` | flash and RAM |
 //! | `nvic` | NVIC, SCB, SysTick registers; exception priorities |
 //! | `timer` | TIM2, TIM5 |
 //! | `gpio` | ports, SYSCFG, EXTI |
@@ -30,6 +31,7 @@ pub mod ads131m08;
 pub mod board;
 mod chip;
 mod gpio;
+mod memory;
 mod nvic;
 pub mod rtt;
 mod serial;

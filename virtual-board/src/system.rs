@@ -121,6 +121,10 @@ impl Flash {
         }
         Some(())
     }
+    /// Whether the control register is unlocked.
+    pub fn unlocked(&self) -> bool {
+        self.regs[CR] & LOCK == 0
+    }
     /// Whether a write to flash programs it.
     pub fn programming(&self) -> bool {
         self.regs[CR] & (LOCK | 1) == 1
