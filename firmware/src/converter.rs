@@ -134,7 +134,7 @@ impl Converter {
     /// Sets up the bus, the streams and the interrupts; the converter itself by [`set_up`](Self::set_up).
     pub fn new(w: Wiring) -> Self {
         rcc::enable_and_reset::<SPI1>();
-        let mut pin = |p: Flex<'static>, kind| {
+        let pin = |p: Flex<'static>, kind| {
             let mut p = p;
             p.set_as_af_unchecked(5, kind);
             p

@@ -2,12 +2,11 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{BIAS, STEP, TICK};
-use crate::params::{BIAS_DELAY_TICKS, FETCH_PERIOD, GATES_PER_STEP};
+use crate::params::{FETCH_PERIOD, GATES_PER_STEP};
 use embassy_time::Ticker;
 use hrg_core::compensator::Compensator;
 use hrg_core::frequency::{Bank, Config};
 use hrg_core::rate_path::Staged;
-use hrg_core::status::axis;
 use hrg_core::AXES;
 
 /// See the module.
@@ -26,18 +25,8 @@ pub async fn task(mut rings: Rings, clock: Clock, compensator: &'static mut Comp
         }
         TICK.signal(now);
         let Some(step) = bank.poll(now) else { continue };
-        let mut output = compensator.step(&step.frequency_hz);
-        for k in 0..AXES {
-            if step.rejected[k] + step.missing[k] > 0 {
-                output.status[k] |= axis::EDGE_ERRORS;
-            }
-        }
-        BIAS.signal(Staged {
-            effective_tick: (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS),
-            step: step.step,
-            bias_dph: output.bias_dph,
-            status: output.status,
-        });
+        let output = compensator.update(&step);
+        BIAS.signal(Staged::new(&step, &output));
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output));
     }

@@ -13,15 +13,11 @@ pub const TIMER_HZ: u32 = 90_000_000;
 pub const RING: usize = 256;
 
 /// How often captured edges are fetched. Much shorter than the ring lasts and than a gate (0.1 s), and
-/// shorter than [`BIAS_DELAY_TICKS`] by enough to finish the bias in time.
+/// shorter than [`hrg_core::rate_path::BIAS_DELAY_TICKS`] by enough to finish the bias in time.
 pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// Frequency gates in one step of the bias model: ten of 0.1 s make [`hrg_core::MODEL_STEP_S`].
 pub const GATES_PER_STEP: u32 = 10;
-
-/// A new bias takes effect this long after the end of the step it came from, ticks: 50 ms. It is known after
-/// at most [`FETCH_PERIOD`] and a millisecond; the rest is reserve for a busy link and log.
-pub const BIAS_DELAY_TICKS: u32 = TIMER_HZ / 20;
 
 /// Samples per rate frame: 1 kHz / 5 = 200 Hz. Settable over the link.
 pub const DIVIDER: u16 = 5;

@@ -5,7 +5,6 @@ use crate::params::{SUMMARY_WAIT, TIMER_HZ};
 use embassy_time::with_timeout;
 use hrg_core::link::Housekeeping;
 use hrg_core::status::unit;
-use hrg_core::AXES;
 
 /// Merges what the model and the rate path say of one second.
 #[embassy_executor::task]
@@ -21,37 +20,17 @@ pub async fn task(who: Who) {
             }
             Err(_) => None,
         };
-        let mut unit_status = who.unit_status;
+        let mut housekeeping = Housekeeping::new(&step, &output, summary.as_ref(), TIMER_HZ);
+        housekeeping.unit_status |= who.unit_status;
         if let Some(errors) = LINK_ERRORS.try_take() {
             if errors != link_errors {
-                unit_status |= unit::LINK_ERRORS;
+                housekeeping.unit_status |= unit::LINK_ERRORS;
             }
             link_errors = errors;
         }
-        let samples = summary.map_or(0, |s| s.samples);
-        let converter_errors = summary.map_or(0, |s| s.converter_errors);
-        if samples == 0 || converter_errors > 0 {
-            unit_status |= unit::CONVERTER_FAULT;
-        }
-        let housekeeping = Housekeeping {
-            step: step.step,
-            time_ms: (step.end_ticks / u64::from(TIMER_HZ / 1000)) as u32,
-            frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
-            temperature_c: output.temperature_c,
-            rate_c_per_min: output.rate_c_per_min,
-            bias_dph: output.bias_dph,
-            raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
-            corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
-            samples,
-            converter_errors,
-            axis_status: output.status,
-            unit_status,
-            rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
-            missing: step.missing.map(|n| n.min(0xFFFF) as u16),
-            dropped,
-            link_errors,
-            calibration: who.identity.calibration,
-        };
+        housekeeping.dropped = dropped;
+        housekeeping.link_errors = link_errors;
+        housekeeping.calibration = who.identity.calibration;
         HOUSEKEEPING.signal(housekeeping);
         LOG.signal(housekeeping);
     }

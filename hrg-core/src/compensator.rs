@@ -2,6 +2,7 @@
 
 use crate::bias::{dot, Coefficients};
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use crate::frequency::StepFrequencies;
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
 use crate::rate_of_change::SlopeWindow;
 use crate::status::axis;
@@ -142,6 +143,17 @@ impl Compensator {
     #[must_use]
     pub fn calibration(&self) -> &Calibration {
         &self.calibration
+    }
+
+    /// One model step from what the counters gave: as [`step`](Self::step), with edge errors flagged.
+    pub fn update(&mut self, step: &StepFrequencies) -> Output {
+        let mut output = self.step(&step.frequency_hz);
+        for k in 0..AXES {
+            if step.rejected[k] + step.missing[k] > 0 {
+                output.status[k] |= axis::EDGE_ERRORS;
+            }
+        }
+        output
     }
 
     /// One model step: frequencies in Hz, `None` where lost.

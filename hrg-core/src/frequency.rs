@@ -324,16 +324,17 @@ impl Counter {
 
     /// Closes the gate: gives it and moves on to the next one on the grid.
     pub fn close(&mut self) -> Gate {
-        let mut gate = self.now.finish(self.gate_start);
+        let gate = self.now.finish(self.gate_start);
         self.gate_start += u64::from(self.config.gate_ticks);
         // An edge that is long overdue: the signal has stopped.
         let waited = (self.gate_start as u32).wrapping_sub(self.last);
         if self.locked == LOCK_PERIODS && (waited as i32) > 0 {
             let overdue = (u64::from(waited) << 8) / u64::from(self.period_q8.max(1));
             if overdue > u64::from(HOLE_PERIODS) {
+                // As if the next edge had found it out: what an edge does after this is the same either way.
                 self.locked = 0;
+                self.rejects = 0;
                 self.seen = false;
-                gate.missing = gate.missing.saturating_add(1);
             }
         }
         self.now = core::mem::take(&mut self.next);

@@ -6,7 +6,10 @@
 
 use crate::bytes::{Reader, Writer};
 use crate::calibration::CRC32;
-use crate::rate_path::RateFrame;
+use crate::compensator::Output;
+use crate::frequency::StepFrequencies;
+use crate::rate_path::{RateFrame, Summary};
+use crate::status::unit;
 use crate::AXES;
 use heapless::Vec;
 
@@ -54,6 +57,35 @@ pub struct Housekeeping {
     pub calibration: u32,
 }
 
+impl Housekeeping {
+    /// One second: the step that ended it, what the model made of it, and the means over the bias before
+    /// (`None`: the rate path said nothing). Counters of the unit are zero: the sender fills them in.
+    #[must_use]
+    pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, ticks_per_s: u32) -> Self {
+        let samples = summary.map_or(0, |s| s.samples);
+        let converter_errors = summary.map_or(0, |s| s.converter_errors);
+        Self {
+            step: step.step,
+            time_ms: (step.end_ticks / u64::from(ticks_per_s / 1000)) as u32,
+            frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
+            temperature_c: output.temperature_c,
+            rate_c_per_min: output.rate_c_per_min,
+            bias_dph: output.bias_dph,
+            raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
+            corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
+            samples,
+            converter_errors,
+            axis_status: output.status,
+            unit_status: if samples == 0 || converter_errors > 0 { unit::CONVERTER_FAULT } else { 0 },
+            rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
+            missing: step.missing.map(|n| n.min(0xFFFF) as u16),
+            dropped: 0,
+            link_errors: 0,
+            calibration: 0,
+        }
+    }
+}
+
 /// Who is there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identity {
@@ -98,7 +130,6 @@ pub enum LinkError {
     Length(u8),
 }
 
-/// Status of the unit that changes in a frame after it was made: the sender adds bits here.
 impl Message {
     /// The frame on the wire, with its zero.
     #[must_use]

@@ -6,6 +6,8 @@
 //! stamps, not by when a task ran, and a replay on a desktop does the same. A bias that arrives after its
 //! tick has passed takes effect at the next sample and raises [`unit::BIAS_LATE`].
 
+use crate::compensator::Output;
+use crate::frequency::StepFrequencies;
 use crate::status::{axis, unit};
 use crate::AXES;
 
@@ -23,6 +25,23 @@ pub struct Staged {
     pub bias_dph: [f32; AXES],
     /// Status of each axis.
     pub status: [u8; AXES],
+}
+
+/// A new bias takes effect this long after the end of the step it came from: 50 ms at 90 MHz. A unit that fetches
+/// its edges each 10 ms knows the bias after 11 ms at most; the rest is reserve.
+pub const BIAS_DELAY_TICKS: u32 = 4_500_000;
+
+impl Staged {
+    /// The bias that a model step gave, with the tick from which it holds.
+    #[must_use]
+    pub fn new(step: &StepFrequencies, output: &Output) -> Self {
+        Self {
+            effective_tick: (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS),
+            step: step.step,
+            bias_dph: output.bias_dph,
+            status: output.status,
+        }
+    }
 }
 
 /// One frame of corrected rates: the mean of `divider` samples.

@@ -1,0 +1,209 @@
+//! `hrg`: recordings of HRG chamber runs in, coefficients and reports out.
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use hrg_cal::recording::Recording;
+use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile};
+use hrg_cal::{file, fit, points, AXIS_NAMES, BadInput};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Calibration of hemispherical resonator gyros over temperature.
+#[derive(Parser)]
+#[command(name = "hrg", version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Simulate a chamber run.
+    ///
+    /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
+    Simulate {
+        /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up) or one like 20,-40@1,2h,50@1,2h
+        #[arg(long, default_value = "dong")]
+        profile: String,
+        /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
+        #[arg(long)]
+        effect: Vec<String>,
+        /// Seed of the noise, and of the unit unless --unit is given.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Which unit: the same number is the same unit in another run.
+        #[arg(long)]
+        unit: Option<u64>,
+        /// White noise: standard deviation of 100 s means, deg/h.
+        #[arg(long, default_value_t = 0.2)]
+        noise: f64,
+        /// Put spikes, gaps, missing, stuck values and repeated times in.
+        #[arg(long)]
+        dirty: bool,
+        /// Where the recording goes.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Fit static points: frequency and temperature of soaks.
+    ///
+    /// Example: hrg points host-tests/recordings/dong2023-table1.csv --out points.json
+    Points {
+        /// The table.
+        table: PathBuf,
+        /// Where the report goes.
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
+    /// Identify the coefficients of the baseline model.
+    ///
+    /// Example: hrg fit run.csv --method lsq --out cal.toml
+    Fit {
+        /// Recordings of one unit.
+        #[arg(required = true)]
+        recordings: Vec<PathBuf>,
+        /// How.
+        #[arg(long, default_value = "lsq", value_parser = ["lsq"])]
+        method: String,
+        /// A cooling and a heating set of coefficients.
+        #[arg(long)]
+        two_sets: bool,
+        /// Weigh every degree alike instead of every second.
+        #[arg(long)]
+        uniform: bool,
+        /// Where the calibration goes: text, or the binary block if it ends in .bin
+        #[arg(long)]
+        out: PathBuf,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("hrg: {e:#}");
+            ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn load(path: &std::path::Path) -> Result<Recording> {
+    let r = Recording::load(path)?;
+    for note in &r.notes {
+        eprintln!("{}: {note}", path.display());
+    }
+    Ok(r)
+}
+
+fn run(command: Command) -> Result<()> {
+    match command {
+        Command::Simulate { profile, effect, seed, unit, noise, dirty, out } => {
+            let effects = effect
+                .iter()
+                .map(|e| match e.strip_prefix("secret:") {
+                    Some(s) => s
+                        .parse()
+                        .map(EffectSpec::secret)
+                        .map_err(|_| BadInput::new(format!("\"{e}\": secret: takes a whole number as seed"))),
+                    None => EffectSpec::parse(e),
+                })
+                .collect::<Result<Vec<_>, _>>()?;
+            let plan = Plan {
+                profile: Profile::parse(&profile)?,
+                effects,
+                unit_seed: unit.unwrap_or(seed),
+                seed,
+                noise: Noise { white_100s_dph: noise, ..Noise::default() },
+                gains: None,
+            };
+            let mut simulated = plan.simulate();
+            if dirty {
+                hrg_cal::simulate::soil(&mut simulated.recording, seed);
+            }
+            hrg_cal::write_file(&out, simulated.recording.to_csv().as_bytes())?;
+            println!(
+                "{}: {} rows, simulated (unit SIM-{}, seed {seed})",
+                out.display(),
+                simulated.recording.time_s.len(),
+                plan.unit_seed
+            );
+            Ok(())
+        }
+        Command::Points { table, out } => {
+            let text = std::fs::read_to_string(&table)
+                .map_err(|e| BadInput::new(format!("cannot read {}: {e}", table.display())))?;
+            let p = points::Points::parse(&text).map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
+            let report = points::report(&p)?;
+            print_points(&report);
+            if let Some(out) = out {
+                hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
+            }
+            Ok(())
+        }
+        Command::Fit { recordings, method: _, two_sets, uniform, out } => {
+            let recordings = recordings.iter().map(|p| load(p)).collect::<Result<Vec<_>>>()?;
+            let mut o = fit::least_squares(&recordings, &fit::Options { two_sets, uniform_in_temperature: uniform })?;
+            o.calibration.created_unix_s = now();
+            o.calibration.sequence = 1;
+            file::save(&out, &o.calibration)?;
+            println!("{:<5} {:>22} {:>22} {:>10}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "condition");
+            for a in 0..3 {
+                println!(
+                    "{:<5} {:>22.3} {:>22.3} {:>10.1}",
+                    AXIS_NAMES[a],
+                    3.0 * o.raw_dph[a],
+                    3.0 * o.corrected_dph[a],
+                    o.condition[a]
+                );
+            }
+            println!("three sigma of 100 s means, on the data of the fit");
+            for n in &o.notes {
+                println!("note: {n}");
+            }
+            println!("{}: block {:08x}", out.display(), o.calibration.checksum());
+            Ok(())
+        }
+    }
+}
+
+fn now() -> u32 {
+    std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs() as u32)
+}
+
+fn print_points(r: &points::Report) {
+    println!("Residuals of T(f) and of f(T) solved for T, in C");
+    println!("{:<9} {:<5} {:<7} {:>6} {:>9} {:>9} {:>14}", "reference", "axis", "fit", "degree", "RMS", "largest", "leave-one-out");
+    for (reference, axes) in &r.fits {
+        for (axis, f) in axes {
+            for (kind, fits) in [("T(f)", &f.inverse), ("f(T)", &f.forward)] {
+                for p in fits {
+                    println!(
+                        "{reference:<9} {axis:<5} {kind:<7} {:>6} {:>9.4} {:>9.4} {:>14.4}",
+                        p.degree, p.rms_c, p.max_c, p.leave_one_out_rms_c
+                    );
+                }
+            }
+        }
+    }
+    for e in &r.effects {
+        println!();
+        println!("{} (against the {}): {}", e.name, e.reference, e.finding);
+        println!("chance by luck: {:.1e} ({})", e.chance_by_luck, e.statistic);
+        if !e.indistinguishable_from.is_empty() {
+            println!("these points cannot tell it from: {}", e.indistinguishable_from.join(", "));
+        }
+        println!("{:<5} {:>9} {:>20} {:>20} {:>24}", "axis", "gain [C]", "RMS [C]", "largest [C]", "leave-one-out [C]");
+        for (axis, b) in &e.axes {
+            let pair = |x: f64, y: f64| format!("{x:.4} -> {y:.4}");
+            println!(
+                "{axis:<5} {:>9.4} {:>20} {:>20} {:>24}",
+                b.gain,
+                pair(b.rms_before_c, b.rms_after_c),
+                pair(b.max_before_c, b.max_after_c),
+                pair(b.leave_one_out_before_c, b.leave_one_out_after_c)
+            );
+        }
+    }
+    for a in &r.advice {
+        println!("\n{a}");
+    }
+}

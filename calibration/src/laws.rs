@@ -1,0 +1,194 @@
+//! Frequency to temperature from a chamber run.
+
+use crate::lsq;
+use crate::run::Steps;
+use crate::stats::quantile;
+use crate::BadInput;
+use hrg_core::calibration::Calibration;
+use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
+use hrg_core::AXES;
+
+/// Where the laws come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Shell sensors of the recording.
+    Shell,
+    /// The chamber's sensor.
+    Chamber,
+    /// No sensor was recorded: the laws of dong2023's Table 1, shifted so that the mean frequency of the run
+    /// is at its middle. Temperatures are then a scale of frequency, not degrees of a thermometer.
+    Shape,
+}
+
+/// Centred cubic `T(f)` by least squares.
+///
+/// # Errors
+/// Too few points, or no span.
+pub fn fit_inverse(frequency_hz: &[f64], temperature_c: &[f64], weights: Option<&[f64]>, degree: usize) -> Result<TemperatureLaw, BadInput> {
+    let good: Vec<usize> = (0..frequency_hz.len())
+        .filter(|&k| frequency_hz[k].is_finite() && temperature_c[k].is_finite())
+        .collect();
+    let f: Vec<f64> = good.iter().map(|&k| frequency_hz[k]).collect();
+    let t: Vec<f64> = good.iter().map(|&k| temperature_c[k]).collect();
+    let w: Option<Vec<f64>> = weights.map(|w| good.iter().map(|&k| w[k]).collect());
+    let (low, high) = f.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    // The scale is stored in f32: what the unit divides by is what is fitted with.
+    let scale_hz = (0.5 * (high - low)) as f32;
+    let span = t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t.iter().copied().fold(f64::INFINITY, f64::min);
+    if f.len() < degree + 2 || !(span > 5.0) || !(scale_hz > 0.0) {
+        return Err(BadInput::new(format!(
+            "the temperatures span {:.1} C; a frequency-temperature law needs a run over tens of degrees",
+            if span.is_finite() { span } else { 0.0 }
+        )));
+    }
+    let f0_hz = 0.5 * (high + low);
+    let u: Vec<f64> = f.iter().map(|x| (x - f0_hz) / f64::from(scale_hz)).collect();
+    let fit = lsq::fit(&lsq::powers(&u, degree), &t, w.as_deref(), &["1", "u", "u^2", "u^3"])?;
+    let mut c = [0.0f32; 4];
+    for (to, from) in c.iter_mut().zip(&fit.coefficients) {
+        *to = *from as f32;
+    }
+    let (min_c, max_c) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    Ok(TemperatureLaw { f0_hz, scale_hz, c, min_c: min_c as f32, max_c: max_c as f32 })
+}
+
+/// Centred cubic `f(T)` by least squares (dong2023 eq 1 and 2).
+///
+/// # Errors
+/// As [`fit_inverse`].
+pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -> Result<ForwardLaw, BadInput> {
+    let (low, high) = temperature_c.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    if !(high - low > 5.0) {
+        return Err(BadInput::new("the temperatures span less than 5 C"));
+    }
+    let (t0_c, scale_c) = (0.5 * (low + high), 0.5 * (high - low));
+    let v: Vec<f64> = temperature_c.iter().map(|t| (t - t0_c) / scale_c).collect();
+    let f0 = frequency_hz.iter().sum::<f64>() / frequency_hz.len() as f64;
+    let y: Vec<f64> = frequency_hz.iter().map(|f| f - f0).collect();
+    let fit = lsq::fit(&lsq::powers(&v, degree), &y, None, &["1", "v", "v^2", "v^3"])?;
+    let mut c = [0.0; 4];
+    for (to, from) in c.iter_mut().zip(&fit.coefficients) {
+        *to = *from;
+    }
+    c[0] += f0;
+    Ok(ForwardLaw { t0_c, scale_c, c })
+}
+
+/// Longest thermal lag between sensor and resonator that is looked for, s.
+const LONGEST_LAG_S: f64 = 4000.0;
+
+/// What was identified from the sensors.
+#[derive(Debug, Clone, Copy)]
+pub struct Identified {
+    /// The laws.
+    pub laws: [TemperatureLaw; AXES],
+    /// What they are referred to.
+    pub reference: Reference,
+    /// Time constant by which each resonator follows its sensor, s (0 where there is no sensor).
+    pub lag_s: [f64; AXES],
+}
+
+/// The three laws from the sensors of one or several runs.
+///
+/// A resonator follows its shell through a first-order lag (zhao2022: 694 s), so on a ramp of 1 C per minute it
+/// is 11 C behind. Fitting `T(f)` to the sensor as it stands would bend the law. So the sensor is lagged first, by
+/// the time constant that leaves the least residual. Rows are weighted evenly over temperature (bins of two
+/// degrees), so that a soak does not outweigh the ramps.
+///
+/// # Errors
+/// Where the run spans too little temperature.
+pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
+    let has = |v: &[f32]| v.iter().filter(|x| x.is_finite()).count() > 100;
+    let reference = if runs.iter().all(|s| s.shell_c.iter().all(|v| has(v))) {
+        Reference::Shell
+    } else if runs.iter().all(|s| has(&s.chamber_c)) {
+        Reference::Chamber
+    } else {
+        Reference::Shape
+    };
+    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    let mut lag_s = [0.0; AXES];
+    for (a, law) in laws.iter_mut().enumerate() {
+        let frequencies: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
+        let (low, high) = (quantile(&frequencies, 0.0), quantile(&frequencies, 1.0));
+        if !(high - low > 0.5) {
+            return Err(BadInput::new(format!(
+                "column f{}_hz spans {:.3} Hz, about {:.1} C; a calibration needs a run over tens of degrees",
+                crate::AXIS_NAMES[a],
+                high - low,
+                (high - low) * 2.1
+            )));
+        }
+        if reference == Reference::Shape {
+            let middle = 0.5 * (low + high);
+            law.scale_hz = (f64::from(law.scale_hz) * middle / law.f0_hz) as f32;
+            law.f0_hz = middle;
+        } else {
+            let sensor = |s: &Steps| -> Vec<f32> {
+                if reference == Reference::Shell { s.shell_c[a].clone() } else { s.chamber_c.clone() }
+            };
+            let sensors: Vec<Vec<f32>> = runs.iter().map(sensor).collect();
+            let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
+            lag_s[a] = least(error, LONGEST_LAG_S);
+            *law = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
+        }
+        // The range is that of the frequencies seen, in the law's own degrees.
+        let ends = [law.temperature_c(low), law.temperature_c(high)];
+        law.min_c = ends[0].min(ends[1]);
+        law.max_c = ends[0].max(ends[1]);
+    }
+    Ok(Identified { laws, reference, lag_s })
+}
+
+/// Where a function of one lag time is least: a coarse look, then halving the step.
+fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
+    let mut step = longest / 16.0;
+    let (mut at, mut best) = (0.0, f(0.0));
+    for k in 1..=16 {
+        let value = f(f64::from(k) * step);
+        if value < best {
+            (at, best) = (f64::from(k) * step, value);
+        }
+    }
+    while step > 2.0 {
+        step *= 0.5;
+        for x in [at - step, at + step] {
+            if x >= 0.0 {
+                let value = f(x);
+                if value < best {
+                    (at, best) = (x, value);
+                }
+            }
+        }
+    }
+    at
+}
+
+/// The law fitted to a lagged sensor, and its weighted residual.
+fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureLaw, f64), BadInput> {
+    let share = if tau > 0.0 { 1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp() } else { 1.0 };
+    let (mut f, mut t) = (Vec::new(), Vec::new());
+    for (s, sensor) in runs.iter().zip(sensors) {
+        let mut state = f64::NAN;
+        for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
+            let x = f64::from(*x);
+            if x.is_finite() {
+                state = if state.is_nan() { x } else { state + share * (x - state) };
+            }
+            // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
+            if k % 20 == 0 && k as f64 > 600.0 && state.is_finite() && hz.is_finite() && x.is_finite() {
+                f.push(*hz);
+                t.push(state);
+            }
+        }
+    }
+    let bin = |f: f64| f.floor() as i64;
+    let mut count = std::collections::BTreeMap::<i64, f64>::new();
+    for f in &f {
+        *count.entry(bin(*f)).or_default() += 1.0;
+    }
+    let weights: Vec<f64> = f.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
+    let law = fit_inverse(&f, &t, Some(&weights), 3)?;
+    let error: f64 = f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(law.temperature_c(*f)) - t).powi(2)).sum();
+    Ok((law, error))
+}

@@ -1,0 +1,56 @@
+//! From a recording of a thermal-chamber run to the coefficients of an HRG unit, and back to the residual.
+//!
+//! | step | module |
+//! |---|---|
+//! | recordings in and out, and what is wrong with them | [`recording`] |
+//! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
+//! | least squares | [`lsq`] |
+//! | frequency to temperature; static points | [`laws`], [`points`] |
+//! | coefficients | [`fit`] |
+//! | the calibration file | [`file`] |
+//! | what the model lacks | [`trace`] |
+//! | a chamber run from a plant model | [`simulate`] |
+//! | pictures | [`plot`] |
+//!
+//! Regressors are produced by `hrg_core`, by the code that runs on the unit.
+#![forbid(unsafe_code)]
+
+pub mod file;
+pub mod fit;
+pub mod laws;
+pub mod lsq;
+pub mod plot;
+pub mod points;
+pub mod recording;
+pub mod run;
+pub mod simulate;
+pub mod stats;
+pub mod trace;
+
+/// Names of the axes, in order.
+pub const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];
+
+/// An input that cannot be used: one sentence that says what, where and what to do. Exit status 2.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct BadInput(pub String);
+
+impl BadInput {
+    /// From a sentence.
+    pub fn new(sentence: impl Into<String>) -> Self {
+        Self(sentence.into())
+    }
+}
+
+/// Writes a file so that an interruption leaves the old one: to a neighbour first, then renamed.
+///
+/// # Errors
+/// Where the folder cannot be written.
+pub fn write_file(path: &std::path::Path, content: &[u8]) -> anyhow::Result<()> {
+    use anyhow::Context;
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".part");
+    let part = path.with_file_name(name);
+    std::fs::write(&part, content).with_context(|| format!("cannot write {}", part.display()))?;
+    std::fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
+}

@@ -1,0 +1,428 @@
+//! Static points: one row per soak. Frequency-temperature fits both ways, and the trace of what they leave.
+//!
+//! # How "by luck" is computed
+//! Ten points and a cubic leave six degrees of freedom, and residuals of a fit are correlated among themselves.
+//! So chances are not read off a table: independent Gaussian noise is put at the points of each gyro, fitted and
+//! searched in the very same way, [`DRAWS`] times with a fixed seed, and the share of draws that do at least as
+//! well is the chance. For the chamber reference the three gyros share one chamber sensor and are *not*
+//! independent; there the noise is drawn once for all three.
+
+use crate::lsq::powers;
+use crate::{BadInput, AXIS_NAMES};
+use hrg_core::AXES;
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Draws of noise behind each chance.
+pub const DRAWS: usize = 100_000;
+
+/// A table of soaks.
+#[derive(Debug, Clone, Default)]
+pub struct Points {
+    /// Chamber temperature, C.
+    pub chamber_c: Vec<f64>,
+    /// Frequencies, Hz.
+    pub frequency_hz: [Vec<f64>; AXES],
+    /// Shell sensors, C.
+    pub shell_c: [Vec<f64>; AXES],
+}
+
+impl Points {
+    /// Reads the table.
+    ///
+    /// # Errors
+    /// One sentence with line and column.
+    pub fn parse(text: &str) -> Result<Self, BadInput> {
+        let wanted = ["chamber_c", "fx_hz", "fy_hz", "fz_hz", "shell_x_c", "shell_y_c", "shell_z_c"];
+        let mut header: Option<Vec<usize>> = None;
+        let mut out = Self::default();
+        for (index, line) in text.lines().enumerate() {
+            if line.starts_with('#') || line.trim().is_empty() {
+                continue;
+            }
+            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            let Some(places) = &header else {
+                let places = wanted
+                    .iter()
+                    .map(|w| {
+                        cells.iter().position(|c| c == w).ok_or_else(|| {
+                            BadInput::new(format!("line {}: the column {w} is missing; the table needs {}", index + 1, wanted.join(", ")))
+                        })
+                    })
+                    .collect::<Result<Vec<_>, _>>()?;
+                header = Some(places);
+                continue;
+            };
+            let mut row = [0.0; 7];
+            for ((to, &at), name) in row.iter_mut().zip(places).zip(wanted) {
+                let cell = cells.get(at).copied().unwrap_or("");
+                *to = cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+                    BadInput::new(format!("line {}, column {} ({name}): \"{cell}\" is not a number", index + 1, at + 1))
+                })?;
+            }
+            out.chamber_c.push(row[0]);
+            for a in 0..AXES {
+                out.frequency_hz[a].push(row[1 + a]);
+                out.shell_c[a].push(row[4 + a]);
+            }
+        }
+        if out.chamber_c.len() < 6 {
+            return Err(BadInput::new(format!(
+                "the table has {} soaks; a cubic with a leave-one-out check needs six at the least",
+                out.chamber_c.len()
+            )));
+        }
+        Ok(out)
+    }
+
+    fn temperatures(&self, reference: &str, a: usize) -> &[f64] {
+        if reference == "shell" {
+            &self.shell_c[a]
+        } else {
+            &self.chamber_c
+        }
+    }
+}
+
+/// One polynomial fit.
+#[derive(Debug, Clone, Serialize)]
+pub struct PolyFit {
+    /// Degree.
+    pub degree: usize,
+    /// Coefficients of the centred and scaled variable.
+    pub coefficients: Vec<f64>,
+    /// Residuals in C, in the order of the table.
+    pub residuals_c: Vec<f64>,
+    /// Root mean square of the residuals, C.
+    pub rms_c: f64,
+    /// Largest residual, C.
+    pub max_c: f64,
+    /// Root mean square of what each point is missed by when it is left out, C.
+    pub leave_one_out_rms_c: f64,
+}
+
+/// Fits of one axis and reference.
+#[derive(Debug, Clone, Serialize)]
+pub struct AxisFits {
+    /// `f(T)`, solved for T.
+    pub forward: Vec<PolyFit>,
+    /// `T(f)`.
+    pub inverse: Vec<PolyFit>,
+    /// Temperatures by the root of the forward cubic, C (the table's T3).
+    pub root_c: Vec<f64>,
+    /// Temperatures by the inverse cubic in the unit's f32, C (the table's T4).
+    pub inverse_f32_c: Vec<f64>,
+    /// Largest difference of f32 from f64 evaluation of the inverse cubic, C.
+    pub f32_error_c: f64,
+    /// Centre of the inverse cubic, Hz.
+    pub centre_hz: f64,
+    /// Scale of the inverse cubic, Hz.
+    pub scale_hz: f64,
+}
+
+/// Something that is left over, and what adding it does.
+#[derive(Debug, Clone, Serialize)]
+pub struct LeftOver {
+    /// Name.
+    pub name: String,
+    /// Reference it is seen against.
+    pub reference: String,
+    /// What it is, in a sentence.
+    pub finding: String,
+    /// Inner parameters.
+    pub parameters: BTreeMap<String, f64>,
+    /// Per axis: gain and what the fit leaves before and after.
+    pub axes: BTreeMap<String, BeforeAfter>,
+    /// The chance of seeing it by luck.
+    pub chance_by_luck: f64,
+    /// What it is judged by.
+    pub statistic: String,
+    /// Physical causes that these points cannot tell apart.
+    pub indistinguishable_from: Vec<String>,
+}
+
+/// Residuals before and after, C.
+#[derive(Debug, Clone, Serialize)]
+pub struct BeforeAfter {
+    /// Size on this axis, C.
+    pub gain: f64,
+    /// RMS before.
+    pub rms_before_c: f64,
+    /// RMS after.
+    pub rms_after_c: f64,
+    /// Largest before.
+    pub max_before_c: f64,
+    /// Largest after.
+    pub max_after_c: f64,
+    /// Leave-one-out RMS before.
+    pub leave_one_out_before_c: f64,
+    /// Leave-one-out RMS after.
+    pub leave_one_out_after_c: f64,
+}
+
+/// The report of `hrg points`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// Version of the report.
+    pub version: u32,
+    /// By reference, then by axis.
+    pub fits: BTreeMap<String, BTreeMap<String, AxisFits>>,
+    /// What is left over.
+    pub effects: Vec<LeftOver>,
+    /// What to do.
+    pub advice: Vec<String>,
+}
+
+fn scaled(values: &[f64]) -> (Vec<f64>, f64, f64) {
+    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let (centre, half) = (0.5 * (low + high), 0.5 * (high - low));
+    (values.iter().map(|v| (v - centre) / half).collect(), centre, half)
+}
+
+fn rms(values: &[f64]) -> f64 {
+    (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+}
+
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
+}
+
+/// Projection onto what columns leave: residual = M y.
+fn residual_maker(columns: &[Vec<f64>]) -> DMatrix<f64> {
+    let n = columns[0].len();
+    let x = DMatrix::from_fn(n, columns.len(), |i, j| columns[j][i]);
+    let q = x.qr().q();
+    DMatrix::identity(n, n) - &q * q.transpose()
+}
+
+/// Residuals, and residuals of left-out points (the deleted residuals `e / (1 - h)`).
+fn residuals(columns: &[Vec<f64>], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let m = residual_maker(columns);
+    let e = &m * DVector::from_column_slice(y);
+    let left_out = (0..y.len()).map(|k| e[k] / m[(k, k)].max(1e-12)).collect();
+    (e.iter().copied().collect(), left_out)
+}
+
+fn poly_fit(x: &[f64], y: &[f64], degree: usize, to_c: f64) -> Result<PolyFit, BadInput> {
+    let (u, _, _) = scaled(x);
+    let columns = powers(&u, degree);
+    let mean = y.iter().sum::<f64>() / y.len() as f64;
+    let centred: Vec<f64> = y.iter().map(|v| v - mean).collect();
+    let fit = crate::lsq::fit(&columns, &centred, None, &["1", "u", "u^2", "u^3"])?;
+    let (e, left_out) = residuals(&columns, &centred);
+    let e: Vec<f64> = e.iter().map(|v| v * to_c).collect();
+    let left_out: Vec<f64> = left_out.iter().map(|v| v * to_c).collect();
+    let mut coefficients = fit.coefficients;
+    coefficients[0] += mean;
+    Ok(PolyFit {
+        degree,
+        coefficients,
+        rms_c: rms(&e),
+        max_c: largest(&e),
+        leave_one_out_rms_c: rms(&left_out),
+        residuals_c: e,
+    })
+}
+
+fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, BadInput> {
+    let n = temperature_c.len();
+    let hz_per_c = (frequency_hz[n - 1] - frequency_hz[0]) / (temperature_c[n - 1] - temperature_c[0]);
+    let forward_law = crate::laws::fit_forward(temperature_c, frequency_hz, 3)?;
+    let inverse_law = crate::laws::fit_inverse(frequency_hz, temperature_c, None, 3)?;
+    let inverse_f32_c: Vec<f64> = frequency_hz.iter().map(|f| f64::from(inverse_law.temperature_c(*f))).collect();
+    let c = inverse_law.c.map(f64::from);
+    let f32_error_c = frequency_hz
+        .iter()
+        .zip(&inverse_f32_c)
+        .map(|(f, t)| {
+            let u = (f - inverse_law.f0_hz) / f64::from(inverse_law.scale_hz);
+            (((c[3] * u + c[2]) * u + c[1]) * u + c[0] - t).abs()
+        })
+        .fold(0.0, f64::max);
+    let root_c = frequency_hz
+        .iter()
+        .zip(&inverse_f32_c)
+        .map(|(f, guess)| {
+            forward_law.root_c(*f, *guess).ok_or_else(|| BadInput::new(format!("the forward cubic has no root at {f} Hz")))
+        })
+        .collect::<Result<_, _>>()?;
+    let fits = |x: &[f64], y: &[f64], to_c: f64| (1..=3).map(|d| poly_fit(x, y, d, to_c)).collect::<Result<Vec<_>, _>>();
+    Ok(AxisFits {
+        forward: fits(temperature_c, frequency_hz, 1.0 / hz_per_c)?,
+        inverse: fits(frequency_hz, temperature_c, 1.0)?,
+        root_c,
+        inverse_f32_c,
+        f32_error_c,
+        centre_hz: inverse_law.f0_hz,
+        scale_hz: f64::from(inverse_law.scale_hz),
+    })
+}
+
+/// The whole report.
+///
+/// # Errors
+/// Where a fit is not possible.
+pub fn report(p: &Points) -> Result<Report, BadInput> {
+    let mut fits = BTreeMap::new();
+    for reference in ["shell", "chamber"] {
+        let mut axes = BTreeMap::new();
+        for (a, name) in AXIS_NAMES.iter().enumerate() {
+            axes.insert((*name).to_string(), axis_fits(p.temperatures(reference, a), &p.frequency_hz[a])?);
+        }
+        fits.insert(reference.to_string(), axes);
+    }
+    let mut effects = Vec::new();
+    let mut advice = Vec::new();
+    effects.extend(chamber_step(p)?);
+    effects.extend(common_shape(p));
+    for e in &effects {
+        if e.name == "step" {
+            advice.push(
+                "Refer the gyros to their shell sensors, not to the chamber: the step is between chamber and shell, all three gyros and all three shell sensors see it. Check the chamber's sensor (range switch, calibration points) across the step.".into(),
+            );
+        }
+        if e.name == "timebase" {
+            advice.push(
+                "Log the counter's clock against a reference and one independent thermometer beside the gyros: only that parts a shared timebase from a shared thermal state.".into(),
+            );
+        }
+    }
+    Ok(Report { version: 1, fits, effects, advice })
+}
+
+/// Columns of the inverse cubic of an axis.
+fn cubic_columns(p: &Points, a: usize) -> Vec<Vec<f64>> {
+    powers(&scaled(&p.frequency_hz[a]).0, 3)
+}
+
+/// A jump of the reference between two neighbouring soaks, at one place for all three gyros.
+fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
+    let n = p.chamber_c.len();
+    let order: Vec<f64> = p.chamber_c.clone();
+    let with_step = |a: usize, after: usize| {
+        let mut columns = cubic_columns(p, a);
+        columns.push((0..n).map(|k| if order[k] > order[after] { 1.0 } else { 0.0 }).collect());
+        columns
+    };
+    let before: Vec<DMatrix<f64>> = (0..AXES).map(|a| residual_maker(&cubic_columns(p, a))).collect();
+    // The step must leave points on both sides for the cubic to be held down.
+    let places: Vec<usize> = (1..n - 2).collect();
+    let after: Vec<Vec<DMatrix<f64>>> =
+        places.iter().map(|&s| (0..AXES).map(|a| residual_maker(&with_step(a, s))).collect()).collect();
+    let search = |y: &DVector<f64>| {
+        let start: f64 = before.iter().map(|m| (m * y).norm_squared()).sum();
+        let mut best = (f64::INFINITY, 0);
+        for (at, m) in after.iter().enumerate() {
+            let left: f64 = m.iter().map(|m| (m * y).norm_squared()).sum();
+            if left < best.0 {
+                best = (left, at);
+            }
+        }
+        (best.0 / start, best.1)
+    };
+    let (ratio, at) = search(&DVector::from_column_slice(&p.chamber_c));
+    let mut rng = ChaCha8Rng::seed_from_u64(2023);
+    let mut as_good = 0usize;
+    for _ in 0..DRAWS {
+        let y = DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng));
+        as_good += usize::from(search(&y).0 <= ratio);
+    }
+    let chance = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
+    if chance > 0.01 {
+        return Ok(None);
+    }
+    let place = places[at];
+    let mut axes = BTreeMap::new();
+    for (a, name) in AXIS_NAMES.iter().enumerate() {
+        let columns = with_step(a, place);
+        let gain = crate::lsq::fit(&columns, &p.chamber_c, None, &["1", "u", "u^2", "u^3", "step"])?.coefficients[4];
+        let (e0, l0) = residuals(&cubic_columns(p, a), &p.chamber_c);
+        let (e1, l1) = residuals(&columns, &p.chamber_c);
+        axes.insert((*name).to_string(), before_after(gain, &e0, &l0, &e1, &l1));
+    }
+    let (from, to) = (p.chamber_c[place], p.chamber_c[place + 1]);
+    Ok(Some(LeftOver {
+        name: "step".into(),
+        reference: "chamber".into(),
+        finding: format!(
+            "between {from} and {to} C the chamber's temperature jumps against all three gyros, by {:.2} C on the mean",
+            axes.values().map(|b| b.gain).sum::<f64>() / 3.0
+        ),
+        parameters: [("after_chamber_c".to_string(), from), ("before_chamber_c".to_string(), to)].into(),
+        axes,
+        chance_by_luck: chance,
+        statistic: format!(
+            "residual sum of squares of the three cubics, with the best of {} places for a step against none; noise common to the three",
+            places.len()
+        ),
+        indistinguishable_from: vec![],
+    }))
+}
+
+fn before_after(gain: f64, e0: &[f64], l0: &[f64], e1: &[f64], l1: &[f64]) -> BeforeAfter {
+    BeforeAfter {
+        gain,
+        rms_before_c: rms(e0),
+        rms_after_c: rms(e1),
+        max_before_c: largest(e0),
+        max_after_c: largest(e1),
+        leave_one_out_before_c: rms(l0),
+        leave_one_out_after_c: rms(l1),
+    }
+}
+
+/// What the three cubics on the shell leave in common.
+fn common_shape(p: &Points) -> Option<LeftOver> {
+    let n = p.chamber_c.len();
+    let makers: Vec<DMatrix<f64>> = (0..AXES).map(|a| residual_maker(&cubic_columns(p, a))).collect();
+    let mean_correlation = |e: &[DVector<f64>]| {
+        let r = |a: usize, b: usize| e[a].dot(&e[b]) / (e[a].norm() * e[b].norm());
+        (r(0, 1) + r(1, 2) + r(0, 2)) / 3.0
+    };
+    let e: Vec<DVector<f64>> = (0..AXES).map(|a| &makers[a] * DVector::from_column_slice(&p.shell_c[a])).collect();
+    let seen = mean_correlation(&e);
+    let mut rng = ChaCha8Rng::seed_from_u64(2024);
+    let mut as_good = 0usize;
+    for _ in 0..DRAWS {
+        let drawn: Vec<DVector<f64>> =
+            makers.iter().map(|m| m * DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng))).collect();
+        as_good += usize::from(mean_correlation(&drawn) >= seen);
+    }
+    let chance = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
+    if chance > 0.01 {
+        return None;
+    }
+    let mut axes = BTreeMap::new();
+    for (a, name) in AXIS_NAMES.iter().enumerate() {
+        let (b, c) = ((a + 1) % AXES, (a + 2) % AXES);
+        let (e0, l0) = residuals(&cubic_columns(p, a), &p.shell_c[a]);
+        let (eb, lb) = residuals(&cubic_columns(p, b), &p.shell_c[b]);
+        let (ec, lc) = residuals(&cubic_columns(p, c), &p.shell_c[c]);
+        // Predicted from the other two alone, with nothing fitted: their mean.
+        let less = |own: &[f64], x: &[f64], y: &[f64]| -> Vec<f64> {
+            own.iter().zip(x.iter().zip(y)).map(|(o, (x, y))| o - 0.5 * (x + y)).collect()
+        };
+        let shared: Vec<f64> = eb.iter().zip(&ec).map(|(x, y)| 0.5 * (x + y)).collect();
+        axes.insert(
+            (*name).to_string(),
+            before_after(rms(&shared), &e0, &l0, &less(&e0, &eb, &ec), &less(&l0, &lb, &lc)),
+        );
+    }
+    Some(LeftOver {
+        name: "timebase".into(),
+        reference: "shell".into(),
+        finding: format!(
+            "what the three cubics leave has the same shape in all three gyros (mean correlation {seen:.3}); predicted from the other two alone, each gyro's rest shrinks as stated"
+        ),
+        parameters: [("mean_correlation".to_string(), seen)].into(),
+        axes,
+        chance_by_luck: chance,
+        statistic: "mean pairwise correlation of the residuals of three cubics; noise independent on the three".into(),
+        indistinguishable_from: vec!["board".into(), "case-gradient".into()],
+    })
+}

@@ -1,0 +1,571 @@
+//! Recordings: CSV with `#` metadata lines, one power-on each.
+//!
+//! Reading is strict about form (a missing column or text in a number ends with the line and column) and
+//! lenient about content: missing values, gaps, times that repeat or go back, spikes and stuck values are found,
+//! counted, reported in [`Recording::notes`], and taken out; never silently used.
+
+use crate::{BadInput, AXIS_NAMES};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Optional columns that are kept, by name.
+pub const OPTIONAL: [&str; 12] = [
+    "shell_x_c", "shell_y_c", "shell_z_c", "chamber_c", "board_c", "supply_v", "drive_x_v", "drive_y_v", "drive_z_v",
+    "quad_x_v", "quad_y_v", "quad_z_v",
+];
+
+/// Earth rate, deg/h.
+pub const EARTH_RATE_DPH: f64 = 15.041_067;
+
+/// One power-on.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Recording {
+    /// Metadata in order.
+    pub meta: Vec<(String, String)>,
+    /// Time of each row, s; increasing after [`Recording::clean`].
+    pub time_s: Vec<f64>,
+    /// Resonator frequencies, Hz; NaN where missing.
+    pub frequency_hz: [Vec<f64>; 3],
+    /// Rates, deg/h; NaN where missing.
+    pub rate_dph: [Vec<f64>; 3],
+    /// Optional columns that are there, in the order of [`OPTIONAL`]; NaN where missing.
+    pub optional: Vec<(&'static str, Vec<f64>)>,
+    /// What was found on the way: one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl Recording {
+    /// A metadata value.
+    #[must_use]
+    pub fn meta(&self, key: &str) -> Option<&str> {
+        self.meta.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
+    }
+
+    /// An optional column.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.optional.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_slice())
+    }
+
+    /// Name of the unit.
+    #[must_use]
+    pub fn unit(&self) -> &str {
+        self.meta("unit").unwrap_or("unnamed")
+    }
+
+    /// Time of power-on on the recording's own clock, s.
+    #[must_use]
+    pub fn power_on_s(&self) -> f64 {
+        self.meta("power_on_s").and_then(|v| v.trim().parse().ok()).unwrap_or(0.0)
+    }
+
+    /// Whether the rates are corrected ones (a fit refuses them).
+    #[must_use]
+    pub fn corrected(&self) -> bool {
+        self.meta("rates") == Some("corrected")
+    }
+
+    /// Reads and cleans a file.
+    ///
+    /// # Errors
+    /// [`BadInput`] with path, line and column.
+    pub fn load(path: &Path) -> anyhow::Result<Self> {
+        let bytes = std::fs::read(path)
+            .map_err(|e| BadInput::new(format!("cannot read {}: {e}; check the path", path.display())))?;
+        let mut r = Self::parse(&bytes).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        r.clean().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        Ok(r)
+    }
+
+    /// Reads the text of a recording, as it is.
+    ///
+    /// # Errors
+    /// A sentence with line and column.
+    pub fn parse(bytes: &[u8]) -> Result<Self, BadInput> {
+        let bad = |s: String| Err(BadInput(s));
+        let text = match std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)) {
+            Ok(t) => t,
+            Err(e) => {
+                let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+                return bad(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"));
+            }
+        };
+        let mut out = Self::default();
+        let mut header: Option<Vec<Slot>> = None;
+        let mut names: Vec<&str> = Vec::new();
+        let mut missing = [0usize; 7];
+        let mut first_missing = None;
+        let rows_guess = bytes.len() / 80;
+        for (index, line) in text.lines().enumerate() {
+            let line = line.trim_end_matches('\r');
+            let number = index + 1;
+            if let Some(meta) = line.strip_prefix('#') {
+                if let Some((key, value)) = meta.split_once(':') {
+                    out.meta.push((key.trim().to_string(), value.trim().to_string()));
+                }
+                continue;
+            }
+            if line.trim().is_empty() {
+                continue;
+            }
+            let Some(slots) = &header else {
+                names = line.split(',').map(str::trim).collect();
+                header = Some(out.slots(&names, number, rows_guess)?);
+                continue;
+            };
+            let mut filled = 0;
+            for (cell, (slot, name)) in line.split(',').zip(slots.iter().zip(&names)) {
+                filled += 1;
+                if matches!(slot, Slot::Ignored) {
+                    continue;
+                }
+                let cell = cell.trim();
+                let value = if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+                    f64::NAN
+                } else {
+                    match cell.parse::<f64>() {
+                        Ok(v) if v.is_finite() => v,
+                        _ => {
+                            return bad(format!(
+                                "line {number}, column {filled} ({name}): \"{}\" is not a number; mend or empty the cell",
+                                shorten(cell)
+                            ))
+                        }
+                    }
+                };
+                if value.is_nan() {
+                    if let Some(k) = slot.required_index() {
+                        missing[k] += 1;
+                        first_missing.get_or_insert((number, filled, (*name).to_string()));
+                    }
+                }
+                out.push(*slot, value);
+            }
+            if filled != slots.len() || line.split(',').count() != slots.len() {
+                return bad(format!(
+                    "line {number} has {} cells, the header has {}; mend or remove the line",
+                    line.split(',').count(),
+                    slots.len()
+                ));
+            }
+        }
+        if header.is_none() {
+            return bad("the file is empty: there is no header line; a recording begins with time_s,fx_hz,...".into());
+        }
+        if out.time_s.is_empty() {
+            return bad("there is a header but no row of data; record something".into());
+        }
+        if let Some(unit) = out.meta("rate_unit") {
+            if unit != "deg/h" {
+                return bad(format!("rate_unit is {unit}; convert the rates to deg/h and say so"));
+            }
+        }
+        if let Some((line, column, name)) = first_missing {
+            let total: usize = missing.iter().sum();
+            out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
+        }
+        Ok(out)
+    }
+
+    fn slots(&mut self, names: &[&str], line: usize, rows: usize) -> Result<Vec<Slot>, BadInput> {
+        let mut slots = Vec::new();
+        for (k, name) in names.iter().enumerate() {
+            if names[..k].contains(name) {
+                return Err(BadInput(format!("line {line}, column {}: {name} is there twice; remove one", k + 1)));
+            }
+            let axis = AXIS_NAMES.iter().position(|a| name.get(1..2) == Some(a) || name.get(5..6) == Some(a));
+            let slot = if *name == "time_s" {
+                Slot::Time
+            } else if let (Some(a), true) = (axis, name.len() == 5 && name.starts_with('f') && name.ends_with("_hz")) {
+                Slot::Frequency(a)
+            } else if let (Some(a), true) = (axis, name.len() == 10 && name.starts_with("rate_") && name.ends_with("_dph")) {
+                Slot::Rate(a)
+            } else if let Some(known) = OPTIONAL.iter().find(|o| *o == name) {
+                self.optional.push((known, Vec::with_capacity(rows)));
+                Slot::Optional(self.optional.len() - 1)
+            } else {
+                self.notes.push(format!("column {name} is not known and is ignored"));
+                Slot::Ignored
+            };
+            slots.push(slot);
+        }
+        let mut wanted = vec![(Slot::Time, "time_s".to_string())];
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            wanted.push((Slot::Frequency(a), format!("f{n}_hz")));
+            wanted.push((Slot::Rate(a), format!("rate_{n}_dph")));
+        }
+        for (slot, name) in wanted {
+            if !slots.contains(&slot) {
+                return Err(BadInput(format!(
+                    "line {line}: the column {name} is missing; a recording needs time_s, fx_hz, fy_hz, fz_hz, rate_x_dph, rate_y_dph, rate_z_dph"
+                )));
+            }
+        }
+        Ok(slots)
+    }
+
+    fn push(&mut self, slot: Slot, value: f64) {
+        match slot {
+            Slot::Time => self.time_s.push(value),
+            Slot::Frequency(a) => self.frequency_hz[a].push(value),
+            Slot::Rate(a) => self.rate_dph[a].push(value),
+            Slot::Optional(k) => self.optional[k].1.push(value),
+            Slot::Ignored => {}
+        }
+    }
+
+    fn columns_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
+        self.frequency_hz.iter_mut().chain(&mut self.rate_dph).chain(self.optional.iter_mut().map(|(_, v)| v))
+    }
+
+    /// Takes out what cannot be true, and notes it.
+    ///
+    /// # Errors
+    /// Where more than half of the rows would have to go, or fewer than two are left.
+    pub fn clean(&mut self) -> Result<(), BadInput> {
+        let rows = self.time_s.len();
+        // Rows whose time is missing, repeats or goes back.
+        let mut keep = vec![true; rows];
+        let mut last = f64::NEG_INFINITY;
+        let (mut bad_times, mut first_bad) = (0usize, None);
+        let mut ahead = 0usize;
+        for k in 0..rows {
+            let t = self.time_s[k];
+            if t > last {
+                // A single time far ahead of its neighbours would throw all later rows out.
+                let jumps_ahead = k + 1 < rows && self.time_s[k + 1] <= t && self.time_s[k + 1] > last && t - last > 10.0;
+                if jumps_ahead {
+                    ahead += 1;
+                } else {
+                    last = t;
+                    continue;
+                }
+            }
+            keep[k] = false;
+            bad_times += 1;
+            first_bad.get_or_insert(k + 1);
+        }
+        if let Some(first) = first_bad {
+            self.notes.push(format!(
+                "{bad_times} rows have a time that is missing, repeats, goes back or is far ahead ({ahead}), the first is row {first} of the data: left out"
+            ));
+        }
+        if bad_times * 2 > rows || rows - bad_times < 2 {
+            return Err(BadInput(format!(
+                "column time_s: {bad_times} of {rows} rows have a time that does not increase, the first is row {} of the data; one recording is one power-on, in order of time",
+                first_bad.unwrap_or(1)
+            )));
+        }
+        if bad_times > 0 {
+            let mut k = 0;
+            let flags = keep.clone();
+            self.time_s.retain(|_| {
+                k += 1;
+                flags[k - 1]
+            });
+            for column in self.columns_mut() {
+                let mut k = 0;
+                column.retain(|_| {
+                    k += 1;
+                    keep[k - 1]
+                });
+            }
+        }
+        let step = self.step_s();
+        let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
+        if gaps > 0 {
+            let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
+        }
+        let mut counts = Vec::new();
+        for a in 0..3 {
+            let stuck = remove_stuck(&mut self.frequency_hz[a], step);
+            let spikes = remove_spikes(&mut self.frequency_hz[a], 8.0, 5e-4);
+            counts.push((format!("f{}_hz", AXIS_NAMES[a]), stuck, spikes));
+            let stuck = remove_stuck(&mut self.rate_dph[a], step);
+            let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
+            counts.push((format!("rate_{}_dph", AXIS_NAMES[a]), stuck, spikes));
+        }
+        for (name, values) in &mut self.optional {
+            // Coarse sensors stand still for long by nature: spikes only.
+            let spikes = remove_spikes(values, 12.0, 0.01);
+            counts.push(((*name).to_string(), 0, spikes));
+        }
+        for (name, stuck, spikes) in counts {
+            if stuck > 0 {
+                self.notes.push(format!("column {name}: {stuck} values stand still exactly (a stuck value): left out"));
+            }
+            if spikes > 0 {
+                self.notes.push(format!("column {name}: {spikes} spikes: left out"));
+            }
+        }
+        for a in 0..3 {
+            for (name, column) in [("f?_hz", &self.frequency_hz[a]), ("rate_?_dph", &self.rate_dph[a])] {
+                let good = column.iter().filter(|v| v.is_finite()).count();
+                if good * 2 < column.len() {
+                    return Err(BadInput(format!(
+                        "column {}: only {good} of {} values can be used; check that channel",
+                        name.replace('?', AXIS_NAMES[a]),
+                        column.len()
+                    )));
+                }
+            }
+        }
+        self.remove_earth_rate()
+    }
+
+    /// Usual time between rows, s.
+    #[must_use]
+    pub fn step_s(&self) -> f64 {
+        let mut d: Vec<f64> = self.time_s.windows(2).map(|w| w[1] - w[0]).collect();
+        crate::stats::median(&mut d).unwrap_or(1.0)
+    }
+
+    /// Takes the earth-rate components of the stated attitude off the rates, where latitude and axes are given.
+    fn remove_earth_rate(&mut self) -> Result<(), BadInput> {
+        if self.meta("earth_rate") == Some("removed") {
+            return Ok(());
+        }
+        let (Some(latitude), Some(axes)) = (self.meta("latitude_deg"), self.meta("axes")) else { return Ok(()) };
+        let latitude: f64 = latitude
+            .parse()
+            .ok()
+            .filter(|l: &f64| l.abs() <= 90.0)
+            .ok_or_else(|| BadInput(format!("metadata latitude_deg: \"{latitude}\" is not a latitude in degrees")))?;
+        let mut parts = [0.0; 3];
+        for item in axes.split_whitespace() {
+            let (axis, direction) = item
+                .split_once('=')
+                .ok_or_else(|| BadInput(format!("metadata axes: \"{item}\" is not of the form x=north")))?;
+            let Some(a) = AXIS_NAMES.iter().position(|n| *n == axis) else { continue };
+            let (s, c) = latitude.to_radians().sin_cos();
+            parts[a] = EARTH_RATE_DPH
+                * match direction {
+                    "north" => c,
+                    "south" => -c,
+                    "up" => s,
+                    "down" => -s,
+                    "east" | "west" => 0.0,
+                    other => {
+                        return Err(BadInput(format!(
+                            "metadata axes: \"{other}\" is no direction; use north, south, east, west, up or down"
+                        )))
+                    }
+                };
+        }
+        for (column, part) in self.rate_dph.iter_mut().zip(parts) {
+            for v in column {
+                *v -= part;
+            }
+        }
+        self.meta.push(("earth_rate".into(), "removed".into()));
+        Ok(())
+    }
+
+    /// The recording as text.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        let mut s = String::with_capacity(self.time_s.len() * 120);
+        for (k, v) in &self.meta {
+            let _ = writeln!(s, "# {k}: {v}");
+        }
+        s.push_str("time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph");
+        for (name, _) in &self.optional {
+            let _ = write!(s, ",{name}");
+        }
+        s.push('\n');
+        let cell = |s: &mut String, v: f64, digits: usize| {
+            if v.is_finite() {
+                let _ = write!(s, ",{v:.digits$}");
+            } else {
+                s.push(',');
+            }
+        };
+        for k in 0..self.time_s.len() {
+            let _ = write!(s, "{}", self.time_s[k]);
+            for c in &self.frequency_hz {
+                cell(&mut s, c[k], 7);
+            }
+            for c in &self.rate_dph {
+                cell(&mut s, c[k], 5);
+            }
+            for (_, c) in &self.optional {
+                cell(&mut s, c[k], 4);
+            }
+            s.push('\n');
+        }
+        s
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Slot {
+    Time,
+    Frequency(usize),
+    Rate(usize),
+    Optional(usize),
+    Ignored,
+}
+
+impl Slot {
+    fn required_index(self) -> Option<usize> {
+        match self {
+            Self::Time => Some(0),
+            Self::Frequency(a) => Some(1 + a),
+            Self::Rate(a) => Some(4 + a),
+            _ => None,
+        }
+    }
+}
+
+fn shorten(cell: &str) -> String {
+    cell.chars().take(24).collect()
+}
+
+/// Runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. What counts
+/// as long depends on how often this channel repeats by its resolution alone.
+fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
+    let pairs = values.len().saturating_sub(1).max(1);
+    let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
+    // With a share p of natural repeats a run of n has odds p^n; ask for one in 1e9, and for 8 rows at least.
+    let share = (repeats as f64 / pairs as f64).clamp(0.01, 0.999);
+    let natural = (1e-9f64.ln() / share.ln()).ceil();
+    let longest = natural.max(8.0).max(10.0 / step_s.max(1e-3)).min(1e9) as usize;
+    let (mut start, mut removed) = (0, 0);
+    for k in 1..=values.len() {
+        if k < values.len() && values[k] == values[start] {
+            continue;
+        }
+        if k - start > longest {
+            values[start + 1..k].fill(f64::NAN);
+            removed += k - start - 1;
+        }
+        start = k;
+    }
+    removed
+}
+
+/// Hampel filter: values further than `limit` robust deviations from the median of 11 neighbours. Deviations
+/// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK). The first and last five values are left
+/// alone: they have no neighbours on one side.
+fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
+    const HALF: usize = 5;
+    let n = values.len();
+    if n < 2 * HALF + 1 {
+        return 0;
+    }
+    let medians: Vec<f64> = (0..n)
+        .map(|k| {
+            let from = k.saturating_sub(HALF).min(n - 2 * HALF - 1);
+            let mut w = [0.0; 2 * HALF + 1];
+            let mut m = 0;
+            for v in &values[from..=from + 2 * HALF] {
+                if v.is_finite() {
+                    w[m] = *v;
+                    m += 1;
+                }
+            }
+            crate::stats::median(&mut w[..m]).unwrap_or(f64::NAN)
+        })
+        .collect();
+    // One scale for the column, from a sample: the spread of the values about their running median.
+    let stride = (n / 20_000).max(1);
+    let mut off: Vec<f64> =
+        (0..n).step_by(stride).map(|k| (values[k] - medians[k]).abs()).filter(|d| d.is_finite()).collect();
+    let Some(mad) = crate::stats::median(&mut off) else { return 0 };
+    // Quantised columns may have no spread at all at their median: then one step of resolution counts.
+    let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+    let scale = (1.4826 * mad).max(if resolution.is_finite() { resolution } else { 0.0 }).max(harmless);
+    if scale <= 0.0 {
+        return 0;
+    }
+    let mut removed = 0;
+    for k in HALF..n - HALF {
+        if (values[k] - medians[k]).abs() > limit * scale {
+            values[k] = f64::NAN;
+            removed += 1;
+        }
+    }
+    removed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HEAD: &str = "# unit: A\ntime_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph\n";
+
+    fn rows(n: usize) -> String {
+        let mut s = HEAD.to_string();
+        for k in 0..n {
+            let j = (k * 7919 % 101) as f64 * 1e-3;
+            let _ = writeln!(s, "{k},{},{},{},{},{},{}", 4900.0 + j, 4890.0 + j, 4700.0 - j, 1.0 + j, 2.0 - j, 3.0 + j);
+        }
+        s
+    }
+
+    fn error(text: &str) -> String {
+        match Recording::parse(text.as_bytes()) {
+            Err(e) => e.0,
+            Ok(mut r) => r.clean().expect_err("must be refused").0,
+        }
+    }
+
+    #[test]
+    fn each_defect_gets_one_sentence_with_its_place() {
+        assert!(error("").contains("empty"));
+        assert!(error(HEAD).contains("no row"));
+        assert!(error("time_s,fx_hz\n1,2\n").contains("fy_hz is missing"));
+        let text = rows(20).replace("5,4900", "5,hello");
+        assert!(error(&text).starts_with("line 8, column 2 (fx_hz): \"hello"), "{}", error(&text));
+        assert!(error(&(rows(20) + "21,1,2\n")).contains("line 23 has 3 cells"));
+        let mut back = HEAD.to_string();
+        for k in (0..20).rev() {
+            let _ = writeln!(back, "{k},1,2,3,4,5,6");
+        }
+        assert!(error(&back).contains("time_s"));
+        assert!(Recording::parse(b"\xff\xfe\x00").expect_err("not text").0.contains("line 1"));
+        assert!(error(&rows(20).replace("# unit: A", "# rate_unit: rad/s")).contains("deg/h"));
+    }
+
+    #[test]
+    fn dirt_is_counted_and_taken_out() {
+        let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
+        lines[50] = lines[49].clone(); // repeated time
+        lines[100] = "98,4900.01,4890.01,4700,900,2,3".into(); // spike
+        lines[120] = "118,,4890.01,4700,1,2,3".into(); // missing
+        for (k, line) in lines.iter_mut().enumerate().take(250).skip(200) {
+            *line = format!("{},4900.05,4890.05,4699.9,1.5,1.9,3.1", k - 2); // stuck
+        }
+        let mut r = Recording::parse(lines.join("\r\n").as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        let notes = r.notes.join("\n");
+        for word in ["1 values are missing, the first at line 121, column 2 (fx_hz)", "repeats", "spikes", "stuck"] {
+            assert!(notes.contains(word), "{word} not in {notes}");
+        }
+        assert_eq!(r.time_s.len(), 299);
+    }
+
+    #[test]
+    fn there_and_back() {
+        let mut r = Recording::parse(rows(30).as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        let again = Recording::parse(r.to_csv().as_bytes()).expect("readable");
+        assert_eq!(again.frequency_hz, r.frequency_hz);
+        assert_eq!(again.rate_dph, r.rate_dph);
+    }
+
+    #[test]
+    fn earth_rate_of_the_attitude_is_removed_once() {
+        let text = rows(30).replace("# unit: A", "# latitude_deg: 30\n# axes: x=north y=east z=down");
+        let mut r = Recording::parse(text.as_bytes()).expect("readable");
+        let before = [r.rate_dph[0][3], r.rate_dph[1][3], r.rate_dph[2][3]];
+        r.clean().expect("usable");
+        assert!((before[0] - r.rate_dph[0][3] - 13.0259).abs() < 1e-3);
+        assert!((before[1] - r.rate_dph[1][3]).abs() < 1e-9);
+        assert!((before[2] - r.rate_dph[2][3] + 7.5205).abs() < 1e-3);
+        let again = r.rate_dph.clone();
+        r.remove_earth_rate().expect("fine");
+        assert_eq!(again, r.rate_dph);
+    }
+}

@@ -1,0 +1,224 @@
+//! A recording as the unit would have seen it: on the grid of model steps, through the unit's own code.
+
+use crate::recording::Recording;
+use crate::BadInput;
+use hrg_core::bias::Scaling;
+use hrg_core::compensator::{Thermal, Thermometer};
+use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::temperature::TemperatureLaw;
+use hrg_core::{AXES, MODEL_STEP_S};
+
+/// A recording brought to one row per model step (one second).
+///
+/// Faster rows are averaged within their second. Slower rows: frequencies are interpolated between rows no
+/// further than [`BRIDGE_S`] apart, so that the states of the model run on; rates stand only where they were.
+#[derive(Debug, Clone)]
+pub struct Steps {
+    /// Time of the first step on the recording's clock, s.
+    pub start_s: f64,
+    /// Time of power-on on the same clock, s.
+    pub power_on_s: f64,
+    /// Frequencies, Hz; NaN where missing.
+    pub frequency_hz: [Vec<f64>; AXES],
+    /// Rates, deg/h; NaN where missing.
+    pub rate_dph: [Vec<f64>; AXES],
+    /// Shell sensors; empty where not recorded.
+    pub shell_c: [Vec<f32>; AXES],
+    /// Chamber; empty where not recorded.
+    pub chamber_c: Vec<f32>,
+    /// Board; empty where not recorded.
+    pub board_c: Vec<f32>,
+    /// Supply; empty where not recorded.
+    pub supply_v: Vec<f32>,
+    /// Drive; empty where not recorded.
+    pub drive_v: [Vec<f32>; AXES],
+    /// Quadrature; empty where not recorded.
+    pub quad_v: [Vec<f32>; AXES],
+}
+
+/// Rows further apart than this are a gap.
+pub const BRIDGE_S: f64 = 30.0;
+
+impl Steps {
+    /// Brings a cleaned recording to model steps.
+    ///
+    /// # Errors
+    /// Where it is too short to say anything (less than three minutes).
+    pub fn new(r: &Recording) -> Result<Self, BadInput> {
+        let (first, last) = match (r.time_s.first(), r.time_s.last()) {
+            (Some(a), Some(b)) => (*a, *b),
+            _ => return Err(BadInput::new("the recording has no rows")),
+        };
+        let step = f64::from(MODEL_STEP_S);
+        let n = ((last - first) / step).round() as usize + 1;
+        if n < 180 {
+            return Err(BadInput::new(format!(
+                "the recording lasts {:.0} s; a fit needs three minutes at the least, and soaks and ramps of hours",
+                last - first
+            )));
+        }
+        if n > 40_000_000 {
+            return Err(BadInput::new("the recording's times span more than a year; check column time_s"));
+        }
+        let index: Vec<usize> =
+            r.time_s.iter().map(|t| (((t - first) / step).round() as usize).min(n - 1)).collect();
+        let slow = r.step_s() > 1.5 * step;
+        let bin = |values: &[f64]| -> Vec<f64> {
+            let mut sum = vec![0.0; n];
+            let mut count = vec![0u32; n];
+            for (&k, v) in index.iter().zip(values) {
+                if v.is_finite() {
+                    sum[k] += v;
+                    count[k] += 1;
+                }
+            }
+            sum.iter().zip(&count).map(|(s, c)| if *c > 0 { s / f64::from(*c) } else { f64::NAN }).collect()
+        };
+        let held = |name: &str| -> Vec<f32> {
+            r.column(name).map_or_else(Vec::new, |v| {
+                let mut b = bin(v);
+                bridge(&mut b);
+                b.into_iter().map(|x| x as f32).collect()
+            })
+        };
+        let mut frequency_hz = [0, 1, 2].map(|a| bin(&r.frequency_hz[a]));
+        if slow {
+            frequency_hz.iter_mut().for_each(|f| bridge(f));
+        } else {
+            // Single seconds without a frequency (a spike taken out) are bridged as well: a state that held for
+            // a second is no different, but a slope window with a hole is.
+            frequency_hz.iter_mut().for_each(|f| bridge(f));
+        }
+        let axis = |kind: &str, unit: &str| crate::AXIS_NAMES.map(|a| held(&format!("{kind}_{a}_{unit}")));
+        Ok(Self {
+            start_s: first,
+            power_on_s: r.power_on_s(),
+            frequency_hz,
+            rate_dph: [0, 1, 2].map(|a| bin(&r.rate_dph[a])),
+            shell_c: axis("shell", "c"),
+            chamber_c: held("chamber_c"),
+            board_c: held("board_c"),
+            supply_v: held("supply_v"),
+            drive_v: axis("drive", "v"),
+            quad_v: axis("quad", "v"),
+        })
+    }
+
+    /// Number of steps.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.frequency_hz[0].len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
+        [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
+    }
+
+    /// What only the recording has, at a step, for an axis.
+    #[must_use]
+    pub fn recorded(&self, k: usize, a: usize) -> Recorded {
+        let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
+        Recorded {
+            shell_c: [at(&self.shell_c[0]), at(&self.shell_c[1]), at(&self.shell_c[2])],
+            board_c: at(&self.board_c),
+            supply_v: at(&self.supply_v),
+            drive_v: at(&self.drive_v[a]),
+            quad_v: at(&self.quad_v[a]),
+        }
+    }
+}
+
+/// Fills holes of at most [`BRIDGE_S`] by straight lines.
+fn bridge(values: &mut [f64]) {
+    let mut last: Option<usize> = None;
+    for k in 0..values.len() {
+        if !values[k].is_finite() {
+            continue;
+        }
+        if let Some(l) = last {
+            if k - l > 1 && (k - l) as f64 * f64::from(MODEL_STEP_S) <= BRIDGE_S {
+                let (a, b) = (values[l], values[k]);
+                for j in l + 1..k {
+                    values[j] = a + (b - a) * (j - l) as f64 / (k - l) as f64;
+                }
+            }
+        }
+        last = Some(k);
+    }
+}
+
+/// A recording with its temperatures, as the unit computes them.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The recording on the grid.
+    pub steps: Steps,
+    /// The thermal state of every step.
+    pub thermal: Vec<Thermal>,
+}
+
+impl Run {
+    /// Runs the unit's thermometer over the steps.
+    #[must_use]
+    pub fn new(steps: Steps, laws: [TemperatureLaw; AXES]) -> Self {
+        // The thermometer's clock is ahead by one step: time at the end of a step.
+        let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
+        let mut thermometer = Thermometer::new(laws, offset as f32);
+        let thermal = (0..steps.len()).map(|k| thermometer.step(&steps.frequencies(k))).collect();
+        Self { steps, thermal }
+    }
+
+    /// Temperature and its rate of change at a step; `None` while the frequency is lost.
+    #[must_use]
+    pub fn state(&self, k: usize, a: usize) -> Option<(f32, f32)> {
+        let t = &self.thermal[k];
+        t.temperature_c[a].filter(|_| t.age[a] == 0).map(|c| (c, t.rate_c_per_min[a]))
+    }
+
+    /// What an effect may look at.
+    #[must_use]
+    pub fn inputs<'a>(&self, scaling: &'a Scaling, k: usize, a: usize) -> Option<Inputs<'a>> {
+        self.thermal[k].inputs(scaling, a, self.steps.recorded(k, a))
+    }
+
+    /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
+    #[must_use]
+    pub fn effect(&self, id: u16, parameters: &[f32; MAX_PARAMETERS], scaling: &Scaling, a: usize) -> Vec<[f32; MAX_OUTPUTS]> {
+        let mut running = Running::new(id, parameters, MODEL_STEP_S);
+        (0..self.thermal.len())
+            .map(|k| match (self.inputs(scaling, k, a), &mut running) {
+                (Some(i), Some(r)) => r.step(&i),
+                _ => [f32::NAN; MAX_OUTPUTS],
+            })
+            .collect()
+    }
+
+    /// Lowest and highest temperature of an axis.
+    #[must_use]
+    pub fn temperature_range(&self, a: usize) -> (f32, f32) {
+        let mut range = (f32::INFINITY, f32::NEG_INFINITY);
+        for k in 0..self.thermal.len() {
+            if let Some((t, _)) = self.state(k, a) {
+                range = (range.0.min(t), range.1.max(t));
+            }
+        }
+        range
+    }
+
+    /// Lowest and highest rate of change of an axis.
+    #[must_use]
+    pub fn ramp_range(&self, a: usize) -> (f32, f32) {
+        let mut range = (0.0f32, 0.0f32);
+        for k in 0..self.thermal.len() {
+            if let Some((_, r)) = self.state(k, a) {
+                range = (range.0.min(r), range.1.max(r));
+            }
+        }
+        range
+    }
+}

@@ -1,0 +1,131 @@
+//! Small statistics.
+
+/// Median; reorders `values`. `None` if empty.
+pub fn median(values: &mut [f64]) -> Option<f64> {
+    let n = values.len();
+    if n == 0 {
+        return None;
+    }
+    let (_, m, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    Some(*m)
+}
+
+/// Mean of the finite values; NaN if there is none.
+#[must_use]
+pub fn mean(values: &[f64]) -> f64 {
+    let (mut n, mut s) = (0usize, 0.0);
+    for v in values.iter().filter(|v| v.is_finite()) {
+        n += 1;
+        s += v;
+    }
+    if n == 0 {
+        f64::NAN
+    } else {
+        s / n as f64
+    }
+}
+
+/// Standard deviation of the finite values about their mean; 0 for fewer than two.
+#[must_use]
+pub fn std_dev(values: &[f64]) -> f64 {
+    let m = mean(values);
+    let (mut n, mut s) = (0usize, 0.0);
+    for v in values.iter().filter(|v| v.is_finite()) {
+        n += 1;
+        s += (v - m) * (v - m);
+    }
+    if n < 2 {
+        0.0
+    } else {
+        (s / (n - 1) as f64).sqrt()
+    }
+}
+
+/// Means over windows of `length` values; windows with less than half of their values are left out (NaN).
+#[must_use]
+pub fn block_means(values: &[f64], length: usize) -> Vec<f64> {
+    values
+        .chunks(length.max(1))
+        .filter(|c| 2 * c.len() >= length)
+        .map(|c| {
+            let good = c.iter().filter(|v| v.is_finite()).count();
+            if 2 * good >= length {
+                mean(c)
+            } else {
+                f64::NAN
+            }
+        })
+        .collect()
+}
+
+/// The value below which a share `p` of the sorted `values` lies; NaN if empty.
+#[must_use]
+pub fn quantile(values: &[f64], p: f64) -> f64 {
+    let mut v: Vec<f64> = values.iter().copied().filter(|x| x.is_finite()).collect();
+    v.sort_unstable_by(f64::total_cmp);
+    if v.is_empty() {
+        return f64::NAN;
+    }
+    let at = p.clamp(0.0, 1.0) * (v.len() - 1) as f64;
+    let (low, high) = (v[at.floor() as usize], v[at.ceil() as usize]);
+    low + (high - low) * (at - at.floor())
+}
+
+/// Overlapping Allan deviation of rate samples `step_s` apart, at octaves of averaging time: (tau s, deviation).
+/// Missing values are bridged with the mean.
+#[must_use]
+pub fn allan(values: &[f64], step_s: f64) -> Vec<(f64, f64)> {
+    let m = mean(values);
+    let mut angle = Vec::with_capacity(values.len() + 1);
+    let mut sum = 0.0;
+    angle.push(0.0);
+    for v in values {
+        sum += (if v.is_finite() { *v } else { m }) * step_s;
+        angle.push(sum);
+    }
+    let mut out = Vec::new();
+    let mut n = 1;
+    while 3 * n < angle.len() {
+        let tau = n as f64 * step_s;
+        let mut s = 0.0;
+        let count = angle.len() - 2 * n;
+        for k in 0..count {
+            let d = angle[k + 2 * n] - 2.0 * angle[k + n] + angle[k];
+            s += d * d;
+        }
+        out.push((tau, (s / (2.0 * count as f64)).sqrt() / tau));
+        n *= 2;
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn allan_of_white_noise_falls_with_the_root() {
+        let mut x = 1u64;
+        let v: Vec<f64> = (0..40_000)
+            .map(|_| {
+                x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                (x >> 33) as f64 / 2f64.powi(31) - 0.5
+            })
+            .collect();
+        let a = allan(&v, 1.0);
+        let (t0, d0) = a[0];
+        for (t, d) in &a[1..8] {
+            let expected = d0 * (t0 / t).sqrt();
+            assert!((d / expected - 1.0).abs() < 0.1, "{t}: {d} {expected}");
+        }
+    }
+
+    #[test]
+    fn block_means_skip_what_is_missing() {
+        let v = [1.0, 3.0, f64::NAN, f64::NAN, f64::NAN, 5.0, 2.0];
+        let b = block_means(&v, 2);
+        assert_eq!(b[0], 2.0);
+        assert!(b[1].is_nan());
+        assert_eq!(&b[2..], &[5.0, 2.0]);
+    }
+}

@@ -1,0 +1,113 @@
+//! `hrg-board`: the firmware ELF on a virtual board.
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use hrg_board::replay::{self, Options};
+use hrg_cal::recording::Recording;
+use hrg_cal::run::Steps;
+use hrg_cal::{file, AXIS_NAMES, BadInput};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Runs the very ELF that is flashed, on a virtual board.
+#[derive(Parser)]
+#[command(name = "hrg-board", version, about, max_term_width = 100)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Play a recording into the unit and keep what it sends.
+    ///
+    /// Example: hrg-board run --recording run.csv --calibration cal.toml --out corrected.csv --log run.log
+    Run {
+        /// Recording of raw rates.
+        #[arg(long)]
+        recording: PathBuf,
+        /// Calibration, put into the unit's flash. Without it the sector is empty.
+        #[arg(long)]
+        calibration: Option<PathBuf>,
+        /// Where the corrected recording goes.
+        #[arg(long)]
+        out: PathBuf,
+        /// Where the unit's decoded log goes.
+        #[arg(long)]
+        log: Option<PathBuf>,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+        /// RMS jitter of each edge, ns.
+        #[arg(long, default_value_t = 20.0)]
+        jitter_ns: f64,
+        /// Seed of the jitter.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Stop after so many seconds of target time.
+        #[arg(long)]
+        seconds: Option<u64>,
+    },
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse().command) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("hrg-board: {e:#}");
+            ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
+        }
+    }
+}
+
+fn run(command: Command) -> Result<()> {
+    let Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds } = command;
+    let source = Recording::load(&recording)?;
+    for note in &source.notes {
+        eprintln!("{}: {note}", recording.display());
+    }
+    if source.corrected() {
+        return Err(BadInput::new(format!(
+            "{}: the rates are corrected already; play the raw recording",
+            recording.display()
+        ))
+        .into());
+    }
+    let calibration = calibration.map(|p| file::load(&p)).transpose()?;
+    let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+    let steps = Steps::new(&source)?;
+    let options = Options { jitter_s: jitter_ns * 1e-9, seed, seconds, ..Options::default() };
+    let bar = indicatif::ProgressBar::new(1000);
+    bar.set_style(indicatif::ProgressStyle::with_template("running the ELF {bar:40} {percent}% {eta}")?);
+    let outcome = replay::run(&elf, calibration.as_ref(), &steps, &options, |done| bar.set_position((done * 1000.0) as u64))?;
+    bar.finish_and_clear();
+    let rows = outcome.seconds_of_frames();
+    hrg_cal::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;
+    if let Some(log) = log {
+        hrg_cal::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
+    }
+    let (raw, corrected) = replay::three_sigma(&rows);
+    println!("{:<5} {:>14} {:>14}   three sigma of 100 s means [deg/h], from the frames", "axis", "raw", "corrected");
+    for a in 0..3 {
+        println!("{:<5} {:>14.3} {:>14.3}", AXIS_NAMES[a], raw[a], corrected[a]);
+    }
+    let r = &outcome.received;
+    println!(
+        "{} rate frames and {} housekeeping frames, {} differ from hrg-core on the desktop (largest difference {} deg/h)",
+        r.rates.len(),
+        r.housekeeping.len(),
+        r.differing,
+        r.largest_difference_dph
+    );
+    if let Some(d) = &r.first_difference {
+        println!("first difference: {d}");
+    }
+    println!(
+        "{:.0} instructions per second ({:.2} % of 180 MHz), {:.0} times real time, {} watchdog resets",
+        outcome.instructions as f64 / outcome.seconds,
+        outcome.instructions as f64 / outcome.seconds / 1.8e6,
+        outcome.seconds / outcome.wall_s,
+        outcome.watchdog_resets
+    );
+    Ok(())
+}

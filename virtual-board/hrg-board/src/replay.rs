@@ -1,0 +1,215 @@
+//! A whole run of the ELF over a recording.
+
+use crate::twin::Twin;
+use crate::wires::{Received, WireFaults, Wires};
+use anyhow::{Context, Result};
+use hrg_cal::recording::Recording;
+use hrg_cal::run::Steps;
+use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::AXIS_NAMES;
+use hrg_core::calibration::Calibration;
+use hrg_core::rate_path::RateFrame;
+use hrg_core::status::unit;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use virtual_board::rtt::Decoder;
+use virtual_board::{Board, Stop, CPU_HZ};
+
+/// Flash offset of calibration sector A (memory.x).
+pub const CALIBRATION_A: u32 = 0x4_0000;
+
+/// What to run.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// RMS jitter of every edge, s.
+    pub jitter_s: f64,
+    /// Seed of the jitter.
+    pub seed: u64,
+    /// Faults on the wires.
+    pub faults: WireFaults,
+    /// Compare every frame with the desktop.
+    pub compare: bool,
+    /// Stop after this time, s; `None`: the whole recording.
+    pub seconds: Option<u64>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { jitter_s: 20e-9, seed: 1, faults: WireFaults::default(), compare: true, seconds: None }
+    }
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub struct Outcome {
+    /// All that the unit sent.
+    pub received: Received,
+    /// Resets by the watchdog.
+    pub watchdog_resets: usize,
+    /// Simulated seconds.
+    pub seconds: f64,
+    /// Instructions executed.
+    pub instructions: u64,
+    /// Largest stack use is not known here: see the painted stack of the firmware's own tests.
+    pub wall_s: f64,
+}
+
+/// Where the firmware ELF lies after a build.
+#[must_use]
+pub fn default_elf() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf/firmware/firmware")
+}
+
+/// Reads the ELF.
+///
+/// # Errors
+/// Where it has not been built.
+pub fn read_elf(path: &Path) -> Result<Vec<u8>> {
+    std::fs::read(path).with_context(|| format!("cannot read {}; build it with: cargo xtask build", path.display()))
+}
+
+/// Plays `steps` into the ELF with `calibration` in its flash (`None`: an empty sector). `progress` is told the
+/// share that is done.
+///
+/// # Errors
+/// Where the firmware does what the board does not model.
+pub fn run(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, options: &Options, mut progress: impl FnMut(f64)) -> Result<Outcome> {
+    let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
+    let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
+    let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
+    let twin = options.compare.then(|| Twin::new(used, start_status));
+    let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
+        .with_faults(options.faults.clone());
+    let mut board = Board::new(elf, wires)?;
+    if let Some(c) = calibration {
+        let block = c.to_bytes().context("the calibration does not fit a block")?;
+        board.write_flash(CALIBRATION_A, &block)?;
+    }
+    let seconds = options.seconds.unwrap_or(u64::MAX).min(steps.len() as u64);
+    let start = std::time::Instant::now();
+    let mut watchdog_resets = 0;
+    for second in 1..=seconds {
+        while board.run_until(second * CPU_HZ)? == Stop::Watchdog {
+            watchdog_resets += 1;
+        }
+        progress(second as f64 / seconds as f64);
+    }
+    Ok(Outcome {
+        seconds: board.now() as f64 / CPU_HZ as f64,
+        instructions: board.instructions(),
+        received: board.world.received,
+        watchdog_resets,
+        wall_s: start.elapsed().as_secs_f64(),
+    })
+}
+
+/// One second as the unit reported it.
+#[derive(Debug, Clone, Copy)]
+pub struct Second {
+    /// End of the second since power-on, s.
+    pub time_s: f64,
+    /// Frequencies, Hz.
+    pub frequency_hz: [f64; 3],
+    /// Mean raw rate, deg/h, from housekeeping.
+    pub raw_dph: [f64; 3],
+    /// Mean of the corrected rates in the 200 Hz frames, deg/h.
+    pub corrected_dph: [f64; 3],
+    /// Temperatures, C.
+    pub temperature_c: [f32; 3],
+    /// Biases taken off, deg/h.
+    pub bias_dph: [f32; 3],
+    /// Status of the axes and the unit.
+    pub status: [u8; 4],
+}
+
+impl Outcome {
+    /// The run, second by second: corrected rates are means of the frames themselves.
+    #[must_use]
+    pub fn seconds_of_frames(&self) -> Vec<Second> {
+        let mut out = Vec::new();
+        let mut frames = self.received.rates.iter().peekable();
+        for h in &self.received.housekeeping {
+            // The samples of housekeeping `step` ran under the bias of the step before.
+            let before = |f: &RateFrame| f.step.wrapping_add(1) < h.step.wrapping_add(1);
+            let mut sum = [0.0; 3];
+            let mut count = 0.0;
+            let mut bias_step = false;
+            while let Some(f) = frames.peek().copied().filter(|f| f.step == u32::MAX || before(f)) {
+                if f.step.wrapping_add(1) == h.step {
+                    for (s, r) in sum.iter_mut().zip(f.rate_dph) {
+                        *s += f64::from(r);
+                    }
+                    count += 1.0;
+                    bias_step = true;
+                }
+                frames.next();
+            }
+            let _ = bias_step;
+            out.push(Second {
+                time_s: f64::from(h.time_ms) / 1000.0,
+                frequency_hz: h.frequency_hz,
+                raw_dph: h.raw_dph.map(f64::from),
+                corrected_dph: sum.map(|s| if count > 0.0 { s / count } else { f64::NAN }),
+                temperature_c: h.temperature_c,
+                bias_dph: h.bias_dph,
+                status: [h.axis_status[0], h.axis_status[1], h.axis_status[2], h.unit_status],
+            });
+        }
+        out
+    }
+}
+
+/// Three sigma of 100 s means of each axis, deg/h: raw and corrected. The first second, which ran without a bias, is
+/// left out.
+#[must_use]
+pub fn three_sigma(seconds: &[Second]) -> ([f64; 3], [f64; 3]) {
+    let of = |pick: &dyn Fn(&Second) -> f64| {
+        let series: Vec<f64> = seconds.iter().skip(1).map(pick).collect();
+        3.0 * std_dev(&block_means(&series, 100))
+    };
+    ([0, 1, 2].map(|a| of(&|s| s.raw_dph[a])), [0, 1, 2].map(|a| of(&|s| s.corrected_dph[a])))
+}
+
+/// The run as a recording of corrected rates, with raw rates and the rest beside them.
+#[must_use]
+pub fn to_csv(source: &Recording, calibration: Option<&Calibration>, seconds: &[Second]) -> String {
+    let mut s = String::new();
+    let meta = [
+        ("hrg-recording", "1".to_string()),
+        ("unit", source.unit().to_string()),
+        ("run", format!("{} through the ELF on the virtual board", source.meta("run").unwrap_or("run"))),
+        ("rate_unit", "deg/h".to_string()),
+        ("rates", "corrected".to_string()),
+        ("calibration", calibration.map_or("default".to_string(), |c| format!("{:08x}", c.checksum()))),
+        ("power_on_s", "0".to_string()),
+    ];
+    for (k, v) in meta {
+        let _ = writeln!(s, "# {k}: {v}");
+    }
+    s.push_str("time_s");
+    for (before, after) in
+        [("f", "_hz"), ("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
+    {
+        for a in AXIS_NAMES {
+            let _ = write!(s, ",{before}{a}{after}");
+        }
+    }
+    s.push_str(",status_unit\n");
+    for x in seconds {
+        let _ = write!(s, "{}", x.time_s);
+        for f in x.frequency_hz {
+            let _ = write!(s, ",{f}");
+        }
+        for v in x.corrected_dph.iter().chain(&x.raw_dph) {
+            let _ = write!(s, ",{v:.6}");
+        }
+        for v in x.bias_dph.iter().chain(&x.temperature_c) {
+            let _ = write!(s, ",{v}");
+        }
+        for v in x.status {
+            let _ = write!(s, ",{v}");
+        }
+        s.push('\n');
+    }
+    s
+}
