@@ -74,6 +74,18 @@ pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -
     Ok(ForwardLaw { t0_c, scale_c, c })
 }
 
+/// A resonator that has moved less than this, about 10 C, says nothing of its law, Hz.
+const NARROWEST_HZ: f64 = 5.0;
+
+/// Whether a law is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
+fn plausible(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> bool {
+    (0..=20).all(|k| {
+        let f = low_hz + (high_hz - low_hz) * f64::from(k) / 20.0;
+        let ppm_per_c = 1e6 / (f * f64::from(law.slope_c_per_hz(f)));
+        (60.0..150.0).contains(&ppm_per_c)
+    })
+}
+
 /// Longest thermal lag between sensor and resonator that is looked for, s.
 const LONGEST_LAG_S: f64 = 4000.0;
 
@@ -111,7 +123,7 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     for (a, law) in laws.iter_mut().enumerate() {
         let frequencies: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
         let (low, high) = (quantile(&frequencies, 0.0), quantile(&frequencies, 1.0));
-        if !(high - low > 0.5) {
+        if !(high - low > NARROWEST_HZ) {
             return Err(BadInput::new(format!(
                 "column f{}_hz spans {:.3} Hz, about {:.1} C; a calibration needs a run over tens of degrees",
                 crate::AXIS_NAMES[a],
@@ -130,7 +142,14 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             let sensors: Vec<Vec<f32>> = runs.iter().map(sensor).collect();
             let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
             lag_s[a] = least(error, LONGEST_LAG_S);
-            *law = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
+            let fitted = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
+            if !plausible(&fitted, low, high) {
+                return Err(BadInput::new(format!(
+                    "axis {}: the temperature sensor does not follow the resonator's frequency as fused silica does (60 to 150 ppm per C); check that sensor's column, or record a run with longer soaks",
+                    crate::AXIS_NAMES[a]
+                )));
+            }
+            *law = fitted;
         }
         // The range is that of the frequencies seen, in the law's own degrees.
         let ends = [law.temperature_c(low), law.temperature_c(high)];
@@ -169,6 +188,7 @@ fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Resul
     let share = if tau > 0.0 { 1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp() } else { 1.0 };
     let (mut f, mut t) = (Vec::new(), Vec::new());
     for (s, sensor) in runs.iter().zip(sensors) {
+        let settle = (sensor.len() / 8).min(600);
         let mut state = f64::NAN;
         for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
             let x = f64::from(*x);
@@ -176,7 +196,7 @@ fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Resul
                 state = if state.is_nan() { x } else { state + share * (x - state) };
             }
             // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
-            if k % 20 == 0 && k as f64 > 600.0 && state.is_finite() && hz.is_finite() && x.is_finite() {
+            if k % 20 == 0 && k > settle && state.is_finite() && hz.is_finite() && x.is_finite() {
                 f.push(*hz);
                 t.push(state);
             }

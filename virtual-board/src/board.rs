@@ -68,6 +68,8 @@ pub struct Faults {
 }
 
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
+/// What RAM holds at power-on.
+const PAINT: u8 = 0xA5;
 const SLEEP_LIMIT: u64 = CPU_HZ * 10;
 
 /// The board with firmware in its flash.
@@ -79,6 +81,7 @@ pub struct Board<W: World> {
     /// What is on the wires.
     pub world: W,
     rtt: Option<u32>,
+    static_end: u32,
     next_edge: [u64; 3],
     next_sample: u64,
     next_byte: Option<(u64, u8)>,
@@ -110,7 +113,9 @@ impl<W: World> Board<W> {
     pub fn new(elf: &[u8], world: W) -> Result<Self, RunError> {
         let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
         let mut flash_memory = Memory::new(FLASH_START, FLASH_SIZE)?;
-        let ram_memory = Memory::new(RAM_START, RAM_SIZE)?;
+        let mut ram_memory = Memory::new(RAM_START, RAM_SIZE)?;
+        // RAM is not zero at power-on; painted, it shows how far the stack came.
+        ram_memory.write(RAM_START, &vec![PAINT; RAM_SIZE as usize]).ok_or(RunError::Flash(0))?;
         let mut flash = vec![0xFFu8; FLASH_SIZE as usize];
         for segment in file.segments() {
             let data = segment.data().map_err(|e| RunError::Elf(e.to_string()))?;
@@ -124,6 +129,12 @@ impl<W: World> Board<W> {
                 .ok_or_else(|| RunError::Elf(format!("a segment at {address:#010x} is outside the flash")))?
                 .copy_from_slice(data);
         }
+        let static_end = file
+            .segments()
+            .filter(|s| (RAM_START..RAM_START + RAM_SIZE).contains(&(s.address() as u32)))
+            .map(|s| (s.address() + s.size()) as u32)
+            .max()
+            .unwrap_or(RAM_START);
         let rtt = file.symbols().find(|s| s.name() == Ok("_SEGGER_RTT")).map(|s| s.address() as u32);
 
         let mut cpu = uc(Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, Chip::new(CSR_POWER_ON, 0)))?;
@@ -230,6 +241,7 @@ impl<W: World> Board<W> {
             ram: ram_memory,
             world,
             rtt,
+            static_end,
             next_edge: [0; 3],
             next_sample: 0,
             next_byte: None,
@@ -276,6 +288,17 @@ impl<W: World> Board<W> {
         self.get(address, bytes)
     }
 
+    /// Bytes of stack used so far: from the top of RAM down to the lowest byte ever written above the statics.
+    #[must_use]
+    pub fn stack_used(&self) -> u32 {
+        let mut rest = vec![0; (RAM_START + RAM_SIZE - self.static_end) as usize];
+        if self.ram.read(self.static_end, &mut rest).is_none() {
+            return 0;
+        }
+        let untouched = rest.iter().take_while(|b| **b == PAINT).count();
+        (rest.len() - untouched) as u32
+    }
+
     /// Flips one bit of RAM or flash.
     ///
     /// # Errors
@@ -284,7 +307,7 @@ impl<W: World> Board<W> {
         let mut byte = [0];
         self.read_memory(address, &mut byte)?;
         byte[0] ^= 1 << (bit & 7);
-        uc(self.cpu.mem_write(u64::from(address), &byte))
+        self.put(address, &byte)
     }
 
     fn get(&self, address: u32, out: &mut [u8]) -> Result<(), RunError> {

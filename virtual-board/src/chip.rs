@@ -49,10 +49,6 @@ impl Stream {
     fn enabled(&self) -> bool {
         self.cr & 1 != 0
     }
-    /// Bytes per item.
-    pub fn item(&self) -> u32 {
-        1 << (self.cr >> 11 & 3)
-    }
     /// Where the next item goes or comes from in memory.
     pub fn memory(&self) -> u32 {
         if self.cr & (1 << 10) != 0 {
@@ -176,8 +172,6 @@ pub struct Chip {
     pub usart_done: u64,
     /// Memory writes to flash waiting to be judged: address, old bytes.
     pub flash_writes: Vec<(u32, [u8; 4])>,
-    /// Registers touched, for the coverage report.
-    pub touched: std::collections::BTreeMap<u32, u64>,
 }
 
 impl Chip {
@@ -212,7 +206,6 @@ impl Chip {
             spi_done: u64::MAX,
             usart_done: u64::MAX,
             flash_writes: Vec::new(),
-            touched: Default::default(),
         }
     }
 

@@ -62,10 +62,6 @@ impl Syscfg {
         *self.regs.get_mut(word)? = value;
         Some(())
     }
-    /// Port (0 = A) that feeds an EXTI line.
-    pub fn port_of(&self, line: usize) -> usize {
-        (self.regs[2 + line / 4] >> (4 * (line % 4)) & 15) as usize
-    }
 }
 
 /// EXTI: IMR, EMR, RTSR, FTSR, SWIER, PR.

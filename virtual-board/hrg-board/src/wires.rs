@@ -52,7 +52,8 @@ pub struct Wires {
     steps: Steps,
     scale_dph: [f32; 3],
     jitter_s: f64,
-    rng: ChaCha8Rng,
+    /// Jitter of each channel: what happens on one wire does not change another.
+    rng: [ChaCha8Rng; 3],
     /// Next edge of each channel, s, without jitter.
     at: [f64; 3],
     edges: [u64; 3],
@@ -84,7 +85,7 @@ impl Wires {
             steps,
             scale_dph,
             jitter_s,
-            rng: ChaCha8Rng::seed_from_u64(seed),
+            rng: [0, 1, 2].map(|channel| ChaCha8Rng::seed_from_u64(seed.wrapping_mul(3).wrapping_add(channel))),
             // Resonators do not start in step with the clock.
             at: [1e-4, 1.7e-4, 0.6e-4],
             edges: [0; 3],
@@ -156,7 +157,7 @@ impl World for Wires {
             if self.faults.silent_axis.iter().any(|(a, when)| *a == channel && when.contains(&t)) {
                 continue;
             }
-            let jitter: f64 = if self.jitter_s > 0.0 { StandardNormal.sample(&mut self.rng) } else { 0.0 };
+            let jitter: f64 = if self.jitter_s > 0.0 { StandardNormal.sample(&mut self.rng[channel]) } else { 0.0 };
             let edge = ((t + jitter * self.jitter_s) * CPU_HZ as f64) as u64;
             if let Some((a, after)) = self.faults.glitch {
                 if a == channel && self.edges[channel] % 1000 == 0 {

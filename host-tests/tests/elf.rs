@@ -1,0 +1,221 @@
+//! The firmware ELF, as it is flashed, on the virtual board.
+
+use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A};
+use hrg_board::wires::{WireFaults, Wires};
+use hrg_cal::recording::Recording;
+use hrg_cal::run::Steps;
+use hrg_cal::simulate::{Noise, Plan, Profile};
+use hrg_cal::{fit, stats};
+use hrg_core::calibration::Calibration;
+use hrg_core::link::Message;
+use hrg_core::status::{axis, unit};
+use std::path::Path;
+use std::sync::OnceLock;
+use virtual_board::rtt::Decoder;
+use virtual_board::{Board, CPU_HZ};
+
+fn elf() -> Vec<u8> {
+    replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
+}
+
+fn recording() -> Recording {
+    Recording::load(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/simulated-ramp.csv"))).expect("usable")
+}
+
+/// A calibration of the simulated unit that made the recording, from a run of its own.
+fn calibration() -> Calibration {
+    static ONCE: OnceLock<Calibration> = OnceLock::new();
+    ONCE.get_or_init(|| {
+        let plan = Plan {
+            profile: Profile::parse("cycle").expect("named"),
+            effects: vec![],
+            unit_seed: 11,
+            seed: 12,
+            noise: Noise::default(),
+            gains: None,
+        };
+        fit::least_squares(&[plan.simulate().recording], &fit::Options::default()).expect("fits").calibration
+    })
+    .clone()
+}
+
+fn run(calibration: Option<&Calibration>, seconds: u64, faults: WireFaults, compare: bool) -> Outcome {
+    let steps = Steps::new(&recording()).expect("long enough");
+    let options = Options { seconds: Some(seconds), faults, compare, ..Options::default() };
+    replay::run(&elf(), calibration, &steps, &options, |_| {}).expect("the board models all that the firmware does")
+}
+
+#[test]
+fn every_frame_equals_the_desktop_bit_for_bit() {
+    let o = run(Some(&calibration()), 240, WireFaults::default(), true);
+    let r = &o.received;
+    assert!(r.rates.len() > 47_500 && r.housekeeping.len() >= 238, "{} {}", r.rates.len(), r.housekeeping.len());
+    assert_eq!(r.differing, 0, "{:?}", r.first_difference);
+    assert_eq!((r.bad_frames, o.watchdog_resets), (0, 0));
+    let last = r.housekeeping.last().expect("there are");
+    assert_eq!((last.axis_status, last.unit_status), ([0; 3], 0), "nothing to complain of");
+    assert_eq!((last.samples, last.dropped), (1000, 0));
+}
+
+#[test]
+fn the_comparison_can_fail() {
+    // The twin is given another calibration than the unit: every housekeeping must differ.
+    let (mine, mut other) = (calibration(), calibration());
+    other.axes[0].law.c[0] += 1e-3;
+    let steps = Steps::new(&recording()).expect("long enough");
+    let scale = [0, 1, 2].map(|a: usize| mine.axes[a].rate_scale_dph);
+    let twin = hrg_board::twin::Twin::new(other, 0);
+    let mut board = Board::new(&elf(), Wires::new(steps, scale, 20e-9, 1, Some(twin), None)).expect("runs");
+    board.write_flash(CALIBRATION_A, &mine.to_bytes().expect("fits")).expect("in flash");
+    board.run_until(3 * CPU_HZ).expect("runs");
+    assert!(board.world.received.differing > 0);
+}
+
+#[test]
+fn one_second_gates_resolve_ten_microhertz() {
+    // A steady resonator with 20 ns of jitter on every edge; theory says 4.9 uHz.
+    let mut steps = Steps::new(&recording()).expect("long enough");
+    for (f, hz) in steps.frequency_hz.iter_mut().zip([4898.626, 4890.667, 4702.343]) {
+        f.fill(hz);
+    }
+    let options = Options { seconds: Some(64), ..Options::default() };
+    let o = replay::run(&elf(), None, &steps, &options, |_| {}).expect("runs");
+    for (a, hz) in [4898.626, 4890.667, 4702.343].into_iter().enumerate() {
+        let errors: Vec<f64> = o.received.housekeeping.iter().skip(1).map(|h| h.frequency_hz[a] - hz).collect();
+        let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!(rms < 10e-6, "axis {a}: {rms} Hz");
+        assert!(stats::mean(&errors).abs() < 5e-6, "axis {a} is off by {}", stats::mean(&errors));
+    }
+}
+
+#[test]
+fn a_silent_resonator_is_said_and_the_others_do_not_notice() {
+    let c = calibration();
+    let good = run(Some(&c), 60, WireFaults::default(), true);
+    let faults = WireFaults { silent_axis: vec![(1, 20.0..40.0)], ..WireFaults::default() };
+    let bad = run(Some(&c), 60, faults, true);
+    assert_eq!(bad.received.differing, 0, "{:?}", bad.received.first_difference);
+    assert_eq!(bad.watchdog_resets, 0);
+    for (g, b) in good.received.rates.iter().zip(&bad.received.rates) {
+        assert_eq!((g.rate_dph[0].to_bits(), g.rate_dph[2].to_bits()), (b.rate_dph[0].to_bits(), b.rate_dph[2].to_bits()));
+    }
+    let h = |s: usize| bad.received.housekeeping[s];
+    assert_ne!(h(25).axis_status[1] & axis::FREQUENCY_LOST, 0);
+    assert!(h(25).frequency_hz[1].is_nan());
+    assert_eq!(h(25).bias_dph[1], h(19).bias_dph[1], "the last bias is held");
+    assert_ne!(h(38).axis_status[1] & axis::TEMPERATURE_STALE, 0);
+    assert_eq!(h(50).axis_status[1] & (axis::FREQUENCY_LOST | axis::TEMPERATURE_STALE), 0, "it recovers by itself");
+    assert!(bad.received.log.iter().any(|l| l.contains("NaN")), "the log says so");
+}
+
+#[test]
+fn glitches_are_counted_and_harmless() {
+    let c = calibration();
+    let good = run(Some(&c), 20, WireFaults::default(), true);
+    let bad = run(Some(&c), 20, WireFaults { glitch: Some((0, 40e-6)), ..WireFaults::default() }, true);
+    assert_eq!(bad.received.differing, 0, "{:?}", bad.received.first_difference);
+    let (g, b) = (good.received.housekeeping[10], bad.received.housekeeping[10]);
+    assert!((4..=5).contains(&b.rejected[0]), "about one in a thousand of 4900: {}", b.rejected[0]);
+    assert_ne!(b.axis_status[0] & axis::EDGE_ERRORS, 0);
+    assert_eq!(g.frequency_hz[0].to_bits(), b.frequency_hz[0].to_bits(), "the frequency does not move");
+}
+
+#[test]
+fn a_silent_converter_is_said_and_the_unit_runs_on() {
+    let faults = WireFaults { silent_converter: Some(5.0..12.0), ..WireFaults::default() };
+    let o = run(Some(&calibration()), 20, faults, false);
+    assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
+    let silent: Vec<_> = o.received.housekeeping.iter().filter(|h| h.unit_status & unit::CONVERTER_FAULT != 0).collect();
+    assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
+    assert!(silent.iter().all(|h| h.frequency_hz.iter().all(|f| f.is_finite())), "temperatures go on");
+    let after = o.received.rates.iter().find(|r| r.tick > 12 * 90_000_000).expect("rates come back");
+    assert_ne!(after.unit_status & unit::CONVERTER_FAULT, 0, "the first frame after says that samples were lost");
+    assert!(o.received.rates.last().is_some_and(|r| r.unit_status == 0));
+}
+
+#[test]
+fn spoilt_converter_frames_are_refused() {
+    let o = run(Some(&calibration()), 20, WireFaults { spoil_every: Some(100), ..WireFaults::default() }, true);
+    assert_eq!(o.received.differing, 0, "{:?}", o.received.first_difference);
+    let h = o.received.housekeeping[10];
+    assert_eq!((h.samples, h.converter_errors), (990, 10));
+    assert_ne!(h.unit_status & unit::CONVERTER_FAULT, 0);
+}
+
+#[test]
+fn garbage_on_the_link_is_counted_and_commands_still_work() {
+    let byte_time = 10.0 / 921_600.0;
+    let mut t = 2.0;
+    let mut link_in = Vec::new();
+    let mut state = 7u32;
+    for k in 0..3000 {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        link_in.push((t, if k % 50 == 0 { 0 } else { (state >> 24) as u8 }));
+        t += byte_time;
+    }
+    link_in.push((t + byte_time, 0));
+    for (k, b) in Message::Identify.encode().into_iter().chain(Message::SetDivider(10).encode()).enumerate() {
+        link_in.push((4.0 + k as f64 * byte_time, b));
+    }
+    let c = calibration();
+    let o = run(Some(&c), 10, WireFaults { link_in, ..WireFaults::default() }, false);
+    assert_eq!(o.watchdog_resets, 0);
+    let h = o.received.housekeeping.last().expect("there are");
+    assert!(h.link_errors > 30, "{} bad frames counted", h.link_errors);
+    assert!(o.received.housekeeping.iter().any(|h| h.unit_status & unit::LINK_ERRORS != 0));
+    assert!(o.received.log.iter().any(|l| l.contains("status=") && l.contains(",04 ")), "the log says so");
+    let identity = o.received.other.iter().find_map(|m| match m {
+        Message::Identity(i) => Some(*i),
+        _ => None,
+    });
+    assert_eq!(identity.map(|i| i.calibration), Some(c.checksum()));
+    let late: Vec<_> = o.received.rates.iter().filter(|r| r.tick > 8 * 90_000_000).collect();
+    assert!(late.windows(2).all(|w| w[1].sample - w[0].sample == 10), "the divider was set");
+    assert!(o.received.rates.windows(2).all(|w| w[1].sample - w[0].sample <= 10), "no frame was lost");
+}
+
+#[test]
+fn a_broken_block_is_refused_and_the_default_used() {
+    let steps = Steps::new(&recording()).expect("long enough");
+    let mut block = calibration().to_bytes().expect("fits");
+    block[100] ^= 1;
+    let elf = elf();
+    let wires = Wires::new(steps, [hrg_core::calibration::RATE_SCALE_DPH; 3], 0.0, 1, None, Decoder::new(&elf).ok());
+    let mut board = Board::new(&elf, wires).expect("runs");
+    board.write_flash(CALIBRATION_A, &block).expect("in flash");
+    board.run_until(3 * CPU_HZ).expect("runs");
+    let h = board.world.received.housekeeping.last().expect("there are");
+    assert_eq!(h.unit_status, unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED);
+    assert!(h.axis_status.iter().all(|s| s & axis::UNCALIBRATED != 0));
+    assert!(board.world.received.log.iter().any(|l| l.contains("calibration refused: Checksum")));
+}
+
+#[test]
+fn the_newer_of_two_blocks_is_used() {
+    let steps = Steps::new(&recording()).expect("long enough");
+    let (mut a, mut b) = (calibration(), calibration());
+    (a.sequence, b.sequence) = (4, 5);
+    let elf = elf();
+    let mut board = Board::new(&elf, Wires::new(steps, [1.0; 3], 0.0, 1, None, None)).expect("runs");
+    board.write_flash(CALIBRATION_A, &a.to_bytes().expect("fits")).expect("in flash");
+    board.write_flash(0x6_0000, &b.to_bytes().expect("fits")).expect("in flash");
+    board.run_until(3 * CPU_HZ).expect("runs");
+    assert_eq!(board.world.received.housekeeping.last().map(|h| h.calibration), Some(b.checksum()));
+}
+
+#[test]
+fn the_stack_stays_small_and_the_load_low() {
+    let steps = Steps::new(&recording()).expect("long enough");
+    let elf = elf();
+    let mut board = Board::new(&elf, Wires::new(steps, [0.01; 3], 20e-9, 1, None, None)).expect("runs");
+    board.run_until(2 * CPU_HZ).expect("runs");
+    let before = board.instructions();
+    board.run_until(12 * CPU_HZ).expect("runs");
+    let per_second = (board.instructions() - before) / 10;
+    // 1.5 % of 180 MHz. Counted, not timed: the same on every machine.
+    assert!(per_second < 2_700_000, "{per_second} instructions per second");
+    let stack = board.stack_used();
+    // Static RAM is held under its own bound by cargo xtask size; together they stay under 48 KiB.
+    assert!((1000..24 * 1024).contains(&stack), "{stack} bytes of stack");
+    println!("{per_second} instructions per second, {stack} bytes of stack");
+}

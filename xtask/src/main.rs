@@ -1,0 +1,177 @@
+//! `cargo xtask demo`, `cargo xtask test` and the smaller steps that they are made of.
+
+mod elf;
+mod setup;
+
+use setup::Toolchain;
+use std::path::PathBuf;
+use std::process::{Command, ExitCode, Stdio};
+
+/// Why a step failed: a sentence.
+#[derive(Debug)]
+pub struct Failure(pub String);
+
+const USAGE: &str = "cargo xtask COMMAND
+
+  demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
+  test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
+  build             the firmware
+  size              what the firmware takes of flash and RAM
+  flash             put the firmware on a board and show its log (probe-rs)
+  study [ARGS]      the seeded campaign behind docs/trace.md
+  setup             only install what is missing";
+
+/// Bounds of the firmware, bytes.
+const FLASH_BOUND: u64 = 96 * 1024;
+const RAM_BOUND: u64 = 48 * 1024;
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let rest = arguments.get(1..).unwrap_or_default();
+    let result = match arguments.first().map(String::as_str) {
+        Some("demo") => demo(rest),
+        Some("test") => test(),
+        Some("build") => setup::toolchain().and_then(|t| build(&t)),
+        Some("size") => size(),
+        Some("flash") => flash(),
+        Some("study") => tool("hrg-study", rest),
+        Some("setup") => setup::toolchain().and_then(|_| setup::host()),
+        _ => {
+            eprintln!("{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(Failure(why)) => {
+            eprintln!("xtask: {why}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The workspace's top level.
+fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Runs a command at the top level; fails if it does.
+fn run(command: &mut Command) -> Result<(), Failure> {
+    let shown = format!("{command:?}");
+    match command.current_dir(root()).status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(Failure(format!("{shown} ended with {status}"))),
+        Err(e) => Err(Failure(format!("{shown} could not be started: {e}"))),
+    }
+}
+
+/// What a command prints, if it succeeds.
+fn output(command: &mut Command) -> Option<String> {
+    let o = command.stderr(Stdio::null()).output().ok()?;
+    o.status.success().then(|| String::from_utf8_lossy(&o.stdout).into_owned())
+}
+
+fn elf_path() -> PathBuf {
+    root().join("target").join(setup::TARGET).join("firmware/firmware")
+}
+
+fn build(t: &Toolchain) -> Result<(), Failure> {
+    println!("building the firmware");
+    run(t.cargo("build").args(["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"]))
+}
+
+fn cargo(arguments: &[&str]) -> Command {
+    let mut c = Command::new("cargo");
+    c.args(arguments);
+    c
+}
+
+/// Runs a host program in release.
+fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
+    setup::host()?;
+    println!("building {name}");
+    run(&mut cargo(&["build", "--quiet", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))?;
+    run(Command::new(root().join("target/release").join(name)).args(arguments))
+}
+
+fn demo(arguments: &[String]) -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    setup::host()?;
+    build(&t)?;
+    let mut all = vec!["demo".to_string()];
+    all.extend_from_slice(arguments);
+    tool("hrg-board", &all)
+}
+
+fn size() -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    build(&t)?;
+    let bytes = std::fs::read(elf_path()).map_err(|e| Failure(e.to_string()))?;
+    let (flash, ram) = elf::flash_and_ram(&bytes).ok_or_else(|| Failure("the firmware is not an ELF".into()))?;
+    println!("flash {flash} of {FLASH_BOUND} bytes, static RAM {ram} of {RAM_BOUND} bytes");
+    if flash > FLASH_BOUND || ram > RAM_BOUND {
+        return Err(Failure("the firmware is over its bounds".into()));
+    }
+    Ok(())
+}
+
+fn flash() -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    if output(Command::new("probe-rs").arg("--version")).is_none() {
+        return Err(Failure("probe-rs is not installed. Run\n\n    cargo install probe-rs-tools --locked\n\nand then this again".into()));
+    }
+    run(t.cargo("run").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
+}
+
+const HOST_PACKAGES: [&str; 6] = ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "xtask"];
+
+fn test() -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    setup::host()?;
+    let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
+    println!("format");
+    run(&mut cargo(&["fmt", "--all", "--check"]))?;
+    size()?;
+    println!("lints, target");
+    run(t.cargo("clippy").args(["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--", "-D", "warnings"]))?;
+    println!("lints, host");
+    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args(["--", "-D", "warnings"]))?;
+    println!("documentation");
+    run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"]).args(&packages).env("RUSTDOCFLAGS", "-D warnings"))?;
+    println!("tests");
+    tests(&packages)
+}
+
+/// Runs the tests, shows what they print, and ends with the sum of their summaries.
+fn tests(packages: &[&str]) -> Result<(), Failure> {
+    use std::io::{BufRead, BufReader};
+    let mut child = cargo(&["test", "--release", "--locked", "--no-fail-fast"])
+        .args(packages)
+        .current_dir(root())
+        .stdout(Stdio::piped())
+        .spawn()
+        .map_err(|e| Failure(e.to_string()))?;
+    let (mut passed, mut failed) = (0u64, 0u64);
+    if let Some(stdout) = child.stdout.take() {
+        for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+            if let Some(summary) = line.strip_prefix("test result: ") {
+                let count = |word: &str| -> u64 {
+                    summary
+                        .split([';', '.'])
+                        .find_map(|part| part.trim().strip_suffix(word)?.trim().parse().ok())
+                        .unwrap_or(0)
+                };
+                passed += count("passed");
+                failed += count("failed");
+            }
+            println!("{line}");
+        }
+    }
+    let status = child.wait().map_err(|e| Failure(e.to_string()))?;
+    println!("{passed} passed, {failed} failed");
+    if status.success() && failed == 0 && passed > 0 {
+        Ok(())
+    } else {
+        Err(Failure("tests failed".into()))
+    }
+}
