@@ -241,8 +241,9 @@ pub struct Plan {
     pub seed: u64,
     /// How much noise.
     pub noise: Noise,
-    /// Gains of the effects, per effect and axis; `None`: scaled on this run to the sizes wanted.
-    pub gains: Option<Vec<[f64; AXES]>>,
+    /// The profile on which the effects have the sizes wanted. Gains belong to the unit: the same unit, effects and
+    /// sizing have the same gains on any other profile. `None`: the profile `cycle`.
+    pub sizing: Option<Profile>,
 }
 
 /// What the simulator knows and the recording does not tell.
@@ -369,7 +370,7 @@ fn unit_coefficients(unit_seed: u64) -> [[f64; TERMS]; AXES] {
 fn effect_bias(
     spec: &EffectSpec,
     plant: &Plant,
-    recorded: &[Vec<Recorded>; AXES],
+    recorded: &[Recorded],
     scaling: &Scaling,
     a: usize,
     mix: f64,
@@ -394,7 +395,7 @@ fn effect_bias(
                     rate_c_per_min: plant.slope_c_per_min[a][k] as f32,
                     frequency_u: (t[a] - 10.0) / 45.0,
                     time_s: (k + 1) as f32,
-                    recorded: recorded[a][k],
+                    recorded: recorded[k],
                 };
                 running.step(&inputs).iter().take(facts.outputs).zip(weights).map(|(x, w)| f64::from(*x) * w).sum()
             })
@@ -457,7 +458,87 @@ fn left_after_baseline(series: &[f64], plant: &Plant, scaling: &Scaling, a: usiz
         .map_or_else(|_| std_dev(&y), |f| (f.residuals.iter().map(|e| e * e).sum::<f64>() / f.residuals.len() as f64).sqrt())
 }
 
+/// The quantities of a run that only a recording has.
+struct Monitors {
+    board_c: Vec<f64>,
+    supply_v: Vec<f64>,
+    drive_v: [Vec<f64>; AXES],
+    quad_v: [Vec<f64>; AXES],
+    clock_ppm: Vec<f64>,
+}
+
+impl Monitors {
+    /// Each follows temperature and wanders by itself.
+    fn new(plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
+        let n = plant.board_c.len();
+        Self {
+            board_c: plant.board_c.iter().zip(wander(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect(),
+            supply_v: wander(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect(),
+            drive_v: [0, 1, 2].map(|a: usize| {
+                let w = wander(n, 6000.0, rng);
+                (0..n).map(|k| 1.2 + 0.002 * (plant.resonator_c[a][k] - 10.0) + 0.02 * w[k]).collect()
+            }),
+            quad_v: [0, 1, 2].map(|a: usize| {
+                let w = wander(n, 8000.0, rng);
+                (0..n).map(|k| 0.1 - 0.001 * plant.resonator_c[a][k] + 0.03 * w[k]).collect()
+            }),
+            clock_ppm: wander(n, 7000.0, rng),
+        }
+    }
+
+    fn recorded(&self, plant: &Plant, a: usize) -> Vec<Recorded> {
+        (0..plant.board_c.len())
+            .map(|k| Recorded {
+                shell_c: [0, 1, 2].map(|b: usize| plant.shell_c[b][k] as f32),
+                board_c: self.board_c[k] as f32,
+                supply_v: self.supply_v[k] as f32,
+                drive_v: self.drive_v[a][k] as f32,
+                quad_v: self.quad_v[a][k] as f32,
+            })
+            .collect()
+    }
+}
+
 impl Plan {
+    /// Sign and mix of each effect on each axis: they belong to the unit, not to the run.
+    fn signs(&self) -> Vec<[(f64, f64); AXES]> {
+        let mut rng = ChaCha8Rng::seed_from_u64(self.unit_seed.wrapping_add(0xEFFE_C700));
+        self.effects
+            .iter()
+            .map(|_| [0; AXES].map(|_| (if rng.random_bool(0.5) { 1.0 } else { -1.0 }, rng.random_range(-0.8..0.8))))
+            .collect()
+    }
+
+    /// Gains that give the effects their sizes on the sizing profile.
+    fn gains(&self) -> Vec<[f64; AXES]> {
+        if self.effects.is_empty() {
+            return Vec::new();
+        }
+        let reference = Profile { start_c: 20.0, legs: vec![] };
+        let profile = self.sizing.clone().or_else(|| Profile::parse("cycle").ok()).unwrap_or(reference);
+        let plant = Plant::new(&profile.temperatures());
+        let n = plant.board_c.len();
+        let mut rng = ChaCha8Rng::seed_from_u64(self.unit_seed ^ 0x6A1_5000);
+        let monitors = Monitors::new(&plant, &mut rng);
+        let default = Calibration::uncalibrated();
+        let floor = [0; AXES].map(|_| std_dev(&block_means(&rate_noise(n, &self.noise, &mut rng), 100)));
+        self.effects
+            .iter()
+            .zip(self.signs())
+            .map(|(spec, signs)| {
+                [0, 1, 2].map(|a: usize| {
+                    let bias = effect_bias(spec, &plant, &monitors.recorded(&plant, a), &default.scaling, a, signs[a].1);
+                    let left = left_after_baseline(&bias, &plant, &default.scaling, a);
+                    if left > 0.0 {
+                        signs[a].0 * spec.size * floor[a] / left
+                    } else {
+                        0.0
+                    }
+                })
+            })
+            .collect()
+    }
+
     /// Simulates the run.
     #[must_use]
     pub fn simulate(&self) -> Simulated {
@@ -467,38 +548,12 @@ impl Plan {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let default = Calibration::uncalibrated();
         let scaling = &default.scaling;
-
-        // Monitors: each follows temperature and wanders by itself.
-        let board: Vec<f64> = plant.board_c.iter().zip(wander(n, 5000.0, &mut rng)).map(|(b, w)| b + 0.8 * w).collect();
-        let supply: Vec<f64> = wander(n, 4000.0, &mut rng).iter().map(|w| 5.0 + 0.02 * w).collect();
-        let drive = [0, 1, 2].map(|a| -> Vec<f64> {
-            let w = wander(n, 6000.0, &mut rng);
-            (0..n).map(|k| 1.2 + 0.002 * (plant.resonator_c[a][k] - 10.0) + 0.02 * w[k]).collect()
-        });
-        let quad = [0, 1, 2].map(|a| -> Vec<f64> {
-            let w = wander(n, 8000.0, &mut rng);
-            (0..n).map(|k| 0.1 - 0.001 * plant.resonator_c[a][k] + 0.03 * w[k]).collect()
-        });
-        let clock_ppm = wander(n, 7000.0, &mut rng);
+        let monitors = Monitors::new(&plant, &mut rng);
         let has_clock_wander = self.effects.iter().any(|e| e.name == "timebase");
         let quantised: [Vec<f64>; AXES] =
             [0, 1, 2].map(|a| plant.shell_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
-        let recorded = [0, 1, 2].map(|a| -> Vec<Recorded> {
-            (0..n)
-                .map(|k| Recorded {
-                    shell_c: [0, 1, 2].map(|b: usize| plant.shell_c[b][k] as f32),
-                    board_c: board[k] as f32,
-                    supply_v: supply[k] as f32,
-                    drive_v: drive[a][k] as f32,
-                    quad_v: quad[a][k] as f32,
-                })
-                .collect()
-        });
-
         let noise: Vec<Vec<f64>> = (0..AXES).map(|_| rate_noise(n, &self.noise, &mut rng)).collect();
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
-        // Which way each axis feels an effect belongs to the unit, not to the run.
-        let mut unit_rng = ChaCha8Rng::seed_from_u64(self.unit_seed.wrapping_add(0xEFFE_C700));
         let coefficients = unit_coefficients(self.unit_seed);
         let mut rate = [0, 1, 2].map(|a| -> Vec<f64> {
             (0..n)
@@ -508,29 +563,14 @@ impl Plan {
                 })
                 .collect()
         });
-        let mut gains = Vec::new();
-        for (number, spec) in self.effects.iter().enumerate() {
-            let mut effect_gains = [0.0; AXES];
+        let gains = self.gains();
+        for ((spec, signs), gains) in self.effects.iter().zip(self.signs()).zip(&gains) {
             for a in 0..AXES {
-                let mix = unit_rng.random_range(-0.8..0.8);
-                let sign = if unit_rng.random_bool(0.5) { 1.0 } else { -1.0 };
-                let bias = effect_bias(spec, &plant, &recorded, scaling, a, mix);
-                effect_gains[a] = match &self.gains {
-                    Some(g) => g.get(number).map_or(0.0, |g| g[a]),
-                    None => {
-                        let left = left_after_baseline(&bias, &plant, scaling, a);
-                        if left > 0.0 {
-                            sign * spec.size * floor_dph[a] / left
-                        } else {
-                            0.0
-                        }
-                    }
-                };
+                let bias = effect_bias(spec, &plant, &monitors.recorded(&plant, a), scaling, a, signs[a].1);
                 for (r, b) in rate[a].iter_mut().zip(&bias) {
-                    *r += effect_gains[a] * b;
+                    *r += gains[a] * b;
                 }
             }
-            gains.push(effect_gains);
         }
         let raw_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&rate[a], 100)));
         let frequency_hz = [0, 1, 2].map(|a: usize| -> Vec<f64> {
@@ -538,18 +578,18 @@ impl Plan {
             (0..n)
                 .map(|k| {
                     let f = law.frequency_hz(plant.resonator_c[a][k]).unwrap_or(f64::NAN);
-                    let clock = if has_clock_wander { 1.0 + 1e-6 * clock_ppm[k] } else { 1.0 };
+                    let clock = if has_clock_wander { 1.0 + 1e-6 * monitors.clock_ppm[k] } else { 1.0 };
                     f * clock + self.noise.frequency_hz * normal(&mut rng)
                 })
                 .collect()
         });
         let mut optional: Vec<(&'static str, Vec<f64>)> = Vec::new();
         let [qx, qy, qz] = quantised;
-        let [dx, dy, dz] = drive;
-        let [ux, uy, uz] = quad;
+        let [dx, dy, dz] = monitors.drive_v;
+        let [ux, uy, uz] = monitors.quad_v;
         for (name, values) in crate::recording::OPTIONAL
             .into_iter()
-            .zip([qx, qy, qz, chamber, board, supply, dx, dy, dz, ux, uy, uz])
+            .zip([qx, qy, qz, chamber, monitors.board_c, monitors.supply_v, dx, dy, dz, ux, uy, uz])
         {
             optional.push((name, values));
         }
@@ -620,7 +660,7 @@ mod tests {
             unit_seed: 3,
             seed: 5,
             noise: Noise::default(),
-            gains: None,
+            sizing: None,
         }
     }
 

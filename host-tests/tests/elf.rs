@@ -32,7 +32,7 @@ fn calibration() -> Calibration {
             unit_seed: 11,
             seed: 12,
             noise: Noise::default(),
-            gains: None,
+            sizing: None,
         };
         fit::least_squares(&[plan.simulate().recording], &fit::Options::default()).expect("fits").calibration
     })

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile};
-use hrg_cal::{file, fit, points, AXIS_NAMES, BadInput};
+use hrg_cal::{file, fit, points, trace, AXIS_NAMES, BadInput};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -74,6 +74,26 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
+    /// Find what the baseline model lacks, add it, and measure before and after on a run it never saw.
+    ///
+    /// Example: hrg trace --train a.csv --verify b.csv --out report.json --html report.html --calibration cal.toml
+    Trace {
+        /// Recording to learn from. Several may be given.
+        #[arg(long, required = true)]
+        train: Vec<PathBuf>,
+        /// Recording that is only evaluated.
+        #[arg(long)]
+        verify: PathBuf,
+        /// Where the report (JSON) goes.
+        #[arg(long)]
+        out: PathBuf,
+        /// Where the report as a page goes.
+        #[arg(long)]
+        html: Option<PathBuf>,
+        /// Where the extended calibration goes.
+        #[arg(long)]
+        calibration: Option<PathBuf>,
+    },
 }
 
 fn main() -> ExitCode {
@@ -113,7 +133,7 @@ fn run(command: Command) -> Result<()> {
                 unit_seed: unit.unwrap_or(seed),
                 seed,
                 noise: Noise { white_100s_dph: noise, ..Noise::default() },
-                gains: None,
+                sizing: None,
             };
             let mut simulated = plan.simulate();
             if dirty {
@@ -137,6 +157,21 @@ fn run(command: Command) -> Result<()> {
             if let Some(out) = out {
                 hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
             }
+            Ok(())
+        }
+        Command::Trace { train, verify, out, html, calibration } => {
+            let train = train.iter().map(|p| load(p)).collect::<Result<Vec<_>>>()?;
+            let verify = load(&verify)?;
+            let mut t = trace::trace(&train, &verify)?;
+            hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
+            if let Some(path) = html {
+                hrg_cal::write_file(&path, trace::html(&t)?.as_bytes())?;
+            }
+            if let Some(path) = calibration {
+                t.extended.created_unix_s = now();
+                file::save(&path, &t.extended)?;
+            }
+            print_trace(&t.report);
             Ok(())
         }
         Command::Fit { recordings, method: _, two_sets, uniform, out } => {
@@ -167,6 +202,37 @@ fn run(command: Command) -> Result<()> {
 
 fn now() -> u32 {
     std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs() as u32)
+}
+
+fn print_trace(r: &trace::Report) {
+    println!("{:<5} {:>12} {:>12} {:>12} {:>12} {:>12}", "axis", "base/train", "base/verify", "final/train", "final/verify", "noise floor");
+    for n in AXIS_NAMES {
+        println!(
+            "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>12.3}",
+            r.baseline[n].train_rms_dph,
+            r.baseline[n].verify_rms_dph,
+            r.r#final[n].train_rms_dph,
+            r.r#final[n].verify_rms_dph,
+            r.noise_floor_dph[n]
+        );
+    }
+    println!("standard deviation of 100 s means, deg/h");
+    for e in &r.effects {
+        println!();
+        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
+        println!("effect {} {} ({})", e.name, parameters.join(", "), e.reach);
+        for k in &e.rank {
+            println!("  {:<20} {:>6.1} % less cross-validated error, worth {:.1}", k.name, 100.0 * k.gain_in_cv, k.worth);
+        }
+        if !e.indistinguishable_from.is_empty() {
+            println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
+        }
+    }
+    println!();
+    println!("{}", r.verdict);
+    for a in r.advice.iter().chain(&r.notes) {
+        println!("- {a}");
+    }
 }
 
 fn print_points(r: &points::Report) {

@@ -115,7 +115,7 @@ fn lag_share(step_s: f32, tau_s: f32) -> f32 {
 }
 
 /// Facts about one effect of the list.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
     /// Name in reports.
     pub name: &'static str,

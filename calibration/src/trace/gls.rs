@@ -1,0 +1,153 @@
+//! Least squares with coloured noise.
+//!
+//! The noise of a block mean is modelled as first-order autoregressive plus moving average (ARMA(1,1)): white noise,
+//! a slow wander on top of it, and what lies between; flicker is close to one of these over the two decades that a
+//! chamber run spans. Whitening is a recursion that is applied to data and regressors alike; the likelihood then is
+//! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
+//! compared, so that structure can be explained by the model or by the noise, whichever does it better.
+
+use super::data::AxisRows;
+
+/// One noise model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Colour {
+    /// Autoregressive coefficient per block.
+    pub phi: f64,
+    /// Moving-average coefficient; equal to `phi` for white noise.
+    pub theta: f64,
+}
+
+/// The grid: white, then wanders of 20 to 500 blocks with rising share.
+pub const COLOURS: [Colour; 8] = [
+    Colour { phi: 0.0, theta: 0.0 },
+    Colour { phi: 0.95, theta: 0.88 },
+    Colour { phi: 0.95, theta: 0.70 },
+    Colour { phi: 0.99, theta: 0.97 },
+    Colour { phi: 0.99, theta: 0.92 },
+    Colour { phi: 0.99, theta: 0.80 },
+    Colour { phi: 0.998, theta: 0.96 },
+    Colour { phi: 0.99, theta: 0.50 },
+];
+
+impl Colour {
+    /// Factor on the first value of a run, which has no past.
+    fn first(&self) -> f64 {
+        ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
+    }
+
+    /// Whitens a column in place; `starts` are the indices at which a run begins.
+    pub fn whiten(&self, x: &mut [f64], starts: &[usize]) {
+        if self.phi == 0.0 && self.theta == 0.0 {
+            return;
+        }
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let (mut past, mut e) = (0.0, 0.0);
+            for (j, v) in x[from..to].iter_mut().enumerate() {
+                let now = *v;
+                e = if j == 0 { now * self.first() } else { now - self.phi * past + self.theta * e };
+                past = now;
+                *v = e;
+            }
+        }
+    }
+
+    /// Log-likelihood from a whitened residual sum of squares, its variance profiled out.
+    pub fn log_likelihood(&self, rss: f64, n: usize, runs: usize) -> f64 {
+        -0.5 * n as f64 * (rss / n as f64).max(1e-300).ln() + runs as f64 * self.first().ln()
+    }
+}
+
+/// Inner product.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+    // Four sums at once: the compiler may not reorder one.
+    let mut s = [0.0; 4];
+    let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in ca.zip(cb) {
+        for j in 0..4 {
+            s[j] += x[j] * y[j];
+        }
+    }
+    s[0] + s[1] + s[2] + s[3] + rest
+}
+
+/// `x -= f q`.
+pub fn subtract(x: &mut [f64], f: f64, q: &[f64]) {
+    for (x, q) in x.iter_mut().zip(q) {
+        *x -= f * q;
+    }
+}
+
+/// An orthonormal basis that grows.
+#[derive(Debug, Clone, Default)]
+pub struct Basis {
+    /// Orthonormal columns.
+    pub columns: Vec<Vec<f64>>,
+}
+
+impl Basis {
+    /// Takes out of `x` what the basis spans (twice, for rounding).
+    pub fn reduce(&self, x: &mut [f64]) {
+        for _ in 0..2 {
+            for q in &self.columns {
+                let d = dot(q, x);
+                subtract(x, d, q);
+            }
+        }
+    }
+
+    /// Adds a column; `false` where the basis spans it already (to a relative 1e-5).
+    pub fn add(&mut self, mut x: Vec<f64>) -> bool {
+        let before = dot(&x, &x);
+        self.reduce(&mut x);
+        let left = dot(&x, &x);
+        if !(left > 1e-10 * before) || before == 0.0 {
+            return false;
+        }
+        let f = 1.0 / left.sqrt();
+        x.iter_mut().for_each(|v| *v *= f);
+        self.columns.push(x);
+        true
+    }
+}
+
+/// The whitened, baseline-free view of one axis in one colour.
+#[derive(Debug, Clone)]
+pub struct View {
+    /// Which colour.
+    pub colour: Colour,
+    /// Basis of the whitened baseline.
+    pub base: Basis,
+    /// Whitened rates less what the baseline explains.
+    pub y: Vec<f64>,
+}
+
+impl View {
+    /// Whitens an axis and takes the baseline out.
+    pub fn new(rows: &AxisRows, colour: Colour) -> Self {
+        let mut base = Basis::default();
+        for column in &rows.base {
+            let mut c = column.clone();
+            colour.whiten(&mut c, &rows.starts);
+            base.add(c);
+        }
+        let mut y = rows.y.clone();
+        colour.whiten(&mut y, &rows.starts);
+        base.reduce(&mut y);
+        Self { colour, base, y }
+    }
+
+    /// A column seen the same way.
+    pub fn column(&self, rows: &AxisRows, column: &[f64]) -> Vec<f64> {
+        let mut c = column.to_vec();
+        self.colour.whiten(&mut c, &rows.starts);
+        // The norm before the baseline is taken out tells whether anything of it is left.
+        let before = dot(&c, &c);
+        self.base.reduce(&mut c);
+        if dot(&c, &c) < 1e-9 * before {
+            c.fill(0.0);
+        }
+        c
+    }
+}

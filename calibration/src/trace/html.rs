@@ -1,0 +1,212 @@
+//! The report as one self-contained page.
+
+use super::{Report, Trace};
+use crate::plot::{svg, Panel, Series};
+use crate::stats::{allan, block_means};
+use crate::AXIS_NAMES;
+use std::fmt::Write as _;
+
+fn escape(s: &str) -> String {
+    s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// 100 s means of a series, with their times in hours.
+fn against_time(values: &[f64]) -> Vec<(f64, f64)> {
+    block_means(values, 100).iter().enumerate().map(|(k, v)| ((k as f64 + 0.5) / 36.0, *v)).collect()
+}
+
+/// Amplitude spectral density of 100 s means by direct Fourier sums, at 60 frequencies.
+fn spectrum(values: &[f64]) -> Vec<(f64, f64)> {
+    let v: Vec<f64> = block_means(values, 50);
+    let m = crate::stats::mean(&v);
+    let v: Vec<f64> = v.iter().map(|x| if x.is_finite() { x - m } else { 0.0 }).collect();
+    let n = v.len();
+    let (low, high) = (1.0 / n as f64, 0.5);
+    (0..60)
+        .map(|k| {
+            // Averaged over four neighbouring frequencies, so that the line is steady.
+            let f = low * (high / low).powf(f64::from(k) / 59.0);
+            let mut power = 0.0;
+            for j in 0..4 {
+                let g = f * (1.0 + 0.02 * f64::from(j));
+                let (mut re, mut im) = (0.0, 0.0);
+                for (t, x) in v.iter().enumerate() {
+                    let (s, c) = (std::f64::consts::TAU * g * t as f64).sin_cos();
+                    re += c * x;
+                    im += s * x;
+                }
+                power += re * re + im * im;
+            }
+            (f / 50.0 * 1000.0, (power / 4.0 * 2.0 * 50.0 / n as f64).sqrt())
+        })
+        .collect()
+}
+
+fn series(label: &str, points: Vec<(f64, f64)>, colour: usize, dots: bool) -> Series {
+    Series { label: label.into(), points, colour, dots }
+}
+
+fn panel(title: String, x: &str, y: &str, log: bool, series: Vec<Series>) -> Panel {
+    Panel { title, x: x.into(), y: y.into(), log, series }
+}
+
+fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
+    let run = &t.verify;
+    let name = AXIS_NAMES[a];
+    let [before, after] = &t.verify_residuals;
+    let temperature: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
+    let ramp: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.1))).collect();
+    let (mt, mr) = (block_means(&temperature, 100), block_means(&ramp, 100));
+    let pair = |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> {
+        x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect()
+    };
+    let direction = |y: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
+        mr.iter().zip(block_means(y, 100)).filter(|(r, _)| keep(**r)).map(|(r, y)| (*r, y)).collect()
+    };
+    let panels = [
+        panel(
+            format!("{name}: residual against temperature, verify run"),
+            "resonator temperature [C]",
+            "100 s mean [deg/h]",
+            false,
+            vec![series("before", pair(&mt, &before[a]), 0, true), series("after", pair(&mt, &after[a]), 1, true)],
+        ),
+        panel(
+            format!("{name}: residual after, against dT/dt"),
+            "dT/dt [C/min]",
+            "100 s mean [deg/h]",
+            false,
+            vec![
+                series("heating", direction(&after[a], &|r| r > 0.02), 2, true),
+                series("cooling", direction(&after[a], &|r| r < -0.02), 3, true),
+                series("soak", direction(&after[a], &|r| r.abs() <= 0.02), 0, true),
+            ],
+        ),
+        panel(
+            format!("{name}: residual against time, verify run"),
+            "time [h]",
+            "100 s mean [deg/h]",
+            false,
+            vec![series("before", against_time(&before[a]), 0, false), series("after", against_time(&after[a]), 1, false)],
+        ),
+        panel(
+            format!("{name}: spectrum"),
+            "frequency [mHz]",
+            "deg/h per root Hz",
+            true,
+            vec![series("before", spectrum(&before[a]), 0, false), series("after", spectrum(&after[a]), 1, false)],
+        ),
+        panel(
+            format!("{name}: Allan deviation"),
+            "averaging time [s]",
+            "deg/h",
+            true,
+            vec![series("before", allan(&before[a], 1.0), 0, false), series("after", allan(&after[a], 1.0), 1, false)],
+        ),
+        panel(
+            format!("{name}: residual against time, train run"),
+            "time [h]",
+            "100 s mean [deg/h]",
+            false,
+            vec![
+                series("before", against_time(&t.train_residuals[0][0][a]), 0, false),
+                series("after", against_time(&t.train_residuals[1][0][a]), 1, false),
+            ],
+        ),
+    ];
+    svg(&panels, 3, 460, 300)
+}
+
+fn figures(r: &Report) -> String {
+    let mut s = String::from(
+        "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>unit alone, verify</th><th>noise floor</th><th>structure left</th></tr>",
+    );
+    for n in AXIS_NAMES {
+        let (b, f, u) = (r.baseline[n], r.r#final[n], r.unit_alone[n]);
+        let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "no".into() };
+        let _ = write!(
+            s,
+            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td><b>{:.3}</b></td><td>{:.3}</td><td>{:.3}</td><td>{left}</td></tr>",
+            b.train_rms_dph, b.verify_rms_dph, f.train_rms_dph, f.verify_rms_dph, u.verify_rms_dph, r.noise_floor_dph[n]
+        );
+    }
+    s + "</table><p class=small>Standard deviation of 100 s means, deg/h. The verify run was only evaluated, never used to choose.</p>"
+}
+
+fn ranking(r: &Report) -> String {
+    let mut s = String::new();
+    for e in &r.effects {
+        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
+        let _ = write!(
+            s,
+            "<h3>{} <span class=small>{} &middot; chance by luck {:.0e} &middot; {}</span></h3>",
+            escape(&e.name),
+            parameters.join(", "),
+            e.chance_by_luck.max(1e-6),
+            if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
+        );
+        s += "<table><tr><th>axis</th><th>gain</th><th>&plusmn;</th></tr>";
+        for (n, g) in &e.axes {
+            let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td></tr>", g.gain, g.gain_std);
+        }
+        s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>worth (log-likelihood less penalty)</th></tr>";
+        for k in &e.rank {
+            let _ = write!(
+                s,
+                "<tr><td>{}</td><td>{:.1} %</td><td>{:.1}</td></tr>",
+                escape(&k.name),
+                100.0 * k.gain_in_cv,
+                k.worth
+            );
+        }
+        s += "</table>";
+        if !e.indistinguishable_from.is_empty() {
+            let _ = write!(s, "<p>This profile cannot tell it from: {}.</p>", escape(&e.indistinguishable_from.join(", ")));
+        }
+    }
+    if r.effects.is_empty() {
+        s += "<p>No effect is warranted.</p>";
+    }
+    s
+}
+
+/// The page.
+///
+/// # Errors
+/// Where a picture cannot be drawn.
+pub fn html(t: &Trace) -> anyhow::Result<String> {
+    let r = &t.report;
+    let mut s = format!(
+        "<!doctype html><html lang=en><meta charset=utf-8><title>hrg trace: {unit}</title><style>\
+         body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1420px;padding:0 16px;color:#222}}\
+         h1{{font-size:22px}}h2{{font-size:18px;margin-top:28px}}h3{{font-size:16px;margin-bottom:4px}}\
+         table{{border-collapse:collapse;margin:6px 24px 6px 0;display:inline-table;vertical-align:top}}\
+         td,th{{border-bottom:1px solid #ddd;padding:3px 12px;text-align:right}}td:first-child,th:first-child{{text-align:left}}\
+         th{{font-weight:600;background:#f6f6f6}}.small{{color:#666;font-size:13px;font-weight:400}}\
+         .verdict{{background:#eef4fb;border-left:4px solid #1e88e5;padding:10px 16px;font-size:17px}}svg{{max-width:100%;height:auto}}\
+         </style><h1>What the model of {unit} lacks</h1><p class=verdict>{verdict}</p><h2>Before and after</h2>{figures}<h2>Effects</h2>{ranking}",
+        unit = escape(&r.unit),
+        verdict = escape(&r.verdict),
+        figures = figures(r),
+        ranking = ranking(r)
+    );
+    if !r.advice.is_empty() {
+        s += "<h2>Advice</h2><ul>";
+        for a in &r.advice {
+            let _ = write!(s, "<li>{}</li>", escape(a));
+        }
+        s += "</ul>";
+    }
+    if !r.notes.is_empty() {
+        s += "<h2>Notes on the data</h2><ul>";
+        for a in &r.notes {
+            let _ = write!(s, "<li>{}</li>", escape(a));
+        }
+        s += "</ul>";
+    }
+    s += "<h2>Residuals</h2>";
+    for a in 0..3 {
+        s += &pictures(t, a)?;
+    }
+    Ok(s + "</html>\n")
+}

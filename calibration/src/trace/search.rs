@@ -1,0 +1,576 @@
+//! The search: which effects, with which parameters.
+//!
+//! A beam search over models. A model's worth is its log-likelihood with the noise colour refitted, less half a
+//! logarithm of the number of rows for every gain and inner parameter (Schwarz 1978). An effect is added only if it
+//! raises the worth, and by more than the best of the whole library does on surrogates: the whitened residuals,
+//! cut into blocks and shuffled, with the same library searched.
+
+use super::data::{Candidate, Data};
+use super::gls::{dot, subtract, Basis, View, COLOURS};
+use hrg_core::effects::Reach;
+use hrg_core::AXES;
+use rand::seq::SliceRandom;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+
+/// Candidates kept after the first effect, and after later ones.
+const BEAM: [usize; 4] = [4, 3, 2, 2];
+/// Most effects of a model.
+pub const MOST: usize = 4;
+/// Surrogates behind a significance.
+const SURROGATES: usize = 40;
+/// Chance by luck above which an effect is not warranted.
+const LUCK: f64 = 2e-3;
+/// Worth below which nothing is added, whatever the surrogates say.
+const LEAST_WORTH: f64 = 6.0;
+/// Worth above which surrogates need not be asked.
+const PLAIN_WORTH: f64 = 80.0;
+
+/// A model: the baseline and some effects.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// The effects.
+    pub effects: Vec<Candidate>,
+    /// Its worth: log-likelihood less penalty.
+    pub worth: f64,
+    /// Chance by luck of each effect when it was added.
+    pub luck: Vec<f64>,
+    /// Best colour of each axis.
+    pub colours: [usize; AXES],
+}
+
+/// A candidate with its columns in every view.
+struct Seen {
+    candidate: Candidate,
+    /// By axis, then by colour, then by regressor: orthonormal among themselves, free of the baseline.
+    columns: Vec<[Vec<Vec<f64>>; AXES]>,
+}
+
+/// The search on one data set.
+pub struct Search<'a> {
+    data: &'a Data<'a>,
+    views: [Vec<View>; AXES],
+    library: Vec<Seen>,
+    seed: u64,
+}
+
+fn cost(c: &Candidate, rows: f64) -> f64 {
+    let inner = match c.facts.name {
+        // Its range is not searched.
+        "temperature-shape" => 0,
+        "board" => 1,
+        _ => c.facts.parameters.len(),
+    };
+    // A step may happen anywhere: its time counts as two parameters.
+    let inner = inner + usize::from(matches!(c.facts.name, "step" | "periodic"));
+    0.5 * rows.ln() * (AXES * c.facts.outputs + inner) as f64
+}
+
+impl<'a> Search<'a> {
+    /// Prepares the library.
+    pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
+        let views = [0, 1, 2].map(|a| COLOURS.iter().map(|c| View::new(&data.axes[a], *c)).collect::<Vec<_>>());
+        let mut s = Self { data, views, library: Vec::new(), seed };
+        let mut candidates = data.library();
+        candidates.extend(s.spectral_peaks());
+        s.library = candidates.into_iter().filter_map(|c| s.see(c)).collect();
+        s
+    }
+
+    fn see(&self, candidate: Candidate) -> Option<Seen> {
+        let mut columns: Vec<[Vec<Vec<f64>>; AXES]> = (0..COLOURS.len()).map(|_| Default::default()).collect();
+        for a in 0..AXES {
+            let raw = self.data.columns(&candidate, a, false)?;
+            for (s, view) in self.views[a].iter().enumerate() {
+                let mut basis = Basis::default();
+                for c in &raw {
+                    basis.add(view.column(&self.data.axes[a], c));
+                }
+                columns[s][a] = basis.columns;
+            }
+        }
+        Some(Seen { candidate, columns })
+    }
+
+    /// Periods at which the residual's spectrum stands out, taken in the whitest view.
+    fn spectral_peaks(&self) -> Vec<Candidate> {
+        let block = self.data.block_s as f64;
+        let total = f64::from(self.data.longest_s());
+        let (f_low, f_high) = (4.0 / total, 1.0 / (2.5 * block));
+        let n = ((f_high - f_low) * total * 1.5) as usize;
+        if n < 3 {
+            return Vec::new();
+        }
+        let mut power = vec![0.0; n];
+        for a in 0..AXES {
+            let rows = &self.data.axes[a];
+            // A middle colour: slow structure must not drown a line.
+            let view = &self.views[a][4];
+            let variance = dot(&view.y, &view.y) / view.y.len() as f64;
+            for (k, p) in power.iter_mut().enumerate() {
+                let w = std::f64::consts::TAU * (f_low + (f_high - f_low) * k as f64 / n as f64) * block;
+                let (step_s, step_c) = w.sin_cos();
+                let (mut re, mut im) = (0.0, 0.0);
+                let mut at = usize::MAX;
+                let (mut s, mut c) = (0.0, 1.0);
+                for (y, &b) in view.y.iter().zip(&rows.keep) {
+                    if at != usize::MAX && b == at + 1 {
+                        (s, c) = (s * step_c + c * step_s, c * step_c - s * step_s);
+                    } else {
+                        (s, c) = (w * b as f64).sin_cos();
+                    }
+                    at = b;
+                    re += c * y;
+                    im += s * y;
+                }
+                *p += (re * re + im * im) / (view.y.len() as f64 * variance);
+            }
+        }
+        let mut peaks: Vec<usize> = (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
+        peaks.sort_by(|x, y| power[*y].total_cmp(&power[*x]));
+        peaks
+            .into_iter()
+            .take(6)
+            .filter_map(|k| {
+                let f = f_low + (f_high - f_low) * k as f64 / n as f64;
+                Candidate::new("periodic", [(1.0 / f) as f32, 0.0])
+            })
+            .collect()
+    }
+
+    fn rows(&self) -> f64 {
+        self.data.axes.iter().map(|r| r.y.len()).sum::<usize>() as f64 / AXES as f64
+    }
+
+    /// Bases of a model's effects beyond the baseline, by axis and colour.
+    fn bases(&self, effects: &[Seen]) -> Vec<[Basis; AXES]> {
+        (0..COLOURS.len())
+            .map(|s| {
+                [0, 1, 2].map(|a: usize| {
+                    let mut basis = Basis::default();
+                    for e in effects {
+                        for c in &e.columns[s][a] {
+                            basis.add(c.clone());
+                        }
+                    }
+                    basis
+                })
+            })
+            .collect()
+    }
+
+    /// Log-likelihood of each axis with its best colour.
+    fn likelihood(&self, bases: &[[Basis; AXES]]) -> [(f64, usize); AXES] {
+        [0, 1, 2].map(|a: usize| {
+            let mut best = (f64::NEG_INFINITY, 0);
+            for (s, b) in bases.iter().enumerate() {
+                let view = &self.views[a][s];
+                let explained: f64 = b[a].columns.iter().map(|q| dot(q, &view.y).powi(2)).sum();
+                let l = view.colour.log_likelihood(dot(&view.y, &view.y) - explained, view.y.len(), self.data.runs.len());
+                if l > best.0 {
+                    best = (l, s);
+                }
+            }
+            best
+        })
+    }
+
+    fn seen(&self, effects: &[Candidate]) -> Vec<Seen> {
+        effects.iter().filter_map(|c| self.see(*c)).collect()
+    }
+
+    /// The worth of a set of effects.
+    pub fn worth(&self, effects: &[Candidate]) -> (f64, [usize; AXES]) {
+        let l = self.likelihood(&self.bases(&self.seen(effects)));
+        let penalty: f64 = effects.iter().map(|c| cost(c, self.rows())).sum();
+        (l.iter().map(|x| x.0).sum::<f64>() - penalty, l.map(|x| x.1))
+    }
+
+    /// What each candidate of the library would add to a model: (gain in worth, index), best first.
+    fn extensions(&self, effects: &[Candidate]) -> Vec<(f64, usize)> {
+        let bases = self.bases(&self.seen(effects));
+        let before: f64 = self.likelihood(&bases).iter().map(|x| x.0).sum();
+        // Rates with the model taken out, and their sums of squares.
+        let y: Vec<[(Vec<f64>, f64); AXES]> = bases
+            .iter()
+            .enumerate()
+            .map(|(s, b)| {
+                [0, 1, 2].map(|a: usize| {
+                    let mut y = self.views[a][s].y.clone();
+                    b[a].reduce(&mut y);
+                    let rss = dot(&y, &y);
+                    (y, rss)
+                })
+            })
+            .collect();
+        let mut out: Vec<(f64, usize)> = Vec::new();
+        for (number, seen) in self.library.iter().enumerate() {
+            let name = seen.candidate.facts.name;
+            if effects.iter().any(|e| e.facts.name == name && !matches!(name, "step" | "periodic")) {
+                continue;
+            }
+            let mut total = 0.0;
+            for a in 0..AXES {
+                let mut best = f64::NEG_INFINITY;
+                for (s, at) in y.iter().enumerate() {
+                    let view = &self.views[a][s];
+                    let explained = explained(&seen.columns[s][a], &bases[s][a], &at[a].0);
+                    best = best.max(view.colour.log_likelihood(at[a].1 - explained, view.y.len(), self.data.runs.len()));
+                }
+                total += best;
+            }
+            out.push((total - before - cost(&seen.candidate, self.rows()), number));
+        }
+        out.sort_by(|x, y| y.0.total_cmp(&x.0));
+        out
+    }
+
+    /// How likely the best of the library adds `gain` to a model by luck.
+    fn luck(&self, effects: &[Candidate], gain: f64) -> f64 {
+        if gain > PLAIN_WORTH {
+            return 0.0;
+        }
+        let bases = self.bases(&self.seen(effects));
+        let colours = self.likelihood(&bases).map(|x| x.1);
+        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
+        // Candidates with the model taken out, once.
+        let reduced: Vec<(f64, [Vec<Vec<f64>>; AXES])> = self
+            .library
+            .iter()
+            .map(|seen| {
+                let columns = [0, 1, 2].map(|a: usize| {
+                    let mut b = bases[colours[a]][a].clone();
+                    let own = b.columns.len();
+                    for c in &seen.columns[colours[a]][a] {
+                        b.add(c.clone());
+                    }
+                    b.columns.split_off(own)
+                });
+                (cost(&seen.candidate, self.rows()), columns)
+            })
+            .collect();
+        let mut best: Vec<f64> = Vec::with_capacity(SURROGATES);
+        for _ in 0..SURROGATES {
+            let draws = [0, 1, 2].map(|a: usize| {
+                let view = &self.views[a][colours[a]];
+                let mut e = view.y.clone();
+                bases[colours[a]][a].reduce(&mut e);
+                let mut e = shuffled(&e, &mut rng);
+                view.base.reduce(&mut e);
+                bases[colours[a]][a].reduce(&mut e);
+                let rss = dot(&e, &e);
+                (e, rss)
+            });
+            let top = reduced
+                .iter()
+                .map(|(cost, columns)| {
+                    (0..AXES)
+                        .map(|a| {
+                            let (e, rss) = &draws[a];
+                            let explained: f64 = columns[a].iter().map(|q| dot(q, e).powi(2)).sum();
+                            -0.5 * e.len() as f64 * (1.0 - explained / rss).max(1e-9).ln()
+                        })
+                        .sum::<f64>()
+                        - cost
+                })
+                .fold(f64::NEG_INFINITY, f64::max);
+            best.push(top);
+        }
+        // Maxima over many candidates: Gumbel's distribution, by moments.
+        let mean = crate::stats::mean(&best);
+        let scale = (crate::stats::std_dev(&best) * 6f64.sqrt() / std::f64::consts::PI).max(0.3);
+        let z = (gain - (mean - 0.5772 * scale)) / scale;
+        1.0 - (-(-z).exp()).exp()
+    }
+
+    /// Sharpens the inner parameters of one effect of a model.
+    pub fn sharpen(&self, effects: &mut [Candidate], which: usize) {
+        let name = effects[which].facts.name;
+        if effects[which].facts.parameters.is_empty() || matches!(name, "temperature-shape" | "board") {
+            return;
+        }
+        // Everything else stays: its basis once.
+        let others: Vec<Candidate> = effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
+        let bases = self.bases(&self.seen(&others));
+        let worth = |c: &Candidate| -> f64 {
+            let Some(seen) = self.see(*c) else { return f64::NEG_INFINITY };
+            let mut bases = bases.clone();
+            for (s, b) in bases.iter_mut().enumerate() {
+                for a in 0..AXES {
+                    for column in &seen.columns[s][a] {
+                        b[a].add(column.clone());
+                    }
+                }
+            }
+            self.likelihood(&bases).iter().map(|x| x.0).sum()
+        };
+        let start = effects[which];
+        let p = start.parameters[0];
+        // Steps that halve, from half a grid cell: additive for places, multiplicative for times and widths.
+        let multiply = matches!(name, "thermal-lag" | "hysteresis" | "warm-up");
+        let mut step = match name {
+            "kink" => {
+                let (low, high) = self.data.temperature_range();
+                (high - low) * 0.8 / 40.0
+            }
+            "step" => self.data.longest_s() / 160.0,
+            "periodic" => 0.3 * p * p / self.data.longest_s(),
+            _ => 0.16,
+        };
+        let mut best = (worth(&start), p);
+        for _ in 0..6 {
+            for sign in [-1.0, 1.0] {
+                let q = if multiply { best.1 * (1.0 + sign * step) } else { best.1 + sign * step };
+                let mut c = start;
+                c.parameters[0] = q;
+                let w = worth(&c);
+                if q > -200.0 && w > best.0 {
+                    best = (w, q);
+                }
+            }
+            step *= 0.55;
+        }
+        effects[which].parameters[0] = best.1;
+    }
+
+    /// The best model.
+    pub fn run(&self) -> Model {
+        let (worth, colours) = self.worth(&[]);
+        let mut best = Model { effects: vec![], worth, luck: vec![], colours };
+        let mut beam = vec![best.clone()];
+        for depth in 0..MOST {
+            let mut next: Vec<Model> = Vec::new();
+            for model in &beam {
+                let extensions = self.extensions(&model.effects);
+                // The best of each name.
+                let mut names: Vec<&str> = Vec::new();
+                for (gain, number) in extensions {
+                    let candidate = self.library[number].candidate;
+                    let name = candidate.facts.name;
+                    if names.contains(&name) || names.len() >= BEAM[depth] || gain < LEAST_WORTH {
+                        continue;
+                    }
+                    names.push(name);
+                    let mut effects = model.effects.clone();
+                    effects.push(candidate);
+                    let last = effects.len() - 1;
+                    self.sharpen(&mut effects, last);
+                    if last > 0 {
+                        for k in 0..last {
+                            self.sharpen(&mut effects, k);
+                        }
+                        self.sharpen(&mut effects, last);
+                    }
+                    let (worth, colours) = self.worth(&effects);
+                    let gain = worth - model.worth;
+                    if gain < LEAST_WORTH {
+                        continue;
+                    }
+                    let mut luck = model.luck.clone();
+                    luck.push(f64::NAN);
+                    next.push(Model { effects, worth, luck, colours });
+                }
+            }
+            next.sort_by(|x, y| y.worth.total_cmp(&x.worth));
+            next.dedup_by(|x, y| same_names(&x.effects, &y.effects));
+            // Only what is warranted goes on: judged on the model that it extends.
+            let mut kept: Vec<Model> = Vec::new();
+            for mut model in next {
+                if kept.len() >= BEAM[depth] {
+                    break;
+                }
+                let parent = &model.effects[..model.effects.len() - 1];
+                let gain = model.worth - self.worth(parent).0;
+                let luck = self.luck(parent, gain);
+                if luck > LUCK {
+                    continue;
+                }
+                if let Some(last) = model.luck.last_mut() {
+                    *last = luck;
+                }
+                kept.push(model);
+            }
+            let Some(top) = kept.first() else { break };
+            if top.worth > best.worth {
+                best = top.clone();
+            } else {
+                break;
+            }
+            beam = kept;
+        }
+        self.prune(best)
+    }
+
+    /// Takes out effects that another one has made needless.
+    fn prune(&self, mut model: Model) -> Model {
+        let mut k = 0;
+        while model.effects.len() > 1 && k < model.effects.len() {
+            let mut fewer = model.effects.clone();
+            fewer.remove(k);
+            let (worth, colours) = self.worth(&fewer);
+            if worth > model.worth - LEAST_WORTH {
+                model.effects = fewer;
+                model.luck.remove(k);
+                model.worth = worth;
+                model.colours = colours;
+                k = 0;
+            } else {
+                k += 1;
+            }
+        }
+        model
+    }
+
+    /// What could stand in the place of one effect: the best of each name with its worth, best first. The effect
+    /// itself is among them.
+    pub fn instead_of(&self, model: &Model, which: usize) -> Vec<(Candidate, f64)> {
+        let others: Vec<Candidate> =
+            model.effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
+        let base = self.worth(&others).0;
+        let mut out = vec![(model.effects[which], model.worth - base)];
+        for (gain, number) in self.extensions(&others) {
+            let c = self.library[number].candidate;
+            if out.len() >= 5 || out.iter().any(|(o, _)| o.facts.name == c.facts.name) {
+                continue;
+            }
+            let mut effects = others.clone();
+            effects.push(c);
+            let last = effects.len() - 1;
+            if gain > -20.0 {
+                self.sharpen(&mut effects, last);
+            }
+            out.push((effects[last], self.worth(&effects).0 - base));
+        }
+        out.sort_by(|x, y| y.1.total_cmp(&x.1));
+        out
+    }
+
+    /// Gain in cross-validated error of adding `candidate` to `others`, as a share of the error: five folds of
+    /// contiguous blocks, every fifth one, so that an effect that lives in one part of the run is in every
+    /// training set.
+    pub fn cross_validated_gain(&self, others: &[Candidate], candidate: &Candidate, colours: [usize; AXES]) -> f64 {
+        const FOLDS: usize = 5;
+        let (mut without, mut with) = (0.0, 0.0);
+        for a in 0..AXES {
+            let rows = &self.data.axes[a];
+            let view = &self.views[a][colours[a]];
+            let whitened = |c: &[f64]| {
+                let mut c = c.to_vec();
+                view.colour.whiten(&mut c, &rows.starts);
+                c
+            };
+            let mut columns: Vec<Vec<f64>> = rows.base.iter().map(|c| whitened(c)).collect();
+            for e in others {
+                for c in self.data.columns(e, a, false).unwrap_or_default() {
+                    columns.push(whitened(&c));
+                }
+            }
+            let small = columns.len();
+            for c in self.data.columns(candidate, a, false).unwrap_or_default() {
+                columns.push(whitened(&c));
+            }
+            let y = whitened(&rows.y);
+            let variance = dot(&y, &y).max(1e-300);
+            let chunk = (y.len() / 40).max(1);
+            for fold in 0..FOLDS {
+                let held = |k: usize| (k / chunk) % FOLDS == fold;
+                for (count, sum) in [(small, &mut without), (columns.len(), &mut with)] {
+                    *sum += held_out_error(&columns[..count], &y, held) / variance;
+                }
+            }
+        }
+        if without > 0.0 {
+            1.0 - with / without
+        } else {
+            0.0
+        }
+    }
+}
+
+/// Sum of squares that columns explain beyond a basis, of rates that are free of it.
+fn explained(columns: &[Vec<f64>], basis: &Basis, y: &[f64]) -> f64 {
+    if columns.len() == 1 {
+        let c = &columns[0];
+        // y is free of the basis, so c.y is that of the reduced column; its length must be.
+        let cut: f64 = basis.columns.iter().map(|q| dot(q, c).powi(2)).sum();
+        let left = dot(c, c) - cut;
+        return if left > 1e-6 { dot(c, y).powi(2) / left } else { 0.0 };
+    }
+    let mut own = Basis::default();
+    let mut sum = 0.0;
+    for c in columns {
+        let mut x = c.clone();
+        for q in &basis.columns {
+            let d = dot(q, &x);
+            subtract(&mut x, d, q);
+        }
+        let count = own.columns.len();
+        if dot(&x, &x) > 1e-6 && own.add(x) {
+            sum += dot(&own.columns[count], y).powi(2);
+        }
+    }
+    sum
+}
+
+/// Whitened residuals in another order: blocks of twelve, shuffled, each with a random sign.
+fn shuffled(e: &[f64], rng: &mut ChaCha8Rng) -> Vec<f64> {
+    use rand::Rng;
+    let mut blocks: Vec<&[f64]> = e.chunks(12).collect();
+    blocks.shuffle(rng);
+    let mut out = Vec::with_capacity(e.len());
+    for b in blocks {
+        let sign = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
+        out.extend(b.iter().map(|v| sign * v));
+    }
+    out
+}
+
+/// Squared error on the rows held out of a least-squares fit to the others.
+fn held_out_error(columns: &[Vec<f64>], y: &[f64], held: impl Fn(usize) -> bool) -> f64 {
+    use nalgebra::{DMatrix, DVector};
+    let p = columns.len();
+    let scale: Vec<f64> = columns.iter().map(|c| dot(c, c).sqrt().max(1e-300)).collect();
+    let mut normal = DMatrix::<f64>::zeros(p, p);
+    let mut right = DVector::<f64>::zeros(p);
+    let mut row = vec![0.0; p];
+    for k in (0..y.len()).filter(|k| !held(*k)) {
+        for j in 0..p {
+            row[j] = columns[j][k] / scale[j];
+        }
+        for i in 0..p {
+            right[i] += row[i] * y[k];
+            for j in 0..=i {
+                normal[(i, j)] += row[i] * row[j];
+            }
+        }
+    }
+    for i in 0..p {
+        // A whisper of a ridge: a fold may not see what a candidate stands for.
+        normal[(i, i)] += 1e-9;
+        for j in 0..i {
+            normal[(j, i)] = normal[(i, j)];
+        }
+    }
+    let Some(b) = normal.cholesky().map(|c| c.solve(&right)) else { return f64::INFINITY };
+    (0..y.len())
+        .filter(|k| held(*k))
+        .map(|k| {
+            let fitted: f64 = (0..p).map(|j| columns[j][k] / scale[j] * b[j]).sum();
+            (y[k] - fitted).powi(2)
+        })
+        .sum()
+}
+
+fn same_names(a: &[Candidate], b: &[Candidate]) -> bool {
+    let names = |e: &[Candidate]| {
+        let mut n: Vec<&str> = e.iter().map(|c| c.facts.name).collect();
+        n.sort_unstable();
+        n
+    };
+    names(a) == names(b)
+}
+
+/// Whether a unit can take an effect into its block.
+pub fn on_unit(c: &Candidate) -> bool {
+    c.facts.reach == Reach::Unit
+}
