@@ -41,11 +41,24 @@ pub struct Outcome {
     pub notes: Vec<String>,
 }
 
+/// Runs made ready for a fit.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The runs through the unit's thermometer.
+    pub runs: Vec<Run>,
+    /// Laws, scaling and ranges; no bias yet.
+    pub calibration: Calibration,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// Time constant by which each resonator follows its sensor, s (0: not identified).
+    pub lag_s: [f64; AXES],
+}
+
 /// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature laws.
 ///
 /// # Errors
 /// One sentence.
-pub fn prepare(recordings: &[Recording]) -> Result<(Vec<Run>, Calibration, Vec<String>), BadInput> {
+pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
     let mut steps = Vec::new();
     for r in recordings {
@@ -105,7 +118,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<(Vec<Run>, Calibration, Vec<S
     }
     let r_most = calibration.axes.iter().flat_map(|a| a.rate_range_c_per_min).fold(0.0f32, |m, r| m.max(r.abs()));
     calibration.scaling.r_linear = (1.2 * r_most).max(0.1);
-    Ok((runs, calibration, notes))
+    Ok(Prepared { runs, calibration, notes, lag_s })
 }
 
 /// CRC-32 of the data that made a calibration.
@@ -146,7 +159,7 @@ pub fn baseline_columns(run: &Run, scaling: &Scaling, a: usize, two_sets: bool) 
 /// # Errors
 /// One sentence that says what the data lack.
 pub fn least_squares(recordings: &[Recording], options: &Options) -> Result<Outcome, BadInput> {
-    let (runs, mut calibration, mut notes) = prepare(recordings)?;
+    let Prepared { runs, mut calibration, mut notes, .. } = prepare(recordings)?;
     let scaling = calibration.scaling;
     if options.two_sets && notes.iter().any(|n| n.contains("ramp in the data")) {
         return Err(BadInput::new(format!(

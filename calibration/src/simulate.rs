@@ -134,6 +134,7 @@ fn default_parameter(name: &str) -> f64 {
         "warm-up" => 1800.0,
         "step" => 9000.0,
         "periodic" => 900.0,
+        "timebase" => 694.0,
         "outsider-ripple" => 14.0,
         "outsider-bump" => 5.0,
         "outsider-wave-train" => 1500.0,

@@ -44,6 +44,8 @@ pub struct Data<'a> {
     pub runs: &'a [Run],
     /// Centre and scale.
     pub scaling: Scaling,
+    /// Time constant by which the resonators follow their shells, s.
+    pub lag_s: f32,
     /// Seconds in a block.
     pub block_s: usize,
     /// Seconds between the rows on which stateful effects are searched.
@@ -56,7 +58,7 @@ pub struct Data<'a> {
 
 impl<'a> Data<'a> {
     /// Cuts runs into blocks: about 600 in all, of 20 to 100 s.
-    pub fn new(runs: &'a [Run], scaling: Scaling) -> Self {
+    pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
         let total: usize = runs.iter().map(|r| r.steps.len()).sum();
         let coarse_s = (total / 3000).clamp(2, 20);
         let block_s = 5 * coarse_s;
@@ -85,7 +87,7 @@ impl<'a> Data<'a> {
             }
             rows
         });
-        Self { runs, scaling, block_s, coarse_s, blocks, axes }
+        Self { runs, scaling, lag_s: lag_s as f32, block_s, coarse_s, blocks, axes }
     }
 
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not
@@ -155,8 +157,8 @@ impl<'a> Data<'a> {
         self.runs.iter().map(|r| r.steps.len()).max().unwrap_or(0) as f32
     }
 
-    /// The library: every effect with a grid of inner parameters. `periodic` is added later, where a spectrum
-    /// points. `frequency-direct` is left out: as an addition to the baseline it spans what `cubic` spans.
+    /// The library: every effect with a grid of inner parameters. `periodic` and `step` are added later, where a
+    /// spectrum or a jump points. `frequency-direct` is left out: as an addition to the baseline it spans what `cubic` spans.
     pub fn library(&self) -> Vec<Candidate> {
         let (low, high) = self.temperature_range();
         let span = high - low;
@@ -177,7 +179,7 @@ impl<'a> Data<'a> {
             ("case-gradient", vec![0.0]),
             ("warm-up", log(150.0, longest / 3.0, 12)),
             ("aging", vec![0.0]),
-            ("timebase", vec![0.0]),
+            ("timebase", vec![self.lag_s]),
             ("drive-amplitude", vec![0.0]),
             ("quadrature", vec![0.0]),
             ("board", vec![0.0, 1.0]),
@@ -187,15 +189,6 @@ impl<'a> Data<'a> {
             .flat_map(|(name, values)| values.into_iter().filter_map(move |v| Candidate::new(name, [v, 0.0])))
             .collect();
         out.extend(Candidate::new("temperature-shape", [low, high]));
-        for (number, run) in self.runs.iter().enumerate() {
-            let t0 = run.thermal.first().map_or(0.0, |t| t.time_s);
-            let duration = run.steps.len() as f32;
-            let n = 80 / self.runs.len().max(1);
-            // A step in the last or first fiftieth is a step between too few rows.
-            for v in even(t0 + 0.03 * duration, t0 + 0.97 * duration, n.max(12)) {
-                out.extend(Candidate::new("step", [v, 0.0]).map(|c| Candidate { run: Some(number), ..c }));
-            }
-        }
         out
     }
 }

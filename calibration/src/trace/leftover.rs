@@ -52,6 +52,9 @@ pub fn judge(data: &Data<'_>, model: &Model, fitted: &Fitted, after: &[[Vec<f64>
                 left.where_it_lives.push(name.to_string());
             }
         }
+        if model.effects.iter().filter(|e| e.facts.name == "step").count() > 1 {
+            left.where_it_lives.push("in time: the rates jump more than once, so something switches".into());
+        }
         if spread > RATIO * quick {
             left.where_it_lives.push(format!(
                 "in slow changes (100 s means scatter by {:.1} times what neighbours differ by)",

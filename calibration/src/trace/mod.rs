@@ -11,7 +11,7 @@ pub mod search;
 
 pub use html::html;
 
-use crate::fit::{self, prepare, MEAN_S};
+use crate::fit::{self, prepare, Prepared, MEAN_S};
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
 use crate::stats::{block_means, std_dev};
@@ -236,7 +236,7 @@ fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> f64 {
 /// # Errors
 /// One sentence: recordings that cannot be used, or a run that cannot hold the baseline down.
 pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput> {
-    let (runs, mut calibration, mut notes) = prepare(train)?;
+    let Prepared { runs, mut calibration, mut notes, lag_s } = prepare(train)?;
     if verify.corrected() {
         return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
     }
@@ -250,7 +250,7 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
     let scaling = calibration.scaling;
     calibration.sequence = 1;
 
-    let data = Data::new(&runs, scaling);
+    let data = Data::new(&runs, scaling, lag_s.iter().sum::<f64>() / AXES as f64);
     if let Some(a) = (0..AXES).find(|&a| data.axes[a].y.len() < 40) {
         return Err(BadInput::new(format!(
             "axis {}: only {} usable means in the train runs; record some hours",

@@ -57,7 +57,7 @@ pub struct Search<'a> {
 fn cost(c: &Candidate, rows: f64) -> f64 {
     let inner = match c.facts.name {
         // Its range is not searched.
-        "temperature-shape" => 0,
+        "temperature-shape" | "timebase" => 0,
         "board" => 1,
         _ => c.facts.parameters.len(),
     };
@@ -73,6 +73,7 @@ impl<'a> Search<'a> {
         let mut s = Self { data, views, library: Vec::new(), seed };
         let mut candidates = data.library();
         candidates.extend(s.spectral_peaks());
+        candidates.extend(s.jumps());
         s.library = candidates.into_iter().filter_map(|c| s.see(c)).collect();
         s
     }
@@ -136,6 +137,73 @@ impl<'a> Search<'a> {
                 Candidate::new("periodic", [(1.0 / f) as f32, 0.0])
             })
             .collect()
+    }
+
+    /// Times at which the rates seem to jump: every block boundary is tried as a step, in three colours, and the
+    /// best of each colour are kept. (A step that is placed some blocks off explains almost nothing.)
+    fn jumps(&self) -> Vec<Candidate> {
+        let mut out: Vec<Candidate> = Vec::new();
+        let mut first_block = 0;
+        for (number, run) in self.data.runs.iter().enumerate() {
+            let blocks = self.data.blocks[number];
+            let margin = (blocks / 30).max(2);
+            for s in [0, 4, 6] {
+                let mut score = vec![0.0; blocks];
+                for a in 0..AXES {
+                    let rows = &self.data.axes[a];
+                    let view = &self.views[a][s];
+                    let n = view.y.len();
+                    let variance = dot(&view.y, &view.y) / n as f64;
+                    let to = rows.starts.get(number + 1).copied().unwrap_or(n);
+                    let from = rows.starts[number];
+                    // A whitened step is the response h from its place on. Its product with the rates, and with
+                    // each column of the baseline, for all places at once: the recursion run backwards.
+                    let response = |x: &[f64]| -> Vec<f64> {
+                        let (mut back, mut sum) = (0.0, 0.0);
+                        let mut out = vec![0.0; to - from];
+                        for k in (from..to).rev() {
+                            // Adjoint of e_t = x_t - phi x_(t-1) + theta e_(t-1), then of the step's running sum.
+                            let adjoint = x[k] + view.colour.theta * back;
+                            sum += adjoint - view.colour.phi * back;
+                            back = adjoint;
+                            out[k - from] = sum;
+                        }
+                        out
+                    };
+                    let product = response(&view.y);
+                    let cuts: Vec<Vec<f64>> = view.base.columns.iter().map(|q| response(q)).collect();
+                    // Length of the response from each place to the end.
+                    let mut h = vec![1.0; to - from];
+                    let mut e = 0.0;
+                    for (k, v) in h.iter_mut().enumerate() {
+                        e = if k == 0 { 1.0 } else { 1.0 - view.colour.phi + view.colour.theta * e };
+                        *v = e;
+                    }
+                    let mut length = vec![0.0; to - from + 1];
+                    for k in 0..to - from {
+                        length[k + 1] = length[k] + h[k] * h[k];
+                    }
+                    for k in 0..to - from {
+                        let whole = length[to - from - k];
+                        let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
+                        let block = rows.keep[from + k] - first_block;
+                        if left > 1e-3 * whole && block < blocks {
+                            score[block] += product[k] * product[k] / (left * variance);
+                        }
+                    }
+                }
+                let mut best: Vec<usize> = (margin..blocks.saturating_sub(margin))
+                    .filter(|&k| score[k] >= score[k - 1] && score[k] >= score[k + 1])
+                    .collect();
+                best.sort_by(|x, y| score[*y].total_cmp(&score[*x]));
+                for k in best.into_iter().take(6) {
+                    let t = run.thermal[k * self.data.block_s].time_s;
+                    out.extend(Candidate::new("step", [t, 0.0]).map(|c| Candidate { run: Some(number), ..c }));
+                }
+            }
+            first_block += blocks;
+        }
+        out
     }
 
     fn rows(&self) -> f64 {
@@ -286,7 +354,7 @@ impl<'a> Search<'a> {
     /// Sharpens the inner parameters of one effect of a model.
     pub fn sharpen(&self, effects: &mut [Candidate], which: usize) {
         let name = effects[which].facts.name;
-        if effects[which].facts.parameters.is_empty() || matches!(name, "temperature-shape" | "board") {
+        if effects[which].facts.parameters.is_empty() || matches!(name, "temperature-shape" | "board" | "timebase") {
             return;
         }
         // Everything else stays: its basis once.
@@ -313,7 +381,7 @@ impl<'a> Search<'a> {
                 let (low, high) = self.data.temperature_range();
                 (high - low) * 0.8 / 40.0
             }
-            "step" => self.data.longest_s() / 160.0,
+            "step" => self.data.block_s as f32,
             "periodic" => 0.3 * p * p / self.data.longest_s(),
             _ => 0.16,
         };

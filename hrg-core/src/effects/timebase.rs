@@ -1,34 +1,49 @@
-//! `timebase`: what is common to all three frequencies in fractional terms and is not temperature: the mean
-//! over the axes of resonator less shell temperature, in ppm of frequency. A clock that wanders shifts all
-//! three resonators alike. Needs the shell sensors. Stateless.
+//! `timebase`: what is common to all three frequencies in fractional terms and is not temperature, in ppm: the mean
+//! over the axes of resonator temperature less that of the shell behind its thermal lag. A clock that wanders
+//! shifts all three resonators alike. Needs the shell sensors. State: the three lagged shell temperatures,
+//! starting in equilibrium. Source: dong2023 Table 1, whose residuals are alike in all three gyros.
+//!
+//! The lag matters: a resonator is some 11 C behind its shell on a ramp of 1 C per minute, a thousand times what a
+//! clock that wanders by 0.1 ppm does.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::AXES;
 
 /// Fractional frequency change of a fused-silica resonator, ppm per C: dong2023 Table 1, 42.3 Hz of 4901 Hz
 /// over 89.5 C.
 const PPM_PER_C: f32 = 96.4;
 
-/// Common fractional deviation of the three frequencies from the shell temperatures; ppm.
+/// Common fractional deviation of the three frequencies from the lagged shell temperatures; ppm.
 #[derive(Debug, Clone)]
-pub struct Timebase;
+pub struct Timebase {
+    share: f32,
+    shell_c: [f32; AXES],
+}
 
 impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
-    const PARAMETERS: &'static [&'static str] = &[];
+    const PARAMETERS: &'static [&'static str] = &["lag_s"];
     const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::NeedsInput("shell_c");
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self
+    fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+        Self { share: lag_share(step_s, parameters[0]), shell_c: [f32::NAN; AXES] }
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
         let mut sum = 0.0;
         for axis in 0..AXES {
-            sum += inputs.temperature_c[axis] - inputs.recorded.shell_c[axis];
+            let now = inputs.recorded.shell_c[axis];
+            let state = &mut self.shell_c[axis];
+            if state.is_nan() {
+                *state = now;
+            }
+            if !now.is_nan() {
+                *state += self.share * (now - *state);
+            }
+            sum += inputs.temperature_c[axis] - *state;
         }
         one(sum * (PPM_PER_C / AXES as f32))
     }
