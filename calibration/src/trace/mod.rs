@@ -127,6 +127,13 @@ pub struct Trace {
     pub train: Vec<Run>,
 }
 
+/// The report as JSON.
+#[must_use]
+pub fn json(report: &Report) -> String {
+    // A report is plain data: it always serialises.
+    serde_json::to_string_pretty(report).unwrap_or_default()
+}
+
 /// A fitted model of the bias.
 #[derive(Debug, Clone)]
 struct Fitted {

@@ -4,9 +4,11 @@
 //! |---|---|
 //! | [`wires`] | turns a recording into edges and converter codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
+//! | [`demo`] | the main job from end to end |
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
 
+pub mod demo;
 pub mod replay;
 pub mod twin;
 pub mod wires;

@@ -48,6 +48,20 @@ enum Command {
         #[arg(long)]
         seconds: Option<u64>,
     },
+    /// The main job from end to end, on a simulated unit.
+    ///
+    /// Example: hrg-board demo --seed 7
+    Demo {
+        /// Which unit.
+        #[arg(long, default_value_t = 10)]
+        seed: u64,
+        /// Where the files go.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
 }
 
 fn main() -> ExitCode {
@@ -61,7 +75,17 @@ fn main() -> ExitCode {
 }
 
 fn run(command: Command) -> Result<()> {
-    let Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds } = command;
+    let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let (recording, calibration, out, log, elf, jitter_ns, seed, seconds) = match command {
+        Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds } => {
+            (recording, calibration, out, log, elf, jitter_ns, seed, seconds)
+        }
+        Command::Demo { seed, out, elf } => {
+            let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
+            let elf = elf.unwrap_or_else(replay::default_elf);
+            return hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"));
+        }
+    };
     let source = Recording::load(&recording)?;
     for note in &source.notes {
         eprintln!("{}: {note}", recording.display());

@@ -1,0 +1,188 @@
+//! The main job from end to end, on a simulated unit: train, calibrate, fly, trace, extend, fly again.
+
+use crate::replay::{self, Options, Outcome, Second};
+use anyhow::{Context, Result};
+use hrg_cal::plot::{svg, Panel, Series};
+use hrg_cal::points::{self, Points};
+use hrg_cal::recording::Recording;
+use hrg_cal::run::Steps;
+use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, Simulated};
+use hrg_cal::stats::block_means;
+use hrg_cal::trace::trace;
+use hrg_cal::{file, AXIS_NAMES};
+use hrg_core::calibration::Calibration;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Chamber profile of the train run, 7 h.
+const TRAIN: &str = "cycle";
+/// Chamber profile of the verify run: a good hour with fast ramps.
+const VERIFY: &str = "22,62@5,14m,-18@5,17m,22@5,6m";
+
+fn run_both(elf: &[u8], calibrations: [&Calibration; 2], steps: &Steps) -> Result<[Outcome; 2]> {
+    let done = [AtomicU64::new(0), AtomicU64::new(0)];
+    let bar = indicatif::ProgressBar::new(2000);
+    bar.set_style(indicatif::ProgressStyle::with_template("   running the ELF twice {bar:40} {percent}% {eta} left")?);
+    std::thread::scope(|scope| {
+        let runs: Vec<_> = calibrations
+            .into_iter()
+            .zip(&done)
+            .map(|(c, mine)| {
+                let (bar, done) = (&bar, &done);
+                scope.spawn(move || {
+                    replay::run(elf, Some(c), steps, &Options::default(), |share| {
+                        mine.store((share * 1000.0) as u64, Ordering::Relaxed);
+                        bar.set_position(done.iter().map(|d| d.load(Ordering::Relaxed)).sum());
+                    })
+                })
+            })
+            .collect();
+        let mut outcomes = Vec::new();
+        for r in runs {
+            outcomes.push(r.join().map_err(|_| anyhow::anyhow!("a run of the ELF panicked"))??);
+        }
+        bar.finish_and_clear();
+        let after = outcomes.pop().context("two runs")?;
+        Ok([outcomes.pop().context("two runs")?, after])
+    })
+}
+
+fn plot(before: &[Second], after: &[Second]) -> Result<String> {
+    let means = |rows: &[Second], pick: &dyn Fn(&Second) -> f64| -> Vec<(f64, f64)> {
+        let v: Vec<f64> = rows.iter().skip(1).map(pick).collect();
+        block_means(&v, 100).into_iter().enumerate().map(|(k, v)| ((k as f64 + 0.5) / 36.0, v)).collect()
+    };
+    let panels: Vec<Panel> = (0..3)
+        .map(|a| Panel {
+            title: format!("axis {}: rate, from the ELF's frames", AXIS_NAMES[a]),
+            x: "time [h]".into(),
+            y: "100 s mean [deg/h]".into(),
+            log: false,
+            series: vec![
+                Series { label: "raw".into(), points: means(before, &|s| s.raw_dph[a]), colour: 0, dots: false },
+                Series { label: "baseline block".into(), points: means(before, &|s| s.corrected_dph[a]), colour: 2, dots: false },
+                Series { label: "extended block".into(), points: means(after, &|s| s.corrected_dph[a]), colour: 1, dots: false },
+            ],
+        })
+        .collect();
+    svg(&panels, 3, 460, 320)
+}
+
+/// Frames and temperature points side by side with the paper's printed ones.
+fn table_1(path: &Path) -> Result<()> {
+    println!("6. Measured data: Table 1 of dong2023, ten soaks of three real gyros");
+    let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    let report = points::report(&Points::parse(&text)?)?;
+    for e in &report.effects {
+        println!("   {} against the {}: {}", e.name, e.reference, e.finding);
+        for (axis, b) in &e.axes {
+            println!(
+                "     {axis}: RMS {:.4} -> {:.4} C, largest {:.4} -> {:.4} C, leave-one-out {:.4} -> {:.4} C",
+                b.rms_before_c, b.rms_after_c, b.max_before_c, b.max_after_c, b.leave_one_out_before_c, b.leave_one_out_after_c
+            );
+        }
+        let twins = if e.indistinguishable_from.is_empty() {
+            String::new()
+        } else {
+            format!("; this table cannot tell it from {}", e.indistinguishable_from.join(", "))
+        };
+        println!("     chance by luck {:.1e}{twins}", e.chance_by_luck);
+    }
+    Ok(())
+}
+
+/// Runs the demo for the unit with a seed; results go to `out`.
+///
+/// # Errors
+/// Where a step fails.
+pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
+    let start = std::time::Instant::now();
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    let to = |name: &str| -> PathBuf { out.join(name) };
+    let elf = replay::read_elf(elf)?;
+    let plan = |profile: &str, seed: u64, unit: u64| -> Result<Simulated> {
+        let plan = Plan {
+            profile: Profile::parse(profile)?,
+            effects: vec![EffectSpec::secret(unit)],
+            unit_seed: unit,
+            seed,
+            noise: Noise::default(),
+            sizing: None,
+        };
+        Ok(plan.simulate())
+    };
+    println!("Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
+    println!("1. A unit with an undeclared effect (seed {seed}): a train run ({TRAIN}, 7 h) and a verify run ({VERIFY})");
+    let train = plan(TRAIN, seed * 2 + 1, seed)?;
+    let verify = plan(VERIFY, seed * 2 + 2, seed)?;
+    hrg_cal::write_file(&to("train.csv"), train.recording.to_csv().as_bytes())?;
+    hrg_cal::write_file(&to("verify.csv"), verify.recording.to_csv().as_bytes())?;
+    // From here on the files are all there is.
+    let (train_file, verify_file) = (Recording::load(&to("train.csv"))?, Recording::load(&to("verify.csv"))?);
+
+    println!("2. hrg trace: baseline fit, residual, what the model lacks");
+    let t = trace(&[train_file], &verify_file)?;
+    hrg_cal::write_file(&to("report.json"), hrg_cal::trace::json(&t.report).as_bytes())?;
+    hrg_cal::write_file(&to("report.html"), hrg_cal::trace::html(&t)?.as_bytes())?;
+    file::save(&to("baseline.toml"), &t.baseline)?;
+    file::save(&to("extended.toml"), &t.extended)?;
+    println!("   {}", t.report.verdict);
+
+    println!("3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
+    let steps = Steps::new(&verify_file)?;
+    let [before, after] = run_both(&elf, [&t.baseline, &t.extended], &steps)?;
+    let (rows_before, rows_after) = (before.seconds_of_frames(), after.seconds_of_frames());
+    for (name, o, rows, c) in [("before", &before, &rows_before, &t.baseline), ("after", &after, &rows_after, &t.extended)] {
+        hrg_cal::write_file(&to(&format!("{name}.csv")), replay::to_csv(&verify_file, Some(c), rows).as_bytes())?;
+        hrg_cal::write_file(&to(&format!("{name}.log")), (o.received.log.join("\n") + "\n").as_bytes())?;
+    }
+    hrg_cal::write_file(&to("rates.svg"), plot(&rows_before, &rows_after)?.as_bytes())?;
+
+    println!("4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
+    let (raw, corrected) = replay::three_sigma(&rows_before);
+    let (_, extended) = replay::three_sigma(&rows_after);
+    println!("   {:<5} {:>9} {:>16} {:>16} {:>14}", "axis", "raw", "baseline block", "extended block", "noise put in");
+    for a in 0..3 {
+        println!(
+            "   {:<5} {:>9.3} {:>16.3} {:>16.3} {:>14.3}",
+            AXIS_NAMES[a],
+            raw[a],
+            corrected[a],
+            extended[a],
+            3.0 * verify.truth.floor_dph[a]
+        );
+    }
+    println!("   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
+    println!("   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
+    for (name, o) in [("baseline", &before), ("extended", &after)] {
+        let r = &o.received;
+        println!(
+            "   {name}: {} frames, {} differ from hrg-core on the desktop, largest difference {} deg/h; {:.0} instructions a second ({:.2} %)",
+            r.rates.len() + r.housekeeping.len(),
+            r.differing,
+            r.largest_difference_dph,
+            o.instructions as f64 / o.seconds,
+            o.instructions as f64 / o.seconds / 1.8e6
+        );
+    }
+
+    println!("5. Only now the simulator's truth");
+    for e in &train.truth.effects {
+        println!("   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)", e.name, e.parameter, e.size);
+    }
+    for e in &t.report.effects {
+        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
+        let twins = if e.indistinguishable_from.is_empty() {
+            String::new()
+        } else {
+            format!(", not told from {}", e.indistinguishable_from.join(", "))
+        };
+        println!("   found:   {} {}{twins}", e.name, parameters.join(", "));
+    }
+    let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| t.report.unexplained[*a]).collect();
+    println!("   left:    {}", if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) });
+    table_1(table)?;
+    println!("\nreport {}, plot {}, logs {} and {}", to("report.html").display(), to("rates.svg").display(), to("before.log").display(), to("after.log").display());
+    println!("{:.0} s in all", start.elapsed().as_secs_f64());
+    Ok(())
+}
