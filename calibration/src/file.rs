@@ -199,8 +199,8 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
         };
     }
     for e in &f.effect {
-        let facts =
-            by_name(&e.name).ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
+        let facts = by_name(&e.name)
+            .ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
         let mut term = EffectTerm {
             id: facts.id,
             parameters: [0.0; MAX_PARAMETERS],
@@ -221,7 +221,9 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
                 to[..facts.outputs].copy_from_slice(values);
             }
         }
-        c.effects.push(term).map_err(|_| BadInput::new("the calibration file has more effects than a block can hold"))?;
+        c.effects
+            .push(term)
+            .map_err(|_| BadInput::new("the calibration file has more effects than a block can hold"))?;
     }
     c.check().map_err(|e| BadInput::new(format!("the calibration file cannot be used: {e}")))?;
     let stated = hex(&f.block_crc32, "block_crc32")?;

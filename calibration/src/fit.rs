@@ -72,7 +72,11 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
     }
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
     if let Some(other) = recordings.iter().find(|r| r.unit() != first.unit()) {
-        return Err(BadInput::new(format!("the recordings are of different units, {} and {}", first.unit(), other.unit())));
+        return Err(BadInput::new(format!(
+            "the recordings are of different units, {} and {}",
+            first.unit(),
+            other.unit()
+        )));
     }
     let laws::Identified { laws, reference, lag_s } = laws::from_steps(&steps)?;
     match reference {
@@ -92,7 +96,8 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
     for (axis, law) in calibration.axes.iter_mut().zip(laws) {
         axis.law = law;
     }
-    let (low, high) = laws.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), l| (a.min(l.min_c), b.max(l.max_c)));
+    let (low, high) =
+        laws.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), l| (a.min(l.min_c), b.max(l.max_c)));
     calibration.scaling = Scaling {
         t_ref_c: (0.5 * (low + high)).round(),
         t_scale_c: (0.5 * (high - low)).max(5.0).round(),
@@ -188,7 +193,8 @@ pub fn least_squares(recordings: &[Recording], options: &Options) -> Result<Outc
         let take = |from: &[f64], at: usize| -> [f32; TERMS] { std::array::from_fn(|j| from[at + j] as f32) };
         let axis = &mut calibration.axes[a];
         if options.two_sets {
-            axis.coefficients = Coefficients::CoolingHeating(take(&fit.coefficients, 0), take(&fit.coefficients, TERMS));
+            axis.coefficients =
+                Coefficients::CoolingHeating(take(&fit.coefficients, 0), take(&fit.coefficients, TERMS));
             axis.coefficient_std = [take(&fit.std, 0), take(&fit.std, TERMS)];
         } else {
             axis.coefficients = Coefficients::One(take(&fit.coefficients, 0));

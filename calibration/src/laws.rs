@@ -24,10 +24,14 @@ pub enum Reference {
 ///
 /// # Errors
 /// Too few points, or no span.
-pub fn fit_inverse(frequency_hz: &[f64], temperature_c: &[f64], weights: Option<&[f64]>, degree: usize) -> Result<TemperatureLaw, BadInput> {
-    let good: Vec<usize> = (0..frequency_hz.len())
-        .filter(|&k| frequency_hz[k].is_finite() && temperature_c[k].is_finite())
-        .collect();
+pub fn fit_inverse(
+    frequency_hz: &[f64],
+    temperature_c: &[f64],
+    weights: Option<&[f64]>,
+    degree: usize,
+) -> Result<TemperatureLaw, BadInput> {
+    let good: Vec<usize> =
+        (0..frequency_hz.len()).filter(|&k| frequency_hz[k].is_finite() && temperature_c[k].is_finite()).collect();
     let f: Vec<f64> = good.iter().map(|&k| frequency_hz[k]).collect();
     let t: Vec<f64> = good.iter().map(|&k| temperature_c[k]).collect();
     let w: Option<Vec<f64>> = weights.map(|w| good.iter().map(|&k| w[k]).collect());
@@ -137,7 +141,11 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             law.f0_hz = middle;
         } else {
             let sensor = |s: &Steps| -> Vec<f32> {
-                if reference == Reference::Shell { s.shell_c[a].clone() } else { s.chamber_c.clone() }
+                if reference == Reference::Shell {
+                    s.shell_c[a].clone()
+                } else {
+                    s.chamber_c.clone()
+                }
             };
             let sensors: Vec<Vec<f32>> = runs.iter().map(sensor).collect();
             let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
@@ -209,6 +217,7 @@ fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Resul
     }
     let weights: Vec<f64> = f.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
     let law = fit_inverse(&f, &t, Some(&weights), 3)?;
-    let error: f64 = f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(law.temperature_c(*f)) - t).powi(2)).sum();
+    let error: f64 =
+        f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(law.temperature_c(*f)) - t).powi(2)).sum();
     Ok((law, error))
 }

@@ -7,7 +7,7 @@
 //! | least squares | [`lsq`] |
 //! | frequency to temperature; static points | [`laws`], [`points`] |
 //! | coefficients | [`fit`] |
-//! | the calibration file | [`file`] |
+//! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
 //! | pictures | [`plot`] |

@@ -26,9 +26,7 @@ pub struct Fit {
 pub fn fit(columns: &[Vec<f64>], y: &[f64], weights: Option<&[f64]>, names: &[&str]) -> Result<Fit, BadInput> {
     let p = columns.len();
     let rows: Vec<usize> = (0..y.len())
-        .filter(|&k| {
-            y[k].is_finite() && columns.iter().all(|c| c[k].is_finite()) && weights.is_none_or(|w| w[k] > 0.0)
-        })
+        .filter(|&k| y[k].is_finite() && columns.iter().all(|c| c[k].is_finite()) && weights.is_none_or(|w| w[k] > 0.0))
         .collect();
     let n = rows.len();
     if n < p + 2 {
@@ -37,10 +35,8 @@ pub fn fit(columns: &[Vec<f64>], y: &[f64], weights: Option<&[f64]>, names: &[&s
         )));
     }
     let root = |k: usize| weights.map_or(1.0, |w| w[k].sqrt());
-    let scale: Vec<f64> = columns
-        .iter()
-        .map(|c| rows.iter().map(|&k| (c[k] * root(k)).powi(2)).sum::<f64>().sqrt())
-        .collect();
+    let scale: Vec<f64> =
+        columns.iter().map(|c| rows.iter().map(|&k| (c[k] * root(k)).powi(2)).sum::<f64>().sqrt()).collect();
     if let Some(j) = scale.iter().position(|s| *s <= 0.0) {
         return Err(BadInput::new(format!(
             "the regressor {} is zero throughout; the run never does what it stands for",
@@ -93,7 +89,8 @@ mod tests {
     #[test]
     fn recovers_and_states_its_uncertainty() {
         let u: Vec<f64> = (0..200).map(|k| f64::from(k) / 100.0 - 1.0).collect();
-        let y: Vec<f64> = u.iter().enumerate().map(|(k, u)| 2.0 - 3.0 * u + 0.1 * ((k * 37 % 11) as f64 - 5.0)).collect();
+        let y: Vec<f64> =
+            u.iter().enumerate().map(|(k, u)| 2.0 - 3.0 * u + 0.1 * ((k * 37 % 11) as f64 - 5.0)).collect();
         let f = fit(&powers(&u, 1), &y, None, &["1", "u"]).expect("fits");
         assert!((f.coefficients[0] - 2.0).abs() < 4.0 * f.std[0]);
         assert!((f.coefficients[1] + 3.0).abs() < 4.0 * f.std[1]);

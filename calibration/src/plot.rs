@@ -43,7 +43,8 @@ pub fn svg(panels: &[Panel], columns: usize, width: u32, height: u32) -> anyhow:
     let rows = panels.len().div_ceil(columns);
     let mut out = String::new();
     {
-        let root = SVGBackend::with_string(&mut out, (width * columns as u32, height * rows as u32)).into_drawing_area();
+        let root =
+            SVGBackend::with_string(&mut out, (width * columns as u32, height * rows as u32)).into_drawing_area();
         root.fill(&WHITE)?;
         for (area, panel) in root.split_evenly((rows, columns)).iter().zip(panels) {
             draw(area, panel)?;
@@ -69,15 +70,24 @@ fn range(values: impl Iterator<Item = f64>, log: bool) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
+/// A number on an axis, without the digits that rounding leaves.
+fn short(v: f64) -> String {
+    let text = format!("{v:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text.is_empty() || text == "-" || text == "-0" {
+        "0".into()
+    } else {
+        text.into()
+    }
+}
+
 fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Panel) -> anyhow::Result<()> {
     let (x0, x1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.0)), panel.log);
     let (y0, y1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.1)), panel.log);
+    // Room above the data for the legend.
+    let y1 = if panel.series.len() > 1 && !panel.log { y1 + 0.1 * panel.series.len() as f64 * (y1 - y0) } else { y1 };
     let mut builder = ChartBuilder::on(area);
-    builder
-        .caption(&panel.title, ("sans-serif", 17))
-        .margin(12)
-        .x_label_area_size(42)
-        .y_label_area_size(64);
+    builder.caption(&panel.title, ("sans-serif", 17)).margin(12).x_label_area_size(42).y_label_area_size(64);
     // The two kinds of axis are different types; what is drawn on them is the same.
     macro_rules! fill {
         ($chart:expr) => {{
@@ -88,6 +98,8 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                 .y_desc(&panel.y)
                 .label_style(("sans-serif", 13))
                 .axis_desc_style(("sans-serif", 14))
+                .x_label_formatter(&|v| short(*v))
+                .y_label_formatter(&|v| short(*v))
                 .light_line_style(RGBColor(245, 245, 245))
                 .bold_line_style(RGBColor(225, 225, 225))
                 .draw()?;
@@ -115,6 +127,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
             if panel.series.len() > 1 {
                 chart
                     .configure_series_labels()
+                    .position(if panel.log { SeriesLabelPosition::UpperRight } else { SeriesLabelPosition::UpperLeft })
                     .background_style(WHITE.mix(0.85))
                     .border_style(RGBColor(200, 200, 200))
                     .label_font(("sans-serif", 13))

@@ -50,7 +50,11 @@ impl Points {
                     .iter()
                     .map(|w| {
                         cells.iter().position(|c| c == w).ok_or_else(|| {
-                            BadInput::new(format!("line {}: the column {w} is missing; the table needs {}", index + 1, wanted.join(", ")))
+                            BadInput::new(format!(
+                                "line {}: the column {w} is missing; the table needs {}",
+                                index + 1,
+                                wanted.join(", ")
+                            ))
                         })
                     })
                     .collect::<Result<Vec<_>, _>>()?;
@@ -248,10 +252,13 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
         .iter()
         .zip(&inverse_f32_c)
         .map(|(f, guess)| {
-            forward_law.root_c(*f, *guess).ok_or_else(|| BadInput::new(format!("the forward cubic has no root at {f} Hz")))
+            forward_law
+                .root_c(*f, *guess)
+                .ok_or_else(|| BadInput::new(format!("the forward cubic has no root at {f} Hz")))
         })
         .collect::<Result<_, _>>()?;
-    let fits = |x: &[f64], y: &[f64], to_c: f64| (1..=3).map(|d| poly_fit(x, y, d, to_c)).collect::<Result<Vec<_>, _>>();
+    let fits =
+        |x: &[f64], y: &[f64], to_c: f64| (1..=3).map(|d| poly_fit(x, y, d, to_c)).collect::<Result<Vec<_>, _>>();
     Ok(AxisFits {
         forward: fits(temperature_c, frequency_hz, 1.0 / hz_per_c)?,
         inverse: fits(frequency_hz, temperature_c, 1.0)?,

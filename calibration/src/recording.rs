@@ -10,8 +10,18 @@ use std::path::Path;
 
 /// Optional columns that are kept, by name.
 pub const OPTIONAL: [&str; 12] = [
-    "shell_x_c", "shell_y_c", "shell_z_c", "chamber_c", "board_c", "supply_v", "drive_x_v", "drive_y_v", "drive_z_v",
-    "quad_x_v", "quad_y_v", "quad_z_v",
+    "shell_x_c",
+    "shell_y_c",
+    "shell_z_c",
+    "chamber_c",
+    "board_c",
+    "supply_v",
+    "drive_x_v",
+    "drive_y_v",
+    "drive_z_v",
+    "quad_x_v",
+    "quad_y_v",
+    "quad_z_v",
 ];
 
 /// Earth rate, deg/h.
@@ -127,9 +137,9 @@ impl Recording {
                         Ok(v) if v.is_finite() => v,
                         _ => {
                             return bad(format!(
-                                "line {number}, column {filled} ({name}): \"{}\" is not a number; mend or empty the cell",
-                                shorten(cell)
-                            ))
+                            "line {number}, column {filled} ({name}): \"{}\" is not a number; mend or empty the cell",
+                            shorten(cell)
+                        ))
                         }
                     }
                 };
@@ -178,7 +188,9 @@ impl Recording {
                 Slot::Time
             } else if let (Some(a), true) = (axis, name.len() == 5 && name.starts_with('f') && name.ends_with("_hz")) {
                 Slot::Frequency(a)
-            } else if let (Some(a), true) = (axis, name.len() == 10 && name.starts_with("rate_") && name.ends_with("_dph")) {
+            } else if let (Some(a), true) =
+                (axis, name.len() == 10 && name.starts_with("rate_") && name.ends_with("_dph"))
+            {
                 Slot::Rate(a)
             } else if let Some(known) = OPTIONAL.iter().find(|o| *o == name) {
                 self.optional.push((known, Vec::with_capacity(rows)));
@@ -233,7 +245,8 @@ impl Recording {
             let t = self.time_s[k];
             if t > last {
                 // A single time far ahead of its neighbours would throw all later rows out.
-                let jumps_ahead = k + 1 < rows && self.time_s[k + 1] <= t && self.time_s[k + 1] > last && t - last > 10.0;
+                let jumps_ahead =
+                    k + 1 < rows && self.time_s[k + 1] <= t && self.time_s[k + 1] > last && t - last > 10.0;
                 if jumps_ahead {
                     ahead += 1;
                 } else {
@@ -326,18 +339,21 @@ impl Recording {
         if self.meta("earth_rate") == Some("removed") {
             return Ok(());
         }
-        let (Some(latitude), Some(axes)) = (self.meta("latitude_deg"), self.meta("axes")) else { return Ok(()) };
-        let latitude: f64 = latitude
-            .parse()
-            .ok()
-            .filter(|l: &f64| l.abs() <= 90.0)
-            .ok_or_else(|| BadInput(format!("metadata latitude_deg: \"{latitude}\" is not a latitude in degrees")))?;
+        let (Some(latitude), Some(axes)) = (self.meta("latitude_deg"), self.meta("axes")) else {
+            return Ok(());
+        };
+        let latitude: f64 =
+            latitude.parse().ok().filter(|l: &f64| l.abs() <= 90.0).ok_or_else(|| {
+                BadInput(format!("metadata latitude_deg: \"{latitude}\" is not a latitude in degrees"))
+            })?;
         let mut parts = [0.0; 3];
         for item in axes.split_whitespace() {
             let (axis, direction) = item
                 .split_once('=')
                 .ok_or_else(|| BadInput(format!("metadata axes: \"{item}\" is not of the form x=north")))?;
-            let Some(a) = AXIS_NAMES.iter().position(|n| *n == axis) else { continue };
+            let Some(a) = AXIS_NAMES.iter().position(|n| *n == axis) else {
+                continue;
+            };
             let (s, c) = latitude.to_radians().sin_cos();
             parts[a] = EARTH_RATE_DPH
                 * match direction {
@@ -472,7 +488,9 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
     let stride = (n / 20_000).max(1);
     let mut off: Vec<f64> =
         (0..n).step_by(stride).map(|k| (values[k] - medians[k]).abs()).filter(|d| d.is_finite()).collect();
-    let Some(mad) = crate::stats::median(&mut off) else { return 0 };
+    let Some(mad) = crate::stats::median(&mut off) else {
+        return 0;
+    };
     // Quantised columns may have no spread at all at their median: then one step of resolution counts.
     let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
     let scale = (1.4826 * mad).max(if resolution.is_finite() { resolution } else { 0.0 }).max(harmless);

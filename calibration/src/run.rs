@@ -60,8 +60,7 @@ impl Steps {
         if n > 40_000_000 {
             return Err(BadInput::new("the recording's times span more than a year; check column time_s"));
         }
-        let index: Vec<usize> =
-            r.time_s.iter().map(|t| (((t - first) / step).round() as usize).min(n - 1)).collect();
+        let index: Vec<usize> = r.time_s.iter().map(|t| (((t - first) / step).round() as usize).min(n - 1)).collect();
         let slow = r.step_s() > 1.5 * step;
         let bin = |values: &[f64]| -> Vec<f64> {
             let mut sum = vec![0.0; n];
@@ -188,7 +187,13 @@ impl Run {
 
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
     #[must_use]
-    pub fn effect(&self, id: u16, parameters: &[f32; MAX_PARAMETERS], scaling: &Scaling, a: usize) -> Vec<[f32; MAX_OUTPUTS]> {
+    pub fn effect(
+        &self,
+        id: u16,
+        parameters: &[f32; MAX_PARAMETERS],
+        scaling: &Scaling,
+        a: usize,
+    ) -> Vec<[f32; MAX_OUTPUTS]> {
         let mut running = Running::new(id, parameters, MODEL_STEP_S);
         (0..self.thermal.len())
             .map(|k| match (self.inputs(scaling, k, a), &mut running) {

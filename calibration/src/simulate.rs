@@ -122,8 +122,14 @@ pub struct EffectSpec {
 }
 
 /// Effects that the library does not have; what the tool should call unexplained (or a shape of temperature).
-pub const OUTSIDERS: [&str; 6] =
-    ["outsider-ripple", "outsider-bump", "outsider-wave-train", "outsider-product", "outsider-relay", "outsider-drift-burst"];
+pub const OUTSIDERS: [&str; 6] = [
+    "outsider-ripple",
+    "outsider-bump",
+    "outsider-wave-train",
+    "outsider-product",
+    "outsider-relay",
+    "outsider-drift-burst",
+];
 
 /// The inner parameter where a specification names none.
 fn default_parameter(name: &str) -> f64 {
@@ -319,7 +325,12 @@ impl Plant {
             let r = &resonator_c[a];
             (0..r.len()).map(|k| if k == 0 { 0.0 } else { (r[k] - r[k - 1]) * 60.0 }).collect()
         });
-        Self { board_c: lag(chamber, BOARD_LAG_S).iter().map(|b| b + 9.0).collect(), shell_c, resonator_c, slope_c_per_min }
+        Self {
+            board_c: lag(chamber, BOARD_LAG_S).iter().map(|b| b + 9.0).collect(),
+            shell_c,
+            resonator_c,
+            slope_c_per_min,
+        }
     }
 }
 
@@ -363,7 +374,8 @@ fn unit_coefficients(unit_seed: u64) -> [[f64; TERMS]; AXES] {
     [0, 1, 2].map(|_| {
         // deg/h at u = 1 (45 C from the middle) and at 1 C per minute: sizes that give dong2023's raw 7 to
         // 10 deg/h (3 sigma).
-        [3.0, 3.2, 1.3, 0.6, 0.08, 0.25].map(|s| s * (0.5 + rng.random::<f64>()) * if rng.random_bool(0.5) { 1.0 } else { -1.0 })
+        [3.0, 3.2, 1.3, 0.6, 0.08, 0.25]
+            .map(|s| s * (0.5 + rng.random::<f64>()) * if rng.random_bool(0.5) { 1.0 } else { -1.0 })
     })
 }
 
@@ -383,7 +395,9 @@ fn effect_bias(
             p = [-38.0, 60.0];
         }
         let p: [f32; MAX_PARAMETERS] = p;
-        let Some(mut running) = Running::new(facts.id, &p, 1.0) else { return vec![0.0; n] };
+        let Some(mut running) = Running::new(facts.id, &p, 1.0) else {
+            return vec![0.0; n];
+        };
         // Effects with several regressors: a fixed mix.
         let weights: [f64; MAX_OUTPUTS] = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
         return (0..n)
@@ -449,14 +463,20 @@ fn left_after_baseline(series: &[f64], plant: &Plant, scaling: &Scaling, a: usiz
     let columns: Vec<Vec<f64>> = (0..TERMS)
         .map(|j| {
             let column: Vec<f64> = (0..series.len())
-                .map(|k| f64::from(regressors(scaling, plant.resonator_c[a][k] as f32, plant.slope_c_per_min[a][k] as f32)[j]))
+                .map(|k| {
+                    f64::from(
+                        regressors(scaling, plant.resonator_c[a][k] as f32, plant.slope_c_per_min[a][k] as f32)[j],
+                    )
+                })
                 .collect();
             block_means(&column, 100)
         })
         .collect();
     let y = block_means(series, 100);
-    crate::lsq::fit(&columns, &y, None, &[])
-        .map_or_else(|_| std_dev(&y), |f| (f.residuals.iter().map(|e| e * e).sum::<f64>() / f.residuals.len() as f64).sqrt())
+    crate::lsq::fit(&columns, &y, None, &[]).map_or_else(
+        |_| std_dev(&y),
+        |f| (f.residuals.iter().map(|e| e * e).sum::<f64>() / f.residuals.len() as f64).sqrt(),
+    )
 }
 
 /// The quantities of a run that only a recording has.
@@ -528,7 +548,8 @@ impl Plan {
             .zip(self.signs())
             .map(|(spec, signs)| {
                 [0, 1, 2].map(|a: usize| {
-                    let bias = effect_bias(spec, &plant, &monitors.recorded(&plant, a), &default.scaling, a, signs[a].1);
+                    let bias =
+                        effect_bias(spec, &plant, &monitors.recorded(&plant, a), &default.scaling, a, signs[a].1);
                     let left = left_after_baseline(&bias, &plant, &default.scaling, a);
                     if left > 0.0 {
                         signs[a].0 * spec.size * floor[a] / left
@@ -588,10 +609,20 @@ impl Plan {
         let [qx, qy, qz] = quantised;
         let [dx, dy, dz] = monitors.drive_v;
         let [ux, uy, uz] = monitors.quad_v;
-        for (name, values) in crate::recording::OPTIONAL
-            .into_iter()
-            .zip([qx, qy, qz, chamber, monitors.board_c, monitors.supply_v, dx, dy, dz, ux, uy, uz])
-        {
+        for (name, values) in crate::recording::OPTIONAL.into_iter().zip([
+            qx,
+            qy,
+            qz,
+            chamber,
+            monitors.board_c,
+            monitors.supply_v,
+            dx,
+            dy,
+            dz,
+            ux,
+            uy,
+            uz,
+        ]) {
             optional.push((name, values));
         }
         let meta = [

@@ -122,7 +122,11 @@ where
     (Rings { rings, _timer: timer, _pins: pins }, Clock)
 }
 
-fn ring(channel: dma::Channel<'static>, index: usize, buffer: &'static mut [u32; RING]) -> ReadableRingBuffer<'static, u32> {
+fn ring(
+    channel: dma::Channel<'static>,
+    index: usize,
+    buffer: &'static mut [u32; RING],
+) -> ReadableRingBuffer<'static, u32> {
     let source = pac::TIM2.ccr(index).as_ptr().cast::<u32>();
     // SAFETY: the source is a capture register of TIM2, which `Rings` owns, and the request number is that of
     // TIM2 on this stream; the buffer is static.
@@ -137,7 +141,9 @@ impl Rings {
     /// the ring overran: stamps were lost.
     pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[u32])) -> bool {
         let mut buffer = [0u32; 64];
-        let Some(ring) = self.rings.get_mut(axis) else { return true };
+        let Some(ring) = self.rings.get_mut(axis) else {
+            return true;
+        };
         loop {
             match ring.read(&mut buffer) {
                 Ok((0, _)) => return true,

@@ -97,7 +97,10 @@ fn a_silent_resonator_is_said_and_the_others_do_not_notice() {
     assert_eq!(bad.received.differing, 0, "{:?}", bad.received.first_difference);
     assert_eq!(bad.watchdog_resets, 0);
     for (g, b) in good.received.rates.iter().zip(&bad.received.rates) {
-        assert_eq!((g.rate_dph[0].to_bits(), g.rate_dph[2].to_bits()), (b.rate_dph[0].to_bits(), b.rate_dph[2].to_bits()));
+        assert_eq!(
+            (g.rate_dph[0].to_bits(), g.rate_dph[2].to_bits()),
+            (b.rate_dph[0].to_bits(), b.rate_dph[2].to_bits())
+        );
     }
     let h = |s: usize| bad.received.housekeeping[s];
     assert_ne!(h(25).axis_status[1] & axis::FREQUENCY_LOST, 0);
@@ -125,7 +128,8 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
     let faults = WireFaults { silent_converter: Some(5.0..12.0), ..WireFaults::default() };
     let o = run(Some(&calibration()), 20, faults, false);
     assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
-    let silent: Vec<_> = o.received.housekeeping.iter().filter(|h| h.unit_status & unit::CONVERTER_FAULT != 0).collect();
+    let silent: Vec<_> =
+        o.received.housekeeping.iter().filter(|h| h.unit_status & unit::CONVERTER_FAULT != 0).collect();
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
     assert!(silent.iter().all(|h| h.frequency_hz.iter().all(|f| f.is_finite())), "temperatures go on");
     let after = o.received.rates.iter().find(|r| r.tick > 12 * 90_000_000).expect("rates come back");

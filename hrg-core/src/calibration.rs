@@ -116,7 +116,9 @@ impl core::fmt::Display for BlockError {
             Self::Checksum => write!(f, "the block's checksum does not match its content"),
             Self::NotFinite => write!(f, "the block holds a number that is not finite"),
             Self::Absurd(what) => write!(f, "the block's {what} is impossible"),
-            Self::UnknownEffect(id) => write!(f, "the block holds effect number {id}, which this program does not know"),
+            Self::UnknownEffect(id) => {
+                write!(f, "the block holds effect number {id}, which this program does not know")
+            }
             Self::NotOnUnit(id) => write!(f, "the block holds effect number {id}, which a unit cannot compute"),
         }
     }
@@ -232,7 +234,9 @@ impl Calibration {
     /// The block's checksum: its identity in housekeeping and log.
     #[must_use]
     pub fn checksum(&self) -> u32 {
-        let Some(bytes) = self.to_bytes() else { return 0 };
+        let Some(bytes) = self.to_bytes() else {
+            return 0;
+        };
         let end = bytes.len() - 4;
         u32::from_le_bytes([bytes[end], bytes[end + 1], bytes[end + 2], bytes[end + 3]])
     }
@@ -287,13 +291,8 @@ impl Calibration {
         let data_hash = r.u32().ok_or(short)?;
         let calibrated = r.u8().ok_or(short)? != 0;
         let s: [f32; 6] = r.f32s().ok_or(short)?;
-        let scaling = Scaling {
-            t_ref_c: s[0],
-            t_scale_c: s[1],
-            t_linear_c: [s[2], s[3]],
-            r_linear: s[4],
-            blend_band: s[5],
-        };
+        let scaling =
+            Scaling { t_ref_c: s[0], t_scale_c: s[1], t_linear_c: [s[2], s[3]], r_linear: s[4], blend_band: s[5] };
         let mut axes = Self::uncalibrated().axes;
         for a in &mut axes {
             let f0_hz = r.f64().ok_or(short)?;
@@ -347,7 +346,13 @@ impl Calibration {
     pub fn check(&self) -> Result<(), BlockError> {
         let s = &self.scaling;
         finite(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band])?;
-        let possible = |ok: bool, what| if ok { Ok(()) } else { Err(BlockError::Absurd(what)) };
+        let possible = |ok: bool, what| {
+            if ok {
+                Ok(())
+            } else {
+                Err(BlockError::Absurd(what))
+            }
+        };
         possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
         possible((0.1..=1000.0).contains(&s.t_scale_c), "temperature scale")?;
         possible(s.t_linear_c[0] < s.t_linear_c[1], "temperature range")?;
@@ -468,7 +473,9 @@ mod tests {
             axis.coefficients = Coefficients::CoolingHeating([1.0; TERMS], [2.0; TERMS]);
         }
         for _ in 0..MAX_EFFECTS {
-            c.effects.push(EffectTerm { id: 3, parameters: [0.0; 2], gains: [[1.0; 8]; 3], gain_std: [[1.0; 8]; 3] }).expect("room");
+            c.effects
+                .push(EffectTerm { id: 3, parameters: [0.0; 2], gains: [[1.0; 8]; 3], gain_std: [[1.0; 8]; 3] })
+                .expect("room");
         }
         assert!(c.to_bytes().is_some());
     }

@@ -2,8 +2,8 @@
 
 use crate::bias::{dot, Coefficients};
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
-use crate::frequency::StepFrequencies;
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
+use crate::frequency::StepFrequencies;
 use crate::rate_of_change::SlopeWindow;
 use crate::status::axis;
 use crate::temperature::TemperatureLaw;
@@ -131,7 +131,8 @@ impl Compensator {
         let mut running = Vec::new();
         for term in &calibration.effects {
             // `Calibration::check` has refused unknown numbers.
-            let (Some(facts), Some(one)) = (by_id(term.id), Running::new(term.id, &term.parameters, MODEL_STEP_S)) else {
+            let (Some(facts), Some(one)) = (by_id(term.id), Running::new(term.id, &term.parameters, MODEL_STEP_S))
+            else {
                 continue;
             };
             let _ = running.push((term.clone(), facts.outputs, [one.clone(), one.clone(), one]));
@@ -257,7 +258,10 @@ mod tests {
             let lost = (40..60).contains(&k);
             let x = a.step(&if lost { [None, F[1], F[2]] } else { F });
             let y = b.step(&F);
-            assert_eq!((x.bias_dph[1], x.bias_dph[2], x.status[1], x.status[2]), (y.bias_dph[1], y.bias_dph[2], y.status[1], y.status[2]));
+            assert_eq!(
+                (x.bias_dph[1], x.bias_dph[2], x.status[1], x.status[2]),
+                (y.bias_dph[1], y.bias_dph[2], y.status[1], y.status[2])
+            );
             assert_eq!(x.status[0] & axis::FREQUENCY_LOST != 0, lost);
             assert_eq!(x.status[0] & axis::TEMPERATURE_STALE != 0, (50..60).contains(&k));
             assert_eq!(x.bias_dph[0], y.bias_dph[0]);

@@ -149,7 +149,8 @@ impl Filling {
     fn add(&mut self, lock: u32, index: u32, ticks: u32) {
         if self.edges == 0 || self.lock != lock {
             // After a new lock inside a gate only its newer part is kept.
-            *self = Self { lock, first_index: index, rejected: self.rejected, missing: self.missing, ..Self::default() };
+            *self =
+                Self { lock, first_index: index, rejected: self.rejected, missing: self.missing, ..Self::default() };
         }
         let i = index.wrapping_sub(self.first_index);
         self.edges += 1;
@@ -290,8 +291,9 @@ impl Counter {
         let shortest = self.config.ticks_per_s / self.config.max_hz;
         let longest = self.config.ticks_per_s / self.config.min_hz;
         let in_band = self.seen && (shortest..=longest).contains(&delta);
-        let consistent =
-            in_band && self.locked > 0 && delta.abs_diff(self.period_q8 >> 8) <= (self.period_q8 >> 8) >> TOLERANCE_SHIFT;
+        let consistent = in_band
+            && self.locked > 0
+            && delta.abs_diff(self.period_q8 >> 8) <= (self.period_q8 >> 8) >> TOLERANCE_SHIFT;
         if consistent {
             self.locked += 1;
             self.period_q8 = (self.period_q8 >> 1) + (delta << 7);
@@ -480,7 +482,12 @@ mod tests {
     const TICKS: f64 = 90e6;
 
     /// Runs a bank over edges of `hz` on axis 0 for `seconds`; `edit` may drop (None) or add stamps.
-    fn run(hz: f64, seconds: f64, start: u64, mut edit: impl FnMut(u64, u64) -> [Option<u64>; 2]) -> heapless::Vec<StepFrequencies, 16> {
+    fn run(
+        hz: f64,
+        seconds: f64,
+        start: u64,
+        mut edit: impl FnMut(u64, u64) -> [Option<u64>; 2],
+    ) -> heapless::Vec<StepFrequencies, 16> {
         let mut bank = Bank::new(Config::REFERENCE, 10);
         // Begin late in the life of the timer by running empty gates.
         while bank.gate_end() + SETTLE_TICKS < start {

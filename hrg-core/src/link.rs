@@ -250,7 +250,7 @@ impl Message {
         }
         let mut plain = [0u8; MAX_FRAME];
         let n = cobs::decode(frame, &mut plain).map_err(|_| LinkError::Framing)?.frame_size();
-        if n < 5 || n > MAX_PAYLOAD {
+        if !(5..=MAX_PAYLOAD).contains(&n) {
             return Err(LinkError::Framing);
         }
         let (content, crc) = plain[..n].split_at(n - 4);

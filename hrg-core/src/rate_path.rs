@@ -237,7 +237,8 @@ mod tests {
     fn bias_changes_at_its_tick_and_across_the_wrap() {
         let mut p = RatePath::new([0.01; 3], 1);
         let start = u32::MAX - 250_000;
-        let staged = Staged { effective_tick: start.wrapping_add(270_000), step: 5, bias_dph: [1.0; 3], status: [0; 3] };
+        let staged =
+            Staged { effective_tick: start.wrapping_add(270_000), step: 5, bias_dph: [1.0; 3], status: [0; 3] };
         p.stage(staged);
         let mut rates = [0.0; 6];
         for (k, r) in rates.iter_mut().enumerate() {

@@ -117,7 +117,8 @@ mod tests {
 
     #[test]
     fn inverse_and_root_agree() {
-        let law = TemperatureLaw { f0_hz: 4900.0, scale_hz: 22.0, c: [9.6, 45.0, 0.4, -0.2], min_c: -36.0, max_c: 55.0 };
+        let law =
+            TemperatureLaw { f0_hz: 4900.0, scale_hz: 22.0, c: [9.6, 45.0, 0.4, -0.2], min_c: -36.0, max_c: 55.0 };
         for t in [-35.0, -10.0, 0.0, 33.3, 55.0] {
             let f = law.frequency_hz(t).expect("converges");
             assert!((f64::from(law.temperature_c(f)) - t).abs() < 2e-5);

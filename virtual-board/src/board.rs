@@ -176,32 +176,36 @@ impl<W: World> Board<W> {
         let mut lengths = vec![0u8; FLASH_SIZE as usize / 2];
         let mut sizes = vec![0u16; FLASH_SIZE as usize / 2];
         let code = flash.clone();
-        uc(cpu.add_block_hook(u64::from(FLASH_START), u64::from(FLASH_START + FLASH_SIZE), move |c, address, size| {
-            let at = (address as usize - FLASH_START as usize) / 2;
-            if usize::from(sizes[at]) != size as usize {
-                sizes[at] = size as u16;
-                lengths[at] = thumb_instructions(&code[at * 2..at * 2 + size as usize]);
-            }
-            let n = u64::from(lengths[at]);
-            let chip = c.get_data_mut();
-            let unmasked = chip.masked && {
-                let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
-                let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
-                primask & 1 == 0 && basepri == 0
-            };
-            let chip = c.get_data_mut();
-            if chip.now >= chip.deadline || chip.attention || unmasked {
-                // The stopped block is not executed; it comes again.
-                let in_it_block = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0);
-                if !in_it_block {
-                    let _ = c.emu_stop();
-                    return;
+        uc(cpu.add_block_hook(
+            u64::from(FLASH_START),
+            u64::from(FLASH_START + FLASH_SIZE),
+            move |c, address, size| {
+                let at = (address as usize - FLASH_START as usize) / 2;
+                if usize::from(sizes[at]) != size as usize {
+                    sizes[at] = size as u16;
+                    lengths[at] = thumb_instructions(&code[at * 2..at * 2 + size as usize]);
                 }
-            }
-            let chip = c.get_data_mut();
-            chip.now += n;
-            chip.instructions += n;
-        }))?;
+                let n = u64::from(lengths[at]);
+                let chip = c.get_data_mut();
+                let unmasked = chip.masked && {
+                    let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
+                    let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
+                    primask & 1 == 0 && basepri == 0
+                };
+                let chip = c.get_data_mut();
+                if chip.now >= chip.deadline || chip.attention || unmasked {
+                    // The stopped block is not executed; it comes again.
+                    let in_it_block = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0);
+                    if !in_it_block {
+                        let _ = c.emu_stop();
+                        return;
+                    }
+                }
+                let chip = c.get_data_mut();
+                chip.now += n;
+                chip.instructions += n;
+            },
+        ))?;
         // WFE and SEV are found by their encodings.
         for at in (0..flash.len() - 1).step_by(2) {
             let address = u64::from(FLASH_START) + at as u64;
@@ -494,7 +498,9 @@ impl<W: World> Board<W> {
     fn sample(&mut self) {
         let at = self.next_sample;
         self.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
-        let Some(codes) = self.world.convert(at) else { return };
+        let Some(codes) = self.world.convert(at) else {
+            return;
+        };
         self.spoilt = self.world.spoil_converter_frame();
         let chip = self.cpu.get_data_mut();
         chip.spoil = self.spoilt;
@@ -509,7 +515,9 @@ impl<W: World> Board<W> {
     fn finish_spi(&mut self) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         chip.spi_done = u64::MAX;
-        let (Some(rx), Some(tx)) = (chip.stream(Request::Spi1Rx), chip.stream(Request::Spi1Tx)) else { return Ok(()) };
+        let (Some(rx), Some(tx)) = (chip.stream(Request::Spi1Rx), chip.stream(Request::Spi1Tx)) else {
+            return Ok(());
+        };
         let n = chip.dma[rx.0].streams[rx.1].ndtr;
         let from = chip.dma[tx.0].streams[tx.1].memory();
         let to = chip.dma[rx.0].streams[rx.1].memory();
@@ -536,7 +544,9 @@ impl<W: World> Board<W> {
     fn finish_usart(&mut self) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         chip.usart_done = u64::MAX;
-        let Some(tx) = chip.stream(Request::Usart1Tx) else { return Ok(()) };
+        let Some(tx) = chip.stream(Request::Usart1Tx) else {
+            return Ok(());
+        };
         let s = &chip.dma[tx.0].streams[tx.1];
         let (from, n) = (s.memory(), s.ndtr);
         chip.moved(tx, n);

@@ -19,7 +19,8 @@ impl Port {
             IDR => {
                 let mut level = 0u32;
                 for pin in 0..16 {
-                    let source = if self.regs[MODER] >> (2 * pin) & 3 == 1 { self.regs[ODR] } else { u32::from(self.input) };
+                    let source =
+                        if self.regs[MODER] >> (2 * pin) & 3 == 1 { self.regs[ODR] } else { u32::from(self.input) };
                     level |= source & (1 << pin);
                 }
                 Some(level)

@@ -36,7 +36,8 @@ impl Decoder {
         loop {
             match self.stream.decode() {
                 Ok(frame) => {
-                    let level = frame.level().map_or_else(String::new, |l| format!("{:<5} ", l.as_str().to_uppercase()));
+                    let level =
+                        frame.level().map_or_else(String::new, |l| format!("{:<5} ", l.as_str().to_uppercase()));
                     lines.push(format!("{level}{}", frame.display_message()));
                 }
                 Err(DecodeError::UnexpectedEof) => return lines,

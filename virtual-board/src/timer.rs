@@ -137,8 +137,7 @@ impl Timer {
         let span = self.span() * per;
         let happened = |at: u64| {
             let phase = self.zero + at * per;
-            let first =
-                if phase >= self.looked { phase } else { phase + (self.looked - phase).div_ceil(span) * span };
+            let first = if phase >= self.looked { phase } else { phase + (self.looked - phase).div_ceil(span) * span };
             first <= now
         };
         let mut sr = self.regs[SR];

@@ -118,7 +118,9 @@ fn size() -> Result<(), Failure> {
 fn flash() -> Result<(), Failure> {
     let t = setup::toolchain()?;
     if output(Command::new("probe-rs").arg("--version")).is_none() {
-        return Err(Failure("probe-rs is not installed. Run\n\n    cargo install probe-rs-tools --locked\n\nand then this again".into()));
+        return Err(Failure(
+            "probe-rs is not installed. Run\n\n    cargo install probe-rs-tools --locked\n\nand then this again".into(),
+        ));
     }
     run(t.cargo("run").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
 }
@@ -133,11 +135,25 @@ fn test() -> Result<(), Failure> {
     run(&mut cargo(&["fmt", "--all", "--check"]))?;
     size()?;
     println!("lints, target");
-    run(t.cargo("clippy").args(["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--", "-D", "warnings"]))?;
+    run(t.cargo("clippy").args([
+        "--quiet",
+        "--profile",
+        "firmware",
+        "-p",
+        "firmware",
+        "--locked",
+        "--",
+        "-D",
+        "warnings",
+    ]))?;
     println!("lints, host");
-    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args(["--", "-D", "warnings"]))?;
+    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"])
+        .args(&packages)
+        .args(["--", "-D", "warnings"]))?;
     println!("documentation");
-    run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"]).args(&packages).env("RUSTDOCFLAGS", "-D warnings"))?;
+    run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
+        .args(&packages)
+        .env("RUSTDOCFLAGS", "-D warnings"))?;
     println!("tests");
     tests(&packages)
 }

@@ -61,7 +61,8 @@ fn has_target() -> bool {
 
 fn debian() -> Option<Toolchain> {
     let installed = DEBIAN_RUST.iter().all(|p| {
-        output(Command::new("dpkg-query").args(["-W", "-f", "${Status}", p])).is_some_and(|s| s.ends_with("ok installed"))
+        output(Command::new("dpkg-query").args(["-W", "-f", "${Status}", p]))
+            .is_some_and(|s| s.ends_with("ok installed"))
     });
     if !installed {
         return None;
@@ -86,7 +87,8 @@ fn apt(packages: &[&str], why: &str) -> Result<(), Failure> {
         return Err(Failure(format!("{why} needs packages that only root may install. Run\n\n    sudo sh -c '{commands}'\n\nand then this again")));
     }
     println!("set-up: {why}: installing {}", packages.join(", "));
-    run(Command::new("sh").args(["-c", &format!("({commands}) > /tmp/hrg-setup.log 2>&1 || {{ tail -20 /tmp/hrg-setup.log; exit 1; }}")]))
+    run(Command::new("sh")
+        .args(["-c", &format!("({commands}) > /tmp/hrg-setup.log 2>&1 || {{ tail -20 /tmp/hrg-setup.log; exit 1; }}")]))
 }
 
 /// The toolchain for the target, installed if need be.
@@ -104,7 +106,8 @@ pub fn toolchain() -> Result<Toolchain, Failure> {
     }
     println!("set-up: rustup cannot download here; taking Debian's rustc, which brings its library source");
     apt(&DEBIAN_RUST, "compiling for the target")?;
-    debian().ok_or_else(|| Failure("Debian's rustc is installed but not usable: rustup's rust-lld was not found".into()))
+    debian()
+        .ok_or_else(|| Failure("Debian's rustc is installed but not usable: rustup's rust-lld was not found".into()))
 }
 
 fn has_libclang() -> bool {

@@ -38,8 +38,21 @@ struct Arguments {
 }
 
 const SINGLES: [&str; 15] = [
-    "cubic", "kink", "temperature-shape", "thermal-lag", "second-derivative", "hysteresis", "axis-gradient", "case-gradient",
-    "warm-up", "aging", "step", "periodic", "drive-amplitude", "quadrature", "board",
+    "cubic",
+    "kink",
+    "temperature-shape",
+    "thermal-lag",
+    "second-derivative",
+    "hysteresis",
+    "axis-gradient",
+    "case-gradient",
+    "warm-up",
+    "aging",
+    "step",
+    "periodic",
+    "drive-amplitude",
+    "quadrature",
+    "board",
 ];
 const PAIRS: [(&str, &str); 8] = [
     ("kink", "warm-up"),
@@ -193,7 +206,9 @@ fn main() -> Result<()> {
                     let mut mine = Vec::new();
                     loop {
                         let k = next.fetch_add(1, Ordering::Relaxed);
-                        let Some(trial) = trials.get(k) else { return mine };
+                        let Some(trial) = trials.get(k) else {
+                            return mine;
+                        };
                         match run(trial) {
                             Ok(o) => mine.push((k, o)),
                             Err(e) => eprintln!("{} {:?}: {e}", trial.kind, trial.effects),
@@ -209,7 +224,9 @@ fn main() -> Result<()> {
     outcomes.sort_by_key(|o| o.0);
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
     if let Some(path) = &a.out {
-        let mut s = String::from("kind,profile,unit,truth,size,parameter,found,twins,unexplained,left,before,after,floor,seconds\n");
+        let mut s = String::from(
+            "kind,profile,unit,truth,size,parameter,found,twins,unexplained,left,before,after,floor,seconds\n",
+        );
         for o in &outcomes {
             let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
             let _ = writeln!(
@@ -277,15 +294,26 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let cried = clean.iter().filter(|o| o.unexplained).count();
     let both = pairs.iter().filter(|o| o.named == 2).count();
     let caught = |o: &&&Outcome| o.unexplained || o.found.iter().any(|f| f == "temperature-shape");
-    let can = ["cubic", "kink", "temperature-shape", "thermal-lag", "second-derivative", "hysteresis", "axis-gradient", "warm-up"];
+    let can = [
+        "cubic",
+        "kink",
+        "temperature-shape",
+        "thermal-lag",
+        "second-derivative",
+        "hysteresis",
+        "axis-gradient",
+        "warm-up",
+    ];
     let ratios: Vec<f64> = all
         .iter()
         .filter(|o| {
-            o.trial.kind != "outsider" && o.trial.effects.iter().all(|e| can.contains(&e.name.as_str()) && e.size >= 2.0)
+            o.trial.kind != "outsider"
+                && o.trial.effects.iter().all(|e| can.contains(&e.name.as_str()) && e.size >= 2.0)
         })
         .map(|o| o.after_over_floor)
         .collect();
-    let floors: Vec<f64> = all.iter().filter(|o| o.trial.kind != "outsider").map(|o| (o.floor_over_truth - 1.0).abs()).collect();
+    let floors: Vec<f64> =
+        all.iter().filter(|o| o.trial.kind != "outsider").map(|o| (o.floor_over_truth - 1.0).abs()).collect();
     let within = floors.iter().filter(|f| **f <= 0.15).count();
     let seconds: Vec<f64> = all.iter().map(|o| o.seconds).collect();
     let _ = writeln!(s, "\n| figure | wanted | reached |\n|---|---|---|");

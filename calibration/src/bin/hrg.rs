@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile};
-use hrg_cal::{file, fit, points, trace, AXIS_NAMES, BadInput};
+use hrg_cal::{file, fit, points, trace, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -205,7 +205,10 @@ fn now() -> u32 {
 }
 
 fn print_trace(r: &trace::Report) {
-    println!("{:<5} {:>12} {:>12} {:>12} {:>12} {:>12}", "axis", "base/train", "base/verify", "final/train", "final/verify", "noise floor");
+    println!(
+        "{:<5} {:>12} {:>12} {:>12} {:>12} {:>12}",
+        "axis", "base/train", "base/verify", "final/train", "final/verify", "noise floor"
+    );
     for n in AXIS_NAMES {
         println!(
             "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>12.3}",
@@ -222,7 +225,12 @@ fn print_trace(r: &trace::Report) {
         let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
         println!("effect {} {} ({})", e.name, parameters.join(", "), e.reach);
         for k in &e.rank {
-            println!("  {:<20} {:>6.1} % less cross-validated error, worth {:.1}", k.name, 100.0 * k.gain_in_cv, k.worth);
+            println!(
+                "  {:<20} {:>6.1} % less cross-validated error, worth {:.1}",
+                k.name,
+                100.0 * k.gain_in_cv,
+                k.worth
+            );
         }
         if !e.indistinguishable_from.is_empty() {
             println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
@@ -237,7 +245,10 @@ fn print_trace(r: &trace::Report) {
 
 fn print_points(r: &points::Report) {
     println!("Residuals of T(f) and of f(T) solved for T, in C");
-    println!("{:<9} {:<5} {:<7} {:>6} {:>9} {:>9} {:>14}", "reference", "axis", "fit", "degree", "RMS", "largest", "leave-one-out");
+    println!(
+        "{:<9} {:<5} {:<7} {:>6} {:>9} {:>9} {:>14}",
+        "reference", "axis", "fit", "degree", "RMS", "largest", "leave-one-out"
+    );
     for (reference, axes) in &r.fits {
         for (axis, f) in axes {
             for (kind, fits) in [("T(f)", &f.inverse), ("f(T)", &f.forward)] {

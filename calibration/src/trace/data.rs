@@ -64,7 +64,8 @@ impl<'a> Data<'a> {
         let block_s = 5 * coarse_s;
         let blocks: Vec<usize> = runs.iter().map(|r| r.steps.len() / block_s).collect();
         let axes = [0, 1, 2].map(|a| {
-            let mut rows = AxisRows { keep: vec![], starts: vec![], y: vec![], base: vec![vec![]; hrg_core::bias::TERMS] };
+            let mut rows =
+                AxisRows { keep: vec![], starts: vec![], y: vec![], base: vec![vec![]; hrg_core::bias::TERMS] };
             let mut first = 0;
             for (run, &n) in runs.iter().zip(&blocks) {
                 rows.starts.push(rows.keep.len());
@@ -104,7 +105,9 @@ impl<'a> Data<'a> {
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
-                    let Some(inputs) = run.inputs(&self.scaling, k + every / 2, a) else { continue };
+                    let Some(inputs) = run.inputs(&self.scaling, k + every / 2, a) else {
+                        continue;
+                    };
                     let x = running.step(&inputs);
                     if x[0].is_nan() {
                         continue;

@@ -54,12 +54,12 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
     let run = &t.verify;
     let name = AXIS_NAMES[a];
     let [before, after] = &t.verify_residuals;
-    let temperature: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
+    let temperature: Vec<f64> =
+        (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
     let ramp: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.1))).collect();
     let (mt, mr) = (block_means(&temperature, 100), block_means(&ramp, 100));
-    let pair = |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> {
-        x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect()
-    };
+    let pair =
+        |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect() };
     let direction = |y: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
         mr.iter().zip(block_means(y, 100)).filter(|(r, _)| keep(**r)).map(|(r, y)| (*r, y)).collect()
     };
@@ -87,7 +87,10 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
             "time [h]",
             "100 s mean [deg/h]",
             false,
-            vec![series("before", against_time(&before[a]), 0, false), series("after", against_time(&after[a]), 1, false)],
+            vec![
+                series("before", against_time(&before[a]), 0, false),
+                series("after", against_time(&after[a]), 1, false),
+            ],
         ),
         panel(
             format!("{name}: spectrum"),
@@ -161,7 +164,8 @@ fn ranking(r: &Report) -> String {
         }
         s += "</table>";
         if !e.indistinguishable_from.is_empty() {
-            let _ = write!(s, "<p>This profile cannot tell it from: {}.</p>", escape(&e.indistinguishable_from.join(", ")));
+            let _ =
+                write!(s, "<p>This profile cannot tell it from: {}.</p>", escape(&e.indistinguishable_from.join(", ")));
         }
     }
     if r.effects.is_empty() {

@@ -88,7 +88,12 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
     let r: Vec<f64> = state.iter().map(|s| s.1 / fastest).collect();
     let curve = |v: &[f64], degrees: std::ops::RangeInclusive<i32>, weight: &dyn Fn(usize) -> f64| -> Vec<Vec<f64>> {
         degrees
-            .map(|d| v.iter().enumerate().map(|(k, x)| (f64::from(d) * x.clamp(-1.0, 1.0).acos()).cos() * weight(k)).collect())
+            .map(|d| {
+                v.iter()
+                    .enumerate()
+                    .map(|(k, x)| (f64::from(d) * x.clamp(-1.0, 1.0).acos()).cos() * weight(k))
+                    .collect()
+            })
             .collect()
     };
     let heating = |k: usize| if r[k] > 0.1 { 1.0 } else { 0.0 };

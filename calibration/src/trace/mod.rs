@@ -150,7 +150,13 @@ impl Fitted {
     }
 
     /// The bias of a run, of those effects that `which` lets through, on every step.
-    fn bias(&self, run: &Run, scaling: &hrg_core::bias::Scaling, a: usize, which: &dyn Fn(&Candidate) -> bool) -> Vec<f64> {
+    fn bias(
+        &self,
+        run: &Run,
+        scaling: &hrg_core::bias::Scaling,
+        a: usize,
+        which: &dyn Fn(&Candidate) -> bool,
+    ) -> Vec<f64> {
         let mut out = vec![0.0; run.steps.len()];
         for (column, k) in fit::baseline_columns(run, scaling, a, false).iter().zip(&self.coefficients[a]) {
             for (o, x) in out.iter_mut().zip(column) {
@@ -171,11 +177,7 @@ impl Fitted {
 
 /// Generalised least squares of a model on exact columns. A candidate confined to one run is zero elsewhere.
 fn final_fit(data: &Data<'_>, effects: &[Candidate], colours: [usize; AXES]) -> Result<Fitted, BadInput> {
-    let mut out = Fitted {
-        effects: effects.to_vec(),
-        coefficients: Default::default(),
-        std: Default::default(),
-    };
+    let mut out = Fitted { effects: effects.to_vec(), coefficients: Default::default(), std: Default::default() };
     for a in 0..AXES {
         let rows = &data.axes[a];
         let mut columns = rows.base.clone();
@@ -225,7 +227,12 @@ fn into_block(base: &Calibration, fitted: &Fitted, notes: &mut Vec<String>) -> C
 }
 
 /// Residuals of a run.
-fn residuals(run: &Run, scaling: &hrg_core::bias::Scaling, fitted: &Fitted, which: &dyn Fn(&Candidate) -> bool) -> [Vec<f64>; AXES] {
+fn residuals(
+    run: &Run,
+    scaling: &hrg_core::bias::Scaling,
+    fitted: &Fitted,
+    which: &dyn Fn(&Candidate) -> bool,
+) -> [Vec<f64>; AXES] {
     [0, 1, 2].map(|a| {
         let bias = fitted.bias(run, scaling, a, which);
         run.steps.rate_dph[a].iter().zip(bias).map(|(r, b)| r - b).collect()
@@ -286,9 +293,7 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
         }
     }
 
-    let colours_alone = search.worth(&[]).1;
     let baseline_fit = final_fit(&data, &[], [0; AXES])?;
-    let _ = colours_alone;
     let fitted = final_fit(&data, &model.effects, model.colours)?;
 
     let all = |_: &Candidate| true;
@@ -321,12 +326,19 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 
     let mut effects = Vec::new();
     for (k, c) in model.effects.iter().enumerate() {
-        let others: Vec<Candidate> = model.effects.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, e)| *e).collect();
+        let others: Vec<Candidate> =
+            model.effects.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, e)| *e).collect();
         let worth = ranks[k].iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, |(_, w)| *w);
         let at = fitted.offset(k);
         effects.push(Found {
             name: c.facts.name.to_string(),
-            parameters: c.facts.parameters.iter().zip(c.parameters).map(|(n, v)| ((*n).to_string(), f64::from(v))).collect(),
+            parameters: c
+                .facts
+                .parameters
+                .iter()
+                .zip(c.parameters)
+                .map(|(n, v)| ((*n).to_string(), f64::from(v)))
+                .collect(),
             axes: (0..AXES)
                 .map(|a| {
                     let gains = fitted.coefficients[a][at..at + c.facts.outputs].to_vec();
@@ -425,7 +437,12 @@ fn list(names: &[String]) -> String {
     }
 }
 
-fn verdict(effects: &[Found], before: &BTreeMap<String, Rms>, after: &BTreeMap<String, Rms>, unexplained: &BTreeMap<String, bool>) -> String {
+fn verdict(
+    effects: &[Found],
+    before: &BTreeMap<String, Rms>,
+    after: &BTreeMap<String, Rms>,
+    unexplained: &BTreeMap<String, bool>,
+) -> String {
     let mean = |t: &BTreeMap<String, Rms>| t.values().map(|r| r.verify_rms_dph).sum::<f64>() / t.len() as f64;
     let (b, a) = (mean(before), mean(after));
     let left: Vec<String> = unexplained.iter().filter(|(_, u)| **u).map(|(n, _)| n.clone()).collect();
@@ -491,7 +508,18 @@ fn advice(effects: &[Found], left: &[leftover::Left; AXES]) -> Vec<String> {
 
 /// Which profile parts two effects.
 fn parting(a: &str, b: &str) -> String {
-    let memory = |n: &str| matches!(n, "thermal-lag" | "hysteresis" | "second-derivative" | "case-gradient" | "axis-gradient" | "timebase" | "board");
+    let memory = |n: &str| {
+        matches!(
+            n,
+            "thermal-lag"
+                | "hysteresis"
+                | "second-derivative"
+                | "case-gradient"
+                | "axis-gradient"
+                | "timebase"
+                | "board"
+        )
+    };
     let shape = |n: &str| matches!(n, "cubic" | "kink" | "temperature-shape");
     let clock = |n: &str| matches!(n, "warm-up" | "aging" | "step" | "periodic");
     if memory(a) && memory(b) {

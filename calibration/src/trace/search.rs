@@ -127,7 +127,8 @@ impl<'a> Search<'a> {
                 *p += (re * re + im * im) / (view.y.len() as f64 * variance);
             }
         }
-        let mut peaks: Vec<usize> = (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
+        let mut peaks: Vec<usize> =
+            (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
         peaks.sort_by(|x, y| power[*y].total_cmp(&power[*x]));
         peaks
             .into_iter()
@@ -234,7 +235,8 @@ impl<'a> Search<'a> {
             for (s, b) in bases.iter().enumerate() {
                 let view = &self.views[a][s];
                 let explained: f64 = b[a].columns.iter().map(|q| dot(q, &view.y).powi(2)).sum();
-                let l = view.colour.log_likelihood(dot(&view.y, &view.y) - explained, view.y.len(), self.data.runs.len());
+                let l =
+                    view.colour.log_likelihood(dot(&view.y, &view.y) - explained, view.y.len(), self.data.runs.len());
                 if l > best.0 {
                     best = (l, s);
                 }
@@ -283,7 +285,8 @@ impl<'a> Search<'a> {
                 for (s, at) in y.iter().enumerate() {
                     let view = &self.views[a][s];
                     let explained = explained(&seen.columns[s][a], &bases[s][a], &at[a].0);
-                    best = best.max(view.colour.log_likelihood(at[a].1 - explained, view.y.len(), self.data.runs.len()));
+                    best =
+                        best.max(view.colour.log_likelihood(at[a].1 - explained, view.y.len(), self.data.runs.len()));
                 }
                 total += best;
             }
@@ -361,7 +364,9 @@ impl<'a> Search<'a> {
         let others: Vec<Candidate> = effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
         let bases = self.bases(&self.seen(&others));
         let worth = |c: &Candidate| -> f64 {
-            let Some(seen) = self.see(*c) else { return f64::NEG_INFINITY };
+            let Some(seen) = self.see(*c) else {
+                return f64::NEG_INFINITY;
+            };
             let mut bases = bases.clone();
             for (s, b) in bases.iter_mut().enumerate() {
                 for a in 0..AXES {
@@ -619,7 +624,9 @@ fn held_out_error(columns: &[Vec<f64>], y: &[f64], held: impl Fn(usize) -> bool)
             normal[(j, i)] = normal[(i, j)];
         }
     }
-    let Some(b) = normal.cholesky().map(|c| c.solve(&right)) else { return f64::INFINITY };
+    let Some(b) = normal.cholesky().map(|c| c.solve(&right)) else {
+        return f64::INFINITY;
+    };
     (0..y.len())
         .filter(|k| held(*k))
         .map(|k| {

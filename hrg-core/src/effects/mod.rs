@@ -246,7 +246,13 @@ mod tests {
     fn play_is_half_a_width_behind_on_either_branch() {
         let up = |k: u16| f32::from(k) * 0.1;
         assert!((run("hysteresis", 4.0, up, 100) + 2.0).abs() < 1e-4);
-        let turn = |k: u16| if k < 100 { f32::from(k) * 0.1 } else { 20.0 - f32::from(k) * 0.1 };
+        let turn = |k: u16| {
+            if k < 100 {
+                f32::from(k) * 0.1
+            } else {
+                20.0 - f32::from(k) * 0.1
+            }
+        };
         assert!((run("hysteresis", 4.0, turn, 200) - 2.0).abs() < 1e-4);
     }
 

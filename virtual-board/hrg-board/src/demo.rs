@@ -60,8 +60,18 @@ fn plot(before: &[Second], after: &[Second]) -> Result<String> {
             log: false,
             series: vec![
                 Series { label: "raw".into(), points: means(before, &|s| s.raw_dph[a]), colour: 0, dots: false },
-                Series { label: "baseline block".into(), points: means(before, &|s| s.corrected_dph[a]), colour: 2, dots: false },
-                Series { label: "extended block".into(), points: means(after, &|s| s.corrected_dph[a]), colour: 1, dots: false },
+                Series {
+                    label: "baseline block".into(),
+                    points: means(before, &|s| s.corrected_dph[a]),
+                    colour: 2,
+                    dots: false,
+                },
+                Series {
+                    label: "extended block".into(),
+                    points: means(after, &|s| s.corrected_dph[a]),
+                    colour: 1,
+                    dots: false,
+                },
             ],
         })
         .collect();
@@ -78,7 +88,12 @@ fn table_1(path: &Path) -> Result<()> {
         for (axis, b) in &e.axes {
             println!(
                 "     {axis}: RMS {:.4} -> {:.4} C, largest {:.4} -> {:.4} C, leave-one-out {:.4} -> {:.4} C",
-                b.rms_before_c, b.rms_after_c, b.max_before_c, b.max_after_c, b.leave_one_out_before_c, b.leave_one_out_after_c
+                b.rms_before_c,
+                b.rms_after_c,
+                b.max_before_c,
+                b.max_after_c,
+                b.leave_one_out_before_c,
+                b.leave_one_out_after_c
             );
         }
         let twins = if e.indistinguishable_from.is_empty() {
@@ -112,7 +127,9 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
         Ok(plan.simulate())
     };
     println!("Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
-    println!("1. A unit with an undeclared effect (seed {seed}): a train run ({TRAIN}, 7 h) and a verify run ({VERIFY})");
+    println!(
+        "1. A unit with an undeclared effect (seed {seed}): a train run ({TRAIN}, 7 h) and a verify run ({VERIFY})"
+    );
     let train = plan(TRAIN, seed * 2 + 1, seed)?;
     let verify = plan(VERIFY, seed * 2 + 2, seed)?;
     hrg_cal::write_file(&to("train.csv"), train.recording.to_csv().as_bytes())?;
@@ -132,7 +149,9 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
     let steps = Steps::new(&verify_file)?;
     let [before, after] = run_both(&elf, [&t.baseline, &t.extended], &steps)?;
     let (rows_before, rows_after) = (before.seconds_of_frames(), after.seconds_of_frames());
-    for (name, o, rows, c) in [("before", &before, &rows_before, &t.baseline), ("after", &after, &rows_after, &t.extended)] {
+    for (name, o, rows, c) in
+        [("before", &before, &rows_before, &t.baseline), ("after", &after, &rows_after, &t.extended)]
+    {
         hrg_cal::write_file(&to(&format!("{name}.csv")), replay::to_csv(&verify_file, Some(c), rows).as_bytes())?;
         hrg_cal::write_file(&to(&format!("{name}.log")), (o.received.log.join("\n") + "\n").as_bytes())?;
     }
@@ -168,7 +187,10 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
 
     println!("5. Only now the simulator's truth");
     for e in &train.truth.effects {
-        println!("   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)", e.name, e.parameter, e.size);
+        println!(
+            "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
+            e.name, e.parameter, e.size
+        );
     }
     for e in &t.report.effects {
         let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
@@ -180,9 +202,18 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
         println!("   found:   {} {}{twins}", e.name, parameters.join(", "));
     }
     let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| t.report.unexplained[*a]).collect();
-    println!("   left:    {}", if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) });
+    println!(
+        "   left:    {}",
+        if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) }
+    );
     table_1(table)?;
-    println!("\nreport {}, plot {}, logs {} and {}", to("report.html").display(), to("rates.svg").display(), to("before.log").display(), to("after.log").display());
+    println!(
+        "\nreport {}, plot {}, logs {} and {}",
+        to("report.html").display(),
+        to("rates.svg").display(),
+        to("before.log").display(),
+        to("after.log").display()
+    );
     println!("{:.0} s in all", start.elapsed().as_secs_f64());
     Ok(())
 }

@@ -5,7 +5,7 @@ use clap::{Parser, Subcommand};
 use hrg_board::replay::{self, Options};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
-use hrg_cal::{file, AXIS_NAMES, BadInput};
+use hrg_cal::{file, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -103,7 +103,8 @@ fn run(command: Command) -> Result<()> {
     let options = Options { jitter_s: jitter_ns * 1e-9, seed, seconds, ..Options::default() };
     let bar = indicatif::ProgressBar::new(1000);
     bar.set_style(indicatif::ProgressStyle::with_template("running the ELF {bar:40} {percent}% {eta}")?);
-    let outcome = replay::run(&elf, calibration.as_ref(), &steps, &options, |done| bar.set_position((done * 1000.0) as u64))?;
+    let outcome =
+        replay::run(&elf, calibration.as_ref(), &steps, &options, |done| bar.set_position((done * 1000.0) as u64))?;
     bar.finish_and_clear();
     let rows = outcome.seconds_of_frames();
     hrg_cal::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;

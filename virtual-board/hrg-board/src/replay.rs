@@ -8,7 +8,6 @@ use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::AXIS_NAMES;
 use hrg_core::calibration::Calibration;
-use hrg_core::rate_path::RateFrame;
 use hrg_core::status::unit;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -50,7 +49,7 @@ pub struct Outcome {
     pub seconds: f64,
     /// Instructions executed.
     pub instructions: u64,
-    /// Largest stack use is not known here: see the painted stack of the firmware's own tests.
+    /// Time it took here, s.
     pub wall_s: f64,
 }
 
@@ -73,7 +72,13 @@ pub fn read_elf(path: &Path) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// Where the firmware does what the board does not model.
-pub fn run(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, options: &Options, mut progress: impl FnMut(f64)) -> Result<Outcome> {
+pub fn run(
+    elf: &[u8],
+    calibration: Option<&Calibration>,
+    steps: &Steps,
+    options: &Options,
+    mut progress: impl FnMut(f64),
+) -> Result<Outcome> {
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
     let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
@@ -129,22 +134,19 @@ impl Outcome {
         let mut out = Vec::new();
         let mut frames = self.received.rates.iter().peekable();
         for h in &self.received.housekeeping {
-            // The samples of housekeeping `step` ran under the bias of the step before.
-            let before = |f: &RateFrame| f.step.wrapping_add(1) < h.step.wrapping_add(1);
+            // The samples that housekeeping sums up ran under the bias of the step before; frames of earlier steps
+            // (and those before the first bias, whose step is the largest number) belong to no second.
+            let number = |step: u32| step.wrapping_add(1);
             let mut sum = [0.0; 3];
             let mut count = 0.0;
-            let mut bias_step = false;
-            while let Some(f) = frames.peek().copied().filter(|f| f.step == u32::MAX || before(f)) {
-                if f.step.wrapping_add(1) == h.step {
+            while let Some(f) = frames.next_if(|f| number(f.step) <= h.step) {
+                if number(f.step) == h.step {
                     for (s, r) in sum.iter_mut().zip(f.rate_dph) {
                         *s += f64::from(r);
                     }
                     count += 1.0;
-                    bias_step = true;
                 }
-                frames.next();
             }
-            let _ = bias_step;
             out.push(Second {
                 time_s: f64::from(h.time_ms) / 1000.0,
                 frequency_hz: h.frequency_hz,

@@ -75,7 +75,8 @@ impl Twin {
     /// A converter frame was fetched.
     pub fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
         self.advance(stamp);
-        let event = if good { self.path.sample(stamp, [codes[0], codes[1], codes[2]]) } else { self.path.missing(stamp) };
+        let event =
+            if good { self.path.sample(stamp, [codes[0], codes[1], codes[2]]) } else { self.path.missing(stamp) };
         let Event { frame, summary } = event;
         if let Some(mut frame) = frame {
             frame.unit_status |= self.start_status;

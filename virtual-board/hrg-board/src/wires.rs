@@ -80,7 +80,14 @@ impl std::fmt::Debug for Wires {
 impl Wires {
     /// `scale_dph`: deg/h per converter code; `jitter_s`: RMS jitter of every edge.
     #[must_use]
-    pub fn new(steps: Steps, scale_dph: [f32; 3], jitter_s: f64, seed: u64, twin: Option<Twin>, decoder: Option<Decoder>) -> Self {
+    pub fn new(
+        steps: Steps,
+        scale_dph: [f32; 3],
+        jitter_s: f64,
+        seed: u64,
+        twin: Option<Twin>,
+        decoder: Option<Decoder>,
+    ) -> Self {
         Self {
             steps,
             scale_dph,
@@ -114,7 +121,9 @@ impl Wires {
         let queue = if matches!(message, Message::Rate(_)) { &mut twin.rates } else { &mut twin.housekeeping };
         let Some(expected) = queue.pop_front() else {
             self.received.differing += 1;
-            self.received.first_difference.get_or_insert_with(|| format!("the unit sent {message:?}, which is not due"));
+            self.received
+                .first_difference
+                .get_or_insert_with(|| format!("the unit sent {message:?}, which is not due"));
             return;
         };
         if expected.encode() == message.encode() {
@@ -160,7 +169,7 @@ impl World for Wires {
             let jitter: f64 = if self.jitter_s > 0.0 { StandardNormal.sample(&mut self.rng[channel]) } else { 0.0 };
             let edge = ((t + jitter * self.jitter_s) * CPU_HZ as f64) as u64;
             if let Some((a, after)) = self.faults.glitch {
-                if a == channel && self.edges[channel] % 1000 == 0 {
+                if a == channel && self.edges[channel].is_multiple_of(1000) {
                     self.extra[channel] = Some(edge + (after * CPU_HZ as f64) as u64);
                 }
             }
@@ -196,7 +205,7 @@ impl World for Wires {
 
     fn spoil_converter_frame(&mut self) -> bool {
         self.frames_out += 1;
-        self.faults.spoil_every.is_some_and(|n| self.frames_out % n == 0)
+        self.faults.spoil_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
     }
 
     fn captured(&mut self, channel: usize, stamp: u32) {
@@ -216,19 +225,17 @@ impl World for Wires {
             match self.deframer.push(b) {
                 None => {}
                 Some(Err(_)) => self.received.bad_frames += 1,
-                Some(Ok(message)) => {
-                    match message {
-                        Message::Rate(r) => {
-                            self.compare(&message);
-                            self.received.rates.push(r);
-                        }
-                        Message::Housekeeping(h) => {
-                            self.compare(&message);
-                            self.received.housekeeping.push(h);
-                        }
-                        other => self.received.other.push(other),
+                Some(Ok(message)) => match message {
+                    Message::Rate(r) => {
+                        self.compare(&message);
+                        self.received.rates.push(r);
                     }
-                }
+                    Message::Housekeeping(h) => {
+                        self.compare(&message);
+                        self.received.housekeeping.push(h);
+                    }
+                    other => self.received.other.push(other),
+                },
             }
         }
     }
