@@ -85,6 +85,9 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
             lag_s[0], lag_s[1], lag_s[2]
         )),
         laws::Reference::Chamber => notes.push("no shell sensor: temperatures are referred to the chamber".into()),
+        laws::Reference::Implausible => notes.push(
+            "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        ),
         laws::Reference::Shape => {
             notes.push("no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into());
         }

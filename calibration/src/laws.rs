@@ -18,6 +18,8 @@ pub enum Reference {
     /// No sensor was recorded: the laws of dong2023's Table 1, shifted so that the mean frequency of the run
     /// is at its middle. Temperatures are then a scale of frequency, not degrees of a thermometer.
     Shape,
+    /// A sensor was recorded but does not follow the resonators; as [`Reference::Shape`] where it does not.
+    Implausible,
 }
 
 /// Centred cubic `T(f)` by least squares.
@@ -124,6 +126,7 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     };
     let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
     let mut lag_s = [0.0; AXES];
+    let mut implausible = false;
     for (a, law) in laws.iter_mut().enumerate() {
         let frequencies: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
         let (low, high) = (quantile(&frequencies, 0.0), quantile(&frequencies, 1.0));
@@ -136,9 +139,7 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             )));
         }
         if reference == Reference::Shape {
-            let middle = 0.5 * (low + high);
-            law.scale_hz = (f64::from(law.scale_hz) * middle / law.f0_hz) as f32;
-            law.f0_hz = middle;
+            *law = shifted(law, low, high);
         } else {
             let sensor = |s: &Steps| -> Vec<f32> {
                 if reference == Reference::Shell {
@@ -151,20 +152,29 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
             lag_s[a] = least(error, LONGEST_LAG_S);
             let fitted = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
-            if !plausible(&fitted, low, high) {
-                return Err(BadInput::new(format!(
-                    "axis {}: the temperature sensor does not follow the resonator's frequency as fused silica does (60 to 150 ppm per C); check that sensor's column, or record a run with longer soaks",
-                    crate::AXIS_NAMES[a]
-                )));
+            if plausible(&fitted, low, high) {
+                *law = fitted;
+            } else {
+                // The sensor does not follow this resonator: better a law of the right shape than a wrong one.
+                implausible = true;
+                *law = shifted(law, low, high);
             }
-            *law = fitted;
         }
         // The range is that of the frequencies seen, in the law's own degrees.
         let ends = [law.temperature_c(low), law.temperature_c(high)];
         law.min_c = ends[0].min(ends[1]);
         law.max_c = ends[0].max(ends[1]);
     }
+    if implausible {
+        return Ok(Identified { laws, reference: Reference::Implausible, lag_s: [0.0; AXES] });
+    }
     Ok(Identified { laws, reference, lag_s })
+}
+
+/// A law of Table 1 moved to the middle of the frequencies seen.
+fn shifted(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> TemperatureLaw {
+    let middle = 0.5 * (low_hz + high_hz);
+    TemperatureLaw { f0_hz: middle, scale_hz: (f64::from(law.scale_hz) * middle / law.f0_hz) as f32, ..*law }
 }
 
 /// Where a function of one lag time is least: a coarse look, then halving the step.

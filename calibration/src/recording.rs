@@ -204,6 +204,8 @@ impl Recording {
         let mut wanted = vec![(Slot::Time, "time_s".to_string())];
         for (a, n) in AXIS_NAMES.iter().enumerate() {
             wanted.push((Slot::Frequency(a), format!("f{n}_hz")));
+        }
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
             wanted.push((Slot::Rate(a), format!("rate_{n}_dph")));
         }
         for (slot, name) in wanted {

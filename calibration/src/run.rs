@@ -77,6 +77,7 @@ impl Steps {
             r.column(name).map_or_else(Vec::new, |v| {
                 let mut b = bin(v);
                 bridge(&mut b);
+                dequantise(&mut b);
                 b.into_iter().map(|x| x as f32).collect()
             })
         };
@@ -149,6 +150,45 @@ fn bridge(values: &mut [f64]) {
             }
         }
         last = Some(k);
+    }
+}
+
+/// Half the window of [`dequantise`], steps.
+const SMOOTH: usize = 150;
+
+/// Smooths a sensor that shows coarse steps (a DS18B20: 0.0625 C): a parabola fitted to five minutes about each
+/// value. Gentle enough for a shell with a time constant of minutes; a sensor with fine resolution is left alone.
+fn dequantise(values: &mut [f64]) {
+    let pairs = values.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()).count();
+    let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
+    let n = values.len();
+    if 2 * repeats < pairs || n < 4 * SMOOTH || values.iter().any(|v| !v.is_finite()) {
+        return;
+    }
+    // Prefix sums of v, k v and k^2 v about the middle of the data, for every window at once.
+    let origin = values[n / 2];
+    let mut sums = vec![[0.0f64; 3]; n + 1];
+    for k in 0..n {
+        let (x, v) = (k as f64, values[k] - origin);
+        let last = sums[k];
+        sums[k + 1] = [last[0] + v, last[1] + x * v, last[2] + x * x * v];
+    }
+    for k in 0..n {
+        // Near the ends the window is shorter, and centred all the same: a straight mean of what is there.
+        let half = SMOOTH.min(k).min(n - 1 - k);
+        if half < 3 {
+            continue;
+        }
+        let (a, b, c) = (k - half, k + half + 1, k as f64);
+        let d = [0, 1, 2].map(|j: usize| sums[b][j] - sums[a][j]);
+        let m = (2 * half + 1) as f64;
+        // Second moment of the centred window, and the sums about its centre.
+        let h = half as f64;
+        let s2 = h * (h + 1.0) * (2.0 * h + 1.0) / 3.0;
+        let s4 = s2 * (3.0 * h * h + 3.0 * h - 1.0) / 5.0;
+        let y0 = d[0];
+        let y2 = d[2] - 2.0 * c * d[1] + c * c * d[0];
+        values[k] = origin + (s4 * y0 - s2 * y2) / (m * s4 - s2 * s2);
     }
 }
 
@@ -225,5 +265,26 @@ impl Run {
             }
         }
         range
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coarse_steps_are_smoothed_and_fine_ones_left() {
+        let truth: Vec<f64> = (0..6000).map(|k| 20.0 + 15.0 * (1.0 - (-(k as f64) / 900.0).exp())).collect();
+        let mut coarse: Vec<f64> = truth.iter().map(|t| (t / 0.0625).round() * 0.0625).collect();
+        let error = |v: &[f64]| {
+            let e: Vec<f64> = v.iter().zip(&truth).skip(300).take(2500).map(|(a, b)| a - b).collect();
+            (e.iter().map(|x| x * x).sum::<f64>() / e.len() as f64).sqrt()
+        };
+        let before = error(&coarse);
+        dequantise(&mut coarse);
+        assert!(error(&coarse) < 0.5 * before, "{} {before}", error(&coarse));
+        let mut fine = truth.clone();
+        dequantise(&mut fine);
+        assert_eq!(fine, truth);
     }
 }

@@ -2,17 +2,25 @@
 //!
 //! Two estimators. [`SlopeWindow`] is what the unit uses: the least-squares slope over the last
 //! [`WINDOW`] model steps. [`Difference`] is the one of wu2023 (temperature now minus 60 s ago). On a steady
-//! ramp both are exact; where the slope changes, both answer late: the window by `(WINDOW - 1) / 2` = 29.5 s,
-//! the difference by 30 s. White noise of the temperature enters the slope `sqrt(12 / N^3)` strong per step
-//! (0.0075 per s for N = 60) and the difference `sqrt(2) / 60` (0.024 per s): three times worse.
+//! ramp both are exact; where the slope changes, both answer late: the window by `(WINDOW - 1) / 2` = 9.5 s, the
+//! difference by 30 s. White noise of the temperature enters the slope `sqrt(12 / N^3)` strong per second (0.039
+//! for N = 20) and the difference `sqrt(2) / 60` (0.024).
+//!
+//! # Why 20 s
+//! A resonator's temperature is known to 0.01 mK in a second, so noise is no matter: 0.02 mK per minute. Delay is:
+//! at the start of a ramp the window lags behind the physics, and what the model then misses looks like a second
+//! derivative that is not there. Even a counter that only shows millihertz (2 mK) gives 5 mK per minute.
 
-/// Steps in the window of the slope and in the difference: 60 s at one step a second.
-pub const WINDOW: usize = 60;
+/// Steps in the window of the slope: 20 s at one step a second.
+pub const WINDOW: usize = 20;
+
+/// Steps of the difference of wu2023: 60 s.
+pub const DIFFERENCE: usize = 60;
 
 /// The slope is given once this many values are in; before, it is zero.
 pub const WINDOW_MIN: usize = 10;
 
-/// Least-squares slope over a sliding window. Delay on a change of slope: 29.5 s.
+/// Least-squares slope over a sliding window. Delay on a change of slope: 9.5 s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlopeWindow {
     values: [f32; WINDOW],
@@ -75,17 +83,17 @@ impl SlopeWindow {
     }
 }
 
-/// Temperature now minus that of [`WINDOW`] steps ago, in C per minute (wu2023). Delay: 30 s.
+/// Temperature now minus that of [`DIFFERENCE`] steps ago, in C per minute (wu2023). Delay: 30 s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
-    values: [f32; WINDOW],
+    values: [f32; DIFFERENCE],
     filled: usize,
     at: usize,
 }
 
 impl Default for Difference {
     fn default() -> Self {
-        Self { values: [0.0; WINDOW], filled: 0, at: 0 }
+        Self { values: [0.0; DIFFERENCE], filled: 0, at: 0 }
     }
 }
 
@@ -94,12 +102,12 @@ impl Difference {
     pub fn push(&mut self, temperature_c: f32) -> f32 {
         let old = self.values[self.at];
         self.values[self.at] = temperature_c;
-        self.at = (self.at + 1) % WINDOW;
-        if self.filled < WINDOW {
+        self.at = (self.at + 1) % DIFFERENCE;
+        if self.filled < DIFFERENCE {
             self.filled += 1;
             return 0.0;
         }
-        (temperature_c - old) * (60.0 / (WINDOW as f32 * crate::MODEL_STEP_S))
+        (temperature_c - old) * (60.0 / (DIFFERENCE as f32 * crate::MODEL_STEP_S))
     }
 }
 
@@ -123,7 +131,7 @@ mod tests {
 
     #[test]
     fn delay_is_as_documented() {
-        // A slope that grows steadily: the window must give the slope of 29.5 s ago.
+        // A slope that grows steadily: the window must give the slope of 9.5 s ago.
         let mut w = SlopeWindow::default();
         let mut s = 0.0;
         for k in 0..400 {
@@ -131,7 +139,7 @@ mod tests {
             s = w.push(Some(0.5 * 1e-3 * t * t));
         }
         let slope_at = s / 60.0 / 1e-3;
-        assert!((399.0 - slope_at - 29.5).abs() < 0.1, "slope of {slope_at}");
+        assert!((399.0 - slope_at - 9.5).abs() < 0.1, "slope of {slope_at}");
     }
 
     #[test]

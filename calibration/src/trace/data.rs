@@ -179,6 +179,7 @@ impl<'a> Data<'a> {
             ("second-derivative", vec![0.0]),
             ("hysteresis", log((0.03 * span).max(0.5), 0.75 * span, 14)),
             ("axis-gradient", vec![0.0]),
+            ("cooling-heating", vec![0.0]),
             ("case-gradient", vec![0.0]),
             ("warm-up", log(150.0, longest / 3.0, 12)),
             ("aging", vec![0.0]),

@@ -324,6 +324,7 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
         (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), !left[a].where_it_lives.is_empty())).collect();
     let noise_floor_dph = (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), left[a].floor_dph)).collect();
 
+    let alike = search.alike(&model.effects);
     let mut effects = Vec::new();
     for (k, c) in model.effects.iter().enumerate() {
         let others: Vec<Candidate> =
@@ -357,7 +358,11 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
             indistinguishable_from: ranks[k]
                 .iter()
                 .filter(|(r, w)| r.facts.id != c.facts.id && (worth - w).abs() < INDISTINGUISHABLE)
-                .map(|(r, _)| r.facts.name.to_string())
+                .map(|(r, _)| r.facts.name)
+                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n))
+                .collect::<std::collections::BTreeSet<_>>()
+                .into_iter()
+                .map(String::from)
                 .collect(),
             chance_by_luck: model.luck.get(k).copied().unwrap_or(f64::NAN),
             reach: match c.facts.reach {
@@ -530,5 +535,105 @@ fn parting(a: &str, b: &str) -> String {
         "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature".into()
     } else {
         "a run that passes the same temperatures in both directions and at two speeds parts them".into()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{soil, EffectSpec, Noise, Plan, Profile};
+
+    fn plan(profile: &str, effects: &[&str], unit: u64, seed: u64) -> Recording {
+        let plan = Plan {
+            profile: Profile::parse(profile).expect("named"),
+            effects: effects.iter().map(|e| EffectSpec::parse(e).expect("known")).collect(),
+            unit_seed: unit,
+            seed,
+            noise: Noise::default(),
+            sizing: None,
+        };
+        plan.simulate().recording
+    }
+
+    fn traced(effects: &[&str], unit: u64) -> Report {
+        trace(&[plan("cycle", effects, unit, unit * 2 + 1)], &plan("verify", effects, unit, unit * 2 + 2))
+            .expect("traces")
+            .report
+    }
+
+    fn names(r: &Report) -> Vec<&str> {
+        r.effects.iter().map(|e| e.name.as_str()).collect()
+    }
+
+    #[test]
+    fn each_effect_that_is_put_in_comes_out() {
+        for (k, name) in
+            ["cubic", "kink", "thermal-lag", "hysteresis", "axis-gradient", "warm-up", "step", "periodic", "aging"]
+                .into_iter()
+                .enumerate()
+        {
+            let r = traced(&[&format!("{name}:size=3")], 40 + k as u64);
+            assert_eq!(names(&r), [name], "{}", r.verdict);
+            assert!(r.unexplained.values().all(|u| !u), "{name}: {:?}", r.left_over);
+        }
+    }
+
+    #[test]
+    fn two_effects_are_parted() {
+        let r = traced(&["kink:size=3", "warm-up:size=3"], 70);
+        let mut found = names(&r);
+        found.sort_unstable();
+        assert_eq!(found, ["kink", "warm-up"]);
+    }
+
+    #[test]
+    fn on_clean_units_nothing_is_invented() {
+        for unit in 80..90 {
+            let r = traced(&[], unit);
+            assert!(r.effects.is_empty() && r.unexplained.values().all(|u| !u), "unit {unit}: {}", r.verdict);
+        }
+    }
+
+    #[test]
+    fn what_the_library_lacks_is_called_so() {
+        for (k, name) in ["outsider-product", "outsider-drift-burst", "outsider-ripple"].into_iter().enumerate() {
+            let r = traced(&[&format!("{name}:size=4")], 95 + k as u64);
+            let caught = r.unexplained.values().any(|u| *u) || names(&r).contains(&"temperature-shape");
+            assert!(caught, "{name}: {}", r.verdict);
+        }
+    }
+
+    #[test]
+    fn dirt_changes_neither_name_nor_error() {
+        let effects = ["thermal-lag:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 7, 15), plan("verify", &effects, 7, 16));
+        let mut dirty = train.clone();
+        soil(&mut dirty, 3);
+        dirty.clean().expect("usable");
+        assert!(dirty.notes.len() >= 10, "{:?}", dirty.notes);
+        let clean = trace(&[train], &verify).expect("traces").report;
+        let soiled = trace(&[dirty], &verify).expect("traces").report;
+        assert_eq!(names(&clean), names(&soiled));
+        for a in AXIS_NAMES {
+            let ratio = soiled.r#final[a].verify_rms_dph / clean.r#final[a].verify_rms_dph;
+            assert!((ratio - 1.0).abs() < 0.05, "{a}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn the_block_computes_what_the_fit_did() {
+        let effects = ["hysteresis:size=4", "kink:size=3"];
+        let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
+        let by_unit = fit::correct(&t.extended, &t.verify.steps);
+        for a in 0..AXES {
+            let largest = by_unit[a]
+                .iter()
+                .zip(&t.verify_residuals[1][a])
+                .map(|(u, f)| (u - f).abs())
+                .filter(|d| d.is_finite())
+                .fold(0.0, f64::max);
+            // Coefficients of a few deg/h in single precision.
+            assert!(largest < 1e-4, "axis {a}: {largest} deg/h");
+        }
     }
 }

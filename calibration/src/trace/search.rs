@@ -518,6 +518,45 @@ impl<'a> Search<'a> {
         out
     }
 
+    /// Effects that rest on a recorded sensor and whose regressors the found effects (with the baseline) span but
+    /// for what a coarse sensor's own error may be: a tenth of their variance. Likelihood cannot be asked here: a
+    /// regressor with noise of its own always loses against a clean one. Each with the found effect it is most
+    /// alike.
+    pub fn alike(&self, effects: &[Candidate]) -> Vec<(&'static str, usize)> {
+        let found = self.seen(effects);
+        let mut out: Vec<(&'static str, usize)> = Vec::new();
+        for seen in self.library.iter().filter(|s| matches!(s.candidate.facts.reach, Reach::NeedsInput(_))) {
+            let name = seen.candidate.facts.name;
+            if effects.iter().any(|e| e.facts.name == name) {
+                continue;
+            }
+            // In the white view; shares of the candidate's variance.
+            let mut together = 0.0;
+            let mut alone = vec![0.0; found.len()];
+            for a in 0..AXES {
+                let Some(c) = seen.columns[0][a].first() else { continue };
+                let share = |columns: &mut dyn Iterator<Item = &Vec<f64>>| {
+                    let mut basis = Basis::default();
+                    for column in columns {
+                        basis.add(column.clone());
+                    }
+                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / AXES as f64
+                };
+                together += share(&mut found.iter().flat_map(|f| &f.columns[0][a]));
+                for (sum, f) in alone.iter_mut().zip(&found) {
+                    *sum += share(&mut f.columns[0][a].iter());
+                }
+            }
+            let most = (0..found.len()).max_by(|x, y| alone[*x].total_cmp(&alone[*y]));
+            if let (true, Some(k)) = (together > 0.9, most) {
+                if !out.iter().any(|(n, _)| *n == name) {
+                    out.push((name, k));
+                }
+            }
+        }
+        out
+    }
+
     /// Gain in cross-validated error of adding `candidate` to `others`, as a share of the error: five folds of
     /// contiguous blocks, every fifth one, so that an effect that lives in one part of the run is in every
     /// training set.

@@ -182,6 +182,7 @@ effects! {
     quadrature::Quadrature,
     board::Board,
     frequency_direct::FrequencyDirect,
+    cooling_heating::CoolingHeating,
 }
 
 /// Facts about the effect with a number.

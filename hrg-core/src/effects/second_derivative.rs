@@ -1,5 +1,5 @@
 //! `second-derivative`: `d2T/dt2`, C per minute squared, from the change of `dT/dt` through a first-order high
-//! pass of 60 s (so it answers 60 s after the slope's own 29.5 s). State: the lagged `dT/dt`.
+//! pass of 60 s (so it answers 60 s after the slope's own 9.5 s). State: the lagged `dT/dt`.
 
 use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
 

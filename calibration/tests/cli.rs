@@ -1,0 +1,94 @@
+//! The command `hrg` as a user meets it: files in, files out, exit status, one sentence for what cannot be used.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn folder(name: &str) -> PathBuf {
+    let p = std::env::temp_dir().join(format!("hrg-cli-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&p).expect("a temporary folder");
+    p
+}
+
+fn hrg(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hrg")).current_dir(folder).args(arguments).output().expect("hrg runs")
+}
+
+fn ok(folder: &Path, arguments: &[&str]) -> String {
+    let o = hrg(folder, arguments);
+    assert!(o.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&o.stderr));
+    String::from_utf8_lossy(&o.stdout).into_owned()
+}
+
+/// Exit status 2, and the one line on standard error.
+fn refused(folder: &Path, arguments: &[&str]) -> String {
+    let o = hrg(folder, arguments);
+    let error = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert_eq!(o.status.code(), Some(2), "{arguments:?}: {error}");
+    let last = error.lines().last().unwrap_or("").to_string();
+    assert!(!last.contains("panicked"), "{error}");
+    last
+}
+
+#[test]
+fn broken_recordings_are_refused_with_their_place() {
+    let d = folder("broken");
+    let head = "time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph\n";
+    let row = |k: usize| format!("{k},4900.{k:04},4890.{k:04},4700.{k:04},1.{k},2.{k},3.{k}\n");
+    let body: String = (0..300).map(row).collect();
+    let backward: String = (0..300).rev().map(row).collect();
+    for (name, content, says) in [
+        ("empty.csv", String::new(), "the file is empty"),
+        ("header.csv", head.to_string(), "no row"),
+        ("column.csv", head.replace(",fz_hz", "") + &body, "line 1: the column fz_hz is missing"),
+        ("text.csv", head.to_string() + &body.replacen("4890.0003", "abc", 1), "line 5, column 3 (fy_hz): \"abc\""),
+        ("cells.csv", head.to_string() + &body + "301,1,2\n", "line 302 has 3 cells"),
+        ("back.csv", head.to_string() + &backward, "column time_s"),
+        ("nan.csv", head.to_string() + &body.replace("4890.", "nan,#").replace('#', ""), "cells"),
+        ("still.csv", head.to_string() + &body, "fx_hz spans"),
+    ] {
+        std::fs::write(d.join(name), content).expect("written");
+        let error = refused(&d, &["fit", name, "--out", "cal.toml"]);
+        assert!(error.contains(name) || name == "still.csv", "{error}");
+        assert!(error.contains(says), "{name}: {error}");
+    }
+    std::fs::write(d.join("binary.csv"), [0xFFu8, 0xFE, 0, 1, 2]).expect("written");
+    assert!(refused(&d, &["fit", "binary.csv", "--out", "cal.toml"]).contains("UTF-8"));
+    assert!(refused(&d, &["fit", "nowhere.csv", "--out", "cal.toml"]).contains("cannot read nowhere.csv"));
+    assert!(refused(&d, &["simulate", "--effect", "gremlins", "--out", "x.csv"]).contains("gremlins"));
+    assert!(refused(&d, &["simulate", "--profile", "20,5x", "--out", "x.csv"]).contains("5x"));
+    assert!(!d.join("cal.toml").exists(), "nothing is written for a refused input");
+}
+
+#[test]
+fn from_simulation_to_report() {
+    let d = folder("whole");
+    for (profile, seed, out) in [("cycle", "31", "t.csv"), ("verify", "32", "v.csv")] {
+        let effect = "hysteresis:width_c=14,size=3";
+        ok(&d, &["simulate", "--profile", profile, "--seed", seed, "--unit", "5", "--effect", effect, "--out", out]);
+    }
+    let table = ok(&d, &["fit", "t.csv", "--out", "cal.toml"]);
+    assert!(table.contains("condition"));
+    ok(&d, &["fit", "t.csv", "--two-sets", "--uniform", "--out", "cal.bin"]);
+    let (json, html) = ("report.json", "report.html");
+    ok(
+        &d,
+        &["trace", "--train", "t.csv", "--verify", "v.csv", "--out", json, "--html", html, "--calibration", "ext.toml"],
+    );
+    let report: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(d.join(json)).expect("written")).expect("JSON");
+    assert_eq!(report["version"], 1);
+    assert_eq!(report["effects"][0]["name"], "hysteresis");
+    let width = report["effects"][0]["parameters"]["width_c"].as_f64().expect("a number");
+    assert!((width - 14.0).abs() < 2.0, "{width}");
+    for axis in ["x", "y", "z"] {
+        let before = report["baseline"][axis]["verify_rms_dph"].as_f64().expect("a number");
+        let after = report["final"][axis]["verify_rms_dph"].as_f64().expect("a number");
+        let floor = report["noise_floor_dph"][axis].as_f64().expect("a number");
+        assert!(after < 0.6 * before && after < 1.3 * floor, "{axis}: {before} {after} {floor}");
+        assert_eq!(report["unexplained"][axis], false);
+    }
+    let page = std::fs::read_to_string(d.join(html)).expect("written");
+    assert!(page.contains("<svg") && !page.contains("src=\"http"), "one self-contained page");
+    let block = std::fs::read_to_string(d.join("ext.toml")).expect("written");
+    assert!(block.contains("name = \"hysteresis\""));
+}
