@@ -251,3 +251,49 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
     }
     out
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Noise, Plan, Profile};
+
+    fn plan(profile: &str, seed: u64) -> Plan {
+        Plan {
+            profile: Profile::parse(profile).expect("named"),
+            effects: vec![],
+            unit_seed: 21,
+            seed,
+            noise: Noise::default(),
+            sizing: None,
+        }
+    }
+
+    #[test]
+    fn on_an_unseen_run_the_error_is_the_noise_put_in() {
+        let o = least_squares(&[plan("cycle", 1).simulate().recording], &Options::default()).expect("fits");
+        let s = plan("verify", 2).simulate();
+        let corrected = correct(&o.calibration, &Steps::new(&s.recording).expect("long enough"));
+        for a in 0..AXES {
+            let error = std_dev(&block_means(&corrected[a], MEAN_S));
+            let floor = s.truth.floor_dph[a];
+            assert!(error < 1.1 * floor, "axis {a}: {error} deg/h over a floor of {floor}");
+        }
+    }
+
+    #[test]
+    fn corrected_rates_are_not_fitted_again() {
+        let mut r = plan("fast", 1).simulate().recording;
+        r.meta.retain(|(k, _)| k != "rates");
+        r.meta.push(("rates".into(), "corrected".into()));
+        assert!(least_squares(&[r], &Options::default()).expect_err("refused").0.contains("on top of another"));
+    }
+
+    #[test]
+    fn two_sets_need_both_directions() {
+        let r = plan("up", 1).simulate().recording;
+        let o = Options { two_sets: true, ..Options::default() };
+        assert!(least_squares(&[r.clone()], &o).expect_err("refused").0.contains("cooling"));
+        let one = least_squares(&[r], &Options::default()).expect("one set fits");
+        assert!(one.notes.iter().any(|n| n.contains("no cooling ramp")), "and it is said");
+    }
+}

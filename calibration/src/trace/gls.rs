@@ -17,8 +17,8 @@ pub struct Colour {
     pub theta: f64,
 }
 
-/// The grid: white, then wanders of 20 to 500 blocks with rising share.
-pub const COLOURS: [Colour; 8] = [
+/// The grid: white, then wanders of 20 to 2000 blocks with rising share.
+pub const COLOURS: [Colour; 9] = [
     Colour { phi: 0.0, theta: 0.0 },
     Colour { phi: 0.95, theta: 0.88 },
     Colour { phi: 0.95, theta: 0.70 },
@@ -26,7 +26,8 @@ pub const COLOURS: [Colour; 8] = [
     Colour { phi: 0.99, theta: 0.92 },
     Colour { phi: 0.99, theta: 0.80 },
     Colour { phi: 0.998, theta: 0.96 },
-    Colour { phi: 0.99, theta: 0.50 },
+    Colour { phi: 0.9995, theta: 0.97 },
+    Colour { phi: 0.9995, theta: 0.90 },
 ];
 
 impl Colour {

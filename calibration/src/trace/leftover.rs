@@ -4,7 +4,8 @@
 //! together, of time) are offered to the final model of each axis, with the noise colour refitted and the usual
 //! penalty: if one of them is worth adding, structure is left there. Second, the residual's 100 s means are compared
 //! with what their own successive differences say of white noise: structure that is slower than the means shows as
-//! a ratio above one, whatever its shape.
+//! a ratio above one, whatever its shape. Last, the verify run is looked at: a model that is right leaves the floor
+//! there too.
 
 use super::data::Data;
 use super::gls::{dot, Basis, View, COLOURS};
@@ -18,6 +19,9 @@ use hrg_core::AXES;
 const WORTH: f64 = 10.0;
 /// Ratio of the means' deviation to what their differences tell, above which slow structure is said to be left.
 const RATIO: f64 = 1.6;
+
+/// Ratio of the verify run's residual to the floor above which structure is said to be left there.
+const VERIFY_RATIO: f64 = 2.0;
 
 /// The verdict on one axis.
 #[derive(Debug, Clone, Default)]
@@ -64,6 +68,15 @@ pub fn judge(data: &Data<'_>, model: &Model, fitted: &Fitted, after: &[[Vec<f64>
         left.floor_dph = if left.where_it_lives.is_empty() { spread } else { quick };
         left
     })
+}
+
+/// Adds what an unseen run says: a model that is right leaves the floor there too. (Not asked where an effect was
+/// found that nobody can predict: it stays in the verify run.)
+pub fn judge_verify(left: &mut Left, verify_rms_dph: f64) {
+    let ratio = verify_rms_dph / left.floor_dph;
+    if ratio > VERIFY_RATIO {
+        left.where_it_lives.push(format!("on the verify run ({ratio:.1} times the noise floor)"));
+    }
 }
 
 /// Generic curves, on the kept blocks of an axis.

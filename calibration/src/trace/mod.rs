@@ -26,7 +26,7 @@ use search::Search;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Difference in worth (log-likelihood) below which two effects count as told apart by nothing: odds of 55 to 1.
+/// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
 
 /// RMS figures of one axis, deg/h.
@@ -319,7 +319,12 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
     let last = table(&after_train, &after_verify);
     let unit_alone = table(&after_train, &unit_verify);
 
-    let left = leftover::judge(&data, &model, &fitted, &after_train);
+    let mut left = leftover::judge(&data, &model, &fitted, &after_train);
+    if fitted.effects.iter().all(known) {
+        for (a, left) in left.iter_mut().enumerate() {
+            leftover::judge_verify(left, last[AXIS_NAMES[a]].verify_rms_dph);
+        }
+    }
     let unexplained: BTreeMap<String, bool> =
         (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), !left[a].where_it_lives.is_empty())).collect();
     let noise_floor_dph = (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), left[a].floor_dph)).collect();
@@ -329,7 +334,9 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
     for (k, c) in model.effects.iter().enumerate() {
         let others: Vec<Candidate> =
             model.effects.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, e)| *e).collect();
-        let worth = ranks[k].iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, |(_, w)| *w);
+        // Told apart by the data, not by the penalty: likelihoods are compared.
+        let likelihood = |(r, worth): &(Candidate, f64)| worth + search.cost(r);
+        let own = ranks[k].iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, likelihood);
         let at = fitted.offset(k);
         effects.push(Found {
             name: c.facts.name.to_string(),
@@ -357,7 +364,7 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
                 .collect(),
             indistinguishable_from: ranks[k]
                 .iter()
-                .filter(|(r, w)| r.facts.id != c.facts.id && (worth - w).abs() < INDISTINGUISHABLE)
+                .filter(|r| r.0.facts.id != c.facts.id && r.1 > 0.0 && own - likelihood(r) < INDISTINGUISHABLE)
                 .map(|(r, _)| r.facts.name)
                 .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n))
                 .collect::<std::collections::BTreeSet<_>>()

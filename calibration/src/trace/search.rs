@@ -67,6 +67,11 @@ fn cost(c: &Candidate, rows: f64) -> f64 {
 }
 
 impl<'a> Search<'a> {
+    /// What a candidate must earn before it is worth anything.
+    pub fn cost(&self, c: &Candidate) -> f64 {
+        cost(c, self.rows())
+    }
+
     /// Prepares the library.
     pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
         let views = [0, 1, 2].map(|a| COLOURS.iter().map(|c| View::new(&data.axes[a], *c)).collect::<Vec<_>>());
@@ -548,7 +553,7 @@ impl<'a> Search<'a> {
                 }
             }
             let most = (0..found.len()).max_by(|x, y| alone[*x].total_cmp(&alone[*y]));
-            if let (true, Some(k)) = (together > 0.9, most) {
+            if let (true, Some(k)) = (together > 0.75, most) {
                 if !out.iter().any(|(n, _)| *n == name) {
                     out.push((name, k));
                 }

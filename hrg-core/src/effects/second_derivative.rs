@@ -1,10 +1,10 @@
 //! `second-derivative`: `d2T/dt2`, C per minute squared, from the change of `dT/dt` through a first-order high
-//! pass of 60 s (so it answers 60 s after the slope's own 9.5 s). State: the lagged `dT/dt`.
+//! pass of 20 s (so it answers 20 s after the slope's own 9.5 s). State: the lagged `dT/dt`.
 
 use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
 
 /// Time constant of the high pass, s.
-const TAU_S: f32 = 60.0;
+const TAU_S: f32 = 20.0;
 
 /// Rate of change of the rate of change of temperature; C per minute squared.
 #[derive(Debug, Clone)]
