@@ -42,6 +42,8 @@ pub struct Recording {
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// What was found on the way: one sentence each.
     pub notes: Vec<String>,
+    /// Earth rate that was taken off the rates of each axis, deg/h.
+    pub earth_rate_dph: [f64; 3],
 }
 
 impl Recording {
@@ -376,8 +378,18 @@ impl Recording {
                 *v -= part;
             }
         }
+        self.earth_rate_dph = parts;
         self.meta.push(("earth_rate".into(), "removed".into()));
         Ok(())
+    }
+
+    /// Puts the earth rate back: what a unit measures has it.
+    pub fn restore_earth_rate(&mut self) {
+        let parts = std::mem::take(&mut self.earth_rate_dph);
+        for (column, part) in self.rate_dph.iter_mut().zip(parts) {
+            column.iter_mut().for_each(|v| *v += part);
+        }
+        self.meta.retain(|(k, _)| k != "earth_rate");
     }
 
     /// The recording as text.
@@ -587,5 +599,7 @@ mod tests {
         let again = r.rate_dph.clone();
         r.remove_earth_rate().expect("fine");
         assert_eq!(again, r.rate_dph);
+        r.restore_earth_rate();
+        assert!((before[2] - r.rate_dph[2][3]).abs() < 1e-9);
     }
 }

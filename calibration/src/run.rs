@@ -11,7 +11,7 @@ use hrg_core::{AXES, MODEL_STEP_S};
 /// A recording brought to one row per model step (one second).
 ///
 /// Faster rows are averaged within their second. Slower rows: frequencies are interpolated between rows no
-/// further than [`BRIDGE_S`] apart, so that the states of the model run on; rates stand only where they were.
+/// further than [`BRIDGE_S`] apart, so that the states of the model run on; a rate stands for the time about its row.
 #[derive(Debug, Clone)]
 pub struct Steps {
     /// Time of the first step on the recording's clock, s.
@@ -81,20 +81,21 @@ impl Steps {
                 b.into_iter().map(|x| x as f32).collect()
             })
         };
+        // Single seconds without a frequency (a spike taken out), and the seconds between slow rows, are bridged: the
+        // states of the model run on.
         let mut frequency_hz = [0, 1, 2].map(|a| bin(&r.frequency_hz[a]));
+        frequency_hz.iter_mut().for_each(|f| bridge(f));
+        let mut rate_dph = [0, 1, 2].map(|a| bin(&r.rate_dph[a]));
         if slow {
-            frequency_hz.iter_mut().for_each(|f| bridge(f));
-        } else {
-            // Single seconds without a frequency (a spike taken out) are bridged as well: a state that held for
-            // a second is no different, but a slope window with a hole is.
-            frequency_hz.iter_mut().for_each(|f| bridge(f));
+            let half = (0.5 * r.step_s() / step).floor() as usize;
+            rate_dph.iter_mut().for_each(|v| spread(v, half));
         }
         let axis = |kind: &str, unit: &str| crate::AXIS_NAMES.map(|a| held(&format!("{kind}_{a}_{unit}")));
         Ok(Self {
             start_s: first,
             power_on_s: r.power_on_s(),
             frequency_hz,
-            rate_dph: [0, 1, 2].map(|a| bin(&r.rate_dph[a])),
+            rate_dph,
             shell_c: axis("shell", "c"),
             chamber_c: held("chamber_c"),
             board_c: held("board_c"),
@@ -130,6 +131,19 @@ impl Steps {
             supply_v: at(&self.supply_v),
             drive_v: at(&self.drive_v[a]),
             quad_v: at(&self.quad_v[a]),
+        }
+    }
+}
+
+/// Lets each value stand for `half` steps on either side of it, where nothing else stands.
+fn spread(values: &mut [f64], half: usize) {
+    let given: Vec<(usize, f64)> = values.iter().copied().enumerate().filter(|(_, v)| v.is_finite()).collect();
+    let n = values.len();
+    for (k, v) in given {
+        for j in k.saturating_sub(half)..(k + half + 1).min(n) {
+            if values[j].is_nan() {
+                values[j] = v;
+            }
         }
     }
 }

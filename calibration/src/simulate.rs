@@ -641,6 +641,7 @@ impl Plan {
                 rate_dph: rate,
                 optional,
                 notes: Vec::new(),
+                earth_rate_dph: [0.0; 3],
             },
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },
         }

@@ -12,7 +12,7 @@ use hrg_core::status::{axis, unit};
 use std::path::Path;
 use std::sync::OnceLock;
 use virtual_board::rtt::Decoder;
-use virtual_board::{Board, CPU_HZ};
+use virtual_board::{Board, Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {
     replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
@@ -222,4 +222,26 @@ fn the_stack_stays_small_and_the_load_low() {
     // Static RAM is held under its own bound by cargo xtask size; together they stay under 48 KiB.
     assert!((1000..24 * 1024).contains(&stack), "{stack} bytes of stack");
     println!("{per_second} instructions per second, {stack} bytes of stack");
+}
+
+#[test]
+fn a_power_cut_at_any_instruction_is_survived() {
+    let steps = Steps::new(&recording()).expect("long enough");
+    let elf = elf();
+    let mut board = Board::new(&elf, Wires::new(steps, [0.01; 3], 20e-9, 1, None, None)).expect("runs");
+    let c = calibration();
+    board.write_flash(CALIBRATION_A, &c.to_bytes().expect("fits")).expect("in flash");
+    let mut state = 12345u64;
+    for _ in 0..20 {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        // Somewhere in start-up or in the first second.
+        board.stop_at_instruction(board.instructions() + (state >> 33) % 2_000_000);
+        assert_eq!(board.run_until(board.now() + 2 * CPU_HZ).expect("runs"), Stop::Instruction);
+        board.power_cut().expect("restarts");
+        board.world.received.housekeeping.clear();
+    }
+    board.run_until(board.now() + 3 * CPU_HZ).expect("runs");
+    let h = board.world.received.housekeeping.last().expect("it measures again");
+    assert_eq!(h.calibration, c.checksum());
+    assert!(h.frequency_hz.iter().all(|f| f.is_finite()));
 }

@@ -58,13 +58,8 @@ pub enum Stop {
     Watchdog,
     /// The firmware has reset itself.
     Software,
-}
-
-/// Faults to put in.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Faults {
-    /// Stop (power cut) when this many instructions have been executed since power-on.
-    pub power_cut_at: Option<u64>,
+    /// The instruction asked for with [`Board::stop_at_instruction`] is reached.
+    Instruction,
 }
 
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
@@ -91,6 +86,7 @@ pub struct Board<W: World> {
     fetch_stamp: u32,
     spoilt: bool,
     flash_watch: Option<UcHookId>,
+    stop_at: u64,
 }
 
 impl<W: World> std::fmt::Debug for Board<W> {
@@ -255,6 +251,7 @@ impl<W: World> Board<W> {
             fetch_stamp: 0,
             spoilt: false,
             flash_watch: None,
+            stop_at: u64::MAX,
         };
         for channel in 0..3 {
             board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
@@ -290,6 +287,21 @@ impl<W: World> Board<W> {
     /// Where there is none.
     pub fn read_memory(&self, address: u32, bytes: &mut [u8]) -> Result<(), RunError> {
         self.get(address, bytes)
+    }
+
+    /// Has [`run_until`](Self::run_until) stop at the first block of code at or after this many instructions since
+    /// power-on.
+    pub fn stop_at_instruction(&mut self, instructions: u64) {
+        self.stop_at = instructions;
+    }
+
+    /// Cuts the power and brings it back: RAM is lost, flash stays as it is.
+    ///
+    /// # Errors
+    /// As [`run_until`](Self::run_until).
+    pub fn power_cut(&mut self) -> Result<(), RunError> {
+        self.put(RAM_START, &vec![PAINT; RAM_SIZE as usize])?;
+        self.restart(CSR_POWER_ON)
     }
 
     /// Bytes of stack used so far: from the top of RAM down to the lowest byte ever written above the statics.
@@ -357,6 +369,10 @@ impl<W: World> Board<W> {
             if self.now() >= cycles {
                 return Ok(Stop::Time);
             }
+            if self.instructions() >= self.stop_at {
+                self.stop_at = u64::MAX;
+                return Ok(Stop::Instruction);
+            }
             let chip = self.cpu.get_data_mut();
             chip.attention = false;
             chip.masked = false;
@@ -384,8 +400,10 @@ impl<W: World> Board<W> {
             }
             self.interrupts()?;
             let next = self.next_event().min(cycles);
+            let left = self.stop_at.saturating_sub(self.instructions());
             let chip = self.cpu.get_data_mut();
-            chip.deadline = next;
+            // While it is awake, a cycle is an instruction.
+            chip.deadline = next.min(chip.now.saturating_add(left));
             chip.nvic.changed = false;
             let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
             if let Err(e) = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0) {

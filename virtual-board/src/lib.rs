@@ -38,7 +38,7 @@ mod serial;
 mod system;
 mod timer;
 
-pub use board::{Board, Faults, RunError, Stop};
+pub use board::{Board, RunError, Stop};
 
 /// Cycles per second.
 pub const CPU_HZ: u64 = 180_000_000;

@@ -77,7 +77,7 @@ fn elf_path() -> PathBuf {
 
 fn build(t: &Toolchain) -> Result<(), Failure> {
     println!("building the firmware");
-    run(t.cargo("build").args(["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"]))
+    run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
 }
 
 fn cargo(arguments: &[&str]) -> Command {
@@ -90,7 +90,7 @@ fn cargo(arguments: &[&str]) -> Command {
 fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
     setup::host()?;
     println!("building {name}");
-    run(&mut cargo(&["build", "--quiet", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))?;
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))?;
     run(Command::new(root().join("target/release").join(name)).args(arguments))
 }
 

@@ -86,7 +86,9 @@ fn run(command: Command) -> Result<()> {
             return hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"));
         }
     };
-    let source = Recording::load(&recording)?;
+    let mut source = Recording::load(&recording)?;
+    // The unit measures the earth's rate as well, and leaves it in.
+    source.restore_earth_rate();
     for note in &source.notes {
         eprintln!("{}: {note}", recording.display());
     }

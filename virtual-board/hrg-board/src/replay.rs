@@ -188,6 +188,12 @@ pub fn to_csv(source: &Recording, calibration: Option<&Calibration>, seconds: &[
     for (k, v) in meta {
         let _ = writeln!(s, "# {k}: {v}");
     }
+    // Corrected rates hold the earth's rate as raw ones do.
+    for key in ["latitude_deg", "axes"] {
+        if let Some(v) = source.meta(key) {
+            let _ = writeln!(s, "# {key}: {v}");
+        }
+    }
     s.push_str("time_s");
     for (before, after) in
         [("f", "_hz"), ("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
