@@ -476,8 +476,7 @@ fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
 }
 
 /// Hampel filter: values further than `limit` robust deviations from the median of 11 neighbours. Deviations
-/// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK). The first and last five values are left
-/// alone: they have no neighbours on one side.
+/// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK).
 fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
     const HALF: usize = 5;
     let n = values.len();
@@ -495,7 +494,21 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
                     m += 1;
                 }
             }
-            crate::stats::median(&mut w[..m]).unwrap_or(f64::NAN)
+            // Eleven values: sorting by insertion beats selection.
+            for i in 1..m {
+                let v = w[i];
+                let mut j = i;
+                while j > 0 && w[j - 1] > v {
+                    w[j] = w[j - 1];
+                    j -= 1;
+                }
+                w[j] = v;
+            }
+            if m > 0 {
+                w[m / 2]
+            } else {
+                f64::NAN
+            }
         })
         .collect();
     // One scale for the column, from a sample: the spread of the values about their running median.
@@ -512,8 +525,16 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
         return 0;
     }
     let mut removed = 0;
-    for k in HALF..n - HALF {
-        if (values[k] - medians[k]).abs() > limit * scale {
+    for k in 0..n {
+        // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
+        let ramp = if k < HALF {
+            3.0 * (medians[HALF] - medians[(3 * HALF).min(n - 1)]).abs()
+        } else if k >= n - HALF {
+            3.0 * (medians[n - 1 - HALF] - medians[(n - 1).saturating_sub(3 * HALF)]).abs()
+        } else {
+            0.0
+        };
+        if (values[k] - medians[k]).abs() > limit * scale + ramp {
             values[k] = f64::NAN;
             removed += 1;
         }

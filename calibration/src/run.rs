@@ -36,8 +36,10 @@ pub struct Steps {
     pub quad_v: [Vec<f32>; AXES],
 }
 
-/// Rows further apart than this are a gap.
-pub const BRIDGE_S: f64 = 30.0;
+/// Longest hole that is bridged by a straight line, s. A hole in a recording is none in the unit's life: its lags and
+/// plays went on, and a straight line is nearer to what they saw than a temperature that stands still. (Rates are not
+/// bridged.) Longer than that, the temperature is held, as the unit does when a frequency is lost.
+pub const BRIDGE_S: f64 = 900.0;
 
 impl Steps {
     /// Brings a cleaned recording to model steps.

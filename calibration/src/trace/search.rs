@@ -553,7 +553,7 @@ impl<'a> Search<'a> {
                 }
             }
             let most = (0..found.len()).max_by(|x, y| alone[*x].total_cmp(&alone[*y]));
-            if let (true, Some(k)) = (together > 0.75, most) {
+            if let (true, Some(k)) = (together > 0.85, most) {
                 if !out.iter().any(|(n, _)| *n == name) {
                     out.push((name, k));
                 }
