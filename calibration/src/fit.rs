@@ -292,7 +292,7 @@ mod tests {
     fn two_sets_need_both_directions() {
         let r = plan("up", 1).simulate().recording;
         let o = Options { two_sets: true, ..Options::default() };
-        assert!(least_squares(&[r.clone()], &o).expect_err("refused").0.contains("cooling"));
+        assert!(least_squares(std::slice::from_ref(&r), &o).expect_err("refused").0.contains("cooling"));
         let one = least_squares(&[r], &Options::default()).expect("one set fits");
         assert!(one.notes.iter().any(|n| n.contains("no cooling ramp")), "and it is said");
     }
