@@ -7,6 +7,7 @@ use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
 use hrg_cal::stats::quantile;
 use hrg_cal::trace::{trace, Trace};
 use hrg_cal::AXIS_NAMES;
+use hrg_core::effects::{by_name, Reach};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
@@ -294,21 +295,14 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let cried = clean.iter().filter(|o| o.unexplained).count();
     let both = pairs.iter().filter(|o| o.named == 2).count();
     let caught = |o: &&&Outcome| o.unexplained || o.found.iter().any(|f| f == "temperature-shape");
-    let can = [
-        "cubic",
-        "kink",
-        "temperature-shape",
-        "thermal-lag",
-        "second-derivative",
-        "hysteresis",
-        "axis-gradient",
-        "warm-up",
-    ];
     let ratios: Vec<f64> = all
         .iter()
         .filter(|o| {
             o.trial.kind != "outsider"
-                && o.trial.effects.iter().all(|e| can.contains(&e.name.as_str()) && e.size >= 2.0)
+                && o.trial
+                    .effects
+                    .iter()
+                    .all(|e| e.size >= 2.0 && by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit))
         })
         .map(|o| o.after_over_floor)
         .collect();

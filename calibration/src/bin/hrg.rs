@@ -28,12 +28,12 @@ enum Command {
         /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
         #[arg(long)]
         effect: Vec<String>,
-        /// Seed of the noise, and of the unit unless --unit is given.
+        /// Seed of this run's noise: another seed is another run of the same unit.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Which unit: the same number is the same unit in another run.
-        #[arg(long)]
-        unit: Option<u64>,
+        /// Which unit: its bias coefficients and how it feels an effect.
+        #[arg(long, default_value_t = 1)]
+        unit: u64,
         /// White noise: standard deviation of 100 s means, deg/h.
         #[arg(long, default_value_t = 0.2)]
         noise: f64,
@@ -130,7 +130,7 @@ fn run(command: Command) -> Result<()> {
             let plan = Plan {
                 profile: Profile::parse(&profile)?,
                 effects,
-                unit_seed: unit.unwrap_or(seed),
+                unit_seed: unit,
                 seed,
                 noise: Noise { white_100s_dph: noise, ..Noise::default() },
                 sizing: None,

@@ -56,8 +56,15 @@ pub fn judge(data: &Data<'_>, model: &Model, fitted: &Fitted, after: &[[Vec<f64>
                 left.where_it_lives.push(name.to_string());
             }
         }
-        if model.effects.iter().filter(|e| e.facts.name == "step").count() > 1 {
+        let several = |name: &str| model.effects.iter().filter(|e| e.facts.name == name).count() > 1;
+        if several("step") {
             left.where_it_lives.push("in time: the rates jump more than once, so something switches".into());
+        }
+        if several("periodic") {
+            left.where_it_lives.push("in time: more than one period is needed, so it is not one that repeats".into());
+        }
+        if model.effects.len() >= super::search::MOST {
+            left.where_it_lives.push("in nothing simple: as many effects are needed as the search allows".into());
         }
         if spread > RATIO * quick {
             left.where_it_lives.push(format!(
