@@ -7,7 +7,7 @@ use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
 use hrg_cal::stats::quantile;
 use hrg_cal::trace::{trace, Trace};
 use hrg_cal::AXIS_NAMES;
-use hrg_core::effects::{by_name, Reach};
+use hrg_core::effects::Reach;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
@@ -299,10 +299,9 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         .iter()
         .filter(|o| {
             o.trial.kind != "outsider"
-                && o.trial
-                    .effects
-                    .iter()
-                    .all(|e| e.size >= 2.0 && by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit))
+                && o.trial.effects.iter().all(|e| {
+                    e.size >= 2.0 && hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit)
+                })
         })
         .map(|o| o.after_over_floor)
         .collect();
