@@ -147,15 +147,14 @@ fn worth(data: &Data<'_>, model: &Model, a: usize, columns: &[Vec<f64>]) -> f64 
         let mut y = view.y.clone();
         basis.reduce(&mut y);
         let rss = dot(&y, &y);
-        let n = y.len();
-        without = without.max(colour.log_likelihood(rss, n, data.runs.len()));
+        without = without.max(view.log_likelihood(rss, data.runs.len()));
         let own = basis.columns.len();
         for c in columns {
             basis.add(view.column(rows, c));
         }
         added = basis.columns.len() - own;
         let explained: f64 = basis.columns[own..].iter().map(|q| dot(q, &y).powi(2)).sum();
-        with = with.max(colour.log_likelihood(rss - explained, n, data.runs.len()));
+        with = with.max(view.log_likelihood(rss - explained, data.runs.len()));
     }
     with - without - 0.5 * (rows.y.len() as f64).ln() * added as f64
 }

@@ -240,8 +240,7 @@ impl<'a> Search<'a> {
             for (s, b) in bases.iter().enumerate() {
                 let view = &self.views[a][s];
                 let explained: f64 = b[a].columns.iter().map(|q| dot(q, &view.y).powi(2)).sum();
-                let l =
-                    view.colour.log_likelihood(dot(&view.y, &view.y) - explained, view.y.len(), self.data.runs.len());
+                let l = view.log_likelihood(dot(&view.y, &view.y) - explained, self.data.runs.len());
                 if l > best.0 {
                     best = (l, s);
                 }
@@ -290,8 +289,7 @@ impl<'a> Search<'a> {
                 for (s, at) in y.iter().enumerate() {
                     let view = &self.views[a][s];
                     let explained = explained(&seen.columns[s][a], &bases[s][a], &at[a].0);
-                    best =
-                        best.max(view.colour.log_likelihood(at[a].1 - explained, view.y.len(), self.data.runs.len()));
+                    best = best.max(view.log_likelihood(at[a].1 - explained, self.data.runs.len()));
                 }
                 total += best;
             }
