@@ -6,7 +6,7 @@
 
 use crate::recording::Recording;
 use crate::stats::{block_means, std_dev};
-use crate::{BadInput, AXIS_NAMES};
+use crate::BadInput;
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
 use hrg_core::effects::{by_name, Inputs, Recorded, Running, ALL, MAX_OUTPUTS, MAX_PARAMETERS};
@@ -674,12 +674,6 @@ pub fn soil(recording: &mut Recording, seed: u64) {
     for k in at..(at + 180).min(n) {
         recording.time_s[k] = f64::NAN;
     }
-}
-
-/// Name of an axis, for messages.
-#[must_use]
-pub fn axis_name(a: usize) -> &'static str {
-    AXIS_NAMES[a]
 }
 
 #[cfg(test)]

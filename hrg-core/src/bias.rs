@@ -11,9 +11,6 @@
 /// Coefficients of one set.
 pub const TERMS: usize = 6;
 
-/// Number of regressors for two sets.
-pub const TERMS_TWO_SETS: usize = 2 * TERMS;
-
 /// Centre and scale of temperature in the model, and where it stops being a polynomial.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -1,6 +1,6 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
-use crate::bias::{dot, Coefficients};
+use crate::bias::dot;
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
 use crate::frequency::StepFrequencies;
@@ -215,18 +215,10 @@ impl Compensator {
     }
 }
 
-/// Number of coefficients of an axis: six for one set, twelve for two.
-#[must_use]
-pub fn coefficient_count(c: &Coefficients) -> usize {
-    match c {
-        Coefficients::One(_) => crate::bias::TERMS,
-        Coefficients::CoolingHeating(..) => crate::bias::TERMS_TWO_SETS,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bias::Coefficients;
 
     fn calibrated() -> Calibration {
         let mut c = Calibration::uncalibrated();
