@@ -42,6 +42,30 @@ impl BadInput {
     }
 }
 
+/// How a program ends: 0 done, 2 bad input, 1 internal; the error is one line on standard error.
+#[must_use]
+pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode {
+    match result {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("{program}: {e:#}");
+            std::process::ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
+        }
+    }
+}
+
+/// Reads and cleans a recording, and says on standard error what was found in it.
+///
+/// # Errors
+/// As [`recording::Recording::load`].
+pub fn load_recording(path: &std::path::Path) -> anyhow::Result<recording::Recording> {
+    let r = recording::Recording::load(path)?;
+    for note in &r.notes {
+        eprintln!("{}: {note}", path.display());
+    }
+    Ok(r)
+}
+
 /// Writes a file so that an interruption leaves the old one: to a neighbour first, then renamed.
 ///
 /// # Errors

@@ -43,7 +43,7 @@ fn broken_recordings_are_refused_with_their_place() {
         ("text.csv", head.to_string() + &body.replacen("4890.0003", "abc", 1), "line 5, column 3 (fy_hz): \"abc\""),
         ("cells.csv", head.to_string() + &body + "301,1,2\n", "line 302 has 3 cells"),
         ("back.csv", head.to_string() + &backward, "column time_s"),
-        ("nan.csv", head.to_string() + &body.replace("4890.", "nan,#").replace('#', ""), "cells"),
+        ("extra.csv", head.to_string() + &body.replace("4890.", "1,"), "cells"),
         ("still.csv", head.to_string() + &body, "fx_hz spans"),
     ] {
         std::fs::write(d.join(name), content).expect("written");

@@ -37,7 +37,7 @@ use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 use hrg_core::compensator::Compensator;
 use hrg_core::link::Identity;
-use hrg_core::rate_path::RatePath;
+use hrg_core::rate_path::{self, RatePath};
 use hrg_core::status::unit;
 use static_cell::StaticCell;
 
@@ -82,7 +82,7 @@ async fn main(spawner: Spawner) {
     );
     let path = RatePath::new(
         [calibration.axes[0].rate_scale_dph, calibration.axes[1].rate_scale_dph, calibration.axes[2].rate_scale_dph],
-        params::DIVIDER,
+        rate_path::DIVIDER,
     );
     static COMPENSATOR: StaticCell<Compensator> = StaticCell::new();
     let compensator = COMPENSATOR.init(Compensator::new(calibration, 0.0));

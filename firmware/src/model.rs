@@ -2,10 +2,10 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{BIAS, STEP, TICK};
-use crate::params::{FETCH_PERIOD, GATES_PER_STEP};
+use crate::params::FETCH_PERIOD;
 use embassy_time::Ticker;
 use hrg_core::compensator::Compensator;
-use hrg_core::frequency::{Bank, Config};
+use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
 use hrg_core::rate_path::Staged;
 use hrg_core::AXES;
 

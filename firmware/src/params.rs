@@ -16,17 +16,11 @@ pub const RING: usize = 256;
 /// shorter than [`hrg_core::rate_path::BIAS_DELAY_TICKS`] by enough to finish the bias in time.
 pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
-/// Frequency gates in one step of the bias model: ten of 0.1 s make [`hrg_core::MODEL_STEP_S`].
-pub const GATES_PER_STEP: u32 = 10;
-
-/// Samples per rate frame: 1 kHz / 5 = 200 Hz. Settable over the link.
-pub const DIVIDER: u16 = 5;
-
 /// Divider of the converter's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
 /// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
 pub const CONVERTER_SPI_DIVIDER: u8 = 0b010;
 
-/// Link rate, baud. A frame of 39 bytes at 1 kHz is 390 kbit/s; RS-422 carries 921600 over tens of metres.
+/// Link rate, baud. A rate frame is 35 bytes of 10 bits on the wire: 350 kbit/s at 1 kHz; RS-422 carries 921600 over tens of metres.
 pub const LINK_BAUD: u32 = 921_600;
 
 /// Bytes of the link's receive ring: 5 ms at line rate.

@@ -26,6 +26,9 @@ pub const HOLE_PERIODS: u32 = 490;
 /// Edges are accepted within this fraction of a period: one part in 2^6.
 const TOLERANCE_SHIFT: u32 = 6;
 
+/// Gates in one step of the bias model: ten of 0.1 s make [`crate::MODEL_STEP_S`].
+pub const GATES_PER_STEP: u32 = 10;
+
 /// What a counter must know of its timer and of its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

@@ -14,6 +14,9 @@ use crate::AXES;
 /// Codes at or beyond this magnitude are the converter's end of scale (24 bits, two's complement).
 pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
 
+/// Samples per rate frame at start: 1 kHz / 5 = 200 Hz. Settable over the link.
+pub const DIVIDER: u16 = 5;
+
 /// A bias with the moment from which it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Staged {

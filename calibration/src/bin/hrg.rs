@@ -2,9 +2,8 @@
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile};
-use hrg_cal::{file, fit, points, trace, BadInput, AXIS_NAMES};
+use hrg_cal::{file, fit, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -97,21 +96,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("hrg: {e:#}");
-            ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
-        }
-    }
-}
-
-fn load(path: &std::path::Path) -> Result<Recording> {
-    let r = Recording::load(path)?;
-    for note in &r.notes {
-        eprintln!("{}: {note}", path.display());
-    }
-    Ok(r)
+    hrg_cal::exit("hrg", run(Arguments::parse().command))
 }
 
 fn run(command: Command) -> Result<()> {
@@ -160,8 +145,8 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Trace { train, verify, out, html, calibration } => {
-            let train = train.iter().map(|p| load(p)).collect::<Result<Vec<_>>>()?;
-            let verify = load(&verify)?;
+            let train = train.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+            let verify = load_recording(&verify)?;
             let mut t = trace::trace(&train, &verify)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
             if let Some(path) = html {
@@ -175,7 +160,7 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Fit { recordings, method: _, two_sets, uniform, out } => {
-            let recordings = recordings.iter().map(|p| load(p)).collect::<Result<Vec<_>>>()?;
+            let recordings = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
             let mut o = fit::least_squares(&recordings, &fit::Options { two_sets, uniform_in_temperature: uniform })?;
             o.calibration.created_unix_s = now();
             o.calibration.sequence = 1;

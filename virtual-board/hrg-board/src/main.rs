@@ -3,7 +3,6 @@
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::{file, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
@@ -65,13 +64,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse().command) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(e) => {
-            eprintln!("hrg-board: {e:#}");
-            ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
-        }
-    }
+    hrg_cal::exit("hrg-board", run(Arguments::parse().command))
 }
 
 fn run(command: Command) -> Result<()> {
@@ -86,12 +79,9 @@ fn run(command: Command) -> Result<()> {
             return hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"));
         }
     };
-    let mut source = Recording::load(&recording)?;
+    let mut source = hrg_cal::load_recording(&recording)?;
     // The unit measures the earth's rate as well, and leaves it in.
     source.restore_earth_rate();
-    for note in &source.notes {
-        eprintln!("{}: {note}", recording.display());
-    }
     if source.corrected() {
         return Err(BadInput::new(format!(
             "{}: the rates are corrected already; play the raw recording",

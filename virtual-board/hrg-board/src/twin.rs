@@ -5,15 +5,10 @@
 
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
-use hrg_core::frequency::{Bank, Config, StepFrequencies, SETTLE_TICKS};
+use hrg_core::frequency::{Bank, Config, StepFrequencies, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::link::{Housekeeping, Message};
-use hrg_core::rate_path::{Event, RatePath, Staged};
+use hrg_core::rate_path::{Event, RatePath, Staged, DIVIDER};
 use std::collections::VecDeque;
-
-/// Samples per rate frame that the firmware starts with (firmware/src/params.rs).
-pub const DIVIDER: u16 = 5;
-/// Gates per model step (firmware/src/params.rs).
-pub const GATES_PER_STEP: u32 = 10;
 
 /// The twin of one power-on.
 #[derive(Debug)]
