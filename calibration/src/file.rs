@@ -2,7 +2,8 @@
 //! and back without loss. The checksum is that of the block, so a number changed by hand is noticed.
 
 use crate::{BadInput, AXIS_NAMES};
-use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::bias::four_parameter::{self, FourParameter};
+use hrg_core::bias::{direct, network, Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm};
 use hrg_core::effects::{by_id, by_name, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureLaw;
@@ -56,9 +57,22 @@ struct FileAxis {
     bias_cooling_dph: Option<[f32; TERMS]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     bias_heating_dph: Option<[f32; TERMS]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    four_parameter_dph: Option<FileFourParameter>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    bias_of_frequency_dph: Option<[f32; direct::TERMS]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    network_dph: Option<[f32; network::WEIGHTS]>,
     bias_std_dph: [[f32; TERMS]; 2],
     train_rms_dph: f32,
     verify_rms_dph: f32,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+struct FileFourParameter {
+    constant_cooling_heating_low_high: [f32; four_parameter::TERMS],
+    breakpoint_c: f32,
+    origin_c: f32,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -97,11 +111,7 @@ pub fn to_text(c: &Calibration) -> String {
             .iter()
             .zip(AXIS_NAMES)
             .map(|(a, n)| {
-                let (one, cooling, heating) = match a.coefficients {
-                    Coefficients::One(k) => (Some(k), None, None),
-                    Coefficients::CoolingHeating(c, h) => (None, Some(c), Some(h)),
-                };
-                let axis = FileAxis {
+                let mut axis = FileAxis {
                     frequency_centre_hz: a.law.f0_hz,
                     frequency_scale_hz: a.law.scale_hz,
                     temperature_coefficients_c: a.law.c,
@@ -110,13 +120,32 @@ pub fn to_text(c: &Calibration) -> String {
                     valid_from_c_per_min: a.rate_range_c_per_min[0],
                     valid_to_c_per_min: a.rate_range_c_per_min[1],
                     rate_scale_dph_per_code: a.rate_scale_dph,
-                    bias_dph: one,
-                    bias_cooling_dph: cooling,
-                    bias_heating_dph: heating,
+                    bias_dph: None,
+                    bias_cooling_dph: None,
+                    bias_heating_dph: None,
+                    four_parameter_dph: None,
+                    bias_of_frequency_dph: None,
+                    network_dph: None,
                     bias_std_dph: a.coefficient_std,
                     train_rms_dph: a.train_rms_dph,
                     verify_rms_dph: a.verify_rms_dph,
                 };
+                match a.coefficients {
+                    Coefficients::One(k) => axis.bias_dph = Some(k),
+                    Coefficients::CoolingHeating(c, h) => {
+                        axis.bias_cooling_dph = Some(c);
+                        axis.bias_heating_dph = Some(h);
+                    }
+                    Coefficients::FourParameter(m) => {
+                        axis.four_parameter_dph = Some(FileFourParameter {
+                            constant_cooling_heating_low_high: m.k,
+                            breakpoint_c: m.breakpoint_c,
+                            origin_c: m.origin_c,
+                        });
+                    }
+                    Coefficients::Direct(k) => axis.bias_of_frequency_dph = Some(k),
+                    Coefficients::Network(w) => axis.network_dph = Some(w),
+                }
                 (n.to_string(), axis)
             })
             .collect(),
@@ -173,14 +202,25 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
     };
     for (a, n) in AXIS_NAMES.iter().enumerate() {
         let x = f.axis.get(*n).ok_or_else(|| BadInput::new(format!("the calibration file lacks [axis.{n}]")))?;
-        let coefficients = match (x.bias_dph, x.bias_cooling_dph, x.bias_heating_dph) {
-            (Some(k), None, None) => Coefficients::One(k),
-            (None, Some(c), Some(h)) => Coefficients::CoolingHeating(c, h),
-            _ => {
-                return Err(BadInput::new(format!(
-                    "[axis.{n}] must have either bias_dph, or bias_cooling_dph and bias_heating_dph"
-                )))
-            }
+        let two_sets = x.bias_cooling_dph.zip(x.bias_heating_dph);
+        let models = [
+            x.bias_dph.map(Coefficients::One),
+            two_sets.map(|(c, h)| Coefficients::CoolingHeating(c, h)),
+            x.four_parameter_dph.as_ref().map(|m| {
+                Coefficients::FourParameter(FourParameter {
+                    k: m.constant_cooling_heating_low_high,
+                    breakpoint_c: m.breakpoint_c,
+                    origin_c: m.origin_c,
+                })
+            }),
+            x.bias_of_frequency_dph.map(Coefficients::Direct),
+            x.network_dph.map(Coefficients::Network),
+        ];
+        let mut given = models.into_iter().flatten();
+        let (Some(coefficients), None) = (given.next(), given.next()) else {
+            return Err(BadInput::new(format!(
+                "[axis.{n}] must have one bias model: bias_dph, or bias_cooling_dph with bias_heating_dph, or four_parameter_dph, bias_of_frequency_dph or network_dph"
+            )));
         };
         c.axes[a] = Axis {
             law: TemperatureLaw {
@@ -285,6 +325,15 @@ mod tests {
             c.axes[0].coefficients = Coefficients::One(k);
             c.axes[1].coefficients = Coefficients::CoolingHeating(k, [g; 6]);
             c.axes[2].law.f0_hz = f0;
+            let rest = if g < -3.0 {
+                Coefficients::Network(std::array::from_fn(|j| k[j % 6] + j as f32))
+            } else if g < 3.0 {
+                Coefficients::Direct(std::array::from_fn(|j| k[j % 6]))
+            } else {
+                let m = FourParameter { k: [g; 5], breakpoint_c: g, origin_c: k[0] };
+                Coefficients::FourParameter(m)
+            };
+            c.axes[2].coefficients = rest;
             let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; 8]; 3], gain_std: [[0.0; 8]; 3] };
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");

@@ -5,8 +5,10 @@
 //! | recordings in and out, and what is wrong with them | [`recording`] |
 //! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
 //! | least squares | [`lsq`] |
+//! | how a resonator follows its surroundings | [`lag`] |
 //! | frequency to temperature; static points | [`laws`], [`points`] |
-//! | coefficients | [`fit`] |
+//! | before and after every fit | [`fit`] |
+//! | coefficients, by the methods of the sources | [`methods`] |
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
@@ -17,8 +19,10 @@
 
 pub mod file;
 pub mod fit;
+pub mod lag;
 pub mod laws;
 pub mod lsq;
+pub mod methods;
 pub mod plot;
 pub mod points;
 pub mod recording;

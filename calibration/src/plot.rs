@@ -142,3 +142,60 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
     }
     Ok(())
 }
+
+/// Pairs of figures by name, as horizontal bars.
+#[derive(Debug, Clone)]
+pub struct Bars {
+    /// Above it.
+    pub title: String,
+    /// Of the figures.
+    pub unit: String,
+    /// What the first and the second figure of a row are.
+    pub labels: [String; 2],
+    /// Name and figures; NaN: none. The longest bars are cut where they would dwarf the rest, and say so.
+    pub rows: Vec<(String, [f64; 2])>,
+}
+
+/// Height of one row of [`bars`], pixels.
+const ROW: u32 = 30;
+
+/// Bars as an SVG.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn bars(b: &Bars, width: u32) -> anyhow::Result<String> {
+    let mut figures: Vec<f64> = b.rows.iter().flat_map(|r| r.1).filter(|v| v.is_finite()).collect();
+    figures.sort_by(f64::total_cmp);
+    // Room for twice the upper quartile: an outlier is cut, and its figure stands beside it.
+    let most = figures.last().copied().unwrap_or(1.0);
+    let quartile = figures.get(figures.len() * 3 / 4).copied().unwrap_or(most);
+    let end = most.min(2.0 * quartile).max(1e-12);
+    let (left, right, top) = (120i32, 90i32, 64i32);
+    let height = top as u32 + ROW * b.rows.len() as u32 + 14;
+    let mut out = String::new();
+    {
+        let root = SVGBackend::with_string(&mut out, (width, height)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let text = |size: i32| ("sans-serif", size).into_font().color(&BLACK);
+        root.draw(&Text::new(format!("{}, {}", b.title, b.unit), (12, 12), text(17)))?;
+        let colours = [PALETTE[0], PALETTE[1]];
+        for (k, label) in b.labels.iter().enumerate() {
+            let x = left + 190 * k as i32;
+            root.draw(&Rectangle::new([(x, 40), (x + 14, 52)], colours[k].filled()))?;
+            root.draw(&Text::new(label.clone(), (x + 20, 39), text(14)))?;
+        }
+        let scale = f64::from(width as i32 - left - right) / end;
+        for (n, (name, pair)) in b.rows.iter().enumerate() {
+            let y = top + (ROW * n as u32) as i32;
+            root.draw(&Text::new(name.clone(), (12, y + 6), text(14)))?;
+            for (k, v) in pair.iter().enumerate().filter(|(_, v)| v.is_finite()) {
+                let (y, x) = (y + 2 + 12 * k as i32, left + (v.min(end) * scale) as i32);
+                root.draw(&Rectangle::new([(left, y), (x, y + 10)], colours[k].filled()))?;
+                let cut = if *v > end { " (cut)" } else { "" };
+                root.draw(&Text::new(format!("{}{cut}", short(*v)), (x + 5, y - 2), text(12)))?;
+            }
+        }
+        root.present()?;
+    }
+    Ok(out)
+}

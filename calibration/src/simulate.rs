@@ -35,7 +35,7 @@ pub struct Profile {
 }
 
 /// Profiles with a name.
-pub const PROFILES: [(&str, &str); 8] = [
+pub const PROFILES: [(&str, &str); 10] = [
     ("dong", "25,-40@1,5h,50@1,1h"),
     ("cycle", "20,-40@1,110m,50@1,110m,20@1,20m"),
     ("verify", "20,50@0.8,100m,-35@1.2,2h,30@0.6,1h,-10@1,90m"),
@@ -43,6 +43,8 @@ pub const PROFILES: [(&str, &str); 8] = [
     ("ramps", "20,50@0.5,30m,-40@1.5,40m,50@3,40m,-40@3,40m,20@1,30m"),
     ("fast", "10,40@4,6m,-10@5,10m,45@5,10m,10@3"),
     ("zhao", "0,2h,60@5,100m"),
+    ("wu", "20,-40@1,1h,60@1,1h,20@1,30m"),
+    ("lag", "20,4h,30@10,3h"),
     ("up", "-40,2h,50@1,2h"),
 ];
 
@@ -235,9 +237,88 @@ impl Default for Noise {
     }
 }
 
+/// What kind of unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Kind {
+    /// A unit like dong2023's: eq 7.
+    #[default]
+    Hrg,
+    /// A fibre-optic gyro like wu2023's: four parameters and a breakpoint; its frequency column stands for its
+    /// temperature sensor.
+    Fog,
+    /// A gyro like zhao2022's: bias a curve of temperature that bends more than a cubic.
+    Zhao,
+}
+
+impl Kind {
+    /// By name: hrg, fog, zhao.
+    ///
+    /// # Errors
+    /// Any other name.
+    pub fn parse(name: &str) -> Result<Self, BadInput> {
+        match name {
+            "hrg" => Ok(Self::Hrg),
+            "fog" => Ok(Self::Fog),
+            "zhao" => Ok(Self::Zhao),
+            _ => Err(BadInput::new(format!("kind \"{name}\" is not known; there are hrg, fog and zhao"))),
+        }
+    }
+
+    /// Noise of such a gyro, of the size that its paper is left with.
+    #[must_use]
+    pub fn noise(self) -> Noise {
+        let hrg = Noise::default();
+        let of = |white_100s_dph, flicker_dph, walk_per_root_h_dph| Noise {
+            white_100s_dph,
+            flicker_dph,
+            walk_per_root_h_dph,
+            ..hrg
+        };
+        match self {
+            Self::Hrg => hrg,
+            Self::Fog => of(0.0055, 0.0005, 0.0003),
+            Self::Zhao => of(0.06, 0.008, 0.008),
+        }
+    }
+
+    /// The bias of a unit of this kind at a temperature (C) and its rate of change (C per minute).
+    fn bias(self, unit_seed: u64) -> impl Fn(&Scaling, usize, f64, f64) -> f64 {
+        let coefficients = unit_coefficients(unit_seed);
+        let mut rng = ChaCha8Rng::seed_from_u64(unit_seed.wrapping_mul(0x9E37_79B9).wrapping_add(71));
+        // Each axis of each unit a little different.
+        let own: [[f64; 5]; AXES] = [0; AXES].map(|_| [0; 5].map(|_| rng.random_range(0.7..1.3)));
+        move |scaling, a, t, r| {
+            let o = &own[a];
+            match self {
+                Self::Hrg => {
+                    let x = regressors(scaling, t as f32, r as f32);
+                    x.iter().zip(&coefficients[a]).map(|(x, c)| f64::from(*x) * c).sum()
+                }
+                // deg/h: raw standard deviation about 0.016 on the profile `wu` (theirs: 0.0156).
+                Self::Fog => {
+                    let x = t - 20.0 * o[4];
+                    let change = if r < 0.0 { 0.011 * o[0] } else { 0.017 * o[1] };
+                    let slope = if x < 0.0 { -0.00022 * o[2] } else { 0.00035 * o[3] };
+                    0.3 + change * r + slope * x
+                }
+                // deg/h: from about -2.4 to -11 between 0 and 60 C of the chamber (theirs).
+                Self::Zhao => {
+                    let x = (t - 6.7) / 60.0;
+                    let bend = 2.6 * o[0];
+                    let s = |x: f64| (bend * (2.0 * x - 0.9 * o[1])).tanh();
+                    let curve = (s(x) - s(0.0)) / (s(1.0) - s(0.0));
+                    -2.4497 - 8.5716 * curve + 0.25 * o[2] * (7.0 * o[3] * x).sin()
+                }
+            }
+        }
+    }
+}
+
 /// A run to simulate. The same `unit_seed` is the same unit; `seed` is the noise of this run.
 #[derive(Debug, Clone)]
 pub struct Plan {
+    /// What kind of unit.
+    pub kind: Kind,
     /// Chamber profile.
     pub profile: Profile,
     /// Effects put in.
@@ -521,6 +602,13 @@ impl Monitors {
 }
 
 impl Plan {
+    /// A unit like dong2023's without any effect, with the noise of its kind.
+    #[must_use]
+    pub fn of(profile: Profile, unit_seed: u64, seed: u64) -> Self {
+        let kind = Kind::Hrg;
+        Self { kind, profile, effects: vec![], unit_seed, seed, noise: kind.noise(), sizing: None }
+    }
+
     /// Sign and mix of each effect on each axis: they belong to the unit, not to the run.
     fn signs(&self) -> Vec<[(f64, f64); AXES]> {
         let mut rng = ChaCha8Rng::seed_from_u64(self.unit_seed.wrapping_add(0xEFFE_C700));
@@ -576,13 +664,10 @@ impl Plan {
             [0, 1, 2].map(|a| plant.shell_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
         let noise: Vec<Vec<f64>> = (0..AXES).map(|_| rate_noise(n, &self.noise, &mut rng)).collect();
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
-        let coefficients = unit_coefficients(self.unit_seed);
+        let bias = self.kind.bias(self.unit_seed);
         let mut rate = [0, 1, 2].map(|a| -> Vec<f64> {
             (0..n)
-                .map(|k| {
-                    let x = regressors(scaling, plant.resonator_c[a][k] as f32, plant.slope_c_per_min[a][k] as f32);
-                    x.iter().zip(&coefficients[a]).map(|(x, c)| f64::from(*x) * c).sum::<f64>() + noise[a][k]
-                })
+                .map(|k| bias(scaling, a, plant.resonator_c[a][k], plant.slope_c_per_min[a][k]) + noise[a][k])
                 .collect()
         });
         let gains = self.gains();
@@ -682,12 +767,8 @@ mod tests {
 
     fn plan(effects: &[&str]) -> Plan {
         Plan {
-            profile: Profile::parse("fast").expect("named"),
             effects: effects.iter().map(|e| EffectSpec::parse(e).expect("known")).collect(),
-            unit_seed: 3,
-            seed: 5,
-            noise: Noise::default(),
-            sizing: None,
+            ..Plan::of(Profile::parse("fast").expect("named"), 3, 5)
         }
     }
 

@@ -68,7 +68,7 @@ fn from_simulation_to_report() {
     }
     let table = ok(&d, &["fit", "t.csv", "--out", "cal.toml"]);
     assert!(table.contains("condition"));
-    ok(&d, &["fit", "t.csv", "--two-sets", "--uniform", "--out", "cal.bin"]);
+    ok(&d, &["fit", "t.csv", "--method", "two-sets", "--uniform", "--out", "cal.bin"]);
     let (json, html) = ("report.json", "report.html");
     ok(
         &d,
@@ -91,4 +91,59 @@ fn from_simulation_to_report() {
     assert!(page.contains("<svg") && !page.contains("src=\"http"), "one self-contained page");
     let block = std::fs::read_to_string(d.join("ext.toml")).expect("written");
     assert!(block.contains("name = \"hysteresis\""));
+}
+
+#[test]
+fn methods_side_by_side() {
+    let d = folder("compare");
+    for (profile, seed, out) in
+        [("fast", "41", "t.csv"), ("fast", "42", "v.csv"), ("up", "43", "up.csv"), ("lag", "44", "lag.csv")]
+    {
+        ok(&d, &["simulate", "--profile", profile, "--seed", seed, "--unit", "6", "--out", out]);
+    }
+    let methods = "lsq,pso,pso-literal,fog-lsq,direct";
+    // A program that is not hrg-board: nothing is weighed, and it is said.
+    let error = refused(
+        &d,
+        &["compare", "t.csv", "--verify", "v.csv", "--methods", methods, "--out", "c", "--board", "/bin/false"],
+    );
+    assert!(error.contains("could not weigh"), "{error}");
+    let alone = d.join("hrg");
+    std::fs::copy(env!("CARGO_BIN_EXE_hrg"), &alone).expect("copied");
+    let o = Command::new(&alone)
+        .current_dir(&d)
+        .args(["compare", "t.csv", "--verify", "v.csv", "--methods", methods, "--out", "c"])
+        .output()
+        .expect("runs");
+    assert!(o.status.success() && String::from_utf8_lossy(&o.stderr).contains("not weighed"));
+    let c: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(d.join("c/compare.json")).expect("written")).expect("JSON");
+    let error = |m: &str| {
+        let row = c["rows"].as_array().expect("rows").iter().find(|r| r["method"] == m).expect("there").clone();
+        row["verify_3sigma_dph"][0].as_f64().expect("a number")
+    };
+    assert!((error("pso") / error("lsq") - 1.0).abs() < 1e-4);
+    assert!(error("pso-literal") > error("lsq") && (error("direct") / error("lsq") - 1.0).abs() < 0.15);
+    assert!(std::fs::read_to_string(d.join("c/compare.svg")).expect("written").contains("pso-literal"));
+
+    assert!(refused(&d, &["compare", "t.csv", "--verify", "v.csv", "--methods", "guess", "--out", "c"])
+        .contains("polynomial"));
+    let error = refused(&d, &["fit", "up.csv", "--method", "fog-pso", "--out", "no.toml"]);
+    assert!(error.contains("no cooling ramp") && !d.join("no.toml").exists(), "{error}");
+    let error = refused(&d, &["fit", "t.csv", "--method", "ga-bp", "--uniform", "--out", "no.toml"]);
+    assert!(error.contains("cannot weigh"), "{error}");
+    for (out, seed) in [("a.toml", "5"), ("b.toml", "5")] {
+        ok(&d, &["fit", "t.csv", "--method", "ga-bp", "--seed", seed, "--out", out]);
+    }
+    let crc = |f: &str| {
+        let text = std::fs::read_to_string(d.join(f)).expect("written");
+        text.lines().find(|l| l.starts_with("network_dph")).expect("a network").to_string()
+    };
+    assert_eq!(crc("a.toml"), crc("b.toml"), "the same seed, the same block");
+
+    let table = ok(&d, &["lag", "lag.csv", "--calibration", "a.toml", "--predict", "t.csv", "--out", "p.csv"]);
+    assert!(table.contains("time constant") && table.contains("predicted"), "{table}");
+    assert!(
+        refused(&d, &["lag", "up.csv", "--input", "chamber", "--calibration", "t.csv"]).contains("not a calibration")
+    );
 }

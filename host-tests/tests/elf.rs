@@ -2,10 +2,12 @@
 
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A};
 use hrg_board::wires::{WireFaults, Wires};
+use hrg_cal::fit::prepare;
+use hrg_cal::methods::identify;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
-use hrg_cal::simulate::{Noise, Plan, Profile};
-use hrg_cal::{fit, stats};
+use hrg_cal::simulate::{Kind, Plan, Profile};
+use hrg_cal::stats;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::status::{axis, unit};
@@ -26,15 +28,9 @@ fn recording() -> Recording {
 fn calibration() -> Calibration {
     static ONCE: OnceLock<Calibration> = OnceLock::new();
     ONCE.get_or_init(|| {
-        let plan = Plan {
-            profile: Profile::parse("cycle").expect("named"),
-            effects: vec![],
-            unit_seed: 11,
-            seed: 12,
-            noise: Noise::default(),
-            sizing: None,
-        };
-        fit::least_squares(&[plan.simulate().recording], &fit::Options::default()).expect("fits").calibration
+        let plan = Plan::of(Profile::parse("cycle").expect("named"), 11, 12);
+        let prepared = prepare(&[plan.simulate().recording]).expect("prepares");
+        identify(&prepared, "lsq", 1).expect("fits").calibration
     })
     .clone()
 }
@@ -245,4 +241,31 @@ fn a_power_cut_at_any_instruction_is_survived() {
     let h = board.world.received.housekeeping.last().expect("it measures again");
     assert_eq!(h.calibration, c.checksum());
     assert!(h.frequency_hz.iter().all(|f| f.is_finite()));
+}
+
+#[test]
+fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
+    // One method of each kind of block. The recording's ramp moves all their inputs.
+    let cycle = |kind, profile: &str| {
+        let plan = Plan { kind, ..Plan::of(Profile::parse(profile).expect("named"), 11, 12) };
+        prepare(&[plan.simulate().recording]).expect("prepares")
+    };
+    let (hrg, fog) = (cycle(Kind::Hrg, "cycle"), cycle(Kind::Fog, "wu"));
+    let models = [
+        ("two-sets", &hrg),
+        ("fog-lsq", &fog),
+        ("fog-literal", &fog),
+        ("polynomial", &hrg),
+        ("ga-bp", &hrg),
+        ("direct", &hrg),
+    ];
+    for (method, prepared) in models {
+        let calibration = identify(prepared, method, 1).expect("identifies").calibration;
+        let outcome = run(Some(&calibration), 90, WireFaults::default(), true);
+        let r = &outcome.received;
+        assert!(r.rates.len() > 17_000, "{method}: {}", r.rates.len());
+        assert_eq!(r.differing, 0, "{method}: {:?}", r.first_difference);
+        let last = r.rates.last().expect("many");
+        assert!(r.housekeeping.last().expect("many").bias_dph.iter().all(|b| *b != 0.0), "{method}: {last:?}");
+    }
 }

@@ -9,6 +9,7 @@
 //! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
 //! useless as a broken one.
 
+use crate::bias::four_parameter::FourParameter;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::bytes::{Reader, Writer};
 use crate::effects::{by_id, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
@@ -43,7 +44,8 @@ pub struct Axis {
     pub rate_range_c_per_min: [f32; 2],
     /// The baseline model.
     pub coefficients: Coefficients,
-    /// Standard deviation of each coefficient, cooling then heating set (zeros: not stated).
+    /// Standard deviation of each coefficient, row after row: cooling then heating set, or the linear coefficients of
+    /// another model in their order (zeros: not stated).
     pub coefficient_std: [[f32; TERMS]; 2],
     /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
     pub train_rms_dph: f32,
@@ -101,6 +103,8 @@ pub enum BlockError {
     NotFinite,
     /// A number is impossible for a gyro (which: see the name).
     Absurd(&'static str),
+    /// Its bias model is of a kind that this firmware does not know.
+    UnknownModel(u8),
     /// It holds an effect that this firmware does not know.
     UnknownEffect(u16),
     /// It holds an effect that this unit cannot compute.
@@ -116,6 +120,9 @@ impl core::fmt::Display for BlockError {
             Self::Checksum => write!(f, "the block's checksum does not match its content"),
             Self::NotFinite => write!(f, "the block holds a number that is not finite"),
             Self::Absurd(what) => write!(f, "the block's {what} is impossible"),
+            Self::UnknownModel(kind) => {
+                write!(f, "the block's bias model is of kind {kind}, which this program does not know")
+            }
             Self::UnknownEffect(id) => {
                 write!(f, "the block holds effect number {id}, which this program does not know")
             }
@@ -265,6 +272,19 @@ impl Calibration {
                     w.f32s(cooling);
                     w.f32s(heating);
                 }
+                Coefficients::FourParameter(m) => {
+                    w.u8(3);
+                    w.f32s(&m.k);
+                    w.f32s(&[m.breakpoint_c, m.origin_c]);
+                }
+                Coefficients::Direct(k) => {
+                    w.u8(4);
+                    w.f32s(k);
+                }
+                Coefficients::Network(weights) => {
+                    w.u8(5);
+                    w.f32s(weights);
+                }
             }
             w.f32s(&a.coefficient_std[0]);
             w.f32s(&a.coefficient_std[1]);
@@ -308,7 +328,14 @@ impl Calibration {
                     let cooling = r.f32s().ok_or(short)?;
                     Coefficients::CoolingHeating(cooling, r.f32s().ok_or(short)?)
                 }
-                _ => return Err(BlockError::Absurd("number of coefficient sets")),
+                3 => {
+                    let k = r.f32s().ok_or(short)?;
+                    let [breakpoint_c, origin_c] = r.f32s().ok_or(short)?;
+                    Coefficients::FourParameter(FourParameter { k, breakpoint_c, origin_c })
+                }
+                4 => Coefficients::Direct(r.f32s().ok_or(short)?),
+                5 => Coefficients::Network(r.f32s().ok_or(short)?),
+                kind => return Err(BlockError::UnknownModel(kind)),
             };
             a.coefficient_std = [r.f32s().ok_or(short)?, r.f32s().ok_or(short)?];
             [a.train_rms_dph, a.verify_rms_dph] = r.f32s().ok_or(short)?;
@@ -373,6 +400,12 @@ impl Calibration {
                     finite(c)?;
                     finite(h)?;
                 }
+                Coefficients::FourParameter(m) => {
+                    finite(&m.k)?;
+                    finite(&[m.breakpoint_c, m.origin_c])?;
+                }
+                Coefficients::Direct(k) => finite(k)?,
+                Coefficients::Network(w) => finite(w)?,
             }
             possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
             possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
@@ -454,9 +487,18 @@ mod tests {
         c
     }
 
+    fn others() -> Calibration {
+        let mut c = full();
+        let m = FourParameter { k: [1.0, 2.0, 3.0, 4.0, 5.0], breakpoint_c: 12.5, origin_c: -3.0 };
+        c.axes[0].coefficients = Coefficients::FourParameter(m);
+        c.axes[1].coefficients = Coefficients::Direct([0.5; 7]);
+        c.axes[2].coefficients = Coefficients::Network([-1.25; 16]);
+        c
+    }
+
     #[test]
     fn there_and_back() {
-        for c in [Calibration::uncalibrated(), full()] {
+        for c in [Calibration::uncalibrated(), full(), others()] {
             let bytes = c.to_bytes().expect("fits");
             assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
             let mut sector = [0xFFu8; 4096];
@@ -470,7 +512,8 @@ mod tests {
         let mut c = full();
         c.effects.clear();
         for axis in &mut c.axes {
-            axis.coefficients = Coefficients::CoolingHeating([1.0; TERMS], [2.0; TERMS]);
+            // The longest of all.
+            axis.coefficients = Coefficients::Network([1.0; 16]);
         }
         for _ in 0..MAX_EFFECTS {
             c.effects
@@ -503,6 +546,8 @@ mod tests {
         assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
+        let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
+        assert_eq!(refused(&nan), BlockError::NotFinite);
     }
 
     #[test]

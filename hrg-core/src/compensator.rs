@@ -1,10 +1,10 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
-use crate::bias::dot;
+use crate::bias::{dot, State};
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
 use crate::frequency::StepFrequencies;
-use crate::rate_of_change::SlopeWindow;
+use crate::rate_of_change::{Difference, SlopeWindow};
 use crate::status::axis;
 use crate::temperature::TemperatureLaw;
 use crate::{AXES, MODEL_STEP_S};
@@ -21,8 +21,12 @@ pub struct Thermal {
     pub temperature_c: [Option<f32>; AXES],
     /// Its rate of change, C per minute.
     pub rate_c_per_min: [f32; AXES],
+    /// Its change over the last 60 s, C per minute ([`Difference`]).
+    pub difference_c_per_min: [f32; AXES],
     /// Normalised frequency of each axis (held likewise).
     pub frequency_u: [f32; AXES],
+    /// Its rate of change per minute.
+    pub frequency_u_per_min: [f32; AXES],
     /// Steps since the frequency of each axis was last measured.
     pub age: [u32; AXES],
     /// Whether the slope's window is full.
@@ -36,7 +40,9 @@ pub struct Thermal {
 pub struct Thermometer {
     laws: [TemperatureLaw; AXES],
     windows: [SlopeWindow; AXES],
-    last: [Option<(f32, f32)>; AXES],
+    differences: [Difference; AXES],
+    /// Temperature and its slope by frequency, and normalised frequency.
+    last: [Option<((f32, f32), f32)>; AXES],
     age: [u32; AXES],
     steps: u32,
     power_on_s: f32,
@@ -49,6 +55,7 @@ impl Thermometer {
         Self {
             laws,
             windows: core::array::from_fn(|_| SlopeWindow::default()),
+            differences: core::array::from_fn(|_| Difference::default()),
             last: [None; AXES],
             age: [0; AXES],
             steps: 0,
@@ -59,11 +66,15 @@ impl Thermometer {
     /// One model step.
     pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Thermal {
         self.steps = self.steps.saturating_add(1);
-        let mut rate_c_per_min = [0.0; AXES];
+        let (mut frequency_u_per_min, mut rate_c_per_min, mut difference_c_per_min) =
+            ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for k in 0..AXES {
             let law = &self.laws[k];
-            let now = frequency_hz[k].map(|f| (law.temperature_c(f), law.normalised(f))).filter(|(t, _)| t.is_finite());
-            rate_c_per_min[k] = self.windows[k].push(now.map(|(t, _)| t));
+            let now = frequency_hz[k]
+                .map(|f| law.normalised(f))
+                .map(|u| (law.value_and_slope(u), u))
+                .filter(|((t, _), u)| t.is_finite() && u.is_finite());
+            frequency_u_per_min[k] = self.windows[k].push(now.map(|(_, u)| u));
             match now {
                 Some(_) => {
                     self.last[k] = now;
@@ -71,10 +82,16 @@ impl Thermometer {
                 }
                 None => self.age[k] = self.age[k].saturating_add(1),
             }
+            if let Some(((t, slope), _)) = self.last[k] {
+                rate_c_per_min[k] = frequency_u_per_min[k] * slope;
+                difference_c_per_min[k] = self.differences[k].push(t);
+            }
         }
         Thermal {
-            temperature_c: self.last.map(|l| l.map(|(t, _)| t)),
+            temperature_c: self.last.map(|l| l.map(|((t, _), _)| t)),
             rate_c_per_min,
+            difference_c_per_min,
+            frequency_u_per_min,
             frequency_u: self.last.map(|l| l.map_or(0.0, |(_, u)| u)),
             age: self.age,
             settled: self.windows[0].settled(),
@@ -84,6 +101,18 @@ impl Thermometer {
 }
 
 impl Thermal {
+    /// What the bias model of one axis may look at; `None` where the axis has no temperature yet.
+    #[must_use]
+    pub fn state(&self, k: usize) -> Option<State> {
+        Some(State {
+            temperature_c: self.temperature_c[k]?,
+            rate_c_per_min: self.rate_c_per_min[k],
+            difference_c_per_min: self.difference_c_per_min[k],
+            frequency_u: self.frequency_u[k],
+            frequency_u_per_min: self.frequency_u_per_min[k],
+        })
+    }
+
     /// What effects of one axis may look at. Axes without a temperature count as being as warm as this one.
     /// `None` where this axis itself has none.
     #[must_use]
@@ -147,6 +176,8 @@ impl Compensator {
     }
 
     /// One model step from what the counters gave: as [`step`](Self::step), with edge errors flagged.
+    // A function of its own in the ELF, so that the virtual board can count what it costs.
+    #[inline(never)]
     pub fn update(&mut self, step: &StepFrequencies) -> Output {
         let mut output = self.step(&step.frequency_hz);
         for k in 0..AXES {
@@ -174,7 +205,7 @@ impl Compensator {
             if thermal.age[k] > 0 {
                 *s |= axis::FREQUENCY_LOST;
             }
-            let Some(inputs) = thermal.inputs(scaling, k, Recorded::NONE) else {
+            let (Some(state), Some(inputs)) = (thermal.state(k), thermal.inputs(scaling, k, Recorded::NONE)) else {
                 *s |= axis::TEMPERATURE_STALE;
                 self.bias_dph[k] = 0.0;
                 continue;
@@ -190,7 +221,7 @@ impl Compensator {
             if r < a.rate_range_c_per_min[0] || r > a.rate_range_c_per_min[1] {
                 *s |= axis::RAMP_RANGE;
             }
-            let mut bias = a.coefficients.bias_dph(scaling, t, r);
+            let mut bias = a.coefficients.bias_dph(scaling, &state);
             for (term, outputs, running) in &mut self.running {
                 let x: [f32; MAX_OUTPUTS] = running[k].step(&inputs);
                 bias += dot(&term.gains[k][..*outputs], &x[..*outputs]);

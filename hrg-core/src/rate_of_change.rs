@@ -1,4 +1,5 @@
-//! Rate of change of temperature, causal, with its delay stated.
+//! Rate of change, causal, with its delay stated. The unit takes the slope of the normalised frequency, which is what it
+//! measures, and makes the slope of temperature from it by the chain rule.
 //!
 //! Two estimators. [`SlopeWindow`] is what the unit uses: the least-squares slope over the last
 //! [`WINDOW`] model steps. [`Difference`] is the one of wu2023 (temperature now minus 60 s ago). On a steady
@@ -35,14 +36,13 @@ impl Default for SlopeWindow {
 }
 
 impl SlopeWindow {
-    /// Takes the newest temperature in C (`None`: missing, left out of the fit) and gives the slope in
-    /// C per minute. Zero until [`WINDOW_MIN`] values are in.
-    pub fn push(&mut self, temperature_c: Option<f32>) -> f32 {
-        self.values[self.at] = temperature_c.unwrap_or(f32::NAN);
+    /// Takes the newest value (`None`: missing, left out of the fit) and gives the slope per minute. Zero until [`WINDOW_MIN`] values are in.
+    pub fn push(&mut self, value: Option<f32>) -> f32 {
+        self.values[self.at] = value.unwrap_or(f32::NAN);
         let newest = self.at;
         self.at = (self.at + 1) % WINDOW;
         self.filled = (self.filled + 1).min(WINDOW);
-        // Ages are small integers and temperatures are taken relative to a recent one: f32 loses nothing.
+        // Ages are small integers and values are taken relative to a recent one: f32 loses nothing.
         let mut reference = f32::NAN;
         for age in 0..self.filled {
             let v = self.values[(newest + WINDOW - age) % WINDOW];

@@ -36,15 +36,35 @@ impl TemperatureLaw {
     #[inline]
     #[must_use]
     pub fn temperature_c(&self, frequency_hz: f64) -> f32 {
-        let u = self.normalised(frequency_hz);
+        self.at_c(self.normalised(frequency_hz))
+    }
+
+    /// Temperature in C at a normalised frequency.
+    #[inline]
+    #[must_use]
+    pub fn at_c(&self, u: f32) -> f32 {
         ((self.c[3] * u + self.c[2]) * u + self.c[1]) * u + self.c[0]
+    }
+
+    /// Slope dT/du in C at a normalised frequency.
+    #[inline]
+    #[must_use]
+    pub fn slope_c(&self, u: f32) -> f32 {
+        (3.0 * self.c[3] * u + 2.0 * self.c[2]) * u + self.c[1]
+    }
+
+    /// Temperature in C and its slope dT/du in C at a normalised frequency: what a model step needs.
+    // A function of its own in the ELF, so that the virtual board can count what it costs.
+    #[inline(never)]
+    #[must_use]
+    pub fn value_and_slope(&self, u: f32) -> (f32, f32) {
+        (self.at_c(u), self.slope_c(u))
     }
 
     /// Slope dT/df in C per Hz at a frequency.
     #[must_use]
     pub fn slope_c_per_hz(&self, frequency_hz: f64) -> f32 {
-        let u = self.normalised(frequency_hz);
-        ((3.0 * self.c[3] * u + 2.0 * self.c[2]) * u + self.c[1]) / self.scale_hz
+        self.slope_c(self.normalised(frequency_hz)) / self.scale_hz
     }
 
     /// The frequency in Hz at a temperature in C: Newton's method on this law, f64.

@@ -8,6 +8,7 @@
 
 use crate::chip::{Chip, Request};
 use crate::memory::Memory;
+use crate::probe::Probe;
 use crate::system::{CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::{Object, ObjectSegment, ObjectSymbol};
@@ -197,6 +198,12 @@ impl<W: World> Board<W> {
                         return;
                     }
                 }
+                if !c.get_data().probes.is_empty() {
+                    let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
+                    let chip = c.get_data_mut();
+                    let instructions = chip.instructions;
+                    chip.probes.iter_mut().for_each(|p| p.block(address as u32, instructions, || link));
+                }
                 let chip = c.get_data_mut();
                 chip.now += n;
                 chip.instructions += n;
@@ -273,6 +280,34 @@ impl<W: World> Board<W> {
         self.cpu.get_data().instructions
     }
 
+    /// Counts the instructions of every call of the function whose symbol contains `part` from now on; gives the number
+    /// to ask [`probe`](Self::probe) with.
+    ///
+    /// # Errors
+    /// Where the ELF has no such function, or several.
+    pub fn count_calls(&mut self, elf: &[u8], part: &str) -> Result<usize, RunError> {
+        let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
+        let mut found: Vec<u32> = file
+            .symbols()
+            .filter(|s| s.kind() == object::SymbolKind::Text && s.name().is_ok_and(|n| n.contains(part)))
+            .map(|s| s.address() as u32 & !1)
+            .collect();
+        found.sort_unstable();
+        found.dedup();
+        let [entry] = found[..] else {
+            return Err(RunError::Elf(format!("{} functions are called {part}", found.len())));
+        };
+        let probes = &mut self.cpu.get_data_mut().probes;
+        probes.push(Probe::new(entry));
+        Ok(probes.len() - 1)
+    }
+
+    /// What [`count_calls`](Self::count_calls) has counted so far.
+    #[must_use]
+    pub fn probe(&self, number: usize) -> Option<&Probe> {
+        self.cpu.get_data().probes.get(number)
+    }
+
     /// Writes into flash from outside, as a programmer does: erased bits and all. `offset` from its start.
     ///
     /// # Errors
@@ -343,6 +378,8 @@ impl<W: World> Board<W> {
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(cause, now);
         chip.instructions = instructions;
+        chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
+        chip.probes.iter_mut().for_each(Probe::interrupt);
         *self.cpu.get_data_mut() = chip;
         let (mut sp, mut pc) = ([0; 4], [0; 4]);
         self.get(FLASH_START, &mut sp)?;
@@ -684,6 +721,7 @@ impl<W: World> Board<W> {
         uc(cpu.reg_write(RegisterARM::XPSR, u64::from(0x0100_0000 | u32::from(exception))))?;
         uc(cpu.reg_write(RegisterARM::PC, u64::from(u32::from_le_bytes(vector) | 1)))?;
         let chip = cpu.get_data_mut();
+        chip.probes.iter_mut().for_each(Probe::interrupt);
         chip.nvic.enter(exception);
         chip.event = true;
         Ok(())

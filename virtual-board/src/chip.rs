@@ -3,6 +3,7 @@
 use crate::ads131m08::Ads131m08;
 use crate::gpio::{Exti, Port, Syscfg};
 use crate::nvic::{irq, Nvic};
+use crate::probe::Probe;
 use crate::serial::{Spi, Usart};
 use crate::system::{Flash, Iwdg, Pwr, Rcc};
 use crate::timer::Timer;
@@ -135,6 +136,8 @@ pub struct Chip {
     pub now: u64,
     /// Instructions executed.
     pub instructions: u64,
+    /// Functions whose calls are counted.
+    pub probes: Vec<Probe>,
     /// The CPU must be stopped at the first block at or after this cycle.
     pub deadline: u64,
     /// The CPU must be stopped at the next block.
@@ -179,6 +182,7 @@ impl Chip {
         Self {
             now,
             instructions: 0,
+            probes: Vec::new(),
             deadline: 0,
             attention: false,
             masked: false,

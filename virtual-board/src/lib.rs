@@ -25,6 +25,7 @@
 //! | `serial` | SPI1, USART1 |
 //! | `system` | RCC, PWR, FLASH, IWDG, DBGMCU |
 //! | `ads131m08` | the converter's protocol |
+//! | `probe` | instructions of a function's calls |
 //! | `rtt` | the debug probe's side of RTT, and the defmt decoder |
 
 pub mod ads131m08;
@@ -33,12 +34,14 @@ mod chip;
 mod gpio;
 mod memory;
 mod nvic;
+mod probe;
 pub mod rtt;
 mod serial;
 mod system;
 mod timer;
 
 pub use board::{Board, RunError, Stop};
+pub use probe::Probe;
 
 /// Cycles per second.
 pub const CPU_HZ: u64 = 180_000_000;

@@ -18,6 +18,7 @@ const USAGE: &str = "cargo xtask COMMAND
   build             the firmware
   size              what the firmware takes of flash and RAM
   flash             put the firmware on a board and show its log (probe-rs)
+  methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
   setup             only install what is missing";
 
@@ -29,7 +30,8 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let rest = arguments.get(1..).unwrap_or_default();
     let result = match arguments.first().map(String::as_str) {
-        Some("demo") => demo(rest),
+        Some("demo") => board("demo", rest),
+        Some("methods") => board("methods", rest),
         Some("test") => test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)),
         Some("size") => size(),
@@ -94,11 +96,12 @@ fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
     run(Command::new(root().join("target/release").join(name)).args(arguments))
 }
 
-fn demo(arguments: &[String]) -> Result<(), Failure> {
+/// A command of `hrg-board`, with the firmware built before.
+fn board(command: &str, arguments: &[String]) -> Result<(), Failure> {
     let t = setup::toolchain()?;
     setup::host()?;
     build(&t)?;
-    let mut all = vec!["demo".to_string()];
+    let mut all = vec![command.to_string()];
     all.extend_from_slice(arguments);
     tool("hrg-board", &all)
 }

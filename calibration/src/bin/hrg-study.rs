@@ -99,12 +99,10 @@ fn mean3(f: impl Fn(usize) -> f64) -> f64 {
 
 fn run(trial: &Trial) -> Result<Outcome> {
     let plan = |profile: &str, seed: u64| Plan {
-        profile: Profile::parse(profile).expect("named"),
         effects: trial.effects.clone(),
-        unit_seed: trial.unit,
-        seed,
         noise: trial.noise,
         sizing: Profile::parse(trial.profile).ok(),
+        ..Plan::of(Profile::parse(profile).expect("named"), trial.unit, seed)
     };
     let mut train = plan(trial.profile, trial.unit * 2 + 1).simulate();
     let verify = plan("verify", trial.unit * 2 + 2).simulate();

@@ -2,9 +2,12 @@
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
-use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile};
-use hrg_cal::{file, fit, load_recording, points, trace, BadInput, AXIS_NAMES};
-use std::path::PathBuf;
+use hrg_cal::methods::{self, compare};
+use hrg_cal::run::{Run, Steps};
+use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile};
+use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::{file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Calibration of hemispherical resonator gyros over temperature.
@@ -21,7 +24,7 @@ enum Command {
     ///
     /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
     Simulate {
-        /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up) or one like 20,-40@1,2h,50@1,2h
+        /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag) or one like 20,-40@1,2h,50@1,2h
         #[arg(long, default_value = "dong")]
         profile: String,
         /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
@@ -33,9 +36,12 @@ enum Command {
         /// Which unit: its bias coefficients and how it feels an effect.
         #[arg(long, default_value_t = 1)]
         unit: u64,
-        /// White noise: standard deviation of 100 s means, deg/h.
-        #[arg(long, default_value_t = 0.2)]
-        noise: f64,
+        /// Kind of unit: hrg (like dong2023's), fog (like wu2023's) or zhao (like zhao2022's)
+        #[arg(long, default_value = "hrg")]
+        kind: String,
+        /// White noise: standard deviation of 100 s means, deg/h; by default that of the kind
+        #[arg(long)]
+        noise: Option<f64>,
         /// Put spikes, gaps, missing, stuck values and repeated times in.
         #[arg(long)]
         dirty: bool,
@@ -53,25 +59,67 @@ enum Command {
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Identify the coefficients of the baseline model.
+    /// Identify the coefficients of a bias model.
     ///
     /// Example: hrg fit run.csv --method lsq --out cal.toml
     Fit {
         /// Recordings of one unit.
         #[arg(required = true)]
         recordings: Vec<PathBuf>,
-        /// How.
-        #[arg(long, default_value = "lsq", value_parser = ["lsq"])]
+        /// How: see docs/methods.md
+        #[arg(long, default_value = "lsq", value_parser = methods::NAMES)]
         method: String,
-        /// A cooling and a heating set of coefficients.
-        #[arg(long)]
-        two_sets: bool,
+        /// Seed of swarms and genetic searches: the same seed gives the same block.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
         /// Weigh every degree alike instead of every second.
         #[arg(long)]
         uniform: bool,
         /// Where the calibration goes: text, or the binary block if it ends in .bin
         #[arg(long)]
         out: PathBuf,
+    },
+    /// Identify by every method, and compare on runs that none of them saw.
+    ///
+    /// Example: hrg compare train.csv --verify verify.csv --out out/compare
+    Compare {
+        /// Recordings to learn from.
+        #[arg(required = true)]
+        recordings: Vec<PathBuf>,
+        /// Recording that is only evaluated. Several may be given.
+        #[arg(long, required = true)]
+        verify: Vec<PathBuf>,
+        /// Methods, separated by commas; by default all, and trace.
+        #[arg(long, value_delimiter = ',')]
+        methods: Vec<String>,
+        /// Seed of swarms and genetic searches.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Folder for the blocks, the table (JSON and Markdown) and the pictures.
+        #[arg(long)]
+        out: PathBuf,
+        /// hrg-board, which weighs the blocks on the virtual board; by default the one beside this program.
+        #[arg(long)]
+        board: Option<PathBuf>,
+    },
+    /// How the resonators follow their surroundings: gain and time constant from a chamber step.
+    ///
+    /// Example: hrg lag step.csv --calibration cal.toml --out lag.json
+    Lag {
+        /// Recording with a step of the chamber's temperature.
+        recording: PathBuf,
+        /// Calibration whose frequency-temperature laws are used; without it they are fitted to this recording.
+        #[arg(long)]
+        calibration: Option<PathBuf>,
+        /// What drives the lag: shell or chamber
+        #[arg(long, default_value = "shell", value_parser = ["shell", "chamber"])]
+        input: String,
+        /// Predict the resonator temperatures of this recording where its frequencies are missing.
+        #[arg(long)]
+        predict: Option<PathBuf>,
+        /// Where the report (JSON), or the prediction (CSV), goes.
+        #[arg(long)]
+        out: Option<PathBuf>,
     },
     /// Find what the baseline model lacks, add it, and measure before and after on a run it never saw.
     ///
@@ -101,7 +149,9 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Simulate { profile, effect, seed, unit, noise, dirty, out } => {
+        Command::Simulate { profile, effect, seed, unit, kind, noise, dirty, out } => {
+            let kind = Kind::parse(&kind)?;
+            let usual = kind.noise();
             let effects = effect
                 .iter()
                 .map(|e| match e.strip_prefix("secret:") {
@@ -112,14 +162,8 @@ fn run(command: Command) -> Result<()> {
                     None => EffectSpec::parse(e),
                 })
                 .collect::<Result<Vec<_>, _>>()?;
-            let plan = Plan {
-                profile: Profile::parse(&profile)?,
-                effects,
-                unit_seed: unit,
-                seed,
-                noise: Noise { white_100s_dph: noise, ..Noise::default() },
-                sizing: None,
-            };
+            let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
+            let plan = Plan { kind, effects, noise, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
             let mut simulated = plan.simulate();
             if dirty {
                 hrg_cal::simulate::soil(&mut simulated.recording, seed);
@@ -159,30 +203,178 @@ fn run(command: Command) -> Result<()> {
             print_trace(&t.report);
             Ok(())
         }
-        Command::Fit { recordings, method: _, two_sets, uniform, out } => {
+        Command::Fit { recordings, method, seed, uniform, out } => {
             let recordings = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
-            let mut o = fit::least_squares(&recordings, &fit::Options { two_sets, uniform_in_temperature: uniform })?;
-            o.calibration.created_unix_s = now();
-            o.calibration.sequence = 1;
-            file::save(&out, &o.calibration)?;
-            println!("{:<5} {:>22} {:>22} {:>10}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "condition");
+            let prepared = fit::prepare(&recordings)?;
+            let mut found = methods::identify_weighed(&prepared, &method, seed, uniform)?;
+            found.calibration.created_unix_s = now();
+            found.calibration.sequence = 1;
+            // Three sigma of 100 s means over all runs together.
+            let of = |series: Vec<[Vec<f64>; 3]>| {
+                [0, 1, 2].map(|a: usize| {
+                    let means: Vec<f64> = series.iter().flat_map(|s| block_means(&s[a], fit::MEAN_S)).collect();
+                    std_dev(&means)
+                })
+            };
+            let raw = of(prepared.runs.iter().map(|r| r.steps.rate_dph.clone()).collect());
+            let fitted = of(prepared.runs.iter().map(|r| fit::correct(&found.calibration, &r.steps)).collect());
             for a in 0..3 {
-                println!(
-                    "{:<5} {:>22.3} {:>22.3} {:>10.1}",
-                    AXIS_NAMES[a],
-                    3.0 * o.raw_dph[a],
-                    3.0 * o.corrected_dph[a],
-                    o.condition[a]
-                );
+                found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
+            }
+            file::save(&out, &found.calibration)?;
+            println!("{:<5} {:>22} {:>22}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma");
+            for a in 0..3 {
+                println!("{:<5} {:>22.4} {:>22.4}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
             }
             println!("three sigma of 100 s means, on the data of the fit");
-            for n in &o.notes {
+            for n in found.notes.iter().chain(&prepared.notes) {
                 println!("note: {n}");
             }
-            println!("{}: block {:08x}", out.display(), o.calibration.checksum());
+            println!("{}: {method}, block {:08x}", out.display(), found.calibration.checksum());
             Ok(())
         }
+        Command::Compare { recordings, verify, methods, seed, out, board } => {
+            compare_methods(&recordings, &verify, methods, seed, &out, board)
+        }
+        Command::Lag { recording, calibration, input, predict, out } => {
+            let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Shell };
+            thermal_lag(&recording, calibration.as_deref(), input, predict.as_deref(), out.as_deref())
+        }
     }
+}
+
+fn compare_methods(
+    recordings: &[PathBuf],
+    verify: &[PathBuf],
+    mut methods: Vec<String>,
+    seed: u64,
+    out: &Path,
+    board: Option<PathBuf>,
+) -> Result<()> {
+    if methods.is_empty() {
+        methods = methods::NAMES.iter().map(ToString::to_string).chain(["trace".to_string()]).collect();
+    }
+    if let Some(m) = methods.iter().find(|m| m.as_str() != "trace" && !methods::NAMES.contains(&m.as_str())) {
+        return Err(BadInput::new(format!(
+            "method \"{m}\" is not known; there are {} and trace",
+            methods::NAMES.join(", ")
+        ))
+        .into());
+    }
+    std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
+    let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let bar = indicatif::ProgressBar::new_spinner();
+    let mut c = compare::compare(&train, &unseen, &methods, seed, out, |m| {
+        bar.set_message(format!("identifying by {m}"));
+        bar.tick();
+    })?;
+    let beside = std::env::current_exe()
+        .ok()
+        .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
+        .filter(|p| board.is_none() && p.is_file());
+    match board.or(beside) {
+        Some(board) => {
+            bar.set_message("weighing the blocks on the virtual board");
+            bar.tick();
+            compare::weigh(&mut c, &board, out, &verify[0], 120)?;
+        }
+        None => eprintln!(
+            "hrg-board is not beside this program: what the blocks cost on the unit is not weighed (--board PATH)"
+        ),
+    }
+    bar.finish_and_clear();
+    hrg_cal::write_file(&out.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
+    hrg_cal::write_file(&out.join("compare.md"), compare::table(&c, true, None).as_bytes())?;
+    hrg_cal::write_file(&out.join("compare.svg"), compare::picture(&c)?.as_bytes())?;
+    hrg_cal::write_file(&out.join("residuals.svg"), compare::residuals(&c, &unseen[0], out)?.as_bytes())?;
+    print!("{}", compare::table(&c, false, None));
+    println!("3s: three sigma of 100 s means; instability: least Allan deviation / 0.664; deg/h, RMS of the axes");
+    println!("instructions on the unit: f to bias, of one axis' temperature law and bias model; update, of all three axes with");
+    println!(
+        "slopes, states and checks; ELF differs: frames of two minutes that are not those of hrg-core on this machine"
+    );
+    for r in &c.rows {
+        println!("{}: {}", r.method, r.notes.join("; "));
+    }
+    for l in &c.left_out {
+        println!("left out, {l}");
+    }
+    println!("{}: blocks, compare.json, compare.md, compare.svg, residuals.svg", out.display());
+    Ok(())
+}
+
+fn thermal_lag(
+    path: &Path,
+    calibration: Option<&Path>,
+    input: lag::Input,
+    predict: Option<&Path>,
+    out: Option<&Path>,
+) -> Result<()> {
+    let recording = load_recording(path)?;
+    let laws = match calibration {
+        Some(p) => file::load(p)?.axes.map(|a| a.law),
+        None => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.law),
+    };
+    let run = Run::new(Steps::new(&recording)?, laws);
+    let responses = lag::identify(&run, input)?;
+    println!(
+        "{:<5} {:>8} {:>9} {:>16} {:>12}   two lags in series",
+        "axis", "gain", "+-", "time constant s", "residual C"
+    );
+    for (name, r) in AXIS_NAMES.iter().zip(&responses) {
+        let f = &r.first_order;
+        let second = r.second_order.as_ref().map_or("not needed".to_string(), |s| {
+            format!("{:.0} s and {:.0} s leave {:.3} C", s.tau_s[0], s.tau_s[1], s.residual_c)
+        });
+        println!(
+            "{name:<5} {:>8.4} {:>9.4} {:>16.1} {:>12.3}   {second}",
+            f.gain, f.gain_std, f.tau_s[0], f.residual_c
+        );
+    }
+    let Some(predict) = predict else {
+        if let Some(out) = out {
+            hrg_cal::write_file(out, serde_json::to_string_pretty(&responses)?.as_bytes())?;
+        }
+        return Ok(());
+    };
+    let other = load_recording(predict)?;
+    let run = Run::new(Steps::new(&other)?, laws);
+    let mut columns = Vec::new();
+    for (a, r) in responses.iter().enumerate() {
+        let u = lag::input_of(&run, a, input)
+            .ok_or_else(|| BadInput::new(format!("{}: the {input:?} temperature is missing", predict.display())))?;
+        let truth = lag::resonator(&run, a);
+        let model = r.second_order.as_ref().unwrap_or(&r.first_order);
+        let predicted = model.predict(&u, truth.first().copied().filter(|t| t.is_finite()));
+        let errors: Vec<f64> = predicted.iter().zip(&truth).map(|(p, t)| p - t).filter(|e| e.is_finite()).collect();
+        if !errors.is_empty() {
+            let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+            let worst = errors.iter().fold(0.0f64, |m, e| m.max(e.abs()));
+            println!(
+                "{}: predicted over {} s; where the frequency is known the prediction is off by {rms:.2} C RMS, {worst:.2} C at most",
+                AXIS_NAMES[a],
+                predicted.len(),
+            );
+        }
+        columns.push((predicted, truth));
+    }
+    if let Some(out) = out {
+        let mut csv = String::from("time_s");
+        for n in AXIS_NAMES {
+            csv.push_str(&format!(",predicted_{n}_c,temperature_{n}_c"));
+        }
+        csv.push('\n');
+        for k in 0..run.steps.len() {
+            csv.push_str(&format!("{}", run.steps.start_s + k as f64));
+            for (p, t) in &columns {
+                csv.push_str(&format!(",{:.4},{:.4}", p[k], t[k]));
+            }
+            csv.push('\n');
+        }
+        hrg_cal::write_file(out, csv.as_bytes())?;
+    }
+    Ok(())
 }
 
 fn now() -> u32 {

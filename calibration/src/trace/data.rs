@@ -69,7 +69,7 @@ impl<'a> Data<'a> {
             let mut first = 0;
             for (run, &n) in runs.iter().zip(&blocks) {
                 rows.starts.push(rows.keep.len());
-                let columns = baseline_columns(run, &scaling, a, false);
+                let columns = baseline_columns(run, &scaling, a);
                 for b in 0..n {
                     let range = b * block_s..(b + 1) * block_s;
                     let good: Vec<usize> =

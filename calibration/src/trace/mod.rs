@@ -158,7 +158,7 @@ impl Fitted {
         which: &dyn Fn(&Candidate) -> bool,
     ) -> Vec<f64> {
         let mut out = vec![0.0; run.steps.len()];
-        for (column, k) in fit::baseline_columns(run, scaling, a, false).iter().zip(&self.coefficients[a]) {
+        for (column, k) in fit::baseline_columns(run, scaling, a).iter().zip(&self.coefficients[a]) {
             for (o, x) in out.iter_mut().zip(column) {
                 *o += k * x;
             }
@@ -250,7 +250,7 @@ fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> f64 {
 /// # Errors
 /// One sentence: recordings that cannot be used, or a run that cannot hold the baseline down.
 pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput> {
-    let Prepared { runs, mut calibration, mut notes, lag_s } = prepare(train)?;
+    let Prepared { runs, mut calibration, mut notes, lag_s, .. } = prepare(train)?;
     if verify.corrected() {
         return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
     }
@@ -548,16 +548,12 @@ fn parting(a: &str, b: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::{soil, EffectSpec, Noise, Plan, Profile};
+    use crate::simulate::{soil, EffectSpec, Plan, Profile};
 
     fn plan(profile: &str, effects: &[&str], unit: u64, seed: u64) -> Recording {
         let plan = Plan {
-            profile: Profile::parse(profile).expect("named"),
             effects: effects.iter().map(|e| EffectSpec::parse(e).expect("known")).collect(),
-            unit_seed: unit,
-            seed,
-            noise: Noise::default(),
-            sizing: None,
+            ..Plan::of(Profile::parse(profile).expect("named"), unit, seed)
         };
         plan.simulate().recording
     }

@@ -6,7 +6,7 @@ use hrg_cal::plot::{svg, Panel, Series};
 use hrg_cal::points::{self, Points};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
-use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, Simulated};
+use hrg_cal::simulate::{EffectSpec, Plan, Profile, Simulated};
 use hrg_cal::stats::block_means;
 use hrg_cal::trace::trace;
 use hrg_cal::{file, AXIS_NAMES};
@@ -116,14 +116,7 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
     let to = |name: &str| -> PathBuf { out.join(name) };
     let elf = replay::read_elf(elf)?;
     let plan = |profile: &str, seed: u64, unit: u64| -> Result<Simulated> {
-        let plan = Plan {
-            profile: Profile::parse(profile)?,
-            effects: vec![EffectSpec::secret(unit)],
-            unit_seed: unit,
-            seed,
-            noise: Noise::default(),
-            sizing: None,
-        };
+        let plan = Plan { effects: vec![EffectSpec::secret(unit)], ..Plan::of(Profile::parse(profile)?, unit, seed) };
         Ok(plan.simulate())
     };
     println!("Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");

@@ -9,6 +9,8 @@
 #![forbid(unsafe_code)]
 
 pub mod demo;
+pub mod methods;
 pub mod replay;
 pub mod twin;
+pub mod weigh;
 pub mod wires;

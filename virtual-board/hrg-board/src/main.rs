@@ -3,6 +3,8 @@
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_board::replay::{self, Options};
+use hrg_board::weigh;
+use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::{file, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
@@ -47,6 +49,46 @@ enum Command {
         #[arg(long)]
         seconds: Option<u64>,
     },
+    /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
+    ///
+    /// Example: hrg-board weigh --recording run.csv cal.toml other.toml
+    Weigh {
+        /// Recording of raw rates.
+        #[arg(long)]
+        recording: PathBuf,
+        /// Calibrations.
+        #[arg(required = true)]
+        calibrations: Vec<PathBuf>,
+        /// Seconds of target time for each.
+        #[arg(long, default_value_t = 120)]
+        seconds: u64,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
+    /// Every identification method on a simulated unit of each paper's kind, weighed and flown.
+    ///
+    /// Example: hrg-board methods --out out/methods
+    Methods {
+        /// Seed of noise and searches.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Where the files go.
+        #[arg(long, default_value = "out/methods")]
+        out: PathBuf,
+        /// Fly only so many seconds of the repeat runs.
+        #[arg(long)]
+        seconds: Option<u64>,
+        /// Write the tables as Markdown to this file, and the pictures beside it.
+        #[arg(long)]
+        table: Option<PathBuf>,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
     /// The main job from end to end, on a simulated unit.
     ///
     /// Example: hrg-board demo --seed 7
@@ -73,22 +115,28 @@ fn run(command: Command) -> Result<()> {
         Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds } => {
             (recording, calibration, out, log, elf, jitter_ns, seed, seconds)
         }
+        Command::Weigh { recording, calibrations, seconds, json, elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            let steps = Steps::new(&load_raw(&recording)?)?;
+            let weights = weigh::weigh_all(&elf, &calibrations, &steps, seconds)?;
+            if json {
+                println!("{}", serde_json::to_string(&weights)?);
+            } else {
+                weigh::print(&weights);
+            }
+            return Ok(());
+        }
+        Command::Methods { seed, out, seconds, table, elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            return hrg_board::methods::methods(&elf, &out, seed, seconds, table.as_deref());
+        }
         Command::Demo { seed, out, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
             let elf = elf.unwrap_or_else(replay::default_elf);
             return hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"));
         }
     };
-    let mut source = hrg_cal::load_recording(&recording)?;
-    // The unit measures the earth's rate as well, and leaves it in.
-    source.restore_earth_rate();
-    if source.corrected() {
-        return Err(BadInput::new(format!(
-            "{}: the rates are corrected already; play the raw recording",
-            recording.display()
-        ))
-        .into());
-    }
+    let source = load_raw(&recording)?;
     let calibration = calibration.map(|p| file::load(&p)).transpose()?;
     let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
     let steps = Steps::new(&source)?;
@@ -127,4 +175,18 @@ fn run(command: Command) -> Result<()> {
         outcome.watchdog_resets
     );
     Ok(())
+}
+
+/// A recording of raw rates, as the unit measures them: with the earth's rate left in.
+fn load_raw(path: &std::path::Path) -> Result<Recording> {
+    let mut source = hrg_cal::load_recording(path)?;
+    source.restore_earth_rate();
+    if source.corrected() {
+        return Err(BadInput::new(format!(
+            "{}: the rates are corrected already; play the raw recording",
+            path.display()
+        ))
+        .into());
+    }
+    Ok(source)
 }

@@ -12,7 +12,7 @@ use hrg_core::status::unit;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use virtual_board::rtt::Decoder;
-use virtual_board::{Board, Stop, CPU_HZ};
+use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).
 pub const CALIBRATION_A: u32 = 0x4_0000;
@@ -30,11 +30,13 @@ pub struct Options {
     pub compare: bool,
     /// Stop after this time, s; `None`: the whole recording.
     pub seconds: Option<u64>,
+    /// Functions whose calls are counted, by a part of their symbol.
+    pub count: Vec<&'static str>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { jitter_s: 20e-9, seed: 1, faults: WireFaults::default(), compare: true, seconds: None }
+        Self { jitter_s: 20e-9, seed: 1, faults: WireFaults::default(), compare: true, seconds: None, count: vec![] }
     }
 }
 
@@ -45,6 +47,8 @@ pub struct Outcome {
     pub received: Received,
     /// Resets by the watchdog.
     pub watchdog_resets: usize,
+    /// Calls of the functions asked for in [`Options::count`], in that order.
+    pub calls: Vec<Probe>,
     /// Simulated seconds.
     pub seconds: f64,
     /// Instructions executed.
@@ -90,6 +94,7 @@ pub fn run(
         let block = c.to_bytes().context("the calibration does not fit a block")?;
         board.write_flash(CALIBRATION_A, &block)?;
     }
+    let probes = options.count.iter().map(|part| board.count_calls(elf, part)).collect::<Result<Vec<_>, _>>()?;
     let seconds = options.seconds.unwrap_or(u64::MAX).min(steps.len() as u64);
     let start = std::time::Instant::now();
     let mut watchdog_resets = 0;
@@ -100,6 +105,7 @@ pub fn run(
         progress(second as f64 / seconds as f64);
     }
     Ok(Outcome {
+        calls: probes.iter().filter_map(|p| board.probe(*p).cloned()).collect(),
         seconds: board.now() as f64 / CPU_HZ as f64,
         instructions: board.instructions(),
         received: board.world.received,

@@ -1,5 +1,7 @@
-//! The baseline bias model: dong2023 eq 7, centred and scaled.
+//! Bias models. The baseline is dong2023 eq 7, centred and scaled; beside it stand those of the other sources:
+//! [`four_parameter`] (wu2023), [`direct`] (frequency to bias) and [`network`] (zhao2022).
 //!
+//! # The baseline
 //! `B = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r`, with `u = (T - t_ref) / t_scale` and `r` the rate of
 //! change in C per minute. One set of six coefficients, or a cooling and a heating set.
 //!
@@ -7,6 +9,27 @@
 //! dong2023 switches sets where `r` changes sign; as its two `k0` differ, its bias steps there. Here the sets
 //! blend: weight of heating `w = (r + band) / (2 band)`, clamped to 0..1, so the bias is continuous and on a
 //! soak the mean of both.
+
+pub mod direct;
+pub mod four_parameter;
+pub mod network;
+
+use four_parameter::FourParameter;
+
+/// What a bias model may look at: one axis, one model step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// Temperature, C.
+    pub temperature_c: f32,
+    /// Its rate of change, C per minute ([`crate::rate_of_change::SlopeWindow`]).
+    pub rate_c_per_min: f32,
+    /// Its change over the last 60 s, C per minute ([`crate::rate_of_change::Difference`]).
+    pub difference_c_per_min: f32,
+    /// Normalised frequency.
+    pub frequency_u: f32,
+    /// Its rate of change per minute.
+    pub frequency_u_per_min: f32,
+}
 
 /// Coefficients of one set.
 pub const TERMS: usize = 6;
@@ -33,6 +56,14 @@ impl Scaling {
     #[must_use]
     pub fn u(&self, temperature_c: f32) -> f32 {
         (temperature_c - self.t_ref_c) / self.t_scale_c
+    }
+
+    /// Where the square of the rate of change of normalised frequency is continued linearly, per minute: normalised
+    /// frequency spans the calibrated range as `u` does, to within some percent.
+    #[inline]
+    #[must_use]
+    pub fn w_linear(&self) -> f32 {
+        self.r_linear / self.t_scale_c
     }
 
     /// `u` and the point of the calibrated range nearest to it.
@@ -102,6 +133,12 @@ pub enum Coefficients {
     One([f32; TERMS]),
     /// A cooling and a heating set, blended over [`Scaling::blend_band`].
     CoolingHeating([f32; TERMS], [f32; TERMS]),
+    /// wu2023's piecewise model.
+    FourParameter(FourParameter),
+    /// A curve of frequency and its rate of change.
+    Direct([f32; direct::TERMS]),
+    /// zhao2022's network.
+    Network([f32; network::WEIGHTS]),
 }
 
 /// Sum of products, in order: the one dot product of the project.
@@ -116,17 +153,24 @@ pub fn dot(a: &[f32], b: &[f32]) -> f32 {
 }
 
 impl Coefficients {
-    /// Baseline bias in deg/h.
-    #[inline]
+    /// Bias in deg/h.
+    // A function of its own in the ELF, so that the virtual board can count what it costs.
+    #[inline(never)]
     #[must_use]
-    pub fn bias_dph(&self, scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> f32 {
-        let x = regressors(scaling, temperature_c, rate_c_per_min);
+    pub fn bias_dph(&self, scaling: &Scaling, state: &State) -> f32 {
+        let (t, r) = (state.temperature_c, state.rate_c_per_min);
         match self {
-            Self::One(k) => dot(k, &x),
+            Self::One(k) => dot(k, &regressors(scaling, t, r)),
             Self::CoolingHeating(cooling, heating) => {
-                let w = heating_weight(scaling, rate_c_per_min);
+                let x = regressors(scaling, t, r);
+                let w = heating_weight(scaling, r);
                 (1.0 - w) * dot(cooling, &x) + w * dot(heating, &x)
             }
+            Self::FourParameter(m) => {
+                dot(&m.k, &four_parameter::regressors(m.breakpoint_c, m.origin_c, t, state.difference_c_per_min))
+            }
+            Self::Direct(k) => direct::evaluate(k, state.frequency_u, state.frequency_u_per_min, scaling.w_linear()),
+            Self::Network(w) => network::evaluate(w, network::input(scaling, t)),
         }
     }
 }
@@ -138,13 +182,54 @@ mod tests {
     const S: Scaling =
         Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-40.0, 60.0], r_linear: 2.0, blend_band: 0.2 };
 
+    fn at(temperature_c: f32, rate_c_per_min: f32) -> State {
+        let u = S.u(temperature_c);
+        State {
+            temperature_c,
+            rate_c_per_min,
+            difference_c_per_min: rate_c_per_min,
+            frequency_u: u,
+            frequency_u_per_min: rate_c_per_min / 45.0,
+        }
+    }
+
+    #[test]
+    fn the_four_parameters_step_only_where_their_source_does() {
+        let bias = |origin_c, t| {
+            let m = FourParameter { k: [1.0, -2.0, 3.0, 0.5, -0.25], breakpoint_c: 20.0, origin_c };
+            Coefficients::FourParameter(m).bias_dph(&S, &at(t, 0.0))
+        };
+        assert!((bias(20.0, 20.0) - bias(20.0, 19.999)).abs() < 1e-3);
+        assert!((bias(0.0, 20.0) - bias(0.0, 19.999) + 15.0).abs() < 1e-2, "the jump of the literal form");
+        let m = FourParameter { k: [0.0, -2.0, 3.0, 0.0, 0.0], breakpoint_c: 0.0, origin_c: 0.0 };
+        let b = |d| Coefficients::FourParameter(m).bias_dph(&S, &at(10.0, d));
+        assert_eq!((b(-1.0), b(2.0), b(0.0)), (2.0, 6.0, 0.0));
+    }
+
+    #[test]
+    fn no_model_runs_away_outside_its_range() {
+        let m = FourParameter { k: [1.0; 5], breakpoint_c: 20.0, origin_c: 20.0 };
+        let models = [
+            Coefficients::One([1.0; 6]),
+            Coefficients::FourParameter(m),
+            Coefficients::Direct([1.0; 7]),
+            Coefficients::Network([1.0; 16]),
+        ];
+        for model in models {
+            let far = model.bias_dph(&S, &at(460.0, 20.0));
+            let near = model.bias_dph(&S, &at(235.0, 10.0));
+            // Ten and five scales out: straight lines at the most, save for the product with the rate.
+            assert!(far.is_finite() && (far.abs() <= 4.2 * near.abs().max(60.0)), "{model:?} {near} {far}");
+        }
+    }
+
     #[test]
     fn two_sets_never_step() {
         let k = Coefficients::CoolingHeating([1.0, 0.5, 0.1, -0.2, 0.1, 0.3], [-2.0, 0.1, 0.4, 0.2, 0.2, -0.1]);
-        let mut last = k.bias_dph(&S, 20.0, -0.5);
+        let mut last = k.bias_dph(&S, &at(20.0, -0.5));
         let mut largest: f32 = 0.0;
         for n in 1..=1000 {
-            let b = k.bias_dph(&S, 20.0, -0.5 + n as f32 * 1e-3);
+            let b = k.bias_dph(&S, &at(20.0, -0.5 + n as f32 * 1e-3));
             largest = largest.max((b - last).abs());
             last = b;
         }
@@ -155,7 +240,7 @@ mod tests {
     #[test]
     fn linear_beyond_the_range() {
         let k = Coefficients::One([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
-        let b = |t: f32| k.bias_dph(&S, t, 0.0);
+        let b = |t: f32| k.bias_dph(&S, &at(t, 0.0));
         assert!((b(60.0) - (50.0f32 / 45.0).powi(2)).abs() < 1e-6);
         let (d1, d2) = (b(80.0) - b(70.0), b(90.0) - b(80.0));
         assert!((d1 - d2).abs() < 1e-5, "{d1} {d2}");

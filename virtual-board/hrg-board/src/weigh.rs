@@ -1,0 +1,82 @@
+//! What a calibration costs on the unit, counted in the ELF.
+
+use crate::replay::{self, Options};
+use anyhow::{Context, Result};
+use hrg_cal::file;
+use hrg_cal::methods::Weight;
+use hrg_cal::run::Steps;
+use hrg_core::bias::Coefficients;
+use std::path::{Path, PathBuf};
+
+/// Symbols of the functions that are counted.
+const UPDATE: &str = "11Compensator6update";
+const BIAS: &str = "12Coefficients8bias_dph";
+const LAW: &str = "14TemperatureLaw15value_and_slope";
+
+/// Runs the ELF with a calibration for `seconds` and counts.
+///
+/// # Errors
+/// A calibration that cannot be read, a firmware that the board cannot run.
+pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Weight> {
+    let c = file::load(calibration)?;
+    let options = Options { seconds: Some(seconds), count: vec![UPDATE, BIAS, LAW], ..Options::default() };
+    let outcome = replay::run(elf, Some(&c), steps, &options, |_| {})?;
+    let [update, bias, law] = &outcome.calls[..] else { anyhow::bail!("the functions were not counted") };
+    Ok(Weight {
+        calibration: calibration.display().to_string(),
+        update_instructions: update.mean().context("no update was counted")?,
+        bias_instructions: bias.mean().context("no evaluation was counted")?,
+        law_instructions: match c.axes[0].coefficients {
+            Coefficients::Direct(_) if c.effects.is_empty() => 0.0,
+            _ => law.mean().context("no temperature was counted")?,
+        },
+        bytes: c.to_bytes().context("the calibration does not fit a block")?.len(),
+        frames: outcome.received.rates.len() + outcome.received.housekeeping.len(),
+        differing: outcome.received.differing as usize,
+    })
+}
+
+/// Weighs several, as many at a time as there are cores.
+///
+/// # Errors
+/// As [`weigh`].
+pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u64) -> Result<Vec<Weight>> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut out = Vec::new();
+    for some in calibrations.chunks(cores) {
+        let weights: Vec<Result<Weight>> = std::thread::scope(|s| {
+            let running: Vec<_> = some.iter().map(|p| s.spawn(move || weigh(elf, p, steps, seconds))).collect();
+            running
+                .into_iter()
+                .map(|h| h.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a weighing panicked"))))
+                .collect()
+        });
+        for w in weights {
+            out.push(w?);
+        }
+    }
+    Ok(out)
+}
+
+/// As a table.
+pub fn print(weights: &[Weight]) {
+    println!(
+        "{:>14} {:>14} {:>7} {:>8} {:>10}   calibration",
+        "f to bias", "whole update", "bytes", "frames", "differing"
+    );
+    for w in weights {
+        println!(
+            "{:>14.0} {:>14.0} {:>7} {:>8} {:>10}   {}",
+            w.bias_instructions + w.law_instructions,
+            w.update_instructions,
+            w.bytes,
+            w.frames,
+            w.differing,
+            w.calibration
+        );
+    }
+    println!("f to bias: temperature law and bias model of one axis; update: three axes, all in");
+    println!(
+        "instructions, means of calls that no interrupt came into; differing: frames that are not those of the desktop"
+    );
+}
