@@ -12,11 +12,13 @@
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
+//! | self-alignment | [`align`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
 #![forbid(unsafe_code)]
 
+pub mod align;
 pub mod file;
 pub mod fit;
 pub mod lag;

@@ -4,10 +4,12 @@ use crate::params::FRAME_QUEUE;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
+use hrg_core::alignment::session::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Identity, Message};
 use hrg_core::rate_path::{RateFrame, Staged, Summary};
+use hrg_core::AXES;
 
 type Mutex = CriticalSectionRawMutex;
 
@@ -31,6 +33,12 @@ pub static LOG: Signal<Mutex, Housekeeping> = Signal::new();
 pub static ANSWER: Signal<Mutex, Message> = Signal::new();
 /// Link in to telemetry: bad frames since start.
 pub static LINK_ERRORS: Signal<Mutex, u16> = Signal::new();
+/// Link in to telemetry: what the host asks of an alignment.
+pub static ALIGN: Channel<Mutex, Command, 4> = Channel::new();
+/// Telemetry to link: each second of an alignment.
+pub static ALIGNMENT: Signal<Mutex, Report> = Signal::new();
+/// Telemetry to model: the bias trim that an alignment has found.
+pub static TRIM: Signal<Mutex, [f32; AXES]> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DIVIDER: Signal<Mutex, u16> = Signal::new();
 

@@ -1,4 +1,5 @@
-//! ADS131M08: eight simultaneous 24-bit channels over SPI1. Channels 0 to 2 are the rates of the three gyros.
+//! ADS131M08: eight simultaneous 24-bit channels over SPI1. Channels 0 to 2 are the rates of the three gyros,
+//! 3 and 4 the accelerometers along axes 1 and 2.
 //!
 //! # Design
 //! The data-ready edge is stamped by TIM2 and raises EXTI 7, whose handler starts a DMA transfer of one frame of
@@ -24,19 +25,15 @@ use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH3, EXTI7, PA5, PA6, PA7, PB6, 
 use embassy_stm32::{rcc, Peri};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
+use hrg_core::converter::{decode, Fault, FRAME};
+use hrg_core::rate_path::CHANNELS;
 
-/// Bytes of a frame: ten words of 24 bits.
-const FRAME: usize = 30;
 /// Words of memory that hold it.
 const WORDS: usize = 8;
-/// Where the CRC stands in it.
-const CRC_AT: usize = 27;
 /// WREG of CLOCK (0x03): all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
 const WRITE_CLOCK: [u16; 2] = [0x6000 | 0x03 << 7, 0xFF00 | 0b101 << 2 | 0b10];
 /// WREG of MODE (0x02): 24-bit words, time-out on; clears the RESET flag.
 const WRITE_MODE: [u16; 2] = [0x6000 | 0x02 << 7, 0x0110];
-/// Status bit: the converter has been reset and has lost its settings.
-const STATUS_RESET: u16 = 1 << 10;
 /// DMA2 stream that receives, stream that sends, and the channel of both (RM0390 table 29).
 const RX: usize = 0;
 const TX: usize = 3;
@@ -45,21 +42,10 @@ const DMA_CHANNEL: u8 = 3;
 const SELECT_PIN: usize = 6;
 const READY_LINE: usize = 7;
 
-const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
-
 static RECEIVED: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 static SENT: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 /// A frame has come; the timer's reading at its data-ready edge.
 static FETCHED: Signal<CriticalSectionRawMutex, u32> = Signal::new();
-
-/// Why a frame was refused.
-#[derive(Clone, Copy, PartialEq, Eq, defmt::Format)]
-pub enum Fault {
-    /// The checksum is wrong.
-    Crc,
-    /// The converter has been reset: it is set up anew.
-    Reset,
-}
 
 /// What the converter is wired to.
 pub struct Wiring {
@@ -220,26 +206,14 @@ impl Converter {
         FETCHED.wait()
     }
 
-    /// The codes of channels 0 to 2 in the frame that has come.
+    /// The codes of channels 0 to 4 in the frame that has come: three rates, two accelerometers.
     #[inline]
-    pub fn codes(&self) -> Result<[i32; 3], Fault> {
+    pub fn codes(&self) -> Result<[i32; CHANNELS], Fault> {
         fence(Ordering::SeqCst);
-        let mut r = [0u8; WORDS * 4];
-        for (bytes, word) in r.chunks_exact_mut(4).zip(&RECEIVED) {
-            bytes.copy_from_slice(&word.load(Ordering::Relaxed).to_le_bytes());
+        let r = RECEIVED.each_ref().map(|word| word.load(Ordering::Relaxed).to_le_bytes());
+        match r.as_flattened().first_chunk::<FRAME>() {
+            Some(frame) => decode(frame),
+            None => Err(Fault::Crc),
         }
-        if CRC.checksum(&r[..CRC_AT]).to_be_bytes() != r[CRC_AT..CRC_AT + 2] {
-            return Err(Fault::Crc);
-        }
-        if u16::from_be_bytes([r[0], r[1]]) & STATUS_RESET != 0 {
-            return Err(Fault::Reset);
-        }
-        Ok([code(&r[3..6]), code(&r[6..9]), code(&r[9..12])])
     }
-}
-
-/// Sign-extends a big-endian word of 24 bits.
-#[inline]
-fn code(word: &[u8]) -> i32 {
-    i32::from_be_bytes([word[0], word[1], word[2], 0]) >> 8
 }

@@ -1,19 +1,20 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{Who, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ERRORS};
-use embassy_futures::select::{select3, Either3};
+use crate::channels::{Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ERRORS};
+use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
 use hrg_core::link::{Deframer, Message};
 
-/// Sends: rates first, then answers, then housekeeping.
+/// Sends: rates first, then answers, then housekeeping, then the alignment's report.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
     loop {
-        let message = match select3(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait()).await {
-            Either3::First(frame) => Message::Rate(frame),
-            Either3::Second(answer) => answer,
-            Either3::Third(housekeeping) => Message::Housekeeping(housekeeping),
+        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), ALIGNMENT.wait()).await {
+            Either4::First(frame) => Message::Rate(frame),
+            Either4::Second(answer) => answer,
+            Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
+            Either4::Fourth(report) => Message::Alignment(report),
         };
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
@@ -40,6 +41,8 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
                 None => {}
                 Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(who.identity)),
                 Some(Ok(Message::SetDivider(divider))) => DIVIDER.signal(divider),
+                // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
+                Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
                 // Our own kind of message coming in, or garbage.
                 Some(_) => {
                     errors = errors.saturating_add(1);

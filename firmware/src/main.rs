@@ -10,9 +10,9 @@
 //! | task | priority | file |
 //! |---|---|---|
 //! | rate path | interrupt executor | `rate` |
-//! | model | thread | `model` |
-//! | telemetry, log | thread | `telemetry` |
-//! | link in, link out | thread | `link` |
+//! | model | second interrupt executor | `model` |
+//! | link in, link out | second interrupt executor | `link` |
+//! | telemetry, align mode, log | thread | `telemetry` |
 //! | watchdog | thread | here |
 //!
 //! Pins are in `board`, numbers in `params`; all that computes is in the crate `hrg_core`.
@@ -35,11 +35,12 @@ use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
+use hrg_core::alignment::session::Session;
 use hrg_core::compensator::Compensator;
 use hrg_core::link::Identity;
 use hrg_core::rate_path::{self, RatePath};
 use hrg_core::status::unit;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// Runs the rate path, in the interrupt of a peripheral that the unit does not use.
 static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
@@ -49,6 +50,17 @@ static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 unsafe fn UART5() {
     // SAFETY: this is the interrupt that `RATE_EXECUTOR` was started with.
     unsafe { RATE_EXECUTOR.on_interrupt() }
+}
+
+/// Runs the model and the link, in another such interrupt: what takes long in a thread (an alignment by particles) delays
+/// neither a bias nor a frame.
+static MODEL_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
+
+#[interrupt]
+#[allow(unsafe_code)] // `on_interrupt` must be called from here and from nowhere else.
+unsafe fn UART4() {
+    // SAFETY: this is the interrupt that `MODEL_EXECUTOR` was started with.
+    unsafe { MODEL_EXECUTOR.on_interrupt() }
 }
 
 fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(SpawnToken<S>)) {
@@ -87,15 +99,18 @@ async fn main(spawner: Spawner) {
     static COMPENSATOR: StaticCell<Compensator> = StaticCell::new();
     let compensator = COMPENSATOR.init(Compensator::new(calibration, 0.0));
 
-    // Peripheral interrupts stay at the top; the rate path comes next, threads last.
+    // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     spawned(rate::task(board.converter, path, unit_status), |t| rate_spawner.spawn(t));
-    spawned(model::task(board.rings, board.clock, compensator), |t| spawner.spawn(t));
-    spawned(telemetry::task(who), |t| spawner.spawn(t));
+    interrupt::UART4.set_priority(Priority::P8);
+    let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
+    spawned(model::task(board.rings, board.clock, compensator), |t| model_spawner.spawn(t));
+    spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
+    spawned(link::receive(board.link_in, who), |t| model_spawner.spawn(t));
+    static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
+    spawned(telemetry::task(who, SESSION.take()), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
-    spawned(link::send(board.link_out), |t| spawner.spawn(t));
-    spawned(link::receive(board.link_in, who), |t| spawner.spawn(t));
     watch(board.watchdog).await
 }
 

@@ -1,7 +1,7 @@
 //! The bias model: fetches edges, makes frequencies, temperatures and biases, once a second.
 
 use crate::capture::{Clock, Rings};
-use crate::channels::{BIAS, STEP, TICK};
+use crate::channels::{BIAS, STEP, TICK, TRIM};
 use crate::params::FETCH_PERIOD;
 use embassy_time::Ticker;
 use hrg_core::compensator::Compensator;
@@ -25,6 +25,9 @@ pub async fn task(mut rings: Rings, clock: Clock, compensator: &'static mut Comp
         }
         TICK.signal(now);
         let Some(step) = bank.poll(now) else { continue };
+        if let Some(trim) = TRIM.try_take() {
+            compensator.set_trim(trim);
+        }
         let output = compensator.update(&step);
         BIAS.signal(Staged::new(&step, &output));
         // Telemetry that is not listening loses a second; the bias is on its way.

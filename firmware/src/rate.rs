@@ -2,8 +2,9 @@
 //! but the converter: queues that are full drop, and say so.
 
 use crate::channels::{BIAS, DIVIDER, FRAMES, RATE_ALIVE, SUMMARY, TICK};
-use crate::converter::{Converter, Fault};
+use crate::converter::Converter;
 use embassy_futures::select::{select, Either};
+use hrg_core::converter::Fault;
 use hrg_core::rate_path::{Event, RatePath};
 use hrg_core::status::unit;
 

@@ -1,13 +1,17 @@
 //! The firmware ELF, as it is flashed, on the virtual board.
 
+use hrg_board::align::align;
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A};
 use hrg_board::wires::{WireFaults, Wires};
+use hrg_cal::align::plant::Plant;
+use hrg_cal::align::Start;
 use hrg_cal::fit::prepare;
 use hrg_cal::methods::identify;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Kind, Plan, Profile};
 use hrg_cal::stats;
+use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::status::{axis, unit};
@@ -60,7 +64,7 @@ fn the_comparison_can_fail() {
     other.axes[0].law.c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = [0, 1, 2].map(|a: usize| mine.axes[a].rate_scale_dph);
-    let twin = hrg_board::twin::Twin::new(other, 0);
+    let twin = hrg_board::twin::Twin::new(other, 0, false);
     let mut board = Board::new(&elf(), Wires::new(steps, scale, 20e-9, 1, Some(twin), None)).expect("runs");
     board.write_flash(CALIBRATION_A, &mine.to_bytes().expect("fits")).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");
@@ -268,4 +272,48 @@ fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
         let last = r.rates.last().expect("many");
         assert!(r.housekeeping.last().expect("many").bias_dph.iter().all(|b| *b != 0.0), "{method}: {last:?}");
     }
+}
+
+#[test]
+fn the_unit_aligns_as_the_desktop_and_hands_its_drifts_on() {
+    let (recording, truth) = Plant::chen(3).play();
+    let a = align(&elf(), &recording, None).expect("runs");
+    let r = &a.outcome.received;
+    assert_eq!(r.differing, 0, "{:?}", r.first_difference);
+    let seconds = recording.rows.last().expect("rows").0 as usize;
+    assert!((seconds..seconds + 3).contains(&a.reports.len()), "{} reports", a.reports.len());
+    let last = a.last().expect("reports");
+    assert_eq!(last.refusal, 0);
+    let error = wrap(f64::from(last.azimuth_deg) * DEGREE - truth.azimuth) / ARCMIN;
+    assert!(error.abs() < 3.0 * f64::from(last.azimuth_std_arcmin), "{error}'");
+    // The desktop's tool on the recording itself: readings differ by the rounding to codes only.
+    let desktop = hrg_cal::align::align(&recording, "linear", Start::default()).expect("aligns");
+    assert!((desktop.azimuth_deg - f64::from(last.azimuth_deg)).abs() * 60.0 < 0.5);
+    // Before the turn there was no azimuth to be had.
+    assert!(a.reports.iter().filter(|r| r.stage < 3).all(|r| r.refusal != 0 && r.azimuth_deg.is_nan()));
+    // Accepted: what the platform drifts by is off the rates, with the opposite sign.
+    let bias =
+        |t: f64| r.housekeeping.iter().find(|h| f64::from(h.time_ms) > t * 1000.0).expect("long enough").bias_dph;
+    let (before, after) = (bias(a.accepted_s - 3.0), bias(a.accepted_s + 2.5));
+    for k in 0..2 {
+        let trim = after[k] - before[k];
+        assert!((trim + last.drift_dph[k]).abs() < 1e-3, "axis {k}: {trim} for {}", last.drift_dph[k]);
+    }
+    assert_eq!(before[2], after[2]);
+    let modes: Vec<u8> = r.housekeeping.iter().map(|h| h.mode).collect();
+    assert!(modes.contains(&1) && modes.last() == Some(&0), "align mode is said, and left");
+}
+
+#[test]
+fn no_turn_or_no_latitude_no_azimuth() {
+    let (mut recording, _) = Plant { seconds: [40, 0, 0], ..Plant::chen(3) }.play();
+    let a = align(&elf(), &recording, None).expect("runs");
+    assert_eq!(a.outcome.received.differing, 0, "{:?}", a.outcome.received.first_difference);
+    assert!(a.reports.iter().all(|r| r.refusal == Refusal::OnePosition as u8 && r.azimuth_deg.is_nan()));
+    assert_eq!(a.outcome.received.housekeeping.last().expect("many").mode, 1, "nothing to accept: it goes on aligning");
+    recording.latitude_deg = Some(85.0);
+    recording.rows.truncate(5);
+    let a = align(&elf(), &recording, None).expect("runs");
+    assert_eq!(a.reports.len(), 1);
+    assert_eq!(Refusal::from_number(a.reports[0].refusal), Some(Refusal::Pole));
 }

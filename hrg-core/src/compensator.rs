@@ -150,6 +150,7 @@ pub struct Compensator {
     thermometer: Thermometer,
     running: Vec<(EffectTerm, usize, [Running; AXES]), MAX_EFFECTS>,
     bias_dph: [f32; AXES],
+    trim_dph: [f32; AXES],
 }
 
 impl Compensator {
@@ -166,7 +167,21 @@ impl Compensator {
             };
             let _ = running.push((term.clone(), facts.outputs, [one.clone(), one.clone(), one]));
         }
-        Self { calibration, thermometer: Thermometer::new(laws, power_on_s), running, bias_dph: [0.0; AXES] }
+        Self {
+            calibration,
+            thermometer: Thermometer::new(laws, power_on_s),
+            running,
+            bias_dph: [0.0; AXES],
+            trim_dph: [0.0; AXES],
+        }
+    }
+
+    /// Adds a constant to the bias of each axis from the next step on, deg/h: what an alignment has found. It replaces the
+    /// one before.
+    pub fn set_trim(&mut self, trim_dph: [f32; AXES]) {
+        if trim_dph.iter().all(|t| t.is_finite()) {
+            self.trim_dph = trim_dph;
+        }
     }
 
     /// The calibration in use.
@@ -240,7 +255,7 @@ impl Compensator {
         Output {
             temperature_c: thermal.temperature_c.map(|t| t.unwrap_or(f32::NAN)),
             rate_c_per_min: thermal.rate_c_per_min,
-            bias_dph: self.bias_dph,
+            bias_dph: core::array::from_fn(|k| self.bias_dph[k] + self.trim_dph[k]),
             status,
         }
     }

@@ -32,10 +32,12 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod alignment;
 pub mod bias;
 pub mod bytes;
 pub mod calibration;
 pub mod compensator;
+pub mod converter;
 pub mod effects;
 pub mod frequency;
 pub mod link;

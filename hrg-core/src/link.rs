@@ -4,6 +4,7 @@
 //! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (divider settable) and
 //! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
 
+use crate::alignment::session::{self, Command};
 use crate::bytes::{Reader, Writer};
 use crate::calibration::CRC32;
 use crate::compensator::Output;
@@ -55,6 +56,24 @@ pub struct Housekeeping {
     pub link_errors: u16,
     /// Checksum of the calibration in use.
     pub calibration: u32,
+    /// Its sequence number.
+    pub sequence: u32,
+    /// When it was made, seconds since 1970.
+    pub created_unix_s: u32,
+    /// What the unit is doing: [`mode`].
+    pub mode: u8,
+}
+
+/// Modes of a unit.
+pub mod mode {
+    /// Sending corrected rates.
+    pub const NAVIGATE: u8 = 0;
+    /// The same, and aligning.
+    pub const ALIGN: u8 = 1;
+    /// The same, and a calibration may be written.
+    pub const MAINTENANCE: u8 = 2;
+    /// Name of each mode.
+    pub const NAMES: [&str; 3] = ["navigate", "align", "maintenance"];
 }
 
 impl Housekeeping {
@@ -82,6 +101,9 @@ impl Housekeeping {
             dropped: 0,
             link_errors: 0,
             calibration: 0,
+            sequence: 0,
+            created_unix_s: 0,
+            mode: mode::NAVIGATE,
         }
     }
 }
@@ -108,10 +130,14 @@ pub enum Message {
     Housekeeping(Housekeeping),
     /// Unit to host: answer to [`Message::Identify`].
     Identity(Identity),
+    /// Unit to host: each second of an alignment.
+    Alignment(session::Report),
     /// Host to unit: who are you?
     Identify,
     /// Host to unit: samples per rate frame, 1 to 1000.
     SetDivider(u16),
+    /// Host to unit: of an alignment.
+    Align(session::Command),
 }
 
 /// Why bytes are not a message.
@@ -132,6 +158,7 @@ pub enum LinkError {
 
 impl Message {
     /// The frame on the wire, with its zero.
+    #[inline(never)]
     #[must_use]
     pub fn encode(&self) -> Vec<u8, MAX_FRAME> {
         let mut plain = [0u8; MAX_PAYLOAD];
@@ -183,6 +210,9 @@ impl Message {
                 w.u16(h.dropped);
                 w.u16(h.link_errors);
                 w.u32(h.calibration);
+                w.u32(h.sequence);
+                w.u32(h.created_unix_s);
+                w.u8(h.mode);
             }
             Self::Identity(i) => {
                 w.u8(0x03);
@@ -191,10 +221,35 @@ impl Message {
                 w.u32(i.created_unix_s);
                 w.u32(i.sequence);
             }
+            Self::Alignment(a) => {
+                w.u8(0x04);
+                w.u32(a.second);
+                w.u8(a.stage);
+                w.u8(a.refusal);
+                w.f32s(&[a.azimuth_deg, a.azimuth_std_arcmin]);
+                for pair in [&a.tilt_arcmin, &a.drift_dph, &a.drift_std_dph] {
+                    w.f32s(pair);
+                }
+                w.f32(a.integrity);
+            }
             Self::Identify => w.u8(0x80),
             Self::SetDivider(d) => {
                 w.u8(0x81);
                 w.u16(*d);
+            }
+            Self::Align(command) => {
+                w.u8(0x82);
+                let (kind, a, b, c) = match *command {
+                    Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps } => {
+                        (0, latitude_deg, gravity_mps2, velocity_noise_mps)
+                    }
+                    Command::TurnBegins => (1, 0.0, 0.0, 0.0),
+                    Command::TurnEnded { angle_deg } => (2, angle_deg, 0.0, 0.0),
+                    Command::Accept => (3, 0.0, 0.0, 0.0),
+                    Command::Abandon => (4, 0.0, 0.0, 0.0),
+                };
+                w.u8(kind);
+                w.f32s(&[a, b, c]);
             }
         }
     }
@@ -227,6 +282,9 @@ impl Message {
                 dropped: r.u16()?,
                 link_errors: r.u16()?,
                 calibration: r.u32()?,
+                sequence: r.u32()?,
+                created_unix_s: r.u32()?,
+                mode: r.u8()?,
             }),
             0x03 => Self::Identity(Identity {
                 unit: r.array()?,
@@ -234,8 +292,31 @@ impl Message {
                 created_unix_s: r.u32()?,
                 sequence: r.u32()?,
             }),
+            0x04 => Self::Alignment(session::Report {
+                second: r.u32()?,
+                stage: r.u8()?,
+                refusal: r.u8()?,
+                azimuth_deg: r.f32()?,
+                azimuth_std_arcmin: r.f32()?,
+                tilt_arcmin: r.f32s()?,
+                drift_dph: r.f32s()?,
+                drift_std_dph: r.f32s()?,
+                integrity: r.f32()?,
+            }),
             0x80 => Self::Identify,
             0x81 => Self::SetDivider(r.u16()?),
+            0x82 => {
+                let kind = r.u8()?;
+                let [a, b, c] = r.f32s()?;
+                Self::Align(match kind {
+                    0 => Command::Begin { latitude_deg: a, gravity_mps2: b, velocity_noise_mps: c },
+                    1 => Command::TurnBegins,
+                    2 => Command::TurnEnded { angle_deg: a },
+                    3 => Command::Accept,
+                    4 => Command::Abandon,
+                    _ => return None,
+                })
+            }
             _ => return None,
         })
     }
@@ -258,7 +339,7 @@ impl Message {
             return Err(LinkError::Checksum);
         }
         let kind = content[0];
-        if !matches!(kind, 0x01..=0x03 | 0x80 | 0x81) {
+        if !matches!(kind, 0x01..=0x04 | 0x80..=0x82) {
             return Err(LinkError::UnknownType(kind));
         }
         let mut r = Reader::new(&content[1..]);
@@ -321,10 +402,13 @@ mod tests {
             dropped: 0,
             link_errors: 9,
             calibration: 0xDEAD_BEEF,
+            sequence: 12,
+            created_unix_s: 1_700_000_000,
+            mode: mode::ALIGN,
         }
     }
 
-    fn messages() -> [Message; 5] {
+    fn messages() -> [Message; 11] {
         [
             Message::Rate(RateFrame {
                 sample: 0,
@@ -338,6 +422,22 @@ mod tests {
             Message::Identity(Identity { unit: [b'a'; 16], calibration: 1, created_unix_s: 2, sequence: 3 }),
             Message::Identify,
             Message::SetDivider(5),
+            Message::Alignment(session::Report {
+                second: 9,
+                stage: 3,
+                refusal: 0,
+                azimuth_deg: 100.5,
+                azimuth_std_arcmin: 2.0,
+                tilt_arcmin: [1.0, -2.0],
+                drift_dph: [0.1, 0.2],
+                drift_std_dph: [0.01, 0.02],
+                integrity: 0.5,
+            }),
+            Message::Align(Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 }),
+            Message::Align(Command::TurnBegins),
+            Message::Align(Command::TurnEnded { angle_deg: 90.0 }),
+            Message::Align(Command::Accept),
+            Message::Align(Command::Abandon),
         ]
     }
 

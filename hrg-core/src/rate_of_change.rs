@@ -21,59 +21,62 @@ pub const DIFFERENCE: usize = 60;
 /// The slope is given once this many values are in; before, it is zero.
 pub const WINDOW_MIN: usize = 10;
 
-/// Least-squares slope over a sliding window. Delay on a change of slope: 9.5 s.
+/// Values are kept as whole numbers of 2^-28: normalised frequencies are of order one, and 4e-9 is finer than single
+/// precision there. So the sums over the window are exact, and moving it on costs a few additions.
+const UNIT: f32 = (1u32 << 28) as f32;
+
+/// Least-squares slope over a sliding window, of values within -8 to 8. Delay on a change of slope: 9.5 s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlopeWindow {
-    values: [f32; WINDOW],
+    /// Values in units of 2^-28; `None` is missing.
+    values: [Option<i32>; WINDOW],
     filled: usize,
     at: usize,
+    /// Of the values that are there: their number, and the sums of age, age^2, value, and age times value.
+    n: i32,
+    s_age: i32,
+    s_age2: i32,
+    s_value: i64,
+    s_both: i64,
 }
 
 impl Default for SlopeWindow {
     fn default() -> Self {
-        Self { values: [f32::NAN; WINDOW], filled: 0, at: 0 }
+        Self { values: [None; WINDOW], filled: 0, at: 0, n: 0, s_age: 0, s_age2: 0, s_value: 0, s_both: 0 }
     }
 }
 
 impl SlopeWindow {
-    /// Takes the newest value (`None`: missing, left out of the fit) and gives the slope per minute. Zero until [`WINDOW_MIN`] values are in.
+    /// Takes the newest value (`None`: missing, left out of the fit) and gives the slope per minute. Zero until
+    /// [`WINDOW_MIN`] values are in.
     pub fn push(&mut self, value: Option<f32>) -> f32 {
-        self.values[self.at] = value.unwrap_or(f32::NAN);
-        let newest = self.at;
-        self.at = (self.at + 1) % WINDOW;
+        // All ages grow by one.
+        self.s_both += self.s_value;
+        self.s_age2 += 2 * self.s_age + self.n;
+        self.s_age += self.n;
+        // The oldest, now as old as the window is long, leaves.
+        let newest = value.map(|v| (v * UNIT) as i32);
+        if let Some(old) = core::mem::replace(&mut self.values[self.at], newest) {
+            let age = WINDOW as i32;
+            self.n -= 1;
+            self.s_age -= age;
+            self.s_age2 -= age * age;
+            self.s_value -= i64::from(old);
+            self.s_both -= i64::from(age) * i64::from(old);
+        }
+        if let Some(new) = newest {
+            self.n += 1;
+            self.s_value += i64::from(new);
+        }
+        self.at = if self.at + 1 == WINDOW { 0 } else { self.at + 1 };
         self.filled = (self.filled + 1).min(WINDOW);
-        // Ages are small integers and values are taken relative to a recent one: f32 loses nothing.
-        let mut reference = f32::NAN;
-        for age in 0..self.filled {
-            let v = self.values[(newest + WINDOW - age) % WINDOW];
-            if !v.is_nan() {
-                reference = v;
-                break;
-            }
-        }
-        let (mut n, mut sx, mut sxx, mut sy, mut sxy) = (0u32, 0u32, 0u32, 0.0f32, 0.0f32);
-        let mut age = 0u32;
-        let mut index = newest;
-        while (age as usize) < self.filled {
-            let v = self.values[index];
-            if !v.is_nan() {
-                let y = v - reference;
-                n += 1;
-                sx += age;
-                sxx += age * age;
-                sy += y;
-                sxy += age as f32 * y;
-            }
-            age += 1;
-            index = if index == 0 { WINDOW - 1 } else { index - 1 };
-        }
-        if (n as usize) < WINDOW_MIN {
+        if (self.n as usize) < WINDOW_MIN {
             return 0.0;
         }
-        let nf = n as f32;
-        let den = (n * sxx - sx * sx) as f32;
+        let numerator = i64::from(self.n) * self.s_both - i64::from(self.s_age) * self.s_value;
+        let denominator = (self.n * self.s_age2 - self.s_age * self.s_age) as f32;
         // Age runs backwards, hence the sign.
-        -(nf * sxy - sx as f32 * sy) / den * (60.0 / crate::MODEL_STEP_S)
+        -(numerator as f32) / denominator * (60.0 / (UNIT * crate::MODEL_STEP_S))
     }
 
     /// Whether the window is full.
@@ -121,12 +124,12 @@ mod tests {
         let mut d = Difference::default();
         let (mut s, mut e) = (0.0, 0.0);
         for k in 0..200u16 {
-            let t = 20.0 + f32::from(k) * 0.05;
+            let t = f32::from(k) * 0.02;
             s = w.push(if k % 7 == 3 { None } else { Some(t) });
             e = d.push(t);
         }
-        assert!((s - 3.0).abs() < 1e-3, "slope {s}");
-        assert!((e - 3.0).abs() < 1e-3, "difference {e}");
+        assert!((s - 1.2).abs() < 1e-5, "slope {s}");
+        assert!((e - 1.2).abs() < 1e-3, "difference {e}");
     }
 
     #[test]
@@ -136,9 +139,9 @@ mod tests {
         let mut s = 0.0;
         for k in 0..400 {
             let t = k as f32;
-            s = w.push(Some(0.5 * 1e-3 * t * t));
+            s = w.push(Some(0.5 * 1e-5 * t * t));
         }
-        let slope_at = s / 60.0 / 1e-3;
+        let slope_at = s / 60.0 / 1e-5;
         assert!((399.0 - slope_at - 9.5).abs() < 0.1, "slope of {slope_at}");
     }
 
@@ -146,8 +149,30 @@ mod tests {
     fn no_slope_from_few_values() {
         let mut w = SlopeWindow::default();
         for k in 0..9 {
-            assert_eq!(w.push(Some(k as f32)), 0.0);
+            assert_eq!(w.push(Some(0.1 * k as f32)), 0.0);
         }
         assert_eq!(SlopeWindow::default().push(None), 0.0);
+    }
+
+    #[test]
+    fn moving_on_is_as_summing_anew() {
+        let mut w = SlopeWindow::default();
+        let mut kept = [f64::NAN; 500];
+        for k in 0..500usize {
+            let x = (k as f32 * 0.37).sin() * 1.5;
+            let missing = k % 11 == 4 || (200..230).contains(&k);
+            kept[k] = if missing { f64::NAN } else { f64::from(x) };
+            let s = w.push(Some(x).filter(|_| !missing));
+            let rows = || (0..WINDOW.min(k + 1)).map(|a| (a as f64, kept[k - a])).filter(|(_, v)| v.is_finite());
+            let n = rows().count() as f64;
+            if n < WINDOW_MIN as f64 {
+                assert_eq!(s, 0.0);
+                continue;
+            }
+            let mean = |f: &dyn Fn((f64, f64)) -> f64| rows().map(f).sum::<f64>() / n;
+            let (ma, mv) = (mean(&|r| r.0), mean(&|r| r.1));
+            let slope = -60.0 * mean(&|r| (r.0 - ma) * (r.1 - mv)) / mean(&|r| (r.0 - ma) * (r.0 - ma));
+            assert!((f64::from(s) - slope).abs() < 1e-5 * (1.0 + slope.abs()), "{k}: {s} {slope}");
+        }
     }
 }

@@ -11,6 +11,9 @@ use crate::frequency::StepFrequencies;
 use crate::status::{axis, unit};
 use crate::AXES;
 
+/// Channels of the converter that are used: three rates, two horizontal accelerometers.
+pub const CHANNELS: usize = AXES + 2;
+
 /// Codes at or beyond this magnitude are the converter's end of scale (24 bits, two's complement).
 pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
 
@@ -77,6 +80,10 @@ pub struct Summary {
     pub corrected_dph: [f32; AXES],
     /// Samples missing or refused in that time.
     pub converter_errors: u16,
+    /// Sums of the codes of the accelerometers along axes 1 and 2.
+    pub accelerometer_codes: [i64; 2],
+    /// One of those was at its end of scale.
+    pub accelerometer_saturated: bool,
 }
 
 /// What a sample may give.
@@ -102,7 +109,8 @@ pub struct RatePath {
     axis_status: [u8; AXES],
     unit_status: u8,
     // The summary being filled.
-    code_sum: [i64; AXES],
+    code_sum: [i64; CHANNELS],
+    accelerometer_saturated: bool,
     in_summary: u16,
     errors: u16,
 }
@@ -126,7 +134,8 @@ impl RatePath {
             sum_dph: [0.0; AXES],
             axis_status: [0; AXES],
             unit_status: 0,
-            code_sum: [0; AXES],
+            code_sum: [0; CHANNELS],
+            accelerometer_saturated: false,
             in_summary: 0,
             errors: 0,
         }
@@ -142,9 +151,9 @@ impl RatePath {
         self.pending = Some(staged);
     }
 
-    /// Takes one sample: the timer tick of its data-ready edge and the codes of the rate channels.
-    #[inline]
-    pub fn sample(&mut self, tick: u32, codes: [i32; AXES]) -> Event {
+    /// Takes one sample: the timer tick of its data-ready edge and the codes of the channels.
+    #[inline(never)]
+    pub fn sample(&mut self, tick: u32, codes: [i32; CHANNELS]) -> Event {
         let summary = self.turn(tick);
         self.sample = self.sample.wrapping_add(1);
         for k in 0..AXES {
@@ -155,6 +164,10 @@ impl RatePath {
                 self.axis_status[k] |= axis::OVER_RANGE;
             }
             self.code_sum[k] += i64::from(code);
+        }
+        for k in AXES..CHANNELS {
+            self.code_sum[k] += i64::from(codes[k]);
+            self.accelerometer_saturated |= !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&codes[k]);
         }
         self.in_summary = self.in_summary.saturating_add(1);
         self.in_frame += 1;
@@ -204,8 +217,11 @@ impl RatePath {
             raw_dph,
             corrected_dph,
             converter_errors: self.errors,
+            accelerometer_codes: [self.code_sum[AXES], self.code_sum[AXES + 1]],
+            accelerometer_saturated: self.accelerometer_saturated,
         };
-        self.code_sum = [0; AXES];
+        self.accelerometer_saturated = false;
+        self.code_sum = [0; CHANNELS];
         self.in_summary = 0;
         self.errors = 0;
         summary
@@ -245,7 +261,7 @@ mod tests {
         p.stage(staged);
         let mut rates = [0.0; 6];
         for (k, r) in rates.iter_mut().enumerate() {
-            let e = p.sample(start.wrapping_add(90_000 * k as u32), [100; 3]);
+            let e = p.sample(start.wrapping_add(90_000 * k as u32), [100; CHANNELS]);
             *r = e.frame.expect("one frame a sample").rate_dph[0];
             if k == 3 {
                 let s = e.summary.expect("the first bias ended here");
@@ -261,8 +277,8 @@ mod tests {
         p.stage(Staged { effective_tick: 0, step: 1, bias_dph: [0.0; 3], status: [0; 3] });
         let e = p.missing(200_000);
         assert_eq!(e.summary.map(|s| s.converter_errors), Some(1));
-        let _ = p.sample(290_000, [0; 3]);
-        let f = p.sample(380_000, [0, 0x7F_FFFF, 0]).frame.expect("second sample");
+        let _ = p.sample(290_000, [0; CHANNELS]);
+        let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0]).frame.expect("second sample");
         assert_eq!(f.unit_status, unit::CONVERTER_FAULT | unit::BIAS_LATE);
         assert_eq!(f.axis_status, [0, axis::OVER_RANGE, 0].map(|b| b));
     }

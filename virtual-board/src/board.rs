@@ -205,6 +205,9 @@ impl<W: World> Board<W> {
                     chip.probes.iter_mut().for_each(|p| p.block(address as u32, instructions, || link));
                 }
                 let chip = c.get_data_mut();
+                if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {
+                    *count += n;
+                }
                 chip.now += n;
                 chip.instructions += n;
             },
@@ -302,6 +305,35 @@ impl<W: World> Board<W> {
         Ok(probes.len() - 1)
     }
 
+    /// Counts instructions function by function from now on; see [`profile`](Self::profile).
+    pub fn start_profile(&mut self) {
+        self.cpu.get_data_mut().profile = Some(vec![0; FLASH_SIZE as usize / 2]);
+    }
+
+    /// Instructions of each function since [`start_profile`](Self::start_profile), most first; inlined ones count for where
+    /// they are inlined.
+    ///
+    /// # Errors
+    /// Where the ELF cannot be read.
+    pub fn profile(&self, elf: &[u8]) -> Result<Vec<(String, u64)>, RunError> {
+        let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
+        let mut functions: Vec<(usize, String)> = file
+            .symbols()
+            .filter(|s| s.kind() == object::SymbolKind::Text && s.address() as u32 >= FLASH_START)
+            .filter_map(|s| Some(((s.address() as u32 - FLASH_START) as usize / 2, s.name().ok()?.to_string())))
+            .collect();
+        functions.sort();
+        let mut out = std::collections::BTreeMap::<String, u64>::new();
+        for (at, count) in self.cpu.get_data().profile.iter().flatten().enumerate().filter(|(_, c)| **c > 0) {
+            let before = functions.partition_point(|f| f.0 <= at);
+            let name = before.checked_sub(1).map_or("?", |k| functions[k].1.as_str());
+            *out.entry(name.to_string()).or_default() += count;
+        }
+        let mut out: Vec<(String, u64)> = out.into_iter().collect();
+        out.sort_by_key(|f| std::cmp::Reverse(f.1));
+        Ok(out)
+    }
+
     /// What [`count_calls`](Self::count_calls) has counted so far.
     #[must_use]
     pub fn probe(&self, number: usize) -> Option<&Probe> {
@@ -350,6 +382,12 @@ impl<W: World> Board<W> {
         (rest.len() - untouched) as u32
     }
 
+    /// Bytes of RAM that statics take.
+    #[must_use]
+    pub fn static_bytes(&self) -> u32 {
+        self.static_end - RAM_START
+    }
+
     /// Flips one bit of RAM or flash.
     ///
     /// # Errors
@@ -378,6 +416,7 @@ impl<W: World> Board<W> {
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(cause, now);
         chip.instructions = instructions;
+        chip.profile = self.cpu.get_data_mut().profile.take();
         chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
         chip.probes.iter_mut().for_each(Probe::interrupt);
         *self.cpu.get_data_mut() = chip;

@@ -138,6 +138,8 @@ pub struct Chip {
     pub instructions: u64,
     /// Functions whose calls are counted.
     pub probes: Vec<Probe>,
+    /// Instructions of each block, by half its offset in flash, where asked for.
+    pub profile: Option<Vec<u64>>,
     /// The CPU must be stopped at the first block at or after this cycle.
     pub deadline: u64,
     /// The CPU must be stopped at the next block.
@@ -183,6 +185,7 @@ impl Chip {
             now,
             instructions: 0,
             probes: Vec::new(),
+            profile: None,
             deadline: 0,
             attention: false,
             masked: false,

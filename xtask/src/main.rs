@@ -18,6 +18,7 @@ const USAGE: &str = "cargo xtask COMMAND
   build             the firmware
   size              what the firmware takes of flash and RAM
   flash             put the firmware on a board and show its log (probe-rs)
+  align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
   setup             only install what is missing";
@@ -31,6 +32,7 @@ fn main() -> ExitCode {
     let rest = arguments.get(1..).unwrap_or_default();
     let result = match arguments.first().map(String::as_str) {
         Some("demo") => board("demo", rest),
+        Some("align-demo") => align_demo(rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)),
@@ -102,6 +104,24 @@ fn board(command: &str, arguments: &[String]) -> Result<(), Failure> {
     setup::host()?;
     build(&t)?;
     let mut all = vec![command.to_string()];
+    all.extend_from_slice(arguments);
+    tool("hrg-board", &all)
+}
+
+/// `hrg-board align-demo`, with a second firmware that holds the particle filter.
+fn align_demo(arguments: &[String]) -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    build(&t)?;
+    println!("building the firmware with the particle filter");
+    let folder = root().join("target/upf");
+    run(t
+        .cargo("build")
+        .args(["--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
+        .args(["--features", "upf"])
+        .arg("--target-dir")
+        .arg(&folder))?;
+    let elf = folder.join(setup::TARGET).join("firmware/firmware");
+    let mut all = vec!["align-demo".to_string(), "--upf".to_string(), elf.display().to_string()];
     all.extend_from_slice(arguments);
     tool("hrg-board", &all)
 }

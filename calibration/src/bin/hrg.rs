@@ -2,11 +2,12 @@
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use hrg_cal::align::plant::Plant;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile};
 use hrg_cal::stats::{block_means, std_dev};
-use hrg_cal::{file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
+use hrg_cal::{align, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -120,6 +121,43 @@ enum Command {
         /// Where the report (JSON), or the prediction (CSV), goes.
         #[arg(long)]
         out: Option<PathBuf>,
+    },
+    /// Self-alignment: azimuth, tilts and drifts from the velocities of a platform at rest in two positions.
+    ///
+    /// Example: hrg align --recording a.csv --filter linear --out report.json
+    Align {
+        /// Recording: time_s,position,v1_mps,v2_mps
+        #[arg(long)]
+        recording: PathBuf,
+        /// Filter.
+        #[arg(long, default_value = "linear", value_parser = align::FILTERS)]
+        filter: String,
+        /// First azimuth of the EKF, degrees.
+        #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+        first_azimuth: f64,
+        /// Seed of the literal particle filter.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Where the report (JSON) goes.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Simulate a platform to align, in two positions.
+    ///
+    /// Example: hrg simulate-alignment --seed 3 --out a.csv
+    SimulateAlignment {
+        /// Seed: 0 is chen2015's case, any other a platform of its own.
+        #[arg(long, default_value_t = 0)]
+        seed: u64,
+        /// Error of the turn, arc minutes.
+        #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
+        turn_error: f64,
+        /// Stay in position 1.
+        #[arg(long)]
+        one_position: bool,
+        /// Where the recording goes.
+        #[arg(long)]
+        out: PathBuf,
     },
     /// Find what the baseline model lacks, add it, and measure before and after on a run it never saw.
     ///
@@ -235,6 +273,37 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Compare { recordings, verify, methods, seed, out, board } => {
             compare_methods(&recordings, &verify, methods, seed, &out, board)
+        }
+        Command::Align { recording, filter, first_azimuth, seed, out } => {
+            let r = align::Recording::load(&recording)?;
+            let start = align::Start { azimuth_deg: first_azimuth, seed, ..align::Start::default() };
+            let report =
+                align::align(&r, &filter, start).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+            hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
+            println!("azimuth  {:>9.4} deg    +- {:.2}'", report.azimuth_deg, report.azimuth_std_arcmin);
+            let [t1, t2] = report.tilt_std_arcmin;
+            println!("tilts    {:>9.3}' {:>9.3}'   +- {t1:.3}' {t2:.3}'", report.tilt1_arcmin, report.tilt2_arcmin);
+            let [d1, d2] = report.drift_std_dph;
+            println!("drifts   {:>9.4} {:>9.4} deg/h   +- {d1:.4} {d2:.4}", report.drift1_dph, report.drift2_dph);
+            match report.converged_at_s {
+                Some(t) => println!("known to 15' (two sigma) since {t:.0} s"),
+                None => println!("not known to 15' (two sigma)"),
+            }
+            if let Some(i) = report.integrity {
+                println!("the two positions agree: chi-square {i:.2} (limit 10.8)");
+            }
+            Ok(())
+        }
+        Command::SimulateAlignment { seed, turn_error, one_position, out } => {
+            let mut plant = if seed == 0 { Plant::chen(0) } else { Plant::drawn(seed) };
+            plant.turn_error = turn_error / 60.0 / 180.0 * std::f64::consts::PI;
+            if one_position {
+                plant.seconds[2] = 0;
+            }
+            let (r, _) = plant.play();
+            hrg_cal::write_file(&out, r.to_csv().as_bytes())?;
+            println!("{}: {} rows, simulated", out.display(), r.rows.len());
+            Ok(())
         }
         Command::Lag { recording, calibration, input, predict, out } => {
             let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Shell };

@@ -8,6 +8,7 @@
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
 
+pub mod align;
 pub mod demo;
 pub mod methods;
 pub mod replay;

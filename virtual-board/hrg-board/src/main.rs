@@ -48,6 +48,9 @@ enum Command {
         /// Stop after so many seconds of target time.
         #[arg(long)]
         seconds: Option<u64>,
+        /// Print where the instructions go, function by function.
+        #[arg(long)]
+        profile: bool,
     },
     /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
     ///
@@ -68,6 +71,26 @@ enum Command {
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
+    },
+    /// Self-alignment: campaigns over the filters, what they cost on the unit, and chen2015's case on the ELF.
+    ///
+    /// Example: hrg-board align-demo --runs 200
+    AlignDemo {
+        /// Platforms in each campaign.
+        #[arg(long, default_value_t = 200)]
+        runs: u64,
+        /// Seed.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Where the files go.
+        #[arg(long, default_value = "out/alignment")]
+        out: PathBuf,
+        /// Write the figures as Markdown to this file, and the curves beside it.
+        #[arg(long)]
+        table: Option<PathBuf>,
+        /// Firmware built with the feature upf.
+        #[arg(long)]
+        upf: Option<PathBuf>,
     },
     /// Every identification method on a simulated unit of each paper's kind, weighed and flown.
     ///
@@ -111,9 +134,9 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let (recording, calibration, out, log, elf, jitter_ns, seed, seconds) = match command {
-        Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds } => {
-            (recording, calibration, out, log, elf, jitter_ns, seed, seconds)
+    let (recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile) = match command {
+        Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile } => {
+            (recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile)
         }
         Command::Weigh { recording, calibrations, seconds, json, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
@@ -125,6 +148,12 @@ fn run(command: Command) -> Result<()> {
                 weigh::print(&weights);
             }
             return Ok(());
+        }
+        Command::AlignDemo { runs, seed, out, table, upf } => {
+            let elf = replay::read_elf(&replay::default_elf())?;
+            let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
+            let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
+            return hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref());
         }
         Command::Methods { seed, out, seconds, table, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
@@ -140,7 +169,7 @@ fn run(command: Command) -> Result<()> {
     let calibration = calibration.map(|p| file::load(&p)).transpose()?;
     let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
     let steps = Steps::new(&source)?;
-    let options = Options { jitter_s: jitter_ns * 1e-9, seed, seconds, ..Options::default() };
+    let options = Options { jitter_s: jitter_ns * 1e-9, seed, seconds, profile, ..Options::default() };
     let bar = indicatif::ProgressBar::new(1000);
     bar.set_style(indicatif::ProgressStyle::with_template("running the ELF {bar:40} {percent}% {eta}")?);
     let outcome =
@@ -150,6 +179,13 @@ fn run(command: Command) -> Result<()> {
     hrg_cal::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;
     if let Some(log) = log {
         hrg_cal::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
+    }
+    if !outcome.profile.is_empty() {
+        println!("{:>12} {:>6}  function", "per second", "share");
+        for (name, count) in outcome.profile.iter().take(30) {
+            let share = 100.0 * *count as f64 / outcome.instructions as f64;
+            println!("{:>12.0} {share:>5.1}%  {:#}", *count as f64 / outcome.seconds, rustc_demangle::demangle(name));
+        }
     }
     let (raw, corrected) = replay::three_sigma(&rows);
     println!("{:<5} {:>14} {:>14}   three sigma of 100 s means [deg/h], from the frames", "axis", "raw", "corrected");

@@ -28,15 +28,31 @@ pub struct Options {
     pub faults: WireFaults,
     /// Compare every frame with the desktop.
     pub compare: bool,
+    /// The firmware was built with the feature upf.
+    pub particles: bool,
     /// Stop after this time, s; `None`: the whole recording.
     pub seconds: Option<u64>,
     /// Functions whose calls are counted, by a part of their symbol.
     pub count: Vec<&'static str>,
+    /// Accelerometers: time (s) from which, and increments of velocity (m/s) second by second.
+    pub accelerations: Option<(f64, Vec<[f64; 2]>)>,
+    /// Count instructions function by function.
+    pub profile: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { jitter_s: 20e-9, seed: 1, faults: WireFaults::default(), compare: true, seconds: None, count: vec![] }
+        Self {
+            jitter_s: 20e-9,
+            seed: 1,
+            faults: WireFaults::default(),
+            compare: true,
+            particles: false,
+            seconds: None,
+            count: vec![],
+            accelerations: None,
+            profile: false,
+        }
     }
 }
 
@@ -49,6 +65,12 @@ pub struct Outcome {
     pub watchdog_resets: usize,
     /// Calls of the functions asked for in [`Options::count`], in that order.
     pub calls: Vec<Probe>,
+    /// Instructions of each function, most first, where asked for.
+    pub profile: Vec<(String, u64)>,
+    /// Deepest stack, bytes.
+    pub stack_bytes: u32,
+    /// Static RAM, bytes.
+    pub static_bytes: u32,
     /// Simulated seconds.
     pub seconds: f64,
     /// Instructions executed.
@@ -86,15 +108,22 @@ pub fn run(
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
     let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
-    let twin = options.compare.then(|| Twin::new(used, start_status));
+    let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
         .with_faults(options.faults.clone());
+    let wires = match &options.accelerations {
+        Some((start, increments)) => wires.with_accelerations(*start, increments.clone()),
+        None => wires,
+    };
     let mut board = Board::new(elf, wires)?;
     if let Some(c) = calibration {
         let block = c.to_bytes().context("the calibration does not fit a block")?;
         board.write_flash(CALIBRATION_A, &block)?;
     }
     let probes = options.count.iter().map(|part| board.count_calls(elf, part)).collect::<Result<Vec<_>, _>>()?;
+    if options.profile {
+        board.start_profile();
+    }
     let seconds = options.seconds.unwrap_or(u64::MAX).min(steps.len() as u64);
     let start = std::time::Instant::now();
     let mut watchdog_resets = 0;
@@ -106,6 +135,9 @@ pub fn run(
     }
     Ok(Outcome {
         calls: probes.iter().filter_map(|p| board.probe(*p).cloned()).collect(),
+        profile: if options.profile { board.profile(elf)? } else { vec![] },
+        stack_bytes: board.stack_used(),
+        static_bytes: board.static_bytes(),
         seconds: board.now() as f64 / CPU_HZ as f64,
         instructions: board.instructions(),
         received: board.world.received,

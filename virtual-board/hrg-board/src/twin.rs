@@ -3,15 +3,39 @@
 //! The same `hrg_core`, compiled for the desktop. Every frame that the ELF sends must equal, byte for byte, the one
 //! that comes out here.
 
+use hrg_core::alignment::linear::Linear;
+use hrg_core::alignment::particles::{Kernels, CHEN};
+use hrg_core::alignment::session::{Command, Report, Session};
+use hrg_core::alignment::Begin;
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::{Bank, Config, StepFrequencies, GATES_PER_STEP, SETTLE_TICKS};
-use hrg_core::link::{Housekeeping, Message};
-use hrg_core::rate_path::{Event, RatePath, Staged, DIVIDER};
+use hrg_core::link::{mode, Deframer, Housekeeping, Message};
+use hrg_core::rate_path::{Event, RatePath, Staged, Summary, DIVIDER};
+use hrg_core::AXES;
 use std::collections::VecDeque;
+use virtual_board::CYCLES_PER_TICK;
+
+/// The align mode, whatever filter it was built with.
+trait Align {
+    fn command(&mut self, command: Command) -> Option<[f32; AXES]>;
+    fn second(&mut self, summary: &Summary) -> Option<Report>;
+    fn running(&self) -> bool;
+}
+
+impl<F: Begin> Align for Session<F> {
+    fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
+        Self::command(self, command)
+    }
+    fn second(&mut self, summary: &Summary) -> Option<Report> {
+        Self::second(self, summary)
+    }
+    fn running(&self) -> bool {
+        Self::running(self)
+    }
+}
 
 /// The twin of one power-on.
-#[derive(Debug)]
 pub struct Twin {
     bank: Bank,
     compensator: Compensator,
@@ -20,6 +44,13 @@ pub struct Twin {
     checksum: u32,
     now: u64,
     steps: VecDeque<(StepFrequencies, Output)>,
+    link: VecDeque<(u64, u8)>,
+    deframer: Deframer,
+    session: Box<dyn Align + Send>,
+    trim: Option<[f32; AXES]>,
+    identity: (u32, u32),
+    /// Reports of an alignment that the unit owes.
+    pub alignment: VecDeque<Message>,
     /// Rate frames that the unit owes.
     pub rates: VecDeque<Message>,
     /// Housekeeping that the unit owes.
@@ -27,17 +58,30 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// `start_status`: status of the unit from start-up (default calibration, watchdog reset).
+    /// `start_status`: status of the unit from start-up (default calibration, watchdog reset). `particles`: of a firmware
+    /// built with the feature upf.
     #[must_use]
-    pub fn new(calibration: Calibration, start_status: u8) -> Self {
+    pub fn new(calibration: Calibration, start_status: u8, particles: bool) -> Self {
+        let session: Box<dyn Align + Send> = if particles {
+            Box::new(Session::<Kernels<f32, CHEN>>::IDLE)
+        } else {
+            Box::new(Session::<Linear<f32>>::IDLE)
+        };
         let scale = [0, 1, 2].map(|a: usize| calibration.axes[a].rate_scale_dph);
         let checksum = calibration.checksum();
+        let identity = (calibration.sequence, calibration.created_unix_s);
         Self {
             bank: Bank::new(Config::REFERENCE, GATES_PER_STEP),
             compensator: Compensator::new(calibration, 0.0),
             path: RatePath::new(scale, DIVIDER),
             start_status,
             checksum,
+            identity,
+            link: VecDeque::new(),
+            deframer: Deframer::default(),
+            session,
+            trim: None,
+            alignment: VecDeque::new(),
             now: 0,
             steps: VecDeque::new(),
             rates: VecDeque::new(),
@@ -54,6 +98,9 @@ impl Twin {
         while self.now > self.bank.gate_end() + SETTLE_TICKS {
             let at = self.bank.gate_end() + SETTLE_TICKS;
             if let Some(step) = self.bank.poll(at as u32) {
+                if let Some(trim) = self.trim.take() {
+                    self.compensator.set_trim(trim);
+                }
                 let output = self.compensator.update(&step);
                 self.path.stage(Staged::new(&step, &output));
                 self.steps.push_back((step, output));
@@ -67,21 +114,44 @@ impl Twin {
         self.bank.push(channel, &[stamp]);
     }
 
+    /// A byte arrives at the unit, at a time in cycles.
+    pub fn link_in(&mut self, cycles: u64, byte: u8) {
+        self.link.push_back((cycles, byte));
+    }
+
+    /// The commands of an alignment that have arrived by now.
+    fn commands(&mut self) {
+        while let Some(&(_, byte)) = self.link.front().filter(|(at, _)| at / CYCLES_PER_TICK <= self.now) {
+            self.link.pop_front();
+            if let Some(Ok(Message::Align(command))) = self.deframer.push(byte) {
+                if let Some(trim) = self.session.command(command) {
+                    self.trim = Some(trim);
+                }
+            }
+        }
+    }
+
     /// A converter frame was fetched.
     pub fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
         self.advance(stamp);
         let event =
-            if good { self.path.sample(stamp, [codes[0], codes[1], codes[2]]) } else { self.path.missing(stamp) };
+            if good { self.path.sample(stamp, std::array::from_fn(|k| codes[k])) } else { self.path.missing(stamp) };
         let Event { frame, summary } = event;
         if let Some(mut frame) = frame {
             frame.unit_status |= self.start_status;
             self.rates.push_back(Message::Rate(frame));
         }
         if let Some(summary) = summary {
+            self.commands();
+            if let Some(report) = self.session.second(&summary) {
+                self.alignment.push_back(Message::Alignment(report));
+            }
             if let Some((step, output)) = self.steps.pop_front() {
                 let mut h = Housekeeping::new(&step, &output, Some(&summary), Config::REFERENCE.ticks_per_s);
                 h.unit_status |= self.start_status;
                 h.calibration = self.checksum;
+                (h.sequence, h.created_unix_s) = self.identity;
+                h.mode = if self.session.running() { mode::ALIGN } else { mode::NAVIGATE };
                 self.housekeeping.push_back(Message::Housekeeping(h));
             }
         }

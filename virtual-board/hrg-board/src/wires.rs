@@ -2,6 +2,7 @@
 
 use crate::twin::Twin;
 use hrg_cal::run::Steps;
+use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
 use rand::SeedableRng;
@@ -33,6 +34,8 @@ pub struct Received {
     pub rates: Vec<RateFrame>,
     /// Housekeeping.
     pub housekeeping: Vec<Housekeeping>,
+    /// Each second of an alignment.
+    pub alignment: Vec<Report>,
     /// Other messages.
     pub other: Vec<Message>,
     /// Frames that could not be read.
@@ -61,6 +64,9 @@ pub struct Wires {
     carry: [f64; 3],
     held: [f64; 3],
     faults: WireFaults,
+    /// Time (s) from which, and increments of velocity second by second.
+    accelerations: Option<(f64, Vec<[f64; 2]>)>,
+    acceleration_carry: [f64; 2],
     frames_out: u32,
     link_at: usize,
     deframer: Deframer,
@@ -100,6 +106,8 @@ impl Wires {
             carry: [0.0; 3],
             held: [0.0; 3],
             faults: WireFaults::default(),
+            accelerations: None,
+            acceleration_carry: [0.0; 2],
             frames_out: 0,
             link_at: 0,
             deframer: Deframer::default(),
@@ -116,9 +124,20 @@ impl Wires {
         self
     }
 
+    /// With accelerometers: from a time (s) on, increments of velocity (m/s) second by second.
+    #[must_use]
+    pub fn with_accelerations(mut self, start_s: f64, increments: Vec<[f64; 2]>) -> Self {
+        self.accelerations = Some((start_s, increments));
+        self
+    }
+
     fn compare(&mut self, message: &Message) {
         let Some(twin) = &mut self.twin else { return };
-        let queue = if matches!(message, Message::Rate(_)) { &mut twin.rates } else { &mut twin.housekeeping };
+        let queue = match message {
+            Message::Rate(_) => &mut twin.rates,
+            Message::Alignment(_) => &mut twin.alignment,
+            _ => &mut twin.housekeeping,
+        };
         let Some(expected) = queue.pop_front() else {
             self.received.differing += 1;
             self.received
@@ -194,13 +213,28 @@ impl World for Wires {
             self.carry[a] = (wanted - rounded).clamp(-1.0, 1.0);
             *code = rounded as i32;
         }
+        if let Some((start, increments)) = &self.accelerations {
+            // The seconds of the rate path end a little after those of the frequencies.
+            let second = (t - start).floor();
+            let now = if second >= 0.0 { increments.get(second as usize) } else { None };
+            for (k, a) in now.copied().unwrap_or_default().iter().enumerate() {
+                let wanted = a / ACCELEROMETER_SCALE + self.acceleration_carry[k];
+                let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
+                self.acceleration_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
+                codes[3 + k] = rounded as i32;
+            }
+        }
         Some(codes)
     }
 
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
         let (t, byte) = *self.faults.link_in.get(self.link_at)?;
         self.link_at += 1;
-        Some(((t * CPU_HZ as f64) as u64, byte))
+        let at = (t * CPU_HZ as f64) as u64;
+        if let Some(twin) = &mut self.twin {
+            twin.link_in(at, byte);
+        }
+        Some((at, byte))
     }
 
     fn spoil_converter_frame(&mut self) -> bool {
@@ -233,6 +267,10 @@ impl World for Wires {
                     Message::Housekeeping(h) => {
                         self.compare(&message);
                         self.received.housekeeping.push(h);
+                    }
+                    Message::Alignment(report) => {
+                        self.compare(&message);
+                        self.received.alignment.push(report);
                     }
                     other => self.received.other.push(other),
                 },

@@ -1,0 +1,528 @@
+//! Self-alignment on the desktop: recordings of a platform at rest, the four filters of `hrg_core::alignment`, reports.
+
+pub mod plant;
+pub mod study;
+
+use crate::stats::median;
+use crate::BadInput;
+use hrg_core::alignment::aligner::Aligner;
+use hrg_core::alignment::ekf::Ekf;
+use hrg_core::alignment::linear::Linear;
+use hrg_core::alignment::particles::{Kernels, Literal, CHEN};
+use hrg_core::alignment::{normal_gravity, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE, DPH};
+use serde::Serialize;
+use std::path::Path;
+
+/// A recording of an alignment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recording {
+    /// Latitude, degrees.
+    pub latitude_deg: Option<f64>,
+    /// Gravity, m/s^2.
+    pub gravity_mps2: Option<f64>,
+    /// Noise of a velocity reading, m/s.
+    pub velocity_noise_mps: Option<f64>,
+    /// Random walk of the gyros, deg per root hour; optional.
+    pub angle_walk_deg_per_root_h: Option<f64>,
+    /// White noise of the accelerometers, micro-g per root hertz; optional.
+    pub accelerometer_ug_per_root_hz: Option<f64>,
+    /// Angle of the turn between the positions, degrees.
+    pub turn_deg: f64,
+    /// Time (s), position (1 or 2), velocities (m/s).
+    pub rows: Vec<(f64, u8, [f64; 2])>,
+}
+
+/// Names of the filters.
+pub const FILTERS: [&str; 4] = ["linear", "upf", "upf-literal", "ekf"];
+
+const COLUMNS: [&str; 4] = ["time_s", "position", "v1_mps", "v2_mps"];
+
+impl Recording {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// One sentence with the path, line and column.
+    pub fn load(path: &Path) -> Result<Self, BadInput> {
+        let here = |e: String| BadInput::new(format!("{}: {e}", path.display()));
+        let bytes = std::fs::read(path).map_err(|e| BadInput::new(format!("cannot read {}: {e}", path.display())))?;
+        let text = std::str::from_utf8(&bytes).map_err(|_| here("it is not UTF-8 text".into()))?;
+        Self::parse(text).map_err(|e| here(e.0))
+    }
+
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// One sentence with line and column.
+    pub fn parse(text: &str) -> Result<Self, BadInput> {
+        let mut out = Self {
+            latitude_deg: None,
+            gravity_mps2: None,
+            velocity_noise_mps: None,
+            angle_walk_deg_per_root_h: None,
+            accelerometer_ug_per_root_hz: None,
+            turn_deg: 90.0,
+            rows: vec![],
+        };
+        let mut places: Option<[usize; 4]> = None;
+        for (n, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
+            let (n, line) = (n + 1, line.trim_end_matches('\r').trim());
+            if line.is_empty() {
+                continue;
+            }
+            if let Some(meta) = line.strip_prefix('#') {
+                let Some((key, value)) = meta.split_once(':') else { continue };
+                let number = || {
+                    value.trim().parse::<f64>().map_err(|_| {
+                        BadInput::new(format!("line {n}: {}: \"{}\" is not a number", key.trim(), value.trim()))
+                    })
+                };
+                match key.trim() {
+                    "latitude_deg" => out.latitude_deg = Some(number()?),
+                    "gravity_mps2" => out.gravity_mps2 = Some(number()?),
+                    "velocity_noise_mps" => out.velocity_noise_mps = Some(number()?),
+                    "angle_walk_deg_per_root_h" => out.angle_walk_deg_per_root_h = Some(number()?),
+                    "accelerometer_ug_per_root_hz" => out.accelerometer_ug_per_root_hz = Some(number()?),
+                    "turn_deg" => out.turn_deg = number()?,
+                    _ => {}
+                }
+                continue;
+            }
+            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            let Some(at) = places else {
+                let mut found = [0; 4];
+                for (to, name) in found.iter_mut().zip(COLUMNS) {
+                    *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
+                        BadInput::new(format!(
+                            "line {n}: the column {name} is missing; an alignment has {}",
+                            COLUMNS.join(",")
+                        ))
+                    })?;
+                }
+                places = Some(found);
+                continue;
+            };
+            let number = |k: usize| -> Result<f64, BadInput> {
+                let cell = cells
+                    .get(at[k])
+                    .ok_or_else(|| BadInput::new(format!("line {n} has {} cells, the header more", cells.len())))?;
+                cell.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
+                    BadInput::new(format!(
+                        "line {n}, column {} ({}): \"{cell}\" is not a number",
+                        at[k] + 1,
+                        COLUMNS[k]
+                    ))
+                })
+            };
+            let position = match number(1)? {
+                1.0 => 1,
+                2.0 => 2,
+                other => return Err(BadInput::new(format!("line {n}: position {other} is neither 1 nor 2"))),
+            };
+            let row = (number(0)?, position, [number(2)?, number(3)?]);
+            if let Some(last) = out.rows.last() {
+                if row.0 < last.0 {
+                    return Err(BadInput::new(format!("line {n}: time goes back from {} to {} s", last.0, row.0)));
+                }
+                if row.1 < last.1 {
+                    return Err(BadInput::new(format!("line {n}: position 1 after position 2; cut the file there")));
+                }
+            }
+            out.rows.push(row);
+        }
+        if places.is_none() {
+            return Err(BadInput::new("the file is empty"));
+        }
+        if out.rows.len() < 2 {
+            return Err(BadInput::new("there are no rows after the header"));
+        }
+        Ok(out)
+    }
+
+    /// The file's text.
+    #[must_use]
+    pub fn to_csv(&self) -> String {
+        use std::fmt::Write as _;
+        let mut s = String::from("# hrg-alignment: 1\n");
+        for (key, value) in [
+            ("latitude_deg", self.latitude_deg),
+            ("gravity_mps2", self.gravity_mps2),
+            ("velocity_noise_mps", self.velocity_noise_mps),
+            ("angle_walk_deg_per_root_h", self.angle_walk_deg_per_root_h),
+            ("accelerometer_ug_per_root_hz", self.accelerometer_ug_per_root_hz),
+            ("turn_deg", Some(self.turn_deg)),
+        ] {
+            if let Some(v) = value {
+                let _ = writeln!(s, "# {key}: {v}");
+            }
+        }
+        let _ = writeln!(s, "{}", COLUMNS.join(","));
+        for (t, position, v) in &self.rows {
+            let _ = writeln!(s, "{t},{position},{:.7},{:.7}", v[0], v[1]);
+        }
+        s
+    }
+
+    /// The site; gravity from latitude and 1 mm/s where not given.
+    ///
+    /// # Errors
+    /// A latitude that is missing, impossible or too near to a pole.
+    pub fn config(&self) -> Result<Config, Refusal> {
+        let latitude = self.latitude_deg.ok_or(Refusal::Latitude)?;
+        let gravity = self.gravity_mps2.unwrap_or_else(|| normal_gravity(latitude));
+        let mut config = Config::new(latitude, gravity, self.velocity_noise_mps.unwrap_or(1e-3))?;
+        let possible = |v: &f64| (1e-6..1e3).contains(v);
+        if let Some(walk) = self.angle_walk_deg_per_root_h {
+            config.angle_walk = Some(walk).filter(possible).ok_or(Refusal::Site)? * DEGREE / 60.0;
+        }
+        if let Some(noise) = self.accelerometer_ug_per_root_hz {
+            config.velocity_walk = Some(noise).filter(possible).ok_or(Refusal::Site)? * 1e-6 * gravity;
+        }
+        Ok(config)
+    }
+}
+
+/// One second of an alignment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Moment {
+    /// Time since the start, s.
+    pub time_s: f64,
+    /// Position.
+    pub position: u8,
+    /// Azimuth, degrees.
+    pub azimuth_deg: f64,
+    /// Its standard deviation, arc minutes.
+    pub azimuth_std_arcmin: f64,
+    /// Tilts as they stand, arc minutes.
+    pub tilt_arcmin: [f64; 2],
+    /// Drifts, deg/h.
+    pub drift_dph: [f64; 2],
+}
+
+/// The report of `hrg align`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// The filter.
+    pub filter: String,
+    /// Heading of axis 1 as it stood in position 1, at the recording's end, degrees, -180 to 180.
+    pub azimuth_deg: f64,
+    /// Its standard deviation, arc minutes.
+    pub azimuth_std_arcmin: f64,
+    /// Tilt about axis 1 as it stands, arc minutes.
+    pub tilt1_arcmin: f64,
+    /// Tilt about axis 2.
+    pub tilt2_arcmin: f64,
+    /// Drift about axis 1, deg/h.
+    pub drift1_dph: f64,
+    /// Drift about axis 2.
+    pub drift2_dph: f64,
+    /// Standard deviations of tilts (arc minutes) and drifts (deg/h).
+    pub tilt_std_arcmin: [f64; 2],
+    /// See [`tilt_std_arcmin`](Self::tilt_std_arcmin).
+    pub drift_std_dph: [f64; 2],
+    /// When the azimuth was known to 15' (two sigma), s; null if it never was.
+    pub converged_at_s: Option<f64>,
+    /// Chi-square, one degree of freedom, of the two positions against each other (linear filter only).
+    pub integrity: Option<f64>,
+    /// Second by second; the first position's azimuths are no results.
+    pub history: Vec<Moment>,
+}
+
+fn moment(time_s: f64, position: u8, e: &Estimate) -> Moment {
+    Moment {
+        time_s,
+        position,
+        azimuth_deg: e.azimuth / DEGREE,
+        azimuth_std_arcmin: e.azimuth_std / ARCMIN,
+        tilt_arcmin: e.tilt.map(|t| t / ARCMIN),
+        drift_dph: e.drift.map(|d| d / DPH),
+    }
+}
+
+/// Runs a filter over a recording: the aligner at its end, and what was believed each second.
+pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Aligner<F>, Vec<(f64, u8, Estimate)>) {
+    let mut aligner = Aligner::new(filter, config);
+    let mut history = Vec::new();
+    let start = recording.rows.first().map_or(0.0, |r| r.0);
+    let (mut at, mut position) = (start, 1u8);
+    let step = config.step;
+    let mut spacings: Vec<f64> =
+        recording.rows.windows(2).filter(|w| w[0].1 == w[1].1).map(|w| w[1].0 - w[0].0).collect();
+    let tolerance = 0.5 * median(&mut spacings).unwrap_or(step).min(step);
+    let mut held = [0.0; 2];
+    for &(t, p, v) in &recording.rows {
+        if p != position {
+            // The turn took from the last reading of position 1 to the first of position 2; that one begins at zero
+            // velocity, or comes a step after.
+            let gap = t - at;
+            let begins = v == [0.0; 2];
+            aligner.turn(recording.turn_deg * DEGREE, if begins { gap } else { gap - step }.max(0.0));
+            at = if begins { t } else { t - step };
+            (position, held) = (p, [0.0; 2]);
+            if begins {
+                continue;
+            }
+        }
+        // Faster rows are thinned to steps, the one nearest to its step counting; a hole of some seconds is filled by what
+        // was read last, believed as an outlier is; a longer one is named.
+        let due = ((t - at + tolerance) / step).floor();
+        if due < 1.0 {
+            continue;
+        }
+        if due > LONGEST_HOLE {
+            aligner.refuse(Refusal::DataMissing);
+        }
+        for _ in 1..(due.min(LONGEST_HOLE) as u32) {
+            aligner.step(held);
+        }
+        aligner.step(v);
+        held = v;
+        at += due * step;
+        if let Some(e) = aligner.belief() {
+            history.push((at - start, p, e));
+        }
+    }
+    (aligner, history)
+}
+
+/// Seconds without a row within a position that are still bridged.
+const LONGEST_HOLE: f64 = 3.0;
+
+/// How the filters start.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Start {
+    /// First azimuth of the EKF, degrees.
+    pub azimuth_deg: f64,
+    /// What it is believed to, degrees.
+    pub azimuth_std_deg: f64,
+    /// Seed of the literal particle filter.
+    pub seed: u64,
+}
+
+impl Default for Start {
+    fn default() -> Self {
+        Self { azimuth_deg: 0.0, azimuth_std_deg: 60.0, seed: 1 }
+    }
+}
+
+/// Runs a filter by name, in double precision.
+///
+/// # Errors
+/// A [`Refusal`] in words, or a filter that is not known.
+pub fn align(recording: &Recording, filter: &str, start: Start) -> Result<Report, BadInput> {
+    let refused = |r: Refusal| BadInput::new(format!("no azimuth: {r}"));
+    let config = recording.config().map_err(refused)?;
+    let (outcome, converged_at_s, history) = by_name(recording, &config, filter, start)?;
+    let e = outcome.map_err(refused)?;
+    Ok(Report {
+        filter: filter.into(),
+        azimuth_deg: e.azimuth / DEGREE,
+        azimuth_std_arcmin: e.azimuth_std / ARCMIN,
+        tilt1_arcmin: e.tilt[0] / ARCMIN,
+        tilt2_arcmin: e.tilt[1] / ARCMIN,
+        drift1_dph: e.drift[0] / DPH,
+        drift2_dph: e.drift[1] / DPH,
+        tilt_std_arcmin: e.tilt_std.map(|t| t / ARCMIN),
+        drift_std_dph: e.drift_std.map(|d| d / DPH),
+        converged_at_s,
+        integrity: e.integrity,
+        history: history.iter().map(|(t, p, e)| moment(*t, *p, e)).collect(),
+    })
+}
+
+/// What a run gives: the outcome, when it converged, and what was believed each second.
+pub type Ran = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
+
+/// Runs a filter by name.
+///
+/// # Errors
+/// A name that is not one of [`FILTERS`].
+pub fn by_name(recording: &Recording, config: &Config, filter: &str, start: Start) -> Result<Ran, BadInput> {
+    fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
+        let (aligner, history) = run(recording, config, filter);
+        (aligner.outcome(), aligner.converged_at_s(), history)
+    }
+    Ok(match filter {
+        "linear" => of(recording, config, Linear::<f64>::new(*config)),
+        "linear-f32" => of(recording, config, Linear::<f32>::new(*config)),
+        "upf" => of(recording, config, Kernels::<f64, CHEN>::new(*config)),
+        "upf-f32" => of(recording, config, Kernels::<f32, CHEN>::new(*config)),
+        "upf-literal" => of(recording, config, Literal::<f64, CHEN>::new(*config, start.seed)),
+        "ekf" => {
+            of(recording, config, Ekf::<f64>::new(*config, start.azimuth_deg * DEGREE, start.azimuth_std_deg * DEGREE))
+        }
+        other => {
+            return Err(BadInput::new(format!("filter \"{other}\" is not known; there are {}", FILTERS.join(", "))))
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::plant::Plant;
+    use super::*;
+    use crate::stats::quantile;
+    use hrg_core::alignment::wrap;
+
+    fn error_arcmin(plant: &Plant, filter: &str) -> f64 {
+        let (recording, truth) = plant.play();
+        let config = recording.config().expect("a site");
+        let (outcome, _, history) = by_name(&recording, &config, filter, Start::default()).expect("known");
+        let _ = outcome;
+        history.last().map_or(f64::INFINITY, |(_, _, e)| wrap(e.azimuth - truth.azimuth).abs() / ARCMIN)
+    }
+
+    /// Errors of azimuth over a campaign, arc minutes, of every run that gave one; and how many gave none.
+    fn campaign(runs: u64, filter: &str) -> (Vec<f64>, usize) {
+        let errors: Vec<f64> = (1..=runs).map(|s| error_arcmin(&Plant::drawn(s), filter)).collect();
+        let given: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
+        let none = errors.len() - given.len();
+        (given, none)
+    }
+
+    #[test]
+    fn the_linear_filter_is_within_its_figures_in_either_precision() {
+        for filter in ["linear", "linear-f32"] {
+            let (errors, none) = campaign(400, filter);
+            let (median, p95, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95), quantile(&errors, 1.0));
+            assert!(median <= 2.0 && p95 <= 7.0 && most <= 60.0, "{filter}: {median} {p95} {most}");
+            // The check of the positions is wrong once in a thousand.
+            assert!(none <= 3, "{filter}: {none} without an azimuth");
+        }
+    }
+
+    #[test]
+    fn the_kernels_are_within_their_figures() {
+        let (errors, none) = campaign(200, "upf");
+        let (median, p95, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95), quantile(&errors, 1.0));
+        assert!(median <= 2.0 && p95 <= 6.0 && most <= 60.0 && none == 0, "{median} {p95} {most} {none}");
+    }
+
+    #[test]
+    fn standard_deviations_are_true() {
+        // Squared errors over their variances, five quantities: each mean over n runs is 1 within its spread.
+        let runs = 400u32;
+        let mut sums = [0.0; 5];
+        for seed in 1..=runs {
+            let plant = Plant { bias: [0.0; 2], ..Plant::drawn(u64::from(seed)) };
+            let (recording, truth) = plant.play();
+            let mut config = recording.config().expect("a site");
+            // Without accelerometer biases a turn adds no tilt.
+            config.turn_tilt = 1e-7;
+            let (_, _, history) = by_name(&recording, &config, "linear", Start::default()).expect("known");
+            let e = history.last().expect("many").2;
+            let errors = [
+                wrap(e.azimuth - truth.azimuth) / e.azimuth_std,
+                (e.tilt[0] - truth.tilt[0]) / e.tilt_std[0],
+                (e.tilt[1] - truth.tilt[1]) / e.tilt_std[1],
+                (e.drift[0] - truth.drift[0]) / e.drift_std[0],
+                (e.drift[1] - truth.drift[1]) / e.drift_std[1],
+            ];
+            sums.iter_mut().zip(errors).for_each(|(s, e)| *s += e * e);
+        }
+        // Five standard deviations of a mean of n chi-squares of one degree.
+        let spread = 5.0 * (2.0 / f64::from(runs)).sqrt();
+        for (k, s) in sums.iter().enumerate() {
+            let mean = s / f64::from(runs);
+            assert!((mean - 1.0).abs() < spread, "quantity {k}: {mean}");
+        }
+    }
+
+    #[test]
+    fn one_position_never_pretends() {
+        for seed in 1..=50 {
+            let drawn = Plant::drawn(seed);
+            let (recording, _) = Plant { seconds: [200, 0, 0], ..drawn }.play();
+            let mut config = recording.config().expect("a site");
+            config.drift = 0.1 * DPH;
+            let (outcome, _, history) = by_name(&recording, &config, "linear", Start::default()).expect("known");
+            assert_eq!(outcome, Err(Refusal::OnePosition));
+            for (t, _, e) in &history {
+                assert!(e.azimuth_std > 30.0 * ARCMIN, "{} arc minutes at {t} s", e.azimuth_std / ARCMIN);
+            }
+        }
+    }
+
+    #[test]
+    fn wrong_input_is_named_and_gives_no_azimuth() {
+        let (good, _) = Plant::chen(1).play();
+        let refusal = |edit: &dyn Fn(&mut Recording)| {
+            let mut r = good.clone();
+            edit(&mut r);
+            let e = align(&r, "linear", Start::default()).expect_err("refused").0;
+            assert!(e.starts_with("no azimuth: "), "{e}");
+            e
+        };
+        assert!(align(&good, "linear", Start::default()).is_ok());
+        assert!(refusal(&|r| r.latitude_deg = None).contains("latitude is missing"));
+        assert!(refusal(&|r| r.latitude_deg = Some(90.0)).contains("beyond 80"));
+        assert!(refusal(&|r| r.latitude_deg = Some(f64::NAN)).contains("latitude is missing"));
+        assert!(refusal(&|r| r.gravity_mps2 = Some(1.6)).contains("gravity"));
+        assert!(refusal(&|r| r.rows.retain(|x| x.1 == 1)).contains("no turn"));
+        let hardly = Plant { turn: 3.0 * DEGREE, ..Plant::chen(1) }.play().0;
+        let e = align(&hardly, "linear", Start::default()).expect_err("refused").0;
+        assert!(e.contains("too near to a whole one"), "{e}");
+        // A turn that was not the one stated.
+        refusal(&|r| r.turn_deg = 60.0);
+        assert!(refusal(&|r| r.rows.truncate(95)).contains("half a minute"));
+        // A base that sways a decimetre with a period of seven seconds.
+        assert!(refusal(&|r| r.rows.iter_mut().for_each(|x| x.2[0] += 0.09 * (0.9 * x.0).sin())).contains("base moves"));
+        // An accelerometer that does not get beyond 5 mm/s a second.
+        let clipped = refusal(&|r| {
+            let mut last = 0.0;
+            for x in &mut r.rows {
+                last = if x.2[0] == 0.0 { 0.0 } else { last + 0.005 };
+                x.2[0] = last;
+            }
+        });
+        assert!(clipped.contains("end of scale or stuck"), "{clipped}");
+        // A gap of ten seconds.
+        assert!(refusal(&|r| r.rows.retain(|x| !(40.0..50.0).contains(&x.0))).contains("missing"));
+        // A drift that comes with the turn, large enough to be told from noise.
+        let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;
+        let e = align(&moved, "linear", Start::default()).expect_err("refused").0;
+        assert!(e.contains("contradict each other"), "{e}");
+    }
+
+    #[test]
+    fn a_file_there_and_back_and_its_defects() {
+        let (r, _) = Plant::chen(1).play();
+        let again = Recording::parse(&r.to_csv()).expect("readable");
+        assert_eq!(again.rows.len(), r.rows.len());
+        assert_eq!(Recording::parse("").expect_err("refused").0, "the file is empty");
+        let head = "# latitude_deg: 45\ntime_s,position,v1_mps,v2_mps\n";
+        for (text, says) in [
+            ("time_s,v1_mps\n", "column position is missing"),
+            ("0,1,0,0\n1,3,0,0\n", "neither 1 nor 2"),
+            ("0,1,0,0\n1,1,x,0\n", "line 4, column 3 (v1_mps)"),
+            ("0,1,0,0\n-1,1,0,0\n", "time goes back"),
+            ("0,2,0,0\n1,1,0,0\n", "position 1 after position 2"),
+            ("0,1,0,0\n1,1,0\n", "has 3 cells"),
+        ] {
+            let text = if text.starts_with("time") { text.to_string() } else { format!("{head}{text}") };
+            let e = Recording::parse(&text).expect_err("refused").0;
+            assert!(e.contains(says), "{e}");
+        }
+    }
+
+    #[test]
+    fn faster_rows_are_thinned_to_the_same_azimuth() {
+        // Rows each half second: those between carry the same platform.
+        let (r, _) = Plant::chen(2).play();
+        let mut twice = r.clone();
+        twice.rows = r
+            .rows
+            .windows(2)
+            .flat_map(|w| {
+                let between = [0, 1].map(|k: usize| 0.5 * (w[0].2[k] + w[1].2[k]));
+                if w[0].1 == w[1].1 {
+                    vec![w[0], (w[0].0 + 0.5, w[0].1, between)]
+                } else {
+                    vec![w[0]]
+                }
+            })
+            .chain(r.rows.last().copied())
+            .collect();
+        let azimuth = |r: &Recording| align(r, "linear", Start::default()).expect("aligns").azimuth_deg;
+        assert!((azimuth(&r) - azimuth(&twice)).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,249 @@
+//! The seeded campaigns behind `docs/alignment.md`. Everything simulated.
+
+use super::plant::Plant;
+use super::{by_name, Start};
+use crate::plot::{self, Panel, Series};
+use crate::stats::quantile;
+use hrg_core::alignment::aligner::INTEGRITY_LIMIT;
+use hrg_core::alignment::{wrap, ARCMIN, DEGREE, DPH};
+use std::fmt::Write as _;
+
+/// Results of one filter over a campaign.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// What was run.
+    pub name: String,
+    /// Errors of azimuth at the end, arc minutes, run by run; infinite where the filter broke down.
+    pub errors: Vec<f64>,
+    /// Seconds from the end of the turn to an error that stays within 15'; runs that never got there are infinite.
+    pub convergence_s: Vec<f64>,
+    /// Mean of the squared errors of azimuth over their variance: 1 where standard deviations are true.
+    pub normalised: f64,
+    /// Runs that were refused by the aligner.
+    pub refused: usize,
+}
+
+/// A failure: an error beyond this, arc minutes.
+const FAILED: f64 = 60.0;
+
+fn campaign(name: &str, filter: &str, plants: &[Plant], start: impl Fn(u64) -> Start) -> Row {
+    let mut row = Row { name: name.into(), errors: vec![], convergence_s: vec![], normalised: 0.0, refused: 0 };
+    let mut squares = Vec::new();
+    for (k, plant) in plants.iter().enumerate() {
+        let (recording, truth) = plant.play();
+        let Ok(config) = recording.config() else { continue };
+        let Ok((outcome, _, history)) = by_name(&recording, &config, filter, start(k as u64)) else { continue };
+        row.refused += usize::from(outcome.is_err());
+        let Some((_, _, last)) = history.last() else {
+            row.errors.push(f64::INFINITY);
+            continue;
+        };
+        let error = wrap(last.azimuth - truth.azimuth);
+        row.errors.push(error.abs() / ARCMIN);
+        squares.push((error / last.azimuth_std).powi(2));
+        let turn_end = (plant.seconds[0] + plant.seconds[1]) as f64;
+        let settled = history
+            .iter()
+            .rev()
+            .take_while(|(_, _, e)| wrap(e.azimuth - truth.azimuth).abs() < 15.0 * ARCMIN)
+            .last()
+            .map_or(f64::INFINITY, |(t, _, _)| (t - turn_end).max(0.0));
+        row.convergence_s.push(settled);
+    }
+    row.normalised = crate::stats::mean(&squares);
+    row
+}
+
+fn ranked(values: &[f64], p: f64) -> f64 {
+    let mut v = values.to_vec();
+    v.sort_by(f64::total_cmp);
+    v.get(((v.len() as f64 * p) as usize).min(v.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+/// All campaigns: `runs` platforms each, those of the particle filters included.
+#[must_use]
+pub fn campaigns(runs: u64, seed: u64) -> Vec<Row> {
+    let drawn: Vec<Plant> = (0..runs).map(|k| Plant::drawn(seed * 100_000 + k)).collect();
+    let with = |edit: &dyn Fn(Plant) -> Plant| -> Vec<Plant> { drawn.iter().map(|p| edit(*p)).collect() };
+    let nominal = Start::default();
+    let seeded = |k: u64| Start { seed: seed.wrapping_add(k), ..nominal };
+    // The EKF's first azimuth: anywhere, and believed.
+    let anywhere =
+        |k: u64| Start { azimuth_deg: (k as f64 * 137.507_764) % 360.0 - 180.0, azimuth_std_deg: 60.0, seed: k };
+    let rough = with(&|p| Plant { velocity_noise: 1e-3, angle_walk: 1e-3 * DEGREE / 60.0, ..p });
+    let signed = |p: &Plant, size: f64| if p.seed.is_multiple_of(2) { size } else { -size };
+    vec![
+        campaign("linear", "linear", &drawn, seeded),
+        campaign("linear, single precision", "linear-f32", &drawn, seeded),
+        campaign("upf, kernel form", "upf", &drawn, seeded),
+        campaign("upf, literal", "upf-literal", &drawn, seeded),
+        campaign("ekf from any first azimuth", "ekf", &drawn, anywhere),
+        campaign("linear, noise of 1 mm/s and 0.001 deg/sqrt(h)", "linear", &rough, seeded),
+        campaign("linear, turn of 180 deg", "linear", &with(&|p| Plant { turn: 180.0 * DEGREE, ..p }), seeded),
+        campaign(
+            "linear, turn wrong by 6'",
+            "linear",
+            &with(&|p| Plant { turn_error: signed(&p, 6.0 * ARCMIN), ..p }),
+            seeded,
+        ),
+        campaign(
+            "linear, 0.02 deg/h of drift come with the turn",
+            "linear",
+            &with(&|p| Plant { heading_drift: [signed(&p, 0.02 * DPH), 0.0], ..p }),
+            seeded,
+        ),
+        campaign("linear, one position of 200 s", "linear", &with(&|p| Plant { seconds: [200, 0, 0], ..p }), seeded),
+    ]
+}
+
+/// The campaigns as Markdown.
+#[must_use]
+pub fn table(rows: &[Row]) -> String {
+    let mut s = String::from(
+        "| filter | median ['] | 95 % ['] | largest ['] | beyond 60' | refused | to 15' after the turn, median [s] | normalised error squared |\n|---|--:|--:|--:|--:|--:|--:|--:|\n",
+    );
+    let number = |v: f64, digits: usize| if v.is_finite() { format!("{v:.digits$}") } else { "never".into() };
+    for r in rows {
+        let failed = r.errors.iter().filter(|e| !(**e <= FAILED)).count();
+        let _ = writeln!(
+            s,
+            "| {} | {} | {} | {} | {failed} of {} | {} | {} | {} |",
+            r.name,
+            number(ranked(&r.errors, 0.5), 2),
+            number(ranked(&r.errors, 0.95), 2),
+            number(ranked(&r.errors, 1.0), 1),
+            r.errors.len(),
+            r.refused,
+            number(ranked(&r.convergence_s, 0.5), 0),
+            number(r.normalised, 2)
+        );
+    }
+    s
+}
+
+/// Whether a turn's error shows: the share of runs whose check of the positions (chi-square, one degree of freedom) is
+/// beyond 3.84 (one in twenty without an error), for turns wrong by some arc minutes.
+#[must_use]
+pub fn turn_error_seen(runs: u64, seed: u64, errors_arcmin: &[f64]) -> Vec<(f64, f64, f64)> {
+    errors_arcmin
+        .iter()
+        .map(|&size| {
+            let (mut seen, mut refused) = (0, 0);
+            for k in 0..runs {
+                let plant = Plant { turn_error: size * ARCMIN, ..Plant::drawn(seed * 100_000 + k) };
+                let (recording, _) = plant.play();
+                let Ok(config) = recording.config() else { continue };
+                let Ok((_, _, history)) = by_name(&recording, &config, "linear", Start::default()) else { continue };
+                let check = history.last().and_then(|h| h.2.integrity).unwrap_or(0.0);
+                seen += usize::from(check > 3.84);
+                refused += usize::from(check > INTEGRITY_LIMIT);
+            }
+            (size, seen as f64 / runs as f64, refused as f64 / runs as f64)
+        })
+        .collect()
+}
+
+/// chen2015's case, filter by filter, in two positions and in one: errors over time as curves (its Fig. 3 to 5).
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn curves(seed: u64) -> anyhow::Result<String> {
+    let two = Plant::chen(seed);
+    let one = Plant { seconds: [200, 0, 0], ..two };
+    let mut azimuth = Vec::new();
+    let mut tilt = Vec::new();
+    let mut drift = Vec::new();
+    let cases = [
+        ("linear", "linear", two, 1),
+        ("UPF, kernel form", "upf", two, 2),
+        ("EKF from 0 deg", "ekf", two, 3),
+        ("linear, one position", "linear", one, 0),
+    ];
+    for (label, filter, plant, colour) in cases {
+        let (recording, truth) = plant.play();
+        let Ok(config) = recording.config() else { continue };
+        let (_, _, history) = by_name(&recording, &config, filter, Start { seed, ..Start::default() })?;
+        let series = |f: &dyn Fn(&hrg_core::alignment::Estimate) -> f64| Series {
+            label: label.into(),
+            points: history.iter().map(|(t, _, e)| (*t, f(e))).collect(),
+            colour,
+            dots: false,
+        };
+        let clip = |v: f64, most: f64| if v.abs() <= most { v } else { f64::NAN };
+        azimuth.push(series(&|e| clip(wrap(e.azimuth - truth.azimuth) / ARCMIN, 120.0)));
+        tilt.push(series(&|e| e.tilt_std[0] / ARCMIN));
+        drift.push(series(&|e| clip((e.drift[0] - truth.drift[0]) / DPH, 0.5)));
+    }
+    let panel = |title: &str, y: &str, series| Panel {
+        title: title.into(),
+        x: "time [s]".into(),
+        y: y.into(),
+        log: false,
+        series,
+    };
+    plot::svg(
+        &[
+            panel("Azimuth error, chen2015's case (turn from 85 to 115 s)", "arc minutes", azimuth),
+            panel("Standard deviation of the tilt about axis 1", "arc minutes", tilt),
+            panel("Error of the drift about axis 1", "deg/h", drift),
+        ],
+        1,
+        900,
+        330,
+    )
+}
+
+/// The numbers of chen2015's case at its end: filter, azimuth (deg), tilts (arc minutes) and drifts (deg/h) with their
+/// errors.
+#[must_use]
+pub fn chen(seed: u64) -> String {
+    let plant = Plant::chen(seed);
+    let (recording, truth) = plant.play();
+    let mut s = String::from(
+        "| | azimuth [deg] | error ['] | tilt 1 ['] | error | tilt 2 ['] | error | drift 1 [deg/h] | error | drift 2 [deg/h] | error |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
+    );
+    let Ok(config) = recording.config() else { return s };
+    for filter in super::FILTERS {
+        let Ok((_, _, history)) = by_name(&recording, &config, filter, Start { seed, ..Start::default() }) else {
+            continue;
+        };
+        let Some((_, _, e)) = history.last() else {
+            let _ = writeln!(s, "| {filter} | broke down |");
+            continue;
+        };
+        let _ = write!(s, "| {filter} | {:.3} | {:.2} ", e.azimuth / DEGREE, wrap(e.azimuth - truth.azimuth) / ARCMIN);
+        for k in 0..2 {
+            let _ = write!(s, "| {:.3} | {:.3} ", e.tilt[k] / ARCMIN, (e.tilt[k] - truth.tilt[k]) / ARCMIN);
+        }
+        for k in 0..2 {
+            let _ = write!(s, "| {:.4} | {:.4} ", e.drift[k] / DPH, (e.drift[k] - truth.drift[k]) / DPH);
+        }
+        s.push_str("|\n");
+    }
+    s
+}
+
+/// Median azimuth error in one position for drifts known to so many deg/h: what no filter can do better.
+#[must_use]
+pub fn one_position(runs: u64, seed: u64, known_dph: &[f64]) -> Vec<(f64, f64, f64)> {
+    known_dph
+        .iter()
+        .map(|&known| {
+            let (mut errors, mut stds) = (Vec::new(), Vec::new());
+            for k in 0..runs {
+                let drawn = Plant::drawn(seed * 100_000 + k);
+                // Drifts of that size, and believed to be.
+                let drift = drawn.drift.map(|d| d / 0.2 * known);
+                let (recording, truth) = Plant { drift, seconds: [200, 0, 0], ..drawn }.play();
+                let Ok(mut config) = recording.config() else { continue };
+                config.drift = known * DPH;
+                let Ok((_, _, history)) = by_name(&recording, &config, "linear", Start::default()) else { continue };
+                if let Some((_, _, e)) = history.last() {
+                    errors.push((wrap(e.azimuth - truth.azimuth) / ARCMIN).powi(2));
+                    stds.push(e.azimuth_std / ARCMIN);
+                }
+            }
+            (known, crate::stats::mean(&errors).sqrt(), quantile(&stds, 0.5))
+        })
+        .collect()
+}

@@ -1,0 +1,240 @@
+//! Alignment on the unit: commands of the link in, one report each second out, drifts handed to navigation.
+//!
+//! Commands are taken before the second in which they arrived is handed over ([`Session::command`], then
+//! [`Session::second`]). Velocities are sums of accelerometer codes, exact integers; one filter step a second. A command takes effect with the
+//! second in which it has arrived: the whole of that second counts as turn where a turn begins or ends in it.
+
+use super::aligner::Aligner;
+use super::{normal_gravity, Begin, Config, Estimate, Refusal, ARCMIN, DEGREE, DPH};
+use crate::rate_path::Summary;
+use crate::AXES;
+
+/// Scale of the accelerometer channels, m/s^2 per code: 2 g at the end of 24 bits.
+pub const ACCELEROMETER_SCALE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
+/// Time of one sample, s.
+const SAMPLE_S: f64 = 1e-3;
+/// Share of a second's samples that may be missing.
+const MOST_MISSING: u16 = 100;
+
+/// What the host may ask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Begin an alignment: latitude (degrees), gravity (m/s^2; 0: normal gravity), noise of a velocity reading (m/s).
+    Begin {
+        /// Latitude, degrees.
+        latitude_deg: f32,
+        /// Gravity, m/s^2.
+        gravity_mps2: f32,
+        /// Velocity noise, m/s.
+        velocity_noise_mps: f32,
+    },
+    /// The turn begins.
+    TurnBegins,
+    /// The turn has ended.
+    TurnEnded {
+        /// Its angle about axis 3, clockwise from above, degrees.
+        angle_deg: f32,
+    },
+    /// Leave align mode, the drifts becoming a bias trim.
+    Accept,
+    /// Leave align mode.
+    Abandon,
+}
+
+/// Where an alignment is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Stage {
+    /// In the first position.
+    First = 1,
+    /// Between the positions.
+    Turning = 2,
+    /// In the second position.
+    Second = 3,
+    /// Over: refused at its beginning, accepted or abandoned.
+    Over = 4,
+}
+
+/// Each second of an alignment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Report {
+    /// Number of the second, from the start of the alignment.
+    pub second: u32,
+    /// Stage.
+    pub stage: u8,
+    /// Number of the [`Refusal`] if there is no result; 0: the numbers are a result.
+    pub refusal: u8,
+    /// Azimuth, degrees; NaN unless it is a result.
+    pub azimuth_deg: f32,
+    /// Its standard deviation, arc minutes (given always).
+    pub azimuth_std_arcmin: f32,
+    /// Tilts, arc minutes.
+    pub tilt_arcmin: [f32; 2],
+    /// Drifts, deg/h.
+    pub drift_dph: [f32; 2],
+    /// Their standard deviations, deg/h.
+    pub drift_std_dph: [f32; 2],
+    /// Check of the two positions; NaN where the filter has none.
+    pub integrity: f32,
+}
+
+/// The align mode of a unit.
+#[derive(Debug, Clone)]
+pub struct Session<F> {
+    aligner: Aligner<F>,
+    stage: Stage,
+    second: u32,
+    turning_s: f64,
+    ended: Option<f64>,
+    refused: Option<Refusal>,
+    /// Sums of codes since the position began, missing samples filled with their second's mean.
+    codes: [f64; 2],
+    last_word: bool,
+    /// The alignment was asked for within the second that is about to end; it begins with the next one.
+    fresh: bool,
+}
+
+impl<F: Begin> Session<F> {
+    /// No alignment.
+    pub const IDLE: Self = Self {
+        aligner: Aligner::IDLE,
+        stage: Stage::Over,
+        second: 0,
+        turning_s: 0.0,
+        ended: None,
+        refused: None,
+        codes: [0.0; 2],
+        last_word: false,
+        fresh: false,
+    };
+
+    /// Whether an alignment runs.
+    #[must_use]
+    pub fn running(&self) -> bool {
+        self.stage != Stage::Over
+    }
+
+    /// Takes a command; gives the bias trim (deg/h, to be subtracted) where an alignment was accepted. What a platform
+    /// drifts by is the negative of what its gyros read at rest, as its loops null the reading.
+    pub fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
+        match command {
+            Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps } => {
+                let latitude = f64::from(latitude_deg);
+                let gravity = f64::from(gravity_mps2);
+                let gravity = if gravity == 0.0 { normal_gravity(latitude) } else { gravity };
+                self.refused = None;
+                self.ended = None;
+                self.second = 0;
+                self.turning_s = 0.0;
+                self.codes = [0.0; 2];
+                match Config::new(latitude, gravity, f64::from(velocity_noise_mps)) {
+                    Ok(config) => {
+                        self.aligner.begin(config);
+                        self.stage = Stage::First;
+                        self.fresh = true;
+                    }
+                    Err(refusal) => {
+                        self.refused = Some(refusal);
+                        self.stage = Stage::Over;
+                        self.last_word = true;
+                    }
+                }
+                None
+            }
+            Command::TurnBegins => {
+                if self.stage == Stage::First {
+                    self.stage = Stage::Turning;
+                    self.turning_s = 0.0;
+                }
+                None
+            }
+            Command::TurnEnded { angle_deg } => {
+                if self.stage == Stage::Turning {
+                    self.ended = Some(f64::from(angle_deg) * DEGREE);
+                }
+                None
+            }
+            Command::Accept => {
+                let outcome = self.outcome();
+                if self.stage == Stage::Over || outcome.is_err() {
+                    return None;
+                }
+                self.over();
+                outcome.ok().map(|e| [-(e.drift[0] / DPH) as f32, -(e.drift[1] / DPH) as f32, 0.0])
+            }
+            Command::Abandon => {
+                if self.stage != Stage::Over {
+                    self.over();
+                }
+                None
+            }
+        }
+    }
+
+    fn over(&mut self) {
+        self.stage = Stage::Over;
+        self.last_word = true;
+    }
+
+    fn outcome(&self) -> Result<Estimate, Refusal> {
+        match self.refused {
+            Some(refusal) => Err(refusal),
+            None => self.aligner.outcome(),
+        }
+    }
+
+    /// A second has passed: its summary in, a report out while an alignment runs (and once when it ends).
+    pub fn second(&mut self, summary: &Summary) -> Option<Report> {
+        if self.stage == Stage::Over {
+            if !self.last_word {
+                return None;
+            }
+            self.last_word = false;
+            return Some(self.report());
+        }
+        if core::mem::take(&mut self.fresh) {
+            return None;
+        }
+        self.second += 1;
+        let aligner = &mut self.aligner;
+        if self.stage == Stage::Turning {
+            self.turning_s += 1.0;
+            if let Some(angle) = self.ended.take() {
+                aligner.turn(angle, self.turning_s);
+                self.codes = [0.0; 2];
+                self.stage = Stage::Second;
+            }
+        } else if summary.samples == 0 || summary.converter_errors > MOST_MISSING {
+            aligner.refuse(Refusal::DataMissing);
+        } else {
+            if summary.accelerometer_saturated {
+                aligner.refuse(Refusal::Saturated);
+            }
+            let filled = 1.0 + f64::from(summary.converter_errors) / f64::from(summary.samples);
+            let mut velocity = [0.0; 2];
+            for k in 0..2 {
+                self.codes[k] += summary.accelerometer_codes[k] as f64 * filled;
+                velocity[k] = self.codes[k] * (ACCELEROMETER_SCALE * SAMPLE_S);
+            }
+            aligner.step(velocity);
+        }
+        Some(self.report())
+    }
+
+    fn report(&self) -> Report {
+        let outcome = self.outcome();
+        let belief = if self.refused.is_some() { None } else { self.aligner.belief() };
+        let number = |f: &dyn Fn(&Estimate) -> f64| belief.as_ref().map_or(f32::NAN, |e| f(e) as f32);
+        Report {
+            second: self.second,
+            stage: self.stage as u8,
+            refusal: outcome.err().map_or(0, |r| r as u8),
+            azimuth_deg: outcome.map_or(f32::NAN, |e| (e.azimuth / DEGREE) as f32),
+            azimuth_std_arcmin: number(&|e| e.azimuth_std / ARCMIN),
+            tilt_arcmin: [number(&|e| e.tilt[0] / ARCMIN), number(&|e| e.tilt[1] / ARCMIN)],
+            drift_dph: [number(&|e| e.drift[0] / DPH), number(&|e| e.drift[1] / DPH)],
+            drift_std_dph: [number(&|e| e.drift_std[0] / DPH), number(&|e| e.drift_std[1] / DPH)],
+            integrity: number(&|e| e.integrity.unwrap_or(f64::NAN)),
+        }
+    }
+}
