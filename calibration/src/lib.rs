@@ -13,6 +13,7 @@
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
 //! | self-alignment | [`align`] |
+//! | a unit on a port; recordings from it; its log; its screen | [`unit`], [`record`], [`log`], [`monitor`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -23,15 +24,19 @@ pub mod file;
 pub mod fit;
 pub mod lag;
 pub mod laws;
+pub mod log;
 pub mod lsq;
 pub mod methods;
+pub mod monitor;
 pub mod plot;
 pub mod points;
+pub mod record;
 pub mod recording;
 pub mod run;
 pub mod simulate;
 pub mod stats;
 pub mod trace;
+pub mod unit;
 
 /// Names of the axes, in order.
 pub const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];

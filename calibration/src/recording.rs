@@ -46,6 +46,9 @@ pub struct Recording {
     pub earth_rate_dph: [f64; 3],
 }
 
+/// Beginnings of columns that a unit's recording has beside those that a fit uses.
+const FROM_UNIT: [&str; 5] = ["temperature_", "bias_", "status_", "raw_", "corrected_"];
+
 impl Recording {
     /// A metadata value.
     #[must_use]
@@ -198,7 +201,9 @@ impl Recording {
                 self.optional.push((known, Vec::with_capacity(rows)));
                 Slot::Optional(self.optional.len() - 1)
             } else {
-                self.notes.push(format!("column {name} is not known and is ignored"));
+                if !FROM_UNIT.iter().any(|own| name.starts_with(own)) {
+                    self.notes.push(format!("column {name} is not known and is ignored"));
+                }
                 Slot::Ignored
             };
             slots.push(slot);

@@ -46,7 +46,8 @@ pub struct Board {
     pub watchdog: IndependentWatchdog<'static, IWDG>,
     /// Whether the last reset came from the watchdog.
     pub watchdog_reset: bool,
-    flash: Flash<'static, Blocking>,
+    /// Program memory, with the two calibration sectors.
+    pub flash: Flash<'static, Blocking>,
 }
 
 fn clocks() -> rcc::Config {
@@ -118,8 +119,8 @@ impl Board {
         }
     }
 
-    /// The newest valid block of the two sectors, or the compiled-in default; with what status to report.
-    pub fn calibration(&mut self) -> (Calibration, u8) {
+    /// The newest valid block of the two sectors with its sector, or the compiled-in default; and what status to report.
+    pub fn calibration(&mut self) -> (Calibration, Option<u8>, u8) {
         static A: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
         static B: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
         let (a, b) = (A.take(), B.take());
@@ -128,14 +129,14 @@ impl Board {
             .blocking_read(params::CALIBRATION_A, a)
             .and_then(|()| self.flash.blocking_read(params::CALIBRATION_B, b));
         if read.is_err() {
-            return (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED);
+            return (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED);
         }
         match calibration::newest(a, b) {
-            Ok((calibration, _)) => (calibration, 0),
-            Err(BlockError::NoBlock) => (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION),
+            Ok((calibration, sector)) => (calibration, Some(sector as u8), 0),
+            Err(BlockError::NoBlock) => (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION),
             Err(error) => {
                 defmt::error!("calibration refused: {}", error);
-                (Calibration::uncalibrated(), unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED)
+                (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED)
             }
         }
     }

@@ -8,6 +8,7 @@ use hrg_core::alignment::session::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Identity, Message};
+use hrg_core::maintenance;
 use hrg_core::rate_path::{RateFrame, Staged, Summary};
 use hrg_core::AXES;
 
@@ -39,6 +40,10 @@ pub static ALIGN: Channel<Mutex, Command, 4> = Channel::new();
 pub static ALIGNMENT: Signal<Mutex, Report> = Signal::new();
 /// Telemetry to model: the bias trim that an alignment has found.
 pub static TRIM: Signal<Mutex, [f32; AXES]> = Signal::new();
+/// Link in to maintenance.
+pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
+/// Maintenance to telemetry: whether a calibration may be written.
+pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DIVIDER: Signal<Mutex, u16> = Signal::new();
 

@@ -1,6 +1,6 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ERRORS};
+use crate::channels::{Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ERRORS, MAINTAIN};
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
@@ -43,6 +43,8 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
                 Some(Ok(Message::SetDivider(divider))) => DIVIDER.signal(divider),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
+                // The host waits for each answer, so there is room.
+                Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),
                 // Our own kind of message coming in, or garbage.
                 Some(_) => {
                     errors = errors.saturating_add(1);

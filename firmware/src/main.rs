@@ -13,6 +13,7 @@
 //! | model | second interrupt executor | `model` |
 //! | link in, link out | second interrupt executor | `link` |
 //! | telemetry, align mode, log | thread | `telemetry` |
+//! | maintenance: a calibration into flash | thread | `maintain` |
 //! | watchdog | thread | here |
 //!
 //! Pins are in `board`, numbers in `params`; all that computes is in the crate `hrg_core`.
@@ -24,6 +25,7 @@ mod capture;
 mod channels;
 mod converter;
 mod link;
+mod maintain;
 mod model;
 mod params;
 mod rate;
@@ -38,6 +40,7 @@ use embassy_time::Timer;
 use hrg_core::alignment::session::Session;
 use hrg_core::compensator::Compensator;
 use hrg_core::link::Identity;
+use hrg_core::maintenance::Maintenance;
 use hrg_core::rate_path::{self, RatePath};
 use hrg_core::status::unit;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -73,7 +76,7 @@ fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(Spawn
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let mut board = board::Board::new();
-    let (calibration, mut unit_status) = board.calibration();
+    let (calibration, sector, mut unit_status) = board.calibration();
     if board.watchdog_reset {
         unit_status |= unit::WATCHDOG_RESET;
     }
@@ -111,6 +114,10 @@ async fn main(spawner: Spawner) {
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
     spawned(telemetry::task(who, SESSION.take()), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
+    static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
+    let maintenance =
+        MAINTENANCE.init(Maintenance::new(identity.unit, identity.sequence, sector, cfg!(feature = "locked")));
+    spawned(maintain::task(maintenance, maintain::Sectors::new(board.flash)), |t| spawner.spawn(t));
     watch(board.watchdog).await
 }
 

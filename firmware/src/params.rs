@@ -33,6 +33,12 @@ pub const FRAME_QUEUE: usize = 8;
 /// legitimate pause is none.
 pub const WATCHDOG_US: u32 = 500_000;
 
+/// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB
+/// takes 2 s at most (STM32F446 data sheet, word-wide), and the processor stands still meanwhile: one bank of flash.
+pub const WATCHDOG_ERASE: (u8, u16) = (6, 1000);
+/// Watchdog otherwise, the same way: as [`WATCHDOG_US`].
+pub const WATCHDOG_USUAL: (u8, u16) = (2, 1000);
+
 /// How often the watchdog is fed, if the rate path has run.
 pub const WATCHDOG_FEED: Duration = Duration::from_millis(100);
 
@@ -43,3 +49,7 @@ pub const SUMMARY_WAIT: Duration = Duration::from_millis(200);
 pub const CALIBRATION_A: u32 = 0x4_0000;
 /// Calibration sector B (memory.x: CAL_B).
 pub const CALIBRATION_B: u32 = 0x6_0000;
+/// Size of either sector, bytes.
+pub const CALIBRATION_SIZE: u32 = 0x2_0000;
+/// From the answer to a restart to the restart: a frame of 30 bytes takes 0.3 ms.
+pub const RESTART_WAIT: Duration = Duration::from_millis(20);

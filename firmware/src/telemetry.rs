@@ -1,6 +1,6 @@
 //! Housekeeping each second, to the link and to the log; and the align mode, which lives on the same seconds.
 
-use crate::channels::{Who, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, STEP, SUMMARY, TRIM};
+use crate::channels::{Who, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, STEP, SUMMARY, TRIM};
 use crate::params::{SUMMARY_WAIT, TIMER_HZ};
 use embassy_time::with_timeout;
 use hrg_core::alignment::session::Session;
@@ -20,6 +20,7 @@ pub type Flown = hrg_core::alignment::particles::Kernels<f32, { hrg_core::alignm
 pub async fn task(who: Who, session: &'static mut Session<Flown>) {
     let mut dropped = 0;
     let mut link_errors = 0;
+    let mut maintenance = false;
     loop {
         let (step, output) = STEP.receive().await;
         let summary = match with_timeout(SUMMARY_WAIT, SUMMARY.receive()).await {
@@ -50,7 +51,14 @@ pub async fn task(who: Who, session: &'static mut Session<Flown>) {
         housekeeping.calibration = who.identity.calibration;
         housekeeping.sequence = who.identity.sequence;
         housekeeping.created_unix_s = who.identity.created_unix_s;
-        housekeeping.mode = if session.running() { mode::ALIGN } else { mode::NAVIGATE };
+        if let Some(open) = MAINTENANCE_OPEN.try_take() {
+            maintenance = open;
+        }
+        housekeeping.mode = match (maintenance, session.running()) {
+            (true, _) => mode::MAINTENANCE,
+            (false, true) => mode::ALIGN,
+            (false, false) => mode::NAVIGATE,
+        };
         HOUSEKEEPING.signal(housekeeping);
         LOG.signal(housekeeping);
     }

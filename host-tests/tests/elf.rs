@@ -7,6 +7,7 @@ use hrg_cal::align::plant::Plant;
 use hrg_cal::align::Start;
 use hrg_cal::fit::prepare;
 use hrg_cal::methods::identify;
+use hrg_cal::log::Decoder;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Kind, Plan, Profile};
@@ -17,7 +18,6 @@ use hrg_core::link::Message;
 use hrg_core::status::{axis, unit};
 use std::path::Path;
 use std::sync::OnceLock;
-use virtual_board::rtt::Decoder;
 use virtual_board::{Board, Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {

@@ -41,6 +41,7 @@ pub mod converter;
 pub mod effects;
 pub mod frequency;
 pub mod link;
+pub mod maintenance;
 pub mod rate_of_change;
 pub mod rate_path;
 pub mod status;

@@ -8,6 +8,7 @@ use crate::alignment::session::{self, Command};
 use crate::bytes::{Reader, Writer};
 use crate::calibration::CRC32;
 use crate::compensator::Output;
+use crate::maintenance;
 use crate::frequency::StepFrequencies;
 use crate::rate_path::{RateFrame, Summary};
 use crate::status::unit;
@@ -138,6 +139,10 @@ pub enum Message {
     SetDivider(u16),
     /// Host to unit: of an alignment.
     Align(session::Command),
+    /// Host to unit: of maintenance.
+    Maintain(maintenance::Command),
+    /// Unit to host: the reply to that.
+    Maintained(maintenance::Reply),
 }
 
 /// Why bytes are not a message.
@@ -251,6 +256,50 @@ impl Message {
                 w.u8(kind);
                 w.f32s(&[a, b, c]);
             }
+            Self::Maintain(command) => {
+                use maintenance::Command as C;
+                w.u8(0x83);
+                match command {
+                    C::Open(name) => {
+                        w.u8(0);
+                        w.bytes(name);
+                    }
+                    C::Close => w.u8(1),
+                    C::Begin(length) => {
+                        w.u8(2);
+                        w.u16(*length);
+                    }
+                    C::Chunk { offset, length, data } => {
+                        w.u8(3);
+                        w.u16(*offset);
+                        w.u8(*length);
+                        w.bytes(data);
+                    }
+                    C::End => w.u8(4),
+                    C::Read { sector, offset } => {
+                        w.u8(5);
+                        w.u8(*sector);
+                        w.u16(*offset);
+                    }
+                    C::Restart => w.u8(6),
+                }
+            }
+            Self::Maintained(reply) => {
+                w.u8(0x05);
+                match reply {
+                    maintenance::Reply::Answer(answer, value) => {
+                        w.u8(0);
+                        w.u8(*answer as u8);
+                        w.u32(*value);
+                    }
+                    maintenance::Reply::Data { sector, offset, data } => {
+                        w.u8(1);
+                        w.u8(*sector);
+                        w.u16(*offset);
+                        w.bytes(data);
+                    }
+                }
+            }
         }
     }
 
@@ -303,6 +352,24 @@ impl Message {
                 drift_std_dph: r.f32s()?,
                 integrity: r.f32()?,
             }),
+            0x05 => Self::Maintained(match r.u8()? {
+                0 => maintenance::Reply::Answer(maintenance::Answer::from_number(r.u8()?)?, r.u32()?),
+                1 => maintenance::Reply::Data { sector: r.u8()?, offset: r.u16()?, data: r.array()? },
+                _ => return None,
+            }),
+            0x83 => {
+                use maintenance::Command as C;
+                Self::Maintain(match r.u8()? {
+                    0 => C::Open(r.array()?),
+                    1 => C::Close,
+                    2 => C::Begin(r.u16()?),
+                    3 => C::Chunk { offset: r.u16()?, length: r.u8()?, data: r.array()? },
+                    4 => C::End,
+                    5 => C::Read { sector: r.u8()?, offset: r.u16()? },
+                    6 => C::Restart,
+                    _ => return None,
+                })
+            }
             0x80 => Self::Identify,
             0x81 => Self::SetDivider(r.u16()?),
             0x82 => {
@@ -339,7 +406,7 @@ impl Message {
             return Err(LinkError::Checksum);
         }
         let kind = content[0];
-        if !matches!(kind, 0x01..=0x04 | 0x80..=0x82) {
+        if !matches!(kind, 0x01..=0x05 | 0x80..=0x83) {
             return Err(LinkError::UnknownType(kind));
         }
         let mut r = Reader::new(&content[1..]);
@@ -408,7 +475,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 11] {
+    fn messages() -> [Message; 20] {
         [
             Message::Rate(RateFrame {
                 sample: 0,
@@ -438,6 +505,15 @@ mod tests {
             Message::Align(Command::TurnEnded { angle_deg: 90.0 }),
             Message::Align(Command::Accept),
             Message::Align(Command::Abandon),
+            Message::Maintain(maintenance::Command::Open(*b"HRG-101\0\0\0\0\0\0\0\0\0")),
+            Message::Maintain(maintenance::Command::Close),
+            Message::Maintain(maintenance::Command::Begin(453)),
+            Message::Maintain(maintenance::Command::Chunk { offset: 128, length: 12, data: [7; maintenance::CHUNK] }),
+            Message::Maintain(maintenance::Command::End),
+            Message::Maintain(maintenance::Command::Read { sector: 1, offset: 256 }),
+            Message::Maintain(maintenance::Command::Restart),
+            Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
+            Message::Maintained(maintenance::Reply::Data { sector: 1, offset: 0, data: [9; maintenance::CHUNK] }),
         ]
     }
 

@@ -63,6 +63,8 @@ pub enum Stop {
     Instruction,
 }
 
+/// Erase of a sector of 128 KiB, at its slowest (data sheet: 2 s).
+const ERASE_CYCLES: u64 = 2 * CPU_HZ;
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
 /// What RAM holds at power-on.
 const PAINT: u8 = 0xA5;
@@ -382,6 +384,13 @@ impl<W: World> Board<W> {
         (rest.len() - untouched) as u32
     }
 
+    /// Asks the world for the next byte of the link, where it had none when it was last asked.
+    pub fn poll_link(&mut self) {
+        if self.next_byte.is_none() {
+            self.next_byte = self.world.next_link_byte();
+        }
+    }
+
     /// Bytes of RAM that statics take.
     #[must_use]
     pub fn static_bytes(&self) -> u32 {
@@ -501,7 +510,10 @@ impl<W: World> Board<W> {
                 if let (Some(&from), Some(&to)) = (SECTORS.get(sector), SECTORS.get(sector + 1)) {
                     uc(self.cpu.mem_write(u64::from(FLASH_START + from), &vec![0xFF; (to - from) as usize]))?;
                 }
-                self.cpu.get_data_mut().flash.done();
+                let chip = self.cpu.get_data_mut();
+                chip.flash.done();
+                // The processor stands still: code comes from the same bank.
+                chip.now += ERASE_CYCLES;
             }
         }
     }

@@ -26,7 +26,6 @@
 //! | `system` | RCC, PWR, FLASH, IWDG, DBGMCU |
 //! | `ads131m08` | the converter's protocol |
 //! | `probe` | instructions of a function's calls |
-//! | `rtt` | the debug probe's side of RTT, and the defmt decoder |
 
 pub mod ads131m08;
 pub mod board;
@@ -35,7 +34,6 @@ mod gpio;
 mod memory;
 mod nvic;
 mod probe;
-pub mod rtt;
 mod serial;
 mod system;
 mod timer;

@@ -12,6 +12,7 @@ pub mod align;
 pub mod demo;
 pub mod methods;
 pub mod replay;
+pub mod serve;
 pub mod twin;
 pub mod weigh;
 pub mod wires;

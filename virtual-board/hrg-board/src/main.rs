@@ -3,12 +3,15 @@
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_board::weigh;
+use hrg_board::{serve, weigh};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
+use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::{file, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
 
 /// Runs the very ELF that is flashed, on a virtual board.
 #[derive(Parser)]
@@ -51,6 +54,29 @@ enum Command {
         /// Print where the instructions go, function by function.
         #[arg(long)]
         profile: bool,
+    },
+    /// The board live: link and log on pseudo-terminals, for hrg record, monitor, burn and read.
+    ///
+    /// Example: hrg-board serve --recording run.csv --folder out/board --speed 1
+    Serve {
+        /// Recording of raw rates that the unit lives through; by default a simulated chamber run.
+        #[arg(long)]
+        recording: Option<PathBuf>,
+        /// Calibration, put into the unit's flash; by default what the folder's flash.bin holds.
+        #[arg(long)]
+        calibration: Option<PathBuf>,
+        /// Target seconds per second here.
+        #[arg(long, default_value_t = 1.0)]
+        speed: f64,
+        /// Stop after so many target seconds.
+        #[arg(long)]
+        seconds: Option<u64>,
+        /// Folder for the links to the pseudo-terminals, and the flash.
+        #[arg(long, default_value = "out/board")]
+        folder: PathBuf,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
     },
     /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
     ///
@@ -148,6 +174,25 @@ fn run(command: Command) -> Result<()> {
                 weigh::print(&weights);
             }
             return Ok(());
+        }
+        Command::Serve { recording, calibration, speed, seconds, folder, elf } => {
+            if !(0.01..=1000.0).contains(&speed) {
+                return Err(BadInput::new("--speed must lie between 0.01 and 1000").into());
+            }
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            let source = match recording {
+                Some(path) => load_raw(&path)?,
+                None => {
+                    println!("a simulated unit, profile cycle");
+                    Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording
+                }
+            };
+            let calibration = calibration.map(|p| file::load(&p)).transpose()?;
+            let stop = Arc::new(AtomicBool::new(false));
+            let set = stop.clone();
+            ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
+            let options = serve::Options { speed, seconds, folder };
+            return serve::serve(&elf, calibration.as_ref(), &Steps::new(&source)?, &options, &stop);
         }
         Command::AlignDemo { runs, seed, out, table, upf } => {
             let elf = replay::read_elf(&replay::default_elf())?;

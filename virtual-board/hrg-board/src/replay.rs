@@ -3,6 +3,7 @@
 use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
+use hrg_cal::log::Decoder;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
@@ -11,7 +12,6 @@ use hrg_core::calibration::Calibration;
 use hrg_core::status::unit;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use virtual_board::rtt::Decoder;
 use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).

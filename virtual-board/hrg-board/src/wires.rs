@@ -1,6 +1,7 @@
 //! What is on the wires of the board while a recording is played: resonator edges, converter codes, the link.
 
 use crate::twin::Twin;
+use hrg_cal::log::Decoder;
 use hrg_cal::run::Steps;
 use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
 use hrg_core::link::{Deframer, Housekeeping, Message};
@@ -8,8 +9,8 @@ use hrg_core::rate_path::RateFrame;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::VecDeque;
 use std::ops::Range;
-use virtual_board::rtt::Decoder;
 use virtual_board::{World, CPU_HZ};
 
 /// Faults on the wires, by time in seconds.
@@ -50,6 +51,17 @@ pub struct Received {
     pub log: Vec<String>,
 }
 
+/// See [`Wires::live`].
+#[derive(Debug, Default)]
+struct Live {
+    coming: VecDeque<u8>,
+    last: u64,
+    out: Vec<u8>,
+}
+
+/// Cycles that a byte takes on the wire: ten bits at 921600 baud.
+const BYTE_CYCLES: u64 = CPU_HZ * 10 / 921_600;
+
 /// A recording on the wires.
 pub struct Wires {
     steps: Steps,
@@ -69,6 +81,10 @@ pub struct Wires {
     acceleration_carry: [f64; 2],
     frames_out: u32,
     link_at: usize,
+    /// A live link: bytes that wait to come in, and when the last one came; bytes that went out.
+    live: Option<Live>,
+    /// The time, cycles, as far as the wires have been told.
+    now: u64,
     deframer: Deframer,
     decoder: Option<Decoder>,
     /// Compared with; `None` where faults make the unit's own timing matter.
@@ -110,11 +126,32 @@ impl Wires {
             acceleration_carry: [0.0; 2],
             frames_out: 0,
             link_at: 0,
+            live: None,
+            now: 0,
             deframer: Deframer::default(),
             decoder,
             twin,
             received: Received::default(),
         }
+    }
+
+    /// With a link that somebody holds the other end of: see [`hear`](Self::hear) and [`said`](Self::said).
+    #[must_use]
+    pub fn live(mut self) -> Self {
+        self.live = Some(Live::default());
+        self
+    }
+
+    /// Bytes come in on a live link from now on, as fast as the line carries them.
+    pub fn hear(&mut self, bytes: &[u8]) {
+        if let Some(live) = &mut self.live {
+            live.coming.extend(bytes);
+        }
+    }
+
+    /// Bytes that went out on a live link since last asked.
+    pub fn said(&mut self) -> Vec<u8> {
+        self.live.as_mut().map(|l| std::mem::take(&mut l.out)).unwrap_or_default()
     }
 
     /// With faults.
@@ -197,6 +234,7 @@ impl World for Wires {
     }
 
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]> {
+        self.now = cycles;
         let t = cycles as f64 / CPU_HZ as f64;
         if self.faults.silent_converter.as_ref().is_some_and(|w| w.contains(&t)) {
             return None;
@@ -228,6 +266,11 @@ impl World for Wires {
     }
 
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
+        if let Some(live) = &mut self.live {
+            let byte = live.coming.pop_front()?;
+            live.last = (live.last + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
+            return Some((live.last, byte));
+        }
         let (t, byte) = *self.faults.link_in.get(self.link_at)?;
         self.link_at += 1;
         let at = (t * CPU_HZ as f64) as u64;
@@ -255,6 +298,10 @@ impl World for Wires {
     }
 
     fn link_out(&mut self, _: u64, bytes: &[u8]) {
+        if let Some(live) = &mut self.live {
+            live.out.extend_from_slice(bytes);
+            return;
+        }
         for &b in bytes {
             match self.deframer.push(b) {
                 None => {}

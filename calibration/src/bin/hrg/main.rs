@@ -1,5 +1,7 @@
 //! `hrg`: recordings of HRG chamber runs in, coefficients and reports out.
 
+mod chamber;
+
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_cal::align::plant::Plant;
@@ -119,6 +121,61 @@ enum Command {
         #[arg(long)]
         predict: Option<PathBuf>,
         /// Where the report (JSON), or the prediction (CSV), goes.
+        #[arg(long)]
+        out: Option<PathBuf>,
+    },
+    /// Make a recording from a unit as it runs, over its link or from its log.
+    ///
+    /// Example: hrg record --port /dev/ttyUSB0 --out run.csv
+    Record {
+        /// Serial port of the link.
+        #[arg(long, conflicts_with = "defmt", required_unless_present = "defmt")]
+        port: Option<String>,
+        /// The unit's log: lines as probe-rs or defmt-print show them, or the raw stream; - for standard input.
+        #[arg(long)]
+        defmt: Option<PathBuf>,
+        /// The firmware that made a raw stream.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+        /// Name of the unit, where the log does not tell.
+        #[arg(long)]
+        unit: Option<String>,
+        /// Stop after so many rows.
+        #[arg(long)]
+        seconds: Option<u64>,
+        /// Where the recording goes; a file that is there is not overwritten.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Watch a unit: temperatures, rates, biases, status, link, soak, remaining time.
+    ///
+    /// Example: hrg monitor --port /dev/ttyUSB0 --profile cycle
+    Monitor {
+        /// Serial port of the link.
+        #[arg(long)]
+        port: String,
+        /// Chamber profile that runs since power-on, named or written out: for the remaining time.
+        #[arg(long)]
+        profile: Option<String>,
+    },
+    /// Burn a calibration into a unit, read it back and see that the unit runs it.
+    ///
+    /// Example: hrg burn cal.toml --port /dev/ttyUSB0
+    Burn {
+        /// The calibration.
+        calibration: PathBuf,
+        /// Serial port of the link.
+        #[arg(long)]
+        port: String,
+    },
+    /// Read the calibrations in a unit.
+    ///
+    /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
+    Read {
+        /// Serial port of the link.
+        #[arg(long)]
+        port: String,
+        /// Where the block in use goes.
         #[arg(long)]
         out: Option<PathBuf>,
     },
@@ -274,6 +331,16 @@ fn run(command: Command) -> Result<()> {
         Command::Compare { recordings, verify, methods, seed, out, board } => {
             compare_methods(&recordings, &verify, methods, seed, &out, board)
         }
+        Command::Record { port, defmt, elf, unit, seconds, out } => match (port, defmt) {
+            (Some(port), _) => chamber::record_port(&port, &out, seconds),
+            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, unit.as_deref()),
+            (None, None) => Err(BadInput::new("give --port or --defmt").into()),
+        },
+        Command::Monitor { port, profile } => {
+            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?)
+        }
+        Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
+        Command::Read { port, out } => chamber::read(&port, out.as_deref()),
         Command::Align { recording, filter, first_azimuth, seed, out } => {
             let r = align::Recording::load(&recording)?;
             let start = align::Start { azimuth_deg: first_azimuth, seed, ..align::Start::default() };

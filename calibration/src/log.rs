@@ -1,6 +1,6 @@
-//! The debug probe's side of RTT (up channel 0), and the defmt decoder behind it.
+//! The unit's log: what the debug probe reads over RTT, decoded with the format strings in the ELF.
 
-use crate::board::RunError;
+use crate::BadInput;
 use defmt_decoder::{DecodeError, StreamDecoder, Table};
 
 /// Turns the bytes of the log into lines.
@@ -20,10 +20,10 @@ impl Decoder {
     ///
     /// # Errors
     /// Where the ELF has no defmt table of a known version.
-    pub fn new(elf: &[u8]) -> Result<Self, RunError> {
+    pub fn new(elf: &[u8]) -> Result<Self, BadInput> {
         let table = Table::parse(elf)
-            .map_err(|e| RunError::Elf(e.to_string()))?
-            .ok_or_else(|| RunError::Elf("it has no defmt section".into()))?;
+            .map_err(|e| BadInput::new(format!("the ELF holds no log table: {e}")))?
+            .ok_or_else(|| BadInput::new("the ELF has no defmt section; give the firmware's ELF"))?;
         // One decoder a process or a run: the table lives as long.
         let table: &'static Table = Box::leak(Box::new(table));
         Ok(Self { stream: table.new_stream_decoder() })

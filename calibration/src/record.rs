@@ -1,0 +1,261 @@
+//! A recording from a unit as it runs: from housekeeping on the link, or from the log alone. Both give the same rows.
+
+use crate::{BadInput, AXIS_NAMES};
+use anyhow::{Context, Result};
+use hrg_core::link::Housekeeping;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What one second of a recording is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Second {
+    /// Time since power-on, ms.
+    pub time_ms: u32,
+    /// Frequencies, Hz.
+    pub frequency_hz: [f64; 3],
+    /// Mean raw rates, deg/h.
+    pub raw_dph: [f32; 3],
+    /// Temperatures, C.
+    pub temperature_c: [f32; 3],
+    /// Biases, deg/h.
+    pub bias_dph: [f32; 3],
+    /// Status of the axes and the unit.
+    pub status: [u8; 4],
+    /// Checksum of the calibration in use.
+    pub calibration: u32,
+}
+
+impl From<&Housekeeping> for Second {
+    fn from(h: &Housekeeping) -> Self {
+        Self {
+            time_ms: h.time_ms,
+            frequency_hz: h.frequency_hz,
+            raw_dph: h.raw_dph,
+            temperature_c: h.temperature_c,
+            bias_dph: h.bias_dph,
+            status: [h.axis_status[0], h.axis_status[1], h.axis_status[2], h.unit_status],
+            calibration: h.calibration,
+        }
+    }
+}
+
+impl Second {
+    /// Reads a log line, whatever a terminal or `defmt-print` has put before it; `None` if it is not one of a second.
+    #[must_use]
+    pub fn from_log(line: &str) -> Option<Self> {
+        let at = line.find("t=").filter(|at| *at == 0 || line[..*at].ends_with(' '))?;
+        let mut out = Self {
+            time_ms: 0,
+            frequency_hz: [f64::NAN; 3],
+            raw_dph: [f32::NAN; 3],
+            temperature_c: [f32::NAN; 3],
+            bias_dph: [f32::NAN; 3],
+            status: [0; 4],
+            calibration: 0,
+        };
+        fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
+            let values: Vec<T> = text.split(',').map(str::parse).collect::<Result<_, _>>().ok()?;
+            values.try_into().ok()
+        }
+        let mut seen = 0;
+        for token in line[at..].split_whitespace() {
+            let (key, value) = token.split_once('=')?;
+            match key {
+                "t" => out.time_ms = value.parse().ok()?,
+                "f" => out.frequency_hz = three(value)?,
+                "T" => out.temperature_c = three(value)?,
+                "b" => out.bias_dph = three(value)?,
+                "raw" => out.raw_dph = three(value)?,
+                "status" => {
+                    for (to, text) in out.status.iter_mut().zip(value.split(',')) {
+                        *to = u8::from_str_radix(text, 16).ok()?;
+                    }
+                }
+                "cal" => out.calibration = u32::from_str_radix(value, 16).ok()?,
+                _ => continue,
+            }
+            seen += 1;
+        }
+        (seen == 7).then_some(out)
+    }
+}
+
+/// The unit's name in its first log line.
+#[must_use]
+pub fn unit_in_log(line: &str) -> Option<&str> {
+    line.split_once("hrg firmware ")?.1.split_once("unit ")?.1.split(',').next()
+}
+
+/// Seconds without a row that are called a gap.
+const GAP_MS: u32 = 2500;
+
+/// Writes a recording row by row: the file is whole at any moment.
+#[derive(Debug)]
+pub struct Recorder {
+    base: PathBuf,
+    unit: String,
+    file: Option<(std::fs::File, PathBuf)>,
+    last: Option<Second>,
+    power_ons: u32,
+    /// Rows written since the start.
+    pub rows: u64,
+    /// Gaps marked since the start.
+    pub gaps: u64,
+}
+
+impl Recorder {
+    /// Will write to `path`; a unit that is powered on again goes on in `NAME-2.csv` and so on, because a recording is one
+    /// power-on.
+    #[must_use]
+    pub fn new(path: &Path, unit: &str) -> Self {
+        Self { base: path.to_path_buf(), unit: unit.into(), file: None, last: None, power_ons: 0, rows: 0, gaps: 0 }
+    }
+
+    /// The name to put into the next file's head.
+    pub fn set_unit(&mut self, unit: &str) {
+        self.unit = unit.into();
+    }
+
+    /// The file being written.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.file.as_ref().map(|(_, p)| p.as_path())
+    }
+
+    fn open(&mut self, second: &Second) -> Result<()> {
+        self.power_ons += 1;
+        let path = if self.power_ons == 1 {
+            self.base.clone()
+        } else {
+            let stem = self.base.file_stem().unwrap_or_default().to_string_lossy();
+            self.base.with_file_name(format!("{stem}-{}.csv", self.power_ons))
+        };
+        let mut file = std::fs::File::options()
+            .write(true)
+            .create_new(true)
+            .open(&path)
+            .map_err(|e| {
+                BadInput::new(match e.kind() {
+                    std::io::ErrorKind::AlreadyExists => {
+                        format!("{} is there already; move it, or give another name: nothing is overwritten", path.display())
+                    }
+                    _ => format!("cannot write {}: {e}", path.display()),
+                })
+            })?;
+        let mut head = String::new();
+        let _ = writeln!(head, "# hrg-recording: 1\n# unit: {}\n# run: recorded from the unit", self.unit);
+        let _ = writeln!(head, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0", second.calibration);
+        head.push_str("time_s");
+        for (before, after) in [("f", "_hz"), ("rate_", "_dph"), ("temperature_", "_c"), ("bias_", "_dph"), ("status_", "")] {
+            for a in AXIS_NAMES {
+                let _ = write!(head, ",{before}{a}{after}");
+            }
+        }
+        head.push_str(",status_unit\n");
+        file.write_all(head.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
+        self.file = Some((file, path));
+        Ok(())
+    }
+
+    /// Takes a second. Rates are the raw ones, whatever block the unit runs.
+    ///
+    /// # Errors
+    /// Where the file cannot be written (a full disk): what is in it stays.
+    pub fn push(&mut self, second: &Second) -> Result<()> {
+        let before = self.last;
+        if let Some(last) = before {
+            if second.time_ms == last.time_ms {
+                return Ok(());
+            }
+            if second.time_ms < last.time_ms {
+                self.file = None;
+            }
+        }
+        if self.file.is_none() {
+            self.open(second)?;
+        }
+        let mut row = String::new();
+        if let Some(last) = before.filter(|l| second.time_ms > l.time_ms && second.time_ms - l.time_ms > GAP_MS) {
+            self.gaps += 1;
+            let at = |ms: u32| f64::from(ms) / 1000.0;
+            let _ = writeln!(row, "# gap: no data from {} to {} s", at(last.time_ms), at(second.time_ms));
+        }
+        let _ = write!(row, "{}", f64::from(second.time_ms) / 1000.0);
+        let cell = |row: &mut String, v: &dyn std::fmt::Display, there: bool| {
+            let _ = if there { write!(row, ",{v}") } else { write!(row, ",") };
+        };
+        for f in second.frequency_hz {
+            cell(&mut row, &f, f.is_finite());
+        }
+        for v in second.raw_dph.iter().chain(&second.temperature_c).chain(&second.bias_dph) {
+            cell(&mut row, v, v.is_finite());
+        }
+        for s in second.status {
+            let _ = write!(row, ",{s}");
+        }
+        row.push('\n');
+        if let Some((file, path)) = &mut self.file {
+            // One write a row: a row is there whole, or not at all.
+            file.write_all(row.as_bytes())
+                .with_context(|| format!("cannot write {}; what is in it stays", path.display()))?;
+        }
+        self.rows += 1;
+        self.last = Some(*second);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn second(time_ms: u32) -> Second {
+        Second {
+            time_ms,
+            frequency_hz: [4898.626, f64::NAN, 4702.343],
+            raw_dph: [1.5, -2.25, f32::NAN],
+            temperature_c: [6.3, 4.9, 5.0],
+            bias_dph: [0.125, 0.0, -1.0],
+            status: [0, 8, 0, 1],
+            calibration: 0xDEAD_BEEF,
+        }
+    }
+
+    #[test]
+    fn a_log_line_is_the_second_that_it_says() {
+        let text = "0.98 INFO  t=78000 f=4898.626,NaN,4702.343 T=6.3,4.9,5 dT=0,1,-1 b=0.125,0,-1 raw=1.5,-2.25,NaN status=00,08,00,01 cal=deadbeef no=3 made=0 mode=0";
+        let s = Second::from_log(text).expect("a second");
+        assert_eq!(format!("{s:?}"), format!("{:?}", second(78_000)));
+        for broken in ["", "boot", &text[..80], "t=abc f=1,2,3", &text.replace("f=", "g=")] {
+            assert!(Second::from_log(broken).is_none(), "{broken}");
+        }
+        let boot = "INFO  hrg firmware 0.1.0: unit HRG-7, calibration deadbeef no. 3, status 00";
+        assert_eq!(unit_in_log(boot), Some("HRG-7"));
+    }
+
+    #[test]
+    fn gaps_are_marked_power_ons_parted_and_nothing_overwritten() {
+        let folder = std::env::temp_dir().join(format!("hrg-record-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let path = folder.join("run.csv");
+        let mut r = Recorder::new(&path, "HRG-7");
+        for k in (1..200).chain(260..400) {
+            r.push(&second(k * 1000)).expect("written");
+        }
+        r.push(&second(399_000)).expect("a repeated second is one");
+        for k in 1..200 {
+            r.push(&second(k * 1000)).expect("written");
+        }
+        assert_eq!((r.rows, r.gaps), (199 + 140 + 199, 1));
+        let text = std::fs::read_to_string(&path).expect("there");
+        assert!(text.contains("# gap: no data from 199 to 260 s"));
+        let again = crate::recording::Recording::parse(text.as_bytes()).expect("a recording");
+        assert_eq!((again.time_s.len(), again.unit()), (339, "HRG-7"));
+        assert!(again.notes.iter().all(|n| n.contains("missing")), "{:?}", again.notes);
+        assert!(folder.join("run-2.csv").exists());
+        let e = Recorder::new(&path, "HRG-7").push(&second(1000)).expect_err("refused");
+        assert!(e.to_string().contains("is there already"), "{e}");
+    }
+}

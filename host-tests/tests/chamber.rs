@@ -1,0 +1,238 @@
+//! A chamber day against the virtual board: record, burn, read back, lose the power.
+
+use hrg_board::replay::{self, CALIBRATION_A};
+use hrg_board::serve;
+use hrg_board::wires::Wires;
+use hrg_cal::log::Decoder;
+use hrg_cal::record::{Recorder, Second};
+use hrg_cal::recording::Recording;
+use hrg_cal::run::Steps;
+use hrg_cal::simulate::{Plan, Profile};
+use hrg_cal::unit::Unit;
+use hrg_core::calibration::Calibration;
+use hrg_core::link::{Deframer, Message};
+use hrg_core::maintenance::{Answer, Command, Reply, CHUNK};
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use virtual_board::{Board, CPU_HZ};
+
+fn elf() -> Vec<u8> {
+    replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
+}
+
+fn folder(name: &str) -> PathBuf {
+    let p = std::env::temp_dir().join(format!("hrg-chamber-{}-{name}", std::process::id()));
+    let _ = std::fs::remove_dir_all(&p);
+    std::fs::create_dir_all(&p).expect("a temporary folder");
+    p
+}
+
+fn steps() -> Steps {
+    Steps::new(&Plan::of(Profile::parse("cycle").expect("named"), 2, 3).simulate().recording).expect("long enough")
+}
+
+fn block(sequence: u32, constant: f32) -> Calibration {
+    let mut c = Calibration::uncalibrated();
+    c.set_unit_name("HRG-7");
+    c.calibrated = true;
+    c.created_unix_s = 1_795_219_200;
+    c.sequence = sequence;
+    for a in &mut c.axes {
+        a.coefficients = hrg_core::bias::Coefficients::One([constant, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+    c
+}
+
+#[test]
+fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice() {
+    let d = folder("burn");
+    let (elf, steps) = (elf(), steps());
+    let options = serve::Options { speed: 12.0, seconds: None, folder: d.clone() };
+    let link = d.join("link").display().to_string();
+    let power = |work: &dyn Fn()| {
+        let stop = AtomicBool::new(false);
+        std::thread::scope(|s| {
+            let board = s.spawn(|| serve::serve(&elf, None, &steps, &options, &stop));
+            while !d.join("link").exists() {
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            work();
+            stop.store(true, Ordering::Relaxed);
+            board.join().expect("no panic").expect("the board runs");
+        });
+    };
+    power(&|| {
+        let mut unit = Unit::open(&link).expect("a port");
+        assert_eq!(&unit.identity().expect("answers").unit[..7], b"default");
+        let after = unit.burn(&block(0, 1.5), |_| {}).expect("burnt");
+        assert_eq!(after.sequence, 1);
+        let wrong = Calibration { unit: *b"HRG-8\0\0\0\0\0\0\0\0\0\0\0", ..block(0, 2.0) };
+        let e = unit.burn(&wrong, |_| {}).expect_err("refused").to_string();
+        assert!(e.contains("HRG-8") && e.contains("nothing was written"), "{e}");
+        let e = unit.burn(&Calibration::uncalibrated(), |_| {}).expect_err("refused").to_string();
+        assert!(e.contains("HRG-7") || e.contains("no calibration"), "{e}");
+        assert_eq!(unit.burn(&block(0, 2.5), |_| {}).expect("burnt").sequence, 2);
+    });
+    power(&|| {
+        let mut unit = Unit::open(&link).expect("a port");
+        let (identity, sectors) = unit.read().expect("readable");
+        assert_eq!(identity.sequence, 2);
+        let [a, b] = sectors.map(|s| s.expect("both hold a block"));
+        assert_eq!((a, b), (block(1, 1.5), block(2, 2.5)));
+        // A recording of the unit, with the block applied: its rates are the raw ones all the same.
+        let mut recorder = Recorder::new(&d.join("run.csv"), "HRG-7");
+        while recorder.rows < 200 {
+            if let Some(Message::Housekeeping(h)) = unit.next(Duration::from_secs(2)).expect("the port is there") {
+                if h.step > 3 {
+                    assert_eq!((h.bias_dph[0], h.sequence, h.created_unix_s), (2.5, 2, 1_795_219_200));
+                }
+                recorder.push(&Second::from(&h)).expect("written");
+            }
+        }
+    });
+    let r = Recording::load(&d.join("run.csv")).expect("a recording");
+    assert!(!r.corrected() && r.unit() == "HRG-7" && r.time_s.len() == 200);
+    for k in 10..200 {
+        let at = (r.time_s[k] - 1.0) as usize;
+        // The means of the rate path end 50 ms after the second.
+        let expected = 0.95 * steps.rate_dph[0][at] + 0.05 * steps.rate_dph[0][at + 1];
+        assert!((r.rate_dph[0][k] - expected).abs() < 0.01, "row {k}: {} for {expected}", r.rate_dph[0][k]);
+    }
+}
+
+/// The other end of a live link, in step with the board.
+struct Host {
+    board: Board<Wires>,
+    deframer: Deframer,
+}
+
+impl Host {
+    fn new(elf: &[u8], old: &Calibration) -> Self {
+        let wires = Wires::new(steps(), [0.01; 3], 0.0, 1, None, Some(Decoder::new(elf).expect("a table"))).live();
+        let mut board = Board::new(elf, wires).expect("a board");
+        board.write_flash(CALIBRATION_A, &old.to_bytes().expect("fits")).expect("in flash");
+        board.run_until(CPU_HZ / 10).expect("runs");
+        Self { board, deframer: Deframer::default() }
+    }
+
+    fn send(&mut self, m: &Message) {
+        self.board.world.hear(&m.encode());
+        self.board.poll_link();
+    }
+
+    /// Runs until an answer that fits comes, or the board stops at the instruction that it was told to.
+    fn ask<T>(&mut self, m: &Message, pick: impl Fn(&Message) -> Option<T>) -> Option<T> {
+        self.send(m);
+        for _ in 0..500 {
+            let at = self.board.now() + CPU_HZ / 100;
+            if self.board.run_until(at).expect("runs") == virtual_board::Stop::Instruction {
+                return None;
+            }
+            for byte in self.board.world.said() {
+                if let Some(Ok(m)) = self.deframer.push(byte) {
+                    if let Some(t) = pick(&m) {
+                        return Some(t);
+                    }
+                }
+            }
+        }
+        panic!("no answer to {m:?}");
+    }
+
+    fn maintain(&mut self, c: Command) -> Option<Reply> {
+        self.ask(&Message::Maintain(c), |m| match m {
+            Message::Maintained(r) => Some(*r),
+            _ => None,
+        })
+    }
+
+    /// Burns; `false` if the board stopped on the way.
+    fn burn(&mut self, c: &Calibration) -> bool {
+        let bytes = c.to_bytes().expect("fits");
+        let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
+        for (k, piece) in bytes.chunks(CHUNK).enumerate() {
+            let mut data = [0; CHUNK];
+            data[..piece.len()].copy_from_slice(piece);
+            commands.push(Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data });
+        }
+        commands.push(Command::End);
+        for c in commands {
+            match self.maintain(c) {
+                Some(Reply::Answer(Answer::Done, _)) => {}
+                None => return false,
+                Some(other) => panic!("{c:?}: {other:?}"),
+            }
+        }
+        true
+    }
+
+    fn running(&mut self) -> u32 {
+        // The unit must be up to hear.
+        let up = self.board.now() + CPU_HZ / 10;
+        self.board.run_until(up).expect("runs");
+        let identity = self.ask(&Message::Identify, |m| match m {
+            Message::Identity(i) => Some(*i),
+            _ => None,
+        });
+        identity.expect("it runs").calibration
+    }
+}
+
+#[test]
+fn a_power_cut_while_burning_leaves_the_old_or_the_new_block() {
+    let elf = elf();
+    let (old, new) = (block(1, 1.0), block(2, 2.0));
+    let mut host = Host::new(&elf, &old);
+    let before = host.board.instructions();
+    assert!(host.burn(&new));
+    let whole = host.board.instructions() - before;
+    host.board.power_cut().expect("restarts");
+    host.deframer = Deframer::default();
+    assert_eq!(host.running(), new.checksum());
+    let mut seen = [0; 2];
+    for k in 0..40u64 {
+        let mut host = Host::new(&elf, &old);
+        let at = host.board.instructions() + whole * (2 * k + 1) / 80;
+        host.board.stop_at_instruction(at);
+        let done = host.burn(&new);
+        host.board.stop_at_instruction(u64::MAX);
+        host.board.power_cut().expect("restarts");
+        let _ = host.board.world.said();
+        host.deframer = Deframer::default();
+        let running = host.running();
+        assert!(running == old.checksum() || running == new.checksum(), "cut {k}: {running:08x}");
+        assert!(!done || running == new.checksum());
+        seen[usize::from(running == new.checksum())] += 1;
+    }
+    println!("cut at 40 moments of a burn of {whole} instructions: {} old, {} new, 0 neither", seen[0], seen[1]);
+    assert!(seen[0] > 0 && seen[1] > 0);
+}
+
+#[test]
+fn the_log_alone_gives_the_same_recording_as_the_link() {
+    let elf = elf();
+    let d = folder("log");
+    let steps = steps();
+    let options = replay::Options { seconds: Some(60), compare: false, ..replay::Options::default() };
+    let outcome = replay::run(&elf, Some(&block(1, 0.5)), &steps, &options, |_| {}).expect("runs");
+    let mut from_link = Recorder::new(&d.join("link.csv"), "HRG-7");
+    for h in &outcome.received.housekeeping {
+        from_link.push(&Second::from(h)).expect("written");
+    }
+    let mut from_log = Recorder::new(&d.join("log.csv"), "?");
+    for line in &outcome.received.log {
+        if let Some(name) = hrg_cal::record::unit_in_log(line) {
+            from_log.set_unit(name);
+        }
+        if let Some(s) = Second::from_log(line) {
+            from_log.push(&s).expect("written");
+        }
+    }
+    let read = |name: &str| std::fs::read_to_string(d.join(name)).expect("there");
+    // The last second may be on one way and not yet on the other.
+    let (a, b) = (read("link.csv"), read("log.csv"));
+    let lines = a.lines().count().min(b.lines().count());
+    assert!(lines > 60, "{lines} lines");
+    assert!(a.lines().take(lines).eq(b.lines().take(lines)));
+}

@@ -1,0 +1,409 @@
+//! Maintenance mode: a calibration into the unit over the link.
+//!
+//! # Two sectors, newest valid wins
+//! A block is only ever written into the sector that is *not* in use, and counts only once its checksum, which comes last,
+//! is whole ([`crate::calibration::newest`]). So a power cut at any moment leaves the old block or the new one, never
+//! neither. The sequence number counts burns; each sector has been erased half as often.
+//!
+//! # Who may write
+//! Nothing is obeyed before [`Command::Open`] has named the unit as its block names it. A build with the firmware's feature
+//! `locked` refuses that too. Chunks come in order; one that is repeated (its answer was lost) is answered again and
+//! not written twice.
+
+use crate::calibration::{Calibration, MAX_BYTES};
+
+/// Bytes of a chunk.
+pub const CHUNK: usize = 128;
+
+/// The two calibration sectors.
+pub trait Store {
+    /// Erases a sector (0 or 1). `false`: it failed.
+    fn erase(&mut self, sector: u8) -> bool;
+    /// Programs bytes at an offset; both multiples of four. `false`: it failed.
+    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool;
+    /// Reads bytes at an offset. `false`: it failed.
+    fn read(&mut self, sector: u8, offset: u16, bytes: &mut [u8]) -> bool;
+}
+
+/// What the host may ask.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Enter maintenance mode; names the unit.
+    Open([u8; 16]),
+    /// Leave it.
+    Close,
+    /// A block of so many bytes will come: erases the sector that is not in use.
+    Begin(u16),
+    /// A piece of it.
+    Chunk {
+        /// Offset in the block.
+        offset: u16,
+        /// Bytes in use.
+        length: u8,
+        /// The bytes.
+        data: [u8; CHUNK],
+    },
+    /// The block is whole: check it where it lies.
+    End,
+    /// Read a piece of a sector (0 or 1).
+    Read {
+        /// Sector.
+        sector: u8,
+        /// Offset.
+        offset: u16,
+    },
+    /// Start anew, with the newest block.
+    Restart,
+}
+
+/// How a command went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Answer {
+    /// Done.
+    Done = 0,
+    /// Maintenance mode is not open.
+    NotOpen = 1,
+    /// The name is that of another unit.
+    OtherUnit = 2,
+    /// The build is locked.
+    Locked = 3,
+    /// A length that no block has.
+    Length = 4,
+    /// A chunk that does not follow the one before.
+    Order = 5,
+    /// The flash could not be written or read.
+    Flash = 6,
+    /// What was written is not a valid block of this unit.
+    Block = 7,
+    /// The block is not newer than the one in use: it would never be used.
+    NotNewer = 8,
+}
+
+impl Answer {
+    /// The answer with a number.
+    #[must_use]
+    pub fn from_number(n: u8) -> Option<Self> {
+        use Answer as A;
+        [
+            A::Done,
+            A::NotOpen,
+            A::OtherUnit,
+            A::Locked,
+            A::Length,
+            A::Order,
+            A::Flash,
+            A::Block,
+            A::NotNewer,
+        ]
+        .into_iter()
+        .find(|a| *a as u8 == n)
+    }
+}
+
+impl core::fmt::Display for Answer {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(match self {
+            Self::Done => "done",
+            Self::NotOpen => "maintenance mode is not open",
+            Self::OtherUnit => "the unit has another name",
+            Self::Locked => "the firmware is built without maintenance mode",
+            Self::Length => "no block is as long as that",
+            Self::Order => "a chunk does not follow the one before",
+            Self::Flash => "the flash could not be written",
+            Self::Block => "what was written is not a valid block of this unit",
+            Self::NotNewer => "the block is not newer than the one in use",
+        })
+    }
+}
+
+/// What goes back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reply {
+    /// How it went, and a number: the next offset after a chunk, the block's checksum at its end.
+    Answer(Answer, u32),
+    /// A piece of a sector.
+    Data {
+        /// Sector.
+        sector: u8,
+        /// Offset.
+        offset: u16,
+        /// The bytes.
+        data: [u8; CHUNK],
+    },
+}
+
+/// The mode's state.
+#[derive(Debug)]
+pub struct Maintenance {
+    unit: [u8; 16],
+    /// The sector in use; `None`: neither holds a valid block.
+    in_use: Option<u8>,
+    sequence: u32,
+    locked: bool,
+    open: bool,
+    /// Length of the block that comes, and what is there of it.
+    coming: Option<(u16, u16)>,
+    buffer: [u8; MAX_BYTES],
+}
+
+impl Maintenance {
+    /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its sector.
+    #[must_use]
+    pub const fn new(unit: [u8; 16], sequence: u32, in_use: Option<u8>, locked: bool) -> Self {
+        Self { unit, in_use, sequence, locked, open: false, coming: None, buffer: [0; MAX_BYTES] }
+    }
+
+    /// Whether a calibration may be written now.
+    #[must_use]
+    pub fn open(&self) -> bool {
+        self.open
+    }
+
+    fn other_sector(&self) -> u8 {
+        match self.in_use {
+            Some(0) => 1,
+            _ => 0,
+        }
+    }
+
+    /// Obeys a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
+    pub fn command(&mut self, command: &Command, store: &mut impl Store) -> Reply {
+        let (answer, value) = match command {
+            Command::Open(name) => {
+                let answer = if self.locked {
+                    Answer::Locked
+                } else if *name == self.unit {
+                    self.open = true;
+                    self.coming = None;
+                    Answer::Done
+                } else {
+                    Answer::OtherUnit
+                };
+                (answer, self.sequence)
+            }
+            _ if !self.open => (Answer::NotOpen, 0),
+            Command::Close => {
+                self.open = false;
+                self.coming = None;
+                (Answer::Done, 0)
+            }
+            Command::Begin(length) => {
+                self.coming = None;
+                if !(12..=MAX_BYTES).contains(&usize::from(*length)) {
+                    (Answer::Length, 0)
+                } else if store.erase(self.other_sector()) {
+                    self.coming = Some((*length, 0));
+                    (Answer::Done, 0)
+                } else {
+                    (Answer::Flash, 0)
+                }
+            }
+            Command::Chunk { offset, length, data } => self.chunk(*offset, *length, data, store),
+            Command::End => self.end(store),
+            Command::Read { sector, offset } => {
+                let mut data = [0; CHUNK];
+                if *sector < 2 && usize::from(*offset) + CHUNK <= MAX_BYTES && store.read(*sector, *offset, &mut data) {
+                    return Reply::Data { sector: *sector, offset: *offset, data };
+                }
+                (Answer::Flash, 0)
+            }
+            Command::Restart => (Answer::Done, 0),
+        };
+        Reply::Answer(answer, value)
+    }
+
+    fn chunk(&mut self, offset: u16, length: u8, data: &[u8; CHUNK], store: &mut impl Store) -> (Answer, u32) {
+        let Some((total, next)) = self.coming else {
+            return (Answer::Order, 0);
+        };
+        let end = u32::from(offset) + u32::from(length);
+        let repeated = end == u32::from(next) && offset < next;
+        if repeated {
+            return (Answer::Done, u32::from(next));
+        }
+        let n = usize::from(length);
+        // All chunks but the last are of whole words.
+        let last = end == u32::from(total);
+        if offset != next || n == 0 || n > CHUNK || end > u32::from(total) || !(last || n % 4 == 0) {
+            return (Answer::Order, u32::from(next));
+        }
+        let mut padded = [0xFF; CHUNK];
+        padded[..n].copy_from_slice(&data[..n]);
+        if !store.write(self.other_sector(), offset, &padded[..n.next_multiple_of(4)]) {
+            self.coming = None;
+            return (Answer::Flash, 0);
+        }
+        self.coming = Some((total, end as u16));
+        (Answer::Done, end)
+    }
+
+    fn end(&mut self, store: &mut impl Store) -> (Answer, u32) {
+        match self.coming {
+            Some((total, next)) if total == next => {}
+            _ => return (Answer::Order, 0),
+        }
+        let sector = self.other_sector();
+        if !store.read(sector, 0, &mut self.buffer) {
+            return (Answer::Flash, 0);
+        }
+        let Ok(block) = Calibration::from_bytes(&self.buffer) else {
+            return (Answer::Block, 0);
+        };
+        // A unit that was never calibrated takes its name from its first block.
+        if block.unit != self.unit && self.in_use.is_some() {
+            return (Answer::Block, 0);
+        }
+        if self.in_use.is_some() && block.sequence.wrapping_sub(self.sequence) as i32 <= 0 {
+            return (Answer::NotNewer, 0);
+        }
+        self.coming = None;
+        (Answer::Done, block.checksum())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::calibration::newest;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Flash with a power cut after so many operations: a word programmed or a sector erased is one.
+    struct Memory {
+        sectors: [Vec<u8>; 2],
+        left: u32,
+    }
+
+    impl Memory {
+        fn spend(&mut self) -> bool {
+            self.left = self.left.saturating_sub(1);
+            self.left > 0
+        }
+    }
+
+    impl Store for Memory {
+        fn erase(&mut self, sector: u8) -> bool {
+            if !self.spend() {
+                // Torn: half of it erased.
+                let n = self.sectors[usize::from(sector)].len() / 2;
+                self.sectors[usize::from(sector)][..n].fill(0xFF);
+                return false;
+            }
+            self.sectors[usize::from(sector)].fill(0xFF);
+            true
+        }
+        fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
+            for (k, word) in bytes.chunks(4).enumerate() {
+                if !self.spend() {
+                    return false;
+                }
+                let at = usize::from(offset) + 4 * k;
+                for (to, from) in self.sectors[usize::from(sector)][at..at + 4].iter_mut().zip(word) {
+                    *to &= from;
+                }
+            }
+            true
+        }
+        fn read(&mut self, sector: u8, offset: u16, bytes: &mut [u8]) -> bool {
+            let at = usize::from(offset);
+            bytes.copy_from_slice(&self.sectors[usize::from(sector)][at..at + bytes.len()]);
+            true
+        }
+    }
+
+    fn block(sequence: u32) -> Calibration {
+        let mut c = Calibration::uncalibrated();
+        c.set_unit_name("HRG-7");
+        c.calibrated = true;
+        c.sequence = sequence;
+        c
+    }
+
+    fn burn(m: &mut Maintenance, store: &mut Memory, c: &Calibration) -> Answer {
+        let bytes = c.to_bytes().expect("fits");
+        let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
+        for (k, piece) in bytes.chunks(CHUNK).enumerate() {
+            let mut data = [0; CHUNK];
+            data[..piece.len()].copy_from_slice(piece);
+            commands.push(Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data });
+        }
+        commands.push(Command::End);
+        for command in &commands {
+            match m.command(command, store) {
+                Reply::Answer(Answer::Done, _) => {}
+                Reply::Answer(answer, _) => return answer,
+                Reply::Data { .. } => unreachable!("nothing was read"),
+            }
+        }
+        Answer::Done
+    }
+
+    #[test]
+    fn a_cut_at_every_operation_leaves_the_old_or_the_new_block() {
+        let old = block(5);
+        let new = block(6);
+        for in_use in [0u8, 1] {
+            let mut finished = false;
+            for left in 1..10_000 {
+                let mut sectors = [vec![0xFF; 4096], vec![0xFF; 4096]];
+                let bytes = old.to_bytes().expect("fits");
+                sectors[usize::from(in_use)][..bytes.len()].copy_from_slice(&bytes);
+                // The other sector holds an older block still.
+                let older = block(4).to_bytes().expect("fits");
+                sectors[usize::from(1 - in_use)][..older.len()].copy_from_slice(&older);
+                let mut store = Memory { sectors, left };
+                let mut m = Maintenance::new(old.unit, old.sequence, Some(in_use), false);
+                let answer = burn(&mut m, &mut store, &new);
+                let (found, sector) = newest(&store.sectors[0], &store.sectors[1]).expect("always one");
+                if answer == Answer::Done {
+                    assert_eq!((found, sector), (new.clone(), usize::from(1 - in_use)));
+                    finished = true;
+                    break;
+                }
+                assert!(found == old || found == new, "cut after {left} operations: no. {}", found.sequence);
+            }
+            assert!(finished);
+        }
+    }
+
+    #[test]
+    fn nothing_is_done_for_strangers_or_in_disorder() {
+        let mut store = Memory { sectors: [vec![0xAA; 4096], vec![0xAA; 4096]], left: u32::MAX };
+        let untouched = store.sectors.clone();
+        let mut m = Maintenance::new(block(3).unit, 3, Some(0), false);
+        let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
+            Reply::Answer(a, _) => a,
+            Reply::Data { .. } => Answer::Done,
+        };
+        assert_eq!(said(&mut m, &mut store, Command::Begin(500)), Answer::NotOpen);
+        assert_eq!(said(&mut m, &mut store, Command::Restart), Answer::NotOpen);
+        assert_eq!(said(&mut m, &mut store, Command::Open([b'?'; 16])), Answer::OtherUnit);
+        assert_eq!(said(&mut m, &mut store, Command::Read { sector: 0, offset: 0 }), Answer::NotOpen);
+        let mut locked = Maintenance::new(block(3).unit, 3, Some(0), true);
+        assert_eq!(said(&mut locked, &mut store, Command::Open(block(3).unit)), Answer::Locked);
+        assert_eq!(said(&mut m, &mut store, Command::Open(block(3).unit)), Answer::Done);
+        for length in [0, 11, MAX_BYTES as u16 + 1, u16::MAX] {
+            assert_eq!(said(&mut m, &mut store, Command::Begin(length)), Answer::Length);
+        }
+        let chunk = |offset, length| Command::Chunk { offset, length, data: [0; CHUNK] };
+        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Order);
+        assert_eq!(store.sectors, untouched);
+        assert_eq!(said(&mut m, &mut store, Command::Begin(300)), Answer::Done);
+        assert_eq!(said(&mut m, &mut store, chunk(4, 128)), Answer::Order);
+        assert_eq!(said(&mut m, &mut store, chunk(0, 127)), Answer::Order, "not of whole words");
+        assert_eq!(said(&mut m, &mut store, chunk(0, 255)), Answer::Order);
+        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done);
+        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done, "repeated");
+        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Order, "not whole");
+        assert_eq!(said(&mut m, &mut store, chunk(128, 128)), Answer::Done);
+        assert_eq!(said(&mut m, &mut store, chunk(256, 44)), Answer::Done);
+        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Block, "zeros are no block");
+        assert_eq!(store.sectors[0], untouched[0], "the sector in use is never touched");
+        assert_eq!(burn(&mut m, &mut store, &block(3)), Answer::NotNewer);
+        let mut stranger = block(9);
+        stranger.set_unit_name("HRG-8");
+        assert_eq!(burn(&mut m, &mut store, &stranger), Answer::OtherUnit);
+    }
+}

@@ -1,0 +1,124 @@
+//! The virtual board live: its link and its log on pseudo-terminals, in real or scaled time.
+
+use crate::replay::CALIBRATION_A;
+use crate::wires::{Received, Wires};
+use anyhow::{Context, Result};
+use hrg_cal::log::Decoder;
+use hrg_cal::run::Steps;
+use hrg_core::calibration::Calibration;
+use serialport::{SerialPort, TTYPort};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+use virtual_board::{Board, Stop, CPU_HZ};
+
+/// What to serve.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Target seconds per second here.
+    pub speed: f64,
+    /// Stop after so many target seconds.
+    pub seconds: Option<u64>,
+    /// Folder for the links `link` and `log` to the pseudo-terminals, and for the flash that stays when the board is off.
+    pub folder: PathBuf,
+}
+
+/// Calibration sectors, as offsets in flash.
+const SECTORS: [u32; 2] = [CALIBRATION_A, 0x6_0000];
+const SECTOR: usize = 0x2_0000;
+/// The board runs in slices of this.
+const SLICE: Duration = Duration::from_millis(20);
+
+/// A pseudo-terminal: our end, and the other end held open so that readers may come and go.
+struct Pty {
+    ours: TTYPort,
+    _theirs: TTYPort,
+}
+
+impl Pty {
+    fn new(link: &Path) -> Result<Self> {
+        let (mut ours, theirs) = TTYPort::pair().context("no pseudo-terminal is to be had")?;
+        ours.set_timeout(Duration::ZERO)?;
+        let name = theirs.name().context("the pseudo-terminal has no name")?;
+        let _ = std::fs::remove_file(link);
+        std::os::unix::fs::symlink(&name, link).with_context(|| format!("cannot make {}", link.display()))?;
+        println!("{} -> {name}", link.display());
+        Ok(Self { ours, _theirs: theirs })
+    }
+
+    /// Writes as much as there is room for: who does not read loses it, as on a wire.
+    fn write(&mut self, mut bytes: &[u8]) {
+        while !bytes.is_empty() {
+            match self.ours.write(bytes) {
+                Ok(n) if n > 0 => bytes = &bytes[n..],
+                _ => return,
+            }
+        }
+    }
+}
+
+/// Runs the board until `stop` is set, the time is over, or the recording ends.
+///
+/// # Errors
+/// Where there is no pseudo-terminal, or the firmware does what the board does not model.
+pub fn serve(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, options: &Options, stop: &AtomicBool) -> Result<()> {
+    std::fs::create_dir_all(&options.folder).with_context(|| format!("cannot make {}", options.folder.display()))?;
+    let mut link = Pty::new(&options.folder.join("link"))?;
+    let mut log = Pty::new(&options.folder.join("log"))?;
+    let flash = options.folder.join("flash.bin");
+    let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
+    let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
+    let wires = Wires::new(steps.clone(), scale, 20e-9, 1, None, Some(Decoder::new(elf)?)).live();
+    let mut board = Board::new(elf, wires)?;
+    match (calibration, std::fs::read(&flash)) {
+        (Some(c), _) => board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit a block")?)?,
+        (None, Ok(image)) if image.len() == 2 * SECTOR => {
+            for (k, at) in SECTORS.iter().enumerate() {
+                board.write_flash(*at, &image[k * SECTOR..(k + 1) * SECTOR])?;
+            }
+            println!("{}: flash as it was when the board was last on", flash.display());
+        }
+        _ => {}
+    }
+    let end = options.seconds.unwrap_or(u64::MAX).min(steps.len() as u64) * CPU_HZ;
+    let per_slice = (SLICE.as_secs_f64() * options.speed * CPU_HZ as f64) as u64;
+    let mut due = Instant::now();
+    let mut buffer = [0; 512];
+    println!("running; Ctrl-C ends it");
+    while !stop.load(Ordering::Relaxed) && board.now() < end {
+        loop {
+            match link.ours.read(&mut buffer) {
+                Ok(n) if n > 0 => board.world.hear(&buffer[..n]),
+                _ => break,
+            }
+        }
+        board.poll_link();
+        let target = board.now() + per_slice;
+        while board.run_until(target)? != Stop::Time {
+            println!("the unit was reset (watchdog or restart)");
+        }
+        link.write(&board.world.said());
+        for line in board.world.received.log.drain(..) {
+            log.write(format!("{line}\r\n").as_bytes());
+        }
+        // What has gone out is nobody's to keep: a board may be on for days.
+        board.world.received = Received::default();
+        due += SLICE;
+        match due.checked_duration_since(Instant::now()) {
+            Some(wait) => std::thread::sleep(wait),
+            // Slower than asked for: it goes on as fast as it can.
+            None => due = Instant::now(),
+        }
+    }
+    let mut image = vec![0; 2 * SECTOR];
+    for (k, at) in SECTORS.iter().enumerate() {
+        board.read_memory(virtual_board::FLASH_START + at, &mut image[k * SECTOR..(k + 1) * SECTOR])?;
+    }
+    hrg_cal::write_file(&flash, &image)?;
+    for name in ["link", "log"] {
+        let _ = std::fs::remove_file(options.folder.join(name));
+    }
+    println!("off after {:.0} s of target time; {} holds its flash", board.now() as f64 / CPU_HZ as f64, flash.display());
+    Ok(())
+}
