@@ -12,6 +12,7 @@
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
+//! | Allan deviation | [`allan`] |
 //! | self-alignment | [`align`] |
 //! | a unit on a port; recordings from it; its log; its screen | [`unit`], [`record`], [`log`], [`monitor`] |
 //! | pictures | [`plot`] |
@@ -20,6 +21,7 @@
 #![forbid(unsafe_code)]
 
 pub mod align;
+pub mod allan;
 pub mod file;
 pub mod fit;
 pub mod lag;

@@ -116,7 +116,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                         s.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty()).enumerate()
                     {
                         let drawn = chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
-                        if part == 0 {
+                        if part == 0 && !s.label.is_empty() {
                             drawn
                                 .label(&s.label)
                                 .legend(move |(x, y)| PathElement::new([(x, y), (x + 20, y)], colour.stroke_width(2)));
@@ -124,7 +124,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                     }
                 }
             }
-            if panel.series.len() > 1 {
+            if panel.series.iter().filter(|s| !s.label.is_empty()).count() > 1 {
                 chart
                     .configure_series_labels()
                     .position(if panel.log { SeriesLabelPosition::UpperRight } else { SeriesLabelPosition::UpperLeft })

@@ -50,6 +50,28 @@ pub struct Recording {
 const FROM_UNIT: [&str; 5] = ["temperature_", "bias_", "status_", "raw_", "corrected_"];
 
 impl Recording {
+    /// Rates on an even grid of the recording's own step, and that step in s; NaN where no row stands.
+    #[must_use]
+    pub fn even_rates(&self) -> ([Vec<f64>; 3], f64) {
+        let step = self.step_s();
+        let (first, last) = match (self.time_s.first(), self.time_s.last()) {
+            (Some(a), Some(b)) if step > 0.0 => (*a, *b),
+            _ => return (Default::default(), 1.0),
+        };
+        // A file whose times leap over years is not worth a grid of them.
+        let n = (((last - first) / step).round() as usize + 1).min(20 * self.time_s.len() + 1);
+        let mut out = [0, 1, 2].map(|_| vec![f64::NAN; n]);
+        for (k, t) in self.time_s.iter().enumerate() {
+            let at = ((t - first) / step).round() as usize;
+            for (axis, rates) in out.iter_mut().zip(&self.rate_dph) {
+                if let Some(to) = axis.get_mut(at) {
+                    *to = rates[k];
+                }
+            }
+        }
+        (out, step)
+    }
+
     /// A metadata value.
     #[must_use]
     pub fn meta(&self, key: &str) -> Option<&str> {

@@ -71,54 +71,9 @@ pub fn quantile(values: &[f64], p: f64) -> f64 {
     low + (high - low) * (at - at.floor())
 }
 
-/// Overlapping Allan deviation of rate samples `step_s` apart, at octaves of averaging time: (tau s, deviation).
-/// Missing values are bridged with the mean.
-#[must_use]
-pub fn allan(values: &[f64], step_s: f64) -> Vec<(f64, f64)> {
-    let m = mean(values);
-    let mut angle = Vec::with_capacity(values.len() + 1);
-    let mut sum = 0.0;
-    angle.push(0.0);
-    for v in values {
-        sum += (if v.is_finite() { *v } else { m }) * step_s;
-        angle.push(sum);
-    }
-    let mut out = Vec::new();
-    let mut n = 1;
-    while 3 * n < angle.len() {
-        let tau = n as f64 * step_s;
-        let mut s = 0.0;
-        let count = angle.len() - 2 * n;
-        for k in 0..count {
-            let d = angle[k + 2 * n] - 2.0 * angle[k + n] + angle[k];
-            s += d * d;
-        }
-        out.push((tau, (s / (2.0 * count as f64)).sqrt() / tau));
-        n *= 2;
-    }
-    out
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn allan_of_white_noise_falls_with_the_root() {
-        let mut x = 1u64;
-        let v: Vec<f64> = (0..40_000)
-            .map(|_| {
-                x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (x >> 33) as f64 / 2f64.powi(31) - 0.5
-            })
-            .collect();
-        let a = allan(&v, 1.0);
-        let (t0, d0) = a[0];
-        for (t, d) in &a[1..8] {
-            let expected = d0 * (t0 / t).sqrt();
-            assert!((d / expected - 1.0).abs() < 0.1, "{t}: {d} {expected}");
-        }
-    }
 
     #[test]
     fn block_means_skip_what_is_missing() {

@@ -5,7 +5,8 @@ use crate::fit::{self, MEAN_S};
 use crate::plot::{self, Panel, Series};
 use crate::recording::Recording;
 use crate::run::Steps;
-use crate::stats::{allan, block_means, std_dev};
+use crate::allan;
+use crate::stats::{block_means, std_dev};
 use crate::{file, trace, BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
@@ -68,7 +69,8 @@ fn three_sigma(v: &[f64]) -> f64 {
 
 /// Least Allan deviation over 0.664: the level of flicker that would give it.
 fn bias_instability(v: &[f64]) -> f64 {
-    allan(v, f64::from(hrg_core::MODEL_STEP_S)).iter().map(|p| p.1).fold(f64::INFINITY, f64::min) / 0.664
+    let points = allan::overlapping(v, f64::from(hrg_core::MODEL_STEP_S), &allan::octaves(v.len()));
+    points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
 }
 
 /// Compares `methods` (those of [`super::NAMES`], and `trace`). Calibrations go to `out` as `METHOD.toml`.

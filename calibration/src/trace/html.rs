@@ -2,7 +2,8 @@
 
 use super::{Report, Trace};
 use crate::plot::{svg, Panel, Series};
-use crate::stats::{allan, block_means};
+use crate::allan;
+use crate::stats::block_means;
 use crate::AXIS_NAMES;
 use std::fmt::Write as _;
 
@@ -104,7 +105,7 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
             "averaging time [s]",
             "deg/h",
             true,
-            vec![series("before", allan(&before[a], 1.0), 0, false), series("after", allan(&after[a], 1.0), 1, false)],
+            vec![series("before", curve(&before[a]), 0, false), series("after", curve(&after[a]), 1, false)],
         ),
         panel(
             format!("{name}: residual against time, train run"),
@@ -213,4 +214,10 @@ pub fn html(t: &Trace) -> anyhow::Result<String> {
         s += &pictures(t, a)?;
     }
     Ok(s + "</html>\n")
+}
+
+/// An Allan deviation as points of a picture.
+fn curve(values: &[f64]) -> Vec<(f64, f64)> {
+    let points = allan::overlapping(values, f64::from(hrg_core::MODEL_STEP_S), &allan::octaves(values.len()));
+    points.into_iter().map(|p| (p.tau_s, p.deviation)).collect()
 }

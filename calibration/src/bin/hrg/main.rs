@@ -9,7 +9,7 @@ use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile};
 use hrg_cal::stats::{block_means, std_dev};
-use hrg_cal::{align, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
+use hrg_cal::{align, allan, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -146,6 +146,19 @@ enum Command {
         /// Where the recording goes; a file that is there is not overwritten.
         #[arg(long)]
         out: PathBuf,
+    },
+    /// Allan deviation of the rates, with confidence bars, and what is read off it.
+    ///
+    /// Example: hrg allan run.csv --out allan.svg
+    Allan {
+        /// Recording; best one at rest and at one temperature.
+        recording: PathBuf,
+        /// Where the picture (SVG) goes.
+        #[arg(long)]
+        out: Option<PathBuf>,
+        /// Where the curves (JSON) go.
+        #[arg(long)]
+        json: Option<PathBuf>,
     },
     /// Watch a unit: temperatures, rates, biases, status, link, soak, remaining time.
     ///
@@ -336,6 +349,37 @@ fn run(command: Command) -> Result<()> {
             (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, unit.as_deref()),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
+        Command::Allan { recording, out, json } => {
+            let r = load_recording(&recording)?;
+            // Rates on an even grid of the recording's own step.
+            let (rates, step_s) = r.even_rates();
+            let axes = allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+            println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "axis", "angle random walk", "bias instability", "at", "rate random walk");
+            println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", "deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)");
+            for (n, a) in AXIS_NAMES.iter().zip(&axes) {
+                let show = |v: Option<f64>| v.map_or("does not show".to_string(), |v| format!("{v:.5}"));
+                let r = &a.readings;
+                let least = if r.bias_instability_reached { "" } else { "under " };
+                println!(
+                    "{n:<5} {:>24} {:>22} {:>12} {:>26}",
+                    show(r.angle_random_walk_deg_per_root_h),
+                    format!("{least}{}", show(r.bias_instability_dph)),
+                    r.bias_instability_at_s.map_or(String::new(), |t| format!("{t:.0}")),
+                    show(r.rate_random_walk_dph_per_root_h)
+                );
+            }
+            if let Some(missing) = axes.iter().map(|a| a.missing).max().filter(|m| *m > 0) {
+                println!("up to {missing} missing values an axis, bridged with the mean");
+            }
+            if let Some(out) = out {
+                let title = format!("{}, {}: overlapping Allan deviation, bars of one sigma", r.unit(), recording.display());
+                hrg_cal::write_file(&out, allan::picture(&axes, &title)?.as_bytes())?;
+            }
+            if let Some(json) = json {
+                hrg_cal::write_file(&json, serde_json::to_string_pretty(&axes)?.as_bytes())?;
+            }
+            Ok(())
+        }
         Command::Monitor { port, profile } => {
             chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?)
         }
