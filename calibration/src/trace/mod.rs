@@ -8,6 +8,7 @@ pub mod gls;
 mod html;
 mod leftover;
 pub mod search;
+pub mod separable;
 
 pub use html::html;
 

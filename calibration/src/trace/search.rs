@@ -46,6 +46,17 @@ struct Seen {
     columns: Vec<[Vec<Vec<f64>>; AXES]>,
 }
 
+/// See [`Search::overlaps`].
+#[derive(Debug, Clone)]
+pub struct Overlap {
+    /// The effect.
+    pub name: &'static str,
+    /// Share of its size that the baseline leaves.
+    pub left: f64,
+    /// Shares of what is left that other effects explain.
+    pub shares: Vec<(&'static str, f64)>,
+}
+
 /// The search on one data set.
 pub struct Search<'a> {
     data: &'a Data<'a>,
@@ -558,6 +569,68 @@ impl<'a> Search<'a> {
             }
         }
         out
+    }
+
+    /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
+    /// white and under coloured noise.
+    pub fn overlaps(&self, wanted: &[&'static str]) -> Vec<Overlap> {
+        let of = |name: &str| -> Vec<&Seen> { self.library.iter().filter(|s| s.candidate.facts.name == name).collect() };
+        wanted
+            .iter()
+            .map(|&name| {
+                let own = of(name);
+                let some = [own.len() / 4, own.len() / 2, 3 * own.len() / 4];
+                let mut shares: Vec<(&'static str, f64)> = Vec::new();
+                let mut left = 0.0f64;
+                for target in some.iter().filter_map(|k| own.get(*k)) {
+                    left = left.max(self.left_by_baseline(&target.candidate));
+                    for other in wanted.iter().filter(|o| **o != name) {
+                        let most = of(other)
+                            .iter()
+                            .map(|s| {
+                                // Under white noise, and under noise with some colour.
+                                let share = |view: usize| {
+                                    (0..AXES)
+                                        .map(|a| {
+                                            let Some(c) = target.columns[view][a].first() else { return 0.0 };
+                                            s.columns[view][a].iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
+                                        })
+                                        .sum::<f64>()
+                                        / AXES as f64
+                                };
+                                share(0).max(share(COLOURS.len() / 2))
+                            })
+                            .fold(0.0, f64::max);
+                        match shares.iter_mut().find(|(n, _)| n == other) {
+                            Some((_, s)) => *s = s.max(most),
+                            None => shares.push((other, most)),
+                        }
+                    }
+                }
+                Overlap { name, left, shares }
+            })
+            .collect()
+    }
+
+    /// RMS of a candidate's first regressor after the baseline over that before it (about its mean): mean of the axes.
+    fn left_by_baseline(&self, c: &Candidate) -> f64 {
+        let mut sum = 0.0;
+        for a in 0..AXES {
+            let rows = &self.data.axes[a];
+            let Some(column) = self.data.columns(c, a, false).and_then(|mut v| (!v.is_empty()).then(|| v.swap_remove(0))) else {
+                return 0.0;
+            };
+            let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
+            let about: Vec<f64> = column.iter().map(|v| v - mean).collect();
+            let mut basis = Basis::default();
+            for b in &rows.base {
+                basis.add(b.clone());
+            }
+            let inside: f64 = basis.columns.iter().map(|q| dot(q, &column).powi(2)).sum();
+            let after = (dot(&column, &column) - inside).max(0.0);
+            sum += (after / dot(&about, &about).max(1e-300)).sqrt().min(1.0);
+        }
+        sum / AXES as f64
     }
 
     /// Gain in cross-validated error of adding `candidate` to `others`, as a share of the error: five folds of

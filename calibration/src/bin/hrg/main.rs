@@ -7,7 +7,8 @@ use clap::{Parser, Subcommand};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
-use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile};
+use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, PROFILES};
+use hrg_cal::trace::separable::{self, WANTED};
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::{align, allan, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
@@ -146,6 +147,20 @@ enum Command {
         /// Where the recording goes; a file that is there is not overwritten.
         #[arg(long)]
         out: PathBuf,
+    },
+    /// Which chamber profile tells the effects apart, and what a recording told: soaks, ramps, hours.
+    ///
+    /// Example: hrg profile --check run.csv
+    Profile {
+        /// Effects to be told apart, separated by commas; by default those that a unit can compensate.
+        #[arg(long = "for", value_delimiter = ',')]
+        wanted: Vec<String>,
+        /// Judge this recording instead of the named profiles. Several are judged together.
+        #[arg(long)]
+        check: Vec<PathBuf>,
+        /// Judge this profile, written out like 20,-40@1,2h,50@1,2h
+        #[arg(long)]
+        profile: Option<String>,
     },
     /// Allan deviation of the rates, with confidence bars, and what is read off it.
     ///
@@ -349,6 +364,7 @@ fn run(command: Command) -> Result<()> {
             (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, unit.as_deref()),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
+        Command::Profile { wanted, check, profile } => chamber_profile(&wanted, &check, profile.as_deref()),
         Command::Allan { recording, out, json } => {
             let r = load_recording(&recording)?;
             // Rates on an even grid of the recording's own step.
@@ -482,6 +498,97 @@ fn compare_methods(
     }
     println!("{}: blocks, compare.json, compare.md, compare.svg, residuals.svg", out.display());
     Ok(())
+}
+
+fn chamber_profile(wanted: &[String], check: &[PathBuf], profile: Option<&str>) -> Result<()> {
+    let wanted: Vec<&'static str> = if wanted.is_empty() {
+        WANTED.to_vec()
+    } else {
+        wanted
+            .iter()
+            .map(|w| {
+                WANTED.iter().copied().find(|k| k == w).ok_or_else(|| {
+                    BadInput::new(format!("effect \"{w}\" is not one that a profile parts; there are {}", WANTED.join(", ")))
+                })
+            })
+            .collect::<Result<_, _>>()?
+    };
+    let say = |verdicts: &[separable::Verdict]| {
+        println!("{:<20} {:>22}   taken for", "effect", "left by the baseline");
+        for v in verdicts {
+            let taken: Vec<String> = v.taken_for.iter().map(|(n, s)| format!("{n} ({:.1} %)", 100.0 * s)).collect();
+            let note = match (v.left_by_baseline < separable::SEEN, taken.is_empty()) {
+                (true, _) => "hidden in the baseline: not seen, and no harm".to_string(),
+                (false, true) => "-".to_string(),
+                (false, false) => taken.join(", "),
+            };
+            println!("{:<20} {:>20.1} %   {note}", v.name, 100.0 * v.left_by_baseline);
+        }
+    };
+    if !check.is_empty() {
+        let recordings = check.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+        let verdicts = separable::judge(&recordings, &wanted)?;
+        say(&verdicts);
+        let rest = separable::not_told(&verdicts);
+        if rest.is_empty() {
+            println!("this data tells all of them apart, from two noise floors up");
+        } else {
+            println!("not told apart here: {}; hrg profile shows which runs would", rest.join("; "));
+        }
+        return Ok(());
+    }
+    let judge = |p: &Profile| -> Result<Vec<separable::Verdict>> {
+        let recording = Plan::of(p.clone(), 1, 1).simulate().recording;
+        Ok(separable::judge(&[recording], &wanted)?)
+    };
+    if let Some(text) = profile {
+        let p = Profile::parse(text)?;
+        say(&judge(&p)?);
+        println!("{}", in_words(&p));
+        return Ok(());
+    }
+    println!("{:<8} {:>6}   not told apart, from two noise floors up", "profile", "hours");
+    let mut best: Option<(usize, f64, &str, Profile)> = None;
+    for (name, text) in PROFILES {
+        let p = Profile::parse(text)?;
+        let hours = p.temperatures().len() as f64 / 3600.0;
+        let rest = match judge(&p) {
+            Ok(v) => separable::not_told(&v),
+            Err(e) => {
+                println!("{name:<8} {hours:>6.1}   cannot be used: {e}");
+                continue;
+            }
+        };
+        println!("{name:<8} {hours:>6.1}   {}", if rest.is_empty() { "-".into() } else { rest.join("; ") });
+        // The baseline itself wants both directions over a wide range.
+        let t = p.temperatures();
+        let (low, high) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        let both = t.windows(2).any(|w| w[1] < w[0]) && t.windows(2).any(|w| w[1] > w[0]);
+        if high - low >= 60.0 && both && best.as_ref().is_none_or(|b| (rest.len(), hours) < (b.0, b.1)) {
+            best = Some((rest.len(), hours, name, p));
+        }
+    }
+    if let Some((_, _, name, p)) = best {
+        println!("\nbest of those that go both ways over 60 C and more: {name}. {}", in_words(&p));
+    }
+    Ok(())
+}
+
+/// A profile as a test engineer sets it.
+fn in_words(p: &Profile) -> String {
+    let mut t = p.start_c;
+    let mut parts = vec![format!("Begin at {t} C, power on")];
+    for leg in &p.legs {
+        parts.push(match leg {
+            Leg::Ramp(to, rate) => {
+                let text = format!("ramp to {to} C at {rate} C/min ({:.0} min)", (to - t).abs() / rate);
+                t = *to;
+                text
+            }
+            Leg::Soak(s) => format!("soak {:.0} min", s / 60.0),
+        });
+    }
+    format!("{}; {:.1} h in all", parts.join(", "), p.temperatures().len() as f64 / 3600.0)
 }
 
 fn thermal_lag(
