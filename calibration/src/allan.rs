@@ -189,13 +189,15 @@ pub fn picture(axes: &[Axis; 3], title: &str) -> anyhow::Result<String> {
     let mut series = Vec::new();
     for (a, axis) in axes.iter().enumerate() {
         let points = |f: &dyn Fn(&Point) -> f64| axis.curve.iter().map(|p| (p.tau_s, f(p))).collect();
-        series.push(Series { label: AXIS_NAMES[a].into(), points: points(&|p| p.deviation), colour: a + 1, dots: false });
+        series.push(Series {
+            label: AXIS_NAMES[a].into(),
+            points: points(&|p| p.deviation),
+            colour: a + 1,
+            dots: false,
+        });
         // The bars: from low to high at each time, parted by nothing.
-        let bars = axis
-            .curve
-            .iter()
-            .flat_map(|p| [(p.tau_s, p.low), (p.tau_s, p.high), (f64::NAN, f64::NAN)])
-            .collect();
+        let bars =
+            axis.curve.iter().flat_map(|p| [(p.tau_s, p.low), (p.tau_s, p.high), (f64::NAN, f64::NAN)]).collect();
         series.push(Series { label: String::new(), points: bars, colour: a + 1, dots: false });
     }
     let panel = Panel {

@@ -14,7 +14,7 @@
 //! | a chamber run from a plant model | [`simulate`] |
 //! | Allan deviation | [`allan`] |
 //! | self-alignment | [`align`] |
-//! | a unit on a port; recordings from it; its log; its screen | [`unit`], [`record`], [`log`], [`monitor`] |
+//! | a unit on a port; recordings from it; its log; its screen | [`mod@unit`], [`record`], [`mod@log`], [`monitor`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.

@@ -114,13 +114,9 @@ fn clock(ms: u32) -> String {
 
 /// Draws the state.
 pub fn draw(frame: &mut Frame<'_>, state: &State) {
-    let [head, table, lines, foot] = Layout::vertical([
-        Constraint::Length(2),
-        Constraint::Length(7),
-        Constraint::Min(6),
-        Constraint::Length(6),
-    ])
-    .areas(frame.area());
+    let [head, table, lines, foot] =
+        Layout::vertical([Constraint::Length(2), Constraint::Length(7), Constraint::Min(6), Constraint::Length(6)])
+            .areas(frame.area());
     let bold = Style::default().add_modifier(Modifier::BOLD);
     let bad = Style::default().fg(Color::Red);
     let name = state
@@ -210,6 +206,23 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     );
 }
 
+/// The screen as text, 80 by 24.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn screen(state: &State) -> anyhow::Result<String> {
+    let mut terminal = ratatui::Terminal::new(ratatui::backend::TestBackend::new(80, 24))?;
+    terminal.draw(|f| draw(f, state))?;
+    let rows: Vec<String> = terminal
+        .backend()
+        .buffer()
+        .content()
+        .chunks(80)
+        .map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>().trim_end().to_string())
+        .collect();
+    Ok(rows.join("\n") + "\n")
+}
+
 fn sparkline(frame: &mut Frame<'_>, area: Rect, values: &VecDeque<f32>, title: &str, colour: Color) {
     let room = usize::from(area.width.saturating_sub(1));
     let shown: Vec<f32> = values.iter().rev().take(room).rev().copied().collect();
@@ -218,10 +231,8 @@ fn sparkline(frame: &mut Frame<'_>, area: Rect, values: &VecDeque<f32>, title: &
     let range = if low <= high { format!("{low:+.2} to {high:+.2} deg/h") } else { "no data".into() };
     let span = (high - low).max(1e-6);
     // The lowest value keeps a mark: an empty column is a missing second.
-    let bars: Vec<u64> = shown
-        .iter()
-        .map(|v| if v.is_finite() { 8 + ((v - low) / span * 92.0) as u64 } else { 0 })
-        .collect();
+    let bars: Vec<u64> =
+        shown.iter().map(|v| if v.is_finite() { 8 + ((v - low) / span * 92.0) as u64 } else { 0 }).collect();
     frame.render_widget(
         Sparkline::default()
             .data(&bars)
@@ -235,8 +246,6 @@ fn sparkline(frame: &mut Frame<'_>, area: Rect, values: &VecDeque<f32>, title: &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ratatui::backend::TestBackend;
-    use ratatui::Terminal;
 
     fn housekeeping(time_ms: u32, slope: f32) -> Housekeeping {
         Housekeeping {
@@ -263,28 +272,16 @@ mod tests {
         }
     }
 
-    fn screen(state: &State) -> String {
-        let mut terminal = Terminal::new(TestBackend::new(80, 24)).expect("a terminal");
-        terminal.draw(|f| draw(f, state)).expect("drawn");
-        let buffer = terminal.backend().buffer().clone();
-        let rows: Vec<String> = buffer
-            .content()
-            .chunks(80)
-            .map(|row| row.iter().map(ratatui::buffer::Cell::symbol).collect::<String>())
-            .collect();
-        rows.join("\n")
-    }
-
     #[test]
     fn everything_is_on_a_screen_of_80_by_24() {
         let mut state = State { profile: Profile::parse("20,50@1,2h").ok(), ..State::default() };
-        assert!(screen(&state).contains("waiting for the unit"));
+        assert!(screen(&state).expect("drawn").contains("waiting for the unit"));
         let identity = Identity { unit: *b"HRG-101\0\0\0\0\0\0\0\0\0", calibration: 0, created_unix_s: 0, sequence: 4 };
         state.take(&Message::Identity(identity));
         for k in 1..=3000 {
             state.take(&Message::Housekeeping(housekeeping(k * 1000, if k < 600 { 0.2 } else { 0.005 })));
         }
-        let text = screen(&state);
+        let text = screen(&state).expect("drawn");
         for part in [
             "unit HRG-101",
             "block deadbeef no. 4 of 2026-11-21",

@@ -131,23 +131,28 @@ impl Recorder {
             let stem = self.base.file_stem().unwrap_or_default().to_string_lossy();
             self.base.with_file_name(format!("{stem}-{}.csv", self.power_ons))
         };
-        let mut file = std::fs::File::options()
-            .write(true)
-            .create_new(true)
-            .open(&path)
-            .map_err(|e| {
-                BadInput::new(match e.kind() {
-                    std::io::ErrorKind::AlreadyExists => {
-                        format!("{} is there already; move it, or give another name: nothing is overwritten", path.display())
-                    }
-                    _ => format!("cannot write {}: {e}", path.display()),
-                })
-            })?;
+        let mut file = std::fs::File::options().write(true).create_new(true).open(&path).map_err(|e| {
+            BadInput::new(match e.kind() {
+                std::io::ErrorKind::AlreadyExists => {
+                    format!(
+                        "{} is there already; move it, or give another name: nothing is overwritten",
+                        path.display()
+                    )
+                }
+                _ => format!("cannot write {}: {e}", path.display()),
+            })
+        })?;
         let mut head = String::new();
         let _ = writeln!(head, "# hrg-recording: 1\n# unit: {}\n# run: recorded from the unit", self.unit);
-        let _ = writeln!(head, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0", second.calibration);
+        let _ = writeln!(
+            head,
+            "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0",
+            second.calibration
+        );
         head.push_str("time_s");
-        for (before, after) in [("f", "_hz"), ("rate_", "_dph"), ("temperature_", "_c"), ("bias_", "_dph"), ("status_", "")] {
+        for (before, after) in
+            [("f", "_hz"), ("rate_", "_dph"), ("temperature_", "_c"), ("bias_", "_dph"), ("status_", "")]
+        {
             for a in AXIS_NAMES {
                 let _ = write!(head, ",{before}{a}{after}");
             }

@@ -103,10 +103,7 @@ impl Unit {
                 }
             }
         }
-        Err(BadInput::new(
-            "the unit does not answer; check that the port is the unit's link, and its power",
-        )
-        .into())
+        Err(BadInput::new("the unit does not answer; check that the port is the unit's link, and its power").into())
     }
 
     /// Who is there.
@@ -142,7 +139,9 @@ impl Unit {
         while bytes.len() < MAX_BYTES {
             let offset = bytes.len() as u16;
             match self.maintain(Command::Read { sector, offset })? {
-                Reply::Data { sector: s, offset: o, data } if (s, o) == (sector, offset) => bytes.extend_from_slice(&data),
+                Reply::Data { sector: s, offset: o, data } if (s, o) == (sector, offset) => {
+                    bytes.extend_from_slice(&data);
+                }
                 Reply::Data { .. } => {}
                 Reply::Answer(answer, _) => {
                     return Err(BadInput::new(format!("sector {sector} cannot be read; the unit says: {answer}")).into())
@@ -199,7 +198,10 @@ impl Unit {
             progress((usize::from(offset) + piece.len()) as f64 / bytes.len() as f64);
         }
         let said = self.done(Command::End, "checking")?;
-        anyhow::ensure!(said == checksum, "the unit's checksum is {said:08x}, the block's {checksum:08x}; burn it again");
+        anyhow::ensure!(
+            said == checksum,
+            "the unit's checksum is {said:08x}, the block's {checksum:08x}; burn it again"
+        );
         let back = [self.sector(0)?, self.sector(1)?];
         anyhow::ensure!(
             back.iter().any(|s| s.starts_with(&bytes)),

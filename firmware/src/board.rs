@@ -3,7 +3,7 @@
 //! | signal | pin | peripheral |
 //! |---|---|---|
 //! | resonator x, y, z | PA0, PA1, PB10 | TIM2 channels 1, 2, 3 |
-//! | converter data-ready | PB2 and PC7 (wired together) | TIM2 channel 4, EXTI 7 |
+//! | converter data-ready | PB2 (STM32F405: PA3) and PC7, wired together | TIM2 channel 4, EXTI 7 |
 //! | converter SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
 //! | link out, in | PA9, PA10 | USART1 |
 
@@ -54,10 +54,10 @@ fn clocks() -> rcc::Config {
     let mut c = rcc::Config::default();
     c.hse = Some(rcc::Hse { freq: Hertz(params::HSE_HZ), mode: rcc::HseMode::Bypass });
     c.pll_src = rcc::PllSource::HSE;
-    // 8 MHz / 4 * 180 / 2 = 180 MHz
+    // See params::PLL_MUL.
     c.pll = Some(rcc::Pll {
         prediv: rcc::PllPreDiv::DIV4,
-        mul: rcc::PllMul::MUL180,
+        mul: rcc::PllMul::from_bits(params::PLL_MUL),
         divp: Some(rcc::PllPDiv::DIV2),
         divq: None,
         divr: None,
@@ -78,9 +78,13 @@ impl Board {
         let watchdog_reset = pac::RCC.csr().read().wdgrstf();
         pac::RCC.csr().modify(|w| w.set_rmvf(true));
 
+        #[cfg(not(feature = "stm32f405rg"))]
+        let data_ready: embassy_stm32::Peri<'static, params::DataReady> = p.PB2;
+        #[cfg(feature = "stm32f405rg")]
+        let data_ready: embassy_stm32::Peri<'static, params::DataReady> = p.PA3;
         let (rings, clock) = capture::start(
             p.TIM2,
-            capture::Pins { x: p.PA0, y: p.PA1, z: p.PB10, data_ready: p.PB2 },
+            capture::Pins { x: p.PA0, y: p.PA1, z: p.PB10, data_ready },
             capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
             Irqs,
         );

@@ -1,7 +1,7 @@
 //! TIM2: time stamps of the three resonators' edges and of the converter's data-ready.
 //!
 //! # Design
-//! TIM2 runs free at 90 MHz over 32 bits. Channels 1 to 3 capture a resonator each; every capture makes a DMA
+//! TIM2 runs free at [`TIMER_HZ`] over 32 bits. Channels 1 to 3 capture a resonator each; every capture makes a DMA
 //! stream copy it into a ring, so the processor does nothing per edge. Channel 4 captures the data-ready edge
 //! of the converter: the time of every sample on the same clock. It needs no DMA: the rate path reads it
 //! within the millisecond until the next.
@@ -12,12 +12,12 @@
 //! locks anew. An over-captured channel (edge before the DMA took the last one; not possible below 1 MHz)
 //! would show as a missing edge.
 
-use crate::params::{RING, TIMER_HZ};
+use crate::params::{DataReady, RING, TIMER_HZ};
 use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
 use embassy_stm32::gpio::{AfType, Flex, Pull};
 use embassy_stm32::interrupt::typelevel::Binding;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, PA0, PA1, PB10, PB2, TIM2};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, PA0, PA1, PB10, TIM2};
 use embassy_stm32::timer::low_level::{FilterValue, InputCaptureMode, InputTISelection, Timer};
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, Channel, TimerPin};
 use embassy_stm32::Peri;
@@ -32,7 +32,7 @@ pub struct Pins {
     /// Resonator z.
     pub z: Peri<'static, PB10>,
     /// Data-ready, wired to its interrupt pin as well.
-    pub data_ready: Peri<'static, PB2>,
+    pub data_ready: Peri<'static, DataReady>,
 }
 
 /// DMA streams of channels 1 to 3 (RM0390 table 28: TIM2_CH1 stream 5, CH2 stream 6, CH3 stream 1, channel 3).

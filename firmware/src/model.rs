@@ -2,7 +2,7 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{BIAS, STEP, TICK, TRIM};
-use crate::params::FETCH_PERIOD;
+use crate::params::{FETCH_PERIOD, TIMER_HZ};
 use embassy_time::Ticker;
 use hrg_core::compensator::Compensator;
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
@@ -12,7 +12,7 @@ use hrg_core::AXES;
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(mut rings: Rings, clock: Clock, compensator: &'static mut Compensator) {
-    let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
+    let mut bank = Bank::new(Config::at(TIMER_HZ), GATES_PER_STEP);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
         ticker.next().await;

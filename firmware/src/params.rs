@@ -5,8 +5,22 @@ use embassy_time::Duration;
 /// Crystal or ST-LINK clock, Hz. A NUCLEO-F446RE feeds 8 MHz into OSC_IN.
 pub const HSE_HZ: u32 = 8_000_000;
 
-/// Clock of TIM2, Hz: twice APB1 (45 MHz), as APB1 is divided. One tick is 11.1 ns.
-pub const TIMER_HZ: u32 = 90_000_000;
+/// Multiplier of the PLL: [`HSE_HZ`] / 4 * this / 2 is the clock of the processor, 180 MHz.
+#[cfg(not(feature = "stm32f405rg"))]
+pub const PLL_MUL: u16 = 180;
+/// Multiplier of the PLL: the STM32F405 goes up to 168 MHz.
+#[cfg(feature = "stm32f405rg")]
+pub const PLL_MUL: u16 = 168;
+
+/// Clock of TIM2, Hz: twice APB1 (a quarter of the processor's clock), as APB1 is divided. At 90 MHz one tick is 11.1 ns.
+pub const TIMER_HZ: u32 = HSE_HZ / 4 * PLL_MUL as u32 / 4;
+
+/// Pin of TIM2 channel 4, which stamps the converter's data-ready edge.
+#[cfg(not(feature = "stm32f405rg"))]
+pub type DataReady = embassy_stm32::peripherals::PB2;
+/// Pin of TIM2 channel 4: the STM32F405 has it on PA3, not on PB2.
+#[cfg(feature = "stm32f405rg")]
+pub type DataReady = embassy_stm32::peripherals::PA3;
 
 /// Edges each capture ring holds. 256 at 10 kHz (twice any resonator) last 25 ms; they are fetched every
 /// [`FETCH_PERIOD`].

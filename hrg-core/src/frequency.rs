@@ -45,7 +45,13 @@ pub struct Config {
 
 impl Config {
     /// The reference unit: TIM2 at 90 MHz, gates of 0.1 s, 3 to 12 kHz.
-    pub const REFERENCE: Self = Self { ticks_per_s: 90_000_000, gate_ticks: 9_000_000, min_hz: 3_000, max_hz: 12_000 };
+    pub const REFERENCE: Self = Self::at(90_000_000);
+
+    /// A timer of another speed, the rest as in the reference unit.
+    #[must_use]
+    pub const fn at(ticks_per_s: u32) -> Self {
+        Self { ticks_per_s, gate_ticks: ticks_per_s / 10, min_hz: 3_000, max_hz: 12_000 }
+    }
 }
 
 /// Exact regression sums of one gate or of several joined.

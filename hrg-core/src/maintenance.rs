@@ -85,19 +85,9 @@ impl Answer {
     #[must_use]
     pub fn from_number(n: u8) -> Option<Self> {
         use Answer as A;
-        [
-            A::Done,
-            A::NotOpen,
-            A::OtherUnit,
-            A::Locked,
-            A::Length,
-            A::Order,
-            A::Flash,
-            A::Block,
-            A::NotNewer,
-        ]
-        .into_iter()
-        .find(|a| *a as u8 == n)
+        [A::Done, A::NotOpen, A::OtherUnit, A::Locked, A::Length, A::Order, A::Flash, A::Block, A::NotNewer]
+            .into_iter()
+            .find(|a| *a as u8 == n)
     }
 }
 

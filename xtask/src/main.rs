@@ -19,6 +19,7 @@ const USAGE: &str = "cargo xtask COMMAND
   size              what the firmware takes of flash and RAM
   flash             put the firmware on a board and show its log (probe-rs)
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
+  screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
   setup             only install what is missing";
@@ -32,6 +33,7 @@ fn main() -> ExitCode {
     let rest = arguments.get(1..).unwrap_or_default();
     let result = match arguments.first().map(String::as_str) {
         Some("demo") => board("demo", rest),
+        Some("screens") => screens(),
         Some("align-demo") => align_demo(rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),
@@ -129,13 +131,66 @@ fn align_demo(arguments: &[String]) -> Result<(), Failure> {
 fn size() -> Result<(), Failure> {
     let t = setup::toolchain()?;
     build(&t)?;
-    let bytes = std::fs::read(elf_path()).map_err(|e| Failure(e.to_string()))?;
+    bounds(&elf_path(), "")
+}
+
+/// Prints what an ELF takes, and fails where that is too much.
+fn bounds(elf: &std::path::Path, name: &str) -> Result<(), Failure> {
+    let bytes = std::fs::read(elf).map_err(|e| Failure(e.to_string()))?;
     let (flash, ram) = elf::flash_and_ram(&bytes).ok_or_else(|| Failure("the firmware is not an ELF".into()))?;
-    println!("flash {flash} of {FLASH_BOUND} bytes, static RAM {ram} of {RAM_BOUND} bytes");
+    println!("{name}flash {flash} of {FLASH_BOUND} bytes, static RAM {ram} of {RAM_BOUND} bytes");
     if flash > FLASH_BOUND || ram > RAM_BOUND {
         return Err(Failure("the firmware is over its bounds".into()));
     }
     Ok(())
+}
+
+/// What docs/chamber.md shows: a simulated unit on the virtual board, its screen, its Allan deviation.
+fn screens() -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    build(&t)?;
+    let words = |s: &str| s.split(' ').map(String::from).collect::<Vec<_>>();
+    for arguments in [
+        "simulate --profile cycle --unit 2 --seed 5 --out target/screens-run.csv",
+        "fit target/screens-run.csv --out target/screens-cal.toml",
+        "simulate --profile 25,8h --unit 2 --seed 6 --out target/screens-rest.csv",
+        "allan target/screens-rest.csv --out docs/allan.svg",
+    ] {
+        tool("hrg", &words(arguments))?;
+    }
+    let folder = root().join("target/screens");
+    let _ = std::fs::remove_dir_all(&folder);
+    let mut board = Command::new(root().join("target/release/hrg-board"))
+        .args(words("serve --speed 12 --seconds 3000 --recording target/screens-run.csv --calibration target/screens-cal.toml --folder target/screens"))
+        .current_dir(root())
+        .stdout(Stdio::null())
+        .spawn()
+        .map_err(|e| Failure(e.to_string()))?;
+    let link = folder.join("link");
+    while !link.exists() {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    let screen = output(
+        Command::new(root().join("target/release/hrg"))
+            .args(["monitor", "--profile", "cycle", "--snapshot", "300", "--port"])
+            .arg(&link),
+    );
+    let _ = board.kill();
+    let _ = board.wait();
+    let screen = screen.ok_or_else(|| Failure("hrg monitor gave no screen".into()))?;
+    print!("{screen}");
+    std::fs::write(root().join("docs/monitor.txt"), screen).map_err(|e| Failure(e.to_string()))
+}
+
+/// The firmware for the STM32F405RG, in a folder of its own: it builds, within its bounds.
+fn other_chip(t: &Toolchain) -> Result<(), Failure> {
+    let folder = root().join("target/stm32f405rg");
+    run(t
+        .cargo("build")
+        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
+        .args(["--no-default-features", "--features", "stm32f405rg", "--target-dir"])
+        .arg(&folder))?;
+    bounds(&folder.join(setup::TARGET).join("firmware/firmware"), "STM32F405RG: ")
 }
 
 fn flash() -> Result<(), Failure> {
@@ -157,6 +212,8 @@ fn test() -> Result<(), Failure> {
     println!("format");
     run(&mut cargo(&["fmt", "--all", "--check"]))?;
     size()?;
+    println!("the second chip");
+    other_chip(&t)?;
     println!("lints, target");
     run(t.cargo("clippy").args([
         "--quiet",

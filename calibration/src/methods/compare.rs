@@ -1,11 +1,11 @@
 //! Methods side by side: the same training runs, the same unseen runs, one table.
 
 use super::{identify, Weight};
+use crate::allan;
 use crate::fit::{self, MEAN_S};
 use crate::plot::{self, Panel, Series};
 use crate::recording::Recording;
 use crate::run::Steps;
-use crate::allan;
 use crate::stats::{block_means, std_dev};
 use crate::{file, trace, BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;

@@ -1,8 +1,8 @@
 //! The report as one self-contained page.
 
 use super::{Report, Trace};
-use crate::plot::{svg, Panel, Series};
 use crate::allan;
+use crate::plot::{svg, Panel, Series};
 use crate::stats::block_means;
 use crate::AXIS_NAMES;
 use std::fmt::Write as _;

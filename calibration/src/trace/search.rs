@@ -574,7 +574,8 @@ impl<'a> Search<'a> {
     /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
     /// white and under coloured noise.
     pub fn overlaps(&self, wanted: &[&'static str]) -> Vec<Overlap> {
-        let of = |name: &str| -> Vec<&Seen> { self.library.iter().filter(|s| s.candidate.facts.name == name).collect() };
+        let of =
+            |name: &str| -> Vec<&Seen> { self.library.iter().filter(|s| s.candidate.facts.name == name).collect() };
         wanted
             .iter()
             .map(|&name| {
@@ -617,7 +618,9 @@ impl<'a> Search<'a> {
         let mut sum = 0.0;
         for a in 0..AXES {
             let rows = &self.data.axes[a];
-            let Some(column) = self.data.columns(c, a, false).and_then(|mut v| (!v.is_empty()).then(|| v.swap_remove(0))) else {
+            let Some(column) =
+                self.data.columns(c, a, false).and_then(|mut v| (!v.is_empty()).then(|| v.swap_remove(0)))
+            else {
                 return 0.0;
             };
             let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;

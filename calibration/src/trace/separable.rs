@@ -2,7 +2,7 @@
 //! recording. By the columns and the measure that [`super::search`] uses on data.
 //!
 //! An effect of two noise floors is told from another if, over the whole run, the other leaves more of it unexplained than
-//! [`super::INDISTINGUISHABLE`] in log-likelihood. So a longer run tells more, as it does with data.
+//! `INDISTINGUISHABLE` in log-likelihood. So a longer run tells more, as it does with data.
 
 use super::data::Data;
 use super::search::Search;

@@ -62,7 +62,13 @@ impl Pty {
 ///
 /// # Errors
 /// Where there is no pseudo-terminal, or the firmware does what the board does not model.
-pub fn serve(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, options: &Options, stop: &AtomicBool) -> Result<()> {
+pub fn serve(
+    elf: &[u8],
+    calibration: Option<&Calibration>,
+    steps: &Steps,
+    options: &Options,
+    stop: &AtomicBool,
+) -> Result<()> {
     std::fs::create_dir_all(&options.folder).with_context(|| format!("cannot make {}", options.folder.display()))?;
     let mut link = Pty::new(&options.folder.join("link"))?;
     let mut log = Pty::new(&options.folder.join("log"))?;
@@ -72,7 +78,9 @@ pub fn serve(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, optio
     let wires = Wires::new(steps.clone(), scale, 20e-9, 1, None, Some(Decoder::new(elf)?)).live();
     let mut board = Board::new(elf, wires)?;
     match (calibration, std::fs::read(&flash)) {
-        (Some(c), _) => board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit a block")?)?,
+        (Some(c), _) => {
+            board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit a block")?)?;
+        }
         (None, Ok(image)) if image.len() == 2 * SECTOR => {
             for (k, at) in SECTORS.iter().enumerate() {
                 board.write_flash(*at, &image[k * SECTOR..(k + 1) * SECTOR])?;
@@ -119,6 +127,10 @@ pub fn serve(elf: &[u8], calibration: Option<&Calibration>, steps: &Steps, optio
     for name in ["link", "log"] {
         let _ = std::fs::remove_file(options.folder.join(name));
     }
-    println!("off after {:.0} s of target time; {} holds its flash", board.now() as f64 / CPU_HZ as f64, flash.display());
+    println!(
+        "off after {:.0} s of target time; {} holds its flash",
+        board.now() as f64 / CPU_HZ as f64,
+        flash.display()
+    );
     Ok(())
 }

@@ -3,8 +3,8 @@
 use anyhow::{Context, Result};
 use crossterm::event::{KeyCode, KeyModifiers};
 use hrg_cal::log::Decoder;
-use hrg_cal::record::{unit_in_log, Recorder, Second};
 use hrg_cal::monitor::State;
+use hrg_cal::record::{unit_in_log, Recorder, Second};
 use hrg_cal::simulate::Profile;
 use hrg_cal::unit::Unit;
 use hrg_cal::{file, monitor, BadInput};
@@ -73,12 +73,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>) -> Result<()> {
 }
 
 fn report(recorder: &Recorder, out: &Path) {
-    println!(
-        "{}: {} rows, {} gaps marked",
-        recorder.path().unwrap_or(out).display(),
-        recorder.rows,
-        recorder.gaps
-    );
+    println!("{}: {} rows, {} gaps marked", recorder.path().unwrap_or(out).display(), recorder.rows, recorder.gaps);
 }
 
 /// `hrg record --defmt`: decoded lines, or the raw stream with the ELF that made it; `-` is standard input.
@@ -104,7 +99,9 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>
     let raw = reader.fill_buf()?.iter().take(512).any(|b| *b == 0 || *b >= 0x80);
     if raw {
         let elf = elf.ok_or_else(|| {
-            BadInput::new("this is a raw defmt stream; give the firmware that made it with --elf, or pipe it through defmt-print")
+            BadInput::new(
+                "this is a raw defmt stream; give the firmware that made it with --elf, or pipe it through defmt-print",
+            )
         })?;
         let bytes = std::fs::read(elf).map_err(|e| BadInput::new(format!("cannot read {}: {e}", elf.display())))?;
         let mut decoder = Decoder::new(&bytes)?;
@@ -150,7 +147,10 @@ pub fn burn(calibration: &Path, port: &str) -> Result<()> {
         after.calibration,
         after.sequence
     );
-    println!("this was burn {} of the unit; a sector of flash endures 10000 erases, each burn erases one of two", after.sequence);
+    println!(
+        "this was burn {} of the unit; a sector of flash endures 10000 erases, each burn erases one of two",
+        after.sequence
+    );
     Ok(())
 }
 
@@ -188,17 +188,30 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
             println!("{}: the block in use", out.display());
             Ok(())
         }
-        (Some(_), None) => Err(BadInput::new("the unit runs its compiled-in default; there is no block to write").into()),
+        (Some(_), None) => {
+            Err(BadInput::new("the unit runs its compiled-in default; there is no block to write").into())
+        }
         (None, _) => Ok(()),
     }
 }
 
 /// `hrg monitor`.
-pub fn monitor(port: &str, profile: Option<Profile>) -> Result<()> {
+pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>) -> Result<()> {
     let mut unit = Unit::open(port)?;
     let mut state = State::default();
     state.identity = Some(unit.identity()?);
     state.profile = profile;
+    if let Some(seconds) = snapshot {
+        let mut seen = 0;
+        while seen < seconds {
+            let message = unit.next(Duration::from_secs(5)).with_context(|| format!("{port} is gone"))?;
+            let message = message.ok_or_else(|| BadInput::new("the unit has sent nothing for 5 s; check its power"))?;
+            seen += u32::from(matches!(message, Message::Housekeeping(_)));
+            state.take(&message);
+        }
+        print!("{}", monitor::screen(&state)?);
+        return Ok(());
+    }
     let mut terminal = ratatui::try_init()?;
     let result = (|| -> Result<()> {
         let mut drawn = Instant::now();

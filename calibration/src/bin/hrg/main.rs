@@ -8,8 +8,8 @@ use hrg_cal::align::plant::Plant;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, PROFILES};
-use hrg_cal::trace::separable::{self, WANTED};
 use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::trace::separable::{self, WANTED};
 use hrg_cal::{align, allan, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -185,6 +185,9 @@ enum Command {
         /// Chamber profile that runs since power-on, named or written out: for the remaining time.
         #[arg(long)]
         profile: Option<String>,
+        /// Print the screen once, as text, after so many seconds of the unit.
+        #[arg(long)]
+        snapshot: Option<u32>,
     },
     /// Burn a calibration into a unit, read it back and see that the unit runs it.
     ///
@@ -369,8 +372,12 @@ fn run(command: Command) -> Result<()> {
             let r = load_recording(&recording)?;
             // Rates on an even grid of the recording's own step.
             let (rates, step_s) = r.even_rates();
-            let axes = allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
-            println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "axis", "angle random walk", "bias instability", "at", "rate random walk");
+            let axes =
+                allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+            println!(
+                "{:<5} {:>24} {:>22} {:>12} {:>26}",
+                "axis", "angle random walk", "bias instability", "at", "rate random walk"
+            );
             println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", "deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)");
             for (n, a) in AXIS_NAMES.iter().zip(&axes) {
                 let show = |v: Option<f64>| v.map_or("does not show".to_string(), |v| format!("{v:.5}"));
@@ -388,7 +395,8 @@ fn run(command: Command) -> Result<()> {
                 println!("up to {missing} missing values an axis, bridged with the mean");
             }
             if let Some(out) = out {
-                let title = format!("{}, {}: overlapping Allan deviation, bars of one sigma", r.unit(), recording.display());
+                let title =
+                    format!("{}, {}: overlapping Allan deviation, bars of one sigma", r.unit(), recording.display());
                 hrg_cal::write_file(&out, allan::picture(&axes, &title)?.as_bytes())?;
             }
             if let Some(json) = json {
@@ -396,8 +404,8 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Monitor { port, profile } => {
-            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?)
+        Command::Monitor { port, profile, snapshot } => {
+            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot)
         }
         Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
@@ -508,7 +516,10 @@ fn chamber_profile(wanted: &[String], check: &[PathBuf], profile: Option<&str>) 
             .iter()
             .map(|w| {
                 WANTED.iter().copied().find(|k| k == w).ok_or_else(|| {
-                    BadInput::new(format!("effect \"{w}\" is not one that a profile parts; there are {}", WANTED.join(", ")))
+                    BadInput::new(format!(
+                        "effect \"{w}\" is not one that a profile parts; there are {}",
+                        WANTED.join(", ")
+                    ))
                 })
             })
             .collect::<Result<_, _>>()?
