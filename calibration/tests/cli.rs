@@ -147,3 +147,57 @@ fn methods_side_by_side() {
         refused(&d, &["lag", "up.csv", "--input", "chamber", "--calibration", "t.csv"]).contains("not a calibration")
     );
 }
+
+#[test]
+fn alignments_end_in_an_azimuth_or_a_sentence() {
+    let d = folder("align");
+    ok(&d, &["simulate-alignment", "--seed", "0", "--out", "a.csv"]);
+    ok(&d, &["simulate-alignment", "--seed", "0", "--one-position", "--out", "one.csv"]);
+    for (filter, within) in [("linear", 0.15), ("upf", 0.15), ("ekf", 0.3), ("upf-literal", 360.0)] {
+        ok(&d, &["align", "--recording", "a.csv", "--filter", filter, "--out", "r.json"]);
+        let r: serde_json::Value =
+            serde_json::from_str(&std::fs::read_to_string(d.join("r.json")).expect("written")).expect("JSON");
+        assert_eq!(r["filter"], filter);
+        let azimuth = r["azimuth_deg"].as_f64().expect("a number");
+        assert!((azimuth - 100.0).abs() < within, "{filter}: {azimuth}");
+        for key in ["azimuth_std_arcmin", "tilt1_arcmin", "tilt2_arcmin", "drift1_dph", "drift2_dph"] {
+            assert!(r[key].is_f64(), "{filter}: {key}");
+        }
+        assert!(r["history"].as_array().expect("seconds").len() > 150);
+    }
+    std::fs::remove_file(d.join("r.json")).expect("there");
+    let e = refused(&d, &["align", "--recording", "one.csv", "--out", "r.json"]);
+    assert!(e.contains("one.csv") && e.contains("there was no turn"), "{e}");
+    let text =
+        std::fs::read_to_string(d.join("a.csv")).expect("written").replace("# latitude_deg: 45", "# latitude_deg: -88");
+    std::fs::write(d.join("pole.csv"), text).expect("written");
+    assert!(refused(&d, &["align", "--recording", "pole.csv", "--out", "r.json"]).contains("beyond 80 degrees"));
+    assert!(!d.join("r.json").exists());
+}
+
+#[test]
+fn rest_log_and_profile() {
+    let d = folder("rest");
+    ok(&d, &["simulate", "--profile", "25,2h", "--seed", "3", "--out", "rest.csv"]);
+    let table = ok(&d, &["allan", "rest.csv", "--out", "a.svg", "--json", "a.json"]);
+    assert!(table.contains("angle random walk") && table.contains("under "), "{table}");
+    assert!(std::fs::read_to_string(d.join("a.svg")).expect("written").contains("averaging time"));
+    let line = |k: u32| {
+        format!("{k}.06 INFO  t={k}000 f=4898.6,4890.6,4702.3 T=6,5,5 dT=0,0,0 b=0,0,0 raw=1,2,3 status=00,00,00,00 cal=0a no=1 made=0 mode=0")
+    };
+    let mut log = String::from("0.01 INFO  hrg firmware 0.1.0: unit HRG-9, calibration 0000000a no. 1, status 00\n");
+    (1..300).for_each(|k| log.push_str(&(line(k) + "\n")));
+    std::fs::write(d.join("run.log"), log).expect("written");
+    assert!(ok(&d, &["record", "--defmt", "run.log", "--out", "run.csv"]).contains("299 rows"));
+    assert!(std::fs::read_to_string(d.join("run.csv")).expect("written").contains("# unit: HRG-9"));
+    assert!(refused(&d, &["record", "--defmt", "run.log", "--out", "run.csv"]).contains("there already"));
+    std::fs::write(d.join("other.log"), "nothing of the kind\n").expect("written");
+    assert!(refused(&d, &["record", "--defmt", "other.log", "--out", "no.csv"]).contains("no line of a second"));
+    std::fs::write(d.join("raw.log"), [0u8, 1, 200, 3]).expect("written");
+    assert!(refused(&d, &["record", "--defmt", "raw.log", "--out", "no.csv"]).contains("--elf"));
+    assert!(refused(&d, &["monitor", "--port", "/dev/none"]).contains("cannot open the port"));
+    assert!(refused(&d, &["burn", "run.csv", "--port", "/dev/none"]).contains("not a calibration"));
+    let words = ok(&d, &["profile", "--profile", "20,-40@1,1h,50@1,1h,20@1", "--for", "hysteresis,kink"]);
+    assert!(words.contains("hysteresis") && words.contains("ramp to -40 C at 1 C/min (60 min)"), "{words}");
+    assert!(refused(&d, &["profile", "--for", "gremlins"]).contains("gremlins"));
+}

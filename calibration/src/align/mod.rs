@@ -248,22 +248,18 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
     let mut spacings: Vec<f64> =
         recording.rows.windows(2).filter(|w| w[0].1 == w[1].1).map(|w| w[1].0 - w[0].0).collect();
     let tolerance = 0.5 * median(&mut spacings).unwrap_or(step).min(step);
-    let mut held = [0.0; 2];
+    aligner.set_velocity(recording.rows.first().map_or([0.0; 2], |r| r.2));
     for &(t, p, v) in &recording.rows {
         if p != position {
-            // The turn took from the last reading of position 1 to the first of position 2; that one begins at zero
-            // velocity, or comes a step after.
-            let gap = t - at;
-            let begins = v == [0.0; 2];
-            aligner.turn(recording.turn_deg * DEGREE, if begins { gap } else { gap - step }.max(0.0));
-            at = if begins { t } else { t - step };
-            (position, held) = (p, [0.0; 2]);
-            if begins {
-                continue;
-            }
+            // The turn took from the last reading of position 1 to the first of position 2, which is where its velocities
+            // begin, at zero or not.
+            aligner.turn(recording.turn_deg * DEGREE, t - at);
+            aligner.set_velocity(v);
+            (at, position) = (t, p);
+            continue;
         }
-        // Faster rows are thinned to steps, the one nearest to its step counting; a hole of some seconds is filled by what
-        // was read last, believed as an outlier is; a longer one is named.
+        // Faster rows are thinned to steps, the one nearest to its step counting; over a hole of
+        // some seconds time goes on without readings; a longer one is named.
         let due = ((t - at + tolerance) / step).floor();
         if due < 1.0 {
             continue;
@@ -272,10 +268,9 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
             aligner.refuse(Refusal::DataMissing);
         }
         for _ in 1..(due.min(LONGEST_HOLE) as u32) {
-            aligner.step(held);
+            aligner.miss();
         }
         aligner.step(v);
-        held = v;
         at += due * step;
         if let Some(e) = aligner.belief() {
             history.push((at - start, p, e));
@@ -477,6 +472,20 @@ mod tests {
         assert!(clipped.contains("end of scale or stuck"), "{clipped}");
         // A gap of ten seconds.
         assert!(refusal(&|r| r.rows.retain(|x| !(40.0..50.0).contains(&x.0))).contains("missing"));
+        // Files that begin with a velocity, or without the row of zeros, are as good.
+        for skip in [1, 3] {
+            let mut late = good.clone();
+            let second = late.rows.iter().position(|x| x.1 == 2).expect("two positions");
+            late.rows.drain(second..second + skip);
+            late.rows.drain(..skip);
+            let (a, b) = (align(&good, "linear", Start::default()), align(&late, "linear", Start::default()));
+            let (a, b) = (a.expect("aligns"), b.expect("aligns"));
+            assert!((a.azimuth_deg - b.azimuth_deg).abs() * 60.0 < 2.0, "{} {}", a.azimuth_deg, b.azimuth_deg);
+        }
+        let mut holes = good.clone();
+        holes.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
+        let (a, b) = (align(&good, "linear", Start::default()), align(&holes, "linear", Start::default()));
+        assert!((a.expect("aligns").azimuth_deg - b.expect("aligns").azimuth_deg).abs() * 60.0 < 2.0);
         // A drift that comes with the turn, large enough to be told from noise.
         let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;
         let e = align(&moved, "linear", Start::default()).expect_err("refused").0;

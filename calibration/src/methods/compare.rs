@@ -185,7 +185,9 @@ pub fn weigh(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, sec
         ))
         .into());
     }
-    let weights: Vec<Weight> = serde_json::from_slice(&output.stdout)?;
+    let weights: Vec<Weight> = serde_json::from_slice(&output.stdout).map_err(|_| {
+        BadInput::new(format!("{} does not answer as hrg-board does; give the right one", board.display()))
+    })?;
     for (row, w) in c.rows.iter_mut().zip(weights) {
         row.weight = Some(w);
     }

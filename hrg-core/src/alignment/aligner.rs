@@ -42,6 +42,8 @@ pub struct Aligner<F> {
     last: [f64; 2],
     increment: [f64; 2],
     same: [u32; 2],
+    /// Steps without readings since the last one.
+    missed: u32,
     refusal: Option<Refusal>,
 }
 
@@ -80,6 +82,7 @@ impl<F: Filter> Aligner<F> {
             last: [0.0; 2],
             increment: [f64::NAN; 2],
             same: [0; 2],
+            missed: 0,
             refusal: None,
         }
     }
@@ -98,15 +101,27 @@ impl<F: Filter> Aligner<F> {
         self.last = [0.0; 2];
         self.increment = [f64::NAN; 2];
         self.same = [0; 2];
+        self.missed = 0;
         self.refusal = None;
+    }
+
+    /// One step without readings: time goes on.
+    pub fn miss(&mut self) {
+        self.elapsed_s += self.step_s;
+        self.seconds[self.position] += 1;
+        self.missed += 1;
+        if self.filter.step([f64::NAN; 2]).is_none() {
+            self.refuse(Refusal::Breakdown);
+        }
     }
 
     /// One step of readings, m/s.
     pub fn step(&mut self, velocity: [f64; 2]) {
         self.elapsed_s += self.step_s;
         self.seconds[self.position] += 1;
+        let steps = f64::from(core::mem::take(&mut self.missed) + 1);
         for k in 0..2 {
-            let increment = velocity[k] - self.last[k];
+            let increment = (velocity[k] - self.last[k]) / steps;
             self.same[k] = if (increment - self.increment[k]).abs() < 1e-9 { self.same[k] + 1 } else { 0 };
             self.increment[k] = increment;
             if self.same[k] >= STUCK || !(increment.abs() <= STEEPEST * self.gravity * self.step_s) {
@@ -137,6 +152,12 @@ impl<F: Filter> Aligner<F> {
         }
     }
 
+    /// The velocities read this at the first reading of a position, where they do not begin at zero.
+    pub fn set_velocity(&mut self, velocity: [f64; 2]) {
+        self.filter.set_velocity(velocity);
+        self.last = velocity;
+    }
+
     /// The platform stands in position 2 now, turned by `angle` (rad) in `seconds` without readings.
     pub fn turn(&mut self, angle: f64, seconds: f64) {
         if self.position == 1 {
@@ -150,6 +171,7 @@ impl<F: Filter> Aligner<F> {
         self.last = [0.0; 2];
         self.increment = [f64::NAN; 2];
         self.same = [0; 2];
+        self.missed = 0;
     }
 
     /// Something outside the filter has spoilt the alignment; the first such thing is kept.

@@ -189,6 +189,13 @@ impl<T: Real> Filter for Ekf<T> {
         land(&mut self.x, &mut self.p, &self.config);
     }
 
+    fn set_velocity(&mut self, velocity: [f64; 2]) {
+        let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
+        for k in 0..2 {
+            reset(&mut self.x, &mut self.p, V + k, T::of(velocity[k]), noise);
+        }
+    }
+
     fn forget_velocity(&mut self) {
         for k in 0..2 {
             let value = self.x[V + k];

@@ -220,12 +220,14 @@ pub struct Estimate {
 
 /// What every alignment filter does. Velocities start at zero at each position.
 pub trait Filter {
-    /// One step of [`Config::step`]: the velocity readings, m/s. Gives the squared innovation of each over its variance, or
+    /// One step of [`Config::step`]: the velocity readings, m/s; NaN: there is none, time goes on without. Gives the squared innovation of each over its variance, or
     /// `None` if the filter has broken down.
     fn step(&mut self, velocity: [f64; 2]) -> Option<[f64; 2]>;
     /// The platform has been turned about axis 3 by `angle` (rad, clockwise from above), which took `seconds` without
     /// readings; velocities start at zero again.
     fn turn(&mut self, angle: f64, seconds: f64);
+    /// The velocities read this now, at the first reading of a position; without it they begin at zero.
+    fn set_velocity(&mut self, velocity: [f64; 2]);
     /// Velocities cannot be trusted to go on from where they were: their errors are unknown from here.
     fn forget_velocity(&mut self);
     /// What the filter believes; `None` if it has broken down.
@@ -254,6 +256,9 @@ fn update<T: Real, const N: usize>(
     reading: T,
     noise: T,
 ) -> (T, T) {
+    if !reading.is_finite() {
+        return (T::one(), T::zero());
+    }
     let innovation = reading - x[index];
     let own = p[index][index] + noise;
     let square = innovation * innovation;

@@ -146,6 +146,15 @@ impl<T: Real, const N: usize> Cloud<T, N> {
         }
     }
 
+    fn set_velocity(&mut self, velocity: [f64; 2]) {
+        let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
+        for q in &mut self.particles {
+            for k in 0..2 {
+                reset(&mut q.x, &mut q.p, V + k, T::of(velocity[k]), noise);
+            }
+        }
+    }
+
     fn forget_velocity(&mut self) {
         for q in &mut self.particles {
             for k in 0..2 {
@@ -328,6 +337,9 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
     fn turn(&mut self, angle: f64, seconds: f64) {
         self.cloud.turn(angle, seconds);
     }
+    fn set_velocity(&mut self, velocity: [f64; 2]) {
+        self.cloud.set_velocity(velocity);
+    }
     fn forget_velocity(&mut self) {
         self.cloud.forget_velocity();
     }
@@ -465,6 +477,9 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
 
     fn turn(&mut self, angle: f64, seconds: f64) {
         self.cloud.turn(angle, seconds);
+    }
+    fn set_velocity(&mut self, velocity: [f64; 2]) {
+        self.cloud.set_velocity(velocity);
     }
     fn forget_velocity(&mut self) {
         self.cloud.forget_velocity();

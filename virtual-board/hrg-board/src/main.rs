@@ -39,6 +39,9 @@ enum Command {
         /// Where the unit's decoded log goes.
         #[arg(long)]
         log: Option<PathBuf>,
+        /// Where the unit's raw log goes, as a debug probe reads it.
+        #[arg(long)]
+        defmt: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -160,9 +163,9 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let (recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile) = match command {
-        Command::Run { recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile } => {
-            (recording, calibration, out, log, elf, jitter_ns, seed, seconds, profile)
+    let (recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile) = match command {
+        Command::Run { recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile } => {
+            (recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile)
         }
         Command::Weigh { recording, calibrations, seconds, json, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
@@ -222,6 +225,9 @@ fn run(command: Command) -> Result<()> {
     bar.finish_and_clear();
     let rows = outcome.seconds_of_frames();
     hrg_cal::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;
+    if let Some(path) = defmt {
+        hrg_cal::write_file(&path, &outcome.received.log_bytes)?;
+    }
     if let Some(log) = log {
         hrg_cal::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
     }

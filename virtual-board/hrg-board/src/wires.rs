@@ -49,6 +49,8 @@ pub struct Received {
     pub first_difference: Option<String>,
     /// Log lines.
     pub log: Vec<String>,
+    /// The log as the debug probe reads it.
+    pub log_bytes: Vec<u8>,
 }
 
 /// See [`Wires::live`].
@@ -326,6 +328,7 @@ impl World for Wires {
     }
 
     fn log_out(&mut self, cycles: u64, bytes: &[u8]) {
+        self.received.log_bytes.extend_from_slice(bytes);
         if let Some(decoder) = &mut self.decoder {
             for line in decoder.push(bytes) {
                 self.received.log.push(format!("{:12.6} {line}", cycles as f64 / CPU_HZ as f64));

@@ -100,7 +100,7 @@ enum Command {
         #[arg(long, default_value_t = 1)]
         seed: u64,
         /// Folder for the blocks, the table (JSON and Markdown) and the pictures.
-        #[arg(long)]
+        #[arg(long, default_value = "out/compare")]
         out: PathBuf,
         /// hrg-board, which weighs the blocks on the virtual board; by default the one beside this program.
         #[arg(long)]
