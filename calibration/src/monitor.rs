@@ -198,7 +198,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         Line::from(link),
     ];
     if let Some(e) = &state.port_error {
-        text.push(Line::from(Span::styled(e.clone(), bad)));
+        text.insert(0, Line::from(Span::styled(e.clone(), bad)));
     }
     frame.render_widget(
         Paragraph::new(text).wrap(ratatui::widgets::Wrap { trim: true }).block(Block::default().borders(Borders::TOP)),

@@ -196,11 +196,14 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
 }
 
 /// `hrg monitor`.
-pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>) -> Result<()> {
+pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>, out: Option<&Path>) -> Result<()> {
     let mut unit = Unit::open(port)?;
     let mut state = State::default();
     state.identity = Some(unit.identity()?);
     state.profile = profile;
+    let name =
+        state.identity.map(|i| String::from_utf8_lossy(&i.unit).trim_end_matches('\0').to_string()).unwrap_or_default();
+    let mut recorder = out.map(|path| Recorder::new(path, &name));
     if let Some(seconds) = snapshot {
         let mut seen = 0;
         while seen < seconds {
@@ -220,6 +223,9 @@ pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>) -> R
                 Ok(Some(message)) => {
                     state.port_error = None;
                     state.take(&message);
+                    if let (Some(recorder), Message::Housekeeping(h)) = (&mut recorder, &message) {
+                        recorder.push(&Second::from(h))?;
+                    }
                 }
                 Ok(None) => {}
                 Err(e) => {
@@ -246,5 +252,8 @@ pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>) -> R
         }
     })();
     ratatui::restore();
+    if let (Some(recorder), Some(out)) = (&recorder, out) {
+        report(recorder, out);
+    }
     result
 }

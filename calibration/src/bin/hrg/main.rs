@@ -188,6 +188,9 @@ enum Command {
         /// Print the screen once, as text, after so many seconds of the unit.
         #[arg(long)]
         snapshot: Option<u32>,
+        /// Record meanwhile, as hrg record does.
+        #[arg(long)]
+        out: Option<PathBuf>,
     },
     /// Burn a calibration into a unit, read it back and see that the unit runs it.
     ///
@@ -404,8 +407,8 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Monitor { port, profile, snapshot } => {
-            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot)
+        Command::Monitor { port, profile, snapshot, out } => {
+            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot, out.as_deref())
         }
         Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
