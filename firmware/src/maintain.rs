@@ -7,7 +7,7 @@ use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
 use crate::params;
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac;
-use embassy_time::Timer;
+use embassy_time::{with_timeout, Timer};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
 
@@ -61,7 +61,15 @@ impl Store for Sectors {
 #[embassy_executor::task]
 pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors) {
     loop {
-        let command = MAINTAIN.receive().await;
+        let command = match with_timeout(params::MAINTENANCE_IDLE, MAINTAIN.receive()).await {
+            Ok(command) => command,
+            Err(_) if maintenance.open() => {
+                maintenance.command(&Command::Close, &mut sectors);
+                MAINTENANCE_OPEN.signal(false);
+                continue;
+            }
+            Err(_) => continue,
+        };
         let reply = maintenance.command(&command, &mut sectors);
         ANSWER.signal(Message::Maintained(reply));
         MAINTENANCE_OPEN.signal(maintenance.open());

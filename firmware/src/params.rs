@@ -65,5 +65,7 @@ pub const CALIBRATION_A: u32 = 0x4_0000;
 pub const CALIBRATION_B: u32 = 0x6_0000;
 /// Size of either sector, bytes.
 pub const CALIBRATION_SIZE: u32 = 0x2_0000;
+/// Maintenance mode ends by itself after this long without a command: a host that went away leaves no open door.
+pub const MAINTENANCE_IDLE: Duration = Duration::from_secs(120);
 /// From the answer to a restart to the restart: a frame of 30 bytes takes 0.3 ms.
 pub const RESTART_WAIT: Duration = Duration::from_millis(20);

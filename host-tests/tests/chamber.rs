@@ -210,6 +210,20 @@ fn a_power_cut_while_burning_leaves_the_old_or_the_new_block() {
 }
 
 #[test]
+fn maintenance_ends_by_itself() {
+    let old = block(1, 1.0);
+    let mut host = Host::new(&elf(), &old);
+    let open = |host: &mut Host| matches!(host.maintain(Command::Begin(500)), Some(Reply::Answer(Answer::Done, _)));
+    assert!(!open(&mut host), "closed at first");
+    assert_eq!(host.maintain(Command::Open(old.unit)), Some(Reply::Answer(Answer::Done, 1)));
+    assert!(open(&mut host));
+    let later = host.board.now() + 125 * CPU_HZ;
+    host.board.run_until(later).expect("runs");
+    assert!(!open(&mut host), "two minutes without a command");
+    assert_eq!(host.running(), old.checksum());
+}
+
+#[test]
 fn the_log_alone_gives_the_same_recording_as_the_link() {
     let elf = elf();
     let d = folder("log");
