@@ -65,10 +65,19 @@ impl Lag {
     }
 }
 
+/// Share of the way that a first-order lag goes in a model step.
+pub(crate) fn share(tau: f64) -> f64 {
+    if tau > 0.0 {
+        1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp()
+    } else {
+        1.0
+    }
+}
+
 /// First-order lag of a series of seconds; starts at `start`, else in equilibrium with the first value. A missing value
 /// holds the one before.
 fn lagged(input: &[f64], tau: f64, start: Option<f64>) -> Vec<f64> {
-    let share = if tau > 0.0 { 1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp() } else { 1.0 };
+    let share = share(tau);
     let first = input.iter().copied().find(|x| x.is_finite()).unwrap_or(f64::NAN);
     let (mut held, mut y) = (first, start.unwrap_or(first));
     input

@@ -203,7 +203,7 @@ fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
 
 /// The law fitted to a lagged sensor, and its weighted residual.
 fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureLaw, f64), BadInput> {
-    let share = if tau > 0.0 { 1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp() } else { 1.0 };
+    let share = crate::lag::share(tau);
     let (mut f, mut t) = (Vec::new(), Vec::new());
     for (s, sensor) in runs.iter().zip(sensors) {
         let settle = (sensor.len() / 8).min(600);

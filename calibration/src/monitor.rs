@@ -119,9 +119,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
             .areas(frame.area());
     let bold = Style::default().add_modifier(Modifier::BOLD);
     let bad = Style::default().fg(Color::Red);
-    let name = state
-        .identity
-        .map_or_else(|| "?".into(), |i| String::from_utf8_lossy(&i.unit).trim_end_matches('\0').to_string());
+    let name = state.identity.map_or_else(|| "?".into(), |i| i.unit_name().to_string());
     let Some(h) = state.last else {
         let wait = state.port_error.clone().unwrap_or_else(|| "waiting for the unit".into());
         frame.render_widget(Paragraph::new(format!("unit {name}: {wait}   (q ends)")), head);

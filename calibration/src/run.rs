@@ -2,7 +2,7 @@
 
 use crate::recording::Recording;
 use crate::BadInput;
-use hrg_core::bias::Scaling;
+use hrg_core::bias::{Scaling, State};
 use hrg_core::compensator::{Thermal, Thermometer};
 use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureLaw;
@@ -231,8 +231,14 @@ impl Run {
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
     #[must_use]
     pub fn state(&self, k: usize, a: usize) -> Option<(f32, f32)> {
+        self.bias_state(k, a).map(|s| (s.temperature_c, s.rate_c_per_min))
+    }
+
+    /// All that a bias model may look at, at a step; `None` while the frequency is lost.
+    #[must_use]
+    pub fn bias_state(&self, k: usize, a: usize) -> Option<State> {
         let t = &self.thermal[k];
-        t.temperature_c[a].filter(|_| t.age[a] == 0).map(|c| (c, t.rate_c_per_min[a]))
+        t.state(a).filter(|_| t.age[a] == 0)
     }
 
     /// What an effect may look at.

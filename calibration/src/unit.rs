@@ -5,7 +5,7 @@ use crate::BadInput;
 use anyhow::{Context, Result};
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
-use hrg_core::maintenance::{Answer, Command, Reply, CHUNK};
+use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
 use serialport::SerialPort;
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -172,12 +172,11 @@ impl Unit {
     pub fn burn(&mut self, calibration: &Calibration, progress: impl Fn(f64)) -> Result<Identity> {
         let identity = self.identity()?;
         let default = Calibration::uncalibrated();
-        let name = |bytes: &[u8; 16]| String::from_utf8_lossy(bytes).trim_end_matches('\0').to_string();
         if calibration.unit != identity.unit && identity.unit != default.unit {
             return Err(BadInput::new(format!(
                 "the calibration is of unit {}, the unit on this port is {}; nothing was written",
                 calibration.unit_name(),
-                name(&identity.unit)
+                identity.unit_name()
             ))
             .into());
         }
@@ -190,12 +189,9 @@ impl Unit {
         let checksum = block.checksum();
         self.done(Command::Open(identity.unit), "maintenance mode")?;
         self.done(Command::Begin(bytes.len() as u16), "erasing")?;
-        for (k, piece) in bytes.chunks(CHUNK).enumerate() {
-            let mut data = [0; CHUNK];
-            data[..piece.len()].copy_from_slice(piece);
-            let offset = (k * CHUNK) as u16;
-            self.done(Command::Chunk { offset, length: piece.len() as u8, data }, "writing")?;
-            progress((usize::from(offset) + piece.len()) as f64 / bytes.len() as f64);
+        for (k, chunk) in chunks(&bytes).enumerate() {
+            self.done(chunk, "writing")?;
+            progress((((k + 1) * CHUNK) as f64 / bytes.len() as f64).min(1.0));
         }
         let said = self.done(Command::End, "checking")?;
         anyhow::ensure!(

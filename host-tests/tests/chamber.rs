@@ -11,7 +11,7 @@ use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::unit::Unit;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Message};
-use hrg_core::maintenance::{Answer, Command, Reply, CHUNK};
+use hrg_core::maintenance::{chunks, Answer, Command, Reply};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -151,11 +151,7 @@ impl Host {
     fn burn(&mut self, c: &Calibration) -> bool {
         let bytes = c.to_bytes().expect("fits");
         let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
-        for (k, piece) in bytes.chunks(CHUNK).enumerate() {
-            let mut data = [0; CHUNK];
-            data[..piece.len()].copy_from_slice(piece);
-            commands.push(Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data });
-        }
+        commands.extend(chunks(&bytes));
         commands.push(Command::End);
         for c in commands {
             match self.maintain(c) {

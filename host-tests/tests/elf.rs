@@ -1,7 +1,7 @@
 //! The firmware ELF, as it is flashed, on the virtual board.
 
 use hrg_board::align::align;
-use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A};
+use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::Start;
@@ -203,7 +203,7 @@ fn the_newer_of_two_blocks_is_used() {
     let elf = elf();
     let mut board = Board::new(&elf, Wires::new(steps, [1.0; 3], 0.0, 1, None, None)).expect("runs");
     board.write_flash(CALIBRATION_A, &a.to_bytes().expect("fits")).expect("in flash");
-    board.write_flash(0x6_0000, &b.to_bytes().expect("fits")).expect("in flash");
+    board.write_flash(CALIBRATION_B, &b.to_bytes().expect("fits")).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");
     assert_eq!(board.world.received.housekeeping.last().map(|h| h.calibration), Some(b.checksum()));
 }

@@ -175,8 +175,7 @@ impl Calibration {
     /// The unit's name as text.
     #[must_use]
     pub fn unit_name(&self) -> &str {
-        let end = self.unit.iter().position(|&b| b == 0).unwrap_or(self.unit.len());
-        core::str::from_utf8(&self.unit[..end]).unwrap_or("?")
+        unit_text(&self.unit)
     }
 
     /// Sets the name; longer than 16 bytes is cut.
@@ -427,6 +426,13 @@ impl Calibration {
         }
         Ok(())
     }
+}
+
+/// A unit's name, as blocks and the link carry it, as text.
+#[must_use]
+pub fn unit_text(unit: &[u8; 16]) -> &str {
+    let end = unit.iter().position(|&b| b == 0).unwrap_or(unit.len());
+    core::str::from_utf8(&unit[..end]).unwrap_or("?")
 }
 
 /// Default scale of the rate converter: 20 deg/s at the end of 24 bits.

@@ -6,7 +6,7 @@
 
 use crate::alignment::session::{self, Command};
 use crate::bytes::{Reader, Writer};
-use crate::calibration::CRC32;
+use crate::calibration::{unit_text, CRC32};
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::maintenance;
@@ -120,6 +120,14 @@ pub struct Identity {
     pub created_unix_s: u32,
     /// Its sequence number.
     pub sequence: u32,
+}
+
+impl Identity {
+    /// The unit's name as text.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        unit_text(&self.unit)
+    }
 }
 
 /// Every message of the link.

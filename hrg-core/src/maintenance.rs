@@ -56,6 +56,15 @@ pub enum Command {
     Restart,
 }
 
+/// A block cut into the chunks that carry it, in order.
+pub fn chunks(block: &[u8]) -> impl Iterator<Item = Command> + '_ {
+    block.chunks(CHUNK).enumerate().map(|(k, piece)| {
+        let mut data = [0; CHUNK];
+        data[..piece.len()].copy_from_slice(piece);
+        Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data }
+    })
+}
+
 /// How a command went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -314,11 +323,7 @@ mod tests {
     fn burn(m: &mut Maintenance, store: &mut Memory, c: &Calibration) -> Answer {
         let bytes = c.to_bytes().expect("fits");
         let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
-        for (k, piece) in bytes.chunks(CHUNK).enumerate() {
-            let mut data = [0; CHUNK];
-            data[..piece.len()].copy_from_slice(piece);
-            commands.push(Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data });
-        }
+        commands.extend(chunks(&bytes));
         commands.push(Command::End);
         for command in &commands {
             match m.command(command, store) {

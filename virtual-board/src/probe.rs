@@ -9,8 +9,6 @@ pub struct Probe {
     running: Option<(u32, u64)>,
     /// Instructions of each call that no interrupt came into, callees included.
     pub calls: Vec<u32>,
-    /// Calls that were left out because an interrupt came into them.
-    pub interrupted: u64,
 }
 
 impl Probe {
@@ -30,23 +28,9 @@ impl Probe {
         }
     }
 
-    /// An interrupt is taken.
+    /// An interrupt is taken: the call that runs is left out.
     pub(crate) fn interrupt(&mut self) {
-        if self.running.take().is_some() {
-            self.interrupted += 1;
-        }
-    }
-
-    /// Fewest instructions of a call; `None` if none was counted.
-    #[must_use]
-    pub fn least(&self) -> Option<u32> {
-        self.calls.iter().copied().min()
-    }
-
-    /// Most instructions of a call.
-    #[must_use]
-    pub fn most(&self) -> Option<u32> {
-        self.calls.iter().copied().max()
+        self.running = None;
     }
 
     /// Mean instructions of a call.

@@ -179,7 +179,11 @@ fn screens() -> Result<(), Failure> {
     let _ = board.wait();
     let screen = screen.ok_or_else(|| Failure("hrg monitor gave no screen".into()))?;
     print!("{screen}");
-    std::fs::write(root().join("docs/monitor.txt"), screen).map_err(|e| Failure(e.to_string()))
+    let page = root().join("docs/chamber.md");
+    let text = std::fs::read_to_string(&page).map_err(|e| Failure(e.to_string()))?;
+    let (before, rest) = text.split_once("```text\n").ok_or_else(|| Failure("docs/chamber.md has no screen".into()))?;
+    let (_, after) = rest.split_once("```\n").ok_or_else(|| Failure("docs/chamber.md's screen has no end".into()))?;
+    std::fs::write(&page, format!("{before}```text\n{screen}```\n{after}")).map_err(|e| Failure(e.to_string()))
 }
 
 /// The firmware for the STM32F405RG, without maintenance mode, in a folder of its own: both build, within their bounds.

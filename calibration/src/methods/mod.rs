@@ -35,7 +35,7 @@ use crate::run::Run;
 use crate::stats::{block_means, median, quantile};
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::four_parameter::{self, FourParameter};
-use hrg_core::bias::{self, cube_or_tangent, direct, regressors, Coefficients, Scaling, State, TERMS};
+use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{by_name, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::AXES;
@@ -136,8 +136,7 @@ impl Form {
             }
             Self::Polynomial => {
                 let x = regressors(scaling, t, r);
-                let (u, inside) = scaling.u_and_inside(t);
-                fill(&[x[0], x[1], x[2], cube_or_tangent(u, inside)]);
+                fill(&[x[0], x[1], x[2], scaling.cube(t)]);
             }
             Self::Direct => fill(&direct::regressors(s.frequency_u, s.frequency_u_per_min, scaling.w_linear())),
             Self::Four { breakpoint_c, origin_c } => {
@@ -187,10 +186,6 @@ struct Data {
     names: Vec<&'static str>,
 }
 
-fn state(run: &Run, k: usize, a: usize) -> Option<State> {
-    run.thermal[k].state(a).filter(|_| run.thermal[k].age[a] == 0)
-}
-
 impl Data {
     fn new(runs: &[Run], scaling: &Scaling, a: usize, form: Form) -> Self {
         let names = form.names();
@@ -200,7 +195,7 @@ impl Data {
         let mut row = vec![0.0; names.len()];
         for run in runs {
             for k in 0..run.steps.len() {
-                match state(run, k, a) {
+                match run.bias_state(k, a) {
                     Some(s) => form.row(scaling, &s, &mut row),
                     None => row.fill(f64::NAN),
                 }
@@ -305,7 +300,9 @@ impl Folded {
 fn uniform_weights(runs: &[Run], a: usize) -> Vec<f64> {
     let bins: Vec<Option<i64>> = runs
         .iter()
-        .flat_map(|r| (0..r.steps.len()).map(move |k| state(r, k, a).map(|s| (s.temperature_c / 2.0).floor() as i64)))
+        .flat_map(|r| {
+            (0..r.steps.len()).map(move |k| r.bias_state(k, a).map(|s| (s.temperature_c / 2.0).floor() as i64))
+        })
         .collect();
     let mut count = std::collections::BTreeMap::<i64, f64>::new();
     for b in bins.iter().flatten() {
@@ -435,7 +432,7 @@ fn one_axis(
             for run in runs {
                 let input: Vec<f64> = (0..run.steps.len())
                     .map(|k| {
-                        state(run, k, a)
+                        run.bias_state(k, a)
                             .map_or(f64::NAN, |s| f64::from(bias::network::input(&scaling, s.temperature_c)))
                     })
                     .collect();
@@ -530,7 +527,8 @@ fn literal_swarm(runs: &[Run], scaling: &Scaling, d: &Data, a: usize, seed: u64)
     let mut columns = vec![Vec::new(); TERMS];
     for run in runs {
         for k in 0..run.steps.len() {
-            let (t, r) = state(run, k, a)
+            let (t, r) = run
+                .bias_state(k, a)
                 .map_or((f64::NAN, f64::NAN), |s| (f64::from(s.temperature_c), f64::from(s.rate_c_per_min)));
             for (c, v) in columns.iter_mut().zip([1.0, t, t * t, r, r * r, t * r]) {
                 c.push(if t.is_nan() { f64::NAN } else { v });
@@ -595,7 +593,8 @@ fn four_parameters(
 ) -> Result<FourParameter, BadInput> {
     let mut temperatures: Vec<f64> = Vec::new();
     for run in runs {
-        temperatures.extend((0..run.steps.len()).filter_map(|k| state(run, k, a)).map(|s| f64::from(s.temperature_c)));
+        temperatures
+            .extend((0..run.steps.len()).filter_map(|k| run.bias_state(k, a)).map(|s| f64::from(s.temperature_c)));
     }
     // A tenth of the range on either side is left to each branch.
     let (low, high) = (quantile(&temperatures, 0.0), quantile(&temperatures, 1.0));

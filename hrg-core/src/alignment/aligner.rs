@@ -44,6 +44,8 @@ pub struct Aligner<F> {
     same: [u32; 2],
     /// Steps without readings since the last one.
     missed: u32,
+    /// What the filter believes since the last step or turn: asked for once, because it costs more than a step.
+    belief: Option<Estimate>,
     refusal: Option<Refusal>,
 }
 
@@ -83,6 +85,7 @@ impl<F: Filter> Aligner<F> {
             increment: [f64::NAN; 2],
             same: [0; 2],
             missed: 0,
+            belief: None,
             refusal: None,
         }
     }
@@ -102,6 +105,7 @@ impl<F: Filter> Aligner<F> {
         self.increment = [f64::NAN; 2];
         self.same = [0; 2];
         self.missed = 0;
+        self.belief = None;
         self.refusal = None;
     }
 
@@ -113,6 +117,7 @@ impl<F: Filter> Aligner<F> {
         if self.filter.step([f64::NAN; 2]).is_none() {
             self.refuse(Refusal::Breakdown);
         }
+        self.belief = self.filter.estimate();
     }
 
     /// One step of readings, m/s.
@@ -144,7 +149,8 @@ impl<F: Filter> Aligner<F> {
             }
             None => self.refuse(Refusal::Breakdown),
         }
-        let known = self.position == 1 && self.filter.estimate().is_some_and(|e| 2.0 * e.azimuth_std <= CONVERGED);
+        self.belief = self.filter.estimate();
+        let known = self.position == 1 && self.belief.is_some_and(|e| 2.0 * e.azimuth_std <= CONVERGED);
         match (known, self.converged_at_s) {
             (true, None) => self.converged_at_s = Some(self.elapsed_s),
             (false, Some(_)) => self.converged_at_s = None,
@@ -164,6 +170,7 @@ impl<F: Filter> Aligner<F> {
             return;
         }
         self.filter.turn(angle, seconds);
+        self.belief = self.filter.estimate();
         self.elapsed_s += seconds;
         self.position = 1;
         self.turned = angle;
@@ -182,7 +189,7 @@ impl<F: Filter> Aligner<F> {
     /// What the filter believes, whether or not it may be given out.
     #[must_use]
     pub fn belief(&self) -> Option<Estimate> {
-        self.filter.estimate()
+        self.belief
     }
 
     /// Seconds since the start, the turn included.
@@ -221,7 +228,7 @@ impl<F: Filter> Aligner<F> {
         if self.seconds.iter().any(|s| f64::from(*s) * self.step_s < f64::from(SHORTEST)) {
             return Err(Refusal::TooShort);
         }
-        let estimate = self.filter.estimate().ok_or(Refusal::Breakdown)?;
+        let estimate = self.belief.ok_or(Refusal::Breakdown)?;
         if !(estimate.azimuth_std <= UNKNOWN) {
             return Err(Refusal::NotConverged);
         }

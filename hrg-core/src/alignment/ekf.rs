@@ -3,7 +3,7 @@
 //! It needs a first azimuth, and from a wrong one it may end anywhere.
 
 use super::real::{congruence, product, zeros, Matrix, Real};
-use super::{reset, sound, turn_steps, turn_tilts, update, wrap, Config, Estimate, Filter, ANY_VELOCITY};
+use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Config, Estimate, Filter};
 
 /// States.
 pub const STATES: usize = 7;
@@ -110,15 +110,6 @@ pub(super) fn prior<T: Real>(config: &Config, azimuth_std: f64) -> Matrix<T, STA
     p
 }
 
-/// What a turn does at its end: tilts less certain, velocities zero.
-pub(super) fn land<T: Real>(x: &mut [T; STATES], p: &mut Matrix<T, STATES>, config: &Config) {
-    let square = |v: f64| T::of(v * v);
-    for k in 0..2 {
-        p[TH + k][TH + k] += square(config.turn_tilt);
-        reset(x, p, V + k, T::zero(), square(config.velocity_noise));
-    }
-}
-
 /// An estimate from mean and covariance.
 pub(super) fn estimate<T: Real>(x: &[T; STATES], p: &Matrix<T, STATES>) -> Option<Estimate> {
     if !sound(x, p) {
@@ -169,11 +160,8 @@ impl<T: Real> Filter for Ekf<T> {
     fn step(&mut self, velocity: [f64; 2]) -> Option<[f64; 2]> {
         self.predict(self.config.step, true);
         let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
-        let mut out = [0.0; 2];
-        for k in 0..2 {
-            out[k] = update(&mut self.x, &mut self.p, V + k, T::of(velocity[k]), noise).0.f64();
-        }
-        sound(&self.x, &self.p).then_some(out)
+        let (squares, _) = read(&mut self.x, &mut self.p, V, velocity.map(T::of), noise);
+        sound(&self.x, &self.p).then_some(squares.map(Real::f64))
     }
 
     fn turn(&mut self, angle: f64, seconds: f64) {
@@ -186,21 +174,15 @@ impl<T: Real> Filter for Ekf<T> {
             turn_tilts(&mut self.x, &mut self.p, TH, part);
             self.turned += part;
         }
-        land(&mut self.x, &mut self.p, &self.config);
+        land(&mut self.x, &mut self.p, TH, V, &self.config);
     }
 
     fn set_velocity(&mut self, velocity: [f64; 2]) {
-        let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
-        for k in 0..2 {
-            reset(&mut self.x, &mut self.p, V + k, T::of(velocity[k]), noise);
-        }
+        set(&mut self.x, &mut self.p, V, velocity, &self.config);
     }
 
     fn forget_velocity(&mut self) {
-        for k in 0..2 {
-            let value = self.x[V + k];
-            reset(&mut self.x, &mut self.p, V + k, value, T::of(ANY_VELOCITY * ANY_VELOCITY));
-        }
+        forget(&mut self.x, &mut self.p, V);
     }
 
     fn estimate(&self) -> Option<Estimate> {

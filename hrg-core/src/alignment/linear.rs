@@ -7,7 +7,7 @@
 //! the whole alignment for free.
 
 use super::real::{congruence, transition, zeros, Matrix, Real};
-use super::{reset, sound, turn_steps, turn_tilts, update, wrap, Begin, Config, Estimate, Filter, ANY_VELOCITY};
+use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Begin, Config, Estimate, Filter};
 
 /// States.
 pub const STATES: usize = 8;
@@ -108,11 +108,8 @@ impl<T: Real> Filter for Linear<T> {
         let phi = self.phi;
         self.predict(&phi, self.config.step);
         let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
-        let mut out = [0.0; 2];
-        for k in 0..2 {
-            out[k] = update(&mut self.x, &mut self.p, V + k, T::of(velocity[k]), noise).0.f64();
-        }
-        sound(&self.x, &self.p).then_some(out)
+        let (squares, _) = read(&mut self.x, &mut self.p, V, velocity.map(T::of), noise);
+        sound(&self.x, &self.p).then_some(squares.map(Real::f64))
     }
 
     fn turn(&mut self, angle: f64, seconds: f64) {
@@ -126,26 +123,16 @@ impl<T: Real> Filter for Linear<T> {
             turn_tilts(&mut self.x, &mut self.p, TH, part);
             self.turned += part;
         }
-        let square = |v: f64| T::of(v * v);
-        for k in 0..2 {
-            self.p[TH + k][TH + k] += square(self.config.turn_tilt);
-            reset(&mut self.x, &mut self.p, V + k, T::zero(), square(self.config.velocity_noise));
-        }
+        land(&mut self.x, &mut self.p, TH, V, &self.config);
         self.phi = self.over(self.config.step, true);
     }
 
     fn set_velocity(&mut self, velocity: [f64; 2]) {
-        let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
-        for k in 0..2 {
-            reset(&mut self.x, &mut self.p, V + k, T::of(velocity[k]), noise);
-        }
+        set(&mut self.x, &mut self.p, V, velocity, &self.config);
     }
 
     fn forget_velocity(&mut self) {
-        for k in 0..2 {
-            let value = self.x[V + k];
-            reset(&mut self.x, &mut self.p, V + k, value, T::of(ANY_VELOCITY * ANY_VELOCITY));
-        }
+        forget(&mut self.x, &mut self.p, V);
     }
 
     fn estimate(&self) -> Option<Estimate> {

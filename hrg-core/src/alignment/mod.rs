@@ -220,8 +220,8 @@ pub struct Estimate {
 
 /// What every alignment filter does. Velocities start at zero at each position.
 pub trait Filter {
-    /// One step of [`Config::step`]: the velocity readings, m/s; NaN: there is none, time goes on without. Gives the squared innovation of each over its variance, or
-    /// `None` if the filter has broken down.
+    /// One step of [`Config::step`]: the velocity readings, m/s; NaN: there is none, time goes on without. Gives the
+    /// squared innovation of each over its variance, or `None` if the filter has broken down.
     fn step(&mut self, velocity: [f64; 2]) -> Option<[f64; 2]>;
     /// The platform has been turned about axis 3 by `angle` (rad, clockwise from above), which took `seconds` without
     /// readings; velocities start at zero again.
@@ -311,6 +311,54 @@ fn reset<T: Real, const N: usize>(x: &mut [T; N], p: &mut real::Matrix<T, N>, in
 /// Most steps of a turn: with 23 degrees each, heading within a step is as good as its middle to 1e-5 rad of tilt, and the particle filter stays
 /// under the watchdog's time.
 const TURN_STEPS: f64 = 4.0;
+
+/// Reads both velocities, `first` and the one after it: see [`update`]. Squares, and the sum of the likelihoods.
+fn read<T: Real, const N: usize>(
+    x: &mut [T; N],
+    p: &mut real::Matrix<T, N>,
+    first: usize,
+    velocity: [T; 2],
+    noise: T,
+) -> ([T; 2], T) {
+    let (a, la) = update(x, p, first, velocity[0], noise);
+    let (b, lb) = update(x, p, first + 1, velocity[1], noise);
+    ([a, b], la + lb)
+}
+
+/// Sets both velocities, each with the variance of a reading.
+fn set<T: Real, const N: usize>(
+    x: &mut [T; N],
+    p: &mut real::Matrix<T, N>,
+    first: usize,
+    velocity: [f64; 2],
+    config: &Config,
+) {
+    let noise = T::of(config.velocity_noise * config.velocity_noise);
+    for k in 0..2 {
+        reset(x, p, first + k, T::of(velocity[k]), noise);
+    }
+}
+
+/// Forgets how far both velocities can be trusted.
+fn forget<T: Real, const N: usize>(x: &mut [T; N], p: &mut real::Matrix<T, N>, first: usize) {
+    for k in first..first + 2 {
+        reset(x, p, k, x[k], T::of(ANY_VELOCITY * ANY_VELOCITY));
+    }
+}
+
+/// What a turn does at its end: tilts (at `tilt` and after) less certain, velocities (at `first` and after) zero.
+fn land<T: Real, const N: usize>(
+    x: &mut [T; N],
+    p: &mut real::Matrix<T, N>,
+    tilt: usize,
+    first: usize,
+    config: &Config,
+) {
+    for k in tilt..tilt + 2 {
+        p[k][k] += T::of(config.turn_tilt * config.turn_tilt);
+    }
+    set(x, p, first, [0.0; 2], config);
+}
 
 /// How a turn is cut into steps: their number and length, s.
 fn turn_steps(seconds: f64, step: f64) -> (u32, f64) {

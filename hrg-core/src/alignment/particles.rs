@@ -7,9 +7,9 @@
 //!   when few weights are left, the heavy ones are split along the azimuth, their covariance shared out among the
 //!   children.
 
-use super::ekf::{estimate, land, prior, walk, Model, A, D, STATES, TH, V};
+use super::ekf::{estimate, prior, walk, Model, A, D, STATES, TH, V};
 use super::real::{cholesky, zeros, Matrix, Real};
-use super::{reset, sound, turn_steps, turn_tilts, update, Begin, Config, Estimate, Filter, ANY_VELOCITY};
+use super::{forget, land, read, set, sound, turn_steps, turn_tilts, Begin, Config, Estimate, Filter};
 use core::f64::consts::PI;
 
 /// Particles of chen2015.
@@ -68,19 +68,6 @@ impl<T: Real> Particle<T> {
         self.p = p;
         true
     }
-
-    /// The readings: mean of the squared innovations over their variance, and the logarithm of the likelihood. The reading
-    /// is linear in the state, so the unscented update is the plain one.
-    fn read(&mut self, velocity: [T; 2], noise: T) -> ([T; 2], T) {
-        let mut squares = [T::zero(); 2];
-        let mut likelihood = T::zero();
-        for k in 0..2 {
-            let (square, l) = update(&mut self.x, &mut self.p, V + k, velocity[k], noise);
-            squares[k] = square;
-            likelihood += l;
-        }
-        (squares, likelihood)
-    }
 }
 
 /// The particles and what both forms do with them alike.
@@ -110,14 +97,14 @@ impl<T: Real, const N: usize> Cloud<T, N> {
         self.broken = false;
     }
 
+    /// The largest weight.
+    fn heaviest(&self) -> T {
+        self.particles.iter().fold(self.particles[0].weight, |m, q| if q.weight > m { q.weight } else { m })
+    }
+
     /// Weights as shares; they sum to one.
     fn shares(&self) -> [T; N] {
-        let mut most = self.particles[0].weight;
-        for q in &self.particles {
-            if q.weight > most {
-                most = q.weight;
-            }
-        }
+        let most = self.heaviest();
         let mut shares: [T; N] = core::array::from_fn(|k| (self.particles[k].weight - most).exp());
         let mut sum = T::zero();
         for s in &shares {
@@ -142,25 +129,19 @@ impl<T: Real, const N: usize> Cloud<T, N> {
             self.turned += 2.0 * part;
         }
         for q in &mut self.particles {
-            land(&mut q.x, &mut q.p, &self.config);
+            land(&mut q.x, &mut q.p, TH, V, &self.config);
         }
     }
 
     fn set_velocity(&mut self, velocity: [f64; 2]) {
-        let noise = T::of(self.config.velocity_noise * self.config.velocity_noise);
         for q in &mut self.particles {
-            for k in 0..2 {
-                reset(&mut q.x, &mut q.p, V + k, T::of(velocity[k]), noise);
-            }
+            set(&mut q.x, &mut q.p, V, velocity, &self.config);
         }
     }
 
     fn forget_velocity(&mut self) {
         for q in &mut self.particles {
-            for k in 0..2 {
-                let value = q.x[V + k];
-                reset(&mut q.x, &mut q.p, V + k, value, T::of(ANY_VELOCITY * ANY_VELOCITY));
-            }
+            forget(&mut q.x, &mut q.p, V);
         }
     }
 
@@ -218,6 +199,24 @@ impl<T: Real, const N: usize> Cloud<T, N> {
             out[N - 1] += (N - tooth) as u16;
         }
         out
+    }
+
+    /// Where few particles carry the weight, replaces them by their children, the comb at `offset`; else brings the
+    /// heaviest weight to zero, because single precision has no room for a sum of hundreds of logarithms.
+    fn renew(
+        &mut self,
+        shares: &[T; N],
+        offset: impl FnOnce() -> f64,
+        child: impl FnMut(&Particle<T>, u16, u16) -> Particle<T>,
+    ) {
+        if Self::effective(shares) < 0.5 * N as f64 {
+            self.resample(&Self::children(shares, offset()), child);
+        } else {
+            let most = self.heaviest();
+            for q in &mut self.particles {
+                q.weight -= most;
+            }
+        }
     }
 
     /// Replaces the particles by their children, in place: the childless are overwritten. `child` makes child `j` of `m`
@@ -281,7 +280,8 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
         let mut squares = [[T::zero(); 2]; N];
         for (q, out) in cloud.particles.iter_mut().zip(&mut squares) {
             cloud.broken |= !q.predict(&model, &cloud.config, cloud.config.step, true);
-            let (square, likelihood) = q.read(readings, model.noise);
+            // The reading is linear in the state, so the unscented update is the plain one.
+            let (square, likelihood) = read(&mut q.x, &mut q.p, V, readings, model.noise);
             *out = square;
             q.weight += likelihood;
         }
@@ -292,19 +292,10 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
                 out[k] += w.f64() * square[k].f64();
             }
         }
-        // Weights are kept near zero: single precision has no room for a sum of hundreds of logarithms.
-        let mut most = cloud.particles[0].weight;
-        for q in &cloud.particles {
-            if q.weight > most {
-                most = q.weight;
-            }
-        }
-        for q in &mut cloud.particles {
-            q.weight -= most;
-        }
-        if Cloud::effective(&shares) < 0.5 * N as f64 {
-            let children = Cloud::children(&shares, 0.5);
-            cloud.resample(&children, |parent, j, m| {
+        cloud.renew(
+            &shares,
+            || 0.5,
+            |parent, j, m| {
                 let mut child = *parent;
                 child.weight = T::zero();
                 let variance = parent.p[A][A];
@@ -328,8 +319,8 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
                     }
                 }
                 child
-            });
-        }
+            },
+        );
         let sum: f64 = out.iter().sum();
         (!cloud.broken && sum.is_finite()).then_some(out)
     }
@@ -435,7 +426,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
         for q in &mut cloud.particles {
             let before = model.advance(&q.x, T::of(cloud.config.step), true);
             cloud.broken |= !q.predict(&model, &cloud.config, cloud.config.step, true);
-            q.read(readings, model.noise);
+            read(&mut q.x, &mut q.p, V, readings, model.noise);
             let Some(root) = cholesky(&q.p) else {
                 cloud.broken = true;
                 continue;
@@ -461,16 +452,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
             q.weight += likelihood + log_density(&from_prior, &q_root) - log_density(&d, &root);
         }
         let shares = cloud.shares();
-        if Cloud::effective(&shares) < 0.5 * N as f64 {
-            let children = Cloud::children(&shares, dice.uniform());
-            cloud.resample(&children, |parent, _, _| Particle { weight: T::zero(), ..*parent });
-        } else {
-            let most =
-                cloud.particles.iter().fold(cloud.particles[0].weight, |m, q| if q.weight > m { q.weight } else { m });
-            for q in &mut cloud.particles {
-                q.weight -= most;
-            }
-        }
+        cloud.renew(&shares, || dice.uniform(), |parent, _, _| Particle { weight: T::zero(), ..*parent });
         // Drawn states miss the reading by more than their filters would: nothing can be said of the base.
         (!cloud.broken).then_some([1.0; 2])
     }

@@ -58,6 +58,14 @@ impl Scaling {
         (temperature_c - self.t_ref_c) / self.t_scale_c
     }
 
+    /// The cube of the normalised temperature, continued along its tangent beyond the calibrated range.
+    #[inline]
+    #[must_use]
+    pub fn cube(&self, temperature_c: f32) -> f32 {
+        let (u, inside) = self.u_and_inside(temperature_c);
+        cube_or_tangent(u, inside)
+    }
+
     /// Where the square of the rate of change of normalised frequency is continued linearly, per minute: normalised
     /// frequency spans the calibrated range as `u` does, to within some percent.
     #[inline]

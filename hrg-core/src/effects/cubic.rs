@@ -2,7 +2,6 @@
 //! Source: the usual polynomial order selection; dong2023 stops at `T^2`.
 
 use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
-use crate::bias::cube_or_tangent;
 
 /// `u^3` with `u = (T - t_ref) / t_scale`, continued linearly outside the calibrated range.
 #[derive(Debug, Clone)]
@@ -21,7 +20,6 @@ impl Effect for Cubic {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        let (u, inside) = inputs.scaling.u_and_inside(inputs.own_c());
-        one(cube_or_tangent(u, inside))
+        one(inputs.scaling.cube(inputs.own_c()))
     }
 }

@@ -1,7 +1,7 @@
 //! `hrg-board`: the firmware ELF on a virtual board.
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
 use hrg_board::{serve, weigh};
 use hrg_cal::recording::Recording;
@@ -26,38 +26,7 @@ enum Command {
     /// Play a recording into the unit and keep what it sends.
     ///
     /// Example: hrg-board run --recording run.csv --calibration cal.toml --out corrected.csv --log run.log
-    Run {
-        /// Recording of raw rates.
-        #[arg(long)]
-        recording: PathBuf,
-        /// Calibration, put into the unit's flash. Without it the sector is empty.
-        #[arg(long)]
-        calibration: Option<PathBuf>,
-        /// Where the corrected recording goes.
-        #[arg(long)]
-        out: PathBuf,
-        /// Where the unit's decoded log goes.
-        #[arg(long)]
-        log: Option<PathBuf>,
-        /// Where the unit's raw log goes, as a debug probe reads it.
-        #[arg(long)]
-        defmt: Option<PathBuf>,
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-        /// RMS jitter of each edge, ns.
-        #[arg(long, default_value_t = 20.0)]
-        jitter_ns: f64,
-        /// Seed of the jitter.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Stop after so many seconds of target time.
-        #[arg(long)]
-        seconds: Option<u64>,
-        /// Print where the instructions go, function by function.
-        #[arg(long)]
-        profile: bool,
-    },
+    Run(RunArguments),
     /// The board live: link and log on pseudo-terminals, for hrg record, monitor, burn and read.
     ///
     /// Example: hrg-board serve --recording run.csv --folder out/board --speed 1
@@ -157,16 +126,49 @@ enum Command {
     },
 }
 
+/// What `hrg-board run` is told.
+#[derive(Args)]
+struct RunArguments {
+    /// Recording of raw rates.
+    #[arg(long)]
+    recording: PathBuf,
+    /// Calibration, put into the unit's flash. Without it the sector is empty.
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// Where the corrected recording goes.
+    #[arg(long)]
+    out: PathBuf,
+    /// Where the unit's decoded log goes.
+    #[arg(long)]
+    log: Option<PathBuf>,
+    /// Where the unit's raw log goes, as a debug probe reads it.
+    #[arg(long)]
+    defmt: Option<PathBuf>,
+    /// Firmware; by default the one that cargo xtask build makes.
+    #[arg(long)]
+    elf: Option<PathBuf>,
+    /// RMS jitter of each edge, ns.
+    #[arg(long, default_value_t = 20.0)]
+    jitter_ns: f64,
+    /// Seed of the jitter.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Stop after so many seconds of target time.
+    #[arg(long)]
+    seconds: Option<u64>,
+    /// Print where the instructions go, function by function.
+    #[arg(long)]
+    profile: bool,
+}
+
 fn main() -> ExitCode {
     hrg_cal::exit("hrg-board", run(Arguments::parse().command))
 }
 
 fn run(command: Command) -> Result<()> {
     let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let (recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile) = match command {
-        Command::Run { recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile } => {
-            (recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile)
-        }
+    match command {
+        Command::Run(arguments) => play(arguments),
         Command::Weigh { recording, calibrations, seconds, json, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let steps = Steps::new(&load_raw(&recording)?)?;
@@ -176,7 +178,7 @@ fn run(command: Command) -> Result<()> {
             } else {
                 weigh::print(&weights);
             }
-            return Ok(());
+            Ok(())
         }
         Command::Serve { recording, calibration, speed, seconds, folder, elf } => {
             if !(0.01..=1000.0).contains(&speed) {
@@ -195,24 +197,29 @@ fn run(command: Command) -> Result<()> {
             let set = stop.clone();
             ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
             let options = serve::Options { speed, seconds, folder };
-            return serve::serve(&elf, calibration.as_ref(), &Steps::new(&source)?, &options, &stop);
+            serve::serve(&elf, calibration.as_ref(), &Steps::new(&source)?, &options, &stop)
         }
         Command::AlignDemo { runs, seed, out, table, upf } => {
             let elf = replay::read_elf(&replay::default_elf())?;
             let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
-            return hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref());
+            hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
         Command::Methods { seed, out, seconds, table, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            return hrg_board::methods::methods(&elf, &out, seed, seconds, table.as_deref());
+            hrg_board::methods::methods(&elf, &out, seed, seconds, table.as_deref())
         }
         Command::Demo { seed, out, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
             let elf = elf.unwrap_or_else(replay::default_elf);
-            return hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"));
+            hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))
         }
-    };
+    }
+}
+
+/// `hrg-board run`.
+fn play(arguments: RunArguments) -> Result<()> {
+    let RunArguments { recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile } = arguments;
     let source = load_raw(&recording)?;
     let calibration = calibration.map(|p| file::load(&p)).transpose()?;
     let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

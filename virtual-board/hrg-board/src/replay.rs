@@ -17,6 +17,9 @@ use virtual_board::{Board, Probe, Stop, CPU_HZ};
 /// Flash offset of calibration sector A (memory.x).
 pub const CALIBRATION_A: u32 = 0x4_0000;
 
+/// Flash offset of calibration sector B (memory.x).
+pub const CALIBRATION_B: u32 = 0x6_0000;
+
 /// What to run.
 #[derive(Debug, Clone)]
 pub struct Options {

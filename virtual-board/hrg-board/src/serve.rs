@@ -1,6 +1,6 @@
 //! The virtual board live: its link and its log on pseudo-terminals, in real or scaled time.
 
-use crate::replay::CALIBRATION_A;
+use crate::replay::{CALIBRATION_A, CALIBRATION_B};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_cal::log::Decoder;
@@ -25,7 +25,7 @@ pub struct Options {
 }
 
 /// Calibration sectors, as offsets in flash.
-const SECTORS: [u32; 2] = [CALIBRATION_A, 0x6_0000];
+const SECTORS: [u32; 2] = [CALIBRATION_A, CALIBRATION_B];
 const SECTOR: usize = 0x2_0000;
 /// The board runs in slices of this.
 const SLICE: Duration = Duration::from_millis(20);

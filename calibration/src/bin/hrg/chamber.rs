@@ -30,7 +30,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>) -> Result<()> {
     let mut unit = Unit::open(port)?;
     let name = |unit: &mut Unit| -> Result<String> {
         let identity = unit.identity()?;
-        Ok(String::from_utf8_lossy(&identity.unit).trim_end_matches('\0').to_string())
+        Ok(identity.unit_name().to_string())
     };
     let mut recorder = Recorder::new(out, &name(&mut unit)?);
     let start = Instant::now();
@@ -157,12 +157,7 @@ pub fn burn(calibration: &Path, port: &str) -> Result<()> {
 /// `hrg read`.
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     let (identity, sectors) = Unit::open(port)?.read()?;
-    println!(
-        "unit {}, running block {:08x}, number {}",
-        String::from_utf8_lossy(&identity.unit).trim_end_matches('\0'),
-        identity.calibration,
-        identity.sequence
-    );
+    println!("unit {}, running block {:08x}, number {}", identity.unit_name(), identity.calibration, identity.sequence);
     let mut running = None;
     for (name, sector) in ["A", "B"].iter().zip(sectors) {
         match sector {
@@ -201,8 +196,7 @@ pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>, out:
     let mut state = State::default();
     state.identity = Some(unit.identity()?);
     state.profile = profile;
-    let name =
-        state.identity.map(|i| String::from_utf8_lossy(&i.unit).trim_end_matches('\0').to_string()).unwrap_or_default();
+    let name = state.identity.map(|i| i.unit_name().to_string()).unwrap_or_default();
     let mut recorder = out.map(|path| Recorder::new(path, &name));
     if let Some(seconds) = snapshot {
         let mut seen = 0;
