@@ -9,15 +9,17 @@
 
 use crate::capture::{self, Clock, Rings};
 use crate::converter::{Converter, Wiring};
+use crate::maintain::Sectors;
 use crate::params;
-use embassy_stm32::flash::{Blocking, Flash};
+use embassy_stm32::flash::Flash;
 use embassy_stm32::mode::Async;
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, IWDG, USART1};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
-use hrg_core::calibration::{self, BlockError, Calibration};
+use hrg_core::calibration::{self, Calibration};
+use hrg_core::maintenance::Store;
 use hrg_core::status::unit;
 use static_cell::ConstStaticCell;
 
@@ -46,8 +48,8 @@ pub struct Board {
     pub watchdog: IndependentWatchdog<'static, IWDG>,
     /// Whether the last reset came from the watchdog.
     pub watchdog_reset: bool,
-    /// Program memory, with the two calibration sectors.
-    pub flash: Flash<'static, Blocking>,
+    /// The two calibration sectors.
+    pub sectors: Sectors,
 }
 
 fn clocks() -> rcc::Config {
@@ -119,29 +121,21 @@ impl Board {
             link_in: link_in.into_ring_buffered(LINK_RING.take()),
             watchdog: IndependentWatchdog::new(p.IWDG, params::WATCHDOG_US),
             watchdog_reset,
-            flash: Flash::new_blocking(p.FLASH),
+            sectors: Sectors::new(Flash::new_blocking(p.FLASH)),
         }
     }
 
     /// The newest valid block of the two sectors with its sector, or the compiled-in default; and what status to report.
-    pub fn calibration(&mut self) -> (Calibration, Option<u8>, u8) {
-        static A: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
-        static B: ConstStaticCell<[u8; calibration::MAX_BYTES]> = ConstStaticCell::new([0; calibration::MAX_BYTES]);
-        let (a, b) = (A.take(), B.take());
-        let read = self
-            .flash
-            .blocking_read(params::CALIBRATION_A, a)
-            .and_then(|()| self.flash.blocking_read(params::CALIBRATION_B, b));
-        if read.is_err() {
-            return (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED);
+    pub fn calibration(&self) -> (Calibration, Option<u8>, u8) {
+        let found = calibration::newest(self.sectors.view(0), self.sectors.view(1));
+        let mut status = 0;
+        if let Some(error) = found.refused {
+            defmt::error!("calibration refused: {}", error);
+            status |= unit::BLOCK_REFUSED;
         }
-        match calibration::newest(a, b) {
-            Ok((calibration, sector)) => (calibration, Some(sector as u8), 0),
-            Err(BlockError::NoBlock) => (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION),
-            Err(error) => {
-                defmt::error!("calibration refused: {}", error);
-                (Calibration::uncalibrated(), None, unit::DEFAULT_CALIBRATION | unit::BLOCK_REFUSED)
-            }
+        match found.newest {
+            Some((calibration, sector)) => (calibration, Some(sector), status),
+            None => (Calibration::uncalibrated(), None, status | unit::DEFAULT_CALIBRATION),
         }
     }
 }

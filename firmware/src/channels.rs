@@ -20,6 +20,12 @@ pub static BIAS: Signal<Mutex, Staged> = Signal::new();
 pub static TICK: Signal<Mutex, u32> = Signal::new();
 /// Rate path to watchdog: it has run.
 pub static RATE_ALIVE: Signal<Mutex, ()> = Signal::new();
+/// Model to watchdog: it has run.
+pub static MODEL_ALIVE: Signal<Mutex, ()> = Signal::new();
+/// Link out to watchdog: it has sent.
+pub static LINK_ALIVE: Signal<Mutex, ()> = Signal::new();
+/// Telemetry to watchdog: it has had a second.
+pub static TELEMETRY_ALIVE: Signal<Mutex, ()> = Signal::new();
 /// Rate path to link: frames out. Dropped, and counted, when full.
 pub static FRAMES: Channel<Mutex, RateFrame, FRAME_QUEUE> = Channel::new();
 /// Rate path to telemetry: means of the second past, and frames dropped since start.

@@ -117,7 +117,7 @@ fn DMA2_STREAM0() {
 }
 
 impl Converter {
-    /// Sets up the bus, the streams and the interrupts; the converter itself by [`set_up`](Self::set_up).
+    /// Sets up the bus and the streams; the converter itself by [`set_up`](Self::set_up).
     pub fn new(w: Wiring) -> Self {
         rcc::enable_and_reset::<SPI1>();
         let pin = |p: Flex<'static>, kind| {
@@ -165,15 +165,20 @@ impl Converter {
         pac::SYSCFG.exticr(READY_LINE / 4).modify(|w| w.set_exti(READY_LINE % 4, 2));
         pac::EXTI.ftsr(0).modify(|w| w.set_line(READY_LINE, true));
         pac::EXTI.imr(0).modify(|w| w.set_line(READY_LINE, true));
+        Self { settings_sent: 0, _pins: pins }
+    }
+
+    /// Fetches from the next data-ready edge on. By the task that takes the frames, so that none comes before it is there.
+    pub fn start(&mut self) {
+        pac::EXTI.pr(0).write(|w| w.set_line(READY_LINE, true));
         interrupt::DMA2_STREAM0.unpend();
         interrupt::EXTI9_5.unpend();
-        // SAFETY: everything that the two handlers touch is set up above.
+        // SAFETY: everything that the two handlers touch was set up by `new`.
         #[allow(unsafe_code)]
         unsafe {
             interrupt::DMA2_STREAM0.enable();
             interrupt::EXTI9_5.enable();
         }
-        Self { settings_sent: 0, _pins: pins }
     }
 
     /// Has the next frame carry a setting: call for each frame that reports [`Fault::Reset`], until none does.

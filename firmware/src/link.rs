@@ -1,6 +1,8 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ERRORS, MAINTAIN};
+use crate::channels::{
+    Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN,
+};
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
@@ -18,6 +20,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
         };
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
+        LINK_ALIVE.signal(());
     }
 }
 

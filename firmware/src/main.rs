@@ -75,7 +75,7 @@ fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(Spawn
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    let mut board = board::Board::new();
+    let board = board::Board::new();
     let (calibration, sector, mut unit_status) = board.calibration();
     if board.watchdog_reset {
         unit_status |= unit::WATCHDOG_RESET;
@@ -99,8 +99,9 @@ async fn main(spawner: Spawner) {
         [calibration.axes[0].rate_scale_dph, calibration.axes[1].rate_scale_dph, calibration.axes[2].rate_scale_dph],
         rate_path::DIVIDER,
     );
-    static COMPENSATOR: StaticCell<Compensator> = StaticCell::new();
-    let compensator = COMPENSATOR.init(Compensator::new(calibration, 0.0));
+    // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
+    static LANES: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
+    let lanes = LANES.each_ref().map(|lane| lane.init(Compensator::new(calibration.clone(), 0.0)));
 
     // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);
@@ -108,7 +109,7 @@ async fn main(spawner: Spawner) {
     spawned(rate::task(board.converter, path, unit_status), |t| rate_spawner.spawn(t));
     interrupt::UART4.set_priority(Priority::P8);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
-    spawned(model::task(board.rings, board.clock, compensator), |t| model_spawner.spawn(t));
+    spawned(model::task(board.rings, board.clock, lanes), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, who), |t| model_spawner.spawn(t));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
@@ -117,22 +118,36 @@ async fn main(spawner: Spawner) {
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
     let maintenance =
         MAINTENANCE.init(Maintenance::new(identity.unit, identity.sequence, sector, cfg!(feature = "locked")));
-    spawned(maintain::task(maintenance, maintain::Sectors::new(board.flash)), |t| spawner.spawn(t));
+    spawned(maintain::task(maintenance, board.sectors), |t| spawner.spawn(t));
     watch(board.watchdog).await
 }
 
-/// Feeds the watchdog while the rate path runs. Being a thread task it also proves that threads get to run.
+/// Feeds the watchdog while rate path and model run, and link and telemetry have not stood still for long. Being a thread
+/// task it also proves that threads get to run.
 async fn watch(mut watchdog: IndependentWatchdog<'static, embassy_stm32::peripherals::IWDG>) -> ! {
     watchdog.unleash();
+    let (mut link_quiet, mut telemetry_quiet) = (0u8, 0u8);
     loop {
         Timer::after(params::WATCHDOG_FEED).await;
-        if channels::RATE_ALIVE.try_take().is_some() {
+        let since = |quiet: u8, alive: bool| if alive { 0 } else { quiet.saturating_add(1) };
+        link_quiet = since(link_quiet, channels::LINK_ALIVE.try_take().is_some());
+        telemetry_quiet = since(telemetry_quiet, channels::TELEMETRY_ALIVE.try_take().is_some());
+        let running = channels::RATE_ALIVE.try_take().is_some() && channels::MODEL_ALIVE.try_take().is_some();
+        if running && link_quiet.max(telemetry_quiet) < params::QUIET_FEEDS {
             watchdog.pet();
         }
     }
 }
 
-/// A panic is a bug: say where, stop, and let the watchdog reset the unit (the reset is flagged).
+/// The unit has found itself upset: nothing more goes out, and the watchdog starts it anew (which is flagged).
+fn halt() -> ! {
+    cortex_m::interrupt::disable();
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// A panic is a bug: say where, and halt.
 #[panic_handler]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
@@ -140,7 +155,12 @@ fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
         Some(at) => defmt::error!("panic at {=str}:{=u32}", at.file(), at.line()),
         None => defmt::error!("panic"),
     }
-    loop {
-        cortex_m::asm::nop();
-    }
+    halt()
+}
+
+/// A fault of the processor: halt.
+#[cortex_m_rt::exception]
+#[allow(unsafe_code)] // cortex-m-rt wants it so.
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    halt()
 }

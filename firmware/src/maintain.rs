@@ -5,13 +5,14 @@
 
 use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
 use crate::params;
-use embassy_stm32::flash::{Blocking, Flash};
+use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac;
 use embassy_time::{with_timeout, Timer};
+use hrg_core::calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
 
-/// The two sectors in flash.
+/// The two sectors in flash: written through the controller, read where they lie.
 pub struct Sectors {
     flash: Flash<'static, Blocking>,
 }
@@ -52,8 +53,14 @@ impl Store for Sectors {
     fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
         self.flash.blocking_write(Self::start(sector) + u32::from(offset), bytes).is_ok()
     }
-    fn read(&mut self, sector: u8, offset: u16, bytes: &mut [u8]) -> bool {
-        self.flash.blocking_read(Self::start(sector) + u32::from(offset), bytes).is_ok()
+    fn view(&self, sector: u8) -> &[u8] {
+        let address = FLASH_BASE + Self::start(sector) as usize;
+        // SAFETY: a calibration sector (memory.x), longer than that, which nothing but this type writes to, and only with
+        // `&mut self`.
+        #[allow(unsafe_code)]
+        unsafe {
+            core::slice::from_raw_parts(core::ptr::with_exposed_provenance(address), calibration::MAX_BYTES)
+        }
     }
 }
 

@@ -1,17 +1,18 @@
 //! The bias model: fetches edges, makes frequencies, temperatures and biases, once a second.
 
 use crate::capture::{Clock, Rings};
-use crate::channels::{BIAS, STEP, TICK, TRIM};
+use crate::channels::{BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
 use crate::params::{FETCH_PERIOD, TIMER_HZ};
 use embassy_time::Ticker;
-use hrg_core::compensator::Compensator;
+use hrg_core::compensator::{update_both, Compensator};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
 use hrg_core::rate_path::Staged;
 use hrg_core::AXES;
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut rings: Rings, clock: Clock, compensator: &'static mut Compensator) {
+pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensator; 2]) {
+    let [first, second] = lanes;
     let mut bank = Bank::new(Config::at(TIMER_HZ), GATES_PER_STEP);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
@@ -24,11 +25,16 @@ pub async fn task(mut rings: Rings, clock: Clock, compensator: &'static mut Comp
             }
         }
         TICK.signal(now);
+        MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
         if let Some(trim) = TRIM.try_take() {
-            compensator.set_trim(trim);
+            first.set_trim(trim);
+            second.set_trim(trim);
         }
-        let output = compensator.update(&step);
+        let Some(output) = update_both([first, second], &step) else {
+            defmt::error!("the two models differ: memory was upset");
+            crate::halt()
+        };
         BIAS.signal(Staged::new(&step, &output));
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output));

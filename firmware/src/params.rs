@@ -43,8 +43,8 @@ pub const LINK_RING: usize = 512;
 /// Rate frames that may wait for the link: 40 ms at 200 Hz.
 pub const FRAME_QUEUE: usize = 8;
 
-/// Watchdog, us. The rate path runs each millisecond and is looked at each [`WATCHDOG_FEED`]; the longest
-/// legitimate pause is none.
+/// Watchdog, us. The rate path runs each millisecond, the model each ten, and both are looked at each [`WATCHDOG_FEED`]; the
+/// longest legitimate pause is none.
 pub const WATCHDOG_US: u32 = 500_000;
 
 /// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB
@@ -55,6 +55,10 @@ pub const WATCHDOG_USUAL: (u8, u16) = (2, 1000);
 
 /// How often the watchdog is fed, if the rate path has run.
 pub const WATCHDOG_FEED: Duration = Duration::from_millis(100);
+
+/// The watchdog is not fed once link or telemetry, which speak at least each second, have been quiet for so many
+/// [`WATCHDOG_FEED`]s.
+pub const QUIET_FEEDS: u8 = 25;
 
 /// The rates of a step come this long after its frequencies at most.
 pub const SUMMARY_WAIT: Duration = Duration::from_millis(200);

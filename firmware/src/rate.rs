@@ -11,6 +11,7 @@ use hrg_core::status::unit;
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8) {
+    converter.start();
     let mut dropped = 0u16;
     let mut drops_to_say = false;
     // Fetches of edges (each 10 ms) without a sample between them: the converter is silent after two.
@@ -47,7 +48,11 @@ pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8
             }
         };
         RATE_ALIVE.signal(());
-        let Event { frame, summary } = event;
+        let Event { frame, summary, upset } = event;
+        if upset {
+            defmt::error!("bias or scale has changed in memory");
+            crate::halt()
+        }
         if let Some(mut frame) = frame {
             frame.unit_status |= start_status;
             if drops_to_say {

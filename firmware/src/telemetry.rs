@@ -1,6 +1,8 @@
 //! Housekeeping each second, to the link and to the log; and the align mode, which lives on the same seconds.
 
-use crate::channels::{Who, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, STEP, SUMMARY, TRIM};
+use crate::channels::{
+    Who, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, STEP, SUMMARY, TELEMETRY_ALIVE, TRIM,
+};
 use crate::params::{SUMMARY_WAIT, TIMER_HZ};
 use embassy_time::with_timeout;
 use hrg_core::alignment::session::Session;
@@ -23,6 +25,7 @@ pub async fn task(who: Who, session: &'static mut Session<Flown>) {
     let mut maintenance = false;
     loop {
         let (step, output) = STEP.receive().await;
+        TELEMETRY_ALIVE.signal(());
         let summary = match with_timeout(SUMMARY_WAIT, SUMMARY.receive()).await {
             Ok((summary, d)) => {
                 dropped = d;

@@ -2,7 +2,7 @@
 
 use hrg_board::align::align;
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
-use hrg_board::wires::{WireFaults, Wires};
+use hrg_board::wires::{AxisFault, ConverterFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::Start;
 use hrg_cal::fit::prepare;
@@ -93,7 +93,7 @@ fn one_second_gates_resolve_ten_microhertz() {
 fn a_silent_resonator_is_said_and_the_others_do_not_notice() {
     let c = calibration();
     let good = run(Some(&c), 60, WireFaults::default(), true);
-    let faults = WireFaults { silent_axis: vec![(1, 20.0..40.0)], ..WireFaults::default() };
+    let faults = WireFaults { axis: vec![(1, AxisFault::Stop, 20.0..40.0)], ..WireFaults::default() };
     let bad = run(Some(&c), 60, faults, true);
     assert_eq!(bad.received.differing, 0, "{:?}", bad.received.first_difference);
     assert_eq!(bad.watchdog_resets, 0);
@@ -126,7 +126,7 @@ fn glitches_are_counted_and_harmless() {
 
 #[test]
 fn a_silent_converter_is_said_and_the_unit_runs_on() {
-    let faults = WireFaults { silent_converter: Some(5.0..12.0), ..WireFaults::default() };
+    let faults = WireFaults { converter: vec![(ConverterFault::Silent, 5.0..12.0)], ..WireFaults::default() };
     let o = run(Some(&calibration()), 20, faults, false);
     assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
     let silent: Vec<_> =

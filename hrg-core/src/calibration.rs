@@ -91,8 +91,10 @@ pub struct Calibration {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BlockError {
-    /// It does not begin with the magic: empty or foreign flash.
+    /// The flash is erased (or there is nothing at all).
     NoBlock,
+    /// It does not begin as a block does, and is not erased either.
+    Foreign,
     /// It is of another version.
     Version(u16),
     /// Its length is impossible, or more than there is.
@@ -115,6 +117,7 @@ impl core::fmt::Display for BlockError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NoBlock => write!(f, "there is no calibration block"),
+            Self::Foreign => write!(f, "what is there does not begin as a calibration block does"),
             Self::Version(v) => write!(f, "the block is of version {v}, this program reads version {VERSION}"),
             Self::Length(n) => write!(f, "the block's length of {n} bytes is impossible"),
             Self::Checksum => write!(f, "the block's checksum does not match its content"),
@@ -213,7 +216,9 @@ impl Calibration {
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, BlockError> {
         let mut header = Reader::new(bytes);
         if header.array::<4>() != Some(MAGIC) {
-            return Err(BlockError::NoBlock);
+            // An erased sector holds no fault; a block whose first bytes are upset does.
+            let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
+            return Err(if erased { BlockError::NoBlock } else { BlockError::Foreign });
         }
         let version = header.u16().ok_or(BlockError::Length(0))?;
         let length = header.u16().ok_or(BlockError::Length(0))?;
@@ -450,21 +455,30 @@ fn finite(values: &[f32]) -> Result<(), BlockError> {
     Ok(())
 }
 
-/// The newest valid block of two flash sectors, with the sector it came from (0 or 1).
-///
-/// # Errors
-/// The error of the sector that looked most like a block, where neither is valid.
-pub fn newest(a: &[u8], b: &[u8]) -> Result<(Calibration, usize), BlockError> {
-    match (Calibration::from_bytes(a), Calibration::from_bytes(b)) {
-        (Ok(x), Ok(y)) => {
-            // Sequence numbers compare across their wrap.
-            let b_newer = y.sequence.wrapping_sub(x.sequence) as i32 > 0;
-            Ok(if b_newer { (y, 1) } else { (x, 0) })
-        }
-        (Ok(x), Err(_)) => Ok((x, 0)),
-        (Err(_), Ok(y)) => Ok((y, 1)),
-        (Err(BlockError::NoBlock), Err(e)) | (Err(e), Err(_)) => Err(e),
-    }
+/// What the two flash sectors hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The newest valid block, with the sector it came from (0 or 1).
+    pub newest: Option<(Calibration, u8)>,
+    /// Why a sector's content was refused that is no valid block and not erased either: a block whose memory has changed, or
+    /// one whose writing was cut short. The unit says so ([`crate::status::unit::BLOCK_REFUSED`]), for the one in use may be
+    /// the older.
+    pub refused: Option<BlockError>,
+}
+
+/// Looks at both sectors.
+#[must_use]
+pub fn newest(a: &[u8], b: &[u8]) -> Found {
+    let (a, b) = (Calibration::from_bytes(a), Calibration::from_bytes(b));
+    let refused = [&a, &b].iter().find_map(|r| r.as_ref().err().copied().filter(|e| *e != BlockError::NoBlock));
+    let newest = match (a, b) {
+        // Sequence numbers compare across their wrap.
+        (Ok(x), Ok(y)) if y.sequence.wrapping_sub(x.sequence) as i32 > 0 => Some((y, 1)),
+        (Ok(x), _) => Some((x, 0)),
+        (Err(_), Ok(y)) => Some((y, 1)),
+        (Err(_), Err(_)) => None,
+    };
+    Found { newest, refused }
 }
 
 #[cfg(test)]
@@ -567,15 +581,28 @@ mod tests {
     }
 
     #[test]
+    fn every_flipped_bit_is_noticed() {
+        let good = full().to_bytes().expect("fits");
+        for bit in 0..good.len() * 8 {
+            let mut bad = good.clone();
+            bad[bit / 8] ^= 1 << (bit % 8);
+            let found = newest(&bad, &[0xFF; MAX_BYTES]);
+            assert!(found.newest.is_none() && found.refused.is_some(), "bit {bit}: {found:?}");
+        }
+    }
+
+    #[test]
     fn newest_valid_block_wins() {
         let (mut x, mut y) = (full(), full());
         x.sequence = u32::MAX;
         y.sequence = 0;
         let (bx, mut by) = (x.to_bytes().expect("fits"), y.to_bytes().expect("fits"));
-        assert_eq!(newest(&bx, &by), Ok((y, 1)));
+        assert_eq!(newest(&bx, &by), Found { newest: Some((y, 1)), refused: None });
         by[20] ^= 4;
-        assert_eq!(newest(&bx, &by), Ok((x, 0)));
-        assert_eq!(newest(&[0xFF; 8], &by), Err(BlockError::Checksum));
+        let refused = Some(BlockError::Checksum);
+        assert_eq!(newest(&bx, &by), Found { newest: Some((x, 0)), refused }, "the older is used, and that is said");
+        assert_eq!(newest(&[0xFF; 8], &by), Found { newest: None, refused });
+        assert_eq!(newest(&[0xFF; 8], &[]), Found { newest: None, refused: None });
     }
 
     proptest! {

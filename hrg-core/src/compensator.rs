@@ -14,6 +14,14 @@ use heapless::Vec;
 /// [`axis::FREQUENCY_LOST`]; after it [`axis::TEMPERATURE_STALE`] joins. In model steps (seconds).
 pub const HOLD_S: u32 = 10;
 
+/// A resonator of some grams does not change its temperature faster than this, C per model step: a frequency that says so
+/// is not believed at once. (30 C per minute; a chamber does 5, and a unit behind its case less.)
+pub const MAX_STEP_C: f32 = 0.5;
+
+/// A frequency that jumped is taken for lost until it has stayed where it is for this many model steps. Then it is believed,
+/// and its rate of change starts anew (flagged [`axis::SETTLING`]).
+pub const BELIEVE_STEPS: u8 = 5;
+
 /// Temperatures of one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thermal {
@@ -29,8 +37,8 @@ pub struct Thermal {
     pub frequency_u_per_min: [f32; AXES],
     /// Steps since the frequency of each axis was last measured.
     pub age: [u32; AXES],
-    /// Whether the slope's window is full.
-    pub settled: bool,
+    /// Whether the window of the slope is full.
+    pub settled: [bool; AXES],
     /// Time since power-on at the end of the step, s.
     pub time_s: f32,
 }
@@ -44,6 +52,8 @@ pub struct Thermometer {
     /// Temperature and its slope by frequency, and normalised frequency.
     last: [Option<((f32, f32), f32)>; AXES],
     age: [u32; AXES],
+    /// A temperature after a jump, and for how many steps it has stayed.
+    doubted: [Option<(f32, u8)>; AXES],
     steps: u32,
     power_on_s: f32,
 }
@@ -58,9 +68,33 @@ impl Thermometer {
             differences: core::array::from_fn(|_| Difference::default()),
             last: [None; AXES],
             age: [0; AXES],
+            doubted: [None; AXES],
             steps: 0,
             power_on_s,
         }
+    }
+
+    /// Whether a temperature of axis `k` can follow on what was before.
+    fn believe(&mut self, k: usize, t: f32) -> bool {
+        let Some(((last, _), _)) = self.last[k] else { return true };
+        // After an outage it may be further away, by as much a step.
+        if (t - last).abs() <= MAX_STEP_C * (self.age[k].saturating_add(1)) as f32 && self.doubted[k].is_none() {
+            return true;
+        }
+        let stayed = match self.doubted[k] {
+            Some((before, n)) if (t - before).abs() <= MAX_STEP_C => n + 1,
+            _ => 1,
+        };
+        if stayed < BELIEVE_STEPS {
+            // Back where it was before the jump: that is believed at once.
+            let back = (t - last).abs() <= MAX_STEP_C && stayed == 1;
+            self.doubted[k] = (!back).then_some((t, stayed));
+            return back;
+        }
+        self.doubted[k] = None;
+        self.windows[k] = SlopeWindow::default();
+        self.differences[k] = Difference::default();
+        true
     }
 
     /// One model step.
@@ -70,10 +104,11 @@ impl Thermometer {
             ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
         for k in 0..AXES {
             let law = &self.laws[k];
-            let now = frequency_hz[k]
+            let measured = frequency_hz[k]
                 .map(|f| law.normalised(f))
                 .map(|u| (law.value_and_slope(u), u))
                 .filter(|((t, _), u)| t.is_finite() && u.is_finite());
+            let now = measured.filter(|((t, _), _)| self.believe(k, *t));
             frequency_u_per_min[k] = self.windows[k].push(now.map(|(_, u)| u));
             match now {
                 Some(_) => {
@@ -94,7 +129,7 @@ impl Thermometer {
             frequency_u_per_min,
             frequency_u: self.last.map(|l| l.map_or(0.0, |(_, u)| u)),
             age: self.age,
-            settled: self.windows[0].settled(),
+            settled: core::array::from_fn(|k| self.windows[k].settled()),
             time_s: self.power_on_s + self.steps as f32 * MODEL_STEP_S,
         }
     }
@@ -141,6 +176,25 @@ pub struct Output {
     pub bias_dph: [f32; AXES],
     /// Status bits ([`crate::status::axis`]).
     pub status: [u8; AXES],
+}
+
+impl Output {
+    /// Whether both are the same to the last bit.
+    #[must_use]
+    pub fn same(&self, other: &Self) -> bool {
+        let equal = |a: &[f32; AXES], b: &[f32; AXES]| a.iter().zip(b).all(|(x, y)| x.to_bits() == y.to_bits());
+        equal(&self.bias_dph, &other.bias_dph)
+            && equal(&self.temperature_c, &other.temperature_c)
+            && equal(&self.rate_c_per_min, &other.rate_c_per_min)
+            && self.status == other.status
+    }
+}
+
+/// One model step of two compensators that were made alike and have seen the same, in separate memory. `None` where they
+/// differ in any bit: memory was upset, and neither is to be trusted.
+pub fn update_both(lanes: [&mut Compensator; 2], step: &StepFrequencies) -> Option<Output> {
+    let [a, b] = lanes.map(|lane| lane.update(step));
+    a.same(&b).then_some(a)
 }
 
 /// The bias model of a unit, running.
@@ -214,7 +268,7 @@ impl Compensator {
             if !self.calibration.calibrated {
                 *s |= axis::UNCALIBRATED;
             }
-            if !thermal.settled {
+            if !thermal.settled[k] {
                 *s |= axis::SETTLING;
             }
             if thermal.age[k] > 0 {
@@ -304,6 +358,51 @@ mod tests {
             assert_eq!(x.status[0] & axis::TEMPERATURE_STALE != 0, (50..60).contains(&k));
             assert_eq!(x.bias_dph[0], y.bias_dph[0]);
         }
+    }
+
+    #[test]
+    fn a_jump_is_not_believed_at_once_and_settles_anew() {
+        let mut c = Compensator::new(calibrated(), 0.0);
+        for _ in 0..40 {
+            let _ = c.step(&F);
+        }
+        let before = c.step(&F);
+        let jumped = [F[0].map(|f| f + 1.0), F[1], F[2]];
+        for k in 0..60u32 {
+            let out = c.step(&jumped);
+            assert_eq!(out.status[1..], [0, 0]);
+            let flags = if k + 1 < u32::from(BELIEVE_STEPS) {
+                assert_eq!(out.bias_dph, before.bias_dph, "held");
+                axis::FREQUENCY_LOST
+            } else if k + 1 < u32::from(BELIEVE_STEPS) + crate::rate_of_change::WINDOW as u32 - 1 {
+                axis::SETTLING
+            } else {
+                0
+            };
+            assert_eq!(out.status[0] & !axis::SETTLING | flags, flags, "step {k}: {:x}", out.status[0]);
+            assert!(out.rate_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
+        }
+        // One wild second changes nothing but its own flag.
+        let (mut a, mut b) = (c.clone(), c);
+        let wild = a.step(&F);
+        assert_eq!(wild.status[0], axis::FREQUENCY_LOST);
+        let _ = b.step(&[None, F[1], F[2]]);
+        for _ in 0..30 {
+            assert!(a.step(&jumped).same(&b.step(&jumped)));
+        }
+    }
+
+    #[test]
+    fn lanes_that_differ_are_found() {
+        let (mut a, mut b) = (Compensator::new(calibrated(), 0.0), Compensator::new(calibrated(), 0.0));
+        let step = StepFrequencies { step: 0, end_ticks: 0, frequency_hz: F, rejected: [0; 3], missing: [0; 3] };
+        assert!(update_both([&mut a, &mut b], &step).is_some());
+        b.calibration.axes[2].coefficients = Coefficients::One([1.0, 2.0, 0.0, 0.5, f32::MIN_POSITIVE, 0.0]);
+        // Nothing of it shows yet; a difference in the last bit does.
+        assert!(update_both([&mut a, &mut b], &step).is_some());
+        b.calibration.axes[2].coefficients =
+            Coefficients::One([f32::from_bits(1.0f32.to_bits() + 1), 2.0, 0.0, 0.5, 0.0, 0.0]);
+        assert!(update_both([&mut a, &mut b], &step).is_none());
     }
 
     #[test]

@@ -244,7 +244,8 @@ impl Counter {
             let off = delta.wrapping_sub(period) as i32;
             if off.unsigned_abs() > tolerance {
                 // Not the next edge. A later one?
-                let count = ((u64::from(delta) << 8) + u64::from(self.period_q8 >> 1)) / u64::from(self.period_q8);
+                let count =
+                    ((u64::from(delta) << 8) + u64::from(self.period_q8 >> 1)) / u64::from(self.period_q8.max(1));
                 let place = ((count * u64::from(self.period_q8)) >> 8) as i64;
                 let count = count as u32;
                 if count > HOLE_PERIODS {

@@ -21,8 +21,8 @@ pub trait Store {
     fn erase(&mut self, sector: u8) -> bool;
     /// Programs bytes at an offset; both multiples of four. `false`: it failed.
     fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool;
-    /// Reads bytes at an offset. `false`: it failed.
-    fn read(&mut self, sector: u8, offset: u16, bytes: &mut [u8]) -> bool;
+    /// The first [`MAX_BYTES`] of a sector: flash is in the address space.
+    fn view(&self, sector: u8) -> &[u8];
 }
 
 /// What the host may ask.
@@ -143,14 +143,13 @@ pub struct Maintenance {
     open: bool,
     /// Length of the block that comes, and what is there of it.
     coming: Option<(u16, u16)>,
-    buffer: [u8; MAX_BYTES],
 }
 
 impl Maintenance {
     /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its sector.
     #[must_use]
     pub const fn new(unit: [u8; 16], sequence: u32, in_use: Option<u8>, locked: bool) -> Self {
-        Self { unit, in_use, sequence, locked, open: false, coming: None, buffer: [0; MAX_BYTES] }
+        Self { unit, in_use, sequence, locked, open: false, coming: None }
     }
 
     /// Whether a calibration may be written now.
@@ -201,9 +200,10 @@ impl Maintenance {
             Command::Chunk { offset, length, data } => self.chunk(*offset, *length, data, store),
             Command::End => self.end(store),
             Command::Read { sector, offset } => {
-                let mut data = [0; CHUNK];
-                if *sector < 2 && usize::from(*offset) + CHUNK <= MAX_BYTES && store.read(*sector, *offset, &mut data) {
-                    return Reply::Data { sector: *sector, offset: *offset, data };
+                let from = usize::from(*offset);
+                let piece = if *sector < 2 { store.view(*sector).get(from..from + CHUNK) } else { None };
+                if let Some(data) = piece.and_then(|p| p.first_chunk()) {
+                    return Reply::Data { sector: *sector, offset: *offset, data: *data };
                 }
                 (Answer::Flash, 0)
             }
@@ -243,10 +243,7 @@ impl Maintenance {
             _ => return (Answer::Order, 0),
         }
         let sector = self.other_sector();
-        if !store.read(sector, 0, &mut self.buffer) {
-            return (Answer::Flash, 0);
-        }
-        let Ok(block) = Calibration::from_bytes(&self.buffer) else {
+        let Ok(block) = Calibration::from_bytes(store.view(sector)) else {
             return (Answer::Block, 0);
         };
         // A unit that was never calibrated takes its name from its first block.
@@ -305,10 +302,8 @@ mod tests {
             }
             true
         }
-        fn read(&mut self, sector: u8, offset: u16, bytes: &mut [u8]) -> bool {
-            let at = usize::from(offset);
-            bytes.copy_from_slice(&self.sectors[usize::from(sector)][at..at + bytes.len()]);
-            true
+        fn view(&self, sector: u8) -> &[u8] {
+            &self.sectors[usize::from(sector)][..MAX_BYTES]
         }
     }
 
@@ -351,9 +346,9 @@ mod tests {
                 let mut store = Memory { sectors, left };
                 let mut m = Maintenance::new(old.unit, old.sequence, Some(in_use), false);
                 let answer = burn(&mut m, &mut store, &new);
-                let (found, sector) = newest(&store.sectors[0], &store.sectors[1]).expect("always one");
+                let (found, sector) = newest(&store.sectors[0], &store.sectors[1]).newest.expect("always one");
                 if answer == Answer::Done {
-                    assert_eq!((found, sector), (new.clone(), usize::from(1 - in_use)));
+                    assert_eq!((found, sector), (new.clone(), 1 - in_use));
                     finished = true;
                     break;
                 }

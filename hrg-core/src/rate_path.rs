@@ -31,23 +31,53 @@ pub struct Staged {
     pub bias_dph: [f32; AXES],
     /// Status of each axis.
     pub status: [u8; AXES],
+    /// Over the rest: a bit that flips in memory shows.
+    seal: u32,
 }
 
 /// A new bias takes effect this long after the end of the step it came from: 50 ms at 90 MHz. A unit that fetches
 /// its edges each 10 ms knows the bias after 11 ms at most; the rest is reserve.
 pub const BIAS_DELAY_TICKS: u32 = 4_500_000;
 
+/// A bias older than this at a sample is flagged [`axis::TEMPERATURE_STALE`]: the model, which speaks each second, has
+/// stopped. 2.5 s at 90 MHz.
+pub const STALE_TICKS: u32 = 225_000_000;
+
+/// A channel that gives the same code for so many samples (2 s) is stuck: a converter of 24 bits that measures is never that
+/// quiet. Flagged [`unit::CONVERTER_FAULT`].
+pub const STUCK_SAMPLES: u16 = 2000;
+
 impl Staged {
+    /// A bias of each axis, deg/h, with its status and the tick from which it holds.
+    #[must_use]
+    pub fn at(effective_tick: u32, step: u32, bias_dph: [f32; AXES], status: [u8; AXES]) -> Self {
+        let mut staged = Self { effective_tick, step, bias_dph, status, seal: 0 };
+        staged.seal = staged.fold();
+        staged
+    }
+
     /// The bias that a model step gave, with the tick from which it holds.
     #[must_use]
     pub fn new(step: &StepFrequencies, output: &Output) -> Self {
-        Self {
-            effective_tick: (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS),
-            step: step.step,
-            bias_dph: output.bias_dph,
-            status: output.status,
-        }
+        let effective_tick = (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS);
+        Self::at(effective_tick, step.step, output.bias_dph, output.status)
     }
+
+    fn fold(&self) -> u32 {
+        let [a, b, c] = self.status;
+        fold([self.effective_tick, self.step, u32::from_le_bytes([a, b, c, 0])]) ^ fold(self.bias_dph.map(f32::to_bits))
+    }
+
+    /// Whether it is as it was made.
+    #[must_use]
+    pub fn whole(&self) -> bool {
+        self.seal == self.fold()
+    }
+}
+
+/// A number that changes with any bit of the three.
+fn fold([a, b, c]: [u32; 3]) -> u32 {
+    !(a ^ b.rotate_left(11) ^ c.rotate_left(22))
 }
 
 /// One frame of corrected rates: the mean of `divider` samples.
@@ -93,14 +123,22 @@ pub struct Event {
     pub frame: Option<RateFrame>,
     /// The end of a bias' validity.
     pub summary: Option<Summary>,
+    /// What the rates are made with is not what it was: memory was upset, and no frame is made. The unit must start anew.
+    pub upset: bool,
 }
 
 /// State of the rate path.
 #[derive(Debug, Clone)]
 pub struct RatePath {
     scale_dph: [f32; AXES],
+    scale_seal: u32,
     divider: u16,
     current: Staged,
+    /// The current bias is older than [`STALE_TICKS`].
+    stale: bool,
+    /// The last codes, and for how many samples each has not changed.
+    last_codes: [i32; AXES],
+    unchanged: [u16; AXES],
     pending: Option<Staged>,
     sample: u32,
     // The frame being filled.
@@ -121,13 +159,12 @@ impl RatePath {
     pub fn new(scale_dph: [f32; AXES], divider: u16) -> Self {
         Self {
             scale_dph,
+            scale_seal: fold(scale_dph.map(f32::to_bits)),
             divider: divider.clamp(1, 1000),
-            current: Staged {
-                effective_tick: 0,
-                step: u32::MAX,
-                bias_dph: [0.0; AXES],
-                status: [axis::TEMPERATURE_STALE | axis::SETTLING; AXES],
-            },
+            current: Staged::at(0, u32::MAX, [0.0; AXES], [axis::TEMPERATURE_STALE | axis::SETTLING; AXES]),
+            stale: false,
+            last_codes: [0; AXES],
+            unchanged: [0; AXES],
             pending: None,
             sample: 0,
             in_frame: 0,
@@ -160,6 +197,11 @@ impl RatePath {
             let code = codes[k];
             self.sum_dph[k] += code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
             self.axis_status[k] |= self.current.status[k];
+            self.unchanged[k] = if code == self.last_codes[k] { self.unchanged[k].saturating_add(1) } else { 0 };
+            self.last_codes[k] = code;
+            if self.unchanged[k] >= STUCK_SAMPLES {
+                self.unit_status |= unit::CONVERTER_FAULT;
+            }
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
                 self.axis_status[k] |= axis::OVER_RANGE;
             }
@@ -171,8 +213,17 @@ impl RatePath {
         }
         self.in_summary = self.in_summary.saturating_add(1);
         self.in_frame += 1;
-        let frame = (self.in_frame >= self.divider).then(|| self.finish_frame(tick));
-        Event { frame, summary }
+        if self.in_frame < self.divider {
+            return Event { frame: None, summary, upset: false };
+        }
+        let upset = !self.current.whole() || self.scale_seal != fold(self.scale_dph.map(f32::to_bits));
+        // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
+        self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
+        if self.stale {
+            self.axis_status.iter_mut().for_each(|s| *s |= axis::TEMPERATURE_STALE);
+        }
+        let frame = self.finish_frame(tick);
+        Event { frame: (!upset).then_some(frame), summary, upset }
     }
 
     /// Says that a sample was missing or refused at about `tick`. A frame whose samples all are missing is
@@ -180,7 +231,7 @@ impl RatePath {
     pub fn missing(&mut self, tick: u32) -> Event {
         self.errors = self.errors.saturating_add(1);
         self.unit_status |= unit::CONVERTER_FAULT;
-        Event { frame: None, summary: self.turn(tick) }
+        Event { frame: None, summary: self.turn(tick), upset: false }
     }
 
     /// Takes the pending bias into use if `tick` has reached it.
@@ -198,6 +249,7 @@ impl RatePath {
         }
         let summary = self.summarise();
         self.current = staged;
+        self.stale = false;
         Some(summary)
     }
 
@@ -250,14 +302,14 @@ const LATE_TICKS: i32 = 180_000;
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
 
     #[test]
     fn bias_changes_at_its_tick_and_across_the_wrap() {
         let mut p = RatePath::new([0.01; 3], 1);
         let start = u32::MAX - 250_000;
-        let staged =
-            Staged { effective_tick: start.wrapping_add(270_000), step: 5, bias_dph: [1.0; 3], status: [0; 3] };
+        let staged = Staged::at(start.wrapping_add(270_000), 5, [1.0; 3], [0; 3]);
         p.stage(staged);
         let mut rates = [0.0; 6];
         for (k, r) in rates.iter_mut().enumerate() {
@@ -272,9 +324,42 @@ mod tests {
     }
 
     #[test]
+    fn an_old_bias_a_stuck_channel_and_upset_memory_are_said() {
+        let mut p = RatePath::new([0.01; 3], 1);
+        p.stage(Staged::at(0, 1, [1.0; 3], [0; 3]));
+        let mut said = std::vec::Vec::new();
+        for k in 1..6000u32 {
+            let code = k as i32 % 2;
+            let codes = [code, code, if k > 3000 { 7 } else { code }, 0, 0];
+            let f = p.sample(90_000u32.wrapping_mul(k), codes).frame.expect("one a sample");
+            said.push((f.axis_status, f.unit_status));
+        }
+        let stale = said.iter().position(|s| s.0 != [0; 3]).expect("said") + 1;
+        assert_eq!(stale, 2501);
+        assert!(said[stale..].iter().all(|s| s.0 == [axis::TEMPERATURE_STALE; 3]));
+        let stuck = said.iter().position(|s| s.1 != 0).expect("said") + 1;
+        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), unit::CONVERTER_FAULT));
+        // Every bit of what a rate is made with.
+        for bit in 0..32 {
+            for word in 0..8 {
+                let mut q = p.clone();
+                let flip = |f: &mut f32| *f = f32::from_bits(f.to_bits() ^ 1 << bit);
+                match word {
+                    0..=2 => flip(&mut q.scale_dph[word]),
+                    3..=5 => flip(&mut q.current.bias_dph[word - 3]),
+                    6 => q.current.effective_tick ^= 1 << bit,
+                    _ => q.current.status[bit / 8 % 3] ^= 1 << (bit % 8),
+                }
+                let e = q.sample(0, [1, 2, 3, 4, 5]);
+                assert!(e.upset && e.frame.is_none(), "word {word} bit {bit}");
+            }
+        }
+    }
+
+    #[test]
     fn late_bias_and_missing_samples_are_said() {
         let mut p = RatePath::new([0.01; 3], 2);
-        p.stage(Staged { effective_tick: 0, step: 1, bias_dph: [0.0; 3], status: [0; 3] });
+        p.stage(Staged::at(0, 1, [0.0; 3], [0; 3]));
         let e = p.missing(200_000);
         assert_eq!(e.summary.map(|s| s.converter_errors), Some(1));
         let _ = p.sample(290_000, [0; CHANNELS]);

@@ -10,15 +10,18 @@ pub mod axis {
     pub const TEMPERATURE_RANGE: u8 = 1 << 1;
     /// The rate of change of temperature is outside the calibrated range.
     pub const RAMP_RANGE: u8 = 1 << 2;
-    /// No frequency in the last model step: the last bias is held.
+    /// No frequency in the last model step, or one that jumped further than a resonator can
+    /// ([`crate::compensator::MAX_STEP_C`]): the last bias is held.
     pub const FREQUENCY_LOST: u8 = 1 << 3;
-    /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one.
+    /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one, or the model has not
+    /// spoken for [`crate::rate_path::STALE_TICKS`].
     pub const TEMPERATURE_STALE: u8 = 1 << 4;
     /// The rate converter is at its end of scale.
     pub const OVER_RANGE: u8 = 1 << 5;
     /// Edges were rejected or missing in the last model step (the frequency is good all the same).
     pub const EDGE_ERRORS: u8 = 1 << 6;
-    /// The model's states are still filling (first [`crate::rate_of_change::WINDOW`] seconds).
+    /// The model's states are still filling (first [`crate::rate_of_change::WINDOW`] seconds, and as long after a jump of
+    /// the frequency that stays).
     pub const SETTLING: u8 = 1 << 7;
 
     /// Name of each bit, bit 0 first.
@@ -36,7 +39,8 @@ pub mod axis {
 
 /// Bits of the unit.
 pub mod unit {
-    /// The converter sent nothing, or a frame with a wrong checksum, since the last frame out.
+    /// The converter sent nothing, or a frame with a wrong checksum, since the last frame out; or a rate channel has given
+    /// the same code for [`crate::rate_path::STUCK_SAMPLES`].
     pub const CONVERTER_FAULT: u8 = 1 << 0;
     /// A bias arrived after the sample at which it was due.
     pub const BIAS_LATE: u8 = 1 << 1;

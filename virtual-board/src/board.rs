@@ -13,7 +13,7 @@ use crate::system::{CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::{Object, ObjectSegment, ObjectSymbol};
 use unicorn_engine::{
-    Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, TlbEntry, TlbType, UcHookId, Unicorn,
+    Arch, ArmCpuModel, Context, HookType, Mode, Prot, RegisterARM, TlbEntry, TlbType, UcHookId, Unicorn,
 };
 
 /// Why a run ended in error.
@@ -63,11 +63,14 @@ pub enum Stop {
     Software,
     /// The instruction asked for with [`Board::stop_at_instruction`] is reached.
     Instruction,
+    /// The flash operation asked for with [`Board::stop_at_flash_operation`] was begun, and not finished.
+    Flash,
 }
 
 /// Erase of a sector of 128 KiB, at its slowest (data sheet: 2 s).
 const ERASE_CYCLES: u64 = 2 * CPU_HZ;
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
+const FLASH_END: u32 = FLASH_START + FLASH_SIZE - 1;
 /// What RAM holds at power-on.
 const PAINT: u8 = 0xA5;
 const SLEEP_LIMIT: u64 = CPU_HZ * 10;
@@ -92,6 +95,34 @@ pub struct Board<W: World> {
     spoilt: bool,
     flash_watch: Option<UcHookId>,
     stop_at: u64,
+    flash_operations: u64,
+    stop_at_operation: u64,
+    torn: bool,
+    as_on_chip: bool,
+    upsets: u64,
+}
+
+/// A board at a moment, to come back to: [`Board::snapshot`].
+pub struct Snapshot<W> {
+    context: Context,
+    chip: Chip,
+    flash: Vec<u8>,
+    ram: Vec<u8>,
+    world: W,
+    next_edge: [u64; 3],
+    next_sample: u64,
+    next_byte: Option<(u64, u8)>,
+    link_idle: u64,
+    next_look: u64,
+    ready_stamp: u32,
+    fetch_stamp: u32,
+    spoilt: bool,
+}
+
+impl<W> std::fmt::Debug for Snapshot<W> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Snapshot at cycle {}", self.chip.now)
+    }
 }
 
 impl<W: World> std::fmt::Debug for Board<W> {
@@ -143,6 +174,7 @@ impl<W: World> Board<W> {
         flash_memory.write(FLASH_START, &flash).ok_or(RunError::Flash(0))?;
         for (memory, start, size, access) in [
             (&flash_memory, FLASH_START, FLASH_SIZE, Prot::READ | Prot::EXEC),
+            (&flash_memory, 0, FLASH_SIZE, Prot::READ),
             (&ram_memory, RAM_START, RAM_SIZE, Prot::READ | Prot::WRITE),
         ] {
             // SAFETY: the memories live in `Board` beside the emulator, which is dropped before them.
@@ -176,49 +208,56 @@ impl<W: World> Board<W> {
         // speed. Code runs from flash only; here that is said.
         uc(cpu.ctl_set_tlb_type(TlbType::VIRTUAL))?;
         uc(cpu.add_tlb_hook(0, u64::MAX, |_, address, _| {
-            let code = (u64::from(FLASH_START)..u64::from(FLASH_START + FLASH_SIZE)).contains(&address);
-            Some(TlbEntry { paddr: address, perms: if code { Prot::ALL } else { Prot::READ | Prot::WRITE } })
+            let perms = match address as u32 {
+                FLASH_START..=FLASH_END => Prot::ALL,
+                // What the chip shows at address 0: its flash. Nothing runs there.
+                0..FLASH_SIZE => Prot::READ,
+                _ => Prot::READ | Prot::WRITE,
+            };
+            Some(TlbEntry { paddr: address, perms })
         }))?;
         // No exit addresses: clearing one up after each run would cost more than most runs.
         uc(cpu.ctl_exits_enable())?;
-        let mut lengths = vec![0u8; FLASH_SIZE as usize / 2];
-        let mut sizes = vec![0u16; FLASH_SIZE as usize / 2];
+        // Size and number of instructions of the block that begins at each half-word.
+        let mut blocks = vec![(0u16, 0u16); FLASH_SIZE as usize / 2];
         let code = flash.clone();
         uc(cpu.add_block_hook(
             u64::from(FLASH_START),
             u64::from(FLASH_START + FLASH_SIZE),
             move |c, address, size| {
                 let at = (address as usize - FLASH_START as usize) / 2;
-                if usize::from(sizes[at]) != size as usize {
-                    sizes[at] = size as u16;
-                    lengths[at] = thumb_instructions(&code[at * 2..at * 2 + size as usize]);
+                let mut block = blocks[at];
+                if u32::from(block.0) != size {
+                    let n = thumb_instructions(&code[at * 2..at * 2 + size as usize]);
+                    block = (size as u16, u16::from(n));
+                    blocks[at] = block;
                 }
-                let n = u64::from(lengths[at]);
+                let n = u64::from(block.1);
                 let chip = c.get_data_mut();
-                let unmasked = chip.masked && {
-                    let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
-                    let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
-                    primask & 1 == 0 && basepri == 0
-                };
-                let chip = c.get_data_mut();
-                if chip.now >= chip.deadline || chip.attention || unmasked {
+                if chip.now >= chip.deadline || chip.attention || chip.masked {
+                    let stop = chip.now >= chip.deadline || chip.attention || {
+                        let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
+                        let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
+                        primask & 1 == 0 && basepri == 0
+                    };
                     // The stopped block is not executed; it comes again.
-                    let in_it_block = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0);
-                    if !in_it_block {
+                    if stop && !c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0) {
                         let _ = c.emu_stop();
                         return;
                     }
                 }
-                if !c.get_data().probes.is_empty() {
+                let chip = c.get_data_mut();
+                if chip.watched {
                     let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
                     let chip = c.get_data_mut();
-                    let instructions = chip.instructions;
-                    chip.probes.iter_mut().for_each(|p| p.block(address as u32, instructions, || link));
+                    let now = (chip.now, chip.instructions);
+                    let ready = chip.ready;
+                    chip.probes.iter_mut().for_each(|p| p.block(address as u32, now, ready, || link));
+                    if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {
+                        *count += n;
+                    }
                 }
                 let chip = c.get_data_mut();
-                if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {
-                    *count += n;
-                }
                 chip.now += n;
                 chip.instructions += n;
             },
@@ -273,6 +312,11 @@ impl<W: World> Board<W> {
             spoilt: false,
             flash_watch: None,
             stop_at: u64::MAX,
+            flash_operations: 0,
+            stop_at_operation: u64::MAX,
+            torn: false,
+            as_on_chip: false,
+            upsets: 0,
         };
         for channel in 0..3 {
             board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
@@ -311,14 +355,17 @@ impl<W: World> Board<W> {
         let [entry] = found[..] else {
             return Err(RunError::Elf(format!("{} functions are called {part}", found.len())));
         };
-        let probes = &mut self.cpu.get_data_mut().probes;
-        probes.push(Probe::new(entry));
-        Ok(probes.len() - 1)
+        let chip = self.cpu.get_data_mut();
+        chip.watched = true;
+        chip.probes.push(Probe::new(entry));
+        Ok(chip.probes.len() - 1)
     }
 
     /// Counts instructions function by function from now on; see [`profile`](Self::profile).
     pub fn start_profile(&mut self) {
-        self.cpu.get_data_mut().profile = Some(vec![0; FLASH_SIZE as usize / 2]);
+        let chip = self.cpu.get_data_mut();
+        chip.watched = true;
+        chip.profile = Some(vec![0; FLASH_SIZE as usize / 2]);
     }
 
     /// Instructions of each function since [`start_profile`](Self::start_profile), most first; inlined ones count for where
@@ -373,13 +420,121 @@ impl<W: World> Board<W> {
         self.stop_at = instructions;
     }
 
+    /// Has [`run_until`](Self::run_until) stop within the n-th flash operation from now (1 is the next; programming a word and
+    /// erasing a sector are one each), which is left half done: some bits changed, some not. A power cut then and there.
+    pub fn stop_at_flash_operation(&mut self, n: u64) {
+        self.stop_at_operation = self.flash_operations.saturating_add(n);
+    }
+
+    /// Flash operations since power-on: words programmed and sectors erased.
+    #[must_use]
+    pub fn flash_operations(&self) -> u64 {
+        self.flash_operations
+    }
+
+    /// From now on a fault of the firmware ends no run: it is taken as the chip takes it, with the HardFault handler, or lock-up
+    /// where there is no stack for that. An access to a register that is not modelled counts as a bus fault.
+    pub fn faults_as_on_chip(&mut self) {
+        self.as_on_chip = true;
+    }
+
+    /// Faults taken since then.
+    #[must_use]
+    pub fn faults(&self) -> u64 {
+        self.upsets
+    }
+
+    /// The board as it is, world and all.
+    ///
+    /// # Errors
+    /// While flash is being written.
+    pub fn snapshot(&self) -> Result<Snapshot<W>, RunError>
+    where
+        W: Clone,
+    {
+        if self.flash_watch.is_some() {
+            return Err(RunError::NotModelled { what: "a snapshot while flash is written".into(), pc: self.pc() });
+        }
+        let mut context = uc(self.cpu.context_alloc())?;
+        uc(self.cpu.context_save(&mut context))?;
+        let (mut flash, mut ram) = (vec![0; FLASH_SIZE as usize], vec![0; RAM_SIZE as usize]);
+        self.get(FLASH_START, &mut flash)?;
+        self.get(RAM_START, &mut ram)?;
+        Ok(Snapshot {
+            context,
+            chip: self.cpu.get_data().clone(),
+            flash,
+            ram,
+            world: self.world.clone(),
+            next_edge: self.next_edge,
+            next_sample: self.next_sample,
+            next_byte: self.next_byte,
+            link_idle: self.link_idle,
+            next_look: self.next_look,
+            ready_stamp: self.ready_stamp,
+            fetch_stamp: self.fetch_stamp,
+            spoilt: self.spoilt,
+        })
+    }
+
+    /// Back to a moment of this board.
+    ///
+    /// # Errors
+    /// Where the emulator refuses.
+    pub fn restore(&mut self, s: &Snapshot<W>) -> Result<(), RunError>
+    where
+        W: Clone,
+    {
+        uc(self.cpu.context_restore(&s.context))?;
+        *self.cpu.get_data_mut() = s.chip.clone();
+        self.put(FLASH_START, &s.flash)?;
+        self.put(RAM_START, &s.ram)?;
+        self.world = s.world.clone();
+        self.next_edge = s.next_edge;
+        self.next_sample = s.next_sample;
+        self.next_byte = s.next_byte;
+        self.link_idle = s.link_idle;
+        self.next_look = s.next_look;
+        self.ready_stamp = s.ready_stamp;
+        self.fetch_stamp = s.fetch_stamp;
+        self.spoilt = s.spoilt;
+        self.stop_at = u64::MAX;
+        self.stop_at_operation = u64::MAX;
+        self.torn = false;
+        self.upsets = 0;
+        self.open_or_close_flash()
+    }
+
+    /// The firmware did something that it should not.
+    fn upset(&mut self, what: RunError) -> Result<(), RunError> {
+        if !self.as_on_chip {
+            return Err(what);
+        }
+        self.upsets += 1;
+        const HARD_FAULT: u16 = 3;
+        let within = self.cpu.get_data().nvic.stack.contains(&HARD_FAULT);
+        if within || self.enter_exception(HARD_FAULT).is_err() {
+            let chip = self.cpu.get_data_mut();
+            chip.locked_up = true;
+            chip.asleep = true;
+        }
+        Ok(())
+    }
+
+    /// What a DMA stream reads or writes; outside memory it is a transfer error, which on the chip stops the stream.
+    fn moved_by_dma(&self, done: Result<(), RunError>) -> Result<(), RunError> {
+        done.or_else(|e| if self.as_on_chip { Ok(()) } else { Err(e) })
+    }
+
     /// Cuts the power and brings it back: RAM is lost, flash stays as it is.
     ///
     /// # Errors
     /// As [`run_until`](Self::run_until).
     pub fn power_cut(&mut self) -> Result<(), RunError> {
         self.put(RAM_START, &vec![PAINT; RAM_SIZE as usize])?;
-        self.restart(CSR_POWER_ON)
+        self.torn = false;
+        self.restart(CSR_POWER_ON)?;
+        self.open_or_close_flash()
     }
 
     /// Bytes of stack used so far: from the top of RAM down to the lowest byte ever written above the statics.
@@ -434,6 +589,7 @@ impl<W: World> Board<W> {
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(cause, now);
         chip.instructions = instructions;
+        chip.watched = self.cpu.get_data().watched;
         chip.profile = self.cpu.get_data_mut().profile.take();
         chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
         chip.probes.iter_mut().for_each(Probe::interrupt);
@@ -479,20 +635,18 @@ impl<W: World> Board<W> {
                 return Ok(Stop::Software);
             }
             if chip.asleep {
-                if chip.event || chip.nvic.any_pending() {
+                if !chip.locked_up && (chip.event || chip.nvic.any_pending()) {
                     chip.asleep = false;
                     chip.event = false;
                 } else {
-                    let next = self.next_event().min(cycles);
-                    let chip = self.cpu.get_data_mut();
-                    if next == u64::MAX || next > chip.now + SLEEP_LIMIT {
-                        return Err(RunError::Cpu { what: "it sleeps and nothing will wake it".into(), pc: self.pc() });
-                    }
-                    chip.now = chip.now.max(next);
+                    self.sleep(cycles)?;
                     continue;
                 }
             }
-            self.interrupts()?;
+            if let Err(e) = self.interrupts() {
+                self.upset(e)?;
+                continue;
+            }
             let next = self.next_event().min(cycles);
             let left = self.stop_at.saturating_sub(self.instructions());
             let chip = self.cpu.get_data_mut();
@@ -500,16 +654,22 @@ impl<W: World> Board<W> {
             chip.deadline = next.min(chip.now.saturating_add(left));
             chip.nvic.changed = false;
             let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
-            if let Err(e) = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0) {
-                return Err(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() });
-            }
+            let ran = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0);
             let chip = self.cpu.get_data_mut();
-            if let Some(what) = chip.error.take() {
-                return Err(RunError::NotModelled { what, pc: self.pc() });
+            let error = chip.error.take();
+            let returning = std::mem::take(&mut chip.returning);
+            if let Err(e) = ran {
+                self.upset(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() })?;
+                continue;
             }
-            if chip.returning {
-                chip.returning = false;
-                self.leave_exception()?;
+            if let Some(what) = error {
+                self.upset(RunError::NotModelled { what, pc: self.pc() })?;
+                continue;
+            }
+            if returning {
+                if let Err(e) = self.leave_exception() {
+                    self.upset(e)?;
+                }
             }
             self.open_or_close_flash()?;
             if !self.cpu.get_data().flash_writes.is_empty() {
@@ -517,12 +677,60 @@ impl<W: World> Board<W> {
             }
             if let Some(sector) = self.cpu.get_data_mut().flash.erase.take() {
                 if let (Some(&from), Some(&to)) = (SECTORS.get(sector), SECTORS.get(sector + 1)) {
-                    uc(self.cpu.mem_write(u64::from(FLASH_START + from), &vec![0xFF; (to - from) as usize]))?;
+                    let mut content = vec![0xFF; (to - from) as usize];
+                    if self.operate() {
+                        // Cut short: what was a zero may be one by now, or not.
+                        self.get(FLASH_START + from, &mut content)?;
+                        let mut mask = Mask::new(self.flash_operations);
+                        content.iter_mut().for_each(|b| *b |= mask.next() as u8);
+                    }
+                    self.put(FLASH_START + from, &content)?;
                 }
                 let chip = self.cpu.get_data_mut();
                 chip.flash.done();
                 // The processor stands still: code comes from the same bank.
                 chip.now += ERASE_CYCLES;
+            }
+            if std::mem::take(&mut self.torn) {
+                return Ok(Stop::Flash);
+            }
+        }
+    }
+
+    /// Counts a flash operation; whether it is the one that is cut short.
+    fn operate(&mut self) -> bool {
+        self.flash_operations += 1;
+        let cut = self.flash_operations == self.stop_at_operation;
+        if cut {
+            self.stop_at_operation = u64::MAX;
+            self.torn = true;
+        }
+        cut
+    }
+
+    /// Sleeps until the next event that is not an edge, or an edge that has something to say to the CPU.
+    fn sleep(&mut self, cycles: u64) -> Result<(), RunError> {
+        let other = self.next_but_edges().min(cycles);
+        loop {
+            let (channel, edge) = match self.next_edge {
+                [a, b, c] if a <= b && a <= c => (0, a),
+                [_, b, c] if b <= c => (1, b),
+                [_, _, c] => (2, c),
+            };
+            let next = edge.min(other);
+            let chip = self.cpu.get_data_mut();
+            if next == u64::MAX || next > chip.now + SLEEP_LIMIT {
+                return Err(RunError::Cpu { what: "it sleeps and nothing will wake it".into(), pc: self.pc() });
+            }
+            chip.now = chip.now.max(next);
+            if edge > other {
+                return Ok(());
+            }
+            self.edge(channel)?;
+            let chip = self.cpu.get_data_mut();
+            if chip.dma[0].speaks() || chip.tim2.irq() {
+                chip.update_lines();
+                return Ok(());
             }
         }
     }
@@ -532,9 +740,12 @@ impl<W: World> Board<W> {
     }
 
     fn next_event(&self) -> u64 {
+        self.next_edge.iter().fold(self.next_but_edges(), |a, b| a.min(*b))
+    }
+
+    fn next_but_edges(&self) -> u64 {
         let chip = self.cpu.get_data();
-        let mut next = self.next_edge.iter().copied().min().unwrap_or(u64::MAX);
-        next = next.min(self.next_sample).min(self.next_look).min(self.link_idle);
+        let mut next = self.next_sample.min(self.next_look).min(self.link_idle);
         next = next.min(self.next_byte.map_or(u64::MAX, |(t, _)| t));
         next.min(chip.tim2.next_event())
             .min(chip.tim5.next_event())
@@ -601,7 +812,8 @@ impl<W: World> Board<W> {
                 if let Some(stream) = chip.stream(Request::Tim2(channel)) {
                     let to = chip.dma[stream.0].streams[stream.1].memory();
                     chip.moved(stream, 1);
-                    self.put(to, &stamp.to_le_bytes())?;
+                    let done = self.put(to, &stamp.to_le_bytes());
+                    self.moved_by_dma(done)?;
                 }
             }
             self.world.captured(channel, stamp);
@@ -618,6 +830,7 @@ impl<W: World> Board<W> {
         };
         self.spoilt = self.world.spoil_converter_frame();
         let chip = self.cpu.get_data_mut();
+        chip.ready = (at.min(chip.now), chip.instructions);
         chip.spoil = self.spoilt;
         chip.converter.convert(codes);
         // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
@@ -638,7 +851,8 @@ impl<W: World> Board<W> {
         let to = chip.dma[rx.0].streams[rx.1].memory();
         let stamp = chip.tim2.capture(3);
         let mut bytes = vec![0; n as usize];
-        self.get(from, &mut bytes)?;
+        let done = self.get(from, &mut bytes);
+        self.moved_by_dma(done)?;
         let chip = self.cpu.get_data_mut();
         for b in &mut bytes {
             *b = chip.converter.exchange(*b);
@@ -646,7 +860,8 @@ impl<W: World> Board<W> {
         chip.moved(rx, n);
         chip.moved(tx, n);
         let (codes, good) = chip.converter.sent();
-        self.put(to, &bytes)?;
+        let done = self.put(to, &bytes);
+        self.moved_by_dma(done)?;
         self.fetch_stamp = stamp;
         if n == 30 {
             // With the reset flag of the converter in its status, the codes are not to be used.
@@ -668,7 +883,8 @@ impl<W: World> Board<W> {
         chip.usart1.transmitted();
         let now = chip.now;
         let mut bytes = vec![0; n as usize];
-        self.get(from, &mut bytes)?;
+        let done = self.get(from, &mut bytes);
+        self.moved_by_dma(done)?;
         self.world.link_out(now, &bytes);
         Ok(())
     }
@@ -685,7 +901,8 @@ impl<W: World> Board<W> {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();
                 chip.moved(rx, 1);
-                self.put(to, &[byte])?;
+                let done = self.put(to, &[byte]);
+                self.moved_by_dma(done)?;
             }
             None => chip.usart1.received_by_hand(byte),
         }
@@ -708,7 +925,9 @@ impl<W: World> Board<W> {
         while read != write {
             let end = if read < write { write } else { size };
             let mut part = vec![0; (end - read) as usize];
-            self.get(buffer + read, &mut part)?;
+            if self.get(buffer.wrapping_add(read), &mut part).is_err() {
+                return Ok(()); // the debug probe finds no log there
+            }
             bytes.extend(part);
             read = end % size;
         }
@@ -850,13 +1069,32 @@ impl<W: World> Board<W> {
             let programming = self.cpu.get_data().flash.programming();
             let mut new = [0; 4];
             self.get(address, &mut new)?;
-            let kept: Vec<u8> = old.iter().zip(new).map(|(o, n)| if programming { o & n } else { *o }).collect();
+            // Cut short, some of the bits that were to become zero have not.
+            let short = if programming && self.operate() { Mask::new(self.flash_operations).next() as u32 } else { 0 };
+            let kept = old.iter().zip(new).zip(short.to_le_bytes());
+            let kept: Vec<u8> = kept.map(|((o, n), s)| if programming { o & (n | s) } else { *o }).collect();
             self.put(address, &kept)?;
             if !programming {
                 self.cpu.get_data_mut().flash.refuse();
             }
         }
         Ok(())
+    }
+}
+
+/// Bits at random, for what a power cut leaves: splitmix64.
+struct Mask(u64);
+
+impl Mask {
+    fn new(seed: u64) -> Self {
+        Self(seed)
+    }
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ z >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ z >> 31
     }
 }
 

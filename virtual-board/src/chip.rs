@@ -53,7 +53,7 @@ impl Stream {
     /// Where the next item goes or comes from in memory.
     pub fn memory(&self) -> u32 {
         if self.cr & (1 << 10) != 0 {
-            self.m0ar + (self.reload - self.ndtr) * (1 << (self.cr >> 13 & 3))
+            self.m0ar.wrapping_add(self.reload.wrapping_sub(self.ndtr).wrapping_mul(1 << (self.cr >> 13 & 3)))
         } else {
             self.m0ar
         }
@@ -65,7 +65,7 @@ const HALF: u32 = 1 << 4;
 const COMPLETE: u32 = 1 << 5;
 
 /// One DMA controller.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub struct Dma {
     isr: [u32; 2],
     pub streams: [Stream; 8],
@@ -122,6 +122,11 @@ impl Dma {
         Some(())
     }
 
+    /// Whether any stream has something to say.
+    pub fn speaks(&self) -> bool {
+        self.isr != [0, 0]
+    }
+
     fn irq(&self, n: usize) -> bool {
         let flags = self.isr[n / 4] >> FLAG_AT[n % 4];
         let cr = self.streams[n].cr;
@@ -130,7 +135,7 @@ impl Dma {
 }
 
 /// Everything behind the CPU.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Chip {
     /// Cycles since power-on.
     pub now: u64,
@@ -140,6 +145,8 @@ pub struct Chip {
     pub probes: Vec<Probe>,
     /// Instructions of each block, by half its offset in flash, where asked for.
     pub profile: Option<Vec<u64>>,
+    /// There are probes or a profile.
+    pub watched: bool,
     /// The CPU must be stopped at the first block at or after this cycle.
     pub deadline: u64,
     /// The CPU must be stopped at the next block.
@@ -147,6 +154,10 @@ pub struct Chip {
     /// An interrupt waits for PRIMASK or BASEPRI: the CPU must be stopped when they are off.
     pub masked: bool,
     pub asleep: bool,
+    /// A fault within a fault: the CPU stands until a reset.
+    pub locked_up: bool,
+    /// When the converter was last ready: cycles, instructions.
+    pub ready: (u64, u64),
     /// The event register of WFE.
     pub event: bool,
     pub returning: bool,
@@ -186,10 +197,13 @@ impl Chip {
             instructions: 0,
             probes: Vec::new(),
             profile: None,
+            watched: false,
             deadline: 0,
             attention: false,
             masked: false,
             asleep: false,
+            locked_up: false,
+            ready: (0, 0),
             event: false,
             returning: false,
             error: None,

@@ -49,7 +49,7 @@ impl Port {
 }
 
 /// SYSCFG: MEMRMP, PMC, EXTICR1-4, CMPCR, CFGR.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Syscfg {
     regs: [u32; 12],
 }
@@ -66,7 +66,7 @@ impl Syscfg {
 }
 
 /// EXTI: IMR, EMR, RTSR, FTSR, SWIER, PR.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Exti {
     regs: [u32; 6],
 }

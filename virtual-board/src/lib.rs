@@ -38,8 +38,8 @@ mod serial;
 mod system;
 mod timer;
 
-pub use board::{Board, RunError, Stop};
-pub use probe::Probe;
+pub use board::{Board, RunError, Snapshot, Stop};
+pub use probe::{Latency, Probe};
 
 /// Cycles per second.
 pub const CPU_HZ: u64 = 180_000_000;

@@ -16,7 +16,7 @@ pub mod irq {
 const LINES: usize = 97;
 
 /// State of the interrupt controller.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Nvic {
     enabled: [u32; 4],
     pending: [u32; 4],
@@ -123,16 +123,16 @@ impl Nvic {
 
     /// An exception is entered.
     pub fn enter(&mut self, exception: u16) {
-        let n = usize::from(exception) - 16;
-        self.pending[n / 32] &= !(1 << (n % 32));
-        self.active[n / 32] |= 1 << (n % 32);
+        if let Some(n) = usize::from(exception).checked_sub(16) {
+            self.pending[n / 32] &= !(1 << (n % 32));
+            self.active[n / 32] |= 1 << (n % 32);
+        }
         self.stack.push(exception);
     }
 
     /// The innermost exception returns.
     pub fn leave(&mut self) {
-        if let Some(e) = self.stack.pop() {
-            let n = usize::from(e) - 16;
+        if let Some(n) = self.stack.pop().and_then(|e| usize::from(e).checked_sub(16)) {
             let bit = 1 << (n % 32);
             self.active[n / 32] &= !bit;
             if self.level[n / 32] & bit != 0 {

@@ -2,7 +2,7 @@
 //! its last bit is on the wire.
 
 /// SPI: CR1, CR2, SR, DR, CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Spi {
     regs: [u32; 9],
 }
@@ -31,7 +31,7 @@ impl Spi {
 }
 
 /// USART: SR, DR, BRR, CR1, CR2, CR3, GTPR.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Usart {
     regs: [u32; 7],
     /// SR was read: reading DR clears the error and idle flags.

@@ -1,7 +1,7 @@
 //! RCC, PWR, FLASH, IWDG, DBGMCU.
 
 /// RCC: plain registers, with every oscillator ready as soon as it is on.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Rcc {
     regs: [u32; 0x98 / 4],
 }
@@ -47,7 +47,7 @@ impl Rcc {
 }
 
 /// PWR: CR, CSR with every regulator ready.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Pwr {
     regs: [u32; 2],
 }
@@ -70,7 +70,7 @@ impl Pwr {
 pub const SECTORS: [u32; 9] = [0, 0x4000, 0x8000, 0xC000, 0x1_0000, 0x2_0000, 0x4_0000, 0x6_0000, 0x8_0000];
 
 /// FLASH: ACR, KEYR, OPTKEYR, SR, CR, OPTCR.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Flash {
     regs: [u32; 6],
     key: u8,
@@ -140,7 +140,7 @@ impl Flash {
 }
 
 /// IWDG on the 32 kHz LSI.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Iwdg {
     prescaler: u32,
     reload: u32,

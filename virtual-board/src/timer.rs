@@ -4,7 +4,7 @@ use crate::CYCLES_PER_TICK;
 
 /// Registers by word offset: CR1, CR2, SMCR, DIER, SR, EGR, CCMR1, CCMR2, CCER, CNT, PSC, ARR, CCR1-4, DCR,
 /// DMAR, OR.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Timer {
     regs: [u32; 0x54 / 4],
     /// Cycle at which the counter would have been zero.

@@ -136,7 +136,7 @@ impl Twin {
         self.advance(stamp);
         let event =
             if good { self.path.sample(stamp, std::array::from_fn(|k| codes[k])) } else { self.path.missing(stamp) };
-        let Event { frame, summary } = event;
+        let Event { frame, summary, .. } = event;
         if let Some(mut frame) = frame {
             frame.unit_status |= self.start_status;
             self.rates.push_back(Message::Rate(frame));

@@ -11,28 +11,68 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 use std::ops::Range;
-use virtual_board::{World, CPU_HZ};
+use virtual_board::{World, CPU_HZ, CYCLES_PER_TICK};
+
+/// What may be wrong with a resonator's signal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum AxisFault {
+    /// No edges.
+    Stop,
+    /// Each edge comes a second time, so many seconds later.
+    Double(f64),
+    /// Jitter of so many seconds RMS on top.
+    Jitter(f64),
+    /// The frequency runs away, Hz per second.
+    Drift(f64),
+    /// The frequency is off by so many Hz.
+    Jump(f64),
+}
+
+/// What may be wrong with the converter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ConverterFault {
+    /// It finishes no conversion.
+    Silent,
+    /// It gives the same codes again and again.
+    Stuck,
+    /// Its frames are spoilt on the way.
+    Checksum,
+    /// A channel is at the end of its scale.
+    Saturated(usize),
+}
 
 /// Faults on the wires, by time in seconds.
 #[derive(Debug, Clone, Default)]
 pub struct WireFaults {
-    /// Resonators that are silent for a while.
-    pub silent_axis: Vec<(usize, Range<f64>)>,
+    /// Of resonators.
+    pub axis: Vec<(usize, AxisFault, Range<f64>)>,
+    /// Of the converter.
+    pub converter: Vec<(ConverterFault, Range<f64>)>,
     /// Extra edges: an axis, and how long after each 1000th edge they come, s.
     pub glitch: Option<(usize, f64)>,
-    /// The converter is silent.
-    pub silent_converter: Option<Range<f64>>,
     /// Every n-th converter frame is spoilt.
     pub spoil_every: Option<u32>,
     /// Bytes that the other end of the link sends, each with its time.
     pub link_in: Vec<(f64, u8)>,
 }
 
+impl WireFaults {
+    fn of_axis(&self, axis: usize, t: f64) -> impl Iterator<Item = (AxisFault, f64)> + '_ {
+        self.axis.iter().filter(move |(a, _, when)| *a == axis && when.contains(&t)).map(move |f| (f.1, t - f.2.start))
+    }
+
+    fn of_converter(&self, t: f64) -> impl Iterator<Item = ConverterFault> + '_ {
+        self.converter.iter().filter(move |(_, when)| when.contains(&t)).map(|f| f.0)
+    }
+}
+
 /// What came back.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub struct Received {
     /// Rate frames.
     pub rates: Vec<RateFrame>,
+    /// From the data-ready edge of each rate frame's last sample to the frame's last bit on the link, cycles.
+    pub delay_cycles: Vec<u32>,
     /// Housekeeping.
     pub housekeeping: Vec<Housekeeping>,
     /// Each second of an alignment.
@@ -53,18 +93,25 @@ pub struct Received {
     pub log_bytes: Vec<u8>,
 }
 
-/// See [`Wires::live`].
-#[derive(Debug, Default)]
-struct Live {
-    coming: VecDeque<u8>,
-    last: u64,
-    out: Vec<u8>,
-}
-
 /// Cycles that a byte takes on the wire: ten bits at 921600 baud.
 const BYTE_CYCLES: u64 = CPU_HZ * 10 / 921_600;
 
+/// Who looks on. A copy of the wires has nobody: what happened before it was made cannot be asked of them again.
+#[derive(Default)]
+struct Observers {
+    /// Compared with; `None` where faults make the unit's own timing matter.
+    twin: Option<Twin>,
+    decoder: Option<Decoder>,
+}
+
+impl Clone for Observers {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
 /// A recording on the wires.
+#[derive(Clone)]
 pub struct Wires {
     steps: Steps,
     scale_dph: [f32; 3],
@@ -82,15 +129,21 @@ pub struct Wires {
     accelerations: Option<(f64, Vec<[f64; 2]>)>,
     acceleration_carry: [f64; 2],
     frames_out: u32,
+    spoilt: bool,
     link_at: usize,
-    /// A live link: bytes that wait to come in, and when the last one came; bytes that went out.
-    live: Option<Live>,
+    /// Bytes that wait to come in, and when the last one came.
+    coming: VecDeque<u8>,
+    last_byte: u64,
+    /// Bytes that went out, where somebody holds the other end.
+    out: Option<Vec<u8>>,
+    /// The last codes.
+    codes: [i32; 8],
+    /// The timer's zero, in ticks since power-on.
+    zero_tick: u32,
     /// The time, cycles, as far as the wires have been told.
     now: u64,
     deframer: Deframer,
-    decoder: Option<Decoder>,
-    /// Compared with; `None` where faults make the unit's own timing matter.
-    twin: Option<Twin>,
+    observers: Observers,
     /// What came back.
     pub received: Received,
 }
@@ -127,33 +180,47 @@ impl Wires {
             accelerations: None,
             acceleration_carry: [0.0; 2],
             frames_out: 0,
+            spoilt: false,
             link_at: 0,
-            live: None,
+            coming: VecDeque::new(),
+            last_byte: 0,
+            out: None,
+            codes: [0; 8],
+            zero_tick: 0,
             now: 0,
             deframer: Deframer::default(),
-            decoder,
-            twin,
+            observers: Observers { twin, decoder },
             received: Received::default(),
         }
     }
 
-    /// With a link that somebody holds the other end of: see [`hear`](Self::hear) and [`said`](Self::said).
+    /// With somebody at the other end of the link: see [`said`](Self::said).
     #[must_use]
     pub fn live(mut self) -> Self {
-        self.live = Some(Live::default());
+        self.out = Some(Vec::new());
         self
     }
 
-    /// Bytes come in on a live link from now on, as fast as the line carries them.
+    /// Bytes come in from now on, as fast as the line carries them.
     pub fn hear(&mut self, bytes: &[u8]) {
-        if let Some(live) = &mut self.live {
-            live.coming.extend(bytes);
-        }
+        self.coming.extend(bytes);
+    }
+
+    /// Bytes that have not come in yet.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.coming.len()
     }
 
     /// Bytes that went out on a live link since last asked.
     pub fn said(&mut self) -> Vec<u8> {
-        self.live.as_mut().map(|l| std::mem::take(&mut l.out)).unwrap_or_default()
+        self.out.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// From now on, these faults.
+    pub fn set_faults(&mut self, faults: WireFaults) {
+        self.faults = faults;
+        self.link_at = 0;
     }
 
     /// With faults.
@@ -171,7 +238,7 @@ impl Wires {
     }
 
     fn compare(&mut self, message: &Message) {
-        let Some(twin) = &mut self.twin else { return };
+        let Some(twin) = &mut self.observers.twin else { return };
         let queue = match message {
             Message::Rate(_) => &mut twin.rates,
             Message::Alignment(_) => &mut twin.alignment,
@@ -206,26 +273,48 @@ impl World for Wires {
         }
         loop {
             let second = self.at[channel] as usize;
-            let frequency = *self.steps.frequency_hz[channel].get(second)?;
+            let mut frequency = *self.steps.frequency_hz[channel].get(second)?;
             if !frequency.is_finite() {
                 self.at[channel] = second as f64 + 1.0;
                 continue;
             }
+            let mut off = 0.0;
+            for (fault, since) in self.faults.of_axis(channel, self.at[channel]) {
+                match fault {
+                    AxisFault::Drift(hz_per_s) => off += hz_per_s * since,
+                    AxisFault::Jump(hz) => off += hz,
+                    _ => {}
+                }
+            }
+            // A resonator does not run backwards.
+            frequency = (frequency + off).max(1.0);
             // A period may straddle two seconds of different frequency; the phase goes on smoothly.
             let mut t = self.at[channel] + 1.0 / frequency;
             if t as usize > second {
                 if let Some(&next) = self.steps.frequency_hz[channel].get(second + 1).filter(|f| f.is_finite()) {
                     let boundary = (second + 1) as f64;
-                    t = boundary + (t - boundary) * frequency / next;
+                    t = boundary + (t - boundary) * frequency / (next + off).max(1.0);
                 }
             }
             self.at[channel] = t;
             self.edges[channel] += 1;
-            if self.faults.silent_axis.iter().any(|(a, when)| *a == channel && when.contains(&t)) {
+            let (mut stop, mut jitter_s, mut double) = (false, self.jitter_s, None);
+            for (fault, _) in self.faults.of_axis(channel, t) {
+                match fault {
+                    AxisFault::Stop => stop = true,
+                    AxisFault::Jitter(s) => jitter_s = jitter_s.hypot(s),
+                    AxisFault::Double(after) => double = Some(after),
+                    AxisFault::Drift(_) | AxisFault::Jump(_) => {}
+                }
+            }
+            if stop {
                 continue;
             }
-            let jitter: f64 = if self.jitter_s > 0.0 { StandardNormal.sample(&mut self.rng[channel]) } else { 0.0 };
-            let edge = ((t + jitter * self.jitter_s) * CPU_HZ as f64) as u64;
+            let jitter: f64 = if jitter_s > 0.0 { StandardNormal.sample(&mut self.rng[channel]) } else { 0.0 };
+            let edge = ((t + jitter * jitter_s) * CPU_HZ as f64) as u64;
+            if let Some(after) = double {
+                self.extra[channel] = Some(edge + (after * CPU_HZ as f64) as u64);
+            }
             if let Some((a, after)) = self.faults.glitch {
                 if a == channel && self.edges[channel].is_multiple_of(1000) {
                     self.extra[channel] = Some(edge + (after * CPU_HZ as f64) as u64);
@@ -238,9 +327,14 @@ impl World for Wires {
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]> {
         self.now = cycles;
         let t = cycles as f64 / CPU_HZ as f64;
-        if self.faults.silent_converter.as_ref().is_some_and(|w| w.contains(&t)) {
+        let faults: Vec<ConverterFault> = self.faults.of_converter(t).collect();
+        if faults.contains(&ConverterFault::Silent) {
             return None;
         }
+        if faults.contains(&ConverterFault::Stuck) {
+            return Some(self.codes);
+        }
+        self.spoilt = faults.contains(&ConverterFault::Checksum);
         let second = (cycles / CPU_HZ) as usize;
         let mut codes = [0i32; 8];
         for (a, code) in codes.iter_mut().take(3).enumerate() {
@@ -264,19 +358,24 @@ impl World for Wires {
                 codes[3 + k] = rounded as i32;
             }
         }
+        for fault in faults {
+            if let ConverterFault::Saturated(channel) = fault {
+                codes[channel] = 0x7F_FFFF;
+            }
+        }
+        self.codes = codes;
         Some(codes)
     }
 
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
-        if let Some(live) = &mut self.live {
-            let byte = live.coming.pop_front()?;
-            live.last = (live.last + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
-            return Some((live.last, byte));
-        }
-        let (t, byte) = *self.faults.link_in.get(self.link_at)?;
+        let Some(&(t, byte)) = self.faults.link_in.get(self.link_at) else {
+            let byte = self.coming.pop_front()?;
+            self.last_byte = (self.last_byte + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
+            return Some((self.last_byte, byte));
+        };
         self.link_at += 1;
         let at = (t * CPU_HZ as f64) as u64;
-        if let Some(twin) = &mut self.twin {
+        if let Some(twin) = &mut self.observers.twin {
             twin.link_in(at, byte);
         }
         Some((at, byte))
@@ -284,25 +383,25 @@ impl World for Wires {
 
     fn spoil_converter_frame(&mut self) -> bool {
         self.frames_out += 1;
-        self.faults.spoil_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
+        self.spoilt || self.faults.spoil_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
     }
 
     fn captured(&mut self, channel: usize, stamp: u32) {
-        if let Some(twin) = &mut self.twin {
+        if let Some(twin) = &mut self.observers.twin {
             twin.captured(channel, stamp);
         }
     }
 
     fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
-        if let Some(twin) = &mut self.twin {
+        self.zero_tick = ((self.now / CYCLES_PER_TICK) as u32).wrapping_sub(stamp);
+        if let Some(twin) = &mut self.observers.twin {
             twin.fetched(stamp, codes, good);
         }
     }
 
-    fn link_out(&mut self, _: u64, bytes: &[u8]) {
-        if let Some(live) = &mut self.live {
-            live.out.extend_from_slice(bytes);
-            return;
+    fn link_out(&mut self, cycles: u64, bytes: &[u8]) {
+        if let Some(out) = &mut self.out {
+            out.extend_from_slice(bytes);
         }
         for &b in bytes {
             match self.deframer.push(b) {
@@ -311,6 +410,9 @@ impl World for Wires {
                 Some(Ok(message)) => match message {
                     Message::Rate(r) => {
                         self.compare(&message);
+                        let sent = ((cycles / CYCLES_PER_TICK) as u32).wrapping_sub(self.zero_tick);
+                        let delay = sent.wrapping_sub(r.tick).saturating_mul(CYCLES_PER_TICK as u32);
+                        self.received.delay_cycles.push(delay);
                         self.received.rates.push(r);
                     }
                     Message::Housekeeping(h) => {
@@ -329,7 +431,7 @@ impl World for Wires {
 
     fn log_out(&mut self, cycles: u64, bytes: &[u8]) {
         self.received.log_bytes.extend_from_slice(bytes);
-        if let Some(decoder) = &mut self.decoder {
+        if let Some(decoder) = &mut self.observers.decoder {
             for line in decoder.push(bytes) {
                 self.received.log.push(format!("{:12.6} {line}", cycles as f64 / CPU_HZ as f64));
             }
