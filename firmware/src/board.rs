@@ -125,8 +125,9 @@ impl Board {
         }
     }
 
-    /// The newest valid block of the two sectors with its sector, or the compiled-in default; and what status to report.
-    pub fn calibration(&self) -> (Calibration, Option<u8>, u8) {
+    /// The newest valid block of the two sectors with its sector and checksum, or the compiled-in default, whose checksum is
+    /// given as zero; and what status to report.
+    pub fn calibration(&self) -> (Calibration, Option<u8>, u32, u8) {
         let found = calibration::newest(self.sectors.view(0), self.sectors.view(1));
         let mut status = 0;
         if let Some(error) = found.refused {
@@ -134,8 +135,11 @@ impl Board {
             status |= unit::BLOCK_REFUSED;
         }
         match found.newest {
-            Some((calibration, sector)) => (calibration, Some(sector), status),
-            None => (Calibration::uncalibrated(), None, status | unit::DEFAULT_CALIBRATION),
+            Some((calibration, sector)) => {
+                let checksum = calibration::stored_checksum(self.sectors.view(sector)).unwrap_or(0);
+                (calibration, Some(sector), checksum, status)
+            }
+            None => (Calibration::uncalibrated(), None, 0, status | unit::DEFAULT_CALIBRATION),
         }
     }
 }

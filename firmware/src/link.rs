@@ -32,7 +32,7 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
     let mut buffer = [0u8; 64];
     loop {
         let received = match uart.read(&mut buffer).await {
-            Ok(n) => &buffer[..n],
+            Ok(n) => buffer.get(..n).unwrap_or(&buffer),
             Err(_) => {
                 errors = errors.saturating_add(1);
                 LINK_ERRORS.signal(errors);

@@ -76,13 +76,13 @@ fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(Spawn
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
     let board = board::Board::new();
-    let (calibration, sector, mut unit_status) = board.calibration();
+    let (calibration, sector, checksum, mut unit_status) = board.calibration();
     if board.watchdog_reset {
         unit_status |= unit::WATCHDOG_RESET;
     }
     let identity = Identity {
         unit: calibration.unit,
-        calibration: calibration.checksum(),
+        calibration: checksum,
         created_unix_s: calibration.created_unix_s,
         sequence: calibration.sequence,
     };

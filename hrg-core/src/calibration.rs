@@ -357,12 +357,11 @@ impl Calibration {
                 gains: [[0.0; MAX_OUTPUTS]; AXES],
                 gain_std: [[0.0; MAX_OUTPUTS]; AXES],
             };
-            for axis in 0..AXES {
-                for k in 0..facts.outputs {
-                    e.gains[axis][k] = r.f32().ok_or(short)?;
-                }
-                for k in 0..facts.outputs {
-                    e.gain_std[axis][k] = r.f32().ok_or(short)?;
+            for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
+                for numbers in [gains, std] {
+                    for number in numbers.iter_mut().take(facts.outputs) {
+                        *number = r.f32().ok_or(short)?;
+                    }
                 }
             }
             effects.push(e).map_err(|_| BlockError::Absurd("number of effects"))?;
@@ -453,6 +452,14 @@ fn finite(values: &[f32]) -> Result<(), BlockError> {
         }
     }
     Ok(())
+}
+
+/// The checksum that stands at the end of a block; `None` where there is no room for one.
+#[must_use]
+pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
+    let length = u16::from_le_bytes(*bytes.get(6..8)?.first_chunk()?);
+    let end = usize::from(length);
+    Some(u32::from_le_bytes(*bytes.get(end.checked_sub(4)?..end)?.first_chunk()?))
 }
 
 /// What the two flash sectors hold.

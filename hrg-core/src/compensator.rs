@@ -29,6 +29,8 @@ pub struct Thermal {
     pub temperature_c: [Option<f32>; AXES],
     /// Its rate of change, C per minute.
     pub rate_c_per_min: [f32; AXES],
+    /// Its change since the last step that had one, per step, C: says sooner than the slope that it changes too fast.
+    pub change_c: [f32; AXES],
     /// Its change over the last 60 s, C per minute ([`Difference`]).
     pub difference_c_per_min: [f32; AXES],
     /// Normalised frequency of each axis (held likewise).
@@ -92,6 +94,7 @@ impl Thermometer {
             return back;
         }
         self.doubted[k] = None;
+        self.last[k] = None;
         self.windows[k] = SlopeWindow::default();
         self.differences[k] = Difference::default();
         true
@@ -102,6 +105,7 @@ impl Thermometer {
         self.steps = self.steps.saturating_add(1);
         let (mut frequency_u_per_min, mut rate_c_per_min, mut difference_c_per_min) =
             ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
+        let mut change_c = [0.0; AXES];
         for k in 0..AXES {
             let law = &self.laws[k];
             let measured = frequency_hz[k]
@@ -111,7 +115,10 @@ impl Thermometer {
             let now = measured.filter(|((t, _), _)| self.believe(k, *t));
             frequency_u_per_min[k] = self.windows[k].push(now.map(|(_, u)| u));
             match now {
-                Some(_) => {
+                Some(((t, _), _)) => {
+                    if let Some(((before, _), _)) = self.last[k] {
+                        change_c[k] = (t - before) / (self.age[k] + 1) as f32;
+                    }
                     self.last[k] = now;
                     self.age[k] = 0;
                 }
@@ -125,6 +132,7 @@ impl Thermometer {
         Thermal {
             temperature_c: self.last.map(|l| l.map(|((t, _), _)| t)),
             rate_c_per_min,
+            change_c,
             difference_c_per_min,
             frequency_u_per_min,
             frequency_u: self.last.map(|l| l.map_or(0.0, |(_, u)| u)),
@@ -287,13 +295,16 @@ impl Compensator {
             if t < a.law.min_c || t > a.law.max_c {
                 *s |= axis::TEMPERATURE_RANGE;
             }
-            if r < a.rate_range_c_per_min[0] || r > a.rate_range_c_per_min[1] {
+            let [slowest, fastest] = a.rate_range_c_per_min;
+            // The slope takes seconds to show a ramp; a step of twice the range shows at once.
+            let at_once = thermal.change_c[k] * (0.5 * 60.0 / MODEL_STEP_S);
+            if r < slowest || r > fastest || at_once < slowest || at_once > fastest {
                 *s |= axis::RAMP_RANGE;
             }
             let mut bias = a.coefficients.bias_dph(scaling, &state);
             for (term, outputs, running) in &mut self.running {
                 let x: [f32; MAX_OUTPUTS] = running[k].step(&inputs);
-                bias += dot(&term.gains[k][..*outputs], &x[..*outputs]);
+                bias += dot(&term.gains[k], x.iter().take(*outputs));
             }
             if thermal.age[k] > 0 {
                 // Bridging: the last bias is held, whatever the states do.

@@ -360,8 +360,8 @@ impl Counter {
     }
 
     fn acquire(&mut self, stamp: u32, delta: u32) {
-        let shortest = self.config.ticks_per_s / self.config.max_hz;
-        let longest = self.config.ticks_per_s / self.config.min_hz;
+        let shortest = self.config.ticks_per_s / self.config.max_hz.max(1);
+        let longest = self.config.ticks_per_s / self.config.min_hz.max(1);
         let in_band = self.seen && (shortest..=longest).contains(&delta);
         let consistent = in_band
             && self.locked > 0
@@ -537,7 +537,7 @@ impl Bank {
         let span = u64::from(self.config.gate_ticks) * u64::from(self.gates_per_step);
         let joined = core::mem::take(&mut self.joined);
         Some(StepFrequencies {
-            step: self.gates / self.gates_per_step - 1,
+            step: (self.gates / self.gates_per_step.max(1)).wrapping_sub(1),
             end_ticks: self.counters[0].gate_start,
             frequency_hz: joined.map(|j| j.frequency_hz(&self.config, span)),
             rejected: joined.map(|j| j.rejected),

@@ -55,7 +55,7 @@ pub struct Housekeeping {
     pub dropped: u16,
     /// Bad frames in since start.
     pub link_errors: u16,
-    /// Checksum of the calibration in use.
+    /// Checksum of the calibration in use; 0 for the compiled-in default.
     pub calibration: u32,
     /// Its sequence number.
     pub sequence: u32,
@@ -114,7 +114,7 @@ impl Housekeeping {
 pub struct Identity {
     /// The unit's name in its calibration.
     pub unit: [u8; 16],
-    /// Checksum of the calibration in use.
+    /// Checksum of the calibration in use; 0 for the compiled-in default.
     pub calibration: u32,
     /// When that calibration was made, seconds since 1970.
     pub created_unix_s: u32,
@@ -184,7 +184,8 @@ impl Message {
         let mut out = Vec::new();
         // Capacity is MAX_FRAME, zeroed here and cut to what COBS needs.
         let _ = out.resize(MAX_FRAME, 0);
-        let used = cobs::encode(&plain[..n + 4], &mut out[..MAX_FRAME - 1]);
+        let room = out.len().saturating_sub(1);
+        let used = out.get_mut(..room).map_or(0, |o| cobs::try_encode(&plain[..n + 4], o).unwrap_or(0));
         out.truncate(used + 1);
         if let Some(last) = out.last_mut() {
             *last = 0;

@@ -56,7 +56,7 @@ impl SlopeWindow {
         self.s_age += self.n;
         // The oldest, now as old as the window is long, leaves.
         let newest = value.map(|v| (v * UNIT) as i32);
-        if let Some(old) = core::mem::replace(&mut self.values[self.at], newest) {
+        if let Some(old) = core::mem::replace(&mut self.values[self.at.min(WINDOW - 1)], newest) {
             let age = WINDOW as i32;
             self.n -= 1;
             self.s_age -= age;
@@ -68,7 +68,7 @@ impl SlopeWindow {
             self.n += 1;
             self.s_value += i64::from(new);
         }
-        self.at = if self.at + 1 == WINDOW { 0 } else { self.at + 1 };
+        self.at = if self.at + 1 >= WINDOW { 0 } else { self.at + 1 };
         self.filled = (self.filled + 1).min(WINDOW);
         if (self.n as usize) < WINDOW_MIN {
             return 0.0;
@@ -103,9 +103,8 @@ impl Default for Difference {
 impl Difference {
     /// Takes the newest temperature in C; zero until a minute is in. A missing value repeats the last one.
     pub fn push(&mut self, temperature_c: f32) -> f32 {
-        let old = self.values[self.at];
-        self.values[self.at] = temperature_c;
-        self.at = (self.at + 1) % DIFFERENCE;
+        let old = core::mem::replace(&mut self.values[self.at.min(DIFFERENCE - 1)], temperature_c);
+        self.at = if self.at + 1 >= DIFFERENCE { 0 } else { self.at + 1 };
         if self.filled < DIFFERENCE {
             self.filled += 1;
             return 0.0;

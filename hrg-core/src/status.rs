@@ -8,7 +8,7 @@ pub mod axis {
     pub const UNCALIBRATED: u8 = 1 << 0;
     /// The temperature is outside the calibrated range: the model is continued linearly.
     pub const TEMPERATURE_RANGE: u8 = 1 << 1;
-    /// The rate of change of temperature is outside the calibrated range.
+    /// The rate of change of temperature is outside the calibrated range, or changed within a second by twice that.
     pub const RAMP_RANGE: u8 = 1 << 2;
     /// No frequency in the last model step, or one that jumped further than a resonator can
     /// ([`crate::compensator::MAX_STEP_C`]): the last bias is held.

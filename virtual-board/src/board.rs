@@ -392,6 +392,14 @@ impl<W: World> Board<W> {
         Ok(out)
     }
 
+    /// Counts the calls of all probes anew.
+    pub fn forget_calls(&mut self) {
+        for p in &mut self.cpu.get_data_mut().probes {
+            p.calls.clear();
+            p.latency = Default::default();
+        }
+    }
+
     /// What [`count_calls`](Self::count_calls) has counted so far.
     #[must_use]
     pub fn probe(&self, number: usize) -> Option<&Probe> {

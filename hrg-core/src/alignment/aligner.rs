@@ -112,7 +112,9 @@ impl<F: Filter> Aligner<F> {
     /// One step without readings: time goes on.
     pub fn miss(&mut self) {
         self.elapsed_s += self.step_s;
-        self.seconds[self.position] += 1;
+        if let Some(seconds) = self.seconds.get_mut(self.position) {
+            *seconds += 1;
+        }
         self.missed += 1;
         if self.filter.step([f64::NAN; 2]).is_none() {
             self.refuse(Refusal::Breakdown);
@@ -123,7 +125,9 @@ impl<F: Filter> Aligner<F> {
     /// One step of readings, m/s.
     pub fn step(&mut self, velocity: [f64; 2]) {
         self.elapsed_s += self.step_s;
-        self.seconds[self.position] += 1;
+        if let Some(seconds) = self.seconds.get_mut(self.position) {
+            *seconds += 1;
+        }
         let steps = f64::from(core::mem::take(&mut self.missed) + 1);
         for k in 0..2 {
             let increment = (velocity[k] - self.last[k]) / steps;

@@ -300,6 +300,9 @@ fn turn_tilts<T: Real, const N: usize>(x: &mut [T; N], p: &mut real::Matrix<T, N
 
 /// Sets a velocity to a value with a variance of its own.
 fn reset<T: Real, const N: usize>(x: &mut [T; N], p: &mut real::Matrix<T, N>, index: usize, value: T, variance: T) {
+    if index >= N {
+        return;
+    }
     x[index] = value;
     for k in 0..N {
         p[index][k] = T::zero();

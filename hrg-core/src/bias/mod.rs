@@ -152,9 +152,9 @@ pub enum Coefficients {
 /// Sum of products, in order: the one dot product of the project.
 #[inline]
 #[must_use]
-pub fn dot(a: &[f32], b: &[f32]) -> f32 {
+pub fn dot<'a>(a: impl IntoIterator<Item = &'a f32>, b: impl IntoIterator<Item = &'a f32>) -> f32 {
     let mut sum = 0.0;
-    for (x, y) in a.iter().zip(b) {
+    for (x, y) in a.into_iter().zip(b) {
         sum += x * y;
     }
     sum

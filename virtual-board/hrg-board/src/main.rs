@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_board::{serve, weigh};
+use hrg_board::{faults, serve, weigh};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
@@ -46,6 +46,23 @@ enum Command {
         /// Folder for the links to the pseudo-terminals, and the flash.
         #[arg(long, default_value = "out/board")]
         folder: PathBuf,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
+    /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
+    ///
+    /// Example: hrg-board faults --short
+    Faults {
+        /// A small part of it, as the tests do.
+        #[arg(long)]
+        short: bool,
+        /// Seed of every draw.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Page whose table is written anew.
+        #[arg(long)]
+        page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -204,6 +221,11 @@ fn run(command: Command) -> Result<()> {
             let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
+        }
+        Command::Faults { short, seed, page, elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
+            faults::faults(&elf, seed, &extent, page.as_deref())
         }
         Command::Methods { seed, out, seconds, table, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

@@ -12,6 +12,7 @@ use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::{Bank, Config, StepFrequencies, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::link::{mode, Deframer, Housekeeping, Message};
 use hrg_core::rate_path::{Event, RatePath, Staged, Summary, DIVIDER};
+use hrg_core::status::unit;
 use hrg_core::AXES;
 use std::collections::VecDeque;
 use virtual_board::CYCLES_PER_TICK;
@@ -68,7 +69,8 @@ impl Twin {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
         let scale = [0, 1, 2].map(|a: usize| calibration.axes[a].rate_scale_dph);
-        let checksum = calibration.checksum();
+        // The default has none.
+        let checksum = if start_status & unit::DEFAULT_CALIBRATION == 0 { calibration.checksum() } else { 0 };
         let identity = (calibration.sequence, calibration.created_unix_s);
         Self {
             bank: Bank::new(Config::REFERENCE, GATES_PER_STEP),

@@ -71,8 +71,12 @@ impl WireFaults {
 pub struct Received {
     /// Rate frames.
     pub rates: Vec<RateFrame>,
-    /// From the data-ready edge of each rate frame's last sample to the frame's last bit on the link, cycles.
+    /// When the last bit of each rate frame was on the link, cycles.
+    pub rate_at: Vec<u64>,
+    /// From the data-ready edge of its last sample to that, cycles.
     pub delay_cycles: Vec<u32>,
+    /// When the last bit of each housekeeping frame was on the link, cycles.
+    pub housekeeping_at: Vec<u64>,
     /// Housekeeping.
     pub housekeeping: Vec<Housekeeping>,
     /// Each second of an alignment.
@@ -206,6 +210,11 @@ impl Wires {
         self.coming.extend(bytes);
     }
 
+    /// Whoever was sending stops: what has not come in yet never will.
+    pub fn silence(&mut self) {
+        self.coming.clear();
+    }
+
     /// Bytes that have not come in yet.
     #[must_use]
     pub fn waiting(&self) -> usize {
@@ -215,6 +224,13 @@ impl Wires {
     /// Bytes that went out on a live link since last asked.
     pub fn said(&mut self) -> Vec<u8> {
         self.out.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    /// All resonators at one frequency, Hz, for ever.
+    pub fn set_frequency(&mut self, hz: f64) {
+        for f in &mut self.steps.frequency_hz {
+            f.fill(hz);
+        }
     }
 
     /// From now on, these faults.
@@ -413,11 +429,13 @@ impl World for Wires {
                         let sent = ((cycles / CYCLES_PER_TICK) as u32).wrapping_sub(self.zero_tick);
                         let delay = sent.wrapping_sub(r.tick).saturating_mul(CYCLES_PER_TICK as u32);
                         self.received.delay_cycles.push(delay);
+                        self.received.rate_at.push(cycles);
                         self.received.rates.push(r);
                     }
                     Message::Housekeeping(h) => {
                         self.compare(&message);
                         self.received.housekeeping.push(h);
+                        self.received.housekeeping_at.push(cycles);
                     }
                     Message::Alignment(report) => {
                         self.compare(&message);

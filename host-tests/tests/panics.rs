@@ -1,0 +1,122 @@
+//! No panic in what we wrote: every call of a panicking function in the release ELF is traced to the source line that it comes
+//! from. Those of embassy and its kin (HAL start-up, DMA rings, executor) are counted by crate; all end in the firmware's panic
+//! handler, which lets the watchdog reset the unit.
+
+use addr2line::{gimli, Context};
+use hrg_board::replay;
+use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
+use std::collections::BTreeMap;
+
+/// Where a panic begins.
+fn panics(name: &str) -> bool {
+    [
+        "core::panicking::",
+        "core::option::unwrap_failed",
+        "core::option::expect_failed",
+        "core::result::unwrap_failed",
+        "core::slice::index::slice_",
+        "core::slice::copy_from_slice_impl::len_mismatch_fail",
+        "core::str::slice_error_fail",
+        "core::cell::panic_",
+        "_defmt_panic",
+        "__defmt_default_panic",
+    ]
+    .iter()
+    .any(|p| name.starts_with(p))
+}
+
+/// Target of a BL or B.W at `at`.
+fn target(code: &[u8], at: usize, address: u32) -> Option<u32> {
+    let half = |k: usize| code.get(at + k..at + k + 2).map(|b| u32::from(u16::from_le_bytes([b[0], b[1]])));
+    let (a, b) = (half(0)?, half(2)?);
+    if a & 0xF800 != 0xF000 || b & 0x9000 != 0x9000 {
+        return None;
+    }
+    let s = a >> 10 & 1;
+    let (i1, i2) = (!((b >> 13 & 1) ^ s) & 1, !((b >> 11 & 1) ^ s) & 1);
+    let offset = s << 24 | i1 << 23 | i2 << 22 | (a & 0x3FF) << 12 | (b & 0x7FF) << 1;
+    // Sign-extended from 25 bits.
+    let offset = ((offset << 7) as i32) >> 7;
+    Some((address + 4).wrapping_add_signed(offset))
+}
+
+/// The crate or folder that a source file belongs to.
+fn owner(file: &str) -> String {
+    let parts: Vec<&str> = file.split('/').collect();
+    if let Some(k) = parts.iter().position(|p| *p == "registry") {
+        // .../registry/src/index/crate-version/...
+        return parts.get(k + 3).map_or("?", |c| c).to_string();
+    }
+    ["hrg-core", "firmware"].iter().find(|own| parts.windows(2).any(|w| w == [**own, "src"])).map_or_else(
+        || if file.contains("/library/") || file.starts_with("core/") { "core".into() } else { file.to_string() },
+        ToString::to_string,
+    )
+}
+
+#[test]
+fn no_panic_comes_from_our_own_code() {
+    let elf = replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
+    let file = object::File::parse(&elf[..]).expect("an ELF");
+    let section = |id: gimli::SectionId| -> Result<_, gimli::Error> {
+        let data = file.section_by_name(id.name()).and_then(|s| s.data().ok()).unwrap_or(&[]);
+        Ok(gimli::EndianSlice::new(data, gimli::LittleEndian))
+    };
+    let context =
+        Context::from_dwarf(gimli::Dwarf::load(section).expect("debug information")).expect("of a known kind");
+    let text = file.section_by_name(".text").expect("code");
+    let (code, base) = (text.data().expect("bytes"), text.address() as u32);
+    let name = |s: &object::Symbol<'_, '_>| format!("{:#}", rustc_demangle::demangle(s.name().unwrap_or("")));
+    let functions: BTreeMap<u32, (u32, String)> = file
+        .symbols()
+        .filter(|s| s.kind() == SymbolKind::Text && s.size() > 0)
+        .map(|s| (s.address() as u32 & !1, (s.size() as u32, name(&s))))
+        .collect();
+    // Literal pools lie between the code; mapping symbols say where.
+    let mut marks: BTreeMap<u32, bool> = BTreeMap::new();
+    for s in file.symbols() {
+        match s.name().unwrap_or("") {
+            n if n.starts_with("$t") => drop(marks.insert(s.address() as u32, true)),
+            n if n.starts_with("$d") => drop(marks.insert(s.address() as u32, false)),
+            _ => {}
+        }
+    }
+    let is_code = |a: u32| marks.range(..=a).next_back().is_none_or(|(_, t)| *t);
+    let (mut theirs, mut ours, mut calls) = (BTreeMap::<String, u32>::new(), Vec::new(), 0);
+    for (&start, (size, function)) in functions.iter().filter(|(_, (_, f))| !panics(f)) {
+        let mut at = start;
+        while at + 2 <= start + size {
+            let k = (at - base) as usize;
+            let long = code.get(k + 1).is_some_and(|b| *b >= 0xE8);
+            let to = if long && is_code(at) { target(code, k, at) } else { None };
+            if let Some((_, callee)) = to.and_then(|t| functions.get(&t)).filter(|(_, c)| panics(c)) {
+                calls += 1;
+                let mut frames = context.find_frames(u64::from(at)).skip_all_loads().expect("frames");
+                let mut from = None;
+                while let Ok(Some(frame)) = frames.next() {
+                    let Some(at) = frame.location else { continue };
+                    let source = at.file.unwrap_or("?");
+                    // A line 0 is the compiler's own: an async function polled after its end.
+                    let line = at.line.unwrap_or(0);
+                    if owner(source) != "core" {
+                        from = Some((owner(source), format!("{source}:{line}"), line));
+                        break;
+                    }
+                }
+                // The start of the main task, which embassy's macro writes.
+                if function.starts_with("embassy_executor::") && !function.contains("TaskStorage") {
+                    from = Some(("embassy-executor".into(), String::new(), 0));
+                }
+                let (who, place, line) = from.unwrap_or_else(|| ("?".into(), function.clone(), 1));
+                let resumed = who == "firmware" && line == 0 && function.contains("TaskStorage");
+                if ["hrg-core", "firmware", "?"].contains(&who.as_str()) && !resumed {
+                    ours.push(format!("{place}: {callee} (in {function})"));
+                }
+                *theirs.entry(who).or_default() += 1;
+            }
+            at += if long { 4 } else { 2 };
+        }
+    }
+    println!("{calls} calls of panicking functions: {theirs:?}");
+    assert!(calls > 20, "the search itself is broken: embassy has some");
+    assert!(ours.is_empty(), "panics from our own code:\n{}", ours.join("\n"));
+}

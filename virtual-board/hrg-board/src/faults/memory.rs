@@ -1,0 +1,206 @@
+//! Flipped bits.
+
+use super::{cycles, draws, good, run, trials, Extent, Report, Scene, BOUND_DPH, RESTART_S};
+use crate::replay::{CALIBRATION_A, CALIBRATION_B};
+use crate::wires::Received;
+use anyhow::{Context, Result};
+use hrg_core::rate_path::RateFrame;
+use hrg_core::status::unit;
+use rand::Rng;
+use virtual_board::{CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
+
+/// What became of a flipped bit of RAM.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fate {
+    /// Every frame as without it.
+    Nothing,
+    /// Frames differ, none of them further than [`BOUND_DPH`] and flagged good.
+    Harmless,
+    /// Frames further off, or none for a while, all said by a flag.
+    Said,
+    /// The unit was reset, and sent rates again after so many seconds.
+    Reset(f64),
+    /// The unit was not reset and has stopped sending rates, or sent none within [`RESTART_S`] after a reset.
+    Silent,
+    /// Rates flagged good that were off: the largest error (deg/h), and for how long (s).
+    Wrong(f32, f64),
+}
+
+/// Seconds that a unit is watched after a flip: three model steps.
+const WATCH_S: f64 = 3.3;
+
+/// Error of a frame that the unit stands behind, axis by axis the worst, deg/h; zero where all that is wrong is flagged.
+#[must_use]
+pub fn unsaid(frame: &RateFrame, truth: &RateFrame) -> f32 {
+    if frame.unit_status != 0 {
+        return 0.0;
+    }
+    let mut worst = 0.0f32;
+    for k in 0..3 {
+        if frame.axis_status[k] == 0 {
+            let e = (frame.rate_dph[k] - truth.rate_dph[k]).abs();
+            worst = worst.max(if e.is_nan() { f32::INFINITY } else { e });
+        }
+    }
+    worst
+}
+
+/// Compares what a unit sent with what it sends undisturbed, frame by frame in order of their times.
+fn judge(sent: &Received, truth: &Received, resets: u32, flipped_at: u64, end: u64) -> Fate {
+    let step = 5 * CPU_HZ / 1000;
+    let first = truth.rate_at.first().copied().unwrap_or(0);
+    let (mut worst, mut wrong) = (0.0f32, 0u32);
+    let mut differs = false;
+    let mut flagged = false;
+    let mut back = None;
+    let mut last = flipped_at;
+    for (f, &at) in sent.rates.iter().zip(&sent.rate_at) {
+        // The longest pause that a running unit makes between frames is a few milliseconds.
+        if at > flipped_at && at - last > cycles(0.1) {
+            back = Some(at);
+        }
+        last = last.max(at);
+        // Rates are sent 0.4 ms after their sample; housekeeping may delay them by 2 ms.
+        let nearest = ((at + step / 4).saturating_sub(first) / step) as usize;
+        let Some(t) = truth.rates.get(nearest.min(truth.rates.len() - 1)) else { continue };
+        differs |= f != t;
+        flagged |= !good(f);
+        let e = unsaid(f, t);
+        worst = worst.max(e);
+        wrong += u32::from(e > BOUND_DPH);
+    }
+    if worst > BOUND_DPH {
+        return Fate::Wrong(worst, f64::from(wrong) * 0.005);
+    }
+    if resets > 0 {
+        return match back {
+            Some(at) if (at - flipped_at) <= cycles(RESTART_S) => Fate::Reset((at - flipped_at) as f64 / CPU_HZ as f64),
+            _ => Fate::Silent,
+        };
+    }
+    if end - last > cycles(0.1) {
+        return Fate::Silent;
+    }
+    match (differs, flagged || back.is_some()) {
+        (_, true) => Fate::Said,
+        (true, false) => Fate::Harmless,
+        (false, false) => Fate::Nothing,
+    }
+}
+
+/// Flips in the block in flash: alone in sector A, and in the newer of two.
+fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
+    let old = scene.calibration.clone();
+    let mut new = old.clone();
+    new.sequence = old.sequence + 1;
+    let block = new.to_bytes().context("fits")?;
+    let bits = block.len() as u64 * 8 / extent.every;
+    for two in [false, true] {
+        let sector = if two { CALIBRATION_B } else { CALIBRATION_A };
+        let found = trials(
+            bits,
+            || {
+                let mut board = scene.off(scene.wires(), if two { &old } else { &new })?;
+                if two {
+                    board.write_flash(CALIBRATION_B, &block)?;
+                }
+                let start = board.snapshot()?;
+                Ok((board, start))
+            },
+            |(board, start), k| {
+                board.restore(start)?;
+                let bit = k * extent.every;
+                board.flip_bit(FLASH_START + sector + (bit / 8) as u32, (bit % 8) as u8)?;
+                run(board, cycles(0.1))?;
+                let expected = unit::BLOCK_REFUSED | if two { 0 } else { unit::DEFAULT_CALIBRATION };
+                let frames = &board.world.received.rates;
+                Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status & expected == expected))
+            },
+        )?;
+        let noticed = found.iter().filter(|f| **f).count();
+        report.row(
+            if two { "bit of the newer of two blocks in flash" } else { "bit of the block in flash" },
+            bits,
+            format!(
+                "noticed and said in every frame {noticed}, not noticed {}; then runs {}",
+                found.len() - noticed,
+                if two { "the older block" } else { "the default, flagged uncalibrated" }
+            ),
+            noticed == found.len(),
+        );
+    }
+    Ok(())
+}
+
+/// Shares of ten thousand of [`Fate::Wrong`] that docs/promises.md admits.
+const ADMITTED: f64 = 0.002;
+
+/// The fate of flips `0..n`, each of a random bit of the RAM in use at a random time of a settled second.
+///
+/// # Errors
+/// Where the unit cannot be run at all.
+pub fn flips(scene: &Scene, seed: u64, n: u64) -> Result<Vec<(u32, Fate)>> {
+    trials(
+        n,
+        || {
+            let mut board = scene.settled()?;
+            let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
+            let start = board.snapshot()?;
+            Ok((board, start, truth))
+        },
+        |(board, start, truth), k| {
+            board.restore(start)?;
+            let begin = board.now();
+            let mut draw = draws(seed, 2, k);
+            let (statics, stack) = (board.static_bytes(), board.stack_used());
+            let at = draw.random_range(0..statics + stack);
+            // Statics from the bottom of RAM, the stack from its top down.
+            let address = RAM_START + if at < statics { at } else { RAM_SIZE - 1 - (at - statics) };
+            let flipped_at = begin + draw.random_range(0..CPU_HZ);
+            run(board, flipped_at)?;
+            board.flip_bit(address, draw.random_range(0..8))?;
+            let mut end = flipped_at + cycles(WATCH_S);
+            let mut resets = run(board, end)?;
+            if resets > 0 || board.faults() > 0 || quiet(&board.world.received, end) {
+                // The watchdog takes its time.
+                end += cycles(RESTART_S);
+                resets += run(board, end)?;
+            }
+            let fate = judge(&board.world.received, truth, resets, flipped_at, end);
+            Ok((address, fate))
+        },
+    )
+}
+
+fn quiet(r: &Received, end: u64) -> bool {
+    r.rate_at.last().is_none_or(|at| end - at > cycles(0.1))
+}
+
+/// Flips in flash and in RAM.
+///
+/// # Errors
+/// Where the unit cannot be run at all.
+pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
+    flash(scene, extent, report)?;
+    let fates = flips(scene, seed, extent.random)?;
+    let count = |of: fn(&Fate) -> bool| fates.iter().filter(|(_, f)| of(f)).count();
+    let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
+    let wrong: Vec<(f32, f64)> =
+        fates.iter().filter_map(|(_, f)| if let Fate::Wrong(e, s) = f { Some((*e, *s)) } else { None }).collect();
+    let silent = count(|f| *f == Fate::Silent);
+    let lasting = wrong.iter().filter(|w| w.1 > 1.5).count();
+    report.row(
+        "bit of RAM in use, at a random time",
+        fates.len() as u64,
+        format!(
+            "no effect {}, within {BOUND_DPH} deg/h {}, flagged {}, reset and back within {slowest:.1} s {}, silent for good {silent}, wrong and not flagged {} (of them for more than 1.5 s: {lasting})",
+            count(|f| *f == Fate::Nothing),
+            count(|f| *f == Fate::Harmless),
+            count(|f| *f == Fate::Said),
+            count(|f| matches!(f, Fate::Reset(_))),
+            wrong.len(),
+        ),
+        silent == 0 && wrong.len() as f64 <= (fates.len() as f64 * ADMITTED).max(2.0),
+    );
+    Ok(())
+}

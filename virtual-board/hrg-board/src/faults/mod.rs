@@ -1,0 +1,317 @@
+//! The promises of docs/promises.md, attacked: faults into the flashed program on the virtual board, counted.
+//!
+//! Every trial begins at the same moment of a running unit ([`Scene`]) and draws its fault from the seed and its own number
+//! alone, so a campaign gives the same figures on any number of threads, and one trial can be run again by itself.
+//!
+//! | module | attacks |
+//! |---|---|
+//! | [`power`] | cuts while a calibration is written, and at random instructions |
+//! | [`memory`] | flipped bits in the block in flash, and in RAM |
+//! | [`sensors`] | resonators and converter, one by one and in pairs |
+//! | [`link`] | noise, cut, mutated, replayed and reordered frames, floods |
+//! | [`load`] | everything at once |
+//! | [`time`] | 50 days of time stamps |
+
+pub mod link;
+pub mod load;
+pub mod memory;
+pub mod power;
+pub mod sensors;
+pub mod time;
+
+use crate::replay::CALIBRATION_A;
+use crate::wires::{Received, Wires};
+use anyhow::{Context, Result};
+use hrg_cal::fit::prepare;
+use hrg_cal::methods::identify;
+use hrg_cal::run::Steps;
+use hrg_cal::simulate::{Plan, Profile};
+use hrg_core::calibration::{Calibration, EffectTerm};
+use hrg_core::effects::{by_name, MAX_OUTPUTS};
+use hrg_core::rate_path::RateFrame;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use std::fmt::Write as _;
+use virtual_board::{Board, Stop, CPU_HZ};
+
+/// A corrected rate that is flagged good and further than this from that of an undisturbed unit is a broken promise, deg/h.
+/// (The noise of the simulated unit is six times as large.)
+pub const BOUND_DPH: f32 = 0.1;
+
+/// After a fault that stops it, the unit sends rates again within this time, s: the watchdog's half second (three with the
+/// link's own patience) and a start.
+pub const RESTART_S: f64 = 4.0;
+
+/// A unit that runs: the ELF, a calibration with effects, a chamber run on its wires.
+pub struct Scene {
+    elf: Vec<u8>,
+    steps: Steps,
+    /// What is in its flash.
+    pub calibration: Calibration,
+}
+
+impl std::fmt::Debug for Scene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Scene")
+    }
+}
+
+/// Seconds after which a unit has settled.
+const SETTLED_S: u64 = 40;
+
+impl Scene {
+    /// A simulated unit on the ramp of a chamber run. Its block holds eq 7, as fitted, and four effects on top: all that a
+    /// unit runs at most in practice, so that their states are there to be hit.
+    ///
+    /// # Errors
+    /// Where the simulated run cannot be fitted.
+    pub fn new(elf: &[u8], seed: u64) -> Result<Self> {
+        let recording = Plan::of(Profile::parse("cycle")?, 21, seed).simulate().recording;
+        let prepared = prepare(&[recording.clone()])?;
+        let mut calibration = identify(&prepared, "lsq", seed)?.calibration;
+        calibration.set_unit_name("HRG-21");
+        for (name, parameters, gain) in [
+            ("cubic", [0.0; 2], 0.05),
+            ("thermal-lag", [900.0, 0.0], 0.1),
+            ("hysteresis", [4.0, 0.0], 0.05),
+            ("warm-up", [1500.0, 0.0], 0.2),
+        ] {
+            let facts = by_name(name).context("an effect of the list")?;
+            let mut term = EffectTerm {
+                id: facts.id,
+                parameters,
+                gains: [[0.0; MAX_OUTPUTS]; 3],
+                gain_std: [[0.0; MAX_OUTPUTS]; 3],
+            };
+            for gains in &mut term.gains {
+                gains[..facts.outputs].fill(gain);
+            }
+            calibration.effects.push(term).ok().context("room for four effects")?;
+        }
+        let mut steps = Steps::new(&recording)?;
+        // From the middle of the first ramp.
+        for series in steps.frequency_hz.iter_mut().chain(&mut steps.rate_dph) {
+            series.drain(..RAMP_FROM);
+        }
+        Ok(Self { elf: elf.to_vec(), steps, calibration })
+    }
+
+    /// The program.
+    #[must_use]
+    pub fn elf(&self) -> &[u8] {
+        &self.elf
+    }
+
+    /// What is on its wires.
+    #[must_use]
+    pub fn wires(&self) -> Wires {
+        let scale = [0, 1, 2].map(|a: usize| self.calibration.axes[a].rate_scale_dph);
+        Wires::new(self.steps.clone(), scale, 20e-9, 1, None, None)
+    }
+
+    /// A board that is just being switched on, with that on its wires and a block in sector A.
+    ///
+    /// # Errors
+    /// Where the ELF does not run on the board.
+    pub fn off(&self, wires: Wires, block: &Calibration) -> Result<Board<Wires>> {
+        let mut board = Board::new(&self.elf, wires)?;
+        board.write_flash(CALIBRATION_A, &block.to_bytes().context("fits a block")?)?;
+        board.faults_as_on_chip();
+        Ok(board)
+    }
+
+    /// A board that has settled and has nothing to complain of.
+    ///
+    /// # Errors
+    /// As [`off`](Self::off).
+    pub fn settled(&self) -> Result<Board<Wires>> {
+        let mut board = self.off(self.wires(), &self.calibration)?;
+        run(&mut board, SETTLED_S * CPU_HZ)?;
+        board.world.received = Received::default();
+        Ok(board)
+    }
+
+    /// What the board sends in the next seconds if nothing is wrong.
+    ///
+    /// # Errors
+    /// As [`off`](Self::off).
+    pub fn undisturbed(&self, board: &mut Board<Wires>, seconds: f64) -> Result<Received> {
+        let start = board.snapshot()?;
+        let until = board.now() + (seconds * CPU_HZ as f64) as u64;
+        run(board, until)?;
+        let received = std::mem::take(&mut board.world.received);
+        board.restore(&start)?;
+        anyhow::ensure!(received.rates.iter().all(good), "the undisturbed unit complains");
+        Ok(received)
+    }
+}
+
+/// Step of the run at which scenes begin.
+const RAMP_FROM: usize = 9000;
+
+/// A frame that the unit stands behind.
+#[must_use]
+pub fn good(f: &RateFrame) -> bool {
+    f.axis_status == [0; 3] && f.unit_status == 0
+}
+
+/// Runs to a time; says how often the unit was reset on the way.
+fn run(board: &mut Board<Wires>, until: u64) -> Result<u32> {
+    let mut resets = 0;
+    loop {
+        match board.run_until(until)? {
+            Stop::Time => return Ok(resets),
+            Stop::Watchdog | Stop::Software => resets += 1,
+            Stop::Instruction | Stop::Flash => anyhow::bail!("stopped where nobody asked for it"),
+        }
+    }
+}
+
+/// Seconds as cycles.
+fn cycles(seconds: f64) -> u64 {
+    (seconds * CPU_HZ as f64) as u64
+}
+
+/// The random numbers of a trial.
+fn draws(seed: u64, part: u64, trial: u64) -> ChaCha8Rng {
+    ChaCha8Rng::seed_from_u64(seed ^ part.rotate_left(48) ^ trial.wrapping_mul(0x9E37_79B9_7F4A_7C15))
+}
+
+/// Trials 0 to `n` on all cores; `make` sets a worker up, `trial` does one. In the order of their numbers.
+fn trials<S, T: Send>(
+    n: u64,
+    make: impl Fn() -> Result<S> + Sync,
+    trial: impl Fn(&mut S, u64) -> Result<T> + Sync,
+) -> Result<Vec<T>> {
+    let workers = std::thread::available_parallelism().map_or(1, usize::from).min(n.max(1) as usize);
+    let (make, trial) = (&make, &trial);
+    let parts = std::thread::scope(|scope| {
+        let handles: Vec<_> = (0..workers as u64)
+            .map(|w| {
+                scope.spawn(move || -> Result<Vec<(u64, T)>> {
+                    let mut state = make()?;
+                    (w..n)
+                        .step_by(workers)
+                        .map(|k| Ok((k, trial(&mut state, k).with_context(|| format!("trial {k}"))?)))
+                        .collect()
+                })
+            })
+            .collect();
+        handles
+            .into_iter()
+            .map(|h| h.join().map_err(|_| anyhow::anyhow!("a worker panicked"))?)
+            .collect::<Result<Vec<_>>>()
+    })?;
+    let mut all: Vec<(u64, T)> = parts.into_iter().flatten().collect();
+    all.sort_by_key(|(k, _)| *k);
+    Ok(all.into_iter().map(|(_, t)| t).collect())
+}
+
+/// One row of the report.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// What was attacked.
+    pub what: String,
+    /// How many faults were tried.
+    pub tried: u64,
+    /// What happened to them.
+    pub found: String,
+    /// Whether the promise was kept.
+    pub kept: bool,
+}
+
+/// The rows of a campaign.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// In order.
+    pub rows: Vec<Row>,
+}
+
+impl Report {
+    fn row(&mut self, what: impl Into<String>, tried: u64, found: impl Into<String>, kept: bool) {
+        let row = Row { what: what.into(), tried, found: found.into(), kept };
+        println!("{:<44} {:>9}  {}{}", row.what, row.tried, row.found, if kept { "" } else { "  BROKEN" });
+        self.rows.push(row);
+    }
+
+    /// Whether every promise was kept.
+    #[must_use]
+    pub fn kept(&self) -> bool {
+        self.rows.iter().all(|r| r.kept)
+    }
+
+    fn markdown(&self) -> String {
+        let mut s = String::from("| attacked | faults | what happened |\n|---|---:|---|\n");
+        for r in &self.rows {
+            let _ =
+                writeln!(s, "| {} | {} | {}{} |", r.what, r.tried, r.found, if r.kept { "" } else { " **BROKEN**" });
+        }
+        s
+    }
+}
+
+/// How much of everything is tried.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    /// Power cuts at random instructions, and bits of RAM flipped.
+    pub random: u64,
+    /// Every n-th flash operation and bit of a block.
+    pub every: u64,
+    /// Every n-th pair of sensor faults.
+    pub pairs: u64,
+    /// Bytes of noise on the link.
+    pub bytes: u64,
+    /// Seconds under full load.
+    pub load_s: u64,
+    /// Every n-th wrap of the timer in 50 days.
+    pub wraps: u64,
+}
+
+impl Extent {
+    /// What docs/promises.md reports.
+    pub const FULL: Self = Self { random: 10_000, every: 1, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
+    /// What every test run does.
+    pub const SHORT: Self = Self { random: 150, every: 40, pairs: 25, bytes: 200_000, load_s: 10, wraps: 2000 };
+}
+
+/// The whole campaign. Prints each row as it comes.
+///
+/// # Errors
+/// Where the firmware cannot be run at all; broken promises are in the report.
+pub fn campaign(elf: &[u8], seed: u64, extent: &Extent) -> Result<Report> {
+    let scene = Scene::new(elf, seed)?;
+    let mut report = Report::default();
+    println!("{:<44} {:>9}  what happened", "attacked", "faults");
+    power::attack(&scene, seed, extent, &mut report)?;
+    memory::attack(&scene, seed, extent, &mut report)?;
+    sensors::attack(&scene, extent, &mut report)?;
+    link::attack(&scene, seed, extent, &mut report)?;
+    load::attack(&scene, extent, &mut report)?;
+    time::attack(extent, &mut report);
+    Ok(report)
+}
+
+/// [`campaign`], and its table written between the marks of a page.
+///
+/// # Errors
+/// As [`campaign`]; where a promise was broken; where the page cannot be written.
+pub fn faults(elf: &[u8], seed: u64, extent: &Extent, page: Option<&std::path::Path>) -> Result<()> {
+    let start = std::time::Instant::now();
+    let report = campaign(elf, seed, extent)?;
+    let total: u64 = report.rows.iter().map(|r| r.tried).sum();
+    println!("{total} faults tried, seed {seed}, {:.0} s", start.elapsed().as_secs_f64());
+    if let Some(page) = page {
+        let text = std::fs::read_to_string(page).with_context(|| format!("cannot read {}", page.display()))?;
+        let (before, rest) = text.split_once(BEGIN).with_context(|| format!("{} has no {BEGIN}", page.display()))?;
+        let (_, after) = rest.split_once(END).with_context(|| format!("{} has no {END}", page.display()))?;
+        let text = format!("{before}{BEGIN}\n{}{END}{after}", report.markdown());
+        hrg_cal::write_file(page, text.as_bytes())?;
+    }
+    let broken = report.rows.iter().filter(|r| !r.kept).count();
+    anyhow::ensure!(broken == 0, "{broken} promises were broken");
+    println!("every promise was kept");
+    Ok(())
+}
+
+const BEGIN: &str = "<!-- faults: begin -->";
+const END: &str = "<!-- faults: end -->";

@@ -1,0 +1,251 @@
+//! Resonators and converter.
+
+use super::memory::unsaid;
+use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH};
+use crate::wires::{AxisFault, ConverterFault, Received, WireFaults, Wires};
+use anyhow::Result;
+use hrg_core::compensator::HOLD_S;
+use hrg_core::status::{axis, unit};
+use virtual_board::{Board, Snapshot, CPU_HZ};
+
+/// One fault of one sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Fault {
+    Axis(usize, AxisFault),
+    Converter(ConverterFault),
+}
+
+/// A fault with the flags that must follow (any of them), and within what time, s.
+struct Case {
+    name: String,
+    fault: Fault,
+    flags: u8,
+    within_s: f64,
+}
+
+/// A fault lasts so long, s. Longer than a frequency is bridged.
+const LASTS_S: f64 = 14.0;
+/// It begins so long after the scene, s: within a model step.
+const BEGINS_S: f64 = 1.37;
+/// All flags are gone so long after its end, s: what a jump back takes to be believed and to settle.
+const RECOVERS_S: f64 = 28.0;
+/// A model step in which it began may still be good; the next is not; its bias holds 60 ms later.
+const NEXT_STEP_S: f64 = 2.1;
+
+fn cases() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for a in 0..3 {
+        let mut axis_case = |name: &str, fault, flags, within_s| {
+            let name = format!("{} {name}", hrg_cal::AXIS_NAMES[a]);
+            cases.push(Case { name, fault: Fault::Axis(a, fault), flags, within_s });
+        };
+        axis_case("edges stop", AxisFault::Stop, axis::FREQUENCY_LOST, NEXT_STEP_S);
+        axis_case("edges double", AxisFault::Double(60e-6), axis::EDGE_ERRORS, NEXT_STEP_S);
+        axis_case("edges jitter by 2 us", AxisFault::Jitter(2e-6), axis::EDGE_ERRORS, NEXT_STEP_S);
+        let out = axis::RAMP_RANGE | axis::TEMPERATURE_RANGE;
+        axis_case("drifts out of range", AxisFault::Drift(0.1), out | axis::FREQUENCY_LOST, 8.0);
+        axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), axis::FREQUENCY_LOST, NEXT_STEP_S);
+        cases.push(Case {
+            name: format!("{} saturated", hrg_cal::AXIS_NAMES[a]),
+            fault: Fault::Converter(ConverterFault::Saturated(a)),
+            flags: axis::OVER_RANGE,
+            within_s: 0.01,
+        });
+    }
+    for (name, fault) in [
+        ("converter silent", ConverterFault::Silent),
+        ("converter stuck", ConverterFault::Stuck),
+        ("converter checksum errors", ConverterFault::Checksum),
+    ] {
+        let fault = Fault::Converter(fault);
+        cases.push(Case { name: name.into(), fault, flags: unit::CONVERTER_FAULT, within_s: NEXT_STEP_S });
+    }
+    cases
+}
+
+/// What must not notice: axes that no fault touches. None where the samples themselves are touched.
+fn untouched(faults: &[&Case]) -> Vec<usize> {
+    let mut left: Vec<usize> = (0..3).collect();
+    for c in faults {
+        match c.fault {
+            Fault::Axis(a, _) | Fault::Converter(ConverterFault::Saturated(a)) => left.retain(|k| *k != a),
+            Fault::Converter(_) => left.clear(),
+        }
+    }
+    left
+}
+
+/// What came of one trial.
+#[derive(Debug, Default)]
+struct Outcome {
+    /// From the fault's begin to the flag asked for, s; of each fault.
+    flagged_s: Vec<f64>,
+    /// From the end of all faults to the last flag, s.
+    recovered_s: f64,
+    /// Largest error of a frame flagged good, deg/h.
+    unsaid_dph: f32,
+    /// Frames in which an untouched axis differs in any bit.
+    disturbed: usize,
+    resets: u32,
+    /// From the begin of a frequency outage to the flag for a stale temperature, s.
+    stale_s: Option<f64>,
+    /// Frames flagged good long after the end.
+    good_again: bool,
+}
+
+fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, faults: &[&Case]) -> Result<Outcome> {
+    board.restore(start)?;
+    let begin = board.now() as f64 / CPU_HZ as f64;
+    let window = begin + BEGINS_S..begin + BEGINS_S + LASTS_S;
+    let mut wires = WireFaults::default();
+    for c in faults {
+        match c.fault {
+            Fault::Axis(a, f) => wires.axis.push((a, f, window.clone())),
+            Fault::Converter(f) => wires.converter.push((f, window.clone())),
+        }
+    }
+    board.world.set_faults(wires);
+    let end = cycles(window.end + RECOVERS_S + 2.0);
+    let mut o =
+        Outcome { resets: run(board, end)?, flagged_s: vec![f64::INFINITY; faults.len()], ..Outcome::default() };
+    let r = &board.world.received;
+    let seconds = |at: u64| at as f64 / CPU_HZ as f64;
+    let untouched = untouched(faults);
+    // Truth by tick; and by time where samples are missing and frames begin elsewhere.
+    let by_tick: std::collections::HashMap<u32, usize> =
+        truth.rates.iter().enumerate().map(|(k, f)| (f.tick, k)).collect();
+    let mut last_flag = window.end;
+    for (f, &at) in r.rates.iter().zip(&r.rate_at) {
+        let t = seconds(at);
+        for (c, first) in faults.iter().zip(&mut o.flagged_s) {
+            let status = match c.fault {
+                Fault::Axis(a, _) | Fault::Converter(ConverterFault::Saturated(a)) => f.axis_status[a],
+                Fault::Converter(_) => f.unit_status,
+            };
+            if t > window.start && status & c.flags != 0 {
+                *first = first.min(t - window.start);
+            }
+            if let Fault::Axis(a, AxisFault::Stop) = c.fault {
+                if o.stale_s.is_none() && f.axis_status[a] & axis::TEMPERATURE_STALE != 0 {
+                    o.stale_s = Some(t - window.start);
+                }
+            }
+        }
+        if !good(f) && t > last_flag {
+            last_flag = t;
+        }
+        let same_tick = by_tick.get(&f.tick).map(|k| &truth.rates[*k]);
+        if !untouched.is_empty() {
+            let same = same_tick.is_some_and(|t| {
+                untouched.iter().all(|&k| {
+                    t.rate_dph[k].to_bits() == f.rate_dph[k].to_bits() && t.axis_status[k] == f.axis_status[k]
+                })
+            });
+            o.disturbed += usize::from(!same);
+        }
+        // A stuck converter repeats a true rate for the two seconds that it takes to be believed stuck.
+        let stuck = faults.iter().any(|c| c.fault == Fault::Converter(ConverterFault::Stuck));
+        if let Some(truth) = same_tick.filter(|_| !(stuck && t < window.start + NEXT_STEP_S)) {
+            o.unsaid_dph = o.unsaid_dph.max(unsaid(f, truth));
+        }
+    }
+    // Without rates the housekeeping says it.
+    for (h, &at) in r.housekeeping.iter().zip(&r.housekeeping_at) {
+        let t = seconds(at);
+        for (c, first) in faults.iter().zip(&mut o.flagged_s) {
+            if t > window.start && matches!(c.fault, Fault::Converter(_)) && h.unit_status & c.flags != 0 {
+                *first = first.min(t - window.start);
+            }
+        }
+    }
+    o.recovered_s = last_flag - window.end;
+    o.good_again = r.rates.last().is_some_and(good);
+    Ok(o)
+}
+
+/// Each fault alone, and each combination of two.
+///
+/// # Errors
+/// Where the unit cannot be run at all.
+pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
+    let cases = cases();
+    let n = cases.len();
+    let pairs: Vec<(usize, usize)> =
+        (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).step_by(extent.pairs as usize).collect();
+    let outcomes = trials(
+        (n + pairs.len()) as u64,
+        || {
+            let mut board = scene.settled()?;
+            let truth = scene.undisturbed(&mut board, BEGINS_S + LASTS_S + RECOVERS_S + 3.0)?;
+            let start = board.snapshot()?;
+            Ok((board, start, truth))
+        },
+        |(board, start, truth), k| {
+            let k = k as usize;
+            let faults: Vec<&Case> = if k < n {
+                vec![&cases[k]]
+            } else {
+                let (a, b) = pairs[k - n];
+                vec![&cases[a], &cases[b]]
+            };
+            play(board, start, truth, &faults)
+        },
+    )?;
+    for (c, o) in cases.iter().zip(&outcomes) {
+        let said = o.flagged_s[0];
+        let stale = o.stale_s.map_or_else(String::new, |s| format!(", bridged, then stale after {s:.1} s"));
+        let bridged = o.stale_s.is_none_or(|s| (s - f64::from(HOLD_S)).abs() < 2.5);
+        report.row(
+            c.name.as_str(),
+            1,
+            format!(
+                "said after {said:.2} s{stale}, clear {:.1} s after its end; unsaid error at most {:.3} deg/h; {} frames of untouched axes differ",
+                o.recovered_s, o.unsaid_dph, o.disturbed
+            ),
+            said <= c.within_s && bridged && kept(o),
+        );
+    }
+    let both = &outcomes[n..];
+    let most = |of: fn(&Outcome) -> f64| both.iter().map(of).fold(0.0, f64::max);
+    let broken: Vec<String> = pairs
+        .iter()
+        .zip(both)
+        .filter(|((a, b), o)| !(kept(o) && said(&cases[*a], &cases[*b], o)))
+        .map(|((a, b), _)| format!("{} with {}", cases[*a].name, cases[*b].name))
+        .collect();
+    report.row(
+        "two of these at once",
+        pairs.len() as u64,
+        format!(
+            "clear {:.1} s after the end at the latest; unsaid error at most {:.3} deg/h; {:.0} frames of untouched axes differ, {:.0} resets{}",
+            most(|o| o.recovered_s),
+            most(|o| f64::from(o.unsaid_dph)),
+            most(|o| o.disturbed as f64),
+            most(|o| f64::from(o.resets)),
+            if broken.is_empty() { String::new() } else { format!("; {}", broken.join(", ")) }
+        ),
+        broken.is_empty(),
+    );
+    Ok(())
+}
+
+fn kept(o: &Outcome) -> bool {
+    o.recovered_s <= RECOVERS_S && o.unsaid_dph <= BOUND_DPH && o.disturbed == 0 && o.resets == 0 && o.good_again
+}
+
+/// Whether both were said in time. On one and the same resonator one hides the other: there one flag will do. Without samples
+/// there are no rates to flag.
+fn said(a: &Case, b: &Case, o: &Outcome) -> bool {
+    let in_time = [o.flagged_s[0] <= a.within_s, o.flagged_s[1] <= b.within_s];
+    let hides = |c: &Case| {
+        matches!(c.fault, Fault::Converter(ConverterFault::Silent | ConverterFault::Stuck | ConverterFault::Checksum))
+    };
+    let one_resonator = matches!((a.fault, b.fault), (Fault::Axis(x, _), Fault::Axis(y, _)) if x == y);
+    match (hides(a), hides(b)) {
+        (false, false) if one_resonator => in_time[0] || in_time[1],
+        (false, false) => in_time[0] && in_time[1],
+        (true, false) => in_time[0],
+        (false, true) => in_time[1],
+        (true, true) => in_time[0] || in_time[1],
+    }
+}
