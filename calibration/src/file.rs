@@ -281,7 +281,7 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
 /// # Errors
 /// One sentence with the path.
 pub fn load(path: &Path) -> anyhow::Result<Calibration> {
-    let bytes = std::fs::read(path).map_err(|e| BadInput::new(format!("cannot read {}: {e}", path.display())))?;
+    let bytes = crate::read_file(path, crate::MOST_CALIBRATION, false)?;
     let here = |e: String| BadInput::new(format!("{}: {e}", path.display()));
     if bytes.starts_with(&hrg_core::calibration::MAGIC) {
         return Ok(Calibration::from_bytes(&bytes).map_err(|e: BlockError| here(e.to_string()))?);

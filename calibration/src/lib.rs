@@ -79,15 +79,64 @@ pub fn load_recording(path: &std::path::Path) -> anyhow::Result<recording::Recor
     Ok(r)
 }
 
-/// Writes a file so that an interruption leaves the old one: to a neighbour first, then renamed.
+/// Reads a whole file of at most so many bytes. A file that is larger is refused before it is read; one of text is refused at
+/// its first zero byte, however large it is.
 ///
 /// # Errors
-/// Where the folder cannot be written.
+/// A sentence with the path.
+pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8>, BadInput> {
+    use std::io::Read;
+    let cannot = |e: std::io::Error| BadInput::new(format!("cannot read {}: {e}; check the path", path.display()));
+    let mut file = std::fs::File::open(path).map_err(cannot)?;
+    let size = file.metadata().map_err(cannot)?.len();
+    if size > most {
+        return Err(BadInput::new(format!(
+            "{} has {size} bytes, more than the {most} that such a file may have; check that it is the right one",
+            path.display()
+        )));
+    }
+    let mut bytes = Vec::with_capacity(size.min(most) as usize);
+    loop {
+        let start = bytes.len();
+        let n = file.by_ref().take(1 << 20).read_to_end(&mut bytes).map_err(cannot)?;
+        if n == 0 {
+            return Ok(bytes);
+        }
+        if text {
+            if let Some(at) = bytes[start..].iter().position(|b| *b == 0) {
+                return Err(BadInput::new(format!(
+                    "{}: byte {} is zero: this is a binary file, or text in UTF-16; save it as text in UTF-8",
+                    path.display(),
+                    start + at + 1
+                )));
+            }
+        }
+    }
+}
+
+/// Most bytes of a recording: 30 days at 100 Hz with every column.
+pub const MOST_RECORDING: u64 = 64 << 30;
+/// Most bytes of a calibration file: twenty times what the largest has.
+pub const MOST_CALIBRATION: u64 = 1 << 20;
+/// Most bytes of a firmware ELF: with all debug information it has some ten million.
+pub const MOST_ELF: u64 = 1 << 30;
+
+/// Writes a file so that an interruption leaves the old one: to a neighbour first, which is on the disk before it is renamed.
+///
+/// # Errors
+/// Where the folder cannot be written; what was there stays.
 pub fn write_file(path: &std::path::Path, content: &[u8]) -> anyhow::Result<()> {
     use anyhow::Context;
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".part");
     let part = path.with_file_name(name);
-    std::fs::write(&part, content).with_context(|| format!("cannot write {}", part.display()))?;
-    std::fs::rename(&part, path).with_context(|| format!("cannot write {}", path.display()))
+    let write = || -> std::io::Result<()> {
+        let mut file = std::fs::File::create(&part)?;
+        std::io::Write::write_all(&mut file, content)?;
+        file.sync_all()?;
+        std::fs::rename(&part, path)
+    };
+    write()
+        .inspect_err(|_| drop(std::fs::remove_file(&part)))
+        .with_context(|| format!("cannot write {}", path.display()))
 }

@@ -87,6 +87,9 @@ pub fn unit_in_log(line: &str) -> Option<&str> {
     line.split_once("hrg firmware ")?.1.split_once("unit ")?.1.split(',').next()
 }
 
+/// Milliseconds that have gone back are a wrap of their 32 bits if so few have passed: an hour.
+const WRAP_MS: u64 = 3_600_000;
+
 /// Seconds without a row that are called a gap.
 const GAP_MS: u32 = 2500;
 
@@ -96,7 +99,11 @@ pub struct Recorder {
     base: PathBuf,
     unit: String,
     file: Option<(std::fs::File, PathBuf)>,
+    /// Bytes in it.
+    length: u64,
     last: Option<Second>,
+    /// What the unit's 32-bit milliseconds have wrapped over, ms.
+    wrapped_ms: u64,
     power_ons: u32,
     /// Rows written since the start.
     pub rows: u64,
@@ -109,7 +116,17 @@ impl Recorder {
     /// power-on.
     #[must_use]
     pub fn new(path: &Path, unit: &str) -> Self {
-        Self { base: path.to_path_buf(), unit: unit.into(), file: None, last: None, power_ons: 0, rows: 0, gaps: 0 }
+        Self {
+            base: path.to_path_buf(),
+            unit: unit.into(),
+            file: None,
+            length: 0,
+            last: None,
+            wrapped_ms: 0,
+            power_ons: 0,
+            rows: 0,
+            gaps: 0,
+        }
     }
 
     /// The name to put into the next file's head.
@@ -158,8 +175,21 @@ impl Recorder {
             }
         }
         head.push_str(",status_unit\n");
-        file.write_all(head.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
         self.file = Some((file, path));
+        self.length = 0;
+        self.append(&head)
+    }
+
+    /// Adds text to the file whole, or not at all: what a full disk has cut short is taken off again.
+    fn append(&mut self, text: &str) -> Result<()> {
+        let Some((file, path)) = &mut self.file else { return Ok(()) };
+        if let Err(e) = file.write_all(text.as_bytes()) {
+            let _ = file.set_len(self.length);
+            return Err(e).with_context(|| {
+                format!("cannot write {}; its {} rows so far stay; make room and record on", path.display(), self.rows)
+            });
+        }
+        self.length += text.len() as u64;
         Ok(())
     }
 
@@ -174,19 +204,26 @@ impl Recorder {
                 return Ok(());
             }
             if second.time_ms < last.time_ms {
-                self.file = None;
+                // After 49.7 days the milliseconds begin again; before that, it is another power-on.
+                if u64::from(second.time_ms) + (1 << 32) - u64::from(last.time_ms) <= WRAP_MS {
+                    self.wrapped_ms += 1 << 32;
+                } else {
+                    self.wrapped_ms = 0;
+                    self.file = None;
+                }
             }
         }
         if self.file.is_none() {
             self.open(second)?;
         }
         let mut row = String::new();
+        let now_s = (self.wrapped_ms + u64::from(second.time_ms)) as f64 / 1000.0;
         if let Some(last) = before.filter(|l| second.time_ms > l.time_ms && second.time_ms - l.time_ms > GAP_MS) {
             self.gaps += 1;
-            let at = |ms: u32| f64::from(ms) / 1000.0;
-            let _ = writeln!(row, "# gap: no data from {} to {} s", at(last.time_ms), at(second.time_ms));
+            let last_s = (self.wrapped_ms + u64::from(last.time_ms)) as f64 / 1000.0;
+            let _ = writeln!(row, "# gap: no data from {last_s} to {now_s} s");
         }
-        let _ = write!(row, "{}", f64::from(second.time_ms) / 1000.0);
+        let _ = write!(row, "{now_s}");
         let cell = |row: &mut String, v: &dyn std::fmt::Display, there: bool| {
             let _ = if there { write!(row, ",{v}") } else { write!(row, ",") };
         };
@@ -200,11 +237,7 @@ impl Recorder {
             let _ = write!(row, ",{s}");
         }
         row.push('\n');
-        if let Some((file, path)) = &mut self.file {
-            // One write a row: a row is there whole, or not at all.
-            file.write_all(row.as_bytes())
-                .with_context(|| format!("cannot write {}; what is in it stays", path.display()))?;
-        }
+        self.append(&row)?;
         self.rows += 1;
         self.last = Some(*second);
         Ok(())
@@ -237,6 +270,22 @@ mod tests {
         }
         let boot = "INFO  hrg firmware 0.1.0: unit HRG-7, calibration deadbeef no. 3, status 00";
         assert_eq!(unit_in_log(boot), Some("HRG-7"));
+    }
+
+    #[test]
+    fn fifty_days_are_one_recording() {
+        let folder = std::env::temp_dir().join(format!("hrg-record-wrap-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let mut r = Recorder::new(&folder.join("run.csv"), "HRG-7");
+        for k in 0..10u32 {
+            r.push(&second((u32::MAX - 4_500).wrapping_add(k * 1000))).expect("written");
+        }
+        assert!(!folder.join("run-2.csv").exists());
+        let text = std::fs::read_to_string(folder.join("run.csv")).expect("there");
+        let again = crate::recording::Recording::parse(text.as_bytes()).expect("a recording");
+        assert_eq!(again.time_s.len(), 10);
+        assert!(again.time_s.windows(2).all(|w| (w[1] - w[0] - 1.0).abs() < 1e-6), "{:?}", again.time_s);
     }
 
     #[test]

@@ -107,8 +107,7 @@ impl Recording {
     /// # Errors
     /// [`BadInput`] with path, line and column.
     pub fn load(path: &Path) -> anyhow::Result<Self> {
-        let bytes = std::fs::read(path)
-            .map_err(|e| BadInput::new(format!("cannot read {}: {e}; check the path", path.display())))?;
+        let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let mut r = Self::parse(&bytes).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
         r.clean().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
         Ok(r)

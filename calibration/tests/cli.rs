@@ -59,6 +59,63 @@ fn broken_recordings_are_refused_with_their_place() {
     assert!(!d.join("cal.toml").exists(), "nothing is written for a refused input");
 }
 
+/// As [`hrg`], where no file may grow beyond so many blocks of 512 bytes: a disk that fills up.
+fn hrg_on_a_small_disk(folder: &Path, blocks: u32, arguments: &str) -> Output {
+    let command = format!("trap '' XFSZ; ulimit -f {blocks}; exec '{}' {arguments}", env!("CARGO_BIN_EXE_hrg"));
+    Command::new("sh").current_dir(folder).args(["-c", &command]).output().expect("a shell")
+}
+
+#[test]
+fn a_full_disk_and_an_interrupted_write_lose_nothing() {
+    let d = folder("full");
+    ok(&d, &["simulate", "--profile", "20,5m", "--out", "run.csv"]);
+    let before = std::fs::read(d.join("run.csv")).expect("there");
+    assert!(before.len() > 8 * 512);
+    let o = hrg_on_a_small_disk(&d, 8, "simulate --profile 20,9m --out run.csv");
+    let error = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert!(!o.status.success() && error.contains("cannot write run.csv"), "{error}");
+    assert_eq!(std::fs::read(d.join("run.csv")).expect("there"), before, "the old file is untouched");
+    assert!(!d.join("run.csv.part").exists());
+    // Recording: whole rows up to where the disk was full.
+    let line = |k: u32| {
+        format!("INFO t={k}000 f=4898.6{k},4890.6{k},4702.3{k} T=6,5,4 dT=0,0,0 b=0,0,0 raw=1.{k},2.{k},3.{k} status=00,00,00,00 cal=00000000 no=0 made=0 mode=0\n")
+    };
+    std::fs::write(d.join("unit.log"), (1..400).map(line).collect::<String>()).expect("written");
+    ok(&d, &["record", "--defmt", "unit.log", "--out", "whole.csv"]);
+    let o = hrg_on_a_small_disk(&d, 16, "record --defmt unit.log --out cut.csv");
+    let error = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert!(!o.status.success() && error.contains("cannot write cut.csv; its "), "{error}");
+    let (whole, cut) = (std::fs::read_to_string(d.join("whole.csv")), std::fs::read_to_string(d.join("cut.csv")));
+    let (whole, cut) = (whole.expect("there"), cut.expect("there"));
+    assert!(cut.len() > 7000 && cut.ends_with('\n') && whole.starts_with(&cut), "{} bytes", cut.len());
+}
+
+#[test]
+fn files_of_any_size_and_kind_are_refused_in_a_sentence() {
+    let d = folder("kinds");
+    // A gigabyte of nothing: sparse, and refused without reading it all.
+    for name in ["huge.csv", "huge.toml"] {
+        std::fs::File::create(d.join(name)).and_then(|f| f.set_len(1 << 30)).expect("a sparse file");
+    }
+    assert!(refused(&d, &["fit", "huge.csv", "--out", "cal.toml"]).contains("byte 1 is zero"));
+    ok(&d, &["simulate", "--profile", "20,5m", "--out", "run.csv"]);
+    let text = std::fs::read_to_string(d.join("run.csv")).expect("there");
+    let error = refused(&d, &["burn", "huge.toml", "--port", "nowhere"]);
+    assert!(error.contains("huge.toml has 1073741824 bytes"), "{error}");
+    // Another encoding; line ends and a mark of another system.
+    let utf16: Vec<u8> = text.encode_utf16().flat_map(u16::to_le_bytes).collect();
+    std::fs::write(d.join("utf16.csv"), utf16).expect("written");
+    assert!(refused(&d, &["fit", "utf16.csv", "--out", "cal.toml"]).contains("UTF-16"));
+    let latin = text.replacen("# ", "# grad: \u{1}C\n# ", 1).into_bytes();
+    let latin: Vec<u8> = latin.into_iter().map(|b| if b == 1 { 0xB0 } else { b }).collect();
+    std::fs::write(d.join("latin.csv"), latin).expect("written");
+    assert!(refused(&d, &["fit", "latin.csv", "--out", "cal.toml"]).contains("line 1 is not UTF-8"));
+    std::fs::write(d.join("dos.csv"), format!("\u{feff}{}", text.replace('\n', "\r\n"))).expect("written");
+    let allan = |name: &str| ok(&d, &["allan", name]).replace(name, "");
+    assert_eq!(allan("dos.csv"), allan("run.csv"));
+    assert!(refused(&d, &["fit", ".", "--out", "cal.toml"]).contains("cannot read ."));
+}
+
 #[test]
 fn from_simulation_to_report() {
     let d = folder("whole");

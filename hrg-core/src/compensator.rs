@@ -4,7 +4,7 @@ use crate::bias::{dot, State};
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
 use crate::frequency::StepFrequencies;
-use crate::rate_of_change::{Difference, SlopeWindow};
+use crate::rate_of_change::{Difference, SlopeWindow, WINDOW};
 use crate::status::axis;
 use crate::temperature::TemperatureLaw;
 use crate::{AXES, MODEL_STEP_S};
@@ -211,6 +211,8 @@ pub struct Compensator {
     calibration: Calibration,
     thermometer: Thermometer,
     running: Vec<(EffectTerm, usize, [Running; AXES]), MAX_EFFECTS>,
+    /// Steps for which a change beyond the calibrated range is still in the slope's window.
+    spoilt: [u8; AXES],
     bias_dph: [f32; AXES],
     trim_dph: [f32; AXES],
 }
@@ -233,6 +235,7 @@ impl Compensator {
             calibration,
             thermometer: Thermometer::new(laws, power_on_s),
             running,
+            spoilt: [0; AXES],
             bias_dph: [0.0; AXES],
             trim_dph: [0.0; AXES],
         }
@@ -296,9 +299,13 @@ impl Compensator {
                 *s |= axis::TEMPERATURE_RANGE;
             }
             let [slowest, fastest] = a.rate_range_c_per_min;
-            // The slope takes seconds to show a ramp; a step of twice the range shows at once.
+            // The slope takes seconds to show a ramp; a step of twice the range shows at once, and spoils the slope for as
+            // long as it is in the window.
             let at_once = thermal.change_c[k] * (0.5 * 60.0 / MODEL_STEP_S);
-            if r < slowest || r > fastest || at_once < slowest || at_once > fastest {
+            // (An outage may hide the way back: then the time counts from its end.)
+            let again = at_once < slowest || at_once > fastest || (thermal.age[k] > 0 && self.spoilt[k] > 0);
+            self.spoilt[k] = if again { WINDOW as u8 } else { self.spoilt[k].saturating_sub(1) };
+            if r < slowest || r > fastest || self.spoilt[k] > 0 {
                 *s |= axis::RAMP_RANGE;
             }
             let mut bias = a.coefficients.bias_dph(scaling, &state);
@@ -400,6 +407,31 @@ mod tests {
         let _ = b.step(&[None, F[1], F[2]]);
         for _ in 0..30 {
             assert!(a.step(&jumped).same(&b.step(&jumped)));
+        }
+    }
+
+    #[test]
+    fn no_slope_is_trusted_that_was_made_of_a_jump_or_of_nothing() {
+        // A frequency that runs away and comes back, and one that was away for long: as long as the slope is not that of the
+        // resonator, it is flagged.
+        let mut block = calibrated();
+        block.axes.iter_mut().for_each(|a| a.rate_range_c_per_min = [-1.0, 1.0]);
+        for lost in [0, 3, 8, 12, 40] {
+            for off in [0.1, 0.3, 1.0, 2.0] {
+                let mut c = Compensator::new(block.clone(), 0.0);
+                for k in 0..200u32 {
+                    let away = (50..55).contains(&k);
+                    let f = F[0].map(|f| f + 0.006 * f64::from(k) + if away { off } else { 0.0 });
+                    let out = c.step(&[f.filter(|_| !(55..55 + lost).contains(&k)), F[1], F[2]]);
+                    // 0.006 Hz/s: about 0.9 C/min.
+                    let error = (out.rate_c_per_min[0] - 0.9).abs();
+                    assert!(
+                        error < 0.2 || out.status[0] != 0,
+                        "lost {lost}, off {off}, step {k}: {error} C/min unsaid"
+                    );
+                    assert!(k < 130 || out.status[0] == 0, "lost {lost}, off {off}, step {k}: {:x}", out.status[0]);
+                }
+            }
         }
     }
 

@@ -23,6 +23,10 @@ const LOCK_PERIODS: u8 = 4;
 const MAX_REJECTS: u8 = 8;
 /// Missing periods after which the counter gives up its lock (0.1 s at 4.9 kHz).
 pub const HOLE_PERIODS: u32 = 490;
+/// Sums whose first edges are further apart than this are not joined: a minute and a half of edges at 12 kHz, of ticks at 90 MHz.
+const MAX_JOINED_EDGES: u64 = 1 << 20;
+/// See [`MAX_JOINED_EDGES`].
+const MAX_JOINED_TICKS: u64 = 1 << 33;
 /// Edges are accepted within this fraction of a period: one part in 2^6.
 const TOLERANCE_SHIFT: u32 = 6;
 
@@ -96,6 +100,10 @@ impl Sums {
         let di = u64::from(later.first_index.wrapping_sub(self.first_index));
         let dt = later.origin_ticks - self.origin_ticks;
         let n = u64::from(later.edges);
+        // Time stamps out of order (upset on their way) give such distances; within them the sums stay within 64 bits.
+        if di > MAX_JOINED_EDGES || dt > MAX_JOINED_TICKS {
+            return None;
+        }
         Some(Self {
             edges: self.edges + later.edges,
             sum_i: self.sum_i + later.sum_i + n * di,
@@ -657,6 +665,16 @@ mod tests {
             [Some(t + u64::from(state >> 18)), None]
         });
         assert!(steps.iter().all(|s| s.frequency_hz[0].is_none()));
+    }
+
+    #[test]
+    fn stamps_out_of_order_overflow_nothing() {
+        // Found by the fuzz target `unit`: an edge of the gate after this one, and then edges of this one again.
+        let later = Sums { lock: 1, first_index: 0, edges: 5000, sum_i: 12_497_500, sum_t: 1 << 40, ..Sums::default() };
+        let first = Sums { lock: 1, first_index: 7, edges: 5, sum_i: 10, ..Sums::default() };
+        assert_eq!(first.join(&later), None);
+        let far = Sums { origin_ticks: 1 << 50, first_index: 8, ..later };
+        assert_eq!(first.join(&far), None);
     }
 
     #[test]

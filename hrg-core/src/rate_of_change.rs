@@ -79,10 +79,10 @@ impl SlopeWindow {
         -(numerator as f32) / denominator * (60.0 / (UNIT * crate::MODEL_STEP_S))
     }
 
-    /// Whether the window is full.
+    /// Whether the window is full, and holds enough values for a slope: after an outage it does not.
     #[must_use]
     pub fn settled(&self) -> bool {
-        self.filled == WINDOW
+        self.filled == WINDOW && self.n as usize >= WINDOW_MIN
     }
 }
 

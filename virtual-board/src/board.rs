@@ -392,6 +392,15 @@ impl<W: World> Board<W> {
         Ok(out)
     }
 
+    /// The name of the variable or function at an address, where the ELF has one.
+    #[must_use]
+    pub fn symbol_at(elf: &[u8], address: u32) -> Option<String> {
+        let file = object::File::parse(elf).ok()?;
+        let at = u64::from(address);
+        let symbol = file.symbols().find(|s| s.size() > 0 && (s.address()..s.address() + s.size()).contains(&at))?;
+        Some(symbol.name().ok()?.to_string())
+    }
+
     /// Counts the calls of all probes anew.
     pub fn forget_calls(&mut self) {
         for p in &mut self.cpu.get_data_mut().probes {

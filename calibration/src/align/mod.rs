@@ -44,7 +44,7 @@ impl Recording {
     /// One sentence with the path, line and column.
     pub fn load(path: &Path) -> Result<Self, BadInput> {
         let here = |e: String| BadInput::new(format!("{}: {e}", path.display()));
-        let bytes = std::fs::read(path).map_err(|e| BadInput::new(format!("cannot read {}: {e}", path.display())))?;
+        let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let text = std::str::from_utf8(&bytes).map_err(|_| here("it is not UTF-8 text".into()))?;
         Self::parse(text).map_err(|e| here(e.0))
     }

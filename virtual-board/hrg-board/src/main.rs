@@ -60,8 +60,11 @@ enum Command {
         /// Seed of every draw.
         #[arg(long, default_value_t = 1)]
         seed: u64,
+        /// One part alone.
+        #[arg(long, value_parser = faults::PARTS)]
+        only: Option<String>,
         /// Page whose table is written anew.
-        #[arg(long)]
+        #[arg(long, conflicts_with = "only")]
         page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
@@ -222,10 +225,10 @@ fn run(command: Command) -> Result<()> {
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
-        Command::Faults { short, seed, page, elf } => {
+        Command::Faults { short, seed, only, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
-            faults::faults(&elf, seed, &extent, page.as_deref())
+            faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
         }
         Command::Methods { seed, out, seconds, table, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

@@ -103,7 +103,7 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>
                 "this is a raw defmt stream; give the firmware that made it with --elf, or pipe it through defmt-print",
             )
         })?;
-        let bytes = std::fs::read(elf).map_err(|e| BadInput::new(format!("cannot read {}: {e}", elf.display())))?;
+        let bytes = hrg_cal::read_file(elf, hrg_cal::MOST_ELF, false)?;
         let mut decoder = Decoder::new(&bytes)?;
         let mut buffer = [0; 4096];
         loop {
@@ -117,7 +117,8 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>
         }
     } else {
         let mut bytes = Vec::new();
-        while reader.read_until(b'\n', &mut bytes)? > 0 {
+        // A line of a megabyte is none of a log.
+        while reader.by_ref().take(1 << 20).read_until(b'\n', &mut bytes)? > 0 {
             take(String::from_utf8_lossy(&bytes).trim_end())?;
             bytes.clear();
         }

@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::unit;
 use rand::Rng;
-use virtual_board::{CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
+use virtual_board::{Board, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
 
 /// What became of a flipped bit of RAM.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -187,6 +187,13 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
     let wrong: Vec<(f32, f64)> =
         fates.iter().filter_map(|(_, f)| if let Fate::Wrong(e, s) = f { Some((*e, *s)) } else { None }).collect();
+    for (k, (address, fate)) in fates.iter().enumerate() {
+        if matches!(fate, Fate::Silent | Fate::Wrong(..)) {
+            let name = Board::<crate::wires::Wires>::symbol_at(scene.elf(), *address);
+            let name = name.map_or_else(|| "stack".to_string(), |n| format!("{:#}", rustc_demangle::demangle(&n)));
+            println!("  trial {k}: {address:#010x} ({name}): {fate:?}");
+        }
+    }
     let silent = count(|f| *f == Fate::Silent);
     let lasting = wrong.iter().filter(|w| w.1 > 1.5).count();
     report.row(

@@ -274,20 +274,27 @@ impl Extent {
     pub const SHORT: Self = Self { random: 150, every: 40, pairs: 25, bytes: 200_000, load_s: 10, wraps: 2000 };
 }
 
-/// The whole campaign. Prints each row as it comes.
+/// The parts of a campaign, in order.
+pub const PARTS: [&str; 6] = ["power", "memory", "sensors", "link", "load", "time"];
+
+/// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
 /// # Errors
 /// Where the firmware cannot be run at all; broken promises are in the report.
-pub fn campaign(elf: &[u8], seed: u64, extent: &Extent) -> Result<Report> {
+pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> Result<Report> {
     let scene = Scene::new(elf, seed)?;
     let mut report = Report::default();
     println!("{:<44} {:>9}  what happened", "attacked", "faults");
-    power::attack(&scene, seed, extent, &mut report)?;
-    memory::attack(&scene, seed, extent, &mut report)?;
-    sensors::attack(&scene, extent, &mut report)?;
-    link::attack(&scene, seed, extent, &mut report)?;
-    load::attack(&scene, extent, &mut report)?;
-    time::attack(extent, &mut report);
+    for part in PARTS.iter().filter(|p| only.is_none_or(|o| o == **p)) {
+        match *part {
+            "power" => power::attack(&scene, seed, extent, &mut report)?,
+            "memory" => memory::attack(&scene, seed, extent, &mut report)?,
+            "sensors" => sensors::attack(&scene, extent, &mut report)?,
+            "link" => link::attack(&scene, seed, extent, &mut report)?,
+            "load" => load::attack(&scene, extent, &mut report)?,
+            _ => time::attack(extent, &mut report),
+        }
+    }
     Ok(report)
 }
 
@@ -295,9 +302,15 @@ pub fn campaign(elf: &[u8], seed: u64, extent: &Extent) -> Result<Report> {
 ///
 /// # Errors
 /// As [`campaign`]; where a promise was broken; where the page cannot be written.
-pub fn faults(elf: &[u8], seed: u64, extent: &Extent, page: Option<&std::path::Path>) -> Result<()> {
+pub fn faults(
+    elf: &[u8],
+    seed: u64,
+    extent: &Extent,
+    only: Option<&str>,
+    page: Option<&std::path::Path>,
+) -> Result<()> {
     let start = std::time::Instant::now();
-    let report = campaign(elf, seed, extent)?;
+    let report = campaign(elf, seed, extent, only)?;
     let total: u64 = report.rows.iter().map(|r| r.tried).sum();
     println!("{total} faults tried, seed {seed}, {:.0} s", start.elapsed().as_secs_f64());
     if let Some(page) = page {
