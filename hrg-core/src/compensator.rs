@@ -14,6 +14,10 @@ use heapless::Vec;
 /// [`axis::FREQUENCY_LOST`]; after it [`axis::TEMPERATURE_STALE`] joins. In model steps (seconds).
 pub const HOLD_S: u32 = 10;
 
+/// A frequency whose temperature lies further than this outside the calibrated range, C, is no resonator's and is taken for
+/// lost: believed, it would stay in the states of lags for hours. Nearer, it is used and flagged [`axis::TEMPERATURE_RANGE`].
+pub const BEYOND_C: f32 = 50.0;
+
 /// A resonator of some grams does not change its temperature faster than this, C per model step: a frequency that says so
 /// is not believed at once. (30 C per minute; a chamber does 5, and a unit behind its case less.)
 pub const MAX_STEP_C: f32 = 0.5;
@@ -111,7 +115,8 @@ impl Thermometer {
             let measured = frequency_hz[k]
                 .map(|f| law.normalised(f))
                 .map(|u| (law.value_and_slope(u), u))
-                .filter(|((t, _), u)| t.is_finite() && u.is_finite());
+                .filter(|((t, _), u)| t.is_finite() && u.is_finite())
+                .filter(|((t, _), _)| (law.min_c - BEYOND_C..=law.max_c + BEYOND_C).contains(t));
             let now = measured.filter(|((t, _), _)| self.believe(k, *t));
             frequency_u_per_min[k] = self.windows[k].push(now.map(|(_, u)| u));
             match now {
@@ -446,6 +451,23 @@ mod tests {
         b.calibration.axes[2].coefficients =
             Coefficients::One([f32::from_bits(1.0f32.to_bits() + 1), 2.0, 0.0, 0.5, 0.0, 0.0]);
         assert!(update_both([&mut a, &mut b], &step).is_none());
+    }
+
+    #[test]
+    fn a_frequency_of_no_resonator_leaves_no_trace() {
+        let mut block = calibrated();
+        let lag = by_id(4).expect("in the list");
+        let mut gains = [[0.0; MAX_OUTPUTS]; AXES];
+        gains[0][0] = 1.0;
+        let term = EffectTerm { id: lag.id, parameters: [900.0, 0.0], gains, gain_std: gains };
+        block.effects.push(term).expect("room");
+        let (mut a, mut b) = (Compensator::new(block.clone(), 0.0), Compensator::new(block, 0.0));
+        for k in 0..100u32 {
+            let wild = (30..60).contains(&k);
+            let x = a.step(&[if wild { Some(11_000.0) } else { F[0] }, F[1], F[2]]);
+            let y = b.step(&[F[0].filter(|_| !wild), F[1], F[2]]);
+            assert!(x.same(&y), "step {k}");
+        }
     }
 
     #[test]

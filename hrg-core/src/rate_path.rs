@@ -281,6 +281,12 @@ impl RatePath {
 
     fn finish_frame(&mut self, tick: u32) -> RateFrame {
         let share = 1.0 / f32::from(self.in_frame);
+        for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
+            // Only a block of absurd numbers brings this about.
+            if !sum.is_finite() {
+                *status |= axis::UNCALIBRATED;
+            }
+        }
         let frame = RateFrame {
             sample: self.sample,
             tick,

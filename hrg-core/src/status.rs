@@ -4,13 +4,13 @@
 
 /// Bits of one axis.
 pub mod axis {
-    /// No calibration of this unit is loaded: the rate is raw.
+    /// No calibration of this unit is loaded: the rate is raw. Or the one that is gives a number that is not finite.
     pub const UNCALIBRATED: u8 = 1 << 0;
     /// The temperature is outside the calibrated range: the model is continued linearly.
     pub const TEMPERATURE_RANGE: u8 = 1 << 1;
     /// The rate of change of temperature is outside the calibrated range, or changed within a second by twice that.
     pub const RAMP_RANGE: u8 = 1 << 2;
-    /// No frequency in the last model step, or one that jumped further than a resonator can
+    /// No frequency in the last model step, or one that is no resonator's ([`crate::compensator::BEYOND_C`]) or jumped further than one can
     /// ([`crate::compensator::MAX_STEP_C`]): the last bias is held.
     pub const FREQUENCY_LOST: u8 = 1 << 3;
     /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one, or the model has not
