@@ -9,7 +9,7 @@
 use crate::chip::{Chip, Request};
 use crate::memory::Memory;
 use crate::probe::Probe;
-use crate::system::{CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
+use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::{Object, ObjectSegment, ObjectSymbol};
 use unicorn_engine::{
@@ -100,6 +100,7 @@ pub struct Board<W: World> {
     torn: bool,
     as_on_chip: bool,
     upsets: u64,
+    hardware_watchdog: bool,
 }
 
 /// A board at a moment, to come back to: [`Board::snapshot`].
@@ -317,6 +318,7 @@ impl<W: World> Board<W> {
             torn: false,
             as_on_chip: false,
             upsets: 0,
+            hardware_watchdog: false,
         };
         for channel in 0..3 {
             board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
@@ -453,6 +455,21 @@ impl<W: World> Board<W> {
     /// where there is no stack for that. An access to a register that is not modelled counts as a bus fault.
     pub fn faults_as_on_chip(&mut self) {
         self.as_on_chip = true;
+    }
+
+    /// Switches an interrupt off behind the firmware's back.
+    pub fn disable_interrupt(&mut self, number: usize) {
+        let register = 0xE000_E180 + 4 * (number as u32 / 32);
+        let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
+    }
+
+    /// Sets the option byte WDG_SW to 0 and cuts the power: from now on the watchdog runs from every reset.
+    ///
+    /// # Errors
+    /// As [`run_until`](Self::run_until).
+    pub fn watch_from_reset(&mut self) -> Result<(), RunError> {
+        self.hardware_watchdog = true;
+        self.power_cut()
     }
 
     /// Faults taken since then.
@@ -610,6 +627,9 @@ impl<W: World> Board<W> {
         chip.profile = self.cpu.get_data_mut().profile.take();
         chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
         chip.probes.iter_mut().for_each(Probe::interrupt);
+        if self.hardware_watchdog {
+            chip.iwdg = Iwdg::hardware(now);
+        }
         *self.cpu.get_data_mut() = chip;
         let (mut sp, mut pc) = ([0; 4], [0; 4]);
         self.get(FLASH_START, &mut sp)?;

@@ -154,6 +154,12 @@ impl Iwdg {
         let lsi_cycles = (4u64 << self.prescaler) * (u64::from(self.reload) + 1);
         self.bites = now + lsi_cycles * crate::CPU_HZ / 32_000;
     }
+    /// As the option byte WDG_SW = 0 has it: running from reset, with the longest reload at the shortest prescaler (0.5 s).
+    pub fn hardware(now: u64) -> Self {
+        let mut iwdg = Self { prescaler: 0, reload: 0xFFF, running: true, bites: 0 };
+        iwdg.restart(now);
+        iwdg
+    }
     pub fn read(&self, word: usize) -> Option<u32> {
         match word {
             0 | 3 => Some(0),

@@ -1,6 +1,7 @@
 //! `cargo xtask demo`, `cargo xtask test` and the smaller steps that they are made of.
 
 mod elf;
+mod fuzz;
 mod setup;
 
 use setup::Toolchain;
@@ -17,6 +18,8 @@ const USAGE: &str = "cargo xtask COMMAND
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware
   size              what the firmware takes of flash and RAM
+  fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
+  audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
   flash             put the firmware on a board and show its log (probe-rs)
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
@@ -42,6 +45,8 @@ fn main() -> ExitCode {
         Some("build") => setup::toolchain().and_then(|t| build(&t)),
         Some("size") => size(),
         Some("flash") => flash(),
+        Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
+        Some("audit") => audit(),
         Some("study") => tool("hrg-study", rest),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
@@ -209,6 +214,30 @@ fn flash() -> Result<(), Failure> {
     run(t.cargo("run").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
 }
 
+/// What deny.toml forbids.
+fn audit() -> Result<(), Failure> {
+    if output(Command::new("cargo").args(["deny", "--version"])).is_none() {
+        println!("set-up: installing cargo-deny (some minutes)");
+        run(&mut cargo(&["install", "cargo-deny", "--locked"]))?;
+    }
+    run(&mut cargo(&["deny", "--all-features", "check", "licenses", "bans", "sources"]))?;
+    // The advisories come from GitHub, which not every machine reaches.
+    let advisories = cargo(&["deny", "--all-features", "check", "advisories"]).current_dir(root()).output();
+    match advisories {
+        Ok(o) if o.status.success() => println!("advisories: none that applies"),
+        Ok(o) => {
+            let said = String::from_utf8_lossy(&o.stderr);
+            if said.contains("failed to fetch advisory database") {
+                println!("advisories: the database cannot be fetched here; not checked");
+            } else {
+                return Err(Failure(format!("advisories:\n{said}")));
+            }
+        }
+        Err(e) => return Err(Failure(e.to_string())),
+    }
+    Ok(())
+}
+
 const HOST_PACKAGES: [&str; 6] = ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "xtask"];
 
 fn test() -> Result<(), Failure> {
@@ -240,6 +269,8 @@ fn test() -> Result<(), Failure> {
     run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
         .args(&packages)
         .env("RUSTDOCFLAGS", "-D warnings"))?;
+    println!("fuzz targets, a bounded run each");
+    fuzz::bounded()?;
     println!("tests");
     tests(&packages)
 }

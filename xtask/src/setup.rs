@@ -49,7 +49,7 @@ impl Toolchain {
 }
 
 const DEBIAN_RUST: [&str; 4] = ["rustc-web", "cargo-web", "rust-web-src", "rust-web-clippy"];
-const BOARD_PACKAGES: [&str; 3] = ["cmake", "pkg-config", "libclang-dev"];
+const BOARD_PACKAGES: [&str; 4] = ["cmake", "pkg-config", "libclang-dev", "g++"];
 
 fn sysroot() -> Option<PathBuf> {
     output(Command::new("rustc").args(["--print", "sysroot"])).map(|s| PathBuf::from(s.trim()))
@@ -131,8 +131,8 @@ fn has_libclang() -> bool {
 /// What the virtual board needs to compile, and rustup's own components.
 pub fn host() -> Result<(), Failure> {
     let works = |program: &str| output(Command::new(program).arg("--version")).is_some();
-    if !(works("cmake") && works("pkg-config") && has_libclang()) {
-        apt(&BOARD_PACKAGES, "compiling the virtual board (the CPU emulator Unicorn)")?;
+    if !(works("cmake") && works("pkg-config") && works("c++") && has_libclang()) {
+        apt(&BOARD_PACKAGES, "compiling the virtual board (the CPU emulator Unicorn) and the fuzzer")?;
     }
     for (tool, component) in [("fmt", "rustfmt"), ("clippy", "clippy")] {
         if output(Command::new("cargo").args([tool, "--version"])).is_none() {

@@ -1,0 +1,53 @@
+//! The promises of docs/promises.md, in the short form of `cargo xtask faults`.
+
+use hrg_board::faults::{campaign, good, Extent, Scene};
+use hrg_board::replay;
+use hrg_core::status::unit;
+use virtual_board::{Stop, CPU_HZ};
+
+fn elf() -> Vec<u8> {
+    replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
+}
+
+#[test]
+fn every_promise_is_kept_in_the_short_campaign() {
+    let report = campaign(&elf(), 1, &Extent::SHORT, None).expect("runs");
+    assert!(report.rows.len() > 30);
+    for row in &report.rows {
+        assert!(row.kept, "{row:?}");
+    }
+}
+
+#[test]
+fn the_watchdog_may_run_from_reset_and_bites_where_the_start_hangs() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
+    board.watch_from_reset().expect("restarts");
+    assert_eq!(board.run_until(30 * CPU_HZ).expect("runs"), Stop::Time, "no reset");
+    assert!(good(board.world.received.rates.last().expect("many")));
+    // A start that hangs: its first instruction jumps to itself for ever.
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
+    let mut reset = [0; 4];
+    board.read_memory(virtual_board::FLASH_START + 4, &mut reset).expect("flash");
+    let at = u32::from_le_bytes(reset) & !1;
+    board.write_flash(at - virtual_board::FLASH_START, &[0xFE, 0xE7]).expect("flash");
+    board.watch_from_reset().expect("restarts");
+    let begun = board.now();
+    assert_eq!(board.run_until(30 * CPU_HZ).expect("runs"), Stop::Watchdog);
+    assert!(board.now() - begun < CPU_HZ * 6 / 10);
+}
+
+#[test]
+fn the_watchdog_bites_where_a_task_stands_still_and_that_is_said() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.settled().expect("settles");
+    // The model's executor is woken no more: its interrupt (UART4, number 52) is off.
+    board.disable_interrupt(52);
+    let begun = board.now();
+    assert_eq!(board.run_until(begun + 10 * CPU_HZ).expect("runs"), Stop::Watchdog);
+    assert!(board.now() - begun < CPU_HZ, "{} s", (board.now() - begun) as f64 / CPU_HZ as f64);
+    board.world.received = Default::default();
+    board.run_until(board.now() + CPU_HZ / 2).expect("runs");
+    let frames = &board.world.received.rates;
+    assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status & unit::WATCHDOG_RESET != 0));
+}
