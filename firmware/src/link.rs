@@ -13,6 +13,10 @@ use hrg_core::link::{Deframer, Message};
 pub async fn send(mut uart: UartTx<'static, Async>) {
     loop {
         let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), ALIGNMENT.wait()).await {
+            Either4::First(frame) if !frame.whole() => {
+                defmt::error!("a frame has changed in memory");
+                crate::halt()
+            }
             Either4::First(frame) => Message::Rate(frame),
             Either4::Second(answer) => answer,
             Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),

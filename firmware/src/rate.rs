@@ -58,7 +58,7 @@ pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8
             if drops_to_say {
                 frame.unit_status |= unit::FRAMES_DROPPED;
             }
-            drops_to_say = FRAMES.try_send(frame).is_err();
+            drops_to_say = FRAMES.try_send(frame.sealed()).is_err();
             if drops_to_say {
                 dropped = dropped.saturating_add(1);
             }

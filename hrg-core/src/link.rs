@@ -314,14 +314,18 @@ impl Message {
 
     fn read(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
-            0x01 => Self::Rate(RateFrame {
-                sample: r.u32()?,
-                tick: r.u32()?,
-                step: r.u32()?,
-                axis_status: r.array()?,
-                unit_status: r.u8()?,
-                rate_dph: r.f32s()?,
-            }),
+            0x01 => Self::Rate(
+                RateFrame {
+                    sample: r.u32()?,
+                    tick: r.u32()?,
+                    step: r.u32()?,
+                    axis_status: r.array()?,
+                    unit_status: r.u8()?,
+                    rate_dph: r.f32s()?,
+                    seal: 0,
+                }
+                .sealed(),
+            ),
             0x02 => Self::Housekeeping(Housekeeping {
                 step: r.u32()?,
                 time_ms: r.u32()?,
@@ -486,14 +490,18 @@ mod tests {
 
     fn messages() -> [Message; 20] {
         [
-            Message::Rate(RateFrame {
-                sample: 0,
-                tick: 90_000,
-                step: 3,
-                axis_status: [0; 3],
-                unit_status: 0,
-                rate_dph: [0.0, -1.5, 1e5],
-            }),
+            Message::Rate(
+                RateFrame {
+                    sample: 0,
+                    tick: 90_000,
+                    step: 3,
+                    axis_status: [0; 3],
+                    unit_status: 0,
+                    rate_dph: [0.0, -1.5, 1e5],
+                    seal: 0,
+                }
+                .sealed(),
+            ),
             Message::Housekeeping(housekeeping()),
             Message::Identity(Identity { unit: [b'a'; 16], calibration: 1, created_unix_s: 2, sequence: 3 }),
             Message::Identify,

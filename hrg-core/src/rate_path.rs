@@ -75,6 +75,10 @@ impl Staged {
     }
 }
 
+fn settings_seal(scale_dph: &[f32; AXES], divider: u16) -> u32 {
+    fold(scale_dph.map(f32::to_bits)).wrapping_add(u32::from(divider))
+}
+
 /// A number that changes with any bit of the three.
 fn fold([a, b, c]: [u32; 3]) -> u32 {
     !(a ^ b.rotate_left(11) ^ c.rotate_left(22))
@@ -95,6 +99,29 @@ pub struct RateFrame {
     pub unit_status: u8,
     /// Corrected rate of each axis, deg/h.
     pub rate_dph: [f32; AXES],
+    /// Over the rest, between [`sealed`](Self::sealed) and [`whole`](Self::whole); not sent.
+    pub(crate) seal: u32,
+}
+
+impl RateFrame {
+    /// With its seal renewed: after the last change.
+    #[must_use]
+    pub fn sealed(mut self) -> Self {
+        self.seal = self.fold();
+        self
+    }
+
+    /// Whether it is as it was when it was sealed: a queue whose memory was upset may hand out anything.
+    #[must_use]
+    pub fn whole(&self) -> bool {
+        self.seal == self.fold()
+    }
+
+    fn fold(&self) -> u32 {
+        let [a, b, c] = self.axis_status;
+        let status = u32::from_le_bytes([a, b, c, self.unit_status]);
+        fold([self.sample, self.tick, self.step]) ^ fold(self.rate_dph.map(f32::to_bits)).rotate_left(5) ^ status
+    }
 }
 
 /// Means over the samples that shared one bias.
@@ -131,7 +158,8 @@ pub struct Event {
 #[derive(Debug, Clone)]
 pub struct RatePath {
     scale_dph: [f32; AXES],
-    scale_seal: u32,
+    /// Over scale and divider.
+    settings_seal: u32,
     divider: u16,
     current: Staged,
     /// The current bias is older than [`STALE_TICKS`].
@@ -159,7 +187,7 @@ impl RatePath {
     pub fn new(scale_dph: [f32; AXES], divider: u16) -> Self {
         Self {
             scale_dph,
-            scale_seal: fold(scale_dph.map(f32::to_bits)),
+            settings_seal: settings_seal(&scale_dph, divider.clamp(1, 1000)),
             divider: divider.clamp(1, 1000),
             current: Staged::at(0, u32::MAX, [0.0; AXES], [axis::TEMPERATURE_STALE | axis::SETTLING; AXES]),
             stale: false,
@@ -181,6 +209,7 @@ impl RatePath {
     /// Samples per frame from the next frame on.
     pub fn set_divider(&mut self, divider: u16) {
         self.divider = divider.clamp(1, 1000);
+        self.settings_seal = settings_seal(&self.scale_dph, self.divider);
     }
 
     /// Stages the next bias.
@@ -216,7 +245,7 @@ impl RatePath {
         if self.in_frame < self.divider {
             return Event { frame: None, summary, upset: false };
         }
-        let upset = !self.current.whole() || self.scale_seal != fold(self.scale_dph.map(f32::to_bits));
+        let upset = !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
         // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
         if self.stale {
@@ -294,6 +323,7 @@ impl RatePath {
             axis_status: self.axis_status,
             unit_status: self.unit_status,
             rate_dph: self.sum_dph.map(|s| s * share),
+            seal: 0,
         };
         self.in_frame = 0;
         self.sum_dph = [0.0; AXES];
@@ -347,13 +377,15 @@ mod tests {
         assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), unit::CONVERTER_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {
-            for word in 0..8 {
+            for word in 0..9 {
                 let mut q = p.clone();
                 let flip = |f: &mut f32| *f = f32::from_bits(f.to_bits() ^ 1 << bit);
                 match word {
                     0..=2 => flip(&mut q.scale_dph[word]),
                     3..=5 => flip(&mut q.current.bias_dph[word - 3]),
                     6 => q.current.effective_tick ^= 1 << bit,
+                    7 if bit == 0 => q.divider = 0,
+                    7 => continue,
                     _ => q.current.status[bit / 8 % 3] ^= 1 << (bit % 8),
                 }
                 let e = q.sample(0, [1, 2, 3, 4, 5]);

@@ -772,7 +772,9 @@ impl<W: World> Board<W> {
         }
     }
 
-    fn pc(&self) -> u32 {
+    /// Where the CPU is.
+    #[must_use]
+    pub fn pc(&self) -> u32 {
         self.cpu.reg_read(RegisterARM::PC).unwrap_or(0) as u32
     }
 

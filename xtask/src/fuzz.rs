@@ -47,7 +47,7 @@ fn one(built: &std::path::Path, target: &str, limit: &str) -> Result<(), Failure
     std::fs::create_dir_all(&found).map_err(|e| Failure(e.to_string()))?;
     let artifacts = format!("-artifact_prefix={}/", root().join("target/fuzz-found").display());
     let o = Command::new(built.join(target))
-        .args(["-seed=1", "-max_len=4096", "-timeout=20", "-rss_limit_mb=4096", limit, &artifacts])
+        .args(["-seed=1", "-max_len=8192", "-timeout=20", "-rss_limit_mb=4096", limit, &artifacts])
         .arg(&found)
         .arg(root().join("fuzz/corpus").join(target))
         .env("HRG_ELF", elf_path())

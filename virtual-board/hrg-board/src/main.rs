@@ -63,6 +63,9 @@ enum Command {
         /// One part alone.
         #[arg(long, value_parser = faults::PARTS)]
         only: Option<String>,
+        /// One flipped bit of RAM again, by its number, with what happened on the way.
+        #[arg(long, conflicts_with_all = ["short", "only"])]
+        trial: Option<u64>,
         /// Page whose table is written anew.
         #[arg(long, conflicts_with = "only")]
         page: Option<PathBuf>,
@@ -225,8 +228,11 @@ fn run(command: Command) -> Result<()> {
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
-        Command::Faults { short, seed, only, page, elf } => {
+        Command::Faults { short, seed, only, trial, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            if let Some(trial) = trial {
+                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial);
+            }
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
             faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
         }

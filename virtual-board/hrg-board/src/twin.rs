@@ -141,7 +141,7 @@ impl Twin {
         let Event { frame, summary, .. } = event;
         if let Some(mut frame) = frame {
             frame.unit_status |= self.start_status;
-            self.rates.push_back(Message::Rate(frame));
+            self.rates.push_back(Message::Rate(frame.sealed()));
         }
         if let Some(summary) = summary {
             self.commands();

@@ -106,7 +106,7 @@ fn flood(board: &mut Board<Wires>, bytes: &[u8]) -> Result<(Received, u32)> {
     let mut resets = 0;
     let end = board.now() + cycles(seconds);
     while board.now() < end {
-        resets += run(board, end.min(board.now() + CPU_HZ))?;
+        resets += run(board, end.min(board.now() + CPU_HZ))?.n;
         let r = std::mem::take(&mut board.world.received);
         all.rates.extend(r.rates);
         all.delay_cycles.extend(r.delay_cycles);

@@ -38,7 +38,7 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
             board.world.hear(&identify);
         }
         board.poll_link();
-        resets += run(&mut board, (3 + second) * CPU_HZ)?;
+        resets += run(&mut board, (3 + second) * CPU_HZ)?.n;
         let r = std::mem::take(&mut board.world.received);
         frames += r.rates.len() as u64;
         answers += r.other.len();

@@ -2,12 +2,12 @@
 
 use super::{cycles, draws, good, run, trials, Extent, Report, Scene, BOUND_DPH, RESTART_S};
 use crate::replay::{CALIBRATION_A, CALIBRATION_B};
-use crate::wires::Received;
+use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::unit;
 use rand::Rng;
-use virtual_board::{Board, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
+use virtual_board::{Board, Stop, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
 
 /// What became of a flipped bit of RAM.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,23 +46,20 @@ pub fn unsaid(frame: &RateFrame, truth: &RateFrame) -> f32 {
 }
 
 /// Compares what a unit sent with what it sends undisturbed, frame by frame in order of their times.
-fn judge(sent: &Received, truth: &Received, resets: u32, flipped_at: u64, end: u64) -> Fate {
-    let step = 5 * CPU_HZ / 1000;
-    let first = truth.rate_at.first().copied().unwrap_or(0);
+fn judge(sent: &Received, truth: &Received, reset_at: Option<u64>, flipped_at: u64, end: u64) -> Fate {
     let (mut worst, mut wrong) = (0.0f32, 0u32);
     let mut differs = false;
     let mut flagged = false;
-    let mut back = None;
+    let (mut back, mut paused) = (None, false);
     let mut last = flipped_at;
     for (f, &at) in sent.rates.iter().zip(&sent.rate_at) {
         // The longest pause that a running unit makes between frames is a few milliseconds.
-        if at > flipped_at && at - last > cycles(0.1) {
-            back = Some(at);
+        paused |= at > flipped_at && at - last > cycles(0.1);
+        if reset_at.is_some_and(|r| at > r) {
+            back = back.or(Some(at));
         }
         last = last.max(at);
-        // Rates are sent 0.4 ms after their sample; housekeeping may delay them by 2 ms.
-        let nearest = ((at + step / 4).saturating_sub(first) / step) as usize;
-        let Some(t) = truth.rates.get(nearest.min(truth.rates.len() - 1)) else { continue };
+        let Some(t) = truth.rates.get(nearest(truth, at)) else { continue };
         differs |= f != t;
         flagged |= !good(f);
         let e = unsaid(f, t);
@@ -72,7 +69,7 @@ fn judge(sent: &Received, truth: &Received, resets: u32, flipped_at: u64, end: u
     if worst > BOUND_DPH {
         return Fate::Wrong(worst, f64::from(wrong) * 0.005);
     }
-    if resets > 0 {
+    if reset_at.is_some() {
         return match back {
             Some(at) if (at - flipped_at) <= cycles(RESTART_S) => Fate::Reset((at - flipped_at) as f64 / CPU_HZ as f64),
             _ => Fate::Silent,
@@ -81,7 +78,7 @@ fn judge(sent: &Received, truth: &Received, resets: u32, flipped_at: u64, end: u
     if end - last > cycles(0.1) {
         return Fate::Silent;
     }
-    match (differs, flagged || back.is_some()) {
+    match (differs, flagged || paused) {
         (_, true) => Fate::Said,
         (true, false) => Fate::Harmless,
         (false, false) => Fate::Nothing,
@@ -135,6 +132,70 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
 /// Shares of ten thousand of [`Fate::Wrong`] that docs/promises.md admits.
 const ADMITTED: f64 = 0.002;
 
+/// One flip of the campaign again, with what happened on the way, in words.
+///
+/// # Errors
+/// Where the unit cannot be run at all.
+pub fn again(scene: &Scene, seed: u64, trial: u64) -> Result<()> {
+    let mut board = scene.settled()?;
+    let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
+    let begin = board.now();
+    let (address, bit, flipped_at) = draw(&board, seed, trial);
+    let name = Board::<Wires>::symbol_at(scene.elf(), address).unwrap_or_else(|| "stack".into());
+    let ms = |at: u64| (at as f64 - flipped_at as f64) * 1e3 / CPU_HZ as f64;
+    println!(
+        "bit {bit} of {address:#010x} ({:#}), {:.1} ms into the scene",
+        rustc_demangle::demangle(&name),
+        -ms(begin)
+    );
+    run(&mut board, flipped_at)?;
+    board.flip_bit(address, bit)?;
+    let end = flipped_at + cycles(WATCH_S + RESTART_S);
+    while board.now() < end {
+        let stop = board.run_until(end)?;
+        if stop != Stop::Time {
+            println!("{:9.1} ms: {stop:?} reset, {} CPU faults so far", ms(board.now()), board.faults());
+        }
+    }
+    let pc = Board::<Wires>::symbol_at(scene.elf(), board.pc() | 1).unwrap_or_default();
+    println!(
+        "at the end: in {:#} ({:#010x}), {} CPU faults",
+        rustc_demangle::demangle(&pc),
+        board.pc(),
+        board.faults()
+    );
+    let r = &board.world.received;
+    let mut last = None;
+    for (f, at) in r.rates.iter().zip(&r.rate_at).filter(|(_, at)| **at >= flipped_at) {
+        let e = truth.rates.get(nearest(&truth, *at)).map_or(f32::NAN, |t| unsaid(f, t));
+        let now = (f.axis_status, f.unit_status, e > BOUND_DPH);
+        if last.replace((now, *at)).is_none_or(|(before, t)| before != now || at - t > cycles(0.1)) {
+            println!("{:9.1} ms: frames {:02x?} {:02x}, unsaid error {e} deg/h", ms(*at), f.axis_status, f.unit_status);
+        }
+    }
+    println!("{:9.1} ms: last frame", last.map_or(f64::NAN, |l| ms(l.1)));
+    Ok(())
+}
+
+/// Address, bit and time of a flip.
+fn draw(board: &Board<Wires>, seed: u64, trial: u64) -> (u32, u8, u64) {
+    let mut draw = draws(seed, 2, trial);
+    let (statics, stack) = (board.static_bytes(), board.stack_used());
+    let at = draw.random_range(0..statics + stack);
+    // Statics from the bottom of RAM, the stack from its top down.
+    let address = RAM_START + if at < statics { at } else { RAM_SIZE - 1 - (at - statics) };
+    let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
+    (address, draw.random_range(0..8), flipped_at)
+}
+
+/// The undisturbed frame that was sent at about the same time.
+fn nearest(truth: &Received, at: u64) -> usize {
+    let step = 5 * CPU_HZ / 1000;
+    let first = truth.rate_at.first().copied().unwrap_or(0);
+    // Rates are sent 0.4 ms after their sample; housekeeping may delay them by 2 ms.
+    (((at + step / 4).saturating_sub(first) / step) as usize).min(truth.rates.len().saturating_sub(1))
+}
+
 /// The fate of flips `0..n`, each of a random bit of the RAM in use at a random time of a settled second.
 ///
 /// # Errors
@@ -150,23 +211,17 @@ pub fn flips(scene: &Scene, seed: u64, n: u64) -> Result<Vec<(u32, Fate)>> {
         },
         |(board, start, truth), k| {
             board.restore(start)?;
-            let begin = board.now();
-            let mut draw = draws(seed, 2, k);
-            let (statics, stack) = (board.static_bytes(), board.stack_used());
-            let at = draw.random_range(0..statics + stack);
-            // Statics from the bottom of RAM, the stack from its top down.
-            let address = RAM_START + if at < statics { at } else { RAM_SIZE - 1 - (at - statics) };
-            let flipped_at = begin + draw.random_range(0..CPU_HZ);
+            let (address, bit, flipped_at) = draw(board, seed, k);
             run(board, flipped_at)?;
-            board.flip_bit(address, draw.random_range(0..8))?;
+            board.flip_bit(address, bit)?;
             let mut end = flipped_at + cycles(WATCH_S);
-            let mut resets = run(board, end)?;
-            if resets > 0 || board.faults() > 0 || quiet(&board.world.received, end) {
+            let mut reset_at = run(board, end)?.last;
+            if reset_at.is_some() || board.faults() > 0 || quiet(&board.world.received, end) {
                 // The watchdog takes its time.
                 end += cycles(RESTART_S);
-                resets += run(board, end)?;
+                reset_at = run(board, end)?.last.or(reset_at);
             }
-            let fate = judge(&board.world.received, truth, resets, flipped_at, end);
+            let fate = judge(&board.world.received, truth, reset_at, flipped_at, end);
             Ok((address, fate))
         },
     )
@@ -189,7 +244,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         fates.iter().filter_map(|(_, f)| if let Fate::Wrong(e, s) = f { Some((*e, *s)) } else { None }).collect();
     for (k, (address, fate)) in fates.iter().enumerate() {
         if matches!(fate, Fate::Silent | Fate::Wrong(..)) {
-            let name = Board::<crate::wires::Wires>::symbol_at(scene.elf(), *address);
+            let name = Board::<Wires>::symbol_at(scene.elf(), *address);
             let name = name.map_or_else(|| "stack".to_string(), |n| format!("{:#}", rustc_demangle::demangle(&n)));
             println!("  trial {k}: {address:#010x} ({name}): {fate:?}");
         }

@@ -89,9 +89,10 @@ impl Scene {
             calibration.effects.push(term).ok().context("room for four effects")?;
         }
         let mut steps = Steps::new(&recording)?;
-        // From the middle of the first ramp.
-        for series in steps.frequency_hz.iter_mut().chain(&mut steps.rate_dph) {
-            series.drain(..RAMP_FROM);
+        // From the middle of the first ramp. The rates stand still, so that a frame is right whichever samples it is of.
+        steps.frequency_hz.iter_mut().for_each(|f| drop(f.drain(..RAMP_FROM)));
+        for (series, rate) in steps.rate_dph.iter_mut().zip([1.2345, -2.3456, 0.7891]) {
+            series.fill(rate);
         }
         Ok(Self { elf: elf.to_vec(), steps, calibration })
     }
@@ -155,13 +156,20 @@ pub fn good(f: &RateFrame) -> bool {
     f.axis_status == [0; 3] && f.unit_status == 0
 }
 
-/// Runs to a time; says how often the unit was reset on the way.
-fn run(board: &mut Board<Wires>, until: u64) -> Result<u32> {
-    let mut resets = 0;
+/// Resets on the way: how many, and when the last.
+#[derive(Debug, Clone, Copy, Default)]
+struct Resets {
+    n: u32,
+    last: Option<u64>,
+}
+
+/// Runs to a time.
+fn run(board: &mut Board<Wires>, until: u64) -> Result<Resets> {
+    let mut resets = Resets::default();
     loop {
         match board.run_until(until)? {
             Stop::Time => return Ok(resets),
-            Stop::Watchdog | Stop::Software => resets += 1,
+            Stop::Watchdog | Stop::Software => resets = Resets { n: resets.n + 1, last: Some(board.now()) },
             Stop::Instruction | Stop::Flash => anyhow::bail!("stopped where nobody asked for it"),
         }
     }

@@ -107,7 +107,7 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
     board.world.set_faults(wires);
     let end = cycles(window.end + RECOVERS_S + 2.0);
     let mut o =
-        Outcome { resets: run(board, end)?, flagged_s: vec![f64::INFINITY; faults.len()], ..Outcome::default() };
+        Outcome { resets: run(board, end)?.n, flagged_s: vec![f64::INFINITY; faults.len()], ..Outcome::default() };
     let r = &board.world.received;
     let seconds = |at: u64| at as f64 / CPU_HZ as f64;
     let untouched = untouched(faults);
@@ -143,9 +143,7 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
             });
             o.disturbed += usize::from(!same);
         }
-        // A stuck converter repeats a true rate for the two seconds that it takes to be believed stuck.
-        let stuck = faults.iter().any(|c| c.fault == Fault::Converter(ConverterFault::Stuck));
-        if let Some(truth) = same_tick.filter(|_| !(stuck && t < window.start + NEXT_STEP_S)) {
+        if let Some(truth) = same_tick {
             o.unsaid_dph = o.unsaid_dph.max(unsaid(f, truth));
         }
     }
