@@ -172,6 +172,10 @@ pub struct RatePath {
     // The frame being filled.
     in_frame: u16,
     sum_dph: [f32; AXES],
+    /// The same two again: what is being summed has no seal.
+    mirror: (u16, [f32; AXES]),
+    /// Samples per frame from the next frame on.
+    next_divider: u16,
     axis_status: [u8; AXES],
     unit_status: u8,
     // The summary being filled.
@@ -197,6 +201,8 @@ impl RatePath {
             sample: 0,
             in_frame: 0,
             sum_dph: [0.0; AXES],
+            mirror: (0, [0.0; AXES]),
+            next_divider: divider.clamp(1, 1000),
             axis_status: [0; AXES],
             unit_status: 0,
             code_sum: [0; CHANNELS],
@@ -208,8 +214,7 @@ impl RatePath {
 
     /// Samples per frame from the next frame on.
     pub fn set_divider(&mut self, divider: u16) {
-        self.divider = divider.clamp(1, 1000);
-        self.settings_seal = settings_seal(&self.scale_dph, self.divider);
+        self.next_divider = divider.clamp(1, 1000);
     }
 
     /// Stages the next bias.
@@ -224,7 +229,9 @@ impl RatePath {
         self.sample = self.sample.wrapping_add(1);
         for k in 0..AXES {
             let code = codes[k];
-            self.sum_dph[k] += code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
+            let rate_dph = code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
+            self.sum_dph[k] += rate_dph;
+            self.mirror.1[k] += rate_dph;
             self.axis_status[k] |= self.current.status[k];
             self.unchanged[k] = if code == self.last_codes[k] { self.unchanged[k].saturating_add(1) } else { 0 };
             self.last_codes[k] = code;
@@ -242,10 +249,15 @@ impl RatePath {
         }
         self.in_summary = self.in_summary.saturating_add(1);
         self.in_frame += 1;
+        self.mirror.0 += 1;
         if self.in_frame < self.divider {
             return Event { frame: None, summary, upset: false };
         }
-        let upset = !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
+        let unequal = self.in_frame != self.divider
+            || self.mirror.0 != self.divider
+            || self.sum_dph.map(f32::to_bits) != self.mirror.1.map(f32::to_bits);
+        let upset =
+            unequal || !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
         // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
         if self.stale {
@@ -327,6 +339,11 @@ impl RatePath {
         };
         self.in_frame = 0;
         self.sum_dph = [0.0; AXES];
+        self.mirror = (0, [0.0; AXES]);
+        if self.next_divider != self.divider {
+            self.divider = self.next_divider;
+            self.settings_seal = settings_seal(&self.scale_dph, self.divider);
+        }
         self.axis_status = [0; AXES];
         self.unit_status = 0;
         frame
@@ -384,8 +401,27 @@ mod tests {
                     0..=2 => flip(&mut q.scale_dph[word]),
                     3..=5 => flip(&mut q.current.bias_dph[word - 3]),
                     6 => q.current.effective_tick ^= 1 << bit,
-                    7 if bit == 0 => q.divider = 0,
-                    7 => continue,
+                    7 => {
+                        let mut r = RatePath::new([0.01; 3], 5);
+                        let _ = r.sample(0, [1; CHANNELS]);
+                        match bit {
+                            0..16 => r.in_frame ^= 1 << bit,
+                            _ => r.divider ^= 1 << (bit - 16),
+                        }
+                        let said = (1..2000).find_map(|k| {
+                            let e = r.sample(k * 90_000, [1; CHANNELS]);
+                            (e.upset || e.frame.is_some()).then_some(e.upset)
+                        });
+                        // A frame that waits for 65 thousand samples is none that is wrong; the watchdog sees to it.
+                        assert_ne!(said, Some(false), "bit {bit}");
+                        let mut r = RatePath::new([0.01; 3], 2);
+                        let _ = r.sample(0, [1; CHANNELS]);
+                        let clean = r.clone().sample(90_000, [1; CHANNELS]);
+                        flip(&mut r.sum_dph[1]);
+                        let e = r.sample(90_000, [1; CHANNELS]);
+                        assert!(e.upset || e == clean, "bit {bit} of a sum");
+                        continue;
+                    }
                     _ => q.current.status[bit / 8 % 3] ^= 1 << (bit % 8),
                 }
                 let e = q.sample(0, [1, 2, 3, 4, 5]);
