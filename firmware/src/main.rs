@@ -38,6 +38,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_time::Timer;
 use hrg_core::alignment::session::Session;
+use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
@@ -75,6 +76,20 @@ fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(Spawn
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
+    let watchdog = start(spawner);
+    watch(watchdog).await
+}
+
+/// One compensator in its place.
+// Out of line, as is `start`: what they need of stack while they build is not needed for ever.
+#[inline(never)]
+fn lane(place: &'static StaticCell<Compensator>, calibration: &Calibration) -> &'static mut Compensator {
+    place.init_with(|| Compensator::new(calibration.clone(), 0.0))
+}
+
+/// Sets the board up and starts all tasks.
+#[inline(never)]
+fn start(spawner: Spawner) -> IndependentWatchdog<'static, embassy_stm32::peripherals::IWDG> {
     let board = board::Board::new();
     let (calibration, sector, checksum, mut unit_status) = board.calibration();
     if board.watchdog_reset {
@@ -101,7 +116,7 @@ async fn main(spawner: Spawner) {
     );
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
     static LANES: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
-    let lanes = LANES.each_ref().map(|lane| lane.init(Compensator::new(calibration.clone(), 0.0)));
+    let lanes = LANES.each_ref().map(|place| lane(place, &calibration));
 
     // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);
@@ -119,7 +134,7 @@ async fn main(spawner: Spawner) {
     let maintenance =
         MAINTENANCE.init(Maintenance::new(identity.unit, identity.sequence, sector, cfg!(feature = "locked")));
     spawned(maintain::task(maintenance, board.sectors), |t| spawner.spawn(t));
-    watch(board.watchdog).await
+    board.watchdog
 }
 
 /// Feeds the watchdog while rate path and model run, and link and telemetry have not stood still for long. Being a thread

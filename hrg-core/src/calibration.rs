@@ -234,7 +234,8 @@ impl Calibration {
             return Err(BlockError::Checksum);
         }
         let mut payload = Reader::new(&content[HEADER..]);
-        let calibration = Self::read_payload(&mut payload, length)?;
+        let mut calibration = Self::uncalibrated();
+        calibration.read_payload(&mut payload, length)?;
         if payload.remaining() != 0 {
             return Err(BlockError::Length(length));
         }
@@ -307,18 +308,18 @@ impl Calibration {
         }
     }
 
-    fn read_payload(r: &mut Reader<'_>, length: u16) -> Result<Self, BlockError> {
+    #[inline(never)]
+    fn read_payload(&mut self, r: &mut Reader<'_>, length: u16) -> Result<(), BlockError> {
         let short = BlockError::Length(length);
-        let unit = r.array().ok_or(short)?;
-        let created_unix_s = r.u32().ok_or(short)?;
-        let sequence = r.u32().ok_or(short)?;
-        let data_hash = r.u32().ok_or(short)?;
-        let calibrated = r.u8().ok_or(short)? != 0;
+        self.unit = r.array().ok_or(short)?;
+        self.created_unix_s = r.u32().ok_or(short)?;
+        self.sequence = r.u32().ok_or(short)?;
+        self.data_hash = r.u32().ok_or(short)?;
+        self.calibrated = r.u8().ok_or(short)? != 0;
         let s: [f32; 6] = r.f32s().ok_or(short)?;
-        let scaling =
+        self.scaling =
             Scaling { t_ref_c: s[0], t_scale_c: s[1], t_linear_c: [s[2], s[3]], r_linear: s[4], blend_band: s[5] };
-        let mut axes = Self::uncalibrated().axes;
-        for a in &mut axes {
+        for a in &mut self.axes {
             let f0_hz = r.f64().ok_or(short)?;
             let scale_hz = r.f32().ok_or(short)?;
             let c = r.f32s().ok_or(short)?;
@@ -344,7 +345,7 @@ impl Calibration {
             a.coefficient_std = [r.f32s().ok_or(short)?, r.f32s().ok_or(short)?];
             [a.train_rms_dph, a.verify_rms_dph] = r.f32s().ok_or(short)?;
         }
-        let mut effects = Vec::new();
+        self.effects.clear();
         for _ in 0..r.u8().ok_or(short)? {
             let id = r.u16().ok_or(short)?;
             let facts = by_id(id).ok_or(BlockError::UnknownEffect(id))?;
@@ -364,9 +365,9 @@ impl Calibration {
                     }
                 }
             }
-            effects.push(e).map_err(|_| BlockError::Absurd("number of effects"))?;
+            self.effects.push(e).map_err(|_| BlockError::Absurd("number of effects"))?;
         }
-        Ok(Self { unit, created_unix_s, sequence, data_hash, calibrated, scaling, axes, effects })
+        Ok(())
     }
 
     /// Whether every number is finite and possible, and every effect one that a unit can compute.
@@ -474,18 +475,22 @@ pub struct Found {
 }
 
 /// Looks at both sectors.
+#[inline(never)]
 #[must_use]
 pub fn newest(a: &[u8], b: &[u8]) -> Found {
-    let (a, b) = (Calibration::from_bytes(a), Calibration::from_bytes(b));
-    let refused = [&a, &b].iter().find_map(|r| r.as_ref().err().copied().filter(|e| *e != BlockError::NoBlock));
-    let newest = match (a, b) {
+    // A block is large, and the unit's stack small: one at a time, and the one that is used is read once more.
+    let number = |bytes| Calibration::from_bytes(bytes).map(|c| c.sequence);
+    let (x, y) = (number(a), number(b));
+    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != BlockError::NoBlock);
+    let sector = match (x, y) {
         // Sequence numbers compare across their wrap.
-        (Ok(x), Ok(y)) if y.sequence.wrapping_sub(x.sequence) as i32 > 0 => Some((y, 1)),
-        (Ok(x), _) => Some((x, 0)),
-        (Err(_), Ok(y)) => Some((y, 1)),
+        (Ok(x), Ok(y)) if y.wrapping_sub(x) as i32 > 0 => Some(1),
+        (Ok(_), _) => Some(0),
+        (Err(_), Ok(_)) => Some(1),
         (Err(_), Err(_)) => None,
     };
-    Found { newest, refused }
+    let read = |sector| Some((Calibration::from_bytes(if sector == 0 { a } else { b }).ok()?, sector));
+    Found { newest: sector.and_then(read), refused }
 }
 
 #[cfg(test)]

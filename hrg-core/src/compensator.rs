@@ -1,7 +1,7 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
 use crate::bias::{dot, State};
-use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use crate::calibration::{Calibration, MAX_EFFECTS};
 use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::{Difference, SlopeWindow, WINDOW};
@@ -215,7 +215,8 @@ pub fn update_both(lanes: [&mut Compensator; 2], step: &StepFrequencies) -> Opti
 pub struct Compensator {
     calibration: Calibration,
     thermometer: Thermometer,
-    running: Vec<(EffectTerm, usize, [Running; AXES]), MAX_EFFECTS>,
+    /// Of each effect of the calibration that is known: its place there, its number of regressors, its states.
+    running: Vec<(u8, u8, [Running; AXES]), MAX_EFFECTS>,
     /// Steps for which a change beyond the calibrated range is still in the slope's window.
     spoilt: [u8; AXES],
     bias_dph: [f32; AXES],
@@ -224,17 +225,19 @@ pub struct Compensator {
 
 impl Compensator {
     /// Starts in equilibrium with the first temperature.
+    // Out of line: the stack that it needs is not that of who calls it.
+    #[inline(never)]
     #[must_use]
     pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
         let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];
         let mut running = Vec::new();
-        for term in &calibration.effects {
+        for (place, term) in calibration.effects.iter().enumerate() {
             // `Calibration::check` has refused unknown numbers.
             let (Some(facts), Some(one)) = (by_id(term.id), Running::new(term.id, &term.parameters, MODEL_STEP_S))
             else {
                 continue;
             };
-            let _ = running.push((term.clone(), facts.outputs, [one.clone(), one.clone(), one]));
+            let _ = running.push((place as u8, facts.outputs as u8, [one.clone(), one.clone(), one]));
         }
         Self {
             calibration,
@@ -314,9 +317,11 @@ impl Compensator {
                 *s |= axis::RAMP_RANGE;
             }
             let mut bias = a.coefficients.bias_dph(scaling, &state);
-            for (term, outputs, running) in &mut self.running {
+            for (place, outputs, running) in &mut self.running {
                 let x: [f32; MAX_OUTPUTS] = running[k].step(&inputs);
-                bias += dot(&term.gains[k], x.iter().take(*outputs));
+                if let Some(term) = self.calibration.effects.get(usize::from(*place)) {
+                    bias += dot(&term.gains[k], x.iter().take(usize::from(*outputs)));
+                }
             }
             if thermal.age[k] > 0 {
                 // Bridging: the last bias is held, whatever the states do.
@@ -342,6 +347,7 @@ impl Compensator {
 mod tests {
     use super::*;
     use crate::bias::Coefficients;
+    use crate::calibration::EffectTerm;
 
     fn calibrated() -> Calibration {
         let mut c = Calibration::uncalibrated();

@@ -17,6 +17,8 @@ use heapless::Vec;
 
 /// Longest frame before framing: type, fields, checksum.
 pub const MAX_PAYLOAD: usize = 224;
+/// A rate frame before framing: type, three numbers, four status bytes, three rates, checksum.
+const RATE_PAYLOAD: usize = 1 + 12 + 4 + 12 + 4;
 /// Longest frame on the wire, with its zero.
 pub const MAX_FRAME: usize = MAX_PAYLOAD + 4;
 
@@ -174,18 +176,22 @@ impl Message {
     #[inline(never)]
     #[must_use]
     pub fn encode(&self) -> Vec<u8, MAX_FRAME> {
-        let mut plain = [0u8; MAX_PAYLOAD];
+        // Rate frames are many and short: no more is cleared than they need.
+        let longest = if matches!(self, Self::Rate(_)) { RATE_PAYLOAD } else { MAX_PAYLOAD };
+        let mut plain: Vec<u8, MAX_PAYLOAD> = Vec::new();
+        let _ = plain.resize(longest, 0);
         let mut w = Writer::new(&mut plain);
         self.write(&mut w);
         // The longest message fits: test `every_message_there_and_back`.
-        let n = w.finish().unwrap_or(0).min(MAX_PAYLOAD - 4);
-        let crc = CRC32.checksum(&plain[..n]).to_le_bytes();
-        plain[n..n + 4].copy_from_slice(&crc);
+        let n = w.finish().unwrap_or(0);
+        let crc = CRC32.checksum(plain.get(..n).unwrap_or_default());
+        plain.truncate(n);
+        let _ = plain.extend_from_slice(&crc.to_le_bytes());
         let mut out = Vec::new();
-        // Capacity is MAX_FRAME, zeroed here and cut to what COBS needs.
-        let _ = out.resize(MAX_FRAME, 0);
+        // COBS takes a byte more, the zero at the end another.
+        let _ = out.resize(plain.len() + 2, 0);
         let room = out.len().saturating_sub(1);
-        let used = out.get_mut(..room).map_or(0, |o| cobs::try_encode(&plain[..n + 4], o).unwrap_or(0));
+        let used = out.get_mut(..room).map_or(0, |o| cobs::try_encode(&plain, o).unwrap_or(0));
         out.truncate(used + 1);
         if let Some(last) = out.last_mut() {
             *last = 0;

@@ -164,8 +164,9 @@ pub struct RatePath {
     current: Staged,
     /// The current bias is older than [`STALE_TICKS`].
     stale: bool,
-    /// The last codes, and for how many samples each has not changed.
+    /// The last codes, what has changed in them in this frame, and for how many samples each has not changed.
     last_codes: [i32; AXES],
+    changed: [i32; AXES],
     unchanged: [u16; AXES],
     pending: Option<Staged>,
     sample: u32,
@@ -196,6 +197,7 @@ impl RatePath {
             current: Staged::at(0, u32::MAX, [0.0; AXES], [axis::TEMPERATURE_STALE | axis::SETTLING; AXES]),
             stale: false,
             last_codes: [0; AXES],
+            changed: [0; AXES],
             unchanged: [0; AXES],
             pending: None,
             sample: 0,
@@ -232,12 +234,8 @@ impl RatePath {
             let rate_dph = code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
             self.sum_dph[k] += rate_dph;
             self.mirror.1[k] += rate_dph;
-            self.axis_status[k] |= self.current.status[k];
-            self.unchanged[k] = if code == self.last_codes[k] { self.unchanged[k].saturating_add(1) } else { 0 };
+            self.changed[k] |= code ^ self.last_codes[k];
             self.last_codes[k] = code;
-            if self.unchanged[k] >= STUCK_SAMPLES {
-                self.unit_status |= unit::CONVERTER_FAULT;
-            }
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
                 self.axis_status[k] |= axis::OVER_RANGE;
             }
@@ -255,7 +253,7 @@ impl RatePath {
         }
         let unequal = self.in_frame != self.divider
             || self.mirror.0 != self.divider
-            || self.sum_dph.map(f32::to_bits) != self.mirror.1.map(f32::to_bits);
+            || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
         let upset =
             unequal || !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
         // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
@@ -289,6 +287,10 @@ impl RatePath {
             self.unit_status |= unit::BIAS_LATE;
         }
         let summary = self.summarise();
+        if self.in_frame > 0 {
+            // The frame that is being filled holds samples of both.
+            self.axis_status.iter_mut().zip(self.current.status).for_each(|(to, from)| *to |= from);
+        }
         self.current = staged;
         self.stale = false;
         Some(summary)
@@ -322,6 +324,14 @@ impl RatePath {
 
     fn finish_frame(&mut self, tick: u32) -> RateFrame {
         let share = 1.0 / f32::from(self.in_frame);
+        for k in 0..AXES {
+            self.axis_status[k] |= self.current.status[k];
+            let moved = core::mem::take(&mut self.changed[k]) != 0;
+            self.unchanged[k] = if moved { 0 } else { self.unchanged[k].saturating_add(self.in_frame) };
+            if self.unchanged[k] >= STUCK_SAMPLES {
+                self.unit_status |= unit::CONVERTER_FAULT;
+            }
+        }
         for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
             // Only a block of absurd numbers brings this about.
             if !sum.is_finite() {

@@ -394,6 +394,14 @@ impl<W: World> Board<W> {
         Ok(out)
     }
 
+    /// Where the one variable or function lies whose symbol contains `part`.
+    #[must_use]
+    pub fn address_of(elf: &[u8], part: &str) -> Option<u32> {
+        let file = object::File::parse(elf).ok()?;
+        let address = file.symbols().find(|s| s.name().is_ok_and(|n| n.contains(part)))?.address();
+        Some(address as u32)
+    }
+
     /// The name of the variable or function at an address, where the ELF has one.
     #[must_use]
     pub fn symbol_at(elf: &[u8], address: u32) -> Option<String> {

@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 pub mod align;
+pub mod bench;
 pub mod demo;
 pub mod faults;
 pub mod methods;

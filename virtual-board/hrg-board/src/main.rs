@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_board::{faults, serve, weigh};
+use hrg_board::{bench, faults, serve, weigh};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
@@ -49,6 +49,14 @@ enum Command {
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
+    },
+    /// What the unit costs in instructions and bytes, what others would write, and how near its numbers come to their limits.
+    ///
+    /// Example: hrg-board bench
+    Bench {
+        /// Page whose tables are written anew.
+        #[arg(long)]
+        page: Option<PathBuf>,
     },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
@@ -227,6 +235,17 @@ fn run(command: Command) -> Result<()> {
             let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
+        }
+        Command::Bench { page } => {
+            let elf = replay::read_elf(&replay::default_elf())?;
+            let alternatives = replay::read_elf(&replay::default_elf().with_file_name("alternatives"))?;
+            let (tables, within) = bench::tables(&elf, &alternatives)?;
+            print!("{tables}");
+            if let Some(page) = page {
+                faults::splice(&page, "unit", &tables)?;
+            }
+            anyhow::ensure!(within, "a figure is over its bound");
+            Ok(())
         }
         Command::Faults { short, seed, only, trial, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

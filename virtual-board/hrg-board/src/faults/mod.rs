@@ -322,11 +322,7 @@ pub fn faults(
     let total: u64 = report.rows.iter().map(|r| r.tried).sum();
     println!("{total} faults tried, seed {seed}, {:.0} s", start.elapsed().as_secs_f64());
     if let Some(page) = page {
-        let text = std::fs::read_to_string(page).with_context(|| format!("cannot read {}", page.display()))?;
-        let (before, rest) = text.split_once(BEGIN).with_context(|| format!("{} has no {BEGIN}", page.display()))?;
-        let (_, after) = rest.split_once(END).with_context(|| format!("{} has no {END}", page.display()))?;
-        let text = format!("{before}{BEGIN}\n{}{END}{after}", report.markdown());
-        hrg_cal::write_file(page, text.as_bytes())?;
+        splice(page, "faults", &report.markdown())?;
     }
     let broken = report.rows.iter().filter(|r| !r.kept).count();
     anyhow::ensure!(broken == 0, "{broken} promises were broken");
@@ -334,5 +330,14 @@ pub fn faults(
     Ok(())
 }
 
-const BEGIN: &str = "<!-- faults: begin -->";
-const END: &str = "<!-- faults: end -->";
+/// Writes a text into a page, between the marks of a name.
+///
+/// # Errors
+/// Where the page has no such marks.
+pub fn splice(page: &std::path::Path, name: &str, text: &str) -> Result<()> {
+    let (begin, end) = (format!("<!-- {name}: begin -->"), format!("<!-- {name}: end -->"));
+    let old = std::fs::read_to_string(page).with_context(|| format!("cannot read {}", page.display()))?;
+    let (before, rest) = old.split_once(&begin).with_context(|| format!("{} has no {begin}", page.display()))?;
+    let (_, after) = rest.split_once(&end).with_context(|| format!("{} has no {end}", page.display()))?;
+    hrg_cal::write_file(page, format!("{before}{begin}\n{text}{end}{after}").as_bytes())
+}

@@ -1,0 +1,299 @@
+//! What the unit costs, counted in the ELF by the virtual board, with bounds; what others would write in its place; and how near
+//! its numbers come to what their noise allows.
+
+use crate::faults::Scene;
+use anyhow::{Context, Result};
+use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
+use hrg_core::rate_path::RatePath;
+use object::{Object, ObjectSegment};
+use rand::{Rng, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use std::fmt::Write as _;
+use virtual_board::{Board, World, CPU_HZ};
+
+/// One counted figure.
+#[derive(Debug, Clone)]
+pub struct Figure {
+    /// What.
+    pub what: &'static str,
+    /// How much.
+    pub value: f64,
+    /// More than that fails CI.
+    pub bound: f64,
+    /// What was aimed at, where that is less than what is held.
+    pub goal: Option<f64>,
+    /// Of what.
+    pub unit: &'static str,
+}
+
+/// Seconds that are counted.
+const SECONDS: u64 = 20;
+
+/// Bytes that an ELF takes of flash: what is loaded.
+fn flash_bytes(elf: &[u8]) -> Result<f64> {
+    let file = object::File::parse(elf)?;
+    Ok(file.segments().map(|s| s.file_range().1).sum::<u64>() as f64)
+}
+
+/// The unit's costs. Everything on: 3 x 4.9 kHz, 1 kSPS, a block with four effects, link and log.
+///
+/// # Errors
+/// Where the ELF does not run, or lacks a function that is counted.
+pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
+    let scene = Scene::new(elf, 1)?;
+    let run = |edges: bool| -> Result<Board<crate::wires::Wires>> {
+        let mut wires = scene.wires();
+        if !edges {
+            wires.set_frequency(f64::NAN);
+        }
+        let mut board = scene.off(wires, &scene.calibration)?;
+        for part in COUNTED {
+            board.count_calls(elf, part)?;
+        }
+        board.run_until(30 * CPU_HZ)?;
+        board.forget_calls();
+        Ok(board)
+    };
+    let count = |board: &mut Board<crate::wires::Wires>| -> Result<f64> {
+        let before = board.instructions();
+        board.run_until((30 + SECONDS) * CPU_HZ)?;
+        Ok((board.instructions() - before) as f64 / SECONDS as f64)
+    };
+    let (mut with, mut without) = (run(true)?, run(false)?);
+    let (all, bare) = (count(&mut with)?, count(&mut without)?);
+    let edges: f64 = with.world.received.housekeeping.iter().rev().take(1).flat_map(|h| h.frequency_hz).sum();
+    let mean = |board: &Board<_>, k: usize| -> Result<f64> {
+        board.probe(k).and_then(virtual_board::Probe::mean).with_context(|| format!("{} was not called", COUNTED[k]))
+    };
+    let latency = with.probe(SAMPLE).context("counted")?.latency;
+    let (fixed, stack) = (f64::from(with.static_bytes()), f64::from(with.stack_used()));
+    let figure = |what, value, bound, goal, unit| Figure { what, value, bound, goal, unit };
+    Ok(vec![
+        figure("capture edge, fetched and counted", (all - bare) / edges, 80.0, None, "instructions"),
+        figure("bias update, three axes, four effects", mean(&with, UPDATE)?, 3000.0, Some(1500.0), "instructions"),
+        figure(
+            "data-ready to corrected sample, mean",
+            latency.instructions as f64 / latency.calls as f64,
+            1500.0,
+            Some(600.0),
+            "instructions",
+        ),
+        figure("data-ready to corrected sample, worst", latency.most_instructions as f64, 6000.0, None, "instructions"),
+        figure(
+            "the same, with the frame's way over the wire",
+            latency.most_cycles as f64 / (CPU_HZ as f64 / 1e6),
+            60.0,
+            None,
+            "us",
+        ),
+        figure("converter frame checked and taken apart", mean(&with, DECODE)?, 450.0, None, "instructions"),
+        figure("sample corrected", mean(&with, SAMPLE)?, 200.0, None, "instructions"),
+        figure("rate frame encoded", mean(&with, ENCODE)?, 1300.0, None, "instructions"),
+        figure("everything, a second", all, 2_700_000.0, None, "instructions"),
+        figure("share of 180 MHz", 100.0 * all / CPU_HZ as f64, 1.5, None, "%"),
+        figure("flash", flash_bytes(elf)?, 98_304.0, Some(65_536.0), "bytes"),
+        figure("static RAM", fixed, 32_768.0, None, "bytes"),
+        figure("stack, painted", stack, 16_384.0, None, "bytes"),
+        figure("static RAM and stack", fixed + stack, 49_152.0, Some(32_768.0), "bytes"),
+    ])
+}
+
+const COUNTED: [&str; 4] = ["11Compensator6update", "9converter6decode", "8RatePath6sample", "4link7Message6encode"];
+const UPDATE: usize = 0;
+const DECODE: usize = 1;
+const SAMPLE: usize = 2;
+const ENCODE: usize = 3;
+
+/// A world in which nothing happens.
+struct Nothing;
+
+impl World for Nothing {
+    fn next_edge(&mut self, _: usize) -> Option<u64> {
+        None
+    }
+    fn convert(&mut self, _: u64) -> Option<[i32; 8]> {
+        None
+    }
+    fn link_out(&mut self, _: u64, _: &[u8]) {}
+    fn log_out(&mut self, _: u64, _: &[u8]) {}
+}
+
+/// One way from frequency to temperature.
+#[derive(Debug, Clone)]
+pub struct Way {
+    /// What.
+    pub what: &'static str,
+    /// Instructions of a call.
+    pub instructions: f64,
+    /// Multiply-adds that its formula needs, at one each; divisions and functions count as one, too.
+    pub floor: u32,
+    /// Worst error over the range, C, against the same formula in exact arithmetic.
+    pub worst_c: f64,
+}
+
+const WAYS: [(&str, &str, u32); 7] = [
+    ("cubic in f, f32, uncentred", "16uncentred_single", 3),
+    ("cubic in f, f64 (soft), uncentred", "16uncentred_double", 3),
+    ("root of f(T), Newton, f64", "6newton", 24),
+    ("root of f(T), Cardano, f64, libm", "7cardano", 12),
+    ("table of 64 cells, linear", "5table", 5),
+    ("network 1-5-1, f32, libm", "7network", 18),
+    ("ours: centred in f64, cubic in f32", "4ours", 5),
+];
+
+/// The alternatives beside ours, on one virtual CPU.
+///
+/// # Errors
+/// Where the ELF is not that of `alternatives`.
+pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
+    const POINTS: usize = 200;
+    let mut board = Board::new(elf, Nothing)?;
+    for (_, symbol, _) in WAYS {
+        board.count_calls(elf, &format!("12alternatives{symbol}"))?;
+    }
+    // It ends asleep, with nothing to wake it.
+    let _ = board.run_until(CPU_HZ);
+    let results = Board::<Nothing>::address_of(elf, "12alternatives7RESULTS").context("no results in this ELF")?;
+    let c = [9.218_105f32, 44.580_624, 1.161_163_1, 0.166_985_72].map(f64::from);
+    let forward =
+        [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7];
+    let mut out = Vec::new();
+    for (k, (what, _, floor)) in WAYS.into_iter().enumerate() {
+        let mut worst = 0.0f64;
+        for p in 0..POINTS {
+            let mut bytes = [0; 4];
+            board.read_memory(results + 4 * (k * POINTS + p) as u32, &mut bytes)?;
+            let f = 4878.0 + 0.22 * p as f64;
+            let u = (f - 4900.0) / f64::from(21.152f32);
+            let mut truth = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
+            if what.starts_with("root") {
+                for _ in 0..60 {
+                    let value = ((forward[3] * truth + forward[2]) * truth + forward[1]) * truth + forward[0] - f;
+                    truth -= value / ((3.0 * forward[3] * truth + 2.0 * forward[2]) * truth + forward[1]);
+                }
+            }
+            worst = worst.max((f64::from(f32::from_le_bytes(bytes)) - truth).abs());
+        }
+        let instructions = board.probe(k).and_then(virtual_board::Probe::mean).context("was not called")?;
+        out.push(Way { what, instructions, floor, worst_c: worst });
+    }
+    Ok(out)
+}
+
+/// One figure beside what its noise allows.
+#[derive(Debug, Clone)]
+pub struct Limit {
+    /// What.
+    pub what: String,
+    /// Reached.
+    pub reached: f64,
+    /// The least that is possible.
+    pub bound: f64,
+    /// Of what.
+    pub unit: &'static str,
+}
+
+/// Frequency: RMS error of one-second gates over `n` seconds, and the Cramer-Rao bound for jitter of `jitter_s` and the timer's
+/// steps. For times `t_i = t_0 + i / f` with independent errors of variance `s^2`, the bound of `1 / f` is `s^2 / sum (i - mean)^2`.
+fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
+    const TICKS: f64 = 90e6;
+    const HZ: f64 = 4898.626;
+    let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
+    let mut draw = ChaCha8Rng::seed_from_u64(8);
+    let (mut squares, mut count, mut edges) = (0.0, 0u32, 0.0);
+    let mut k = 0u64;
+    while count < n {
+        k += 1;
+        let jitter: f64 = StandardNormal.sample(&mut draw);
+        let t = ((k as f64 / HZ + 1e-4 + jitter * jitter_s) * TICKS) as u64;
+        while t > bank.gate_end() + SETTLE_TICKS {
+            let at = bank.gate_end() + SETTLE_TICKS;
+            let Some(step) = bank.poll(at as u32) else { continue };
+            if let Some(f) = step.frequency_hz[0].filter(|_| step.step > 0) {
+                squares += (f - HZ) * (f - HZ);
+                count += 1;
+                edges = HZ;
+            }
+        }
+        bank.push(0, &[t as u32]);
+    }
+    // A time stamp is cut to whole ticks: an error of a tick's twelfth part, as variance.
+    let variance = jitter_s * jitter_s + 1.0 / (12.0 * TICKS * TICKS);
+    let spread = edges * (edges * edges - 1.0) / 12.0;
+    ((squares / f64::from(count)).sqrt(), HZ * HZ * (variance / spread).sqrt())
+}
+
+/// Corrected rate: RMS error of a frame's mean of five samples with white noise of `noise` codes, in codes, and the least possible:
+/// that noise and the rounding to codes, averaged.
+fn rate(noise: f64, n: u32) -> (f64, f64) {
+    const SCALE: f32 = 72_000.0 / 8_388_608.0;
+    let mut path = RatePath::new([SCALE; 3], 5);
+    let mut draw = ChaCha8Rng::seed_from_u64(9);
+    let (mut squares, mut count) = (0.0, 0u32);
+    let mut tick = 0u32;
+    while count < n {
+        let rate = draw.random_range(-20_000.0..20_000.0f64);
+        let mut frame = None;
+        while frame.is_none() {
+            let codes = std::array::from_fn(|_| {
+                let white: f64 = StandardNormal.sample(&mut draw);
+                (rate + noise * white).round() as i32
+            });
+            tick = tick.wrapping_add(90_000);
+            frame = path.sample(tick, codes).frame;
+        }
+        for r in frame.map(|f| f.rate_dph).unwrap_or_default() {
+            squares += (f64::from(r) / f64::from(SCALE) - rate).powi(2);
+            count += 1;
+        }
+    }
+    ((squares / f64::from(count)).sqrt(), ((noise * noise + 1.0 / 12.0) / 5.0).sqrt())
+}
+
+/// The figures beside their bounds.
+#[must_use]
+pub fn limits() -> Vec<Limit> {
+    let mut out = Vec::new();
+    for jitter_ns in [0.0, 5.0, 20.0, 100.0] {
+        let (reached, bound) = frequency(jitter_ns * 1e-9, 3000);
+        let what = format!("frequency in a 1 s gate, {jitter_ns} ns of jitter");
+        out.push(Limit { what, reached: reached * 1e6, bound: bound * 1e6, unit: "uHz" });
+        // 44.6 C per 21.152 Hz at the middle of the default law.
+        let c_per_hz = 44.58 / 21.152;
+        let what = format!("temperature that it gives, {jitter_ns} ns of jitter");
+        out.push(Limit { what, reached: reached * c_per_hz * 1e6, bound: bound * c_per_hz * 1e6, unit: "uC" });
+    }
+    for noise in [1.0, 10.0] {
+        let (reached, bound) = rate(noise, 100_000);
+        let what = format!("corrected rate of a frame, {noise} codes of noise a sample");
+        let dph = 72_000.0 / 8_388_608.0 * 1e3;
+        out.push(Limit { what, reached: reached * dph, bound: bound * dph, unit: "mdeg/h" });
+    }
+    out
+}
+
+/// All tables as Markdown.
+///
+/// # Errors
+/// As [`unit`] and [`ways`].
+pub fn tables(elf: &[u8], alternatives: &[u8]) -> Result<(String, bool)> {
+    let mut s = String::from("### On the unit\n\n| what | counted | bound in CI | goal |\n|---|---:|---:|---:|\n");
+    let mut within = true;
+    for f in unit(elf)? {
+        let digits = usize::from(f.value < 100.0) * 2;
+        let goal = f.goal.map_or_else(String::new, |g| format!("{g:.0}"));
+        let _ = writeln!(s, "| {} [{}] | {:.digits$} | {} | {goal} |", f.what, f.unit, f.value, f.bound);
+        within &= f.value <= f.bound;
+    }
+    s.push_str("\n### Frequency to temperature, as others would write it\n\n| way | instructions | multiply-adds of the formula | worst error [C] |\n|---|---:|---:|---:|\n");
+    for w in ways(alternatives)? {
+        let _ = writeln!(s, "| {} | {:.0} | {} | {:.1e} |", w.what, w.instructions, w.floor, w.worst_c);
+    }
+    s.push_str("\n### How near to the limit\n\n| what | reached | limit | ratio |\n|---|---:|---:|---:|\n");
+    for l in limits() {
+        let _ =
+            writeln!(s, "| {} [{}] | {:.3} | {:.3} | {:.2} |", l.what, l.unit, l.reached, l.bound, l.reached / l.bound);
+    }
+    Ok((s, within))
+}
