@@ -118,7 +118,7 @@ impl Board {
             clock,
             converter,
             link_out,
-            link_in: link_in.into_ring_buffered(LINK_RING.take()),
+            link_in: link_in.into_ring_buffered(crate::once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
             watchdog: IndependentWatchdog::new(p.IWDG, params::WATCHDOG_US),
             watchdog_reset,
             sectors: Sectors::new(Flash::new_blocking(p.FLASH)),

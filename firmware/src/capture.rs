@@ -111,9 +111,9 @@ where
     static Y: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
     static Z: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
     let mut rings = [
-        ring(dma::Channel::new(streams.x, irqs), 0, X.take()),
-        ring(dma::Channel::new(streams.y, irqs), 1, Y.take()),
-        ring(dma::Channel::new(streams.z, irqs), 2, Z.take()),
+        ring(dma::Channel::new(streams.x, irqs), 0, crate::once(X.try_take())),
+        ring(dma::Channel::new(streams.y, irqs), 1, crate::once(Y.try_take())),
+        ring(dma::Channel::new(streams.z, irqs), 2, crate::once(Z.try_take())),
     ];
     for r in &mut rings {
         r.start();

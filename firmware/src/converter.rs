@@ -38,6 +38,9 @@ const WRITE_MODE: [u16; 2] = [0x6000 | 0x02 << 7, 0x0110];
 const RX: usize = 0;
 const TX: usize = 3;
 const DMA_CHANNEL: u8 = 3;
+/// Transfer complete, half and error of both streams, as they stand in LISR and LIFCR (RM0390 section 9.5): stream 0 from bit 0,
+/// stream 3 from bit 22.
+const FLAGS: u32 = 0b11_1000 | 0b11_1000 << 22;
 /// Chip select on port B, data-ready on port C.
 const SELECT_PIN: usize = 6;
 const READY_LINE: usize = 7;
@@ -106,13 +109,7 @@ fn EXTI9_5() {
 #[interrupt]
 fn DMA2_STREAM0() {
     pac::GPIOB.bsrr().write(|w| w.set_bs(SELECT_PIN, true));
-    pac::DMA2.ifcr(0).write(|w| {
-        for stream in [RX, TX] {
-            w.set_tcif(stream, true);
-            w.set_htif(stream, true);
-            w.set_teif(stream, true);
-        }
-    });
+    pac::DMA2.ifcr(0).write_value(pac::dma::regs::Ixr(FLAGS));
     FETCHED.signal(pac::TIM2.ccr(3).read());
 }
 

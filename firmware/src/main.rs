@@ -80,11 +80,19 @@ async fn main(spawner: Spawner) {
     watch(watchdog).await
 }
 
+/// What start-up takes from a cell, once: a second time would be a bug.
+fn once<T>(taken: Option<T>) -> T {
+    match taken {
+        Some(taken) => taken,
+        None => halt(),
+    }
+}
+
 /// One compensator in its place.
 // Out of line, as is `start`: what they need of stack while they build is not needed for ever.
 #[inline(never)]
 fn lane(place: &'static StaticCell<Compensator>, calibration: &Calibration) -> &'static mut Compensator {
-    place.init_with(|| Compensator::new(calibration.clone(), 0.0))
+    once(place.try_init_with(|| Compensator::new(calibration.clone(), 0.0)))
 }
 
 /// Sets the board up and starts all tasks.
@@ -128,11 +136,15 @@ fn start(spawner: Spawner) -> IndependentWatchdog<'static, embassy_stm32::periph
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, who), |t| model_spawner.spawn(t));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    spawned(telemetry::task(who, SESSION.take()), |t| spawner.spawn(t));
+    spawned(telemetry::task(who, once(SESSION.try_take())), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
-    let maintenance =
-        MAINTENANCE.init(Maintenance::new(identity.unit, identity.sequence, sector, cfg!(feature = "locked")));
+    let maintenance = once(MAINTENANCE.try_init(Maintenance::new(
+        identity.unit,
+        identity.sequence,
+        sector,
+        cfg!(feature = "locked"),
+    )));
     spawned(maintain::task(maintenance, board.sectors), |t| spawner.spawn(t));
     board.watchdog
 }

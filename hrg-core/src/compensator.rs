@@ -1,8 +1,8 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
-use crate::bias::{dot, State};
+use crate::bias::State;
 use crate::calibration::{Calibration, MAX_EFFECTS};
-use crate::effects::{by_id, Inputs, Recorded, Running, MAX_OUTPUTS};
+use crate::effects::{Inputs, Recorded, Running};
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::{Difference, SlopeWindow, WINDOW};
 use crate::status::axis;
@@ -215,8 +215,8 @@ pub fn update_both(lanes: [&mut Compensator; 2], step: &StepFrequencies) -> Opti
 pub struct Compensator {
     calibration: Calibration,
     thermometer: Thermometer,
-    /// Of each effect of the calibration that is known: its place there, its number of regressors, its states.
-    running: Vec<(u8, u8, [Running; AXES]), MAX_EFFECTS>,
+    /// Of each effect of the calibration that is known: its place there, and its states.
+    running: Vec<(u8, [Running; AXES]), MAX_EFFECTS>,
     /// Steps for which a change beyond the calibrated range is still in the slope's window.
     spoilt: [u8; AXES],
     bias_dph: [f32; AXES],
@@ -233,11 +233,10 @@ impl Compensator {
         let mut running = Vec::new();
         for (place, term) in calibration.effects.iter().enumerate() {
             // `Calibration::check` has refused unknown numbers.
-            let (Some(facts), Some(one)) = (by_id(term.id), Running::new(term.id, &term.parameters, MODEL_STEP_S))
-            else {
+            let Some(one) = Running::new(term.id, &term.parameters, MODEL_STEP_S) else {
                 continue;
             };
-            let _ = running.push((place as u8, facts.outputs as u8, [one.clone(), one.clone(), one]));
+            let _ = running.push((place as u8, [one.clone(), one.clone(), one]));
         }
         Self {
             calibration,
@@ -317,10 +316,9 @@ impl Compensator {
                 *s |= axis::RAMP_RANGE;
             }
             let mut bias = a.coefficients.bias_dph(scaling, &state);
-            for (place, outputs, running) in &mut self.running {
-                let x: [f32; MAX_OUTPUTS] = running[k].step(&inputs);
+            for (place, running) in &mut self.running {
                 if let Some(term) = self.calibration.effects.get(usize::from(*place)) {
-                    bias += dot(&term.gains[k], x.iter().take(usize::from(*outputs)));
+                    bias += running[k].bias_dph(&inputs, &term.gains[k]);
                 }
             }
             if thermal.age[k] > 0 {
@@ -348,6 +346,7 @@ mod tests {
     use super::*;
     use crate::bias::Coefficients;
     use crate::calibration::EffectTerm;
+    use crate::effects::{by_id, MAX_OUTPUTS};
 
     fn calibrated() -> Calibration {
         let mut c = Calibration::uncalibrated();

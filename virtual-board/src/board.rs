@@ -419,6 +419,13 @@ impl<W: World> Board<W> {
         }
     }
 
+    /// Instructions of each block of code since [`start_profile`](Self::start_profile), by the block's address.
+    #[must_use]
+    pub fn profile_blocks(&self) -> Vec<(u32, u64)> {
+        let counts = self.cpu.get_data().profile.iter().flatten().enumerate();
+        counts.filter(|(_, n)| **n > 0).map(|(k, n)| (FLASH_START + 2 * k as u32, *n)).collect()
+    }
+
     /// What [`count_calls`](Self::count_calls) has counted so far.
     #[must_use]
     pub fn probe(&self, number: usize) -> Option<&Probe> {

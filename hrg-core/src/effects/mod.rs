@@ -129,6 +129,13 @@ pub struct Facts {
     pub reach: Reach,
 }
 
+// Inlined, so that regressors that an effect has not are neither cleared nor multiplied.
+#[inline(always)]
+fn weighed<E: Effect>(effect: &mut E, inputs: &Inputs<'_>, gains: &[f32; MAX_OUTPUTS]) -> f32 {
+    let x = effect.step(inputs);
+    crate::bias::dot(gains, x.iter().take(E::OUTPUTS))
+}
+
 macro_rules! effects {
     ($($module:ident :: $name:ident),+ $(,)?) => {
         $(mod $module; pub use $module::$name;)+
@@ -159,6 +166,11 @@ macro_rules! effects {
             #[inline]
             pub fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
                 match self { $(Self::$name(e) => e.step(inputs)),+ }
+            }
+            /// Advances by one step and gives the regressors times their gains, summed up: what a unit needs of them.
+            #[inline]
+            pub fn bias_dph(&mut self, inputs: &Inputs<'_>, gains: &[f32; MAX_OUTPUTS]) -> f32 {
+                match self { $(Self::$name(e) => weighed(e, inputs, gains)),+ }
             }
         }
     };
