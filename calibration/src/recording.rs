@@ -132,58 +132,30 @@ impl Recording {
         let mut missing = [0usize; 7];
         let mut first_missing = None;
         let rows_guess = bytes.len() / 80;
-        for (index, line) in text.lines().enumerate() {
-            let line = line.trim_end_matches('\r');
-            let number = index + 1;
-            if let Some(meta) = line.strip_prefix('#') {
-                if let Some((key, value)) = meta.split_once(':') {
-                    out.meta.push((key.trim().to_string(), value.trim().to_string()));
+        let (mut rest, mut number) = (text, 0);
+        while !rest.is_empty() {
+            number += 1;
+            let first = rest.as_bytes()[0];
+            let (Some(slots), false) = (&header, matches!(first, b'#' | b'\n' | b'\r' | b' ' | b'\t')) else {
+                let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
+                rest = after;
+                let line = line.trim_end_matches('\r');
+                if let Some(meta) = line.strip_prefix('#') {
+                    if let Some((key, value)) = meta.split_once(':') {
+                        out.meta.push((key.trim().to_string(), value.trim().to_string()));
+                    }
+                } else if header.is_none() && !line.trim().is_empty() {
+                    names = line.split(',').map(str::trim).collect();
+                    header = Some(out.slots(&names, number, rows_guess)?);
+                } else if let (Some(slots), false) = (&header, line.trim().is_empty()) {
+                    // A row that begins with a blank: as any other.
+                    let row = Row { line: number, slots, names: &names };
+                    out.row(row, line, &mut missing, &mut first_missing)?;
                 }
-                continue;
-            }
-            if line.trim().is_empty() {
-                continue;
-            }
-            let Some(slots) = &header else {
-                names = line.split(',').map(str::trim).collect();
-                header = Some(out.slots(&names, number, rows_guess)?);
                 continue;
             };
-            let mut filled = 0;
-            for (cell, (slot, name)) in line.split(',').zip(slots.iter().zip(&names)) {
-                filled += 1;
-                if matches!(slot, Slot::Ignored) {
-                    continue;
-                }
-                let cell = cell.trim();
-                let value = if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
-                    f64::NAN
-                } else {
-                    match cell.parse::<f64>() {
-                        Ok(v) if v.is_finite() => v,
-                        _ => {
-                            return bad(format!(
-                            "line {number}, column {filled} ({name}): \"{}\" is not a number; mend or empty the cell",
-                            shorten(cell)
-                        ))
-                        }
-                    }
-                };
-                if value.is_nan() {
-                    if let Some(k) = slot.required_index() {
-                        missing[k] += 1;
-                        first_missing.get_or_insert((number, filled, (*name).to_string()));
-                    }
-                }
-                out.push(*slot, value);
-            }
-            if filled != slots.len() || line.split(',').count() != slots.len() {
-                return bad(format!(
-                    "line {number} has {} cells, the header has {}; mend or remove the line",
-                    line.split(',').count(),
-                    slots.len()
-                ));
-            }
+            let row = Row { line: number, slots, names: &names };
+            rest = out.row(row, rest, &mut missing, &mut first_missing)?;
         }
         if header.is_none() {
             return bad("the file is empty: there is no header line; a recording begins with time_s,fx_hz,...".into());
@@ -201,6 +173,66 @@ impl Recording {
             out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
         }
         Ok(out)
+    }
+
+    /// Takes a row of data off the front of `text`; gives what follows it.
+    fn row<'t>(
+        &mut self,
+        row: Row<'_>,
+        text: &'t str,
+        missing: &mut [usize; 7],
+        first_missing: &mut Option<(usize, usize, String)>,
+    ) -> Result<&'t str, BadInput> {
+        let bytes = text.as_bytes();
+        let (mut at, mut cells) = (0, 0);
+        loop {
+            let slot = row.slots.get(cells).copied();
+            cells += 1;
+            let (value, end) = match plain_number(&bytes[at..]) {
+                Some((value, length)) => (value, at + length),
+                None => {
+                    let end =
+                        bytes[at..].iter().position(|b| matches!(b, b',' | b'\n')).map_or(bytes.len(), |n| at + n);
+                    let value = match slot {
+                        None | Some(Slot::Ignored) => 0.0,
+                        Some(_) => row.number(text[at..end].trim(), cells)?,
+                    };
+                    (value, end)
+                }
+            };
+            if let Some(slot) = slot.filter(|s| !matches!(s, Slot::Ignored)) {
+                if value.is_nan() {
+                    if let Some(k) = slot.required_index() {
+                        missing[k] += 1;
+                        first_missing.get_or_insert_with(|| (row.line, cells, row.names[cells - 1].to_string()));
+                    }
+                }
+                self.push(slot, value);
+            }
+            match bytes.get(end) {
+                Some(b',') => at = end + 1,
+                Some(b'\r') if bytes.get(end + 1) == Some(&b'\n') => {
+                    at = end + 2;
+                    break;
+                }
+                Some(_) => {
+                    at = end + 1;
+                    break;
+                }
+                None => {
+                    at = end;
+                    break;
+                }
+            }
+        }
+        if cells != row.slots.len() {
+            return Err(BadInput(format!(
+                "line {} has {cells} cells, the header has {}; mend or remove the line",
+                row.line,
+                row.slots.len()
+            )));
+        }
+        Ok(&text[at..])
     }
 
     fn slots(&mut self, names: &[&str], line: usize, rows: usize) -> Result<Vec<Slot>, BadInput> {
@@ -474,6 +506,58 @@ impl Slot {
     }
 }
 
+/// What is known of a row before it is read.
+#[derive(Clone, Copy)]
+struct Row<'a> {
+    line: usize,
+    slots: &'a [Slot],
+    names: &'a [&'a str],
+}
+
+impl Row<'_> {
+    /// A cell that is not a plain number: missing, with an exponent, very long, or wrong.
+    fn number(&self, cell: &str, column: usize) -> Result<f64, BadInput> {
+        if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+            return Ok(f64::NAN);
+        }
+        cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+            BadInput(format!(
+                "line {}, column {column} ({}): \"{}\" is not a number; mend or empty the cell",
+                self.line,
+                self.names.get(column - 1).unwrap_or(&""),
+                shorten(cell)
+            ))
+        })
+    }
+}
+
+/// Powers of ten that an f64 holds exactly.
+const EXACT: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
+
+/// A number of at most 15 digits, with or without sign and point, that ends at a comma or a line's end; and its length. Such a
+/// number is a quotient of two that an f64 holds exactly, so that one division gives what the standard library's parser gives.
+#[inline]
+fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
+    let negative = bytes.first() == Some(&b'-');
+    let start = usize::from(negative);
+    let (mut mantissa, mut point, mut at) = (0u64, None, start);
+    while let Some(&b) = bytes.get(at) {
+        match b {
+            b'0'..=b'9' => mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(b - b'0')),
+            b'.' if point.is_none() => point = Some(at),
+            b',' | b'\n' | b'\r' => break,
+            _ => return None,
+        }
+        at += 1;
+    }
+    let digits = at - start - usize::from(point.is_some());
+    if digits == 0 || digits > 15 {
+        return None;
+    }
+    let value = mantissa as f64 / EXACT[point.map_or(0, |p| at - p - 1)];
+    Some((if negative { -value } else { value }, at))
+}
+
 fn shorten(cell: &str) -> String {
     cell.chars().take(24).collect()
 }
@@ -509,38 +593,36 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
     if n < 2 * HALF + 1 {
         return 0;
     }
-    let medians: Vec<f64> = (0..n)
-        .map(|k| {
-            let from = k.saturating_sub(HALF).min(n - 2 * HALF - 1);
-            let mut w = [0.0; 2 * HALF + 1];
-            let mut m = 0;
-            for v in &values[from..=from + 2 * HALF] {
-                if v.is_finite() {
-                    w[m] = *v;
-                    m += 1;
-                }
+    let median_at = |values: &[f64], k: usize| {
+        let from = k.saturating_sub(HALF).min(n - 2 * HALF - 1);
+        let mut w = [0.0; 2 * HALF + 1];
+        let mut m = 0;
+        for v in &values[from..=from + 2 * HALF] {
+            if v.is_finite() {
+                w[m] = *v;
+                m += 1;
             }
-            // Eleven values: sorting by insertion beats selection.
-            for i in 1..m {
-                let v = w[i];
-                let mut j = i;
-                while j > 0 && w[j - 1] > v {
-                    w[j] = w[j - 1];
-                    j -= 1;
-                }
-                w[j] = v;
+        }
+        // Eleven values: sorting by insertion beats selection.
+        for i in 1..m {
+            let v = w[i];
+            let mut j = i;
+            while j > 0 && w[j - 1] > v {
+                w[j] = w[j - 1];
+                j -= 1;
             }
-            if m > 0 {
-                w[m / 2]
-            } else {
-                f64::NAN
-            }
-        })
-        .collect();
+            w[j] = v;
+        }
+        if m > 0 {
+            w[m / 2]
+        } else {
+            f64::NAN
+        }
+    };
     // One scale for the column, from a sample: the spread of the values about their running median.
     let stride = (n / 20_000).max(1);
     let mut off: Vec<f64> =
-        (0..n).step_by(stride).map(|k| (values[k] - medians[k]).abs()).filter(|d| d.is_finite()).collect();
+        (0..n).step_by(stride).map(|k| (values[k] - median_at(values, k)).abs()).filter(|d| d.is_finite()).collect();
     let Some(mad) = crate::stats::median(&mut off) else {
         return 0;
     };
@@ -550,21 +632,31 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
     if scale <= 0.0 {
         return 0;
     }
-    let mut removed = 0;
+    let near = limit * scale;
+    let mut spikes = Vec::new();
     for k in 0..n {
+        let v = values[k];
+        if (HALF..n - HALF).contains(&k) {
+            // More than half of the neighbours (itself among them) are near: then so is their median, and it need not be found.
+            let close: usize = values[k - HALF..=k + HALF].iter().map(|w| usize::from((w - v).abs() <= near)).sum();
+            if close > HALF {
+                continue;
+            }
+        }
         // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
         let ramp = if k < HALF {
-            3.0 * (medians[HALF] - medians[(3 * HALF).min(n - 1)]).abs()
+            3.0 * (median_at(values, HALF) - median_at(values, (3 * HALF).min(n - 1))).abs()
         } else if k >= n - HALF {
-            3.0 * (medians[n - 1 - HALF] - medians[(n - 1).saturating_sub(3 * HALF)]).abs()
+            3.0 * (median_at(values, n - 1 - HALF) - median_at(values, (n - 1).saturating_sub(3 * HALF))).abs()
         } else {
             0.0
         };
-        if (values[k] - medians[k]).abs() > limit * scale + ramp {
-            values[k] = f64::NAN;
-            removed += 1;
+        if (v - median_at(values, k)).abs() > near + ramp {
+            spikes.push(k);
         }
     }
+    let removed = spikes.len();
+    spikes.into_iter().for_each(|k| values[k] = f64::NAN);
     removed
 }
 
@@ -623,6 +715,26 @@ mod tests {
             assert!(notes.contains(word), "{word} not in {notes}");
         }
         assert_eq!(r.time_s.len(), 299);
+    }
+
+    #[test]
+    fn plain_numbers_are_what_the_standard_library_reads() {
+        let mut x = 1u64;
+        for k in 0..200_000u32 {
+            x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            let value = (x >> 12) as f64 / EXACT[(x % 16) as usize] * if k % 2 == 0 { -1e-4 } else { 1e-4 };
+            let text = format!("{value:.*}", (x % 13) as usize);
+            let wanted: f64 = text.parse().expect("a number");
+            for end in ["", ",1", "\n", "\r\n"] {
+                match plain_number(format!("{text}{end}").as_bytes()) {
+                    Some((v, length)) => assert_eq!((v.to_bits(), length), (wanted.to_bits(), text.len()), "{text}"),
+                    None => assert!(text.len() > 15, "{text}"),
+                }
+            }
+        }
+        for odd in ["", "-", ".", "1e5", "+1", "0x1", "inf", "1.2.3", " 1", "1 ", "--1", "1_0"] {
+            assert_eq!(plain_number(odd.as_bytes()), None, "{odd}");
+        }
     }
 
     #[test]
