@@ -60,10 +60,14 @@ pub fn fit(columns: &[Vec<f64>], y: &[f64], weights: Option<&[f64]>, names: &[&s
             involved.join(", ")
         )));
     }
+    // The reflections are applied to b, one after the other: Q itself, as large as the data, is never made.
+    let mut turned = b.clone();
+    qr.q_tr_mul(&mut turned);
     let z = qr
         .r()
-        .solve_upper_triangular(&qr.q().tr_mul(&b))
+        .solve_upper_triangular(&turned.rows(0, p))
         .ok_or_else(|| BadInput::new("the normal equations are singular; record a longer run"))?;
+    drop(turned);
     let residual = &b - &x * &z;
     let sigma = (residual.norm_squared() / (n - p) as f64).sqrt();
     let inverse = qr.r().try_inverse().ok_or_else(|| BadInput::new("the normal equations are singular"))?;

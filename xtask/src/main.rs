@@ -23,6 +23,7 @@ const USAGE: &str = "cargo xtask COMMAND
   flash             put the firmware on a board and show its log (probe-rs)
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
+  bench [ARGS]      what the unit costs in instructions and bytes, and the desktop in time (--page docs/bench.md: into that page)
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
@@ -39,6 +40,7 @@ fn main() -> ExitCode {
         Some("demo") => board("demo", rest),
         Some("screens") => screens(),
         Some("align-demo") => align_demo(rest),
+        Some("bench") => board("bench", rest).and_then(|()| tool("hrg-bench", rest)),
         Some("faults") => board("faults", rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),

@@ -522,6 +522,16 @@ fn orthogonal_swarm(d: &Data, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
     Ok((k, above))
 }
 
+/// dong2023's swarm in its orthogonal coordinates, on columns of one's own: the coefficients, and by how much their sum of
+/// squares is above the least.
+///
+/// # Errors
+/// Where the columns cannot be told apart.
+pub fn swarm_on(columns: Vec<Vec<f64>>, y: Vec<f64>, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
+    let (lengths, names) = (vec![y.len()], vec!["column"; columns.len()]);
+    orthogonal_swarm(&Data { columns, y, lengths, names }, seed)
+}
+
 /// dong2023's swarm as printed: coefficients of `1, T, T^2, dT/dt, (dT/dt)^2, T dT/dt` with T in C, each within -1..1.
 fn literal_swarm(runs: &[Run], scaling: &Scaling, d: &Data, a: usize, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
     let mut columns = vec![Vec::new(); TERMS];

@@ -242,7 +242,7 @@ fn run(command: Command) -> Result<()> {
             let (tables, within) = bench::tables(&elf, &alternatives)?;
             print!("{tables}");
             if let Some(page) = page {
-                faults::splice(&page, "unit", &tables)?;
+                hrg_cal::splice(&page, "unit", &tables)?;
             }
             anyhow::ensure!(within, "a figure is over its bound");
             Ok(())

@@ -1,6 +1,6 @@
 //! Everything at once.
 
-use super::{run, Extent, Report, Scene};
+use super::{run, Extent, Row, Scene};
 use crate::wires::Received;
 use anyhow::Result;
 use hrg_core::link::Message;
@@ -16,7 +16,7 @@ pub const LATENCY: u64 = 6000;
 ///
 /// # Errors
 /// Where the unit cannot be run at all.
-pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
+pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
     let mut wires = scene.wires();
     wires.set_frequency(EDGES_HZ);
     let mut board = scene.off(wires, &scene.calibration)?;
@@ -52,10 +52,10 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
     }
     let share = (board.instructions() - instructions) as f64 / (extent.load_s * CPU_HZ) as f64;
     let latency = board.probe(probe).map(|p| p.latency).unwrap_or_default();
-    report.row(
-        "full load: 3 x 10 kHz edges, 1 kHz frames, link flood, log",
-        extent.load_s,
-        format!(
+    Ok(Row {
+        what: "full load: 3 x 10 kHz edges, 1 kHz frames, link flood, log".into(),
+        tried: extent.load_s,
+        found: format!(
             "seconds; CPU {:.1} %; data-ready to corrected sample: mean {:.0}, worst {} instructions ({:.0} us with the wire); {frames} frames of {} samples, {missing} missing, {errors} converter errors, {dropped} frames dropped, {answers} answers, {resets} resets",
             100.0 * share,
             latency.instructions as f64 / latency.calls.max(1) as f64,
@@ -63,7 +63,11 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
             latency.most_cycles as f64 * 1e6 / CPU_HZ as f64,
             latency.calls,
         ),
-        missing == 0 && errors == 0 && dropped == 0 && resets == 0 && latency.calls > 0 && latency.most_instructions <= LATENCY,
-    );
-    Ok(())
+        kept: missing == 0
+            && errors == 0
+            && dropped == 0
+            && resets == 0
+            && latency.calls > 0
+            && latency.most_instructions <= LATENCY,
+    })
 }

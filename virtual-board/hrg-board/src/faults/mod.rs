@@ -283,7 +283,7 @@ impl Extent {
 }
 
 /// The parts of a campaign, in order.
-pub const PARTS: [&str; 6] = ["power", "memory", "sensors", "link", "load", "time"];
+pub const PARTS: [&str; 6] = ["power", "memory", "sensors", "link", "time", "load"];
 
 /// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
@@ -293,17 +293,26 @@ pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> R
     let scene = Scene::new(elf, seed)?;
     let mut report = Report::default();
     println!("{:<44} {:>9}  what happened", "attacked", "faults");
-    for part in PARTS.iter().filter(|p| only.is_none_or(|o| o == **p)) {
-        match *part {
-            "power" => power::attack(&scene, seed, extent, &mut report)?,
-            "memory" => memory::attack(&scene, seed, extent, &mut report)?,
-            "sensors" => sensors::attack(&scene, extent, &mut report)?,
-            "link" => link::attack(&scene, seed, extent, &mut report)?,
-            "load" => load::attack(&scene, extent, &mut report)?,
-            _ => time::attack(extent, &mut report),
+    let wanted = |part: &str| only.is_none_or(|o| o == part);
+    std::thread::scope(|scope| {
+        // One long run, which cannot be parted: beside the others.
+        let load = wanted("load").then(|| scope.spawn(|| load::attack(&scene, extent)));
+        for part in PARTS.iter().filter(|p| wanted(p)) {
+            match *part {
+                "power" => power::attack(&scene, seed, extent, &mut report)?,
+                "memory" => memory::attack(&scene, seed, extent, &mut report)?,
+                "sensors" => sensors::attack(&scene, extent, &mut report)?,
+                "link" => link::attack(&scene, seed, extent, &mut report)?,
+                "time" => time::attack(extent, &mut report),
+                _ => {}
+            }
         }
-    }
-    Ok(report)
+        if let Some(load) = load {
+            let row = load.join().map_err(|_| anyhow::anyhow!("the load's thread panicked"))??;
+            report.row(row.what, row.tried, row.found, row.kept);
+        }
+        Ok(report)
+    })
 }
 
 /// [`campaign`], and its table written between the marks of a page.
@@ -322,22 +331,10 @@ pub fn faults(
     let total: u64 = report.rows.iter().map(|r| r.tried).sum();
     println!("{total} faults tried, seed {seed}, {:.0} s", start.elapsed().as_secs_f64());
     if let Some(page) = page {
-        splice(page, "faults", &report.markdown())?;
+        hrg_cal::splice(page, "faults", &report.markdown())?;
     }
     let broken = report.rows.iter().filter(|r| !r.kept).count();
     anyhow::ensure!(broken == 0, "{broken} promises were broken");
     println!("every promise was kept");
     Ok(())
-}
-
-/// Writes a text into a page, between the marks of a name.
-///
-/// # Errors
-/// Where the page has no such marks.
-pub fn splice(page: &std::path::Path, name: &str, text: &str) -> Result<()> {
-    let (begin, end) = (format!("<!-- {name}: begin -->"), format!("<!-- {name}: end -->"));
-    let old = std::fs::read_to_string(page).with_context(|| format!("cannot read {}", page.display()))?;
-    let (before, rest) = old.split_once(&begin).with_context(|| format!("{} has no {begin}", page.display()))?;
-    let (_, after) = rest.split_once(&end).with_context(|| format!("{} has no {end}", page.display()))?;
-    hrg_cal::write_file(page, format!("{before}{begin}\n{text}{end}{after}").as_bytes())
 }
