@@ -75,6 +75,19 @@ const FLASH_END: u32 = FLASH_START + FLASH_SIZE - 1;
 const PAINT: u8 = 0xA5;
 const SLEEP_LIMIT: u64 = CPU_HZ * 10;
 
+/// What goes on outside the chip: when the next thing happens there, and what happened last.
+#[derive(Debug, Clone, Copy)]
+struct Wires {
+    next_edge: [u64; 3],
+    next_sample: u64,
+    next_byte: Option<(u64, u8)>,
+    link_idle: u64,
+    next_look: u64,
+    ready_stamp: u32,
+    fetch_stamp: u32,
+    spoilt: bool,
+}
+
 /// The board with firmware in its flash.
 pub struct Board<W: World> {
     // Dropped first: it points into the memories.
@@ -85,14 +98,7 @@ pub struct Board<W: World> {
     pub world: W,
     rtt: Option<u32>,
     static_end: u32,
-    next_edge: [u64; 3],
-    next_sample: u64,
-    next_byte: Option<(u64, u8)>,
-    link_idle: u64,
-    next_look: u64,
-    ready_stamp: u32,
-    fetch_stamp: u32,
-    spoilt: bool,
+    wires: Wires,
     flash_watch: Option<UcHookId>,
     stop_at: u64,
     flash_operations: u64,
@@ -110,14 +116,7 @@ pub struct Snapshot<W> {
     flash: Vec<u8>,
     ram: Vec<u8>,
     world: W,
-    next_edge: [u64; 3],
-    next_sample: u64,
-    next_byte: Option<(u64, u8)>,
-    link_idle: u64,
-    next_look: u64,
-    ready_stamp: u32,
-    fetch_stamp: u32,
-    spoilt: bool,
+    wires: Wires,
 }
 
 impl<W> std::fmt::Debug for Snapshot<W> {
@@ -303,14 +302,16 @@ impl<W: World> Board<W> {
             world,
             rtt,
             static_end,
-            next_edge: [0; 3],
-            next_sample: 0,
-            next_byte: None,
-            link_idle: u64::MAX,
-            next_look: 0,
-            ready_stamp: 0,
-            fetch_stamp: 0,
-            spoilt: false,
+            wires: Wires {
+                next_edge: [0; 3],
+                next_sample: 0,
+                next_byte: None,
+                link_idle: u64::MAX,
+                next_look: 0,
+                ready_stamp: 0,
+                fetch_stamp: 0,
+                spoilt: false,
+            },
             flash_watch: None,
             stop_at: u64::MAX,
             flash_operations: 0,
@@ -321,9 +322,9 @@ impl<W: World> Board<W> {
             hardware_watchdog: false,
         };
         for channel in 0..3 {
-            board.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
+            board.wires.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
         }
-        board.next_byte = board.world.next_link_byte();
+        board.wires.next_byte = board.world.next_link_byte();
         board.restart(CSR_POWER_ON)?;
         Ok(board)
     }
@@ -515,14 +516,7 @@ impl<W: World> Board<W> {
             flash,
             ram,
             world: self.world.clone(),
-            next_edge: self.next_edge,
-            next_sample: self.next_sample,
-            next_byte: self.next_byte,
-            link_idle: self.link_idle,
-            next_look: self.next_look,
-            ready_stamp: self.ready_stamp,
-            fetch_stamp: self.fetch_stamp,
-            spoilt: self.spoilt,
+            wires: self.wires,
         })
     }
 
@@ -539,14 +533,7 @@ impl<W: World> Board<W> {
         self.put(FLASH_START, &s.flash)?;
         self.put(RAM_START, &s.ram)?;
         self.world = s.world.clone();
-        self.next_edge = s.next_edge;
-        self.next_sample = s.next_sample;
-        self.next_byte = s.next_byte;
-        self.link_idle = s.link_idle;
-        self.next_look = s.next_look;
-        self.ready_stamp = s.ready_stamp;
-        self.fetch_stamp = s.fetch_stamp;
-        self.spoilt = s.spoilt;
+        self.wires = s.wires;
         self.stop_at = u64::MAX;
         self.stop_at_operation = u64::MAX;
         self.torn = false;
@@ -599,8 +586,8 @@ impl<W: World> Board<W> {
 
     /// Asks the world for the next byte of the link, where it had none when it was last asked.
     pub fn poll_link(&mut self) {
-        if self.next_byte.is_none() {
-            self.next_byte = self.world.next_link_byte();
+        if self.wires.next_byte.is_none() {
+            self.wires.next_byte = self.world.next_link_byte();
         }
     }
 
@@ -657,7 +644,7 @@ impl<W: World> Board<W> {
         uc(self.cpu.reg_write(RegisterARM::SP, u64::from(sp)))?;
         uc(self.cpu.reg_write(RegisterARM::LR, 0xFFFF_FFFF))?;
         uc(self.cpu.reg_write(RegisterARM::PC, u64::from(pc | 1)))?;
-        self.next_sample = now;
+        self.wires.next_sample = now;
         Ok(())
     }
 
@@ -764,7 +751,7 @@ impl<W: World> Board<W> {
     fn sleep(&mut self, cycles: u64) -> Result<(), RunError> {
         let other = self.next_but_edges().min(cycles);
         loop {
-            let (channel, edge) = match self.next_edge {
+            let (channel, edge) = match self.wires.next_edge {
                 [a, b, c] if a <= b && a <= c => (0, a),
                 [_, b, c] if b <= c => (1, b),
                 [_, _, c] => (2, c),
@@ -794,13 +781,13 @@ impl<W: World> Board<W> {
     }
 
     fn next_event(&self) -> u64 {
-        self.next_edge.iter().fold(self.next_but_edges(), |a, b| a.min(*b))
+        self.wires.next_edge.iter().fold(self.next_but_edges(), |a, b| a.min(*b))
     }
 
     fn next_but_edges(&self) -> u64 {
         let chip = self.cpu.get_data();
-        let mut next = self.next_sample.min(self.next_look).min(self.link_idle);
-        next = next.min(self.next_byte.map_or(u64::MAX, |(t, _)| t));
+        let mut next = self.wires.next_sample.min(self.wires.next_look).min(self.wires.link_idle);
+        next = next.min(self.wires.next_byte.map_or(u64::MAX, |(t, _)| t));
         next.min(chip.tim2.next_event())
             .min(chip.tim5.next_event())
             .min(chip.spi_done)
@@ -813,12 +800,12 @@ impl<W: World> Board<W> {
         let now = self.now();
         let mut any = false;
         for channel in 0..3 {
-            while self.next_edge[channel] <= now {
+            while self.wires.next_edge[channel] <= now {
                 self.edge(channel)?;
                 any = true;
             }
         }
-        while self.next_sample <= now {
+        while self.wires.next_sample <= now {
             self.sample();
             any = true;
         }
@@ -839,17 +826,17 @@ impl<W: World> Board<W> {
             self.finish_usart()?;
             any = true;
         }
-        while let Some((at, byte)) = self.next_byte.filter(|(t, _)| *t <= now) {
+        while let Some((at, byte)) = self.wires.next_byte.filter(|(t, _)| *t <= now) {
             self.receive(at, byte)?;
             any = true;
         }
-        if self.link_idle <= now {
-            self.link_idle = u64::MAX;
+        if self.wires.link_idle <= now {
+            self.wires.link_idle = u64::MAX;
             self.cpu.get_data_mut().usart1.idle();
             any = true;
         }
-        if self.next_look <= now {
-            self.next_look = now + EVENTS_PER_LOOK;
+        if self.wires.next_look <= now {
+            self.wires.next_look = now + EVENTS_PER_LOOK;
             self.look_at_rtt()?;
         }
         if any {
@@ -859,7 +846,7 @@ impl<W: World> Board<W> {
     }
 
     fn edge(&mut self, channel: usize) -> Result<(), RunError> {
-        let at = self.next_edge[channel];
+        let at = self.wires.next_edge[channel];
         let chip = self.cpu.get_data_mut();
         if let Some((stamp, dma)) = chip.tim2.edge(channel, true, at) {
             if dma {
@@ -872,24 +859,24 @@ impl<W: World> Board<W> {
             }
             self.world.captured(channel, stamp);
         }
-        self.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
+        self.wires.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
         Ok(())
     }
 
     fn sample(&mut self) {
-        let at = self.next_sample;
-        self.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
+        let at = self.wires.next_sample;
+        self.wires.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
         let Some(codes) = self.world.convert(at) else {
             return;
         };
-        self.spoilt = self.world.spoil_converter_frame();
+        self.wires.spoilt = self.world.spoil_converter_frame();
         let chip = self.cpu.get_data_mut();
         chip.ready = (at.min(chip.now), chip.instructions);
-        chip.spoil = self.spoilt;
+        chip.spoil = self.wires.spoilt;
         chip.converter.convert(codes);
         // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
         if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
-            self.ready_stamp = stamp;
+            self.wires.ready_stamp = stamp;
         }
         chip.exti.edge(7, false);
     }
@@ -916,11 +903,11 @@ impl<W: World> Board<W> {
         let (codes, good) = chip.converter.sent();
         let done = self.put(to, &bytes);
         self.moved_by_dma(done)?;
-        self.fetch_stamp = stamp;
+        self.wires.fetch_stamp = stamp;
         if n == 30 {
             // With the reset flag of the converter in its status, the codes are not to be used.
             let good = good && bytes[0] & 0x04 == 0;
-            self.world.fetched(self.fetch_stamp, codes, good);
+            self.world.fetched(self.wires.fetch_stamp, codes, good);
         }
         Ok(())
     }
@@ -944,13 +931,14 @@ impl<W: World> Board<W> {
     }
 
     fn receive(&mut self, at: u64, byte: u8) -> Result<(), RunError> {
-        self.next_byte = self.world.next_link_byte();
+        self.wires.next_byte = self.world.next_link_byte();
         let chip = self.cpu.get_data_mut();
         if !chip.usart1.receiving() {
             return Ok(());
         }
         let idle_after = at + chip.usart1.cycles_per_byte();
-        self.link_idle = if self.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
+        self.wires.link_idle =
+            if self.wires.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
         match chip.usart1.receives_by_dma().then(|| chip.stream(Request::Usart1Rx)).flatten() {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();

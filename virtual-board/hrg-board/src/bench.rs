@@ -1,6 +1,7 @@
 //! What the unit costs, counted in the ELF by the virtual board, with bounds; what others would write in its place; and how near
 //! its numbers come to what their noise allows.
 
+use crate::align::Silence;
 use crate::faults::Scene;
 use anyhow::{Context, Result};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
@@ -10,7 +11,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::fmt::Write as _;
-use virtual_board::{Board, World, CPU_HZ};
+use virtual_board::{Board, CPU_HZ};
 
 /// One counted figure.
 #[derive(Debug, Clone)]
@@ -105,20 +106,6 @@ const DECODE: usize = 1;
 const SAMPLE: usize = 2;
 const ENCODE: usize = 3;
 
-/// A world in which nothing happens.
-struct Nothing;
-
-impl World for Nothing {
-    fn next_edge(&mut self, _: usize) -> Option<u64> {
-        None
-    }
-    fn convert(&mut self, _: u64) -> Option<[i32; 8]> {
-        None
-    }
-    fn link_out(&mut self, _: u64, _: &[u8]) {}
-    fn log_out(&mut self, _: u64, _: &[u8]) {}
-}
-
 /// One way from frequency to temperature.
 #[derive(Debug, Clone)]
 pub struct Way {
@@ -148,13 +135,13 @@ const WAYS: [(&str, &str, u32); 7] = [
 /// Where the ELF is not that of `alternatives`.
 pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
     const POINTS: usize = 200;
-    let mut board = Board::new(elf, Nothing)?;
+    let mut board = Board::new(elf, Silence)?;
     for (_, symbol, _) in WAYS {
         board.count_calls(elf, &format!("12alternatives{symbol}"))?;
     }
     // It ends asleep, with nothing to wake it.
     let _ = board.run_until(CPU_HZ);
-    let results = Board::<Nothing>::address_of(elf, "12alternatives7RESULTS").context("no results in this ELF")?;
+    let results = Board::<Silence>::address_of(elf, "12alternatives7RESULTS").context("no results in this ELF")?;
     let c = [9.218_105f32, 44.580_624, 1.161_163_1, 0.166_985_72].map(f64::from);
     let forward =
         [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7];

@@ -67,7 +67,7 @@ impl Scene {
     /// Where the simulated run cannot be fitted.
     pub fn new(elf: &[u8], seed: u64) -> Result<Self> {
         let recording = Plan::of(Profile::parse("cycle")?, 21, seed).simulate().recording;
-        let prepared = prepare(&[recording.clone()])?;
+        let prepared = prepare(std::slice::from_ref(&recording))?;
         let mut calibration = identify(&prepared, "lsq", seed)?.calibration;
         calibration.set_unit_name("HRG-21");
         for (name, parameters, gain) in [
