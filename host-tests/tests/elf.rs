@@ -58,6 +58,36 @@ fn every_frame_equals_the_desktop_bit_for_bit() {
 }
 
 #[test]
+fn a_broken_elf_is_refused_and_not_panicked_on() {
+    let good = elf();
+    let mut x = 99u64;
+    let mut draw = |n: usize| {
+        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (x >> 33) as usize % n
+    };
+    let (mut refused, mut loaded) = (0, 0);
+    for k in 0..60 {
+        let mut bad = good.clone();
+        match k % 3 {
+            // The headers are at the front, the tables of sections at the back.
+            0 => bad.truncate(draw(good.len())),
+            1 => (0..4).for_each(|_| bad[draw(400)] ^= 1 << draw(8)),
+            _ => (0..4).for_each(|_| bad[good.len() - 1 - draw(2000)] ^= 1 << draw(8)),
+        }
+        match Board::new(&bad, hrg_board::align::Silence) {
+            Ok(_) => loaded += 1,
+            Err(e) => {
+                assert!(!e.to_string().is_empty());
+                refused += 1;
+            }
+        }
+        let _ = Decoder::new(&bad);
+    }
+    assert!(refused > 10 && loaded > 0, "{refused} refused, {loaded} loaded");
+    assert!(Board::new(&[], hrg_board::align::Silence).is_err());
+}
+
+#[test]
 fn the_comparison_can_fail() {
     // The twin is given another calibration than the unit: every housekeeping must differ.
     let (mine, mut other) = (calibration(), calibration());

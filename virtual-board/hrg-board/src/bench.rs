@@ -3,6 +3,7 @@
 
 use crate::align::Silence;
 use crate::faults::Scene;
+use crate::replay::{self, Options};
 use anyhow::{Context, Result};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::rate_path::RatePath;
@@ -263,7 +264,7 @@ pub fn limits() -> Vec<Limit> {
 /// All tables as Markdown.
 ///
 /// # Errors
-/// As [`unit`] and [`ways`].
+/// As [`unit()`] and [`ways`].
 pub fn tables(elf: &[u8], alternatives: &[u8]) -> Result<(String, bool)> {
     let mut s = String::from("### On the unit\n\n| what | counted | bound in CI | goal |\n|---|---:|---:|---:|\n");
     let mut within = true;
@@ -282,5 +283,25 @@ pub fn tables(elf: &[u8], alternatives: &[u8]) -> Result<(String, bool)> {
         let _ =
             writeln!(s, "| {} [{}] | {:.3} | {:.3} | {:.2} |", l.what, l.unit, l.reached, l.bound, l.reached / l.bound);
     }
+    s.push_str("\n### The virtual board itself\n\n| what | times real time on this machine |\n|---|---:|\n");
+    for (what, speed) in speed(elf)? {
+        let _ = writeln!(s, "| {what} | {speed:.0} |");
+    }
     Ok((s, within))
+}
+
+/// How fast the board runs, in times of real time: the unit as it flies, and with every frame compared with the desktop.
+///
+/// # Errors
+/// As [`unit()`].
+pub fn speed(elf: &[u8]) -> Result<Vec<(&'static str, f64)>> {
+    let scene = Scene::new(elf, 1)?;
+    let mut out = Vec::new();
+    for (what, compare) in [("everything on", false), ("everything on, every frame compared with the desktop", true)] {
+        let options = Options { seconds: Some(300), compare, ..Options::default() };
+        let outcome = replay::run(elf, Some(&scene.calibration), scene.steps(), &options, |_| {})?;
+        anyhow::ensure!(outcome.received.differing == 0, "the unit and the desktop differ");
+        out.push((what, outcome.seconds / outcome.wall_s));
+    }
+    Ok(out)
 }

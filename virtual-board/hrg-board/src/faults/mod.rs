@@ -97,6 +97,12 @@ impl Scene {
         Ok(Self { elf: elf.to_vec(), steps, calibration })
     }
 
+    /// The chamber run that it lives through.
+    #[must_use]
+    pub fn steps(&self) -> &Steps {
+        &self.steps
+    }
+
     /// The program.
     #[must_use]
     pub fn elf(&self) -> &[u8] {
