@@ -43,6 +43,9 @@ pub const LINK_RING: usize = 512;
 /// Rate frames that may wait for the link: 40 ms at 200 Hz.
 pub const FRAME_QUEUE: usize = 8;
 
+/// So many frames dropped one after the other (1.25 s at 200 Hz) are no link that is busy, but one that has stopped taking them.
+pub const DROPS_IN_A_ROW: u16 = 250;
+
 /// Watchdog, us. The rate path runs each millisecond, the model each ten, and both are looked at each [`WATCHDOG_FEED`]; the
 /// longest legitimate pause is none.
 pub const WATCHDOG_US: u32 = 500_000;

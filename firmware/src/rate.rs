@@ -3,6 +3,7 @@
 
 use crate::channels::{BIAS, DIVIDER, FRAMES, RATE_ALIVE, SUMMARY, TICK};
 use crate::converter::Converter;
+use crate::params::DROPS_IN_A_ROW;
 use embassy_futures::select::{select, Either};
 use hrg_core::converter::Fault;
 use hrg_core::rate_path::{Event, RatePath};
@@ -14,6 +15,7 @@ pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8
     converter.start();
     let mut dropped = 0u16;
     let mut drops_to_say = false;
+    let mut in_a_row = 0u16;
     // Fetches of edges (each 10 ms) without a sample between them: the converter is silent after two.
     let mut silent = 0u8;
     loop {
@@ -61,6 +63,13 @@ pub async fn task(mut converter: Converter, mut path: RatePath, start_status: u8
             drops_to_say = FRAMES.try_send(frame.sealed()).is_err();
             if drops_to_say {
                 dropped = dropped.saturating_add(1);
+                in_a_row += 1;
+                if in_a_row >= DROPS_IN_A_ROW {
+                    defmt::error!("no frame has been taken for long: queue or link is upset");
+                    crate::halt()
+                }
+            } else {
+                in_a_row = 0;
             }
         }
         if let Some(summary) = summary {
