@@ -2,8 +2,9 @@
 
 use hrg_board::faults::{campaign, good, Extent, Scene};
 use hrg_board::replay;
+use hrg_board::wires::Wires;
 use hrg_core::status::unit;
-use virtual_board::{Stop, CPU_HZ};
+use virtual_board::{Board, Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {
     replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
@@ -50,4 +51,28 @@ fn the_watchdog_bites_where_a_task_stands_still_and_that_is_said() {
     board.run_until(board.now() + CPU_HZ / 2).expect("runs");
     let frames = &board.world.received.rates;
     assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status & unit::WATCHDOG_RESET != 0));
+}
+
+#[test]
+fn a_queue_that_takes_no_frames_ends_in_a_reset() {
+    // Found by flip 865 of the campaign: the queue took itself for full, rates stopped for good, and housekeeping went on.
+    let elf = elf();
+    let scene = Scene::new(&elf, 1).expect("a scene");
+    let mut board = scene.settled().expect("settles");
+    let queue = Board::<Wires>::address_of(&elf, "8channels6FRAMES").expect("a queue of frames");
+    let stopped = (0..128u32).find(|at| {
+        let start = board.snapshot().expect("now");
+        let begun = board.now();
+        board.flip_bit(queue + at / 8, (at % 8) as u8).expect("RAM");
+        let stop = board.run_until(begun + CPU_HZ / 10).expect("runs");
+        let found = stop == Stop::Time && board.world.received.rates.is_empty();
+        if !found {
+            board.restore(&start).expect("restores");
+        }
+        found
+    });
+    assert!(stopped.is_some(), "no bit of the queue stops it: look for another way to stop the rates alone");
+    let begun = board.now();
+    assert_eq!(board.run_until(begun + 4 * CPU_HZ).expect("runs"), Stop::Watchdog);
+    assert!(board.now() - begun < 3 * CPU_HZ);
 }

@@ -120,7 +120,11 @@ impl RateFrame {
     fn fold(&self) -> u32 {
         let [a, b, c] = self.axis_status;
         let status = u32::from_le_bytes([a, b, c, self.unit_status]);
-        fold([self.sample, self.tick, self.step]) ^ fold(self.rate_dph.map(f32::to_bits)).rotate_left(5) ^ status
+        // Not zero for zeros: memory that never held a frame is no frame.
+        fold([self.sample, self.tick, self.step])
+            ^ fold(self.rate_dph.map(f32::to_bits)).rotate_left(5)
+            ^ status
+            ^ 0x5EA1_ED00
     }
 }
 
@@ -438,6 +442,41 @@ mod tests {
                 assert!(e.upset && e.frame.is_none(), "word {word} bit {bit}");
             }
         }
+    }
+
+    #[test]
+    fn a_frame_that_has_changed_in_a_queue_is_not_whole() {
+        let mut p = RatePath::new([0.01; 3], 1);
+        let sealed = p.sample(7, [1, -2, 3, 0, 0]).frame.expect("one a sample").sealed();
+        assert!(sealed.whole());
+        for bit in 0..32 {
+            for word in 0..8 {
+                let mut f = sealed;
+                match word {
+                    0 => f.sample ^= 1 << bit,
+                    1 => f.tick ^= 1 << bit,
+                    2 => f.step ^= 1 << bit,
+                    3 => f.seal ^= 1 << bit,
+                    4..=6 => f.rate_dph[word - 4] = f32::from_bits(f.rate_dph[word - 4].to_bits() ^ 1 << bit),
+                    _ => match bit / 8 {
+                        3 => f.unit_status ^= 1 << (bit % 8),
+                        k => f.axis_status[k] ^= 1 << (bit % 8),
+                    },
+                }
+                assert!(!f.whole(), "word {word}, bit {bit}");
+            }
+        }
+        // Memory that never held a frame.
+        assert!(!RateFrame {
+            sample: 0,
+            tick: 0,
+            step: 0,
+            axis_status: [0; 3],
+            unit_status: 0,
+            rate_dph: [0.0; 3],
+            seal: 0
+        }
+        .whole());
     }
 
     #[test]
