@@ -9,8 +9,8 @@ use virtual_board::CPU_HZ;
 /// Edges of each resonator, Hz: twice what any is built for.
 const EDGES_HZ: f64 = 10_000.0;
 
-/// From data-ready to the corrected sample, instructions at most, whatever else goes on.
-pub const LATENCY: u64 = 6000;
+/// From data-ready to the corrected sample, instructions at most, whatever else goes on: a twentieth of the time between samples.
+pub const LATENCY: u64 = CPU_HZ / 1000 / 20;
 
 /// Edges at 10 kHz, a rate frame a sample, commands at line rate, the log read.
 ///
