@@ -123,7 +123,8 @@ impl ForwardLaw {
             if !v.is_finite() {
                 return None;
             }
-            if libm::fabs(step) < 1e-14 * (1.0 + libm::fabs(v)) {
+            // Convergence is quadratic: the next step would be lost in the rounding of the frequency, which is some 1e-13 here.
+            if libm::fabs(step) < 1e-11 * (1.0 + libm::fabs(v)) {
                 return Some(self.t0_c + v * self.scale_c);
             }
         }
