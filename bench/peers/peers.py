@@ -64,7 +64,8 @@ def main():
     theirs, w = best(lambda: scipy.linalg.lstsq(x, y, lapack_driver="gelsy")[0])
     report("the same: scipy.linalg.lstsq (gelsy)", theirs, mine["seconds"], f"{np.abs(w - mine['coefficients']).max():.1e} deg/h")
 
-    # Swarm.
+    # Swarm. (pyswarms writes a report.log where it is imported.)
+    os.chdir(DATA.parent)
     import pyswarms
 
     mine = ours("peer-pso")

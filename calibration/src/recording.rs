@@ -133,29 +133,29 @@ impl Recording {
         let mut first_missing = None;
         let rows_guess = bytes.len() / 80;
         let (mut rest, mut number) = (text, 0);
-        while !rest.is_empty() {
+        while let Some(first) = rest.bytes().next() {
             number += 1;
-            let first = rest.as_bytes()[0];
-            let (Some(slots), false) = (&header, matches!(first, b'#' | b'\n' | b'\r' | b' ' | b'\t')) else {
-                let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
-                rest = after;
-                let line = line.trim_end_matches('\r');
-                if let Some(meta) = line.strip_prefix('#') {
-                    if let Some((key, value)) = meta.split_once(':') {
-                        out.meta.push((key.trim().to_string(), value.trim().to_string()));
-                    }
-                } else if header.is_none() && !line.trim().is_empty() {
-                    names = line.split(',').map(str::trim).collect();
-                    header = Some(out.slots(&names, number, rows_guess)?);
-                } else if let (Some(slots), false) = (&header, line.trim().is_empty()) {
-                    // A row that begins with a blank: as any other.
-                    let row = Row { line: number, slots, names: &names };
-                    out.row(row, line, &mut missing, &mut first_missing)?;
-                }
+            // Nearly all lines: a row of data, taken off the front of the text without a look for its end.
+            if let (Some(slots), b'0'..=b'9' | b'-') = (&header, first) {
+                let row = Row { line: number, slots, names: &names };
+                rest = out.row(row, rest, &mut missing, &mut first_missing)?;
                 continue;
-            };
-            let row = Row { line: number, slots, names: &names };
-            rest = out.row(row, rest, &mut missing, &mut first_missing)?;
+            }
+            let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
+            rest = after;
+            let line = line.trim_end_matches('\r');
+            if let Some(meta) = line.strip_prefix('#') {
+                if let Some((key, value)) = meta.split_once(':') {
+                    out.meta.push((key.trim().to_string(), value.trim().to_string()));
+                }
+            } else if line.trim().is_empty() {
+            } else if let Some(slots) = &header {
+                let row = Row { line: number, slots, names: &names };
+                out.row(row, line, &mut missing, &mut first_missing)?;
+            } else {
+                names = line.split(',').map(str::trim).collect();
+                header = Some(out.slots(&names, number, rows_guess)?);
+            }
         }
         if header.is_none() {
             return bad("the file is empty: there is no header line; a recording begins with time_s,fx_hz,...".into());
@@ -189,7 +189,7 @@ impl Recording {
             let slot = row.slots.get(cells).copied();
             cells += 1;
             let (value, end) = match plain_number(&bytes[at..]) {
-                Some((value, length)) => (value, at + length),
+                Some((value, n)) => (value, at + n),
                 None => {
                     let end =
                         bytes[at..].iter().position(|b| matches!(b, b',' | b'\n')).map_or(bytes.len(), |n| at + n);
@@ -209,20 +209,9 @@ impl Recording {
                 }
                 self.push(slot, value);
             }
-            match bytes.get(end) {
-                Some(b',') => at = end + 1,
-                Some(b'\r') if bytes.get(end + 1) == Some(&b'\n') => {
-                    at = end + 2;
-                    break;
-                }
-                Some(_) => {
-                    at = end + 1;
-                    break;
-                }
-                None => {
-                    at = end;
-                    break;
-                }
+            at = (end + 1).min(bytes.len());
+            if bytes.get(end) != Some(&b',') {
+                break;
             }
         }
         if cells != row.slots.len() {
@@ -534,7 +523,7 @@ impl Row<'_> {
 /// Powers of ten that an f64 holds exactly.
 const EXACT: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
 
-/// A number of at most 15 digits, with or without sign and point, that ends at a comma or a line's end; and its length. Such a
+/// A number of at most 15 digits, with or without sign and point, and the place of the comma or line feed that ends it. Such a
 /// number is a quotient of two that an f64 holds exactly, so that one division gives what the standard library's parser gives.
 #[inline]
 fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
@@ -545,7 +534,8 @@ fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
         match b {
             b'0'..=b'9' => mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(b - b'0')),
             b'.' if point.is_none() => point = Some(at),
-            b',' | b'\n' | b'\r' => break,
+            b',' | b'\n' => break,
+            b'\r' if matches!(bytes.get(at + 1), None | Some(b'\n')) => break,
             _ => return None,
         }
         at += 1;
@@ -555,7 +545,8 @@ fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
         return None;
     }
     let value = mantissa as f64 / EXACT[point.map_or(0, |p| at - p - 1)];
-    Some((if negative { -value } else { value }, at))
+    let end = at + usize::from(bytes.get(at) == Some(&b'\r'));
+    Some((if negative { -value } else { value }, end))
 }
 
 fn shorten(cell: &str) -> String {
@@ -725,14 +716,14 @@ mod tests {
             let value = (x >> 12) as f64 / EXACT[(x % 16) as usize] * if k % 2 == 0 { -1e-4 } else { 1e-4 };
             let text = format!("{value:.*}", (x % 13) as usize);
             let wanted: f64 = text.parse().expect("a number");
-            for end in ["", ",1", "\n", "\r\n"] {
+            for (end, more) in [("", 0), (",1", 0), ("\n", 0), ("\r\n", 1), ("\r", 1)] {
                 match plain_number(format!("{text}{end}").as_bytes()) {
-                    Some((v, length)) => assert_eq!((v.to_bits(), length), (wanted.to_bits(), text.len()), "{text}"),
+                    Some((v, at)) => assert_eq!((v.to_bits(), at), (wanted.to_bits(), text.len() + more), "{text}"),
                     None => assert!(text.len() > 15, "{text}"),
                 }
             }
         }
-        for odd in ["", "-", ".", "1e5", "+1", "0x1", "inf", "1.2.3", " 1", "1 ", "--1", "1_0"] {
+        for odd in ["", "-", ".", "1e5", "+1", "0x1", "inf", "1.2.3", " 1", "1 ", "--1", "1_0", "1\r\r\n", "1\r2"] {
             assert_eq!(plain_number(odd.as_bytes()), None, "{odd}");
         }
     }

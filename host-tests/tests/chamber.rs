@@ -1,5 +1,6 @@
 //! A chamber day against the virtual board: record, burn, read back, lose the power.
 
+use hrg_board::host;
 use hrg_board::replay::{self, CALIBRATION_A};
 use hrg_board::serve;
 use hrg_board::wires::Wires;
@@ -10,8 +11,8 @@ use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::unit::Unit;
 use hrg_core::calibration::Calibration;
-use hrg_core::link::{Deframer, Message};
-use hrg_core::maintenance::{chunks, Answer, Command, Reply};
+use hrg_core::link::Message;
+use hrg_core::maintenance::{Answer, Command};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -101,122 +102,22 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
     }
 }
 
-/// The other end of a live link, in step with the board.
-struct Host {
-    board: Board<Wires>,
-    deframer: Deframer,
-}
-
-impl Host {
-    fn new(elf: &[u8], old: &Calibration) -> Self {
-        let wires = Wires::new(steps(), [0.01; 3], 0.0, 1, None, Some(Decoder::new(elf).expect("a table"))).live();
-        let mut board = Board::new(elf, wires).expect("a board");
-        board.write_flash(CALIBRATION_A, &old.to_bytes().expect("fits")).expect("in flash");
-        board.run_until(CPU_HZ / 10).expect("runs");
-        Self { board, deframer: Deframer::default() }
-    }
-
-    fn send(&mut self, m: &Message) {
-        self.board.world.hear(&m.encode());
-        self.board.poll_link();
-    }
-
-    /// Runs until an answer that fits comes, or the board stops at the instruction that it was told to.
-    fn ask<T>(&mut self, m: &Message, pick: impl Fn(&Message) -> Option<T>) -> Option<T> {
-        self.send(m);
-        for _ in 0..500 {
-            let at = self.board.now() + CPU_HZ / 100;
-            if self.board.run_until(at).expect("runs") == virtual_board::Stop::Instruction {
-                return None;
-            }
-            for byte in self.board.world.said() {
-                if let Some(Ok(m)) = self.deframer.push(byte) {
-                    if let Some(t) = pick(&m) {
-                        return Some(t);
-                    }
-                }
-            }
-        }
-        panic!("no answer to {m:?}");
-    }
-
-    fn maintain(&mut self, c: Command) -> Option<Reply> {
-        self.ask(&Message::Maintain(c), |m| match m {
-            Message::Maintained(r) => Some(*r),
-            _ => None,
-        })
-    }
-
-    /// Burns; `false` if the board stopped on the way.
-    fn burn(&mut self, c: &Calibration) -> bool {
-        let bytes = c.to_bytes().expect("fits");
-        let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
-        commands.extend(chunks(&bytes));
-        commands.push(Command::End);
-        for c in commands {
-            match self.maintain(c) {
-                Some(Reply::Answer(Answer::Done, _)) => {}
-                None => return false,
-                Some(other) => panic!("{c:?}: {other:?}"),
-            }
-        }
-        true
-    }
-
-    fn running(&mut self) -> u32 {
-        // The unit must be up to hear.
-        let up = self.board.now() + CPU_HZ / 10;
-        self.board.run_until(up).expect("runs");
-        let identity = self.ask(&Message::Identify, |m| match m {
-            Message::Identity(i) => Some(*i),
-            _ => None,
-        });
-        identity.expect("it runs").calibration
-    }
-}
-
-#[test]
-fn a_power_cut_while_burning_leaves_the_old_or_the_new_block() {
-    let elf = elf();
-    let (old, new) = (block(1, 1.0), block(2, 2.0));
-    let mut host = Host::new(&elf, &old);
-    let before = host.board.instructions();
-    assert!(host.burn(&new));
-    let whole = host.board.instructions() - before;
-    host.board.power_cut().expect("restarts");
-    host.deframer = Deframer::default();
-    assert_eq!(host.running(), new.checksum());
-    let mut seen = [0; 2];
-    for k in 0..40u64 {
-        let mut host = Host::new(&elf, &old);
-        let at = host.board.instructions() + whole * (2 * k + 1) / 80;
-        host.board.stop_at_instruction(at);
-        let done = host.burn(&new);
-        host.board.stop_at_instruction(u64::MAX);
-        host.board.power_cut().expect("restarts");
-        let _ = host.board.world.said();
-        host.deframer = Deframer::default();
-        let running = host.running();
-        assert!(running == old.checksum() || running == new.checksum(), "cut {k}: {running:08x}");
-        assert!(!done || running == new.checksum());
-        seen[usize::from(running == new.checksum())] += 1;
-    }
-    println!("cut at 40 moments of a burn of {whole} instructions: {} old, {} new, 0 neither", seen[0], seen[1]);
-    assert!(seen[0] > 0 && seen[1] > 0);
-}
-
 #[test]
 fn maintenance_ends_by_itself() {
-    let old = block(1, 1.0);
-    let mut host = Host::new(&elf(), &old);
-    let open = |host: &mut Host| matches!(host.maintain(Command::Begin(500)), Some(Reply::Answer(Answer::Done, _)));
-    assert!(!open(&mut host), "closed at first");
-    assert_eq!(host.maintain(Command::Open(old.unit)), Some(Reply::Answer(Answer::Done, 1)));
-    assert!(open(&mut host));
-    let later = host.board.now() + 125 * CPU_HZ;
-    host.board.run_until(later).expect("runs");
-    assert!(!open(&mut host), "two minutes without a command");
-    assert_eq!(host.running(), old.checksum());
+    let (elf, old) = (elf(), block(1, 1.0));
+    let wires = Wires::new(steps(), [0.01; 3], 0.0, 1, None, Some(Decoder::new(&elf).expect("a table"))).live();
+    let mut board = Board::new(&elf, wires).expect("a board");
+    board.write_flash(CALIBRATION_A, &old.to_bytes().expect("fits")).expect("in flash");
+    board.run_until(CPU_HZ / 10).expect("runs");
+    let said = |board: &mut _, command| host::maintain(board, command).expect("answers").expect("nothing stops it");
+    let begin = Command::Begin(500);
+    assert_eq!(said(&mut board, begin), Answer::NotOpen, "closed at first");
+    assert_eq!(said(&mut board, Command::Open(old.unit)), Answer::Done);
+    assert_eq!(said(&mut board, begin), Answer::Done);
+    let later = board.now() + 125 * CPU_HZ;
+    board.run_until(later).expect("runs");
+    assert_eq!(said(&mut board, begin), Answer::NotOpen, "two minutes without a command");
+    assert_eq!(host::running(&mut board, 1.0).expect("answers").calibration, old.checksum());
 }
 
 #[test]

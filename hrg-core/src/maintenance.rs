@@ -65,6 +65,11 @@ pub fn chunks(block: &[u8]) -> impl Iterator<Item = Command> + '_ {
     })
 }
 
+/// The commands of a burn, in order: each is sent when the one before was answered [`Answer::Done`].
+pub fn burn(unit: [u8; 16], block: &[u8]) -> impl Iterator<Item = Command> + '_ {
+    [Command::Open(unit), Command::Begin(block.len() as u16)].into_iter().chain(chunks(block)).chain([Command::End])
+}
+
 /// How a command went.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
@@ -319,11 +324,8 @@ mod tests {
 
     fn burn(m: &mut Maintenance, store: &mut Memory, c: &Calibration) -> Answer {
         let bytes = c.to_bytes().expect("fits");
-        let mut commands = vec![Command::Open(c.unit), Command::Begin(bytes.len() as u16)];
-        commands.extend(chunks(&bytes));
-        commands.push(Command::End);
-        for command in &commands {
-            match m.command(command, store) {
+        for command in super::burn(c.unit, &bytes) {
+            match m.command(&command, store) {
                 Reply::Answer(Answer::Done, _) => {}
                 Reply::Answer(answer, _) => return answer,
                 Reply::Data { .. } => unreachable!("nothing was read"),

@@ -4,9 +4,12 @@
 use crate::align::Silence;
 use crate::faults::Scene;
 use crate::replay::{self, Options};
+use crate::symbol;
 use anyhow::{Context, Result};
+use hrg_core::calibration::{Calibration, RATE_SCALE_DPH};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::rate_path::RatePath;
+use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
 use object::{Object, ObjectSegment};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -101,7 +104,7 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     ])
 }
 
-const COUNTED: [&str; 4] = ["11Compensator6update", "9converter6decode", "8RatePath6sample", "4link7Message6encode"];
+const COUNTED: [&str; 4] = [symbol::UPDATE, symbol::DECODE, symbol::SAMPLE, symbol::ENCODE];
 const UPDATE: usize = 0;
 const DECODE: usize = 1;
 const SAMPLE: usize = 2;
@@ -130,6 +133,10 @@ const WAYS: [(&str, &str, u32); 7] = [
     ("ours: centred in f64, cubic in f32", "4ours", 5),
 ];
 
+fn default_law() -> TemperatureLaw {
+    Calibration::uncalibrated().axes[0].law
+}
+
 /// The alternatives beside ours, on one virtual CPU.
 ///
 /// # Errors
@@ -143,9 +150,13 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
     // It ends asleep, with nothing to wake it.
     let _ = board.run_until(CPU_HZ);
     let results = Board::<Silence>::address_of(elf, "12alternatives7RESULTS").context("no results in this ELF")?;
-    let c = [9.218_105f32, 44.580_624, 1.161_163_1, 0.166_985_72].map(f64::from);
-    let forward =
-        [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7];
+    let law = default_law();
+    // What firmware/src/bin/alternatives.rs takes the root of.
+    let forward = ForwardLaw {
+        t0_c: 0.0,
+        scale_c: 1.0,
+        c: [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7],
+    };
     let mut out = Vec::new();
     for (k, (what, _, floor)) in WAYS.into_iter().enumerate() {
         let mut worst = 0.0f64;
@@ -153,13 +164,11 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
             let mut bytes = [0; 4];
             board.read_memory(results + 4 * (k * POINTS + p) as u32, &mut bytes)?;
             let f = 4878.0 + 0.22 * p as f64;
-            let u = (f - 4900.0) / f64::from(21.152f32);
+            let c = law.c.map(f64::from);
+            let u = (f - law.f0_hz) / f64::from(law.scale_hz);
             let mut truth = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
             if what.starts_with("root") {
-                for _ in 0..60 {
-                    let value = ((forward[3] * truth + forward[2]) * truth + forward[1]) * truth + forward[0] - f;
-                    truth -= value / ((3.0 * forward[3] * truth + 2.0 * forward[2]) * truth + forward[1]);
-                }
+                truth = forward.root_c(f, truth).context("no root")?;
             }
             worst = worst.max((f64::from(f32::from_le_bytes(bytes)) - truth).abs());
         }
@@ -185,7 +194,7 @@ pub struct Limit {
 /// Frequency: RMS error of one-second gates over `n` seconds, and the Cramer-Rao bound for jitter of `jitter_s` and the timer's
 /// steps. For times `t_i = t_0 + i / f` with independent errors of variance `s^2`, the bound of `1 / f` is `s^2 / sum (i - mean)^2`.
 fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
-    const TICKS: f64 = 90e6;
+    const TICKS: f64 = Config::REFERENCE.ticks_per_s as f64;
     const HZ: f64 = 4898.626;
     let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
     let mut draw = ChaCha8Rng::seed_from_u64(8);
@@ -215,8 +224,7 @@ fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
 /// Corrected rate: RMS error of a frame's mean of five samples with white noise of `noise` codes, in codes, and the least possible:
 /// that noise and the rounding to codes, averaged.
 fn rate(noise: f64, n: u32) -> (f64, f64) {
-    const SCALE: f32 = 72_000.0 / 8_388_608.0;
-    let mut path = RatePath::new([SCALE; 3], 5);
+    let mut path = RatePath::new([RATE_SCALE_DPH; 3], 5);
     let mut draw = ChaCha8Rng::seed_from_u64(9);
     let (mut squares, mut count) = (0.0, 0u32);
     let mut tick = 0u32;
@@ -232,7 +240,7 @@ fn rate(noise: f64, n: u32) -> (f64, f64) {
             frame = path.sample(tick, codes).frame;
         }
         for r in frame.map(|f| f.rate_dph).unwrap_or_default() {
-            squares += (f64::from(r) / f64::from(SCALE) - rate).powi(2);
+            squares += (f64::from(r) / f64::from(RATE_SCALE_DPH) - rate).powi(2);
             count += 1;
         }
     }
@@ -247,15 +255,14 @@ pub fn limits() -> Vec<Limit> {
         let (reached, bound) = frequency(jitter_ns * 1e-9, 3000);
         let what = format!("frequency in a 1 s gate, {jitter_ns} ns of jitter");
         out.push(Limit { what, reached: reached * 1e6, bound: bound * 1e6, unit: "uHz" });
-        // 44.6 C per 21.152 Hz at the middle of the default law.
-        let c_per_hz = 44.58 / 21.152;
+        let c_per_hz = f64::from(default_law().slope_c_per_hz(default_law().f0_hz));
         let what = format!("temperature that it gives, {jitter_ns} ns of jitter");
         out.push(Limit { what, reached: reached * c_per_hz * 1e6, bound: bound * c_per_hz * 1e6, unit: "uC" });
     }
     for noise in [1.0, 10.0] {
         let (reached, bound) = rate(noise, 100_000);
         let what = format!("corrected rate of a frame, {noise} codes of noise a sample");
-        let dph = 72_000.0 / 8_388_608.0 * 1e3;
+        let dph = f64::from(RATE_SCALE_DPH) * 1e3;
         out.push(Limit { what, reached: reached * dph, bound: bound * dph, unit: "mdeg/h" });
     }
     out

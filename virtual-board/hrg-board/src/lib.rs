@@ -13,9 +13,26 @@ pub mod align;
 pub mod bench;
 pub mod demo;
 pub mod faults;
+pub mod host;
 pub mod methods;
 pub mod replay;
 pub mod serve;
 pub mod twin;
 pub mod weigh;
 pub mod wires;
+
+/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: parts of their symbols.
+pub mod symbol {
+    /// A model step of the three axes.
+    pub const UPDATE: &str = "11Compensator6update";
+    /// The bias model of an axis, without effects.
+    pub const BIAS: &str = "12Coefficients8bias_dph";
+    /// The temperature law.
+    pub const LAW: &str = "14TemperatureLaw15value_and_slope";
+    /// A converter frame.
+    pub const DECODE: &str = "9converter6decode";
+    /// A sample corrected.
+    pub const SAMPLE: &str = "8RatePath6sample";
+    /// A message made into a frame.
+    pub const ENCODE: &str = "4link7Message6encode";
+}

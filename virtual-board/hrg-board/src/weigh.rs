@@ -1,6 +1,7 @@
 //! What a calibration costs on the unit, counted in the ELF.
 
 use crate::replay::{self, Options};
+use crate::symbol;
 use anyhow::{Context, Result};
 use hrg_cal::file;
 use hrg_cal::methods::Weight;
@@ -8,18 +9,17 @@ use hrg_cal::run::Steps;
 use hrg_core::bias::Coefficients;
 use std::path::{Path, PathBuf};
 
-/// Symbols of the functions that are counted.
-const UPDATE: &str = "11Compensator6update";
-const BIAS: &str = "12Coefficients8bias_dph";
-const LAW: &str = "14TemperatureLaw15value_and_slope";
-
 /// Runs the ELF with a calibration for `seconds` and counts.
 ///
 /// # Errors
 /// A calibration that cannot be read, a firmware that the board cannot run.
 pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Weight> {
     let c = file::load(calibration)?;
-    let options = Options { seconds: Some(seconds), count: vec![UPDATE, BIAS, LAW], ..Options::default() };
+    let options = Options {
+        seconds: Some(seconds),
+        count: vec![symbol::UPDATE, symbol::BIAS, symbol::LAW],
+        ..Options::default()
+    };
     let outcome = replay::run(elf, Some(&c), steps, &options, |_| {})?;
     let [update, bias, law] = &outcome.calls[..] else { anyhow::bail!("the functions were not counted") };
     Ok(Weight {

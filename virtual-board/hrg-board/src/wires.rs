@@ -98,7 +98,7 @@ pub struct Received {
 }
 
 /// Cycles that a byte takes on the wire: ten bits at 921600 baud.
-const BYTE_CYCLES: u64 = CPU_HZ * 10 / 921_600;
+pub const BYTE_CYCLES: u64 = CPU_HZ * 10 / 921_600;
 
 /// Who looks on. A copy of the wires has nobody: what happened before it was made cannot be asked of them again.
 #[derive(Default)]

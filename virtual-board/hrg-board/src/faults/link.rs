@@ -1,11 +1,11 @@
 //! Noise, mutilated frames and floods on the link.
 
 use super::{cycles, draws, good, run, Extent, Report, Scene};
-use crate::wires::{Received, Wires};
+use crate::wires::{Received, Wires, BYTE_CYCLES};
 use anyhow::Result;
 use hrg_core::alignment::session;
 use hrg_core::link::{Deframer, Message};
-use hrg_core::maintenance::{chunks, Command};
+use hrg_core::maintenance::{self, Answer, Command, Reply};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use virtual_board::{Board, CPU_HZ, FLASH_SIZE, FLASH_START};
@@ -14,19 +14,13 @@ use virtual_board::{Board, CPU_HZ, FLASH_SIZE, FLASH_START};
 /// message, which may be under way.
 pub const DELAY_MS: f64 = 4.0;
 
-/// Bytes of the line in a second.
-const LINE: u64 = 92_160;
-
 /// The commands of a burn, as frames.
 fn burn(scene: &Scene) -> Vec<Vec<u8>> {
     let mut block = scene.calibration.clone();
     block.sequence += 1;
     let bytes = block.to_bytes().map_or_else(Vec::new, |b| b.to_vec());
-    let begin = [Command::Open(block.unit), Command::Begin(bytes.len() as u16)];
-    begin
-        .into_iter()
-        .chain(chunks(&bytes))
-        .chain([Command::End, Command::Close])
+    maintenance::burn(block.unit, &bytes)
+        .chain([Command::Close])
         .map(|c| Message::Maintain(c).encode().to_vec())
         .collect()
 }
@@ -101,25 +95,16 @@ fn flood(board: &mut Board<Wires>, bytes: &[u8]) -> Result<(Received, u32)> {
     let start = board.snapshot()?;
     board.world.hear(bytes);
     board.poll_link();
-    let seconds = bytes.len() as f64 / LINE as f64 + 0.1;
-    let mut all = Received::default();
-    let mut resets = 0;
-    let end = board.now() + cycles(seconds);
-    while board.now() < end {
-        resets += run(board, end.min(board.now() + CPU_HZ))?.n;
-        let r = std::mem::take(&mut board.world.received);
-        all.rates.extend(r.rates);
-        all.delay_cycles.extend(r.delay_cycles);
-        all.other.extend(r.other);
-        all.housekeeping.extend(r.housekeeping);
-    }
+    let end = board.now() + bytes.len() as u64 * BYTE_CYCLES + cycles(0.1);
+    let resets = run(board, end)?.n;
+    let received = std::mem::take(&mut board.world.received);
     anyhow::ensure!(
         board.world.waiting() < 2,
         "the line is slower than it should be: {} bytes wait",
         board.world.waiting()
     );
     board.restore(&start)?;
-    Ok((all, resets))
+    Ok((received, resets))
 }
 
 fn longest_ms(r: &Received) -> f64 {
@@ -152,19 +137,8 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         let answers = r.other.len();
         let obeyed = board.flash_operations() - before;
         let delay = longest_ms(&r);
-        let refused = r
-            .other
-            .iter()
-            .filter(|m| {
-                !matches!(
-                    m,
-                    Message::Maintained(hrg_core::maintenance::Reply::Answer(
-                        hrg_core::maintenance::Answer::NotOpen,
-                        _
-                    ))
-                )
-            })
-            .count();
+        let refused =
+            r.other.iter().filter(|m| !matches!(m, Message::Maintained(Reply::Answer(Answer::NotOpen, _)))).count();
         report.row(
             *name,
             bytes.len() as u64,

@@ -1,6 +1,7 @@
 //! Everything at once.
 
 use super::{run, Extent, Row, Scene};
+use crate::symbol;
 use crate::wires::Received;
 use anyhow::Result;
 use hrg_core::link::Message;
@@ -20,7 +21,7 @@ pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
     let mut wires = scene.wires();
     wires.set_frequency(EDGES_HZ);
     let mut board = scene.off(wires, &scene.calibration)?;
-    let probe = board.count_calls(scene.elf(), "rate_path8RatePath6sample")?;
+    let probe = board.count_calls(scene.elf(), symbol::SAMPLE)?;
     run(&mut board, CPU_HZ)?;
     board.world.hear(&Message::SetDivider(1).encode());
     board.poll_link();

@@ -2,10 +2,10 @@
 
 use super::{Extent, Report};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
-use hrg_core::rate_path::{RatePath, Staged};
+use hrg_core::rate_path::{RatePath, Staged, BIAS_DELAY_TICKS};
 
 const DAYS: u64 = 50;
-const TICKS: u64 = 90_000_000;
+const TICKS: u64 = Config::REFERENCE.ticks_per_s as u64;
 /// Edges on either side of a wrap, s.
 const AROUND_S: u64 = 2;
 const HZ: f64 = 4871.747;
@@ -56,7 +56,12 @@ fn leap(every: u64) -> Found {
                     good += 1;
                     found.worst_hz = found.worst_hz.max((f - HZ).abs());
                 }
-                path.stage(Staged::at((step.end_ticks as u32).wrapping_add(4_500_000), step.step, [0.0; 3], [0; 3]));
+                path.stage(Staged::at(
+                    (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS),
+                    step.step,
+                    [0.0; 3],
+                    [0; 3],
+                ));
             }
             // Samples of the rate path meanwhile, on the same clock.
             while next_sample < t {

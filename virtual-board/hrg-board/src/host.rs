@@ -1,0 +1,104 @@
+//! The host's end of the link, in step with the board: what a test engineer's computer asks of the unit.
+
+use crate::wires::{Received, Wires};
+use anyhow::{Context, Result};
+use hrg_core::calibration::Calibration;
+use hrg_core::link::{Identity, Message};
+use hrg_core::maintenance::{self, Answer, Command, Reply};
+use virtual_board::{Board, Stop, CPU_HZ};
+
+/// The unit answers a command within this time, an erase among them, s.
+const ANSWER_S: f64 = 3.0;
+
+/// A slice of waiting for an answer, in cycles of the CPU.
+const SLICE: u64 = CPU_HZ / 500;
+
+/// How a burn ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Burn {
+    /// The unit runs the new block.
+    Done,
+    /// The board stopped where it was told to.
+    Stopped,
+}
+
+fn cycles(seconds: f64) -> u64 {
+    (seconds * CPU_HZ as f64) as u64
+}
+
+/// Sends a message and waits for its answer; `None`: the board stopped where it was told to.
+///
+/// # Errors
+/// Where no answer comes in time.
+pub fn ask<T>(
+    board: &mut Board<Wires>,
+    message: &Message,
+    seconds: f64,
+    pick: impl Fn(&Message) -> Option<T>,
+) -> Result<Option<T>> {
+    board.world.hear(&message.encode());
+    board.poll_link();
+    let end = board.now() + cycles(seconds);
+    while board.now() < end {
+        match board.run_until(board.now() + SLICE)? {
+            Stop::Instruction | Stop::Flash => return Ok(None),
+            Stop::Time | Stop::Watchdog | Stop::Software => {}
+        }
+        if let Some(t) = board.world.received.other.drain(..).find_map(|m| pick(&m)) {
+            return Ok(Some(t));
+        }
+    }
+    anyhow::bail!("no answer to {message:?} within {seconds} s")
+}
+
+/// A command of the maintenance mode and the unit's answer; `None`: the board stopped where it was told to.
+///
+/// # Errors
+/// As [`ask`].
+pub fn maintain(board: &mut Board<Wires>, command: Command) -> Result<Option<Answer>> {
+    ask(board, &Message::Maintain(command), ANSWER_S, |m| match m {
+        Message::Maintained(Reply::Answer(answer, _)) => Some(*answer),
+        _ => None,
+    })
+}
+
+/// Burns a block and restarts the unit.
+///
+/// # Errors
+/// Where the unit refuses a command, or does not answer.
+pub fn burn(board: &mut Board<Wires>, block: &Calibration) -> Result<Burn> {
+    let bytes = block.to_bytes().context("the block does not fit")?;
+    for command in maintenance::burn(block.unit, &bytes).chain([Command::Restart]) {
+        match maintain(board, command)? {
+            None => return Ok(Burn::Stopped),
+            Some(Answer::Done) => {}
+            Some(other) => anyhow::bail!("{command:?}: {other}"),
+        }
+    }
+    // The restart comes 20 ms after its answer; then the unit starts.
+    let end = board.now() + cycles(0.2);
+    loop {
+        match board.run_until(end)? {
+            Stop::Time => return Ok(Burn::Done),
+            Stop::Instruction | Stop::Flash => return Ok(Burn::Stopped),
+            Stop::Watchdog | Stop::Software => {}
+        }
+    }
+}
+
+/// Which block the unit runs after its power came back `seconds` ago at most.
+///
+/// # Errors
+/// Where it does not answer by then.
+pub fn running(board: &mut Board<Wires>, seconds: f64) -> Result<Identity> {
+    // What was on its way in is lost with the power.
+    board.world.silence();
+    board.world.received = Received::default();
+    // Not before the receiver listens.
+    while !matches!(board.run_until(board.now() + cycles(0.03))?, Stop::Time) {}
+    let identity = ask(board, &Message::Identify, seconds, |m| match m {
+        Message::Identity(i) => Some(*i),
+        _ => None,
+    })?;
+    identity.context("the board stopped")
+}
