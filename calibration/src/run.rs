@@ -224,7 +224,7 @@ impl Run {
         // The thermometer's clock is ahead by one step: time at the end of a step.
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(laws, offset as f32);
-        let thermal = (0..steps.len()).map(|k| thermometer.step(&steps.frequencies(k))).collect();
+        let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
         Self { steps, thermal }
     }
 
@@ -236,15 +236,17 @@ impl Run {
 
     /// All that a bias model may look at, at a step; `None` while the frequency is lost.
     #[must_use]
-    pub fn bias_state(&self, k: usize, a: usize) -> Option<State> {
+    pub fn bias_state(&self, k: usize, a: usize) -> Option<&State> {
         let t = &self.thermal[k];
-        t.state(a).filter(|_| t.age[a] == 0)
+        t.state(a).filter(|_| t.axes[a].age == 0)
     }
 
-    /// What an effect may look at.
+    /// What an effect may look at; `None` where the axis has no temperature yet.
     #[must_use]
-    pub fn inputs<'a>(&self, scaling: &'a Scaling, k: usize, a: usize) -> Option<Inputs<'a>> {
-        self.thermal[k].inputs(scaling, a, self.steps.recorded(k, a))
+    pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize) -> Option<Inputs<'a>> {
+        let thermal = &self.thermal[k];
+        thermal.state(a)?;
+        Some(Inputs { scaling, thermal, axis: a, recorded: self.steps.recorded(k, a) })
     }
 
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.

@@ -7,8 +7,9 @@
 use crate::recording::Recording;
 use crate::stats::{block_means, std_dev};
 use crate::BadInput;
-use hrg_core::bias::{regressors, Scaling, TERMS};
+use hrg_core::bias::{regressors, Scaling, State, TERMS};
 use hrg_core::calibration::Calibration;
+use hrg_core::compensator::{AxisThermal, Thermal};
 use hrg_core::effects::{by_name, Inputs, Recorded, Running, ALL, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::AXES;
 use rand::{Rng, SeedableRng};
@@ -390,6 +391,23 @@ fn lag(input: &[f64], tau: f64) -> Vec<f64> {
 }
 
 impl Plant {
+    /// The plant at a step, for effects: its frequencies are proportional to temperature.
+    fn thermal(&self, k: usize) -> Thermal {
+        let axes = [0, 1, 2].map(|a| {
+            let temperature_c = self.resonator_c[a][k] as f32;
+            let rate_c_per_min = self.slope_c_per_min[a][k] as f32;
+            let state = State {
+                temperature_c,
+                rate_c_per_min,
+                difference_c_per_min: rate_c_per_min,
+                frequency_u: (temperature_c - 10.0) / 45.0,
+                frequency_u_per_min: rate_c_per_min / 45.0,
+            };
+            AxisThermal { state, known: true, change_c: 0.0, age: 0, settled: true }
+        });
+        Thermal { axes, time_s: (k + 1) as f32 }
+    }
+
     fn new(chamber: &[f64]) -> Self {
         let heating: Vec<f64> = (0..chamber.len()).map(|k| 1.0 - (-(k as f64) / HEATING_TAU_S).exp()).collect();
         let shell_c = [0, 1, 2].map(|a| {
@@ -483,16 +501,8 @@ fn effect_bias(
         let weights: [f64; MAX_OUTPUTS] = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
         return (0..n)
             .map(|k| {
-                let t = [0, 1, 2].map(|b: usize| plant.resonator_c[b][k] as f32);
-                let inputs = Inputs {
-                    scaling,
-                    axis: a,
-                    temperature_c: t,
-                    rate_c_per_min: plant.slope_c_per_min[a][k] as f32,
-                    frequency_u: (t[a] - 10.0) / 45.0,
-                    time_s: (k + 1) as f32,
-                    recorded: recorded[k],
-                };
+                let thermal = plant.thermal(k);
+                let inputs = Inputs { scaling, thermal: &thermal, axis: a, recorded: recorded[k] };
                 running.step(&inputs).iter().take(facts.outputs).zip(weights).map(|(x, w)| f64::from(*x) * w).sum()
             })
             .collect();

@@ -1,8 +1,8 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
 use crate::bias::State;
-use crate::calibration::{Calibration, MAX_EFFECTS};
-use crate::effects::{Inputs, Recorded, Running};
+use crate::calibration::{Axis, Calibration, MAX_EFFECTS};
+use crate::effects::OnUnit;
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::{Difference, SlopeWindow, WINDOW};
 use crate::status::axis;
@@ -26,40 +26,149 @@ pub const MAX_STEP_C: f32 = 0.5;
 /// and its rate of change starts anew (flagged [`axis::SETTLING`]).
 pub const BELIEVE_STEPS: u8 = 30;
 
-/// Temperatures of one model step.
+/// One axis in one model step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisThermal {
+    /// What a bias model may look at: of the last measured frequency where the frequency is lost now.
+    pub state: State,
+    /// Whether the axis has had a frequency at all; without, its state means nothing.
+    pub known: bool,
+    /// Change of temperature since the last step that had one, per step, C: says sooner than the slope that it changes too
+    /// fast.
+    pub change_c: f32,
+    /// Steps since the frequency was last measured.
+    pub age: u32,
+    /// Whether the window of the slope is full.
+    pub settled: bool,
+}
+
+impl AxisThermal {
+    const UNKNOWN: Self = Self {
+        state: State {
+            temperature_c: f32::NAN,
+            rate_c_per_min: 0.0,
+            difference_c_per_min: 0.0,
+            frequency_u: 0.0,
+            frequency_u_per_min: 0.0,
+        },
+        known: false,
+        change_c: 0.0,
+        age: 0,
+        settled: false,
+    };
+
+    /// Steps since the last measured frequency, the coming one included.
+    #[inline]
+    fn since(&self) -> u32 {
+        self.age.saturating_add(1)
+    }
+}
+
+/// The three axes in one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thermal {
-    /// Temperature of each axis, C; the last known one where the frequency is lost; `None` before the first.
-    pub temperature_c: [Option<f32>; AXES],
-    /// Its rate of change, C per minute.
-    pub rate_c_per_min: [f32; AXES],
-    /// Its change since the last step that had one, per step, C: says sooner than the slope that it changes too fast.
-    pub change_c: [f32; AXES],
-    /// Its change over the last 60 s, C per minute ([`Difference`]).
-    pub difference_c_per_min: [f32; AXES],
-    /// Normalised frequency of each axis (held likewise).
-    pub frequency_u: [f32; AXES],
-    /// Its rate of change per minute.
-    pub frequency_u_per_min: [f32; AXES],
-    /// Steps since the frequency of each axis was last measured.
-    pub age: [u32; AXES],
-    /// Whether the window of the slope is full.
-    pub settled: [bool; AXES],
+    /// Axis by axis.
+    pub axes: [AxisThermal; AXES],
     /// Time since power-on at the end of the step, s.
     pub time_s: f32,
+}
+
+/// One resonator as a thermometer.
+#[derive(Debug, Clone)]
+struct Channel {
+    law: TemperatureLaw,
+    /// No resonator is colder or warmer, C.
+    possible_c: [f32; 2],
+    window: SlopeWindow,
+    difference: Difference,
+    /// A temperature after a jump, and for how many steps it has stayed; 0: there is no doubt.
+    doubted_c: f32,
+    stayed: u8,
+}
+
+impl Channel {
+    fn new(law: TemperatureLaw) -> Self {
+        Self {
+            possible_c: [law.min_c - BEYOND_C, law.max_c + BEYOND_C],
+            law,
+            window: SlopeWindow::default(),
+            difference: Difference::default(),
+            doubted_c: 0.0,
+            stayed: 0,
+        }
+    }
+
+    /// A frequency that may be one, normalised, and its temperature.
+    #[inline]
+    fn plausible(&self, frequency_hz: Option<f64>) -> Option<(f32, f32)> {
+        let u = self.law.normalised(frequency_hz?);
+        let t = self.law.at_c(u);
+        // (No comparison with a NaN is true.)
+        let [lowest, highest] = self.possible_c;
+        (t >= lowest && t <= highest).then_some((u, t))
+    }
+
+    /// Whether a temperature can follow on what was before.
+    #[inline]
+    fn believe(&mut self, now: &mut AxisThermal, t: f32) -> bool {
+        let change = (t - now.state.temperature_c).abs();
+        // After an outage it may be further away, by as much a step.
+        let near = change <= MAX_STEP_C || change <= MAX_STEP_C * now.since() as f32;
+        (near && self.stayed == 0) || !now.known || self.convinced(now, t)
+    }
+
+    /// Whether a temperature that jumped, or follows one that did, is to be believed by now.
+    #[inline(never)]
+    fn convinced(&mut self, now: &mut AxisThermal, t: f32) -> bool {
+        let stays = self.stayed > 0 && (t - self.doubted_c).abs() <= MAX_STEP_C;
+        let stayed = if stays { self.stayed + 1 } else { 1 };
+        if stayed < BELIEVE_STEPS {
+            // Back where it was before the jump: that is believed at once.
+            let back = stayed == 1 && (t - now.state.temperature_c).abs() <= MAX_STEP_C;
+            (self.doubted_c, self.stayed) = (t, if back { 0 } else { stayed });
+            return back;
+        }
+        self.stayed = 0;
+        now.known = false;
+        self.window = SlopeWindow::default();
+        self.difference = Difference::default();
+        true
+    }
+
+    // Out of line, as the effects are: inlined into one large function, all would run short of registers.
+    #[inline(never)]
+    fn step(&mut self, now: &mut AxisThermal, frequency_hz: Option<f64>) {
+        let believed = match self.plausible(frequency_hz) {
+            Some((u, t)) if self.believe(now, t) => Some((u, t)),
+            _ => None,
+        };
+        let u_per_min = self.window.push(believed.map(|(u, _)| u));
+        now.settled = self.window.settled();
+        if let Some((u, t)) = believed {
+            let change = if now.known { t - now.state.temperature_c } else { 0.0 };
+            now.change_c = if now.age == 0 { change } else { change / now.since() as f32 };
+            now.known = true;
+            now.age = 0;
+            now.state.frequency_u = u;
+            now.state.temperature_c = t;
+        } else {
+            now.change_c = 0.0;
+            now.age = now.since();
+        }
+        if now.known {
+            let state = &mut now.state;
+            state.frequency_u_per_min = u_per_min;
+            state.rate_c_per_min = u_per_min * self.law.slope_c(state.frequency_u);
+            state.difference_c_per_min = self.difference.push(state.temperature_c);
+        }
+    }
 }
 
 /// Frequencies to temperatures and their rates of change: the state that a fit and a unit share.
 #[derive(Debug, Clone)]
 pub struct Thermometer {
-    laws: [TemperatureLaw; AXES],
-    windows: [SlopeWindow; AXES],
-    differences: [Difference; AXES],
-    /// Temperature and its slope by frequency, and normalised frequency.
-    last: [Option<((f32, f32), f32)>; AXES],
-    age: [u32; AXES],
-    /// A temperature after a jump, and for how many steps it has stayed.
-    doubted: [Option<(f32, u8)>; AXES],
+    channels: [Channel; AXES],
+    now: Thermal,
     steps: u32,
     power_on_s: f32,
 }
@@ -68,113 +177,29 @@ impl Thermometer {
     /// `power_on_s`: age of the power-on at the first step (0 on the unit; a recording may begin later).
     #[must_use]
     pub fn new(laws: [TemperatureLaw; AXES], power_on_s: f32) -> Self {
-        Self {
-            laws,
-            windows: core::array::from_fn(|_| SlopeWindow::default()),
-            differences: core::array::from_fn(|_| Difference::default()),
-            last: [None; AXES],
-            age: [0; AXES],
-            doubted: [None; AXES],
-            steps: 0,
-            power_on_s,
-        }
-    }
-
-    /// Whether a temperature of axis `k` can follow on what was before.
-    fn believe(&mut self, k: usize, t: f32) -> bool {
-        let Some(((last, _), _)) = self.last[k] else { return true };
-        // After an outage it may be further away, by as much a step.
-        if (t - last).abs() <= MAX_STEP_C * (self.age[k].saturating_add(1)) as f32 && self.doubted[k].is_none() {
-            return true;
-        }
-        let stayed = match self.doubted[k] {
-            Some((before, n)) if (t - before).abs() <= MAX_STEP_C => n + 1,
-            _ => 1,
-        };
-        if stayed < BELIEVE_STEPS {
-            // Back where it was before the jump: that is believed at once.
-            let back = (t - last).abs() <= MAX_STEP_C && stayed == 1;
-            self.doubted[k] = (!back).then_some((t, stayed));
-            return back;
-        }
-        self.doubted[k] = None;
-        self.last[k] = None;
-        self.windows[k] = SlopeWindow::default();
-        self.differences[k] = Difference::default();
-        true
+        let now = Thermal { axes: [AxisThermal::UNKNOWN; AXES], time_s: power_on_s };
+        Self { channels: laws.map(Channel::new), now, steps: 0, power_on_s }
     }
 
     /// One model step.
-    pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Thermal {
+    #[inline]
+    pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> &Thermal {
         self.steps = self.steps.saturating_add(1);
-        let (mut frequency_u_per_min, mut rate_c_per_min, mut difference_c_per_min) =
-            ([0.0; AXES], [0.0; AXES], [0.0; AXES]);
-        let mut change_c = [0.0; AXES];
+        self.now.time_s = self.power_on_s + self.steps as f32 * MODEL_STEP_S;
         for k in 0..AXES {
-            let law = &self.laws[k];
-            let measured = frequency_hz[k]
-                .map(|f| law.normalised(f))
-                .map(|u| (law.value_and_slope(u), u))
-                .filter(|((t, _), u)| t.is_finite() && u.is_finite())
-                .filter(|((t, _), _)| (law.min_c - BEYOND_C..=law.max_c + BEYOND_C).contains(t));
-            let now = measured.filter(|((t, _), _)| self.believe(k, *t));
-            frequency_u_per_min[k] = self.windows[k].push(now.map(|(_, u)| u));
-            match now {
-                Some(((t, _), _)) => {
-                    if let Some(((before, _), _)) = self.last[k] {
-                        change_c[k] = (t - before) / (self.age[k] + 1) as f32;
-                    }
-                    self.last[k] = now;
-                    self.age[k] = 0;
-                }
-                None => self.age[k] = self.age[k].saturating_add(1),
-            }
-            if let Some(((t, slope), _)) = self.last[k] {
-                rate_c_per_min[k] = frequency_u_per_min[k] * slope;
-                difference_c_per_min[k] = self.differences[k].push(t);
-            }
+            self.channels[k].step(&mut self.now.axes[k], frequency_hz[k]);
         }
-        Thermal {
-            temperature_c: self.last.map(|l| l.map(|((t, _), _)| t)),
-            rate_c_per_min,
-            change_c,
-            difference_c_per_min,
-            frequency_u_per_min,
-            frequency_u: self.last.map(|l| l.map_or(0.0, |(_, u)| u)),
-            age: self.age,
-            settled: core::array::from_fn(|k| self.windows[k].settled()),
-            time_s: self.power_on_s + self.steps as f32 * MODEL_STEP_S,
-        }
+        &self.now
     }
 }
 
 impl Thermal {
     /// What the bias model of one axis may look at; `None` where the axis has no temperature yet.
+    #[inline]
     #[must_use]
-    pub fn state(&self, k: usize) -> Option<State> {
-        Some(State {
-            temperature_c: self.temperature_c[k]?,
-            rate_c_per_min: self.rate_c_per_min[k],
-            difference_c_per_min: self.difference_c_per_min[k],
-            frequency_u: self.frequency_u[k],
-            frequency_u_per_min: self.frequency_u_per_min[k],
-        })
-    }
-
-    /// What effects of one axis may look at. Axes without a temperature count as being as warm as this one.
-    /// `None` where this axis itself has none.
-    #[must_use]
-    pub fn inputs<'a>(&self, scaling: &'a crate::bias::Scaling, k: usize, recorded: Recorded) -> Option<Inputs<'a>> {
-        let own = self.temperature_c[k]?;
-        Some(Inputs {
-            scaling,
-            axis: k,
-            temperature_c: self.temperature_c.map(|t| t.unwrap_or(own)),
-            rate_c_per_min: self.rate_c_per_min[k],
-            frequency_u: self.frequency_u[k],
-            time_s: self.time_s,
-            recorded,
-        })
+    pub fn state(&self, k: usize) -> Option<&State> {
+        let axis = &self.axes[k];
+        axis.known.then_some(&axis.state)
     }
 }
 
@@ -215,8 +240,8 @@ pub fn update_both(lanes: [&mut Compensator; 2], step: &StepFrequencies) -> Opti
 pub struct Compensator {
     calibration: Calibration,
     thermometer: Thermometer,
-    /// Of each effect of the calibration that is known: its place there, and its states.
-    running: Vec<(u8, [Running; AXES]), MAX_EFFECTS>,
+    /// Of each effect of the calibration: its states; `None` where its number is unknown, which `Calibration::check` refuses.
+    running: Vec<Option<OnUnit>, MAX_EFFECTS>,
     /// Steps for which a change beyond the calibrated range is still in the slope's window.
     spoilt: [u8; AXES],
     bias_dph: [f32; AXES],
@@ -231,12 +256,8 @@ impl Compensator {
     pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
         let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];
         let mut running = Vec::new();
-        for (place, term) in calibration.effects.iter().enumerate() {
-            // `Calibration::check` has refused unknown numbers.
-            let Some(one) = Running::new(term.id, &term.parameters, MODEL_STEP_S) else {
-                continue;
-            };
-            let _ = running.push((place as u8, [one.clone(), one.clone(), one]));
+        for term in &calibration.effects {
+            let _ = running.push(OnUnit::new(term.id, &term.parameters, MODEL_STEP_S));
         }
         Self {
             calibration,
@@ -266,78 +287,90 @@ impl Compensator {
     // A function of its own in the ELF, so that the virtual board can count what it costs.
     #[inline(never)]
     pub fn update(&mut self, step: &StepFrequencies) -> Output {
-        let mut output = self.step(&step.frequency_hz);
-        for k in 0..AXES {
-            if step.rejected[k] + step.missing[k] > 0 {
-                output.status[k] |= axis::EDGE_ERRORS;
-            }
-        }
-        output
+        self.advance(&step.frequency_hz, |k| step.rejected[k] + step.missing[k] > 0)
     }
 
     /// One model step: frequencies in Hz, `None` where lost.
     pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Output {
+        self.advance(frequency_hz, |_| false)
+    }
+
+    #[inline(always)]
+    fn advance(&mut self, frequency_hz: &[Option<f64>; AXES], edge_errors: impl Fn(usize) -> bool) -> Output {
         let thermal = self.thermometer.step(frequency_hz);
         let scaling = &self.calibration.scaling;
-        let mut status = [0u8; AXES];
+        let mut bias_dph = [0.0; AXES];
+        for (k, bias) in bias_dph.iter_mut().enumerate() {
+            if let Some(state) = thermal.state(k) {
+                *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, state);
+            }
+        }
+        for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
+            if let Some(running) = running {
+                running.add_bias_dph(scaling, thermal, &term.gains, &mut bias_dph);
+            }
+        }
+        let [x, y, z] = &thermal.axes;
+        let mut output = Output {
+            temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
+            rate_c_per_min: [x.state.rate_c_per_min, y.state.rate_c_per_min, z.state.rate_c_per_min],
+            bias_dph,
+            status: [if self.calibration.calibrated { 0 } else { axis::UNCALIBRATED }; AXES],
+        };
         for k in 0..AXES {
-            let a = &self.calibration.axes[k];
-            let s = &mut status[k];
-            if !self.calibration.calibrated {
-                *s |= axis::UNCALIBRATED;
-            }
-            if !thermal.settled[k] {
-                *s |= axis::SETTLING;
-            }
-            if thermal.age[k] > 0 {
-                *s |= axis::FREQUENCY_LOST;
-            }
-            let (Some(state), Some(inputs)) = (thermal.state(k), thermal.inputs(scaling, k, Recorded::NONE)) else {
-                *s |= axis::TEMPERATURE_STALE;
-                self.bias_dph[k] = 0.0;
-                continue;
-            };
-            if thermal.age[k] > HOLD_S {
-                *s |= axis::TEMPERATURE_STALE;
-            }
-            let t = inputs.own_c();
-            let r = inputs.rate_c_per_min;
-            if t < a.law.min_c || t > a.law.max_c {
-                *s |= axis::TEMPERATURE_RANGE;
-            }
-            let [slowest, fastest] = a.rate_range_c_per_min;
-            // The slope takes seconds to show a ramp; a step of twice the range shows at once, and spoils the slope for as
-            // long as it is in the window.
-            let at_once = thermal.change_c[k] * (0.5 * 60.0 / MODEL_STEP_S);
-            // (An outage may hide the way back: then the time counts from its end.)
-            let again = at_once < slowest || at_once > fastest || (thermal.age[k] > 0 && self.spoilt[k] > 0);
-            self.spoilt[k] = if again { WINDOW as u8 } else { self.spoilt[k].saturating_sub(1) };
-            if r < slowest || r > fastest || self.spoilt[k] > 0 {
-                *s |= axis::RAMP_RANGE;
-            }
-            let mut bias = a.coefficients.bias_dph(scaling, &state);
-            for (place, running) in &mut self.running {
-                if let Some(term) = self.calibration.effects.get(usize::from(*place)) {
-                    bias += running[k].bias_dph(&inputs, &term.gains[k]);
+            let now = &thermal.axes[k];
+            output.status[k] |= self.calibration.axes[k].status(now, &mut self.spoilt[k]);
+            // Bridging an outage, the last bias is held, whatever the states do.
+            if now.age == 0 {
+                self.bias_dph[k] = bias_dph[k];
+                if !bias_dph[k].is_finite() {
+                    self.bias_dph[k] = 0.0;
+                    output.status[k] |= axis::UNCALIBRATED;
                 }
             }
-            if thermal.age[k] > 0 {
-                // Bridging: the last bias is held, whatever the states do.
-                continue;
+            if edge_errors(k) {
+                output.status[k] |= axis::EDGE_ERRORS;
             }
-            if bias.is_finite() {
-                self.bias_dph[k] = bias;
-            } else {
-                *s |= axis::UNCALIBRATED;
-                self.bias_dph[k] = 0.0;
-            }
+            output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
         }
-        Output {
-            temperature_c: thermal.temperature_c.map(|t| t.unwrap_or(f32::NAN)),
-            rate_c_per_min: thermal.rate_c_per_min,
-            bias_dph: core::array::from_fn(|k| self.bias_dph[k] + self.trim_dph[k]),
-            status,
+        output
+    }
+}
+
+impl Axis {
+    /// What is to be said of the thermal state of an axis. `spoilt`: for how many steps its slope is not to be trusted.
+    #[inline(always)]
+    fn status(&self, now: &AxisThermal, spoilt: &mut u8) -> u8 {
+        let mut s = 0;
+        if !now.settled {
+            s |= axis::SETTLING;
         }
+        if now.age > 0 {
+            s |= axis::FREQUENCY_LOST;
+        }
+        if !now.known || now.age > HOLD_S {
+            s |= axis::TEMPERATURE_STALE;
+        }
+        if !now.known {
+            return s;
+        }
+        let (t, r) = (now.state.temperature_c, now.state.rate_c_per_min);
+        if t < self.law.min_c || t > self.law.max_c {
+            s |= axis::TEMPERATURE_RANGE;
+        }
+        let [slowest, fastest] = self.rate_range_c_per_min;
+        let beyond = |r: f32| r < slowest || r > fastest;
+        // The slope takes seconds to show a ramp; a step of twice the range shows at once, and spoils the slope for as long as
+        // it is in the window. (An outage may hide the way back: then the time counts from its end.)
+        if beyond(now.change_c * (0.5 * 60.0 / MODEL_STEP_S)) || (now.age > 0 && *spoilt > 0) {
+            *spoilt = WINDOW as u8;
+        } else if *spoilt > 0 {
+            *spoilt -= 1;
+        }
+        if *spoilt > 0 || beyond(r) {
+            s |= axis::RAMP_RANGE;
+        }
+        s
     }
 }
 

@@ -25,88 +25,115 @@ pub const WINDOW_MIN: usize = 10;
 /// precision there. So the sums over the window are exact, and moving it on costs a few additions.
 const UNIT: f32 = (1u32 << 28) as f32;
 
+/// A slope per step, of values in that unit, as a slope per minute.
+const PER_MINUTE: f32 = 60.0 / (UNIT * crate::MODEL_STEP_S);
+
+/// In place of a value that is missing. (A value of -8 counts as missing, too.)
+const MISSING: i32 = i32::MIN;
+
 /// Least-squares slope over a sliding window, of values within -8 to 8. Delay on a change of slope: 9.5 s.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SlopeWindow {
-    /// Values in units of 2^-28; `None` is missing.
-    values: [Option<i32>; WINDOW],
-    filled: usize,
+    /// Values in units of 2^-28, or [`MISSING`]; a ring.
+    values: [i32; WINDOW],
+    /// Where the oldest value stands, and the next will.
     at: usize,
-    /// Of the values that are there: their number, and the sums of age, age^2, value, and age times value.
-    n: i32,
-    s_age: i32,
-    s_age2: i32,
-    s_value: i64,
-    s_both: i64,
+    /// Values that are there.
+    n: usize,
+    /// Values taken, missing ones too, up to [`WINDOW`].
+    filled: usize,
+    settled: bool,
+    /// Sum of the values that are there.
+    sum: i64,
+    /// Of a window without holes, the sum of (mean age - age) times value, times [`WINDOW`]: the slope, but for a factor.
+    moment: i64,
 }
+
+/// The window's length, the sum of its ages 0, 1, ..., and the sum of their squares about their mean, times the length.
+const N: i64 = WINDOW as i64;
+const AGES: i64 = N * (N - 1) / 2;
+const SPREAD: i64 = N * N * (N * N - 1) / 12;
 
 impl Default for SlopeWindow {
     fn default() -> Self {
-        Self { values: [None; WINDOW], filled: 0, at: 0, n: 0, s_age: 0, s_age2: 0, s_value: 0, s_both: 0 }
+        Self { values: [MISSING; WINDOW], at: 0, n: 0, filled: 0, settled: false, sum: 0, moment: 0 }
     }
 }
 
 impl SlopeWindow {
     /// Takes the newest value (`None`: missing, left out of the fit) and gives the slope per minute. Zero until
     /// [`WINDOW_MIN`] values are in.
+    #[inline]
     pub fn push(&mut self, value: Option<f32>) -> f32 {
-        // All ages grow by one.
-        self.s_both += self.s_value;
-        self.s_age2 += 2 * self.s_age + self.n;
-        self.s_age += self.n;
-        // The oldest, now as old as the window is long, leaves.
-        let newest = value.map(|v| (v * UNIT) as i32);
-        if let Some(old) = core::mem::replace(&mut self.values[self.at.min(WINDOW - 1)], newest) {
-            let age = WINDOW as i32;
-            self.n -= 1;
-            self.s_age -= age;
-            self.s_age2 -= age * age;
-            self.s_value -= i64::from(old);
-            self.s_both -= i64::from(age) * i64::from(old);
+        let at = self.at.min(WINDOW - 1);
+        let newest = value.map_or(MISSING, |v| (v * UNIT) as i32);
+        let oldest = core::mem::replace(&mut self.values[at], newest);
+        self.at = if at + 1 < WINDOW { at + 1 } else { 0 };
+        if self.n < WINDOW || newest == MISSING {
+            return self.with_holes();
         }
-        if let Some(new) = newest {
-            self.n += 1;
-            self.s_value += i64::from(new);
+        // All ages grow by one; the oldest, now as old as the window is long, leaves.
+        self.moment += AGES * i64::from(newest) + (N * N - AGES) * i64::from(oldest) - N * self.sum;
+        self.sum += i64::from(newest) - i64::from(oldest);
+        crate::single(self.moment) * (PER_MINUTE / SPREAD as f32)
+    }
+
+    /// The slope of the values that are there, and all sums anew: where one is missing, or the window is not full yet.
+    #[inline(never)]
+    fn with_holes(&mut self) -> f32 {
+        let (older, newer) = self.values.split_at(self.at.min(WINDOW));
+        let (mut n, mut s_age, mut s_age2, mut s_value, mut s_both) = (0, 0, 0, 0, 0);
+        for (age, value) in (0i64..).zip(older.iter().rev().chain(newer.iter().rev())) {
+            if *value != MISSING {
+                n += 1;
+                s_age += age;
+                s_age2 += age * age;
+                s_value += i64::from(*value);
+                s_both += age * i64::from(*value);
+            }
         }
-        self.at = if self.at + 1 >= WINDOW { 0 } else { self.at + 1 };
+        self.n = n as usize;
         self.filled = (self.filled + 1).min(WINDOW);
-        if (self.n as usize) < WINDOW_MIN {
+        self.settled = self.filled == WINDOW && self.n >= WINDOW_MIN;
+        self.sum = s_value;
+        self.moment = AGES * s_value - N * s_both;
+        if self.n < WINDOW_MIN {
             return 0.0;
         }
-        let numerator = i64::from(self.n) * self.s_both - i64::from(self.s_age) * self.s_value;
-        let denominator = (self.n * self.s_age2 - self.s_age * self.s_age) as f32;
         // Age runs backwards, hence the sign.
-        -(numerator as f32) / denominator * (60.0 / (UNIT * crate::MODEL_STEP_S))
+        crate::single(s_age * s_value - n * s_both) / (n * s_age2 - s_age * s_age) as f32 * PER_MINUTE
     }
 
     /// Whether the window is full, and holds enough values for a slope: after an outage it does not.
+    #[inline]
     #[must_use]
     pub fn settled(&self) -> bool {
-        self.filled == WINDOW && self.n as usize >= WINDOW_MIN
+        self.settled
     }
 }
 
 /// Temperature now minus that of [`DIFFERENCE`] steps ago, in C per minute (wu2023). Delay: 30 s.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Difference {
+    /// A ring; NaN where nothing is yet.
     values: [f32; DIFFERENCE],
-    filled: usize,
     at: usize,
 }
 
 impl Default for Difference {
     fn default() -> Self {
-        Self { values: [0.0; DIFFERENCE], filled: 0, at: 0 }
+        Self { values: [f32::NAN; DIFFERENCE], at: 0 }
     }
 }
 
 impl Difference {
     /// Takes the newest temperature in C; zero until a minute is in. A missing value repeats the last one.
+    #[inline]
     pub fn push(&mut self, temperature_c: f32) -> f32 {
-        let old = core::mem::replace(&mut self.values[self.at.min(DIFFERENCE - 1)], temperature_c);
-        self.at = if self.at + 1 >= DIFFERENCE { 0 } else { self.at + 1 };
-        if self.filled < DIFFERENCE {
-            self.filled += 1;
+        let at = self.at.min(DIFFERENCE - 1);
+        let old = core::mem::replace(&mut self.values[at], temperature_c);
+        self.at = if at + 1 < DIFFERENCE { at + 1 } else { 0 };
+        if old.is_nan() {
             return 0.0;
         }
         (temperature_c - old) * (60.0 / (DIFFERENCE as f32 * crate::MODEL_STEP_S))

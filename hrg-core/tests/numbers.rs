@@ -6,7 +6,7 @@ use hrg_core::alignment::session::{Command, Session};
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::compensator::Compensator;
+use hrg_core::compensator::{AxisThermal, Compensator, Thermal};
 use hrg_core::effects::{Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
@@ -126,14 +126,22 @@ proptest! {
         let scaling =
             Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-60.0, 80.0], r_linear: 10.0, blend_band: 0.1 };
         let mut effect = Running::new(ALL[which].id, &p, step_s).expect("in the list");
-        for (temperature_c, rate_c_per_min, frequency_u, time_s, o) in inputs {
+        for (temperatures, rate_c_per_min, frequency_u, time_s, o) in inputs {
+            let axes = temperatures.map(|temperature_c| {
+                let state = State {
+                    temperature_c,
+                    rate_c_per_min,
+                    difference_c_per_min: rate_c_per_min,
+                    frequency_u,
+                    frequency_u_per_min: rate_c_per_min,
+                };
+                AxisThermal { state, known: o[1] > 0.0, change_c: 0.0, age: 0, settled: true }
+            });
+            let thermal = Thermal { axes, time_s };
             for axis in 0..3 {
                 let recorded =
                     Recorded { shell_c: o, board_c: o[0], supply_v: o[1], drive_v: o[2], quad_v: o[0] };
-                let scaling = &scaling;
-                let _ = effect.step(&Inputs {
-                    scaling, axis, temperature_c, rate_c_per_min, frequency_u, time_s, recorded,
-                });
+                let _ = effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis, recorded });
             }
         }
     }

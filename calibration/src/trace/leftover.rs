@@ -94,8 +94,9 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
     for (run, &n) in data.runs.iter().zip(&data.blocks) {
         for b in 0..n {
             let k = b * data.block_s + data.block_s / 2;
-            let t = run.thermal[k].temperature_c[a].unwrap_or(0.0);
-            state.push((f64::from(t), f64::from(run.thermal[k].rate_c_per_min[a])));
+            let now = &run.thermal[k];
+            let (t, r) = now.state(a).map_or((0.0, 0.0), |s| (s.temperature_c, s.rate_c_per_min));
+            state.push((f64::from(t), f64::from(r)));
             clock.push(b as f64 / n as f64 * 2.0 - 1.0);
         }
     }

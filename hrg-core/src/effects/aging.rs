@@ -1,7 +1,7 @@
 //! `aging`: time, in hours: a drift that goes on. A unit that does not know how old its calibration is cannot
 //! predict it. Stateless.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Time since power-on; h.
 #[derive(Debug, Clone)]
@@ -11,15 +11,17 @@ impl Effect for Aging {
     const NAME: &'static str = "aging";
     const ID: u16 = 10;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 1;
+    const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
+
+    type Regressors = [f32; 1];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(inputs.time_s / 3600.0)
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [inputs.thermal.time_s / 3600.0]
     }
 }

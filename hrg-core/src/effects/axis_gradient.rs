@@ -1,7 +1,7 @@
 //! `axis-gradient`: temperature of the two other axes less that of this one, C: heat that flows through the
 //! block bends its mount. Two regressors (next axis, then the one after: x: y, z; y: z, x; z: x, y). Stateless.
 
-use super::{two, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::AXES;
 
 /// Temperature differences to the other axes; C.
@@ -12,16 +12,17 @@ impl Effect for AxisGradient {
     const NAME: &'static str = "axis-gradient";
     const ID: u16 = 7;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 2;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 2];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        let t = inputs.temperature_c;
-        two(t[(inputs.axis + 1) % AXES] - inputs.own_c(), t[(inputs.axis + 2) % AXES] - inputs.own_c())
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
+        let beyond = |n| inputs.other_c((inputs.axis + n) % AXES) - inputs.own_c();
+        [beyond(1), beyond(2)]
     }
 }

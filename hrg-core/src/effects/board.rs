@@ -1,7 +1,7 @@
 //! `board`: electronics: board temperature less resonator temperature (parameter `source` 0, C), or the supply
 //! (`source` 1, V). Needs it recorded. Stateless.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Board temperature less resonator temperature (C), or supply (V).
 #[derive(Debug, Clone)]
@@ -13,15 +13,16 @@ impl Effect for Board {
     const NAME: &'static str = "board";
     const ID: u16 = 16;
     const PARAMETERS: &'static [&'static str] = &["source"];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::NeedsInput("board_c or supply_v");
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { supply: parameters[0] > 0.5 }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(if self.supply { inputs.recorded.supply_v } else { inputs.recorded.board_c - inputs.own_c() })
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [if self.supply { inputs.recorded.supply_v } else { inputs.recorded.board_c - inputs.own_c() }]
     }
 }

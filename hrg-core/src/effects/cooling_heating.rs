@@ -2,7 +2,7 @@
 //! regressor of eq 7, with `w` the weight of heating (0 to 1, blended over the band of [`crate::bias`]). Six
 //! regressors. Stateless. Source: the two sets of dong2023's Table 3.
 
-use super::{Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::bias::{heating_weight, regressors, TERMS};
 
 /// Half the difference of a heating and a cooling set.
@@ -13,18 +13,19 @@ impl Effect for CoolingHeating {
     const NAME: &'static str = "cooling-heating";
     const ID: u16 = 18;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = TERMS;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; TERMS];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        let w = heating_weight(inputs.scaling, inputs.rate_c_per_min) - 0.5;
-        let mut out = [0.0; MAX_OUTPUTS];
-        for (o, x) in out.iter_mut().zip(regressors(inputs.scaling, inputs.own_c(), inputs.rate_c_per_min)) {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; TERMS] {
+        let w = heating_weight(inputs.scaling, inputs.own().rate_c_per_min) - 0.5;
+        let mut out = [0.0; TERMS];
+        for (o, x) in out.iter_mut().zip(regressors(inputs.scaling, inputs.own_c(), inputs.own().rate_c_per_min)) {
             *o = w * x;
         }
         out

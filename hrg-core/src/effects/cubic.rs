@@ -1,7 +1,7 @@
 //! `cubic`: `u^3`, the next power of the baseline's temperature polynomial. Stateless.
 //! Source: the usual polynomial order selection; dong2023 stops at `T^2`.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// `u^3` with `u = (T - t_ref) / t_scale`, continued linearly outside the calibrated range.
 #[derive(Debug, Clone)]
@@ -11,15 +11,16 @@ impl Effect for Cubic {
     const NAME: &'static str = "cubic";
     const ID: u16 = 1;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(inputs.scaling.cube(inputs.own_c()))
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [inputs.scaling.cube(inputs.own_c())]
     }
 }

@@ -1,7 +1,7 @@
 //! `drive-amplitude`: the amplitude-control drive voltage, which follows the resonator's damping. Needs it
 //! recorded. Stateless. Source: dong2023 eq 3 (bias grows with the anisotropy of damping `D(1/tau)`).
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Drive voltage of this axis; V.
 #[derive(Debug, Clone)]
@@ -11,15 +11,16 @@ impl Effect for DriveAmplitude {
     const NAME: &'static str = "drive-amplitude";
     const ID: u16 = 14;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::NeedsInput("drive_v");
+
+    type Regressors = [f32; 1];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(inputs.recorded.drive_v)
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [inputs.recorded.drive_v]
     }
 }

@@ -4,7 +4,7 @@
 //! As temperature is a curve of frequency, these span what `u, u^2, cubic` span: as an *addition* to the
 //! baseline it is `cubic` by another name.
 
-use super::{Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// `v, v^2, v^3` of the normalised frequency.
 #[derive(Debug, Clone)]
@@ -14,16 +14,17 @@ impl Effect for FrequencyDirect {
     const NAME: &'static str = "frequency-direct";
     const ID: u16 = 17;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 3;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 3];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        let v = inputs.frequency_u;
-        [v, v * v, v * v * v, 0.0, 0.0, 0.0, 0.0, 0.0]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 3] {
+        let v = inputs.own().frequency_u;
+        [v, v * v, v * v * v]
     }
 }

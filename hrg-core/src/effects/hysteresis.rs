@@ -2,7 +2,7 @@
 //! friction does. State: the output of the play operator, starting at the first temperature.
 //! Source: play operator (Krasnosel'skii and Pokrovskii 1989), the element of Prandtl-Ishlinskii models.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 /// Output of a play of full width `width_c`, less temperature; C.
@@ -16,20 +16,21 @@ impl Effect for Hysteresis {
     const NAME: &'static str = "hysteresis";
     const ID: u16 = 6;
     const PARAMETERS: &'static [&'static str] = &["width_c"];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { half_c: 0.5 * parameters[0], state_c: f32::NAN }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();
         if self.state_c.is_nan() {
             self.state_c = t;
         }
         self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
-        one(self.state_c - t)
+        [self.state_c - t]
     }
 }

@@ -1,7 +1,7 @@
 //! `kink`: `max(T - Tc, 0) / t_scale`, a change of slope at `Tc`: an adhesive or solder that changes state, a
 //! stop that comes into contact. Stateless. Source: wu2023's breakpoint `div_a`.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// A change of slope at `break_c`.
 #[derive(Debug, Clone)]
@@ -13,16 +13,17 @@ impl Effect for Kink {
     const NAME: &'static str = "kink";
     const ID: u16 = 2;
     const PARAMETERS: &'static [&'static str] = &["break_c"];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { break_c: parameters[0] }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let above = inputs.own_c() - self.break_c;
-        one(if above > 0.0 { above / inputs.scaling.t_scale_c } else { 0.0 })
+        [if above > 0.0 { above / inputs.scaling.t_scale_c } else { 0.0 }]
     }
 }

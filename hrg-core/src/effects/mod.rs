@@ -7,7 +7,8 @@
 //!
 //! Numbers are stable: they are what the calibration block stores.
 
-use crate::bias::Scaling;
+use crate::bias::{Scaling, State};
+use crate::compensator::Thermal;
 use crate::AXES;
 
 /// Most inner parameters of an effect.
@@ -20,16 +21,10 @@ pub const MAX_OUTPUTS: usize = 8;
 pub struct Inputs<'a> {
     /// Centre and scale of the model.
     pub scaling: &'a Scaling,
-    /// The axis in question, 0 to 2.
+    /// Temperatures, their rates of change, normalised frequencies and time.
+    pub thermal: &'a Thermal,
+    /// The axis in question, 0 to 2; it has a temperature.
     pub axis: usize,
-    /// Resonator temperatures of the three axes, C.
-    pub temperature_c: [f32; AXES],
-    /// Rate of change of this axis' temperature, C per minute.
-    pub rate_c_per_min: f32,
-    /// Normalised resonator frequency of this axis ([`crate::temperature::TemperatureLaw::normalised`]).
-    pub frequency_u: f32,
-    /// Time since power-on, s.
-    pub time_s: f32,
     /// What only a chamber recording has.
     pub recorded: Recorded,
 }
@@ -56,11 +51,25 @@ impl Recorded {
 }
 
 impl Inputs<'_> {
+    /// The state of this axis.
+    #[inline]
+    #[must_use]
+    pub fn own(&self) -> &State {
+        &self.thermal.axes[self.axis].state
+    }
+
     /// Temperature of this axis, C.
     #[inline]
     #[must_use]
     pub fn own_c(&self) -> f32 {
-        self.temperature_c[self.axis]
+        self.own().temperature_c
+    }
+
+    /// Temperature of another axis, C; one that has none yet counts as being as warm as this one.
+    #[inline]
+    #[must_use]
+    pub fn other_c(&self, axis: usize) -> f32 {
+        self.thermal.state(axis).map_or_else(|| self.own_c(), |s| s.temperature_c)
     }
 }
 
@@ -83,26 +92,40 @@ pub trait Effect: Sized {
     const ID: u16;
     /// Names of the inner parameters, with unit.
     const PARAMETERS: &'static [&'static str];
-    /// Regressors per axis.
-    const OUTPUTS: usize;
     /// Who can compensate it.
     const REACH: Reach;
+    /// Whether it looks at nothing that belongs to an axis: then the unit computes it once for the three.
+    const COMMON: bool = false;
+    /// The regressors of an axis: an array of as many as there are.
+    type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
     fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self;
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS];
+    fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
 
-/// One regressor, the rest zero.
-#[inline]
-fn one(value: f32) -> [f32; MAX_OUTPUTS] {
-    two(value, 0.0)
+/// Arrays of up to [`MAX_OUTPUTS`] regressors.
+pub trait Regressors: Copy {
+    /// How many there are.
+    const COUNT: usize;
+    /// With zeros behind them.
+    fn padded(&self) -> [f32; MAX_OUTPUTS];
+    /// The sum of each times its gain.
+    fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
 }
 
-/// Two regressors, the rest zero.
-#[inline]
-fn two(first: f32, second: f32) -> [f32; MAX_OUTPUTS] {
-    [first, second, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+impl<const N: usize> Regressors for [f32; N] {
+    const COUNT: usize = N;
+    #[inline]
+    fn padded(&self) -> [f32; MAX_OUTPUTS] {
+        let mut out = [0.0; MAX_OUTPUTS];
+        out.iter_mut().zip(self).for_each(|(o, x)| *o = *x);
+        out
+    }
+    #[inline]
+    fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
+        crate::bias::dot(gains, self)
+    }
 }
 
 /// Share of the way that a first-order lag of `tau_s` goes in `step_s`, exact for a held input.
@@ -129,11 +152,28 @@ pub struct Facts {
     pub reach: Reach,
 }
 
-// Inlined, so that regressors that an effect has not are neither cleared nor multiplied.
-#[inline(always)]
-fn weighed<E: Effect>(effect: &mut E, inputs: &Inputs<'_>, gains: &[f32; MAX_OUTPUTS]) -> f32 {
-    let x = effect.step(inputs);
-    crate::bias::dot(gains, x.iter().take(E::OUTPUTS))
+/// Advances an effect on every axis that has a temperature, and adds its bias there.
+// One function for each effect: all of them in one would run short of registers.
+#[inline(never)]
+fn add_bias_dph<E: Effect>(
+    effects: &mut [E; AXES],
+    scaling: &Scaling,
+    thermal: &Thermal,
+    gains: &[[f32; MAX_OUTPUTS]; AXES],
+    bias_dph: &mut [f32; AXES],
+) {
+    if !matches!(E::REACH, Reach::Unit) {
+        // `OnUnit::new` starts none of these; so the unit holds no code for them.
+        return;
+    }
+    let inputs = |axis| Inputs { scaling, thermal, axis, recorded: Recorded::NONE };
+    let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
+    for axis in 0..AXES {
+        if thermal.axes[axis].known {
+            let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
+            bias_dph[axis] += x.weighed(&gains[axis]);
+        }
+    }
 }
 
 macro_rules! effects {
@@ -145,7 +185,7 @@ macro_rules! effects {
             name: <$name as Effect>::NAME,
             id: <$name as Effect>::ID,
             parameters: <$name as Effect>::PARAMETERS,
-            outputs: <$name as Effect>::OUTPUTS,
+            outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
             reach: <$name as Effect>::REACH,
         }),+];
 
@@ -165,12 +205,36 @@ macro_rules! effects {
             /// Advances by one step and gives the regressors.
             #[inline]
             pub fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-                match self { $(Self::$name(e) => e.step(inputs)),+ }
+                match self { $(Self::$name(e) => e.step(inputs).padded()),+ }
             }
-            /// Advances by one step and gives the regressors times their gains, summed up: what a unit needs of them.
+        }
+
+        /// An effect as a unit runs it: of the three axes at once, one decision for all of them.
+        #[derive(Debug, Clone)]
+        pub enum OnUnit { $(#[doc = concat!("See [`", stringify!($name), "`].")] $name([$name; AXES])),+ }
+
+        impl OnUnit {
+            /// Starts the effect with number `id`; `None` if there is no such number, or no unit can compute it.
+            #[must_use]
+            pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Option<Self> {
+                match id {
+                    $(<$name as Effect>::ID if matches!(<$name as Effect>::REACH, Reach::Unit) => {
+                        let one = <$name as Effect>::new(parameters, step_s);
+                        Some(Self::$name([one.clone(), one.clone(), one]))
+                    })+
+                    _ => None,
+                }
+            }
+            /// Advances by one step and adds to each axis the regressors times its gains.
             #[inline]
-            pub fn bias_dph(&mut self, inputs: &Inputs<'_>, gains: &[f32; MAX_OUTPUTS]) -> f32 {
-                match self { $(Self::$name(e) => weighed(e, inputs, gains)),+ }
+            pub fn add_bias_dph(
+                &mut self,
+                scaling: &Scaling,
+                thermal: &Thermal,
+                gains: &[[f32; MAX_OUTPUTS]; AXES],
+                bias_dph: &mut [f32; AXES],
+            ) {
+                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, gains, bias_dph)),+ }
             }
         }
     };
@@ -212,20 +276,25 @@ pub fn by_name(name: &str) -> Option<&'static Facts> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::compensator::AxisThermal;
 
     const SCALING: Scaling =
         Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-45.0, 65.0], r_linear: 6.0, blend_band: 0.2 };
 
-    fn inputs(t: f32, time_s: f32) -> Inputs<'static> {
-        Inputs {
-            scaling: &SCALING,
-            axis: 0,
-            temperature_c: [t, t + 2.0, t - 3.0],
-            rate_c_per_min: 0.5,
-            frequency_u: 0.1,
-            time_s,
-            recorded: Recorded::NONE,
-        }
+    /// Steps an effect of axis 0 with axes that are apart.
+    fn step(effect: &mut Running, t: f32, time_s: f32) -> [f32; MAX_OUTPUTS] {
+        let axis = |temperature_c| {
+            let state = State {
+                temperature_c,
+                rate_c_per_min: 0.5,
+                difference_c_per_min: 0.5,
+                frequency_u: 0.1,
+                frequency_u_per_min: 0.01,
+            };
+            AxisThermal { state, known: true, change_c: 0.0, age: 0, settled: true }
+        };
+        let thermal = Thermal { axes: [axis(t), axis(t + 2.0), axis(t - 3.0)], time_s };
+        effect.step(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, recorded: Recorded::NONE })
     }
 
     fn run(name: &str, parameter: f32, at: impl Fn(u16) -> f32, steps: u16) -> f32 {
@@ -233,7 +302,7 @@ mod tests {
         let mut effect = Running::new(facts.id, &[parameter, 0.0], 1.0).expect("in the list");
         let mut last = f32::NAN;
         for k in 0..steps {
-            last = effect.step(&inputs(at(k), f32::from(k)))[0];
+            last = step(&mut effect, at(k), f32::from(k))[0];
         }
         last
     }
@@ -296,7 +365,7 @@ mod tests {
             };
             let mut effect = Running::new(facts.id, &p, 1.0).expect("in the list");
             for t in [-300.0, -40.0, 0.0, 1e4] {
-                assert!(effect.step(&inputs(t, 5.0)).iter().all(|x| x.is_finite()), "{} at {t}", facts.name);
+                assert!(step(&mut effect, t, 5.0).iter().all(|x| x.is_finite()), "{} at {t}", facts.name);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! `quadrature`: the quadrature-nulling voltage: a phase error of the demodulator lets a part of it into the
 //! rate. Needs it recorded. Stateless.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Quadrature-nulling voltage of this axis; V.
 #[derive(Debug, Clone)]
@@ -11,15 +11,16 @@ impl Effect for Quadrature {
     const NAME: &'static str = "quadrature";
     const ID: u16 = 15;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::NeedsInput("quad_v");
+
+    type Regressors = [f32; 1];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(inputs.recorded.quad_v)
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [inputs.recorded.quad_v]
     }
 }

@@ -1,7 +1,7 @@
 //! `second-derivative`: `d2T/dt2`, C per minute squared, from the change of `dT/dt` through a first-order high
 //! pass of 20 s (so it answers 20 s after the slope's own 9.5 s). State: the lagged `dT/dt`.
 
-use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Time constant of the high pass, s.
 const TAU_S: f32 = 20.0;
@@ -17,21 +17,22 @@ impl Effect for SecondDerivative {
     const NAME: &'static str = "second-derivative";
     const ID: u16 = 5;
     const PARAMETERS: &'static [&'static str] = &[];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
         Self { share: lag_share(step_s, TAU_S), state: f32::NAN }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        let r = inputs.rate_c_per_min;
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        let r = inputs.own().rate_c_per_min;
         if self.state.is_nan() {
             self.state = r;
         }
         let out = (r - self.state) * (60.0 / TAU_S);
         self.state += self.share * (r - self.state);
-        one(out)
+        [out]
     }
 }

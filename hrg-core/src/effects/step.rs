@@ -1,7 +1,7 @@
 //! `step`: 0 before a time, 1 from it on: something came loose, was switched, or was bumped. No unit can
 //! predict it; it is taken out of a fit so that it does not bend the other coefficients. Stateless.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// A jump at `time_s`.
 #[derive(Debug, Clone)]
@@ -13,15 +13,17 @@ impl Effect for Step {
     const NAME: &'static str = "step";
     const ID: u16 = 11;
     const PARAMETERS: &'static [&'static str] = &["time_s"];
-    const OUTPUTS: usize = 1;
+    const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { time_s: parameters[0] }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(if inputs.time_s >= self.time_s { 1.0 } else { 0.0 })
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [if inputs.thermal.time_s >= self.time_s { 1.0 } else { 0.0 }]
     }
 }

@@ -2,7 +2,7 @@
 //! range, held constant outside. Stateless. The fallback for a residual that repeats in temperature but has
 //! no named shape.
 
-use super::{Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 /// Chebyshev `T3..T10` of temperature scaled to -1..1 between `low_c` and `high_c`.
@@ -16,8 +16,9 @@ impl Effect for TemperatureShape {
     const NAME: &'static str = "temperature-shape";
     const ID: u16 = 3;
     const PARAMETERS: &'static [&'static str] = &["low_c", "high_c"];
-    const OUTPUTS: usize = 8;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 8];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         let half_c = 0.5 * (parameters[1] - parameters[0]);
@@ -25,10 +26,10 @@ impl Effect for TemperatureShape {
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 8] {
         let x = clamp((inputs.own_c() - self.centre_c) / self.half_c, -1.0, 1.0);
         let (mut before, mut this) = (x, 2.0 * x * x - 1.0);
-        let mut out = [0.0; MAX_OUTPUTS];
+        let mut out = [0.0; 8];
         for value in &mut out {
             let next = 2.0 * x * this - before;
             before = this;

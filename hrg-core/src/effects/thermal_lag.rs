@@ -2,7 +2,7 @@
 //! faster) than the resonator: mount, electronics, housing. State: the lagged temperature, starting in
 //! equilibrium with the first one. Source: first-order thermal lag of zhao2022 (694 s for its unit).
 
-use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// First-order lag of temperature, less temperature; C.
 #[derive(Debug, Clone)]
@@ -15,20 +15,21 @@ impl Effect for ThermalLag {
     const NAME: &'static str = "thermal-lag";
     const ID: u16 = 4;
     const PARAMETERS: &'static [&'static str] = &["tau_s"];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
         Self { share: lag_share(step_s, parameters[0]), state_c: f32::NAN }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();
         if self.state_c.is_nan() {
             self.state_c = t;
         }
         self.state_c += self.share * (t - self.state_c);
-        one(self.state_c - t)
+        [self.state_c - t]
     }
 }

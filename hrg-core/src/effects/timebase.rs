@@ -6,7 +6,7 @@
 //! The lag matters: a resonator is some 11 C behind its shell on a ramp of 1 C per minute, a thousand times what a
 //! clock that wanders by 0.1 ppm does.
 
-use super::{lag_share, one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::AXES;
 
 /// Fractional frequency change of a fused-silica resonator, ppm per C: dong2023 Table 1, 42.3 Hz of 4901 Hz
@@ -24,15 +24,16 @@ impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
     const PARAMETERS: &'static [&'static str] = &["lag_s"];
-    const OUTPUTS: usize = 1;
     const REACH: Reach = Reach::NeedsInput("shell_c");
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
         Self { share: lag_share(step_s, parameters[0]), shell_c: [f32::NAN; AXES] }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let mut sum = 0.0;
         for axis in 0..AXES {
             let now = inputs.recorded.shell_c[axis];
@@ -43,8 +44,8 @@ impl Effect for Timebase {
             if !now.is_nan() {
                 *state += self.share * (now - *state);
             }
-            sum += inputs.temperature_c[axis] - *state;
+            sum += inputs.other_c(axis) - *state;
         }
-        one(sum * (PPM_PER_C / AXES as f32))
+        [sum * (PPM_PER_C / AXES as f32)]
     }
 }

@@ -1,7 +1,7 @@
 //! `warm-up`: `exp(-(t - power_on) / tau)`: electronics or the resonator's own heat settling after power-on.
 //! State: none but the time since power-on, which the unit counts.
 
-use super::{one, Effect, Inputs, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
 /// Exponential decay since power-on, 1 to 0.
 #[derive(Debug, Clone)]
@@ -13,15 +13,17 @@ impl Effect for WarmUp {
     const NAME: &'static str = "warm-up";
     const ID: u16 = 9;
     const PARAMETERS: &'static [&'static str] = &["tau_s"];
-    const OUTPUTS: usize = 1;
+    const COMMON: bool = true;
     const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { tau_s: if parameters[0] > 0.0 { parameters[0] } else { 1.0 } }
     }
 
     #[inline]
-    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-        one(libm::expf(-inputs.time_s / self.tau_s))
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
+        [libm::expf(-inputs.thermal.time_s / self.tau_s)]
     }
 }
