@@ -16,7 +16,7 @@ type Mutex = CriticalSectionRawMutex;
 
 /// Model to rate path: the next bias and when it holds.
 pub static BIAS: Signal<Mutex, Staged> = Signal::new();
-/// Model to rate path, every fetch: the timer. Lets the rate path run when the converter is silent.
+/// Model to rate path, every fetch ([`crate::rate::wake`]): the timer. Lets the rate path run when the converter is silent.
 pub static TICK: Signal<Mutex, u32> = Signal::new();
 /// Rate path to watchdog: it has run.
 pub static RATE_ALIVE: Signal<Mutex, ()> = Signal::new();

@@ -3,7 +3,7 @@
 //!
 //! # Design
 //! The data-ready edge is stamped by TIM2 and raises EXTI 7, whose handler starts a DMA transfer of one frame of
-//! ten 24-bit words: status, eight channels, CRC. The DMA's end wakes the rate path: one wake a sample. The frame
+//! ten 24-bit words: status, eight channels, CRC. The DMA's end is the rate path's interrupt ([`crate::rate`]). The frame
 //! sent meanwhile is the NULL command. A frame whose CRC (CCITT, seed 0xFFFF) is wrong is refused.
 //!
 //! # Tradeoffs
@@ -23,13 +23,9 @@ use embassy_stm32::pac::dma::vals::{Dir, Pl};
 use embassy_stm32::pac::spi::vals::{Br, Cpha, Mstr};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH3, EXTI7, PA5, PA6, PA7, PB6, PC7, SPI1};
 use embassy_stm32::{rcc, Peri};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
-use hrg_core::converter::{decode, Fault, FRAME};
+use hrg_core::converter::{decode, Fault, FRAME, WORDS};
 use hrg_core::rate_path::CHANNELS;
 
-/// Words of memory that hold it.
-const WORDS: usize = 8;
 /// WREG of CLOCK (0x03): all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
 const WRITE_CLOCK: [u16; 2] = [0x6000 | 0x03 << 7, 0xFF00 | 0b101 << 2 | 0b10];
 /// WREG of MODE (0x02): 24-bit words, time-out on; clears the RESET flag.
@@ -47,8 +43,6 @@ const READY_LINE: usize = 7;
 
 static RECEIVED: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 static SENT: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
-/// A frame has come; the timer's reading at its data-ready edge.
-static FETCHED: Signal<CriticalSectionRawMutex, u32> = Signal::new();
 
 /// What the converter is wired to.
 pub struct Wiring {
@@ -83,16 +77,15 @@ fn address(buffer: &'static [AtomicU32; WORDS]) -> u32 {
     core::ptr::from_ref(buffer) as u32
 }
 
+// (Stream by stream: a loop over them costs as much again.)
 fn start_transfer() {
-    let dma = pac::DMA2;
+    let (rx, tx) = (pac::DMA2.st(RX), pac::DMA2.st(TX));
     pac::GPIOB.bsrr().write(|w| w.set_br(SELECT_PIN, true));
-    for stream in [RX, TX] {
-        dma.st(stream).ndtr().write(|w| w.set_ndt(FRAME as u16));
-    }
+    rx.ndtr().write(|w| w.set_ndt(FRAME as u16));
+    tx.ndtr().write(|w| w.set_ndt(FRAME as u16));
     // Receiver first: it must be ready for the first byte.
-    for stream in [RX, TX] {
-        dma.st(stream).cr().modify(|w| w.set_en(true));
-    }
+    rx.cr().modify(|w| w.set_en(true));
+    tx.cr().modify(|w| w.set_en(true));
 }
 
 /// Data-ready: fetch the frame.
@@ -103,14 +96,6 @@ fn EXTI9_5() {
     if !pac::DMA2.st(RX).cr().read().en() {
         start_transfer();
     }
-}
-
-/// The frame is in.
-#[interrupt]
-fn DMA2_STREAM0() {
-    pac::GPIOB.bsrr().write(|w| w.set_bs(SELECT_PIN, true));
-    pac::DMA2.ifcr(0).write_value(pac::dma::regs::Ixr(FLAGS));
-    FETCHED.signal(pac::TIM2.ccr(3).read());
 }
 
 impl Converter {
@@ -165,8 +150,8 @@ impl Converter {
         Self { settings_sent: 0, _pins: pins }
     }
 
-    /// Fetches from the next data-ready edge on. By the task that takes the frames, so that none comes before it is there.
-    pub fn start(&mut self) {
+    /// Fetches from the next data-ready edge on: when somebody is there to take the frames.
+    pub fn start() {
         pac::EXTI.pr(0).write(|w| w.set_line(READY_LINE, true));
         interrupt::DMA2_STREAM0.unpend();
         interrupt::EXTI9_5.unpend();
@@ -203,19 +188,22 @@ impl Converter {
         fence(Ordering::SeqCst);
     }
 
-    /// Waits for the next frame: the timer's reading at its data-ready edge.
-    pub fn next(&mut self) -> impl core::future::Future<Output = u32> + '_ {
-        FETCHED.wait()
+    /// Whether a frame has come since the last call: the timer's reading at its data-ready edge.
+    #[inline]
+    pub fn fetched() -> Option<u32> {
+        if !pac::DMA2.isr(0).read().tcif(RX) {
+            return None;
+        }
+        pac::GPIOB.bsrr().write(|w| w.set_bs(SELECT_PIN, true));
+        pac::DMA2.ifcr(0).write_value(pac::dma::regs::Ixr(FLAGS));
+        Some(pac::TIM2.ccr(3).read())
     }
 
     /// The codes of channels 0 to 4 in the frame that has come: three rates, two accelerometers.
     #[inline]
     pub fn codes(&self) -> Result<[i32; CHANNELS], Fault> {
         fence(Ordering::SeqCst);
-        let r = RECEIVED.each_ref().map(|word| word.load(Ordering::Relaxed).to_le_bytes());
-        match r.as_flattened().first_chunk::<FRAME>() {
-            Some(frame) => decode(frame),
-            None => Err(Fault::Crc),
-        }
+        let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
+        decode(&[word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)])
     }
 }

@@ -44,7 +44,7 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
             }
         };
         for &byte in received {
-            match deframer.push(byte) {
+            match deframer.push_command(byte) {
                 None => {}
                 Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(who.identity)),
                 Some(Ok(Message::SetDivider(divider))) => DIVIDER.signal(divider),
@@ -52,7 +52,7 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),
-                // Our own kind of message coming in, or garbage.
+                // No command, or garbage.
                 Some(_) => {
                     errors = errors.saturating_add(1);
                     LINK_ERRORS.signal(errors);

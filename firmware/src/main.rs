@@ -9,9 +9,9 @@
 //!
 //! | task | priority | file |
 //! |---|---|---|
-//! | rate path | interrupt executor | `rate` |
-//! | model | second interrupt executor | `model` |
-//! | link in, link out | second interrupt executor | `link` |
+//! | rate path (no task: the converter's interrupt) | above all tasks | `rate` |
+//! | model | interrupt executor | `model` |
+//! | link in, link out | interrupt executor | `link` |
 //! | telemetry, align mode, log | thread | `telemetry` |
 //! | maintenance: a calibration into flash | thread | `maintain` |
 //! | watchdog | thread | here |
@@ -46,17 +46,7 @@ use hrg_core::rate_path::{self, RatePath};
 use hrg_core::status::unit;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Runs the rate path, in the interrupt of a peripheral that the unit does not use.
-static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
-
-#[interrupt]
-#[allow(unsafe_code)] // `on_interrupt` must be called from here and from nowhere else.
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt that `RATE_EXECUTOR` was started with.
-    unsafe { RATE_EXECUTOR.on_interrupt() }
-}
-
-/// Runs the model and the link, in another such interrupt: what takes long in a thread (an alignment by particles) delays
+/// Runs the model and the link, in the interrupt of a peripheral that the unit does not use: what takes long in a thread (an alignment by particles) delays
 /// neither a bias nor a frame.
 static MODEL_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
@@ -127,9 +117,7 @@ fn start(spawner: Spawner) -> IndependentWatchdog<'static, embassy_stm32::periph
     let lanes = LANES.each_ref().map(|place| lane(place, &calibration));
 
     // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
-    interrupt::UART5.set_priority(Priority::P6);
-    let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
-    spawned(rate::task(board.converter, path, unit_status), |t| rate_spawner.spawn(t));
+    rate::Rate::start(board.converter, path, unit_status);
     interrupt::UART4.set_priority(Priority::P8);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
     spawned(model::task(board.rings, board.clock, lanes), |t| model_spawner.spawn(t));
@@ -175,10 +163,20 @@ fn halt() -> ! {
 }
 
 /// A panic is a bug: say where, and halt.
+// So short that it is inlined where panics come together: there the compiler then sees that nobody reads their messages, and
+// leaves out what would format them.
+// (The compiler says that it ignores the attribute here; LLVM does not. It is 3.4 KiB.)
 #[panic_handler]
+#[allow(unused_attributes)]
+#[inline(always)]
 fn panic(info: &core::panic::PanicInfo<'_>) -> ! {
+    panicked(info.location())
+}
+
+#[inline(never)]
+fn panicked(at: Option<&core::panic::Location<'_>>) -> ! {
     cortex_m::interrupt::disable();
-    match info.location() {
+    match at {
         Some(at) => defmt::error!("panic at {=str}:{=u32}", at.file(), at.line()),
         None => defmt::error!("panic"),
     }

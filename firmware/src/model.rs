@@ -25,6 +25,7 @@ pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensat
             }
         }
         TICK.signal(now);
+        crate::rate::wake();
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
         if let Some(trim) = TRIM.try_take() {

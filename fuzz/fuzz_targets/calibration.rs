@@ -22,7 +22,7 @@ fuzz_target!(|data: &[u8]| {
     if block.len() > 12 {
         let end = block.len() - 4;
         block[6..8].copy_from_slice(&(data.len() as u16).to_le_bytes());
-        let crc = hrg_core::calibration::CRC32.checksum(&block[..end]).to_le_bytes();
+        let crc = hrg_core::bytes::crc32(&block[..end]).to_le_bytes();
         block[end..].copy_from_slice(&crc);
     }
     if let Ok(c) = Calibration::from_bytes(&block) {

@@ -3,7 +3,7 @@
 
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
-use hrg_core::converter::{decode, FRAME};
+use hrg_core::converter::{decode, WORDS};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
 use hrg_core::rate_path::{RatePath, Staged, CHANNELS};
 use libfuzzer_sys::fuzz_target;
@@ -44,7 +44,7 @@ fuzz_target!(|data: &[u8]| {
             }
         }
     }
-    if let Some(frame) = data.first_chunk::<FRAME>() {
-        let _ = decode(frame);
+    if let Some(frame) = data.first_chunk::<{ 4 * WORDS }>() {
+        let _ = decode(&std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| frame[4 * k + n]))));
     }
 });

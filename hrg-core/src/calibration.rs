@@ -11,8 +11,8 @@
 
 use crate::bias::four_parameter::FourParameter;
 use crate::bias::{Coefficients, Scaling, TERMS};
-use crate::bytes::{Reader, Writer};
-use crate::effects::{by_id, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
+use crate::bytes::{crc32, Reader, Writer};
+use crate::effects::{shape, Shape, MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::temperature::TemperatureLaw;
 use crate::AXES;
 use heapless::Vec;
@@ -29,9 +29,6 @@ pub const MAX_BYTES: usize = 2048;
 const HEADER: usize = 8;
 /// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
 const ABSURD: f32 = 1e7;
-
-/// The checksum of blocks and link frames.
-pub const CRC32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// One axis of a calibration.
 #[derive(Debug, Clone, PartialEq)]
@@ -204,7 +201,7 @@ impl Calibration {
             return None;
         }
         buffer[6..8].copy_from_slice(&(length as u16).to_le_bytes());
-        let crc = CRC32.checksum(&buffer[..payload_end]);
+        let crc = crc32(&buffer[..payload_end]);
         buffer[payload_end..length].copy_from_slice(&crc.to_le_bytes());
         Vec::from_slice(&buffer[..length]).ok()
     }
@@ -230,12 +227,12 @@ impl Calibration {
             return Err(BlockError::Length(length));
         }
         let (content, crc) = bytes[..n].split_at(n - 4);
-        if crc != CRC32.checksum(content).to_le_bytes() {
+        if crc != crc32(content).to_le_bytes() {
             return Err(BlockError::Checksum);
         }
         let mut payload = Reader::new(&content[HEADER..]);
         let mut calibration = Self::uncalibrated();
-        calibration.read_payload(&mut payload, length)?;
+        calibration.read_payload(&mut payload).ok_or(BlockError::Length(length))??;
         if payload.remaining() != 0 {
             return Err(BlockError::Length(length));
         }
@@ -297,7 +294,7 @@ impl Calibration {
         }
         w.u8(self.effects.len() as u8);
         for e in &self.effects {
-            let outputs = by_id(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
+            let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
             w.u16(e.id);
             w.u8(outputs as u8);
             w.f32s(&e.parameters);
@@ -308,66 +305,67 @@ impl Calibration {
         }
     }
 
+    /// Reads what lies in a block; `None` where it is too short.
     #[inline(never)]
-    fn read_payload(&mut self, r: &mut Reader<'_>, length: u16) -> Result<(), BlockError> {
-        let short = BlockError::Length(length);
-        self.unit = r.array().ok_or(short)?;
-        self.created_unix_s = r.u32().ok_or(short)?;
-        self.sequence = r.u32().ok_or(short)?;
-        self.data_hash = r.u32().ok_or(short)?;
-        self.calibrated = r.u8().ok_or(short)? != 0;
-        let s: [f32; 6] = r.f32s().ok_or(short)?;
+    fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+        self.unit = r.array()?;
+        self.created_unix_s = r.u32()?;
+        self.sequence = r.u32()?;
+        self.data_hash = r.u32()?;
+        self.calibrated = r.u8()? != 0;
+        let s: [f32; 6] = r.f32s()?;
         self.scaling =
             Scaling { t_ref_c: s[0], t_scale_c: s[1], t_linear_c: [s[2], s[3]], r_linear: s[4], blend_band: s[5] };
         for a in &mut self.axes {
-            let f0_hz = r.f64().ok_or(short)?;
-            let scale_hz = r.f32().ok_or(short)?;
-            let c = r.f32s().ok_or(short)?;
-            let [min_c, max_c, rate_scale_dph] = r.f32s().ok_or(short)?;
+            let f0_hz = r.f64()?;
+            let scale_hz = r.f32()?;
+            let c = r.f32s()?;
+            let [min_c, max_c, rate_scale_dph] = r.f32s()?;
             a.law = TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
             a.rate_scale_dph = rate_scale_dph;
-            a.rate_range_c_per_min = r.f32s().ok_or(short)?;
-            a.coefficients = match r.u8().ok_or(short)? {
-                1 => Coefficients::One(r.f32s().ok_or(short)?),
+            a.rate_range_c_per_min = r.f32s()?;
+            a.coefficients = match r.u8()? {
+                1 => Coefficients::One(r.f32s()?),
                 2 => {
-                    let cooling = r.f32s().ok_or(short)?;
-                    Coefficients::CoolingHeating(cooling, r.f32s().ok_or(short)?)
+                    let cooling = r.f32s()?;
+                    Coefficients::CoolingHeating(cooling, r.f32s()?)
                 }
                 3 => {
-                    let k = r.f32s().ok_or(short)?;
-                    let [breakpoint_c, origin_c] = r.f32s().ok_or(short)?;
+                    let k = r.f32s()?;
+                    let [breakpoint_c, origin_c] = r.f32s()?;
                     Coefficients::FourParameter(FourParameter { k, breakpoint_c, origin_c })
                 }
-                4 => Coefficients::Direct(r.f32s().ok_or(short)?),
-                5 => Coefficients::Network(r.f32s().ok_or(short)?),
-                kind => return Err(BlockError::UnknownModel(kind)),
+                4 => Coefficients::Direct(r.f32s()?),
+                5 => Coefficients::Network(r.f32s()?),
+                kind => return Some(Err(BlockError::UnknownModel(kind))),
             };
-            a.coefficient_std = [r.f32s().ok_or(short)?, r.f32s().ok_or(short)?];
-            [a.train_rms_dph, a.verify_rms_dph] = r.f32s().ok_or(short)?;
+            a.coefficient_std = [r.f32s()?, r.f32s()?];
+            [a.train_rms_dph, a.verify_rms_dph] = r.f32s()?;
         }
         self.effects.clear();
-        for _ in 0..r.u8().ok_or(short)? {
-            let id = r.u16().ok_or(short)?;
-            let facts = by_id(id).ok_or(BlockError::UnknownEffect(id))?;
-            if usize::from(r.u8().ok_or(short)?) != facts.outputs {
-                return Err(BlockError::Absurd("number of gains of an effect"));
+        for _ in 0..r.u8()? {
+            let id = r.u16()?;
+            let Some(Shape { outputs, .. }) = shape(id) else {
+                return Some(Err(BlockError::UnknownEffect(id)));
+            };
+            if usize::from(r.u8()?) != outputs {
+                return Some(Err(BlockError::Absurd("number of gains of an effect")));
             }
             let mut e = EffectTerm {
                 id,
-                parameters: r.f32s().ok_or(short)?,
+                parameters: r.f32s()?,
                 gains: [[0.0; MAX_OUTPUTS]; AXES],
                 gain_std: [[0.0; MAX_OUTPUTS]; AXES],
             };
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
-                for numbers in [gains, std] {
-                    for number in numbers.iter_mut().take(facts.outputs) {
-                        *number = r.f32().ok_or(short)?;
-                    }
-                }
+                r.fill(&mut gains[..outputs])?;
+                r.fill(&mut std[..outputs])?;
             }
-            self.effects.push(e).map_err(|_| BlockError::Absurd("number of effects"))?;
+            if self.effects.push(e).is_err() {
+                return Some(Err(BlockError::Absurd("number of effects")));
+            }
         }
-        Ok(())
+        Some(Ok(()))
     }
 
     /// Whether every number is finite and possible, and every effect one that a unit can compute.
@@ -423,9 +421,9 @@ impl Calibration {
                 finite(g)?;
                 finite(d)?;
             }
-            match by_id(e.id) {
+            match shape(e.id) {
                 None => return Err(BlockError::UnknownEffect(e.id)),
-                Some(f) if f.reach != Reach::Unit => return Err(BlockError::NotOnUnit(e.id)),
+                Some(s) if !s.on_unit => return Err(BlockError::NotOnUnit(e.id)),
                 Some(_) => {}
             }
         }
@@ -504,7 +502,7 @@ mod tests {
         c.sequence = 7;
         c.axes[1].coefficients = Coefficients::CoolingHeating([1.5; TERMS], [-2.5e-3; TERMS]);
         for id in [4u16, 6, 3] {
-            let outputs = by_id(id).expect("in the list").outputs;
+            let outputs = shape(id).expect("in the list").outputs;
             let mut e = EffectTerm {
                 id,
                 parameters: [600.0, 1.0],

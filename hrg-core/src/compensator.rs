@@ -250,8 +250,8 @@ pub struct Compensator {
 
 impl Compensator {
     /// Starts in equilibrium with the first temperature.
-    // Out of line: the stack that it needs is not that of who calls it.
-    #[inline(never)]
+    // In line: what builds a static one should need the stack for it once.
+    #[inline]
     #[must_use]
     pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
         let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];

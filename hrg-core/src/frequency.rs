@@ -131,8 +131,33 @@ impl Sums {
         if numerator <= 0 || denominator <= 0 {
             return None;
         }
-        Some(f64::from(ticks_per_s) * denominator as f64 / numerator as f64)
+        Some(f64::from(ticks_per_s) * double(denominator) / double(numerator))
     }
+}
+
+/// A multiple of three, divided by it: times its inverse modulo 2^64. (A division of 64 bits is a function of a kilobyte.)
+fn third(multiple: u64) -> u64 {
+    multiple.wrapping_mul(0xAAAA_AAAA_AAAA_AAAB)
+}
+
+/// `a / b` where that is below a thousand or so: an estimate in single precision is then off by one at most.
+fn small_quotient(a: u64, b: u64) -> u32 {
+    let mut quotient = (a as f32 / b as f32) as u32;
+    if u64::from(quotient) * b > a {
+        quotient -= 1;
+    } else if u64::from(quotient + 1) * b <= a {
+        quotient += 1;
+    }
+    quotient
+}
+
+/// A positive whole number in double precision. (Nearly always of one half only, and then correctly rounded.)
+fn double(value: i128) -> f64 {
+    let (high, low) = ((value >> 64) as u64, value as u64);
+    if high == 0 {
+        return low as f64;
+    }
+    high as f64 * 18_446_744_073_709_551_616.0 + low as f64
 }
 
 /// What one gate gave.
@@ -252,14 +277,14 @@ impl Counter {
             let off = delta.wrapping_sub(period) as i32;
             if off.unsigned_abs() > tolerance {
                 // Not the next edge. A later one?
-                let count =
-                    ((u64::from(delta) << 8) + u64::from(self.period_q8 >> 1)) / u64::from(self.period_q8.max(1));
-                let place = ((count * u64::from(self.period_q8)) >> 8) as i64;
-                let count = count as u32;
-                if count > HOLE_PERIODS {
+                let period_q8 = u64::from(self.period_q8.max(1));
+                let rounded = (u64::from(delta) << 8) + (period_q8 >> 1);
+                if rounded >= u64::from(HOLE_PERIODS + 1) * period_q8 {
                     self.unlock(stamp);
                     return;
                 }
+                let count = small_quotient(rounded, period_q8);
+                let place = ((u64::from(count) * period_q8) >> 8) as i64;
                 if count < 2 || (i64::from(delta) - place).unsigned_abs() > u64::from(tolerance) {
                     let gate = self.gate_of(ticks);
                     gate.rejected = gate.rejected.saturating_add(1);
@@ -336,7 +361,8 @@ impl Counter {
         // Sums of j and of j^2 for j up to n.
         let sums = |n: u32| {
             let n = u64::from(n);
-            (n * (n + 1) / 2, n * (n + 1) * (2 * n + 1) / 6)
+            let triangle = n * (n + 1) / 2;
+            (triangle, third(triangle * (2 * n + 1)))
         };
         let ((a1, a2), (b1, b2)) = (sums(before), sums(i));
         self.now.sum_i += b1 - a1;
@@ -410,14 +436,12 @@ impl Counter {
         self.gate_start += u64::from(self.config.gate_ticks);
         // An edge that is long overdue: the signal has stopped.
         let waited = (self.gate_start as u32).wrapping_sub(self.last);
-        if self.locked == LOCK_PERIODS && (waited as i32) > 0 {
-            let overdue = (u64::from(waited) << 8) / u64::from(self.period_q8.max(1));
-            if overdue > u64::from(HOLE_PERIODS) {
-                // As if the next edge had found it out: what an edge does after this is the same either way.
-                self.locked = 0;
-                self.rejects = 0;
-                self.seen = false;
-            }
+        let longest_q8 = u64::from(HOLE_PERIODS + 1) * u64::from(self.period_q8.max(1));
+        if self.locked == LOCK_PERIODS && (waited as i32) > 0 && u64::from(waited) << 8 >= longest_q8 {
+            // As if the next edge had found it out: what an edge does after this is the same either way.
+            self.locked = 0;
+            self.rejects = 0;
+            self.seen = false;
         }
         self.now = core::mem::take(&mut self.next);
         gate
@@ -560,6 +584,24 @@ mod tests {
     use super::*;
 
     const TICKS: f64 = 90e6;
+
+    #[test]
+    fn quotients_are_exact() {
+        for n in 0..3000u64 {
+            let triangle = n * (n + 1) / 2;
+            assert_eq!(third(triangle * (2 * n + 1)), n * (n + 1) * (2 * n + 1) / 6);
+        }
+        for b in [1u64, 3, 4_702_720, 7_680_000, u64::from(u32::MAX)] {
+            for q in 0..=u64::from(HOLE_PERIODS) {
+                for r in [0, 1, b / 2, b.saturating_sub(2), b - 1] {
+                    let a = q * b + r.min(b - 1);
+                    assert_eq!(u64::from(small_quotient(a, b)), q, "{a} / {b}");
+                }
+            }
+        }
+        assert_eq!(double(7), 7.0);
+        assert!((double(3 << 80) / 3.0 / 2f64.powi(80) - 1.0).abs() < 1e-15);
+    }
 
     /// Runs a bank over edges of `hz` on axis 0 for `seconds`; `edit` may drop (None) or add stamps.
     fn run(

@@ -42,6 +42,7 @@ pub mod effects;
 pub mod frequency;
 pub mod link;
 pub mod maintenance;
+pub mod math;
 pub mod rate_of_change;
 pub mod rate_path;
 pub mod status;

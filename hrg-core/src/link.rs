@@ -5,8 +5,8 @@
 //! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
 
 use crate::alignment::session::{self, Command};
-use crate::bytes::{Reader, Writer};
-use crate::calibration::{unit_text, CRC32};
+use crate::bytes::{crc32, Reader, Writer};
+use crate::calibration::unit_text;
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::maintenance;
@@ -79,6 +79,18 @@ pub mod mode {
     pub const NAMES: [&str; 3] = ["navigate", "align", "maintenance"];
 }
 
+/// Ticks as milliseconds, modulo 2^32; `per_ms` below 2^17. By hand, 15 bits at a time: a quotient of 64 bits would take a
+/// function of a kilobyte.
+fn milliseconds(ticks: u64, per_ms: u32) -> u32 {
+    let (mut quotient, mut rest) = (0u32, 0u32);
+    for shift in [60, 45, 30, 15, 0] {
+        rest = rest << 15 | (ticks >> shift) as u32 & 0x7FFF;
+        quotient = (quotient << 15) | (rest / per_ms.max(1));
+        rest %= per_ms.max(1);
+    }
+    quotient
+}
+
 impl Housekeeping {
     /// One second: the step that ended it, what the model made of it, and the means over the bias before
     /// (`None`: the rate path said nothing). Counters of the unit are zero: the sender fills them in.
@@ -88,7 +100,7 @@ impl Housekeeping {
         let converter_errors = summary.map_or(0, |s| s.converter_errors);
         Self {
             step: step.step,
-            time_ms: (step.end_ticks / u64::from(ticks_per_s / 1000)) as u32,
+            time_ms: milliseconds(step.end_ticks, ticks_per_s / 1000),
             frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
             temperature_c: output.temperature_c,
             rate_c_per_min: output.rate_c_per_min,
@@ -184,7 +196,7 @@ impl Message {
         self.write(&mut w);
         // The longest message fits: test `every_message_there_and_back`.
         let n = w.finish().unwrap_or(0);
-        let crc = CRC32.checksum(plain.get(..n).unwrap_or_default());
+        let crc = crc32(plain.get(..n).unwrap_or_default());
         plain.truncate(n);
         let _ = plain.extend_from_slice(&crc.to_le_bytes());
         let mut out = Vec::new();
@@ -318,7 +330,8 @@ impl Message {
         }
     }
 
-    fn read(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
+    /// What a unit says.
+    fn read_report(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
             0x01 => Self::Rate(
                 RateFrame {
@@ -376,6 +389,13 @@ impl Message {
                 1 => maintenance::Reply::Data { sector: r.u8()?, offset: r.u16()?, data: r.array()? },
                 _ => return None,
             }),
+            _ => return None,
+        })
+    }
+
+    /// What a unit is told.
+    fn read_command(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
+        Some(match kind {
             0x83 => {
                 use maintenance::Command as C;
                 Self::Maintain(match r.u8()? {
@@ -412,6 +432,20 @@ impl Message {
     /// # Errors
     /// [`LinkError`] says what is wrong; nothing of the frame is used.
     pub fn decode(frame: &[u8]) -> Result<Self, LinkError> {
+        Self::decode_with(frame, |kind, r| match kind {
+            0x01..=0x05 => Some(Self::read_report(kind, r)),
+            0x80..=0x83 => Some(Self::read_command(kind, r)),
+            _ => None,
+        })
+    }
+
+    /// Reads one frame with `read`, which gives `None` for types that it does not know, and `Some(None)` where there is not
+    /// enough of one.
+    #[inline]
+    fn decode_with(
+        frame: &[u8],
+        read: impl Fn(u8, &mut Reader<'_>) -> Option<Option<Self>>,
+    ) -> Result<Self, LinkError> {
         if frame.len() >= MAX_FRAME {
             return Err(LinkError::TooLong);
         }
@@ -421,17 +455,15 @@ impl Message {
             return Err(LinkError::Framing);
         }
         let (content, crc) = plain[..n].split_at(n - 4);
-        if crc != CRC32.checksum(content).to_le_bytes() {
+        if crc != crc32(content).to_le_bytes() {
             return Err(LinkError::Checksum);
         }
         let kind = content[0];
-        if !matches!(kind, 0x01..=0x05 | 0x80..=0x83) {
-            return Err(LinkError::UnknownType(kind));
-        }
         let mut r = Reader::new(&content[1..]);
-        match Self::read(kind, &mut r) {
-            Some(m) if r.remaining() == 0 => Ok(m),
-            _ => Err(LinkError::Length(kind)),
+        match read(kind, &mut r) {
+            None => Err(LinkError::UnknownType(kind)),
+            Some(Some(m)) if r.remaining() == 0 => Ok(m),
+            Some(_) => Err(LinkError::Length(kind)),
         }
     }
 }
@@ -447,6 +479,22 @@ impl Deframer {
     /// Takes one byte; gives a message, or why there is none, at the end of each frame. Empty frames are
     /// silence, not errors.
     pub fn push(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
+        self.push_with(byte, Message::decode)
+    }
+
+    /// The same for a unit, which knows nothing but commands: what units say is of an unknown type.
+    pub fn push_command(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
+        self.push_with(byte, |frame| {
+            Message::decode_with(frame, |kind, r| matches!(kind, 0x80..=0x83).then(|| Message::read_command(kind, r)))
+        })
+    }
+
+    #[inline]
+    fn push_with(
+        &mut self,
+        byte: u8,
+        decode: impl Fn(&[u8]) -> Result<Message, LinkError>,
+    ) -> Option<Result<Message, LinkError>> {
         if byte != 0 {
             self.overflow |= self.buffer.push(byte).is_err();
             return None;
@@ -456,7 +504,7 @@ impl Deframer {
         } else if self.buffer.is_empty() {
             None
         } else {
-            Some(Message::decode(&self.buffer))
+            Some(decode(&self.buffer))
         };
         self.buffer.clear();
         self.overflow = false;
@@ -468,6 +516,18 @@ impl Deframer {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn milliseconds_are_a_quotient() {
+        for per_ms in [1u32, 84_000, 90_000, (1 << 17) - 1] {
+            for k in 0..64 {
+                for off in [0, 1, 89_999, 12_345_678] {
+                    let ticks = (1u64 << k).wrapping_add(off);
+                    assert_eq!(milliseconds(ticks, per_ms), (ticks / u64::from(per_ms)) as u32, "{ticks} / {per_ms}");
+                }
+            }
+        }
+    }
 
     fn housekeeping() -> Housekeeping {
         Housekeeping {

@@ -231,7 +231,10 @@ impl RatePath {
     /// Takes one sample: the timer tick of its data-ready edge and the codes of the channels.
     #[inline(never)]
     pub fn sample(&mut self, tick: u32, codes: [i32; CHANNELS]) -> Event {
-        let summary = self.turn(tick);
+        let mut event = Event { frame: None, summary: None, upset: false };
+        if self.due(tick) {
+            event.summary = self.turn(tick);
+        }
         self.sample = self.sample.wrapping_add(1);
         for k in 0..AXES {
             let code = codes[k];
@@ -253,12 +256,12 @@ impl RatePath {
         self.in_frame += 1;
         self.mirror.0 += 1;
         if self.in_frame < self.divider {
-            return Event { frame: None, summary, upset: false };
+            return event;
         }
         let unequal = self.in_frame != self.divider
             || self.mirror.0 != self.divider
             || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
-        let upset =
+        event.upset =
             unequal || !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
         // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
@@ -266,7 +269,10 @@ impl RatePath {
             self.axis_status.iter_mut().for_each(|s| *s |= axis::TEMPERATURE_STALE);
         }
         let frame = self.finish_frame(tick);
-        Event { frame: (!upset).then_some(frame), summary, upset }
+        if !event.upset {
+            event.frame = Some(frame);
+        }
+        event
     }
 
     /// Says that a sample was missing or refused at about `tick`. A frame whose samples all are missing is
@@ -277,14 +283,20 @@ impl RatePath {
         Event { frame: None, summary: self.turn(tick), upset: false }
     }
 
-    /// Takes the pending bias into use if `tick` has reached it.
+    /// Whether there is a pending bias, and `tick` has reached it.
     #[inline]
+    fn due(&self, tick: u32) -> bool {
+        self.pending.as_ref().is_some_and(|staged| tick.wrapping_sub(staged.effective_tick) as i32 >= 0)
+    }
+
+    /// Takes the pending bias into use if `tick` has reached it.
+    #[inline(never)]
     fn turn(&mut self, tick: u32) -> Option<Summary> {
-        let staged = self.pending?;
-        let past = tick.wrapping_sub(staged.effective_tick) as i32;
-        if past < 0 {
+        if !self.due(tick) {
             return None;
         }
+        let staged = self.pending?;
+        let past = tick.wrapping_sub(staged.effective_tick) as i32;
         self.pending = None;
         // More than two sample times late: it was not there in time.
         if past > LATE_TICKS {

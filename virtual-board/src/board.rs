@@ -207,7 +207,8 @@ impl<W: World> Board<W> {
         // Unicorn takes RAM for executable and then checks every store for code that it overwrites, which costs a third of the
         // speed. Code runs from flash only; here that is said.
         uc(cpu.ctl_set_tlb_type(TlbType::VIRTUAL))?;
-        uc(cpu.add_tlb_hook(0, u64::MAX, |_, address, _| {
+        uc(cpu.add_tlb_hook(0, u64::MAX, |c, address, _| {
+            c.get_data_mut().it_stale = true;
             let perms = match address as u32 {
                 FLASH_START..=FLASH_END => Prot::ALL,
                 // What the chip shows at address 0: its flash. Nothing runs there.
@@ -233,6 +234,16 @@ impl<W: World> Board<W> {
                     blocks[at] = block;
                 }
                 let n = u64::from(block.1);
+                if std::mem::take(&mut c.get_data_mut().it_stale) {
+                    // Filling the TLB for a store within an IT block leaves that block's state behind, and the next
+                    // instructions would be taken for conditional ones.
+                    let in_state = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & IT_STATE != 0);
+                    if in_state && !within_it(&code, at * 2) {
+                        c.get_data_mut().forget_it = true;
+                        let _ = c.emu_stop();
+                        return;
+                    }
+                }
                 let chip = c.get_data_mut();
                 if chip.now >= chip.deadline || chip.attention || chip.masked {
                     let stop = chip.now >= chip.deadline || chip.attention || {
@@ -241,7 +252,7 @@ impl<W: World> Board<W> {
                         primask & 1 == 0 && basepri == 0
                     };
                     // The stopped block is not executed; it comes again.
-                    if stop && !c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & 0x0600_FC00 != 0) {
+                    if stop && !c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & IT_STATE != 0) {
                         let _ = c.emu_stop();
                         return;
                     }
@@ -694,6 +705,10 @@ impl<W: World> Board<W> {
             chip.nvic.changed = false;
             let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
             let ran = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0);
+            if std::mem::take(&mut self.cpu.get_data_mut().forget_it) {
+                let xpsr = uc(self.cpu.reg_read(RegisterARM::XPSR))?;
+                uc(self.cpu.reg_write(RegisterARM::XPSR, xpsr & !IT_STATE))?;
+            }
             let chip = self.cpu.get_data_mut();
             let error = chip.error.take();
             let returning = std::mem::take(&mut chip.returning);
@@ -1152,13 +1167,41 @@ fn load_address(elf: &[u8], virtual_address: u64) -> Result<u32, RunError> {
         .ok_or_else(|| RunError::Elf(format!("no program header for {virtual_address:#x}")))
 }
 
+/// Where xPSR holds the state of an IT block.
+const IT_STATE: u64 = 0x0600_FC00;
+
+/// Length of the Thumb instruction that begins at an offset, bytes.
+fn thumb_length(code: &[u8], at: usize) -> usize {
+    // A first half-word of 0b11101, 0b11110 or 0b11111 begins an instruction of four bytes.
+    if code.get(at + 1).is_some_and(|high| *high >= 0xE8) {
+        4
+    } else {
+        2
+    }
+}
+
+/// Whether the instruction at an offset is one of those that an IT instruction before it makes conditional.
+fn within_it(code: &[u8], at: usize) -> bool {
+    (1..=8).filter_map(|back| at.checked_sub(2 * back)).any(|it| {
+        let mask = code[it] & 0xF;
+        if code[it + 1] != 0xBF || mask == 0 {
+            return false;
+        }
+        let mut next = it + 2;
+        (0..4 - mask.trailing_zeros()).any(|_| {
+            let here = next == at;
+            next += thumb_length(code, next);
+            here
+        })
+    })
+}
+
 /// Number of Thumb instructions in a block.
 fn thumb_instructions(code: &[u8]) -> u8 {
     let mut at = 0;
     let mut n = 0u8;
     while at + 1 < code.len() {
-        // A first half-word of 0b11101, 0b11110 or 0b11111 begins an instruction of four bytes.
-        at += if code[at + 1] >= 0xE8 { 4 } else { 2 };
+        at += thumb_length(code, at);
         n = n.saturating_add(1);
     }
     n

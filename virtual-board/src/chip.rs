@@ -153,6 +153,10 @@ pub struct Chip {
     pub attention: bool,
     /// An interrupt waits for PRIMASK or BASEPRI: the CPU must be stopped when they are off.
     pub masked: bool,
+    /// The state of an IT block may have been left behind: see the TLB hook.
+    pub it_stale: bool,
+    /// It has been: to be cleared before the CPU goes on.
+    pub forget_it: bool,
     pub asleep: bool,
     /// A fault within a fault: the CPU stands until a reset.
     pub locked_up: bool,
@@ -201,6 +205,8 @@ impl Chip {
             deadline: 0,
             attention: false,
             masked: false,
+            it_stale: false,
+            forget_it: false,
             asleep: false,
             locked_up: false,
             ready: (0, 0),

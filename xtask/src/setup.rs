@@ -25,6 +25,23 @@ pub enum Toolchain {
 impl Toolchain {
     /// A cargo command for the target: `cargo SUBCOMMAND ... --target ...`.
     pub fn cargo(&self, subcommand: &str) -> Command {
+        let mut c = self.plain_cargo(subcommand);
+        // Panics name the files they come from: with their places on this machine that is a kilobyte of flash, and an ELF that
+        // differs from home to home.
+        let home = std::env::var_os("CARGO_HOME")
+            .map(PathBuf::from)
+            .or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo")));
+        let sources = home.map(|h| h.join("registry/src")).and_then(|d| std::fs::read_dir(d).ok());
+        let registries = sources.into_iter().flatten().flatten().map(|index| index.path());
+        let flags: Vec<String> = registries
+            .chain(crate::root().canonicalize())
+            .map(|from| format!("\"--remap-path-prefix={}=\"", from.display()))
+            .collect();
+        c.args(["--config", &format!("target.{TARGET}.rustflags=[{}]", flags.join(","))]);
+        c
+    }
+
+    fn plain_cargo(&self, subcommand: &str) -> Command {
         match self {
             Self::Rustup => {
                 let mut c = Command::new("cargo");

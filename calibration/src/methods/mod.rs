@@ -196,7 +196,7 @@ impl Data {
         for run in runs {
             for k in 0..run.steps.len() {
                 match run.bias_state(k, a) {
-                    Some(s) => form.row(scaling, &s, &mut row),
+                    Some(s) => form.row(scaling, s, &mut row),
                     None => row.fill(f64::NAN),
                 }
                 columns.iter_mut().zip(&row).for_each(|(c, v)| c.push(*v));

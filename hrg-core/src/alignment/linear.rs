@@ -8,6 +8,7 @@
 
 use super::real::{congruence, transition, zeros, Matrix, Real};
 use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Begin, Config, Estimate, Filter};
+use crate::math::double;
 
 /// States.
 pub const STATES: usize = 8;
@@ -49,7 +50,7 @@ impl<T: Real> Linear<T> {
     /// Transition over a time, at the present heading.
     fn over(&self, seconds: f64, readings: bool) -> Matrix<T, STATES> {
         let (oc, os) = self.config.earth();
-        let (sin, cos) = libm::sincos(self.turned);
+        let (sin, cos) = double::sin_cos(self.turned);
         let mut f = zeros();
         f[TH][D] = T::one();
         f[TH][TH + 1] = T::of(-os);
@@ -165,7 +166,7 @@ impl<T: Real> Filter for Linear<T> {
             }
             u = [u[0] * gc - u[1] * gs, u[0] * gs + u[1] * gc];
         }
-        let length = libm::sqrt(best[0].f64() * best[0].f64() + best[1].f64() * best[1].f64());
+        let length = double::sqrt(best[0].f64() * best[0].f64() + best[1].f64() * best[1].f64());
         let mut best = best.map(|v| v.f64() / length);
         let turn = |u: [f64; 2], s: f64, c: f64| [u[0] * c - u[1] * s, u[0] * s + u[1] * c];
         let mut bend = f64::NAN;
@@ -182,7 +183,7 @@ impl<T: Real> Filter for Linear<T> {
             }
             // Numbers that are not numbers are caught below; core's clamp passes them on.
             let step = (-slope / bend).clamp(-0.1, 0.1);
-            let (s, c) = libm::sincos(step);
+            let (s, c) = double::sin_cos(step);
             best = turn(best, s, c);
             if step.abs() < 1e-9 {
                 break;
@@ -199,11 +200,11 @@ impl<T: Real> Filter for Linear<T> {
             let g = [p(k, C) * w[0][0] + p(k, S) * w[1][0], p(k, C) * w[0][1] + p(k, S) * w[1][1]];
             let given = p(k, k) - g[0] * p(k, C) - g[1] * p(k, S);
             let moved = g[0] * along[0] + g[1] * along[1];
-            libm::sqrt(if given > 0.0 { given } else { 0.0 } + moved * moved / bend)
+            double::sqrt(if given > 0.0 { given } else { 0.0 } + moved * moved / bend)
         };
         let out = Estimate {
-            azimuth: wrap(libm::atan2(best[1], best[0])),
-            azimuth_std: libm::sqrt(1.0 / bend),
+            azimuth: wrap(double::atan2(best[1], best[0])),
+            azimuth_std: double::sqrt(1.0 / bend),
             tilt: [shifted(TH), shifted(TH + 1)],
             tilt_std: [deviation(TH), deviation(TH + 1)],
             drift: [shifted(D), shifted(D + 1)],

@@ -27,6 +27,7 @@ pub mod particles;
 pub mod real;
 pub mod session;
 
+use crate::math::double;
 use real::Real;
 
 /// Earth rate, rad/s.
@@ -186,7 +187,7 @@ impl Config {
     /// Horizontal and vertical earth rate, rad/s.
     #[must_use]
     pub fn earth(&self) -> (f64, f64) {
-        let (s, c) = libm::sincos(self.latitude);
+        let (s, c) = double::sin_cos(self.latitude);
         (EARTH_RATE * c, EARTH_RATE * s)
     }
 }
@@ -194,9 +195,9 @@ impl Config {
 /// Normal gravity at a latitude on the ellipsoid (WGS 84, Somigliana), m/s^2.
 #[must_use]
 pub fn normal_gravity(latitude_deg: f64) -> f64 {
-    let s = libm::sin(latitude_deg * DEGREE);
+    let s = double::sin_cos(latitude_deg * DEGREE).0;
     let s2 = s * s;
-    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / libm::sqrt(1.0 - 0.006_694_379_990_14 * s2)
+    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / double::sqrt(1.0 - 0.006_694_379_990_14 * s2)
 }
 
 /// What a filter believes.
@@ -269,7 +270,10 @@ fn update<T: Real, const N: usize>(
     let gain = row.map(|r| r * inverse);
     for i in 0..N {
         x[i] += gain[i] * innovation;
-        for j in 0..=i {
+        for j in 0..N {
+            if j > i {
+                break;
+            }
             // (I - K h) P (I - K h)^T + K r K^T, multiplied out for a reading of one state.
             let value = p[i][j] - gain[i] * row[j] - row[i] * gain[j] + gain[i] * gain[j] * variance;
             p[i][j] = value;

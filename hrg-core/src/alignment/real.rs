@@ -1,6 +1,7 @@
-//! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions from `libm` on
-//! both sides.
+//! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions from
+//! [`crate::math`] and `libm`, on both sides.
 
+use crate::math::{double, single};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
@@ -85,8 +86,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, libm::sincosf, libm::atan2f, libm::sqrtf, libm::logf, libm::expf);
-real!(f64, libm::sincos, libm::atan2, libm::sqrt, libm::log, libm::exp);
+real!(f32, single::sin_cos, single::atan2, single::sqrt, libm::logf, libm::expf);
+real!(f64, double::sin_cos, double::atan2, double::sqrt, libm::log, libm::exp);
 
 /// A square matrix, row by row.
 pub type Matrix<T, const N: usize> = [[T; N]; N];
@@ -125,7 +126,11 @@ pub fn congruence<T: Real, const N: usize>(a: &Matrix<T, N>, p: &Matrix<T, N>) -
     let half = product(a, p);
     let mut out = zeros();
     for i in 0..N {
-        for j in 0..=i {
+        // (A range to `i` would leave checks of `j` behind.)
+        for j in 0..N {
+            if j > i {
+                break;
+            }
             let mut sum = T::zero();
             for k in 0..N {
                 sum += half[i][k] * a[j][k];

@@ -137,10 +137,17 @@ pub fn regressors(scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) ->
 fn evaluate(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> f32 {
     let (t, r) = (temperature_c, rate_c_per_min);
     if !scaling.polynomial(t) || r.abs() > scaling.r_linear {
-        return dot(k, &regressors(scaling, t, r));
+        return continued(k, scaling, t, r);
     }
     let u = scaling.u(t);
     k[0] + u * (k[1] + u * k[2]) + r * (k[3] + r * k[4] + u * k[5])
+}
+
+/// The same beyond the calibrated range.
+#[cold]
+#[inline(never)]
+fn continued(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> f32 {
+    dot(k, &regressors(scaling, temperature_c, rate_c_per_min))
 }
 
 /// Weight of the heating set, 0 to 1.

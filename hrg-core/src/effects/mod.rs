@@ -152,6 +152,15 @@ pub struct Facts {
     pub reach: Reach,
 }
 
+/// What a unit must know of an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    /// Regressors per axis.
+    pub outputs: usize,
+    /// Whether a unit can compute it.
+    pub on_unit: bool,
+}
+
 /// Advances an effect on every axis that has a temperature, and adds its bias there.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
@@ -188,6 +197,18 @@ macro_rules! effects {
             outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
             reach: <$name as Effect>::REACH,
         }),+];
+
+        /// What a unit must know of the effect with a number; it holds no names.
+        #[must_use]
+        pub fn shape(id: u16) -> Option<Shape> {
+            match id {
+                $(<$name as Effect>::ID => Some(Shape {
+                    outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
+                    on_unit: matches!(<$name as Effect>::REACH, Reach::Unit),
+                }),)+
+                _ => None,
+            }
+        }
 
         /// One running effect of one axis.
         #[derive(Debug, Clone)]
