@@ -107,15 +107,14 @@ fn with_taus(input: &[f64], output: &[f64], taus: &[f64]) -> Result<(Lag, f64), 
     let [lagged, fading] = regressors(input, taus);
     let ones = vec![1.0; lagged.len()];
     let fit = lsq::fit(&[ones, lagged, fading], output, None, &["offset", "lagged input", "state at the start"])?;
-    let squares: f64 = fit.residuals.iter().map(|e| e * e).sum();
     let lag = Lag {
         gain: fit.coefficients[1],
         gain_std: fit.std[1],
         tau_s: taus.to_vec(),
         offset_c: fit.coefficients[0],
-        residual_c: (squares / fit.residuals.len() as f64).sqrt(),
+        residual_c: (fit.squares / fit.rows as f64).sqrt(),
     };
-    Ok((lag, squares))
+    Ok((lag, fit.squares))
 }
 
 /// Sum of squares that a lag of some time constants leaves: as [`with_taus`], without its extras, for the search.

@@ -610,8 +610,8 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
             f64::NAN
         }
     };
-    // One scale for the column, from a sample: the spread of the values about their running median.
-    let stride = (n / 5_000).max(1);
+    // One scale for the column, from a sample: the spread of the values about their running median. Of 2000 it is known to 3 %.
+    let stride = (n / 2_000).max(1);
     let mut off: Vec<f64> =
         (0..n).step_by(stride).map(|k| (values[k] - median_at(values, k)).abs()).filter(|d| d.is_finite()).collect();
     let Some(mad) = crate::stats::median(&mut off) else {

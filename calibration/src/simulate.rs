@@ -403,7 +403,7 @@ impl Plant {
                 frequency_u: (temperature_c - 10.0) / 45.0,
                 frequency_u_per_min: rate_c_per_min / 45.0,
             };
-            AxisThermal { state, known: true, change_c: 0.0, age: 0, settled: true }
+            AxisThermal { state, known: true, age: 0, settled: true }
         });
         Thermal { axes, time_s: (k + 1) as f32 }
     }
@@ -564,10 +564,7 @@ fn left_after_baseline(series: &[f64], plant: &Plant, scaling: &Scaling, a: usiz
         })
         .collect();
     let y = block_means(series, 100);
-    crate::lsq::fit(&columns, &y, None, &[]).map_or_else(
-        |_| std_dev(&y),
-        |f| (f.residuals.iter().map(|e| e * e).sum::<f64>() / f.residuals.len() as f64).sqrt(),
-    )
+    crate::lsq::fit(&columns, &y, None, &[]).map_or_else(|_| std_dev(&y), |f| (f.squares / f.rows as f64).sqrt())
 }
 
 /// The quantities of a run that only a recording has.

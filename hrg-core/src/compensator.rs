@@ -12,7 +12,7 @@ use heapless::Vec;
 
 /// A lost frequency is bridged for this long, with the last temperature and bias held and flagged
 /// [`axis::FREQUENCY_LOST`]; after it [`axis::TEMPERATURE_STALE`] joins. In model steps (seconds).
-pub const HOLD_S: u32 = 10;
+pub const HOLD_S: u16 = 10;
 
 /// A frequency whose temperature lies further than this outside the calibrated range, C, is no resonator's and is taken for
 /// lost: believed, it would stay in the states of lags for hours. Nearer, it is used and flagged [`axis::TEMPERATURE_RANGE`].
@@ -31,13 +31,10 @@ pub const BELIEVE_STEPS: u8 = 30;
 pub struct AxisThermal {
     /// What a bias model may look at: of the last measured frequency where the frequency is lost now.
     pub state: State,
-    /// Whether the axis has had a frequency at all; without, its state means nothing.
+    /// Whether the axis has had a frequency at all; without, its temperature is NaN and the rest of its state zero.
     pub known: bool,
-    /// Change of temperature since the last step that had one, per step, C: says sooner than the slope that it changes too
-    /// fast.
-    pub change_c: f32,
-    /// Steps since the frequency was last measured.
-    pub age: u32,
+    /// Steps since the frequency was last measured, up to 18 hours.
+    pub age: u16,
     /// Whether the window of the slope is full.
     pub settled: bool,
 }
@@ -52,14 +49,13 @@ impl AxisThermal {
             frequency_u_per_min: 0.0,
         },
         known: false,
-        change_c: 0.0,
         age: 0,
         settled: false,
     };
 
     /// Steps since the last measured frequency, the coming one included.
     #[inline]
-    fn since(&self) -> u32 {
+    fn since(&self) -> u16 {
         self.age.saturating_add(1)
     }
 }
@@ -84,6 +80,9 @@ struct Channel {
     /// A temperature after a jump, and for how many steps it has stayed; 0: there is no doubt.
     doubted_c: f32,
     stayed: u8,
+    /// Change of temperature since the last step that had one, per step, C: says sooner than the slope that it changes too
+    /// fast.
+    change_c: f32,
 }
 
 impl Channel {
@@ -95,6 +94,7 @@ impl Channel {
             difference: Difference::default(),
             doubted_c: 0.0,
             stayed: 0,
+            change_c: 0.0,
         }
     }
 
@@ -113,7 +113,7 @@ impl Channel {
     fn believe(&mut self, now: &mut AxisThermal, t: f32) -> bool {
         let change = (t - now.state.temperature_c).abs();
         // After an outage it may be further away, by as much a step.
-        let near = change <= MAX_STEP_C || change <= MAX_STEP_C * now.since() as f32;
+        let near = change <= MAX_STEP_C || change <= MAX_STEP_C * f32::from(now.since());
         (near && self.stayed == 0) || !now.known || self.convinced(now, t)
     }
 
@@ -146,13 +146,13 @@ impl Channel {
         now.settled = self.window.settled();
         if let Some((u, t)) = believed {
             let change = if now.known { t - now.state.temperature_c } else { 0.0 };
-            now.change_c = if now.age == 0 { change } else { change / now.since() as f32 };
+            self.change_c = if now.age == 0 { change } else { change / f32::from(now.since()) };
             now.known = true;
             now.age = 0;
             now.state.frequency_u = u;
             now.state.temperature_c = t;
         } else {
-            now.change_c = 0.0;
+            self.change_c = 0.0;
             now.age = now.since();
         }
         if now.known {
@@ -297,13 +297,12 @@ impl Compensator {
 
     #[inline(always)]
     fn advance(&mut self, frequency_hz: &[Option<f64>; AXES], edge_errors: impl Fn(usize) -> bool) -> Output {
-        let thermal = self.thermometer.step(frequency_hz);
+        let _ = self.thermometer.step(frequency_hz);
+        let Thermometer { now: thermal, channels, .. } = &self.thermometer;
         let scaling = &self.calibration.scaling;
         let mut bias_dph = [0.0; AXES];
         for (k, bias) in bias_dph.iter_mut().enumerate() {
-            if let Some(state) = thermal.state(k) {
-                *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, state);
-            }
+            *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
         }
         for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
             if let Some(running) = running {
@@ -319,7 +318,7 @@ impl Compensator {
         };
         for k in 0..AXES {
             let now = &thermal.axes[k];
-            output.status[k] |= self.calibration.axes[k].status(now, &mut self.spoilt[k]);
+            output.status[k] |= self.calibration.axes[k].status(now, channels[k].change_c, &mut self.spoilt[k]);
             // Bridging an outage, the last bias is held, whatever the states do.
             if now.age == 0 {
                 self.bias_dph[k] = bias_dph[k];
@@ -338,9 +337,10 @@ impl Compensator {
 }
 
 impl Axis {
-    /// What is to be said of the thermal state of an axis. `spoilt`: for how many steps its slope is not to be trusted.
+    /// What is to be said of the thermal state of an axis whose temperature has changed by so much in this step. `spoilt`: for how
+    /// many steps its slope is not to be trusted.
     #[inline(always)]
-    fn status(&self, now: &AxisThermal, spoilt: &mut u8) -> u8 {
+    fn status(&self, now: &AxisThermal, change_c: f32, spoilt: &mut u8) -> u8 {
         let mut s = 0;
         if !now.settled {
             s |= axis::SETTLING;
@@ -362,7 +362,7 @@ impl Axis {
         let beyond = |r: f32| r < slowest || r > fastest;
         // The slope takes seconds to show a ramp; a step of twice the range shows at once, and spoils the slope for as long as
         // it is in the window. (An outage may hide the way back: then the time counts from its end.)
-        if beyond(now.change_c * (0.5 * 60.0 / MODEL_STEP_S)) || (now.age > 0 && *spoilt > 0) {
+        if beyond(change_c * (0.5 * 60.0 / MODEL_STEP_S)) || (now.age > 0 && *spoilt > 0) {
             *spoilt = WINDOW as u8;
         } else if *spoilt > 0 {
             *spoilt -= 1;
@@ -434,7 +434,7 @@ mod tests {
             assert_eq!(out.status[1..], [0, 0]);
             let flags = if k + 1 < u32::from(BELIEVE_STEPS) {
                 assert_eq!(out.bias_dph, before.bias_dph, "held");
-                if k >= HOLD_S {
+                if k >= u32::from(HOLD_S) {
                     axis::FREQUENCY_LOST | axis::TEMPERATURE_STALE
                 } else {
                     axis::FREQUENCY_LOST

@@ -135,7 +135,7 @@ proptest! {
                     frequency_u,
                     frequency_u_per_min: rate_c_per_min,
                 };
-                AxisThermal { state, known: o[1] > 0.0, change_c: 0.0, age: 0, settled: true }
+                AxisThermal { state, known: o[1] > 0.0, age: 0, settled: true }
             });
             let thermal = Thermal { axes, time_s };
             for axis in 0..3 {

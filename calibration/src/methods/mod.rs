@@ -247,6 +247,27 @@ impl Data {
     }
 }
 
+/// Least squares of a form over all steps of the runs, without columns of them.
+fn fit_directly(
+    runs: &[Run],
+    scaling: &Scaling,
+    a: usize,
+    form: Form,
+    weights: Option<&[f64]>,
+) -> Result<lsq::Fit, BadInput> {
+    let names = form.names();
+    let mut steps = runs.iter().flat_map(|run| (0..run.steps.len()).map(move |k| (run, k)));
+    lsq::fit_rows(runs.iter().map(|r| r.steps.len()).sum(), names.len(), &names, |k, row| {
+        let weight = weights.map_or(1.0, |w| w[k]);
+        let Some((run, step)) = steps.next() else { return false };
+        let Some(state) = run.bias_state(step, a) else { return false };
+        form.row(scaling, state, row);
+        row[names.len()] = run.steps.rate_dph[a][step];
+        row.iter_mut().for_each(|v| *v *= weight.sqrt());
+        weight > 0.0
+    })
+}
+
 fn range(v: &[f64]) -> f64 {
     quantile(v, 1.0) - quantile(v, 0.0)
 }
@@ -378,7 +399,7 @@ fn one_axis(
     match method {
         "lsq" | "two-sets" | "polynomial" | "direct" => {
             let weights = uniform.then(|| uniform_weights(runs, a));
-            let fit = data(form).fit(weights.as_deref())?;
+            let fit = fit_directly(runs, &scaling, a, form, weights.as_deref())?;
             form.store(calibration, a, &fit.coefficients, &fit.std)?;
             note(format!("condition number {:.1}", fit.condition));
             Ok(fit.coefficients.len())
@@ -517,7 +538,7 @@ fn orthogonal_swarm(d: &Data, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
         .ok_or_else(|| BadInput::new("the normal equations are singular"))?;
     let mut k: Vec<f64> = scaled.iter().zip(&scale).map(|(k, s)| k / s).collect();
     k[0] += mean;
-    let least: f64 = exact.residuals.iter().map(|e| e * e).sum();
+    let least = exact.squares;
     let above = (z - target).norm_squared() * length * length / least;
     Ok((k, above))
 }
@@ -547,7 +568,7 @@ fn literal_swarm(runs: &[Run], scaling: &Scaling, d: &Data, a: usize, seed: u64)
     }
     let folded = Folded::new(&columns, &d.y);
     let found = swarm::minimise(&swarm::DONG, &[([-1.0, 1.0], 1.0); TERMS], seed, |k| folded.sum_of_squares(k));
-    let least: f64 = d.fit(None)?.residuals.iter().map(|e| e * e).sum();
+    let least = d.fit(None)?.squares;
     // The same model in the unit's centred terms.
     let (t0, s) = (f64::from(scaling.t_ref_c), f64::from(scaling.t_scale_c));
     let k = &found.position;

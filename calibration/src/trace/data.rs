@@ -3,7 +3,7 @@
 use crate::fit::baseline_columns;
 use crate::run::Run;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{by_name, Facts, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{by_name, Facts, Inputs, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -95,6 +95,9 @@ impl<'a> Data<'a> {
     /// recorded. `exact`: at every model step; else on the coarse rows, which is enough to search with.
     pub fn columns(&self, c: &Candidate, a: usize, exact: bool) -> Option<Vec<Vec<f64>>> {
         let every = if exact { 1 } else { self.coarse_s };
+        let outputs = c.facts.outputs;
+        // Looking up what nobody asks for would take half the time.
+        let recorded = matches!(c.facts.reach, Reach::NeedsInput(_));
         let mut all: Vec<[f64; MAX_OUTPUTS]> = Vec::new();
         for (number, (run, &n)) in self.runs.iter().zip(&self.blocks).enumerate() {
             if c.run.is_some_and(|r| r != number) {
@@ -105,14 +108,17 @@ impl<'a> Data<'a> {
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
-                    let Some(inputs) = run.inputs(&self.scaling, k + every / 2, a) else {
+                    let at = k + every / 2;
+                    let thermal = &run.thermal[at];
+                    if thermal.state(a).is_none() {
                         continue;
-                    };
-                    let x = running.step(&inputs);
+                    }
+                    let recorded = if recorded { run.steps.recorded(at, a) } else { Recorded::NONE };
+                    let x = running.step(&Inputs { scaling: &self.scaling, thermal, axis: a, recorded });
                     if x[0].is_nan() {
                         continue;
                     }
-                    for (s, v) in sum.iter_mut().zip(x) {
+                    for (s, v) in sum.iter_mut().zip(x).take(outputs) {
                         *s += f64::from(v);
                     }
                     count += 1.0;
@@ -135,7 +141,7 @@ impl<'a> Data<'a> {
             for column in &mut out {
                 let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
                 // Absolute levels (a drive voltage) are no matter: the baseline has a constant.
-                if missing == 0 && c.facts.reach != hrg_core::effects::Reach::Unit && c.run.is_none() {
+                if missing == 0 && c.facts.reach != Reach::Unit && c.run.is_none() {
                     column.iter_mut().for_each(|v| *v -= mean);
                 }
             }

@@ -7,6 +7,7 @@
 //! compared, so that structure can be explained by the model or by the noise, whichever does it better.
 
 use super::data::AxisRows;
+use crate::stats::{dot, sum_of_products, take_off};
 
 /// One noise model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,24 +60,14 @@ impl Colour {
     }
 }
 
-/// Inner product.
-pub fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // Four sums at once: the compiler may not reorder one.
-    let mut s = [0.0; 4];
-    let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
-    for (x, y) in ca.zip(cb) {
-        for j in 0..4 {
-            s[j] += x[j] * y[j];
+/// Takes out of `x` what orthonormal columns span (twice, for rounding).
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn reduce(columns: &[Vec<f64>], x: &mut [f64]) {
+    for _ in 0..2 {
+        for q in columns {
+            let d = sum_of_products(q, x);
+            take_off(x, d, q);
         }
-    }
-    s[0] + s[1] + s[2] + s[3] + rest
-}
-
-/// `x -= f q`.
-pub fn subtract(x: &mut [f64], f: f64, q: &[f64]) {
-    for (x, q) in x.iter_mut().zip(q) {
-        *x -= f * q;
     }
 }
 
@@ -90,12 +81,7 @@ pub struct Basis {
 impl Basis {
     /// Takes out of `x` what the basis spans (twice, for rounding).
     pub fn reduce(&self, x: &mut [f64]) {
-        for _ in 0..2 {
-            for q in &self.columns {
-                let d = dot(q, x);
-                subtract(x, d, q);
-            }
-        }
+        reduce(&self.columns, x);
     }
 
     /// Adds a column; `false` where the basis spans it already (to a relative 1e-5).

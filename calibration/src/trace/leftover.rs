@@ -8,10 +8,11 @@
 //! there too.
 
 use super::data::Data;
-use super::gls::{dot, Basis, View, COLOURS};
+use super::gls::{Basis, View, COLOURS};
 use super::search::Model;
 use super::Fitted;
 use crate::fit::MEAN_S;
+use crate::stats::dot;
 use crate::stats::{block_means, mean};
 use hrg_core::AXES;
 

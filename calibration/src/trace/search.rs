@@ -6,12 +6,16 @@
 //! cut into blocks and shuffled, with the same library searched.
 
 use super::data::{Candidate, Data};
-use super::gls::{dot, subtract, Basis, View, COLOURS};
+use super::gls::{Basis, View, COLOURS};
+use crate::stats::{dot, take_off};
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use rand::seq::SliceRandom;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
 
 /// Candidates kept after the first effect, and after later ones.
 const BEAM: [usize; 4] = [4, 3, 2, 2];
@@ -62,8 +66,13 @@ pub struct Search<'a> {
     data: &'a Data<'a>,
     views: [Vec<View>; AXES],
     library: Vec<Seen>,
+    /// What was looked at last: a search asks for the same effects over and over, with one of them moved.
+    recent: RefCell<VecDeque<Rc<Seen>>>,
     seed: u64,
 }
+
+/// As many candidates are kept of those looked at last.
+const RECENT: usize = 32;
 
 fn cost(c: &Candidate, rows: f64) -> f64 {
     let inner = match c.facts.name {
@@ -86,7 +95,7 @@ impl<'a> Search<'a> {
     /// Prepares the library.
     pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
         let views = [0, 1, 2].map(|a| COLOURS.iter().map(|c| View::new(&data.axes[a], *c)).collect::<Vec<_>>());
-        let mut s = Self { data, views, library: Vec::new(), seed };
+        let mut s = Self { data, views, library: Vec::new(), recent: RefCell::default(), seed };
         let mut candidates = data.library();
         candidates.extend(s.spectral_peaks());
         candidates.extend(s.jumps());
@@ -96,8 +105,12 @@ impl<'a> Search<'a> {
 
     fn see(&self, candidate: Candidate) -> Option<Seen> {
         let mut columns: Vec<[Vec<Vec<f64>>; AXES]> = (0..COLOURS.len()).map(|_| Default::default()).collect();
+        let mut raw = Vec::new();
         for a in 0..AXES {
-            let raw = self.data.columns(&candidate, a, false)?;
+            // What is the same for the three axes is not computed again, unless other rows of this axis are in use.
+            if a == 0 || !candidate.facts.common || self.data.axes[a].keep != self.data.axes[a - 1].keep {
+                raw = self.data.columns(&candidate, a, false)?;
+            }
             for (s, view) in self.views[a].iter().enumerate() {
                 let mut basis = Basis::default();
                 for c in &raw {
@@ -228,7 +241,7 @@ impl<'a> Search<'a> {
     }
 
     /// Bases of a model's effects beyond the baseline, by axis and colour.
-    fn bases(&self, effects: &[Seen]) -> Vec<[Basis; AXES]> {
+    fn bases(&self, effects: &[Rc<Seen>]) -> Vec<[Basis; AXES]> {
         (0..COLOURS.len())
             .map(|s| {
                 [0, 1, 2].map(|a: usize| {
@@ -260,8 +273,18 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn seen(&self, effects: &[Candidate]) -> Vec<Seen> {
-        effects.iter().filter_map(|c| self.see(*c)).collect()
+    fn seen(&self, effects: &[Candidate]) -> Vec<Rc<Seen>> {
+        let one = |c: &Candidate| {
+            let known = self.recent.borrow().iter().find(|s| s.candidate == *c).cloned();
+            known.or_else(|| {
+                let seen = Rc::new(self.see(*c)?);
+                let mut recent = self.recent.borrow_mut();
+                recent.truncate(RECENT - 1);
+                recent.push_front(seen.clone());
+                Some(seen)
+            })
+        };
+        effects.iter().filter_map(one).collect()
     }
 
     /// The worth of a set of effects.
@@ -271,23 +294,22 @@ impl<'a> Search<'a> {
         (l.iter().map(|x| x.0).sum::<f64>() - penalty, l.map(|x| x.1))
     }
 
+    /// Rates with a model taken out, and their sums of squares, by colour and axis.
+    fn left(&self, bases: &[[Basis; AXES]]) -> Vec<[(Vec<f64>, f64); AXES]> {
+        let one = |s: usize, a: usize| {
+            let mut y = self.views[a][s].y.clone();
+            bases[s][a].reduce(&mut y);
+            let squares = dot(&y, &y);
+            (y, squares)
+        };
+        (0..bases.len()).map(|s| [0, 1, 2].map(|a| one(s, a))).collect()
+    }
+
     /// What each candidate of the library would add to a model: (gain in worth, index), best first.
     fn extensions(&self, effects: &[Candidate]) -> Vec<(f64, usize)> {
         let bases = self.bases(&self.seen(effects));
         let before: f64 = self.likelihood(&bases).iter().map(|x| x.0).sum();
-        // Rates with the model taken out, and their sums of squares.
-        let y: Vec<[(Vec<f64>, f64); AXES]> = bases
-            .iter()
-            .enumerate()
-            .map(|(s, b)| {
-                [0, 1, 2].map(|a: usize| {
-                    let mut y = self.views[a][s].y.clone();
-                    b[a].reduce(&mut y);
-                    let rss = dot(&y, &y);
-                    (y, rss)
-                })
-            })
-            .collect();
+        let y = self.left(&bases);
         let mut out: Vec<(f64, usize)> = Vec::new();
         for (number, seen) in self.library.iter().enumerate() {
             let name = seen.candidate.facts.name;
@@ -377,19 +399,17 @@ impl<'a> Search<'a> {
         // Everything else stays: its basis once.
         let others: Vec<Candidate> = effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
         let bases = self.bases(&self.seen(&others));
+        let left = self.left(&bases);
         let worth = |c: &Candidate| -> f64 {
             let Some(seen) = self.see(*c) else {
                 return f64::NEG_INFINITY;
             };
-            let mut bases = bases.clone();
-            for (s, b) in bases.iter_mut().enumerate() {
-                for a in 0..AXES {
-                    for column in &seen.columns[s][a] {
-                        b[a].add(column.clone());
-                    }
-                }
-            }
-            self.likelihood(&bases).iter().map(|x| x.0).sum()
+            let one = |a: usize, s: usize| {
+                let (y, squares) = &left[s][a];
+                let rss = squares - explained(&seen.columns[s][a], &bases[s][a], y);
+                self.views[a][s].log_likelihood(rss, self.data.runs.len())
+            };
+            (0..AXES).map(|a| (0..bases.len()).map(|s| one(a, s)).fold(f64::NEG_INFINITY, f64::max)).sum()
         };
         let start = effects[which];
         let p = start.parameters[0];
@@ -693,7 +713,7 @@ fn explained(columns: &[Vec<f64>], basis: &Basis, y: &[f64]) -> f64 {
         let mut x = c.clone();
         for q in &basis.columns {
             let d = dot(q, &x);
-            subtract(&mut x, d, q);
+            take_off(&mut x, d, q);
         }
         let count = own.columns.len();
         if dot(&x, &x) > 1e-6 && own.add(x) {

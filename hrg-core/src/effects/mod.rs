@@ -23,7 +23,7 @@ pub struct Inputs<'a> {
     pub scaling: &'a Scaling,
     /// Temperatures, their rates of change, normalised frequencies and time.
     pub thermal: &'a Thermal,
-    /// The axis in question, 0 to 2; it has a temperature.
+    /// The axis in question, 0 to 2.
     pub axis: usize,
     /// What only a chamber recording has.
     pub recorded: Recorded,
@@ -150,6 +150,8 @@ pub struct Facts {
     pub outputs: usize,
     /// Who can compensate it.
     pub reach: Reach,
+    /// Whether it looks at nothing that belongs to an axis.
+    pub common: bool,
 }
 
 /// What a unit must know of an effect.
@@ -161,7 +163,8 @@ pub struct Shape {
     pub on_unit: bool,
 }
 
-/// Advances an effect on every axis that has a temperature, and adds its bias there.
+/// Advances an effect on every axis, and adds its bias there. An axis that has no temperature yet has NaN for it; so has its
+/// bias, which nobody uses, and a state that begins anew with the first temperature.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
 fn add_bias_dph<E: Effect>(
@@ -178,10 +181,8 @@ fn add_bias_dph<E: Effect>(
     let inputs = |axis| Inputs { scaling, thermal, axis, recorded: Recorded::NONE };
     let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
     for axis in 0..AXES {
-        if thermal.axes[axis].known {
-            let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
-            bias_dph[axis] += x.weighed(&gains[axis]);
-        }
+        let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
+        bias_dph[axis] += x.weighed(&gains[axis]);
     }
 }
 
@@ -196,6 +197,7 @@ macro_rules! effects {
             parameters: <$name as Effect>::PARAMETERS,
             outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
             reach: <$name as Effect>::REACH,
+            common: <$name as Effect>::COMMON,
         }),+];
 
         /// What a unit must know of the effect with a number; it holds no names.
@@ -312,7 +314,7 @@ mod tests {
                 frequency_u: 0.1,
                 frequency_u_per_min: 0.01,
             };
-            AxisThermal { state, known: true, change_c: 0.0, age: 0, settled: true }
+            AxisThermal { state, known: true, age: 0, settled: true }
         };
         let thermal = Thermal { axes: [axis(t), axis(t + 2.0), axis(t - 3.0)], time_s };
         effect.step(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, recorded: Recorded::NONE })
