@@ -9,7 +9,7 @@
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TemperatureLaw {
-    /// Centre `f0`, Hz. Subtracted in f64.
+    /// Centre `f0`, Hz. Subtracted without rounding.
     pub f0_hz: f64,
     /// Half-width of the fitted range, Hz.
     pub scale_hz: f32,

@@ -33,6 +33,9 @@ struct Arguments {
     /// Write the table as Markdown to this file.
     #[arg(long)]
     table: Option<PathBuf>,
+    /// Page whose table of figures, between its marks, is written anew.
+    #[arg(long)]
+    page: Option<PathBuf>,
     /// Only this kind: single, pair, clean, outsider, dirty.
     #[arg(long)]
     only: Option<String>,
@@ -253,6 +256,11 @@ fn main() -> Result<()> {
     print!("{table}");
     if let Some(path) = &a.table {
         hrg_cal::write_file(path, table.as_bytes())?;
+    }
+    if let Some(page) = &a.page {
+        let figures = table.find("| figure").map_or(&table[..], |at| &table[at..]);
+        let rows: String = figures.lines().take_while(|l| l.starts_with('|')).map(|l| format!("{l}\n")).collect();
+        hrg_cal::splice(page, "study", &rows)?;
     }
     Ok(())
 }

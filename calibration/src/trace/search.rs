@@ -104,22 +104,32 @@ impl<'a> Search<'a> {
     }
 
     fn see(&self, candidate: Candidate) -> Option<Seen> {
-        let mut columns: Vec<[Vec<Vec<f64>>; AXES]> = (0..COLOURS.len()).map(|_| Default::default()).collect();
-        let mut raw = Vec::new();
+        let raw = self.raw(&candidate)?;
+        let columns = (0..COLOURS.len()).map(|s| [0, 1, 2].map(|a: usize| self.view(&raw[a], a, s))).collect();
+        Some(Seen { candidate, columns })
+    }
+
+    /// Columns of a candidate, by axis.
+    fn raw(&self, candidate: &Candidate) -> Option<[Vec<Vec<f64>>; AXES]> {
+        let mut raw: [Vec<Vec<f64>>; AXES] = Default::default();
         for a in 0..AXES {
             // What is the same for the three axes is not computed again, unless other rows of this axis are in use.
-            if a == 0 || !candidate.facts.common || self.data.axes[a].keep != self.data.axes[a - 1].keep {
-                raw = self.data.columns(&candidate, a, false)?;
-            }
-            for (s, view) in self.views[a].iter().enumerate() {
-                let mut basis = Basis::default();
-                for c in &raw {
-                    basis.add(view.column(&self.data.axes[a], c));
-                }
-                columns[s][a] = basis.columns;
-            }
+            raw[a] = if a > 0 && candidate.facts.common && self.data.axes[a].keep == self.data.axes[a - 1].keep {
+                raw[a - 1].clone()
+            } else {
+                self.data.columns(candidate, a, false)?
+            };
         }
-        Some(Seen { candidate, columns })
+        Some(raw)
+    }
+
+    /// Columns of one axis in one colour: orthonormal among themselves, free of the baseline.
+    fn view(&self, raw: &[Vec<f64>], a: usize, colour: usize) -> Vec<Vec<f64>> {
+        let mut basis = Basis::default();
+        for c in raw {
+            basis.add(self.views[a][colour].column(&self.data.axes[a], c));
+        }
+        basis.columns
     }
 
     /// Periods at which the residual's spectrum stands out, taken in the whitest view.
@@ -400,16 +410,19 @@ impl<'a> Search<'a> {
         let others: Vec<Candidate> = effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
         let bases = self.bases(&self.seen(&others));
         let left = self.left(&bases);
+        // In the colours that the model has as it stands.
+        let colours = self.likelihood(&self.bases(&self.seen(effects))).map(|l| l.1);
         let worth = |c: &Candidate| -> f64 {
-            let Some(seen) = self.see(*c) else {
+            let Some(raw) = self.raw(c) else {
                 return f64::NEG_INFINITY;
             };
-            let one = |a: usize, s: usize| {
+            let one = |a: usize| {
+                let s = colours[a];
                 let (y, squares) = &left[s][a];
-                let rss = squares - explained(&seen.columns[s][a], &bases[s][a], y);
+                let rss = squares - explained(&self.view(&raw[a], a, s), &bases[s][a], y);
                 self.views[a][s].log_likelihood(rss, self.data.runs.len())
             };
-            (0..AXES).map(|a| (0..bases.len()).map(|s| one(a, s)).fold(f64::NEG_INFINITY, f64::max)).sum()
+            (0..AXES).map(one).sum()
         };
         let start = effects[which];
         let p = start.parameters[0];

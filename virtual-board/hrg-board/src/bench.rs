@@ -130,7 +130,7 @@ const WAYS: [(&str, &str, u32); 7] = [
     ("root of f(T), Cardano, f64, libm", "7cardano", 12),
     ("table of 64 cells, linear", "5table", 5),
     ("network 1-5-1, f32, libm", "7network", 18),
-    ("ours: centred in f64, cubic in f32", "4ours", 5),
+    ("ours: centred exactly, cubic in f32", "4ours", 5),
 ];
 
 fn default_law() -> TemperatureLaw {

@@ -14,6 +14,16 @@ use hrg_core::calibration::Calibration;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
+/// Prints a line, and keeps it.
+macro_rules! say {
+    ($told:expr, $($text:tt)*) => {{
+        let line = format!($($text)*);
+        println!("{line}");
+        $told.push_str(&line);
+        $told.push('\n');
+    }};
+}
+
 /// Chamber profile of the train run, 7 h.
 const TRAIN: &str = "cycle";
 /// Chamber profile of the verify run: a good hour with fast ramps.
@@ -79,14 +89,15 @@ fn plot(before: &[Second], after: &[Second]) -> Result<String> {
 }
 
 /// Frames and temperature points side by side with the paper's printed ones.
-fn table_1(path: &Path) -> Result<()> {
-    println!("6. Measured data: Table 1 of dong2023, ten soaks of three real gyros");
+fn table_1(path: &Path, told: &mut String) -> Result<()> {
+    say!(told, "6. Measured data: Table 1 of dong2023, ten soaks of three real gyros");
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let report = points::report(&Points::parse(&text)?)?;
     for e in &report.effects {
-        println!("   {} against the {}: {}", e.name, e.reference, e.finding);
+        say!(told, "   {} against the {}: {}", e.name, e.reference, e.finding);
         for (axis, b) in &e.axes {
-            println!(
+            say!(
+                told,
                 "     {axis}: RMS {:.4} -> {:.4} C, largest {:.4} -> {:.4} C, leave-one-out {:.4} -> {:.4} C",
                 b.rms_before_c,
                 b.rms_after_c,
@@ -101,16 +112,18 @@ fn table_1(path: &Path) -> Result<()> {
         } else {
             format!("; this table cannot tell it from {}", e.indistinguishable_from.join(", "))
         };
-        println!("     chance by luck {:.1e}{twins}", e.chance_by_luck);
+        say!(told, "     chance by luck {:.1e}{twins}", e.chance_by_luck);
     }
     Ok(())
 }
 
-/// Runs the demo for the unit with a seed; results go to `out`.
+/// Runs the demo for the unit with a seed; results go to `out`. Gives what it has printed.
 ///
 /// # Errors
 /// Where a step fails.
-pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
+pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
+    let mut all = String::new();
+    let told = &mut all;
     let start = std::time::Instant::now();
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let to = |name: &str| -> PathBuf { out.join(name) };
@@ -119,8 +132,9 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
         let plan = Plan { effects: vec![EffectSpec::secret(unit)], ..Plan::of(Profile::parse(profile)?, unit, seed) };
         Ok(plan.simulate())
     };
-    println!("Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
-    println!(
+    say!(told, "Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
+    say!(
+        told,
         "1. A unit with an undeclared effect (seed {seed}): a train run ({TRAIN}, 7 h) and a verify run ({VERIFY})"
     );
     let train = plan(TRAIN, seed * 2 + 1, seed)?;
@@ -130,15 +144,15 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
     // From here on the files are all there is.
     let (train_file, verify_file) = (Recording::load(&to("train.csv"))?, Recording::load(&to("verify.csv"))?);
 
-    println!("2. hrg trace: baseline fit, residual, what the model lacks");
+    say!(told, "2. hrg trace: baseline fit, residual, what the model lacks");
     let t = trace(&[train_file], &verify_file)?;
     hrg_cal::write_file(&to("report.json"), hrg_cal::trace::json(&t.report).as_bytes())?;
     hrg_cal::write_file(&to("report.html"), hrg_cal::trace::html(&t)?.as_bytes())?;
     file::save(&to("baseline.toml"), &t.baseline)?;
     file::save(&to("extended.toml"), &t.extended)?;
-    println!("   {}", t.report.verdict);
+    say!(told, "   {}", t.report.verdict);
 
-    println!("3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
+    say!(told, "3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
     let steps = Steps::new(&verify_file)?;
     let [before, after] = run_both(&elf, [&t.baseline, &t.extended], &steps)?;
     let (rows_before, rows_after) = (before.seconds_of_frames(), after.seconds_of_frames());
@@ -150,12 +164,21 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
     }
     hrg_cal::write_file(&to("rates.svg"), plot(&rows_before, &rows_after)?.as_bytes())?;
 
-    println!("4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
+    say!(told, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
     let (raw, corrected) = replay::three_sigma(&rows_before);
     let (_, extended) = replay::three_sigma(&rows_after);
-    println!("   {:<5} {:>9} {:>16} {:>16} {:>14}", "axis", "raw", "baseline block", "extended block", "noise put in");
+    say!(
+        told,
+        "   {:<5} {:>9} {:>16} {:>16} {:>14}",
+        "axis",
+        "raw",
+        "baseline block",
+        "extended block",
+        "noise put in"
+    );
     for a in 0..3 {
-        println!(
+        say!(
+            told,
             "   {:<5} {:>9.3} {:>16.3} {:>16.3} {:>14.3}",
             AXIS_NAMES[a],
             raw[a],
@@ -164,11 +187,12 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
             3.0 * verify.truth.floor_dph[a]
         );
     }
-    println!("   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
-    println!("   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
+    say!(told, "   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
+    say!(told, "   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
     for (name, o) in [("baseline", &before), ("extended", &after)] {
         let r = &o.received;
-        println!(
+        say!(
+                told,
             "   {name}: {} frames, {} differ from hrg-core on the desktop, largest difference {} deg/h; {:.0} instructions a second ({:.2} %)",
             r.rates.len() + r.housekeeping.len(),
             r.differing,
@@ -178,11 +202,14 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
         );
     }
 
-    println!("5. Only now the simulator's truth");
+    say!(told, "5. Only now the simulator's truth");
     for e in &train.truth.effects {
-        println!(
+        say!(
+            told,
             "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
-            e.name, e.parameter, e.size
+            e.name,
+            e.parameter,
+            e.size
         );
     }
     for e in &t.report.effects {
@@ -192,21 +219,23 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<()> {
         } else {
             format!(", not told from {}", e.indistinguishable_from.join(", "))
         };
-        println!("   found:   {} {}{twins}", e.name, parameters.join(", "));
+        say!(told, "   found:   {} {}{twins}", e.name, parameters.join(", "));
     }
     let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| t.report.unexplained[*a]).collect();
-    println!(
+    say!(
+        told,
         "   left:    {}",
         if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) }
     );
-    table_1(table)?;
-    println!(
+    table_1(table, told)?;
+    say!(
+        told,
         "\nreport {}, plot {}, logs {} and {}",
         to("report.html").display(),
         to("rates.svg").display(),
         to("before.log").display(),
         to("after.log").display()
     );
-    println!("{:.0} s in all", start.elapsed().as_secs_f64());
-    Ok(())
+    say!(told, "{:.0} s in all", start.elapsed().as_secs_f64());
+    Ok(all)
 }

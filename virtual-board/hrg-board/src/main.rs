@@ -151,6 +151,9 @@ enum Command {
         /// Where the files go.
         #[arg(long)]
         out: Option<PathBuf>,
+        /// Page into which what is printed goes, between its marks.
+        #[arg(long)]
+        page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -259,10 +262,11 @@ fn run(command: Command) -> Result<()> {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             hrg_board::methods::methods(&elf, &out, seed, seconds, table.as_deref())
         }
-        Command::Demo { seed, out, elf } => {
+        Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
             let elf = elf.unwrap_or_else(replay::default_elf);
-            hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))
+            let told = hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))?;
+            page.map_or(Ok(()), |page| hrg_cal::splice(&page, "demo", &format!("```\n{told}```\n")))
         }
     }
 }
