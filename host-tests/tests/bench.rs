@@ -1,6 +1,8 @@
 //! What the unit costs stays within its bounds, and its numbers near their limits (`cargo xtask bench`).
 
-use hrg_board::{bench, replay};
+use hrg_board::faults::Scene;
+use hrg_board::{bench, replay, symbol};
+use virtual_board::CPU_HZ;
 
 #[test]
 fn the_units_costs_are_within_their_bounds() {
@@ -30,5 +32,20 @@ fn frequency_and_rate_are_at_their_limits() {
         let ratio = l.reached / l.bound;
         // Without jitter the timer's steps are no noise: the regression averages them better than noise.
         assert!(ratio < 1.1 && (ratio > 0.9 || l.what.ends_with(" 0 ns of jitter")), "{l:?}");
+    }
+}
+
+#[test]
+fn what_is_counted_is_there_to_be_counted() {
+    let elf = replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
+    let scene = Scene::new(&elf, 1).expect("a scene");
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
+    let all = [symbol::UPDATE, symbol::BIAS, symbol::LAW, symbol::DECODE, symbol::SAMPLE, symbol::ENCODE];
+    for name in all {
+        board.count_calls(&elf, name).expect("in the ELF");
+    }
+    board.run_until(5 * CPU_HZ).expect("runs");
+    for (k, name) in all.iter().enumerate() {
+        assert!(board.probe(k).and_then(virtual_board::Probe::mean).is_some(), "{name} was never called");
     }
 }

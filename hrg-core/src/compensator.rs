@@ -73,10 +73,13 @@ pub struct Thermal {
 #[derive(Debug, Clone)]
 struct Channel {
     law: TemperatureLaw,
-    /// No resonator is colder or warmer, C.
-    possible_c: [f32; 2],
+    /// No resonator is further from the middle of its law's range than this, C.
+    middle_c: f32,
+    reach_c: f32,
     window: SlopeWindow,
     difference: Difference,
+    /// Slope of temperature by normalised frequency at the last one measured, C.
+    slope_c: f32,
     /// A temperature after a jump, and for how many steps it has stayed; 0: there is no doubt.
     doubted_c: f32,
     stayed: u8,
@@ -88,24 +91,25 @@ struct Channel {
 impl Channel {
     fn new(law: TemperatureLaw) -> Self {
         Self {
-            possible_c: [law.min_c - BEYOND_C, law.max_c + BEYOND_C],
+            middle_c: 0.5 * (law.min_c + law.max_c),
+            reach_c: 0.5 * (law.max_c - law.min_c) + BEYOND_C,
             law,
             window: SlopeWindow::default(),
             difference: Difference::default(),
+            slope_c: 0.0,
             doubted_c: 0.0,
             stayed: 0,
             change_c: 0.0,
         }
     }
 
-    /// A frequency that may be one, normalised, and its temperature.
+    /// A frequency that may be one, normalised, and its temperature with the slope there.
     #[inline]
-    fn plausible(&self, frequency_hz: Option<f64>) -> Option<(f32, f32)> {
+    fn plausible(&self, frequency_hz: Option<f64>) -> Option<(f32, (f32, f32))> {
         let u = self.law.normalised(frequency_hz?);
-        let t = self.law.at_c(u);
+        let (t, slope) = self.law.value_and_slope(u);
         // (No comparison with a NaN is true.)
-        let [lowest, highest] = self.possible_c;
-        (t >= lowest && t <= highest).then_some((u, t))
+        ((t - self.middle_c).abs() <= self.reach_c).then_some((u, (t, slope)))
     }
 
     /// Whether a temperature can follow on what was before.
@@ -139,7 +143,10 @@ impl Channel {
     #[inline(never)]
     fn step(&mut self, now: &mut AxisThermal, frequency_hz: Option<f64>) {
         let believed = match self.plausible(frequency_hz) {
-            Some((u, t)) if self.believe(now, t) => Some((u, t)),
+            Some((u, (t, slope))) if self.believe(now, t) => {
+                self.slope_c = slope;
+                Some((u, t))
+            }
             _ => None,
         };
         let u_per_min = self.window.push(believed.map(|(u, _)| u));
@@ -158,7 +165,7 @@ impl Channel {
         if now.known {
             let state = &mut now.state;
             state.frequency_u_per_min = u_per_min;
-            state.rate_c_per_min = u_per_min * self.law.slope_c(state.frequency_u);
+            state.rate_c_per_min = u_per_min * self.slope_c;
             state.difference_c_per_min = self.difference.push(state.temperature_c);
         }
     }
@@ -184,7 +191,8 @@ impl Thermometer {
     /// One model step.
     #[inline]
     pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> &Thermal {
-        self.steps = self.steps.saturating_add(1);
+        // (A wrap is 136 years away.)
+        self.steps = self.steps.wrapping_add(1);
         self.now.time_s = self.power_on_s + self.steps as f32 * MODEL_STEP_S;
         for k in 0..AXES {
             self.channels[k].step(&mut self.now.axes[k], frequency_hz[k]);
@@ -240,8 +248,8 @@ pub fn update_both(lanes: [&mut Compensator; 2], step: &StepFrequencies) -> Opti
 pub struct Compensator {
     calibration: Calibration,
     thermometer: Thermometer,
-    /// Of each effect of the calibration: its states; `None` where its number is unknown, which `Calibration::check` refuses.
-    running: Vec<Option<OnUnit>, MAX_EFFECTS>,
+    /// Of each effect of the calibration: its states.
+    running: Vec<OnUnit, MAX_EFFECTS>,
     /// Steps for which a change beyond the calibrated range is still in the slope's window.
     spoilt: [u8; AXES],
     bias_dph: [f32; AXES],
@@ -257,7 +265,9 @@ impl Compensator {
         let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];
         let mut running = Vec::new();
         for term in &calibration.effects {
-            let _ = running.push(OnUnit::new(term.id, &term.parameters, MODEL_STEP_S));
+            // `Calibration::check` has refused what no unit knows.
+            let Some(one) = OnUnit::new(term.id, &term.parameters, MODEL_STEP_S) else { break };
+            let _ = running.push(one);
         }
         Self {
             calibration,
@@ -305,9 +315,7 @@ impl Compensator {
             *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
         }
         for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
-            if let Some(running) = running {
-                running.add_bias_dph(scaling, thermal, &term.gains, &mut bias_dph);
-            }
+            running.add_bias_dph(scaling, thermal, &term.gains, &mut bias_dph);
         }
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
