@@ -25,9 +25,12 @@ pub enum Toolchain {
 impl Toolchain {
     /// A cargo command for the target: `cargo SUBCOMMAND ... --target ...`.
     pub fn cargo(&self, subcommand: &str) -> Command {
-        let mut c = self.plain_cargo(subcommand);
         // Panics name the files they come from: with their places on this machine that is a kilobyte of flash, and an ELF that
-        // differs from home to home.
+        // differs from home to home. The sources must be there first, for on a fresh machine nobody knows where they will be;
+        // if they cannot be fetched, the command itself will say why.
+        static FETCH: std::sync::Once = std::sync::Once::new();
+        FETCH.call_once(|| drop(self.plain_cargo("fetch").arg("--locked").current_dir(crate::root()).status()));
+        let mut c = self.plain_cargo(subcommand);
         let home = std::env::var_os("CARGO_HOME")
             .map(PathBuf::from)
             .or_else(|| Some(PathBuf::from(std::env::var_os("HOME")?).join(".cargo")));
