@@ -20,6 +20,9 @@ pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
 /// Samples per rate frame at start: 1 kHz / 5 = 200 Hz. Settable over the link.
 pub const DIVIDER: u16 = 5;
 
+/// Samples of a frame at most: one a second.
+pub const MOST_SAMPLES: u16 = 1000;
+
 /// A bias with the moment from which it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Staged {
@@ -75,8 +78,8 @@ impl Staged {
     }
 }
 
-fn settings_seal(scale_dph: &[f32; AXES], divider: u16) -> u32 {
-    fold(scale_dph.map(f32::to_bits)).wrapping_add(u32::from(divider))
+fn settings_seal(scale_dph: &[f32; AXES], divider: u16, next_divider: u16) -> u32 {
+    fold(scale_dph.map(f32::to_bits)).wrapping_add((u32::from(divider) << 16) | u32::from(next_divider))
 }
 
 /// A number that changes with any bit of the three.
@@ -162,7 +165,7 @@ pub struct Event {
 #[derive(Debug, Clone)]
 pub struct RatePath {
     scale_dph: [f32; AXES],
-    /// Over scale and divider.
+    /// Over scale and dividers.
     settings_seal: u32,
     divider: u16,
     current: Staged,
@@ -194,10 +197,11 @@ impl RatePath {
     /// `scale_dph`: deg/h per code of each axis; `divider`: samples per frame, 1 to 1000.
     #[must_use]
     pub fn new(scale_dph: [f32; AXES], divider: u16) -> Self {
+        let divider = divider.clamp(1, MOST_SAMPLES);
         Self {
             scale_dph,
-            settings_seal: settings_seal(&scale_dph, divider.clamp(1, 1000)),
-            divider: divider.clamp(1, 1000),
+            settings_seal: settings_seal(&scale_dph, divider, divider),
+            divider,
             current: Staged::at(0, u32::MAX, [0.0; AXES], [axis::TEMPERATURE_STALE | axis::SETTLING; AXES]),
             stale: false,
             last_codes: [0; AXES],
@@ -208,7 +212,7 @@ impl RatePath {
             in_frame: 0,
             sum_dph: [0.0; AXES],
             mirror: (0, [0.0; AXES]),
-            next_divider: divider.clamp(1, 1000),
+            next_divider: divider,
             axis_status: [0; AXES],
             unit_status: 0,
             code_sum: [0; CHANNELS],
@@ -220,7 +224,15 @@ impl RatePath {
 
     /// Samples per frame from the next frame on.
     pub fn set_divider(&mut self, divider: u16) {
-        self.next_divider = divider.clamp(1, 1000);
+        let whole = self.settings_whole();
+        self.next_divider = divider.clamp(1, MOST_SAMPLES);
+        if whole {
+            self.settings_seal = settings_seal(&self.scale_dph, self.divider, self.next_divider);
+        }
+    }
+
+    fn settings_whole(&self) -> bool {
+        self.settings_seal == settings_seal(&self.scale_dph, self.divider, self.next_divider)
     }
 
     /// Stages the next bias.
@@ -256,13 +268,14 @@ impl RatePath {
         self.in_frame += 1;
         self.mirror.0 += 1;
         if self.in_frame < self.divider {
+            // Its seal is looked at when a frame is whole, which would take long.
+            event.upset = self.divider > MOST_SAMPLES;
             return event;
         }
         let unequal = self.in_frame != self.divider
             || self.mirror.0 != self.divider
             || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
-        event.upset =
-            unequal || !self.current.whole() || self.settings_seal != settings_seal(&self.scale_dph, self.divider);
+        event.upset = unequal || !self.current.whole() || !self.settings_whole();
         // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
         if self.stale {
@@ -368,7 +381,7 @@ impl RatePath {
         self.mirror = (0, [0.0; AXES]);
         if self.next_divider != self.divider {
             self.divider = self.next_divider;
-            self.settings_seal = settings_seal(&self.scale_dph, self.divider);
+            self.settings_seal = settings_seal(&self.scale_dph, self.divider, self.next_divider);
         }
         self.axis_status = [0; AXES];
         self.unit_status = 0;
@@ -400,6 +413,27 @@ mod tests {
             }
         }
         assert_eq!(rates, [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn a_frame_that_would_never_end_is_noticed() {
+        let upsets: [fn(&mut RatePath); 6] = [
+            |p| p.divider ^= 1,
+            |p| p.divider ^= 1 << 9,
+            |p| p.divider ^= 1 << 10,
+            |p| p.divider ^= 1 << 15,
+            |p| p.next_divider ^= 1 << 12,
+            |p| {
+                p.scale_dph[1] = 1.0;
+                p.set_divider(7);
+            },
+        ];
+        for (k, upset) in upsets.iter().enumerate() {
+            let mut p = RatePath::new([0.01; 3], 5);
+            upset(&mut p);
+            let noticed = (0..2000u32).find(|k| p.sample(k * 90_000, [*k as i32 & 3; CHANNELS]).upset);
+            assert!(noticed.is_some_and(|sample| sample <= 1000), "{k}: {noticed:?}");
+        }
     }
 
     #[test]
