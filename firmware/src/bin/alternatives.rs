@@ -31,6 +31,7 @@ const LAW: TemperatureLaw = TemperatureLaw {
 /// The same in powers of f.
 const UNCENTRED: [f64; 4] =
     [-2_023_937.277_596_904_7, 1_247.652_704_013_911, -0.256_788_188_553_208_45, 1.764_513_640_741_762_3e-5];
+const UNCENTRED_SINGLE: [f32; 4] = [UNCENTRED[0] as f32, UNCENTRED[1] as f32, UNCENTRED[2] as f32, UNCENTRED[3] as f32];
 /// The forward cubic.
 const FORWARD: [f64; 4] =
     [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7];
@@ -56,7 +57,7 @@ const NETWORK: [f32; 16] = [
 
 #[inline(never)]
 fn uncentred_single(f: f32) -> f32 {
-    let c = UNCENTRED.map(|c| c as f32);
+    let c = UNCENTRED_SINGLE;
     ((c[3] * f + c[2]) * f + c[1]) * f + c[0]
 }
 
