@@ -241,12 +241,12 @@ impl Run {
         t.state(a).filter(|_| t.axes[a].age == 0)
     }
 
-    /// What an effect may look at; `None` where the axis has no temperature yet.
+    /// What an effect may look at, with what is recorded of it; `None` where the axis has no temperature yet.
     #[must_use]
-    pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize) -> Option<Inputs<'a>> {
+    pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize, recorded: Recorded) -> Option<Inputs<'a>> {
         let thermal = &self.thermal[k];
         thermal.state(a)?;
-        Some(Inputs { scaling, thermal, axis: a, recorded: self.steps.recorded(k, a) })
+        Some(Inputs { scaling, thermal, axis: a, recorded })
     }
 
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
@@ -260,7 +260,7 @@ impl Run {
     ) -> Vec<[f32; MAX_OUTPUTS]> {
         let mut running = Running::new(id, parameters, MODEL_STEP_S);
         (0..self.thermal.len())
-            .map(|k| match (self.inputs(scaling, k, a), &mut running) {
+            .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k, a)), &mut running) {
                 (Some(i), Some(r)) => r.step(&i),
                 _ => [f32::NAN; MAX_OUTPUTS],
             })

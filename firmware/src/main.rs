@@ -46,8 +46,8 @@ use hrg_core::rate_path::{self, RatePath};
 use hrg_core::status::unit;
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// Runs the model and the link, in the interrupt of a peripheral that the unit does not use: what takes long in a thread (an alignment by particles) delays
-/// neither a bias nor a frame.
+/// Runs the model and the link, in the interrupt of a peripheral that the unit does not use: what takes long in a thread (an
+/// alignment by particles) delays neither a bias nor a frame.
 static MODEL_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 #[interrupt]

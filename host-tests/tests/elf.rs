@@ -74,7 +74,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
             1 => (0..4).for_each(|_| bad[draw(400)] ^= 1 << draw(8)),
             _ => (0..4).for_each(|_| bad[good.len() - 1 - draw(2000)] ^= 1 << draw(8)),
         }
-        match Board::new(&bad, hrg_board::align::Silence) {
+        match Board::new(&bad, virtual_board::Silence) {
             Ok(_) => loaded += 1,
             Err(e) => {
                 assert!(!e.to_string().is_empty());
@@ -84,7 +84,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
         let _ = Decoder::new(&bad);
     }
     assert!(refused > 10 && loaded > 0, "{refused} refused, {loaded} loaded");
-    assert!(Board::new(&[], hrg_board::align::Silence).is_err());
+    assert!(Board::new(&[], virtual_board::Silence).is_err());
 }
 
 #[test]

@@ -1,19 +1,6 @@
 //! Instructions that the emulator alone would execute wrongly.
 
-use virtual_board::{Board, World, CPU_HZ};
-
-struct Silence;
-
-impl World for Silence {
-    fn next_edge(&mut self, _: usize) -> Option<u64> {
-        None
-    }
-    fn convert(&mut self, _: u64) -> Option<[i32; 8]> {
-        None
-    }
-    fn link_out(&mut self, _: u64, _: &[u8]) {}
-    fn log_out(&mut self, _: u64, _: &[u8]) {}
-}
+use virtual_board::{Board, Silence, CPU_HZ};
 
 /// An ELF with one segment, at the start of the flash.
 fn elf(code: &[u8]) -> Vec<u8> {

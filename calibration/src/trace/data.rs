@@ -3,7 +3,7 @@
 use crate::fit::baseline_columns;
 use crate::run::Run;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{by_name, Facts, Inputs, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{by_name, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -109,12 +109,11 @@ impl<'a> Data<'a> {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
                     let at = k + every / 2;
-                    let thermal = &run.thermal[at];
-                    if thermal.state(a).is_none() {
-                        continue;
-                    }
                     let recorded = if recorded { run.steps.recorded(at, a) } else { Recorded::NONE };
-                    let x = running.step(&Inputs { scaling: &self.scaling, thermal, axis: a, recorded });
+                    let Some(inputs) = run.inputs(&self.scaling, at, a, recorded) else {
+                        continue;
+                    };
+                    let x = running.step(&inputs);
                     if x[0].is_nan() {
                         continue;
                     }

@@ -12,7 +12,7 @@ use hrg_core::alignment::{wrap, ARCMIN, DEGREE};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use std::path::Path;
-use virtual_board::{Board, Probe, World, CPU_HZ};
+use virtual_board::{Board, Probe, Silence, CPU_HZ};
 
 /// When the host asks for the alignment, s after power-on.
 const BEGIN_S: f64 = 4.5;
@@ -149,21 +149,6 @@ pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
             Ok(Cost { name, instructions })
         })
         .collect()
-}
-
-/// Nothing on any wire.
-#[derive(Debug)]
-pub struct Silence;
-
-impl World for Silence {
-    fn next_edge(&mut self, _: usize) -> Option<u64> {
-        None
-    }
-    fn convert(&mut self, _: u64) -> Option<[i32; 8]> {
-        None
-    }
-    fn link_out(&mut self, _: u64, _: &[u8]) {}
-    fn log_out(&mut self, _: u64, _: &[u8]) {}
 }
 
 /// `cargo xtask align-demo`: the campaigns, the costs, and chen2015's case on the ELF. `upf` is a firmware built with the

@@ -1,7 +1,6 @@
 //! What the unit costs, counted in the ELF by the virtual board, with bounds; what others would write in its place; and how near
 //! its numbers come to what their noise allows.
 
-use crate::align::Silence;
 use crate::faults::Scene;
 use crate::replay::{self, Options};
 use crate::symbol;
@@ -15,7 +14,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::fmt::Write as _;
-use virtual_board::{Board, CPU_HZ};
+use virtual_board::{Board, Silence, CPU_HZ};
 
 /// One counted figure.
 #[derive(Debug, Clone)]

@@ -1,5 +1,6 @@
 //! The host's end of the link, in step with the board: what a test engineer's computer asks of the unit.
 
+use crate::faults::cycles;
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
@@ -20,10 +21,6 @@ pub enum Burn {
     Done,
     /// The board stopped where it was told to.
     Stopped,
-}
-
-fn cycles(seconds: f64) -> u64 {
-    (seconds * CPU_HZ as f64) as u64
 }
 
 /// Sends a message and waits for its answer; `None`: the board stopped where it was told to.

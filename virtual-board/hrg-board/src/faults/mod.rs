@@ -182,7 +182,7 @@ fn run(board: &mut Board<Wires>, until: u64) -> Result<Resets> {
 }
 
 /// Seconds as cycles.
-fn cycles(seconds: f64) -> u64 {
+pub(crate) fn cycles(seconds: f64) -> u64 {
     (seconds * CPU_HZ as f64) as u64
 }
 
