@@ -1,6 +1,8 @@
 //! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
 //! ([`correct`]). Between the two stand [`crate::methods`] and [`crate::trace`].
 
+use crate::evidence;
+use crate::independence::{self, Units};
 use crate::laws;
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
@@ -36,6 +38,14 @@ pub struct Prepared {
 /// # Errors
 /// One sentence.
 pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
+    prepare_for(recordings, Units::Same)
+}
+
+/// As [`prepare`], perhaps of different units.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
     let mut steps = Vec::new();
     for r in recordings {
@@ -48,13 +58,9 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
         steps.push(Steps::new(r)?);
     }
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
-    if let Some(other) = recordings.iter().find(|r| r.unit() != first.unit()) {
-        return Err(BadInput::new(format!(
-            "the recordings are of different units, {} and {}",
-            first.unit(),
-            other.unit()
-        )));
-    }
+    let all: Vec<&Recording> = recordings.iter().collect();
+    notes.extend(independence::same_unit(&all, units)?);
+    independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
     let laws::Identified { laws, reference, lag_s } = laws::from_steps(&steps)?;
     match reference {
         laws::Reference::Shell => notes.push(format!(
@@ -87,6 +93,9 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
         blend_band: 0.1,
     };
     let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
+    for (run, r) in runs.iter().zip(recordings) {
+        evidence::require(run, if r.source.is_empty() { "the run" } else { &r.source })?;
+    }
     let mut fastest = [0.0; 2];
     for (a, axis) in calibration.axes.iter_mut().enumerate() {
         let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();

@@ -8,6 +8,7 @@
 //! | how a resonator follows its surroundings | [`lag`] |
 //! | frequency to temperature; static points | [`laws`], [`points`] |
 //! | before and after every fit | [`fit`] |
+//! | enough data behind a figure; runs that are independent | [`evidence`], [`independence`] |
 //! | coefficients, by the methods of the sources | [`methods`] |
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
@@ -22,8 +23,10 @@
 
 pub mod align;
 pub mod allan;
+pub mod evidence;
 pub mod file;
 pub mod fit;
+pub mod independence;
 pub mod lag;
 pub mod laws;
 pub mod log;

@@ -15,6 +15,8 @@ pub struct Fit {
     pub coefficients: Vec<f64>,
     /// Their standard deviations for white residuals.
     pub std: Vec<f64>,
+    /// Their covariance for white residuals, row by row.
+    pub covariance: DMatrix<f64>,
     /// Condition number of the columns, each scaled to unit length.
     pub condition: f64,
     /// Rows that took part.
@@ -152,9 +154,11 @@ impl Triangle {
         let inverse = r.try_inverse().ok_or_else(singular)?;
         let squares = at(p, p).powi(2);
         let sigma = (squares / (n - p) as f64).sqrt();
+        let unscaled = DMatrix::from_fn(p, p, |i, j| sigma * inverse[(i, j)] / scale[i]);
         Ok(Fit {
             coefficients: z.iter().zip(&scale).map(|(z, s)| z / s).collect(),
             std: (0..p).map(|j| sigma * inverse.row(j).norm() / scale[j]).collect(),
+            covariance: &unscaled * unscaled.transpose(),
             condition,
             rows: n,
             squares,

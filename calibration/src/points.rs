@@ -1,13 +1,14 @@
 //! Static points: one row per soak. Frequency-temperature fits both ways, and the trace of what they leave.
 //!
-//! # How "by luck" is computed
+//! # How a p-value is computed
 //! Ten points and a cubic leave six degrees of freedom, and residuals of a fit are correlated among themselves.
-//! So chances are not read off a table: independent Gaussian noise is put at the points of each gyro, fitted and
+//! So p-values are not read off a table: independent Gaussian noise is put at the points of each gyro, fitted and
 //! searched in the very same way, [`DRAWS`] times with a fixed seed, and the share of draws that do at least as
-//! well is the chance. For the chamber reference the three gyros share one chamber sensor and are *not*
+//! well is the p-value. For the chamber reference the three gyros share one chamber sensor and are *not*
 //! independent; there the noise is drawn once for all three.
 
 use crate::lsq::powers;
+use crate::trace::list;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
@@ -17,7 +18,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Draws of noise behind each chance.
+/// Draws of noise behind each p-value.
 pub const DRAWS: usize = 100_000;
 
 /// A table of soaks.
@@ -141,8 +142,8 @@ pub struct LeftOver {
     pub parameters: BTreeMap<String, f64>,
     /// Per axis: gain and what the fit leaves before and after.
     pub axes: BTreeMap<String, BeforeAfter>,
-    /// The chance of seeing it by luck.
-    pub chance_by_luck: f64,
+    /// Chance that noise alone gives as much.
+    pub p_value: f64,
     /// What it is judged by.
     pub statistic: String,
     /// Physical causes that these points cannot tell apart.
@@ -339,8 +340,8 @@ fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
         let y = DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng));
         as_good += usize::from(search(&y).0 <= ratio);
     }
-    let chance = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
-    if chance > 0.01 {
+    let p_value = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
+    if p_value > 0.01 {
         return Ok(None);
     }
     let place = places[at];
@@ -349,7 +350,8 @@ fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
         let columns = with_step(a, place);
         let gain = crate::lsq::fit(&columns, &p.chamber_c, None, &["1", "u", "u^2", "u^3", "step"])?.coefficients[4];
         let (e0, l0) = residuals(&cubic_columns(p, a), &p.chamber_c);
-        let (e1, l1) = residuals(&columns, &p.chamber_c);
+        let (e1, _) = residuals(&columns, &p.chamber_c);
+        let l1: Vec<f64> = (0..n).map(|k| missed_by(p, a, k)).collect();
         axes.insert((*name).to_string(), before_after(gain, &e0, &l0, &e1, &l1));
     }
     let (from, to) = (p.chamber_c[place], p.chamber_c[place + 1]);
@@ -362,13 +364,63 @@ fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
         ),
         parameters: [("after_chamber_c".to_string(), from), ("before_chamber_c".to_string(), to)].into(),
         axes,
-        chance_by_luck: chance,
+        p_value,
         statistic: format!(
             "residual sum of squares of the three cubics, with the best of {} places for a step against none; noise common to the three",
             places.len()
         ),
         indistinguishable_from: vec![],
     }))
+}
+
+/// What a soak is missed by if it is left out: the step is placed anew by the others, of all three gyros, and the cubic with
+/// that step is fitted to them.
+fn missed_by(p: &Points, a: usize, left_out: usize) -> f64 {
+    let others: Vec<usize> = (0..p.chamber_c.len()).filter(|k| *k != left_out).collect();
+    let y: Vec<f64> = others.iter().map(|&k| p.chamber_c[k]).collect();
+    // A step half-way between two neighbours by the gyro's frequency, for every soak: the one left out too, whose chamber
+    // temperature is what is to be predicted.
+    let columns = |a: usize, after: usize| -> Vec<Vec<f64>> {
+        let f = &p.frequency_hz[a];
+        let threshold = 0.5 * (f[others[after]] + f[others[after + 1]]);
+        let mut columns = cubic_columns(p, a);
+        columns.push(f.iter().map(|f| if *f > threshold { 1.0 } else { 0.0 }).collect());
+        columns
+    };
+    let fit = |a: usize, after: usize| {
+        let rows: Vec<Vec<f64>> = columns(a, after).iter().map(|c| others.iter().map(|&k| c[k]).collect()).collect();
+        crate::lsq::fit(&rows, &y, None, &["1", "u", "u^2", "u^3", "step"]).ok()
+    };
+    let place = (1..y.len() - 2)
+        .filter_map(|s| Some((s, (0..AXES).map(|a| fit(a, s).map(|f| f.squares)).sum::<Option<f64>>()?)))
+        .min_by(|x, y| x.1.total_cmp(&y.1));
+    let Some((fitted, place)) = place.and_then(|(s, _)| Some((fit(a, s)?, s))) else { return f64::NAN };
+    let predicted: f64 = columns(a, place).iter().zip(&fitted.coefficients).map(|(c, k)| c[left_out] * k).sum();
+    p.chamber_c[left_out] - predicted
+}
+
+/// Variance of what belongs to each of three residuals alone, from the variances of their differences (the three-cornered hat,
+/// Gray and Allan 1974). At least a twentieth of the smallest residual's, for of ten points it may come out negative.
+fn own_variances(e: &[Vec<f64>; AXES]) -> [f64; AXES] {
+    let variance = |v: &[f64]| rms(v).powi(2);
+    let difference = |a: usize, b: usize| variance(&e[a].iter().zip(&e[b]).map(|(x, y)| x - y).collect::<Vec<_>>());
+    let least = 0.05 * e.iter().map(|v| variance(v)).fold(f64::INFINITY, f64::min);
+    [0, 1, 2].map(|a| {
+        let (b, c) = ((a + 1) % AXES, (a + 2) % AXES);
+        (0.5 * (difference(a, b) + difference(a, c) - difference(b, c))).max(least)
+    })
+}
+
+/// "x and y", and what is said of the others.
+fn which(axes: &BTreeMap<String, BeforeAfter>, shrinks: impl Fn(&BeforeAfter) -> bool) -> String {
+    let of =
+        |wanted: bool| -> Vec<&String> { axes.iter().filter(|(_, b)| shrinks(b) == wanted).map(|(n, _)| n).collect() };
+    let (yes, no) = (of(true), of(false));
+    match (yes.is_empty(), no.is_empty()) {
+        (false, true) => "shrinks on each axis".into(),
+        (true, _) => "shrinks on no axis".into(),
+        (false, false) => format!("shrinks on {} and not on {}", list(&yes), list(&no)),
+    }
 }
 
 fn before_after(gain: f64, e0: &[f64], l0: &[f64], e1: &[f64], l1: &[f64]) -> BeforeAfter {
@@ -400,36 +452,109 @@ fn common_shape(p: &Points) -> Option<LeftOver> {
             makers.iter().map(|m| m * DVector::from_fn(n, |_, _| StandardNormal.sample(&mut rng))).collect();
         as_good += usize::from(mean_correlation(&drawn) >= seen);
     }
-    let chance = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
-    if chance > 0.01 {
+    let p_value = (as_good as f64 + 1.0) / (DRAWS as f64 + 1.0);
+    if p_value > 0.01 {
         return None;
     }
+    let (residual, left_out): (Vec<Vec<f64>>, Vec<Vec<f64>>) =
+        (0..AXES).map(|a| residuals(&cubic_columns(p, a), &p.shell_c[a])).unzip();
+    let residual: [Vec<f64>; AXES] = residual.try_into().ok()?;
+    let own = own_variances(&residual);
     let mut axes = BTreeMap::new();
     for (a, name) in AXIS_NAMES.iter().enumerate() {
         let (b, c) = ((a + 1) % AXES, (a + 2) % AXES);
-        let (e0, l0) = residuals(&cubic_columns(p, a), &p.shell_c[a]);
-        let (eb, lb) = residuals(&cubic_columns(p, b), &p.shell_c[b]);
-        let (ec, lc) = residuals(&cubic_columns(p, c), &p.shell_c[c]);
-        // Predicted from the other two alone, with nothing fitted: their mean.
-        let less = |own: &[f64], x: &[f64], y: &[f64]| -> Vec<f64> {
-            own.iter().zip(x.iter().zip(y)).map(|(o, (x, y))| o - 0.5 * (x + y)).collect()
+        // Predicted from the other two alone: their mean, each weighed by how little of it is its own.
+        let weight = own[c] / (own[b] + own[c]);
+        let shared = |e: &[Vec<f64>]| -> Vec<f64> {
+            e[b].iter().zip(&e[c]).map(|(x, y)| weight * x + (1.0 - weight) * y).collect()
         };
-        let shared: Vec<f64> = eb.iter().zip(&ec).map(|(x, y)| 0.5 * (x + y)).collect();
-        axes.insert(
-            (*name).to_string(),
-            before_after(rms(&shared), &e0, &l0, &less(&e0, &eb, &ec), &less(&l0, &lb, &lc)),
-        );
+        let less = |e: &[Vec<f64>]| -> Vec<f64> { e[a].iter().zip(shared(e)).map(|(o, s)| o - s).collect() };
+        let figures =
+            before_after(rms(&shared(&residual)), &residual[a], &left_out[a], &less(&residual), &less(&left_out));
+        axes.insert((*name).to_string(), figures);
     }
     Some(LeftOver {
         name: "timebase".into(),
         reference: "shell".into(),
         finding: format!(
-            "what the three cubics leave has the same shape in all three gyros (mean correlation {seen:.3}); predicted from the other two alone, each gyro's rest shrinks as stated"
+            "what the three cubics leave has the same shape in all three gyros (mean correlation {seen:.3}); with what the other two predict taken off, the residual {}, its leave-one-out error {}",
+            which(&axes, |b| b.rms_after_c < b.rms_before_c),
+            which(&axes, |b| b.leave_one_out_after_c < b.leave_one_out_before_c)
         ),
         parameters: [("mean_correlation".to_string(), seen)].into(),
         axes,
-        chance_by_luck: chance,
+        p_value,
         statistic: "mean pairwise correlation of the residuals of three cubics; noise independent on the three".into(),
         indistinguishable_from: vec!["board".into(), "case-gradient".into()],
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten soaks of three gyros with a common shape, and noise of their own.
+    fn table(common_c: f64, own_c: [f64; AXES], step_c: f64) -> Points {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let mut p = Points::default();
+        for k in 0..10 {
+            let t = f64::from(k) * 10.0 - 40.0;
+            let shared = common_c * [1.0, -1.0, 0.5, -0.5, 1.5, -1.5, 0.7, -0.7, 1.0, -1.0][k as usize];
+            p.chamber_c.push(t + if t > 0.0 { step_c } else { 0.0 });
+            for a in 0..AXES {
+                p.frequency_hz[a].push(4900.0 + 0.47 * t);
+                let noise: f64 = StandardNormal.sample(&mut rng);
+                p.shell_c[a].push(t + shared + own_c[a] * noise);
+            }
+        }
+        p
+    }
+
+    #[test]
+    fn a_noisy_neighbour_counts_for_little() {
+        let p = table(0.02, [0.002, 0.002, 0.05], 0.0);
+        let residual: Vec<Vec<f64>> = (0..AXES).map(|a| residuals(&cubic_columns(&p, a), &p.shell_c[a]).0).collect();
+        let residual: [Vec<f64>; AXES] = residual.try_into().expect("three");
+        let own = own_variances(&residual);
+        assert!(own[2] > 20.0 * own[0] && own[2] > 20.0 * own[1], "{own:?}");
+        // Weighed by it, the quiet axes predict each other; the plain mean with the noisy one would not.
+        let left: Vec<f64> = residual[0].iter().zip(&residual[1]).map(|(x, y)| x - y).collect();
+        let plain: Vec<f64> = (0..10).map(|k| residual[0][k] - 0.5 * (residual[1][k] + residual[2][k])).collect();
+        assert!(rms(&left) < 0.2 * rms(&residual[0]) && rms(&plain) > 0.5 * rms(&residual[0]));
+    }
+
+    #[test]
+    fn words_follow_the_numbers() {
+        let b = |before: f64, after: f64| BeforeAfter {
+            gain: 0.0,
+            rms_before_c: before,
+            rms_after_c: after,
+            max_before_c: 0.0,
+            max_after_c: 0.0,
+            leave_one_out_before_c: 0.0,
+            leave_one_out_after_c: 0.0,
+        };
+        let say = |x: f64, y: f64| {
+            let axes = [("x".to_string(), b(1.0, x)), ("y".to_string(), b(1.0, y))].into();
+            which(&axes, |b| b.rms_after_c < b.rms_before_c)
+        };
+        assert_eq!(say(0.5, 0.5), "shrinks on each axis");
+        assert_eq!(say(0.5, 1.5), "shrinks on x and not on y");
+        assert_eq!(say(1.5, 1.5), "shrinks on no axis");
+    }
+
+    #[test]
+    fn a_soak_left_out_does_not_place_the_step() {
+        let p = table(0.0, [0.001; AXES], 3.0);
+        let columns = |k: usize| {
+            let mut c = cubic_columns(&p, 0);
+            c.push(p.chamber_c.iter().map(|t| if *t > p.chamber_c[k] { 1.0 } else { 0.0 }).collect());
+            c
+        };
+        // With the step where it is, each soak is predicted; the one next to it is not, if it may not say where the step is.
+        let (_, kept) = residuals(&columns(4), &p.chamber_c);
+        assert!(largest(&kept) < 0.1, "{kept:?}");
+        let anew: Vec<f64> = (0..10).map(|k| missed_by(&p, 0, k)).collect();
+        assert!(anew.iter().filter(|m| m.abs() > 1.0).count() == 1 && anew[5].abs() > 1.0, "{anew:?}");
+    }
 }

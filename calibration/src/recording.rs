@@ -27,6 +27,43 @@ pub const OPTIONAL: [&str; 12] = [
 /// Earth rate, deg/h.
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
+/// Why a value was taken out of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Defect {
+    /// The cell is empty or NaN.
+    Missing,
+    /// The row's time is missing, repeats, goes back or is far ahead: the whole row is left out.
+    BadTime,
+    /// The same value, to the last digit, for longer than this channel's resolution explains.
+    Stuck,
+    /// Far from its neighbours, by the scatter that the channel has at that time.
+    Spike,
+}
+
+impl Defect {
+    /// The name that stands in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Missing => "missing",
+            Self::BadTime => "bad-time",
+            Self::Stuck => "stuck",
+            Self::Spike => "spike",
+        }
+    }
+}
+
+/// Values of one column that were taken out for one reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cleaned {
+    /// Column, as the header names it.
+    pub column: String,
+    /// Why.
+    pub defect: Defect,
+    /// How many values.
+    pub count: usize,
+}
+
 /// One power-on.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Recording {
@@ -42,6 +79,10 @@ pub struct Recording {
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// What was found on the way: one sentence each.
     pub notes: Vec<String>,
+    /// What was taken out, by column and kind.
+    pub cleaned: Vec<Cleaned>,
+    /// Where it was read from; empty where it was not read from a file.
+    pub source: String,
     /// Earth rate that was taken off the rates of each axis, deg/h.
     pub earth_rate_dph: [f64; 3],
 }
@@ -110,6 +151,7 @@ impl Recording {
         let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let mut r = Self::parse(&bytes).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
         r.clean().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        r.source = path.display().to_string();
         Ok(r)
     }
 
@@ -129,7 +171,7 @@ impl Recording {
         let mut out = Self::default();
         let mut header: Option<Vec<Slot>> = None;
         let mut names: Vec<&str> = Vec::new();
-        let mut missing = [0usize; 7];
+        let mut missing = Vec::new();
         let mut first_missing = None;
         let rows_guess = bytes.len() / 80;
         let (mut rest, mut number) = (text, 0);
@@ -155,6 +197,7 @@ impl Recording {
             } else {
                 names = line.split(',').map(str::trim).collect();
                 header = Some(out.slots(&names, number, rows_guess)?);
+                missing = vec![0usize; names.len()];
             }
         }
         if header.is_none() {
@@ -171,6 +214,9 @@ impl Recording {
         if let Some((line, column, name)) = first_missing {
             let total: usize = missing.iter().sum();
             out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
+            for (name, count) in names.iter().zip(missing).filter(|(_, count)| *count > 0) {
+                out.cleaned.push(Cleaned { column: (*name).to_string(), defect: Defect::Missing, count });
+            }
         }
         Ok(out)
     }
@@ -180,7 +226,7 @@ impl Recording {
         &mut self,
         row: Row<'_>,
         text: &'t str,
-        missing: &mut [usize; 7],
+        missing: &mut [usize],
         first_missing: &mut Option<(usize, usize, String)>,
     ) -> Result<&'t str, BadInput> {
         let bytes = text.as_bytes();
@@ -202,10 +248,8 @@ impl Recording {
             };
             if let Some(slot) = slot.filter(|s| !matches!(s, Slot::Ignored)) {
                 if value.is_nan() {
-                    if let Some(k) = slot.required_index() {
-                        missing[k] += 1;
-                        first_missing.get_or_insert_with(|| (row.line, cells, row.names[cells - 1].to_string()));
-                    }
+                    missing[cells - 1] += 1;
+                    first_missing.get_or_insert_with(|| (row.line, cells, row.names[cells - 1].to_string()));
                 }
                 self.push(slot, value);
             }
@@ -310,6 +354,7 @@ impl Recording {
             first_bad.get_or_insert(k + 1);
         }
         if let Some(first) = first_bad {
+            self.cleaned.push(Cleaned { column: "time_s".into(), defect: Defect::BadTime, count: bad_times });
             self.notes.push(format!(
                 "{bad_times} rows have a time that is missing, repeats, goes back or is far ahead ({ahead}), the first is row {first} of the data: left out"
             ));
@@ -355,12 +400,15 @@ impl Recording {
             let spikes = remove_spikes(values, 12.0, 0.01);
             counts.push(((*name).to_string(), 0, spikes));
         }
-        for (name, stuck, spikes) in counts {
+        for (column, stuck, spikes) in counts {
             if stuck > 0 {
-                self.notes.push(format!("column {name}: {stuck} values stand still exactly (a stuck value): left out"));
+                self.notes
+                    .push(format!("column {column}: {stuck} values stand still exactly (a stuck value): left out"));
+                self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Stuck, count: stuck });
             }
             if spikes > 0 {
-                self.notes.push(format!("column {name}: {spikes} spikes: left out"));
+                self.notes.push(format!("column {column}: {spikes} spikes: left out"));
+                self.cleaned.push(Cleaned { column, defect: Defect::Spike, count: spikes });
             }
         }
         for a in 0..3 {
@@ -484,17 +532,6 @@ enum Slot {
     Ignored,
 }
 
-impl Slot {
-    fn required_index(self) -> Option<usize> {
-        match self {
-            Self::Time => Some(0),
-            Self::Frequency(a) => Some(1 + a),
-            Self::Rate(a) => Some(4 + a),
-            _ => None,
-        }
-    }
-}
-
 /// What is known of a row before it is read.
 #[derive(Clone, Copy)]
 struct Row<'a> {
@@ -576,57 +613,91 @@ fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
     removed
 }
 
-/// Hampel filter: values further than `limit` robust deviations from the median of 11 neighbours. Deviations
+/// Half the neighbours of a value in [`remove_spikes`], without itself.
+const HALF: usize = 5;
+
+/// Values that share one estimate of the scatter in [`remove_spikes`]: some minutes at 1 Hz.
+const SCATTER_ROWS: usize = 512;
+
+/// Median of the finite values among a value and its ten nearest neighbours; NaN where none is finite.
+fn running_median(values: &[f64], k: usize) -> f64 {
+    let from = k.saturating_sub(HALF).min(values.len() - 2 * HALF - 1);
+    let mut w = [0.0; 2 * HALF + 1];
+    let mut m = 0;
+    for v in &values[from..=from + 2 * HALF] {
+        if v.is_finite() {
+            w[m] = *v;
+            m += 1;
+        }
+    }
+    // Eleven values: sorting by insertion beats selection.
+    for i in 1..m {
+        let v = w[i];
+        let mut j = i;
+        while j > 0 && w[j - 1] > v {
+            w[j] = w[j - 1];
+            j -= 1;
+        }
+        w[j] = v;
+    }
+    if m > 0 {
+        w[m / 2]
+    } else {
+        f64::NAN
+    }
+}
+
+/// Robust scatter of the values about their running median, at even places along the column: noise may grow with
+/// temperature, so one scatter for the whole column would take true samples of its loud part for spikes.
+struct Scatter {
+    places: Vec<f64>,
+    length: f64,
+}
+
+impl Scatter {
+    /// `None` where the column has no scatter at all. Deviations below `harmless` count as that.
+    fn of(values: &[f64], harmless: f64) -> Option<Self> {
+        let n = values.len();
+        let count = (n / SCATTER_ROWS).clamp(1, 64);
+        let stride = (n / (count * 250)).max(1);
+        let off: Vec<f64> = (0..n)
+            .step_by(stride)
+            .map(|k| (values[k] - running_median(values, k)).abs())
+            .filter(|d| d.is_finite())
+            .collect();
+        // Quantised columns may have no spread at all at their median: then one step of resolution counts.
+        let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+        let least = if resolution.is_finite() { resolution.max(harmless) } else { harmless };
+        if least <= 0.0 {
+            return None;
+        }
+        let per_place = off.len().div_ceil(count).max(1);
+        let own: Vec<f64> =
+            off.chunks(per_place).map(|c| 1.4826 * crate::stats::median(&mut c.to_vec()).unwrap_or(0.0)).collect();
+        // A place is as loud as the louder of its neighbours: the change from one to the next is not sharp.
+        let places = (0..own.len())
+            .map(|k| own[k.saturating_sub(1)..(k + 2).min(own.len())].iter().fold(least, |m, v| m.max(*v)))
+            .collect();
+        Some(Self { places, length: n as f64 })
+    }
+
+    fn at(&self, k: usize) -> f64 {
+        self.places[((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1)]
+    }
+}
+
+/// Hampel filter: values further than `limit` times the scatter from the median of 11 neighbours. Deviations
 /// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK).
 fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
-    const HALF: usize = 5;
     let n = values.len();
     if n < 2 * HALF + 1 {
         return 0;
     }
-    let median_at = |values: &[f64], k: usize| {
-        let from = k.saturating_sub(HALF).min(n - 2 * HALF - 1);
-        let mut w = [0.0; 2 * HALF + 1];
-        let mut m = 0;
-        for v in &values[from..=from + 2 * HALF] {
-            if v.is_finite() {
-                w[m] = *v;
-                m += 1;
-            }
-        }
-        // Eleven values: sorting by insertion beats selection.
-        for i in 1..m {
-            let v = w[i];
-            let mut j = i;
-            while j > 0 && w[j - 1] > v {
-                w[j] = w[j - 1];
-                j -= 1;
-            }
-            w[j] = v;
-        }
-        if m > 0 {
-            w[m / 2]
-        } else {
-            f64::NAN
-        }
-    };
-    // One scale for the column, from a sample: the spread of the values about their running median. Of 2000 it is known to 3 %.
-    let stride = (n / 2_000).max(1);
-    let mut off: Vec<f64> =
-        (0..n).step_by(stride).map(|k| (values[k] - median_at(values, k)).abs()).filter(|d| d.is_finite()).collect();
-    let Some(mad) = crate::stats::median(&mut off) else {
-        return 0;
-    };
-    // Quantised columns may have no spread at all at their median: then one step of resolution counts.
-    let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
-    let scale = (1.4826 * mad).max(if resolution.is_finite() { resolution } else { 0.0 }).max(harmless);
-    if scale <= 0.0 {
-        return 0;
-    }
-    let near = limit * scale;
+    let Some(scatter) = Scatter::of(values, harmless) else { return 0 };
     let mut spikes = Vec::new();
     for k in 0..n {
         let v = values[k];
+        let near = limit * scatter.at(k);
         if (HALF..n - HALF).contains(&k) {
             // More than half of the neighbours (itself among them) are near: then so is their median, and it need not be found.
             let close: usize = values[k - HALF..=k + HALF].iter().map(|w| usize::from((w - v).abs() <= near)).sum();
@@ -636,13 +707,14 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
         }
         // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
         let ramp = if k < HALF {
-            3.0 * (median_at(values, HALF) - median_at(values, (3 * HALF).min(n - 1))).abs()
+            3.0 * (running_median(values, HALF) - running_median(values, (3 * HALF).min(n - 1))).abs()
         } else if k >= n - HALF {
-            3.0 * (median_at(values, n - 1 - HALF) - median_at(values, (n - 1).saturating_sub(3 * HALF))).abs()
+            3.0 * (running_median(values, n - 1 - HALF) - running_median(values, (n - 1).saturating_sub(3 * HALF)))
+                .abs()
         } else {
             0.0
         };
-        if (v - median_at(values, k)).abs() > near + ramp {
+        if (v - running_median(values, k)).abs() > near + ramp {
             spikes.push(k);
         }
     }
@@ -706,6 +778,41 @@ mod tests {
             assert!(notes.contains(word), "{word} not in {notes}");
         }
         assert_eq!(r.time_s.len(), 299);
+    }
+
+    #[test]
+    fn noise_that_grows_is_not_taken_for_spikes() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let n = 20_000;
+        // Twenty times as loud at one end as at the other.
+        let mut v: Vec<f64> = (0..n)
+            .map(|k| {
+                let x: f64 = StandardNormal.sample(&mut rng);
+                x * (1.0 + 19.0 * k as f64 / n as f64)
+            })
+            .collect();
+        for k in (50..n).step_by(500) {
+            v[k] = 400.0;
+        }
+        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        assert!((50..n).step_by(500).all(|k| v[k].is_nan()), "the spikes are found");
+        assert!(removed <= 40 + n / 1000, "{removed} removed");
+    }
+
+    #[test]
+    fn what_was_taken_out_is_counted_by_column_and_kind() {
+        let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
+        lines[100] = "98,4900.01,4890.01,4700,900,2,3".into();
+        lines[120] = "118,,4890.01,4700,1,2,3".into();
+        let mut r = Recording::parse(lines.join("\n").as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        let of = |column: &str, defect: Defect| {
+            r.cleaned.iter().find(|c| c.column == column && c.defect == defect).map_or(0, |c| c.count)
+        };
+        assert_eq!((of("fx_hz", Defect::Missing), of("rate_x_dph", Defect::Spike)), (1, 1), "{:?}", r.cleaned);
+        assert_eq!(r.cleaned.len(), 2, "{:?}", r.cleaned);
     }
 
     #[test]

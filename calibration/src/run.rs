@@ -215,6 +215,8 @@ pub struct Run {
     pub steps: Steps,
     /// The thermal state of every step.
     pub thermal: Vec<Thermal>,
+    /// The laws by which the temperatures were made.
+    pub laws: [TemperatureLaw; AXES],
 }
 
 impl Run {
@@ -225,7 +227,7 @@ impl Run {
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(laws, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal }
+        Self { steps, thermal, laws }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.

@@ -732,8 +732,8 @@ impl Plan {
                 frequency_hz,
                 rate_dph: rate,
                 optional,
-                notes: Vec::new(),
                 earth_rate_dph: [0.0; 3],
+                ..Recording::default()
             },
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },
         }

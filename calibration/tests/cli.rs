@@ -133,8 +133,12 @@ fn from_simulation_to_report() {
     );
     let report: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(d.join(json)).expect("written")).expect("JSON");
-    assert_eq!(report["version"], 1);
+    assert_eq!(report["version"], 2);
+    assert_eq!(report["verdict_kind"], "confirmed");
+    assert_eq!(report["burn"], true);
     assert_eq!(report["effects"][0]["name"], "hysteresis");
+    assert_eq!(report["effects"][0]["class"], "hysteresis");
+    assert!(report["cleaned"]["t.csv"].is_object() && report["outside_fit"].is_f64());
     let width = report["effects"][0]["parameters"]["width_c"].as_f64().expect("a number");
     assert!((width - 14.0).abs() < 2.0, "{width}");
     for axis in ["x", "y", "z"] {
@@ -143,11 +147,61 @@ fn from_simulation_to_report() {
         let floor = report["noise_floor_dph"][axis].as_f64().expect("a number");
         assert!(after < 0.6 * before && after < 1.3 * floor, "{axis}: {before} {after} {floor}");
         assert_eq!(report["unexplained"][axis], false);
+        let ratio = &report["floor_ratio"][axis];
+        assert!(ratio["low"].as_f64() < ratio["ratio"].as_f64() && ratio["ratio"].as_f64() < ratio["high"].as_f64());
+        let block = &report["block"][axis];
+        for key in ["verify_rms_dph", "mean_dph", "mean_std_dph"] {
+            assert!(block[key].is_f64(), "{key}");
+        }
+        assert!(block["used_means"].as_u64() > Some(300));
     }
     let page = std::fs::read_to_string(d.join(html)).expect("written");
     assert!(page.contains("<svg") && !page.contains("src=\"http"), "one self-contained page");
     let block = std::fs::read_to_string(d.join("ext.toml")).expect("written");
     assert!(block.contains("name = \"hysteresis\""));
+}
+
+#[test]
+fn runs_that_share_data_or_are_of_two_units_are_refused() {
+    let d = folder("independent");
+    for (unit, seed, out) in [("7", "1", "a.csv"), ("7", "2", "b.csv"), ("8", "3", "other.csv")] {
+        ok(&d, &["simulate", "--profile", "fast", "--unit", unit, "--seed", seed, "--out", out]);
+    }
+    let text = std::fs::read_to_string(d.join("a.csv")).expect("there");
+    let (lines, n) = (text.lines().collect::<Vec<_>>(), text.lines().count());
+    let head = lines.iter().position(|l| l.starts_with("time_s")).expect("a header") + 1;
+    let part =
+        |from: usize, to: usize| lines[..head].iter().chain(&lines[from..to]).fold(String::new(), |s, l| s + l + "\n");
+    std::fs::write(d.join("begin.csv"), part(head, n * 2 / 3)).expect("written");
+    std::fs::write(d.join("end.csv"), part(n / 2, n)).expect("written");
+    std::fs::copy(d.join("a.csv"), d.join("copy.csv")).expect("copied");
+    let trace = |train: &[&str], verify: &str| {
+        let mut a = vec!["trace", "--out", "r.json", "--verify", verify];
+        train.iter().for_each(|t| a.extend(["--train", t]));
+        refused(&d, &a)
+    };
+    for (train, verify) in [
+        (vec!["a.csv"], "a.csv"),
+        (vec!["a.csv"], "copy.csv"),
+        (vec!["begin.csv"], "end.csv"),
+        (vec!["a.csv", "copy.csv"], "b.csv"),
+    ] {
+        let e = trace(&train, verify);
+        assert!(e.contains("share data"), "{train:?} {verify}: {e}");
+    }
+    assert!(refused(&d, &["fit", "a.csv", "copy.csv", "--out", "c.toml"]).contains("share data"));
+    assert!(refused(&d, &["compare", "a.csv", "--verify", "copy.csv", "--methods", "lsq", "--out", "c"])
+        .contains("share data"));
+    for e in [
+        trace(&["a.csv"], "other.csv"),
+        refused(&d, &["fit", "a.csv", "other.csv", "--out", "c.toml"]),
+        refused(&d, &["compare", "a.csv", "--verify", "other.csv", "--methods", "lsq", "--out", "c"]),
+    ] {
+        assert!(e.contains("different units") && e.contains("SIM-7") && e.contains("SIM-8"), "{e}");
+    }
+    assert!(!d.join("r.json").exists() && !d.join("c.toml").exists());
+    ok(&d, &["fit", "a.csv", "other.csv", "--different-units", "--out", "c.toml"]);
+    ok(&d, &["trace", "--train", "a.csv", "--verify", "b.csv", "--out", "r.json"]);
 }
 
 #[test]

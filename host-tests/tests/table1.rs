@@ -71,12 +71,12 @@ fn both_left_overs_are_found_with_their_figures() {
     let step = r.effects.iter().find(|e| e.name == "step").expect("the chamber's step");
     assert_eq!(step.parameters["after_chamber_c"], -10.0);
     assert_eq!(step.parameters["before_chamber_c"], 0.0);
-    assert!(step.chance_by_luck < 0.01);
+    assert!(step.p_value < 0.01);
     for b in step.axes.values() {
         assert!(b.rms_after_c < b.rms_before_c / 3.0 && b.leave_one_out_after_c < b.leave_one_out_before_c / 2.0);
     }
     let common = r.effects.iter().find(|e| e.name == "timebase").expect("the common shape");
-    assert!(common.chance_by_luck < 0.01);
+    assert!(common.p_value < 0.01);
     for b in common.axes.values() {
         assert!((0.010..0.017).contains(&b.rms_before_c) && b.rms_after_c < b.rms_before_c);
     }

@@ -5,7 +5,7 @@ use anyhow::Result;
 use clap::Parser;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
 use hrg_cal::stats::quantile;
-use hrg_cal::trace::{trace, Trace};
+use hrg_cal::trace::{trace, Class, Trace, VerdictKind};
 use hrg_cal::AXIS_NAMES;
 use hrg_core::effects::Reach;
 use rand::{Rng, SeedableRng};
@@ -89,6 +89,13 @@ struct Outcome {
     named: usize,
     unexplained: bool,
     left: String,
+    verdict: VerdictKind,
+    burn: bool,
+    classes: Vec<Class>,
+    exchanged_same: bool,
+    image_over_floor: f64,
+    image_over_baseline: f64,
+    ratio_holds: usize,
     after_over_floor: f64,
     floor_over_truth: f64,
     before_over_floor: f64,
@@ -120,12 +127,31 @@ fn run(trial: &Trial) -> Result<Outcome> {
     let twins: Vec<String> = report.effects.iter().flat_map(|e| e.indistinguishable_from.clone()).collect();
     let named = trial.effects.iter().filter(|e| found.contains(&e.name) || twins.contains(&e.name)).count();
     let after = mean3(|a| report.r#final[AXIS_NAMES[a]].verify_rms_dph);
+    let image = |a: usize| {
+        let name = AXIS_NAMES[a];
+        report.block.as_ref().map_or(verify.truth.raw_dph[a], |b| b[name].verify_rms_dph)
+    };
+    // The interval is to hold what is left over the noise that was put in.
+    let holds = |a: usize| {
+        let r = report.floor_ratio[AXIS_NAMES[a]];
+        let truth = report.judged_rms_dph[AXIS_NAMES[a]] / verify.truth.floor_dph[a];
+        (r.low..=r.high).contains(&truth)
+    };
     Ok(Outcome {
+        verdict: report.verdict_kind,
+        burn: report.burn,
+        classes: report.effects.iter().map(|e| e.class).collect(),
+        exchanged_same: report.exchanged.as_ref().is_some_and(|e| e.same_classes),
+        image_over_floor: mean3(|a| image(a) / verify.truth.floor_dph[a]),
+        image_over_baseline: (0..3)
+            .map(|a| image(a) / report.baseline[AXIS_NAMES[a]].verify_rms_dph)
+            .fold(0.0, f64::max),
+        ratio_holds: (0..3).filter(|a| holds(*a)).count(),
         named,
         unexplained: report.unexplained.values().any(|u| *u),
         left: AXIS_NAMES.iter().map(|a| report.left_over[*a].join("+")).collect::<Vec<_>>().join("|"),
         after_over_floor: mean3(|a| report.r#final[AXIS_NAMES[a]].verify_rms_dph / verify.truth.floor_dph[a]),
-        floor_over_truth: mean3(|a| report.noise_floor_dph[AXIS_NAMES[a]] / train.truth.floor_dph[a]),
+        floor_over_truth: mean3(|a| report.noise_floor_dph[AXIS_NAMES[a]] / verify.truth.floor_dph[a]),
         before_over_floor: mean3(|a| report.baseline[AXIS_NAMES[a]].verify_rms_dph / verify.truth.floor_dph[a]),
         trial: trial.clone(),
         found,
@@ -227,13 +253,13 @@ fn main() -> Result<()> {
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
     if let Some(path) = &a.out {
         let mut s = String::from(
-            "kind,profile,unit,truth,size,parameter,found,twins,unexplained,left,before,after,floor,seconds\n",
+            "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
         );
         for o in &outcomes {
             let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
             let _ = writeln!(
                 s,
-                "{},{},{},{},{},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3}",
+                "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
                 o.trial.kind,
                 o.trial.profile,
                 o.trial.unit,
@@ -241,11 +267,17 @@ fn main() -> Result<()> {
                 join(&|e| format!("{:.2}", e.size)),
                 join(&|e| format!("{:.1}", e.parameter)),
                 o.found.join("+"),
+                o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
+                o.verdict,
+                o.burn,
+                o.exchanged_same,
                 o.twins.join("+"),
                 o.unexplained,
                 o.left,
                 o.before_over_floor,
                 o.after_over_floor,
+                o.image_over_floor,
+                o.image_over_baseline,
                 o.floor_over_truth,
                 o.seconds
             );
@@ -321,7 +353,41 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let _ = writeln!(s, "| the same, with something besides | - | {} |", share(extra, large.len()));
     let _ = writeln!(s, "| pairs: both | 80 % | {} |", share(both, pairs.len()));
     let _ = writeln!(s, "| clean units: something invented | at most 2 % | {} |", share(invented, clean.len()));
-    let _ = writeln!(s, "| clean units: called unexplained | - | {} |", share(cried, clean.len()));
+    let _ = writeln!(s, "| clean units: called unexplained | at most 5 % | {} |", share(cried, clean.len()));
+    let burnable = clean.iter().filter(|o| o.burn).count();
+    let _ =
+        writeln!(s, "| clean units: an extended image recommended | at most 1 % | {} |", share(burnable, clean.len()));
+    let compensable = |o: &&&Outcome| {
+        o.trial
+            .effects
+            .iter()
+            .all(|e| e.size >= 2.0 && hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit))
+    };
+    let named_large: Vec<&&Outcome> = large.iter().chain(&pairs).filter(compensable).collect();
+    let confirmed = named_large.iter().filter(|o| o.verdict == VerdictKind::Confirmed && o.burn).count();
+    let _ = writeln!(
+        s,
+        "| size 2 and up, compensable: confirmed, and the image recommended | - | {} |",
+        share(confirmed, named_large.len())
+    );
+    let same = named_large.iter().filter(|o| o.exchanged_same).count();
+    let _ = writeln!(
+        s,
+        "| the same: train and verify exchanged name the same classes | - | {} |",
+        share(same, named_large.len())
+    );
+    let worse = all.iter().filter(|o| o.image_over_baseline > 1.02).count();
+    let _ = writeln!(
+        s,
+        "| images more than 2 % worse than the baseline on an axis of the verify run | 0 | {} |",
+        share(worse, all.len())
+    );
+    let held: usize = all.iter().map(|o| o.ratio_holds).sum();
+    let _ = writeln!(
+        s,
+        "| axes whose ratio to the true floor lies in the interval stated | 95 % | {} |",
+        share(held, 3 * all.len())
+    );
     let _ = writeln!(
         s,
         "| outsiders: unexplained or temperature-shape | 90 % | {} |",

@@ -2,10 +2,12 @@
 
 use super::{identify, Weight};
 use crate::allan;
+use crate::evidence;
 use crate::fit::{self, MEAN_S};
+use crate::independence::{self, Units};
 use crate::plot::{self, Panel, Series};
 use crate::recording::Recording;
-use crate::run::Steps;
+use crate::run::{Run, Steps};
 use crate::stats::{block_means, std_dev};
 use crate::{file, trace, BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
@@ -82,19 +84,12 @@ pub fn compare(
     verify: &[Recording],
     methods: &[String],
     seed: u64,
+    units: Units,
     out: &Path,
     mut progress: impl FnMut(&str),
 ) -> anyhow::Result<Comparison> {
-    let prepared = fit::prepare(train)?;
-    let steps = verify
-        .iter()
-        .map(|r| {
-            if r.corrected() {
-                return Err(BadInput::new("the recording to verify on holds corrected rates; use the raw one"));
-            }
-            Steps::new(r)
-        })
-        .collect::<Result<Vec<_>, _>>()?;
+    let prepared = fit::prepare_for(train, units)?;
+    let steps = unseen_steps(train, verify, &prepared, units)?;
     let first = verify.first().ok_or_else(|| BadInput::new("no recording to verify on was given"))?;
     let train_steps: Vec<Steps> = prepared.runs.iter().map(|r| r.steps.clone()).collect();
     let raw: Vec<[Vec<f64>; AXES]> = steps.iter().map(|s| s.rate_dph.clone()).collect();
@@ -104,10 +99,11 @@ pub fn compare(
         progress(method);
         let found = if method == "trace" {
             let start = Instant::now();
-            trace::trace(train, first).map(|t| {
+            let options = trace::Options { units, ..trace::Options::default() };
+            trace::trace_with(train, first, &options).map(|t| {
                 let names: Vec<String> = t.report.effects.iter().map(|e| e.name.clone()).collect();
                 let gains: usize = t
-                    .extended
+                    .image
                     .effects
                     .iter()
                     .filter_map(|e| hrg_core::effects::by_id(e.id))
@@ -121,7 +117,7 @@ pub fn compare(
                     } else {
                         format!("found {}", names.join(", "))
                     }],
-                    calibration: t.extended,
+                    calibration: t.image,
                 }
             })
         } else {
@@ -164,6 +160,32 @@ pub fn compare(
         rows,
         left_out,
     })
+}
+
+/// The verify runs on model steps: raw, of the same unit, with enough data, and sharing none with the train runs.
+fn unseen_steps(
+    train: &[Recording],
+    verify: &[Recording],
+    prepared: &fit::Prepared,
+    units: Units,
+) -> Result<Vec<Steps>, BadInput> {
+    let all: Vec<&Recording> = train.iter().chain(verify).collect();
+    independence::same_unit(&all, units)?;
+    let laws = prepared.calibration.axes.each_ref().map(|a| a.law);
+    verify
+        .iter()
+        .map(|r| {
+            if r.corrected() {
+                return Err(BadInput::new("the recording to verify on holds corrected rates; use the raw one"));
+            }
+            for t in train {
+                independence::require(&[(t, "train"), (r, "verify")])?;
+            }
+            let run = Run::new(Steps::new(r)?, laws);
+            evidence::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
+            Ok(run.steps)
+        })
+        .collect()
 }
 
 /// Has `hrg-board weigh` count what each block costs. A program of its own, because it brings the emulator with it.

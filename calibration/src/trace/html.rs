@@ -123,18 +123,65 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
 
 fn figures(r: &Report) -> String {
     let mut s = String::from(
-        "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>unit alone, verify</th><th>noise floor</th><th>structure left</th></tr>",
+        "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>means, train / verify</th><th>noise floor</th><th>left, in floors</th><th>structure left</th></tr>",
     );
     for n in AXIS_NAMES {
-        let (b, f, u) = (r.baseline[n], r.r#final[n], r.unit_alone[n]);
-        let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "no".into() };
+        let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
+        let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "none found".into() };
         let _ = write!(
             s,
-            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td><b>{:.3}</b></td><td>{:.3}</td><td>{:.3}</td><td>{left}</td></tr>",
-            b.train_rms_dph, b.verify_rms_dph, f.train_rms_dph, f.verify_rms_dph, u.verify_rms_dph, r.noise_floor_dph[n]
+            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td><b>{:.3}</b></td><td>{} / {}</td><td>{:.3}</td><td>{:.2} [{:.2}, {:.2}]</td><td>{left}</td></tr>",
+            b.train_rms_dph,
+            b.verify_rms_dph,
+            f.train_rms_dph,
+            f.verify_rms_dph,
+            f.train_means,
+            f.verify_means,
+            r.noise_floor_dph[n],
+            ratio.ratio,
+            ratio.low,
+            ratio.high
         );
     }
-    s + "</table><p class=small>Standard deviation of 100 s means, deg/h. The verify run was only evaluated, never used to choose.</p>"
+    s += "</table><p class=small>Standard deviation of 100 s means, deg/h. The noise floor comes from what neighbouring means differ by; the brackets hold 95 %. The verify run was only evaluated, never used to choose an effect.</p>";
+    if let Some(block) = &r.block {
+        s += "<h3>The written image on the verify run</h3><table><tr><th>axis</th><th>model</th><th>deg/h</th><th>mean error against train, deg/h</th><th>&plusmn;</th><th>means</th></tr>";
+        for (n, b) in block {
+            let model = serde_json::to_value(b.model).ok();
+            let _ = write!(
+                s,
+                "<tr><td>{n}</td><td>{}</td><td><b>{:.3}</b></td><td>{:+.3}</td><td>{:.3}</td><td>{}</td></tr>",
+                model.as_ref().and_then(serde_json::Value::as_str).unwrap_or_default(),
+                b.verify_rms_dph,
+                b.mean_dph,
+                b.mean_std_dph,
+                b.used_means
+            );
+        }
+        s += "</table>";
+    }
+    s
+}
+
+/// What was taken out of the files.
+fn cleaned(r: &Report) -> String {
+    let mut rows = String::new();
+    for (file, columns) in &r.cleaned {
+        for (column, kinds) in columns {
+            for (kind, count) in kinds {
+                let _ = write!(
+                    rows,
+                    "<tr><td>{}</td><td>{}</td><td>{kind}</td><td>{count}</td></tr>",
+                    escape(file),
+                    escape(column)
+                );
+            }
+        }
+    }
+    if rows.is_empty() {
+        return "<p>Nothing was taken out of the files.</p>".into();
+    }
+    format!("<table><tr><th>file</th><th>column</th><th>kind</th><th>values</th></tr>{rows}</table>")
 }
 
 fn ranking(r: &Report) -> String {
@@ -143,15 +190,23 @@ fn ranking(r: &Report) -> String {
         let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
         let _ = write!(
             s,
-            "<h3>{} <span class=small>{} &middot; chance by luck {:.0e} &middot; {}</span></h3>",
+            "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
             escape(&e.name),
+            e.class.name(),
             parameters.join(", "),
-            e.chance_by_luck.max(1e-6),
+            e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}")),
+            match e.confirmed {
+                Some(true) => "confirmed by the verify run",
+                Some(false) => "not confirmed by the verify run",
+                None => "cannot be confirmed by another run",
+            },
             if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
         );
-        s += "<table><tr><th>axis</th><th>gain</th><th>&plusmn;</th></tr>";
+        s += "<table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
         for (n, g) in &e.axes {
-            let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td></tr>", g.gain, g.gain_std);
+            let share =
+                e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
+            let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td><td>{share}</td></tr>", g.gain, g.gain_std);
         }
         s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>worth (log-likelihood less penalty)</th></tr>";
         for k in &e.rank {
@@ -170,7 +225,7 @@ fn ranking(r: &Report) -> String {
         }
     }
     if r.effects.is_empty() {
-        s += "<p>No effect is warranted.</p>";
+        s += "<p>The data warrant no effect.</p>";
     }
     s
 }
@@ -209,6 +264,8 @@ pub fn html(t: &Trace) -> anyhow::Result<String> {
         }
         s += "</ul>";
     }
+    s += "<h2>Taken out of the files</h2>";
+    s += &cleaned(r);
     s += "<h2>Residuals</h2>";
     for a in 0..3 {
         s += &pictures(t, a)?;

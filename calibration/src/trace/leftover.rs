@@ -1,90 +1,39 @@
 //! What is left after the model: noise, or structure? And where does it live?
 //!
-//! Two looks. First, generic curves (of temperature while heating and while cooling, of the rate of change, of both
-//! together, of time) are offered to the final model of each axis, with the noise colour refitted and the usual
-//! penalty: if one of them is worth adding, structure is left there. Second, the residual's 100 s means are compared
-//! with what their own successive differences say of white noise: structure that is slower than the means shows as
-//! a ratio above one, whatever its shape. Last, the verify run is looked at: a model that is right leaves the floor
-//! there too.
+//! Generic curves (of temperature while heating and while cooling, of the rate of change, of both together, of time) are
+//! offered to the final model of each axis, with the noise model refitted and the usual penalty: if one of them is
+//! worth adding, structure is left there. (What the verify run is left with is judged by [`super::floor`].)
 
 use super::data::Data;
 use super::gls::{Basis, View, COLOURS};
-use super::search::Model;
-use super::Fitted;
-use crate::fit::MEAN_S;
+use super::model::Term;
+use super::search::MOST;
 use crate::stats::dot;
-use crate::stats::{block_means, mean};
 use hrg_core::AXES;
 
 /// Worth above which a generic curve counts as structure.
 const WORTH: f64 = 10.0;
-/// Ratio of the means' deviation to what their differences tell, above which slow structure is said to be left.
-const RATIO: f64 = 1.6;
 
-/// Ratio of the verify run's residual to the floor above which structure is said to be left there.
-const VERIFY_RATIO: f64 = 2.0;
-
-/// The verdict on one axis.
-#[derive(Debug, Clone, Default)]
-pub struct Left {
-    /// In words; empty where only noise is left.
-    pub where_it_lives: Vec<String>,
-    /// Estimated standard deviation of 100 s means of the noise, deg/h.
-    pub floor_dph: f64,
-}
-
-/// Judges the residuals.
-pub fn judge(data: &Data<'_>, model: &Model, fitted: &Fitted, after: &[[Vec<f64>; AXES]]) -> [Left; AXES] {
+/// Where structure is left on the train runs, by axis, in words; empty where none is.
+pub fn judge(data: &Data<'_>, terms: &[Term]) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
-        let mut left = Left::default();
-        let means: Vec<Vec<f64>> = after.iter().map(|r| block_means(&r[a], MEAN_S)).collect();
-        let all: Vec<f64> = means.iter().flatten().copied().filter(|v| v.is_finite()).collect();
-        let m = mean(&all);
-        let n = all.len() as f64;
-        let freedom = (n - fitted.coefficients[a].len() as f64).max(1.0);
-        let spread = (all.iter().map(|v| (v - m).powi(2)).sum::<f64>() / freedom).sqrt();
-        let (mut sum, mut count) = (0.0, 0.0);
-        for series in &means {
-            for w in series.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()) {
-                sum += (w[1] - w[0]).powi(2);
-                count += 1.0;
-            }
+        let mut left: Vec<String> = generic(data, a)
+            .iter()
+            .filter(|(_, columns)| worth(data, terms, a, columns) > WORTH)
+            .map(|(name, _)| (*name).to_string())
+            .collect();
+        let here = |name: &str| terms.iter().filter(|t| t.on[a] && t.candidate.facts.name == name).count();
+        if here("step") > 1 {
+            left.push("in time: the rates jump more than once, so something switches".into());
         }
-        let quick = (sum / (2.0 * f64::max(count, 1.0))).sqrt();
-        for (name, columns) in generic(data, a) {
-            let worth = worth(data, model, a, &columns);
-            if worth > WORTH {
-                left.where_it_lives.push(name.to_string());
-            }
+        if here("periodic") > 1 {
+            left.push("in time: more than one period is needed, so it is not one that repeats".into());
         }
-        let several = |name: &str| model.effects.iter().filter(|e| e.facts.name == name).count() > 1;
-        if several("step") {
-            left.where_it_lives.push("in time: the rates jump more than once, so something switches".into());
+        if terms.iter().filter(|t| t.on[a]).count() >= MOST {
+            left.push("in nothing simple: as many effects are needed as the search allows".into());
         }
-        if several("periodic") {
-            left.where_it_lives.push("in time: more than one period is needed, so it is not one that repeats".into());
-        }
-        if model.effects.len() >= super::search::MOST {
-            left.where_it_lives.push("in nothing simple: as many effects are needed as the search allows".into());
-        }
-        if spread > RATIO * quick {
-            left.where_it_lives.push(format!(
-                "in slow changes (100 s means scatter by {:.1} times what neighbours differ by)",
-                spread / quick
-            ));
-        }
-        left.floor_dph = if left.where_it_lives.is_empty() { spread } else { quick };
         left
     })
-}
-
-/// Adds what an unseen run says: a model that is right leaves the floor there too. (Not asked where an effect was
-/// found that nobody can predict: it stays in the verify run.)
-pub fn judge_verify(left: &mut Left, verify_rms_dph: f64) {
-    let ratio = verify_rms_dph / left.floor_dph;
-    if ratio > VERIFY_RATIO {
-        left.where_it_lives.push(format!("on the verify run ({ratio:.1} times the noise floor)"));
-    }
 }
 
 /// Generic curves, on the kept blocks of an axis.
@@ -134,15 +83,15 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
 }
 
 /// Worth of adding columns to the final model of one axis.
-fn worth(data: &Data<'_>, model: &Model, a: usize, columns: &[Vec<f64>]) -> f64 {
+fn worth(data: &Data<'_>, terms: &[Term], a: usize, columns: &[Vec<f64>]) -> f64 {
     let rows = &data.axes[a];
     let (mut without, mut with) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
     let mut added = 0;
     for colour in COLOURS {
         let view = View::new(rows, colour);
         let mut basis = Basis::default();
-        for e in &model.effects {
-            for c in data.columns(e, a, false).unwrap_or_default() {
+        for t in terms.iter().filter(|t| t.on[a]) {
+            for c in data.columns(&t.candidate, a, false).unwrap_or_default() {
                 basis.add(view.column(rows, &c));
             }
         }

@@ -1,112 +1,58 @@
 //! Closes the loop: baseline fit, residual, the effects that the model lacks, refit, before and after.
 //!
 //! The method is written down in `docs/trace.md`. In short: models are compared by their likelihood under coloured
-//! noise ([`gls`]), searched by beam ([`search`]), judged against surrogates, and only evaluated on the verify run.
+//! noise ([`gls`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
+//! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
 pub mod data;
+mod events;
+pub mod floor;
 pub mod gls;
 mod html;
+pub mod judge;
 mod leftover;
+pub mod model;
+pub mod report;
 pub mod search;
 pub mod separable;
+mod words;
 
 pub use html::html;
+pub use words::list;
 
-use crate::fit::{self, prepare, Prepared, MEAN_S};
+pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
+
+use crate::evidence;
+use crate::fit::{self, prepare_for, Prepared};
+use crate::independence::{self, Units};
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
-use crate::stats::{block_means, std_dev};
 use crate::{BadInput, AXIS_NAMES};
 use data::{Candidate, Data};
-use gls::COLOURS;
-use hrg_core::bias::{Coefficients, TERMS};
-use hrg_core::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
-use hrg_core::effects::{Reach, MAX_OUTPUTS};
+use floor::{Clean, Neighbours};
+use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::calibration::Calibration;
+use hrg_core::effects::Reach;
 use hrg_core::AXES;
-use search::Search;
-use serde::Serialize;
-use std::collections::BTreeMap;
+use judge::{agreement, spread, Means, Noise};
+use model::{drop_idle_effects, take_axis, Fitted, Term};
+use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged, Gain, OnVerify, Ranked};
+use search::{Model, Search};
+use std::collections::BTreeSet;
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
 
-/// RMS figures of one axis, deg/h.
-#[derive(Debug, Clone, Copy, Serialize, Default, PartialEq)]
-pub struct Rms {
-    /// On the train runs.
-    pub train_rms_dph: f64,
-    /// On the verify run.
-    pub verify_rms_dph: f64,
-}
+/// Seed of the surrogates and of the noise: the same data give the same report.
+const SEED: u64 = 20_231_106;
 
-/// Gain of an effect on one axis.
-#[derive(Debug, Clone, Serialize)]
-pub struct Gain {
-    /// Of the first regressor, deg/h per its unit.
-    pub gain: f64,
-    /// Its standard deviation.
-    pub gain_std: f64,
-    /// Of every regressor.
-    pub gains: Vec<f64>,
-}
-
-/// One entry of the ranking.
-#[derive(Debug, Clone, Serialize)]
-pub struct Ranked {
-    /// Effect.
-    pub name: String,
-    /// Reduction of the cross-validated squared error, as a share.
-    pub gain_in_cv: f64,
-    /// Gain in log-likelihood less penalty.
-    pub worth: f64,
-}
-
-/// One effect found.
-#[derive(Debug, Clone, Serialize)]
-pub struct Found {
-    /// Name.
-    pub name: String,
-    /// Inner parameters, by name with unit.
-    pub parameters: BTreeMap<String, f64>,
-    /// Gains by axis.
-    pub axes: BTreeMap<String, Gain>,
-    /// The candidates for its place, best first.
-    pub rank: Vec<Ranked>,
-    /// Effects that this profile cannot tell from it.
-    pub indistinguishable_from: Vec<String>,
-    /// Chance that the library finds as much by luck.
-    pub chance_by_luck: f64,
-    /// `unit`: goes into the block; `needs ...`: the unit does not measure it; `unpredictable`: to be mended.
-    pub reach: String,
-}
-
-/// The report of `hrg trace`.
-#[derive(Debug, Clone, Serialize)]
-pub struct Report {
-    /// Version of the report.
-    pub version: u32,
-    /// Unit.
-    pub unit: String,
-    /// Baseline model alone.
-    pub baseline: BTreeMap<String, Rms>,
-    /// What it lacks.
-    pub effects: Vec<Found>,
-    /// Baseline and effects.
-    pub r#final: BTreeMap<String, Rms>,
-    /// What the unit alone reaches on the verify run: effects that it cannot compute left out.
-    pub unit_alone: BTreeMap<String, Rms>,
-    /// Standard deviation of 100 s means of the noise, as estimated.
-    pub noise_floor_dph: BTreeMap<String, f64>,
-    /// Whether structure is left.
-    pub unexplained: BTreeMap<String, bool>,
-    /// Where it is left, in words.
-    pub left_over: BTreeMap<String, Vec<String>>,
-    /// What to do.
-    pub advice: Vec<String>,
-    /// What the user should know of the data.
-    pub notes: Vec<String>,
-    /// The verdict in two sentences.
-    pub verdict: String,
+/// What a trace is told beside the recordings.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Whether the runs may be of different units.
+    pub units: Units,
+    /// The image that the unit has in use: a new one must beat it.
+    pub in_use: Option<Calibration>,
 }
 
 /// Everything that came of a trace.
@@ -116,8 +62,8 @@ pub struct Trace {
     pub report: Report,
     /// Baseline only.
     pub baseline: Calibration,
-    /// Baseline and the effects that a unit can compute.
-    pub extended: Calibration,
+    /// The image of [`Report::image`]: what is judged in [`Report::block`] and written. Where none is, the baseline.
+    pub image: Calibration,
     /// The verify run, for pictures.
     pub verify: Run,
     /// Residuals of the train runs, before and after, one value a step.
@@ -128,291 +74,106 @@ pub struct Trace {
     pub train: Vec<Run>,
 }
 
-/// The report as JSON.
-#[must_use]
-pub fn json(report: &Report) -> String {
-    // A report is plain data: it always serialises.
-    serde_json::to_string_pretty(report).unwrap_or_default()
-}
-
-/// A fitted model of the bias.
-#[derive(Debug, Clone)]
-struct Fitted {
-    effects: Vec<Candidate>,
-    /// Per axis: baseline coefficients, then the gains of each effect in order.
-    coefficients: [Vec<f64>; AXES],
-    std: [Vec<f64>; AXES],
-}
-
-impl Fitted {
-    /// Where the gains of effect `e` begin.
-    fn offset(&self, e: usize) -> usize {
-        TERMS + self.effects[..e].iter().map(|c| c.facts.outputs).sum::<usize>()
-    }
-
-    /// The bias of a run, of those effects that `which` lets through, on every step.
-    fn bias(
-        &self,
-        run: &Run,
-        scaling: &hrg_core::bias::Scaling,
-        a: usize,
-        which: &dyn Fn(&Candidate) -> bool,
-    ) -> Vec<f64> {
-        let mut out = vec![0.0; run.steps.len()];
-        for (column, k) in fit::baseline_columns(run, scaling, a).iter().zip(&self.coefficients[a]) {
-            for (o, x) in out.iter_mut().zip(column) {
-                *o += k * x;
-            }
-        }
-        for (e, c) in self.effects.iter().enumerate().filter(|(_, c)| which(c)) {
-            let at = self.offset(e);
-            for (o, x) in out.iter_mut().zip(run.effect(c.facts.id, &c.parameters, scaling, a)) {
-                for (j, v) in x.iter().take(c.facts.outputs).enumerate() {
-                    *o += self.coefficients[a][at + j] * f64::from(*v);
-                }
-            }
-        }
-        out
-    }
-}
-
-/// Generalised least squares of a model on exact columns. A candidate confined to one run is zero elsewhere.
-fn final_fit(data: &Data<'_>, effects: &[Candidate], colours: [usize; AXES]) -> Result<Fitted, BadInput> {
-    let mut out = Fitted { effects: effects.to_vec(), coefficients: Default::default(), std: Default::default() };
-    for a in 0..AXES {
-        let rows = &data.axes[a];
-        let mut columns = rows.base.clone();
-        let mut names: Vec<&str> = fit::NAMES.to_vec();
-        for c in effects {
-            columns.extend(data.columns(c, a, true).unwrap_or_default());
-            names.extend(std::iter::repeat_n(c.facts.name, c.facts.outputs));
-        }
-        let mut y = rows.y.clone();
-        let colour = COLOURS[colours[a]];
-        columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
-        colour.whiten(&mut y, &rows.starts);
-        let fit = crate::lsq::fit(&columns, &y, None, &names)
-            .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
-        out.coefficients[a] = fit.coefficients;
-        out.std[a] = fit.std;
-    }
-    Ok(out)
-}
-
-fn into_block(base: &Calibration, fitted: &Fitted, notes: &mut Vec<String>) -> Calibration {
-    let mut c = base.clone();
-    c.effects.clear();
-    for a in 0..AXES {
-        c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fitted.coefficients[a][j] as f32));
-        c.axes[a].coefficient_std = [std::array::from_fn(|j| fitted.std[a][j] as f32), [0.0; TERMS]];
-    }
-    for (e, candidate) in fitted.effects.iter().enumerate().filter(|(_, c)| search::on_unit(c)) {
-        let at = fitted.offset(e);
-        let mut term = EffectTerm {
-            id: candidate.facts.id,
-            parameters: candidate.parameters,
-            gains: [[0.0; MAX_OUTPUTS]; AXES],
-            gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-        };
-        for a in 0..AXES {
-            for j in 0..candidate.facts.outputs {
-                term.gains[a][j] = fitted.coefficients[a][at + j] as f32;
-                term.gain_std[a][j] = fitted.std[a][at + j] as f32;
-            }
-        }
-        if c.effects.push(term).is_err() {
-            notes.push(format!("a block holds {MAX_EFFECTS} effects; {} did not fit", candidate.facts.name));
-        }
-    }
-    c
-}
-
-/// Residuals of a run.
-fn residuals(
-    run: &Run,
-    scaling: &hrg_core::bias::Scaling,
-    fitted: &Fitted,
-    which: &dyn Fn(&Candidate) -> bool,
-) -> [Vec<f64>; AXES] {
-    [0, 1, 2].map(|a| {
-        let bias = fitted.bias(run, scaling, a, which);
-        run.steps.rate_dph[a].iter().zip(bias).map(|(r, b)| r - b).collect()
-    })
-}
-
-/// Standard deviation of 100 s means over runs.
-fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> f64 {
-    let means: Vec<f64> = series.into_iter().flat_map(|s| block_means(s, MEAN_S)).collect();
-    std_dev(&means)
+/// Traces what the baseline lacks.
+///
+/// # Errors
+/// As [`trace_with`].
+pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput> {
+    trace_with(train, verify, &Options::default())
 }
 
 /// Traces what the baseline lacks.
 ///
 /// # Errors
-/// One sentence: recordings that cannot be used, or a run that cannot hold the baseline down.
-pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput> {
-    let Prepared { runs, mut calibration, mut notes, lag_s, .. } = prepare(train)?;
-    if verify.corrected() {
-        return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
-    }
-    if let Some(first) = train.first() {
-        if first.unit() != verify.unit() {
-            notes.push(format!("the verify run is of unit {}, the train run of {}", verify.unit(), first.unit()));
-        }
-    }
-    let laws = [0, 1, 2].map(|a: usize| calibration.axes[a].law);
-    let verify_run = Run::new(Steps::new(verify)?, laws);
+/// One sentence: recordings that cannot be used, that share data, are of different units, hold too little data, or cannot hold
+/// the baseline down.
+pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
+    let (prepared, verify_run) = ready(train, verify, options)?;
+    let Prepared { runs, mut calibration, mut notes, lag_s, .. } = prepared;
     let scaling = calibration.scaling;
     calibration.sequence = 1;
-
     let data = Data::new(&runs, scaling, lag_s.iter().sum::<f64>() / AXES as f64);
-    if let Some(a) = (0..AXES).find(|&a| data.axes[a].y.len() < 40) {
-        return Err(BadInput::new(format!(
-            "axis {}: only {} usable means in the train runs; record some hours",
-            AXIS_NAMES[a],
-            data.axes[a].y.len()
-        )));
+    let search = Search::new(&data, SEED);
+    let learnt = Learnt::new(&search);
+    let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
+    let fitted = Fitted::new(&data, &learnt.terms, learnt.model.colours)?;
+
+    let before_train: Vec<_> = residuals_of(&baseline_fit, &runs, &scaling);
+    let after_train: Vec<_> = residuals_of(&fitted, &runs, &scaling);
+    let before_verify = baseline_fit.residuals(&verify_run, None, &scaling, &|_| true);
+    // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
+    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(&verify_run, c, &scaling);
+    let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
+    let candidates: Vec<Candidate> = learnt.terms.iter().map(|t| t.candidate).collect();
+    let (refitted, judged) = events::refit(&candidates, &verify_run, &scaling, &after_verify);
+
+    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
+    let fewest = (0..AXES).map(|a| count(&judged, a)).min().unwrap_or(0);
+    let trained = (0..AXES).map(|a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
+    let clean = Clean::new(fewest, trained, SEED);
+    let mut noise = Vec::new();
+    for a in 0..AXES {
+        let series: Vec<Means> = after_train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
+        let series: Vec<&[f64]> = series.iter().map(Means::series).collect();
+        let neighbours = Neighbours::of(&series).ok_or_else(|| {
+            BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
+        })?;
+        noise.push(Noise { neighbours, clean: &clean });
     }
-    let search = Search::new(&data, 20_231_106);
-    let model = search.run();
 
-    // Ranks before the final fit: an equal that is better gives its name.
-    let ranks: Vec<Vec<(Candidate, f64)>> = (0..model.effects.len()).map(|k| search.instead_of(&model, k)).collect();
-    let mut model = model;
-    for (k, rank) in ranks.iter().enumerate() {
-        if let Some((top, _)) = rank.first() {
-            if top.facts.id != model.effects[k].facts.id {
-                let mut other = model.effects.clone();
-                other[k] = *top;
-                let (worth, colours) = search.worth(&other);
-                if worth > model.worth {
-                    model.effects = other;
-                    model.worth = worth;
-                    model.colours = colours;
-                }
-            }
-        }
-    }
-
-    let baseline_fit = final_fit(&data, &[], [0; AXES])?;
-    let fitted = final_fit(&data, &model.effects, model.colours)?;
-
-    let all = |_: &Candidate| true;
-    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable;
-    let unit = |c: &Candidate| search::on_unit(c);
-    let before_train: Vec<_> = runs.iter().map(|r| residuals(r, &scaling, &baseline_fit, &all)).collect();
-    let after_train: Vec<_> =
-        runs.iter().enumerate().map(|(n, r)| residuals(r, &scaling, &confined(&fitted, n), &all)).collect();
-    let before_verify = residuals(&verify_run, &scaling, &baseline_fit, &all);
-    // A quantity that the verify run lacks cannot be taken off there.
-    let has = |c: &Candidate| known(c) && run_has(&verify_run, c, &scaling);
-    let after_verify = residuals(&verify_run, &scaling, &fitted, &has);
-    let unit_verify = residuals(&verify_run, &scaling, &fitted, &unit);
-
-    let rms = |train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES], a: usize| Rms {
-        train_rms_dph: spread(train.iter().map(|r| &r[a])),
-        verify_rms_dph: spread([&verify[a]]),
+    let table = |train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]| -> ByAxis<Rms> {
+        by_axis(|a| {
+            let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
+            Rms { train_rms_dph: t.0, verify_rms_dph: v.0, train_means: t.1, verify_means: v.1 }
+        })
     };
-    let table = |train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]| -> BTreeMap<String, Rms> {
-        (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), rms(train, verify, a))).collect()
-    };
-    let baseline = table(&before_train, &before_verify);
-    let last = table(&after_train, &after_verify);
-    let unit_alone = table(&after_train, &unit_verify);
-
-    let mut left = leftover::judge(&data, &model, &fitted, &after_train);
-    if fitted.effects.iter().all(known) {
-        for (a, left) in left.iter_mut().enumerate() {
-            leftover::judge_verify(left, last[AXIS_NAMES[a]].verify_rms_dph);
-        }
+    let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
+    let effects = on_verify.found(&search, &learnt, &fitted)?;
+    let written = on_verify.image(&calibration, &learnt, &fitted, &baseline_fit, options, &mut notes)?;
+    let mut left = leftover::judge(&data, &learnt.terms);
+    let floor_ratio = by_axis(|a| {
+        let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
+        noise[a].ratio(Means::of(&judged[a]).deviation(), more)
+    });
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| !r.is_noise()) {
+        left.push(format!("on the verify run ({ratio})"));
     }
-    let unexplained: BTreeMap<String, bool> =
-        (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), !left[a].where_it_lives.is_empty())).collect();
-    let noise_floor_dph = (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), left[a].floor_dph)).collect();
-
-    let alike = search.alike(&model.effects);
-    let mut effects = Vec::new();
-    for (k, c) in model.effects.iter().enumerate() {
-        let others: Vec<Candidate> =
-            model.effects.iter().enumerate().filter(|(j, _)| *j != k).map(|(_, e)| *e).collect();
-        // Told apart by the data, not by the penalty: likelihoods are compared.
-        let likelihood = |(r, worth): &(Candidate, f64)| worth + search.cost(r);
-        let own = ranks[k].iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, likelihood);
-        let at = fitted.offset(k);
-        effects.push(Found {
-            name: c.facts.name.to_string(),
-            parameters: c
-                .facts
-                .parameters
-                .iter()
-                .zip(c.parameters)
-                .map(|(n, v)| ((*n).to_string(), f64::from(v)))
-                .collect(),
-            axes: (0..AXES)
-                .map(|a| {
-                    let gains = fitted.coefficients[a][at..at + c.facts.outputs].to_vec();
-                    let gain = Gain { gain: gains[0], gain_std: fitted.std[a][at], gains };
-                    (AXIS_NAMES[a].to_string(), gain)
-                })
-                .collect(),
-            rank: ranks[k]
-                .iter()
-                .map(|(r, worth)| Ranked {
-                    name: r.facts.name.to_string(),
-                    gain_in_cv: search.cross_validated_gain(&others, r, model.colours),
-                    worth: *worth,
-                })
-                .collect(),
-            indistinguishable_from: ranks[k]
-                .iter()
-                .filter(|r| r.0.facts.id != c.facts.id && r.1 > 0.0 && own - likelihood(r) < INDISTINGUISHABLE)
-                .map(|(r, _)| r.facts.name)
-                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n))
-                .collect::<std::collections::BTreeSet<_>>()
-                .into_iter()
-                .map(String::from)
-                .collect(),
-            chance_by_luck: model.luck.get(k).copied().unwrap_or(f64::NAN),
-            reach: match c.facts.reach {
-                Reach::Unit => "unit".into(),
-                Reach::NeedsInput(what) => format!("needs {what}"),
-                Reach::Unpredictable => "unpredictable".into(),
-            },
-        });
-    }
-
-    let stamp = |c: &mut Calibration, rms: &BTreeMap<String, Rms>| {
-        for (a, n) in AXIS_NAMES.iter().enumerate() {
-            c.axes[a].train_rms_dph = rms[*n].train_rms_dph as f32;
-            c.axes[a].verify_rms_dph = rms[*n].verify_rms_dph as f32;
-        }
-    };
-    let mut base_block = into_block(&calibration, &baseline_fit, &mut notes);
-    stamp(&mut base_block, &baseline);
-    let mut extended = into_block(&calibration, &fitted, &mut notes);
-    extended.sequence = 2;
-    stamp(&mut extended, &unit_alone);
-
-    let advice = advice(&effects, &left);
-    let verdict = verdict(&effects, &baseline, &last, &unexplained);
-    let report = Report {
-        version: 1,
+    let verdict_kind = conclude(&effects, &left, &after_verify, &before_verify, &noise);
+    let exchanged = exchange(train, verify, &effects, &verify_run);
+    let mut report = Report {
+        version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
-        baseline,
+        verdict_kind,
+        burn: written.burn && verdict_kind == VerdictKind::Confirmed,
+        image: written.kind,
+        verdict: String::new(),
+        baseline: table(&before_train, &before_verify),
         effects,
-        r#final: last,
-        unit_alone,
-        noise_floor_dph,
-        unexplained,
-        left_over: (0..AXES).map(|a| (AXIS_NAMES[a].to_string(), left[a].where_it_lives.clone())).collect(),
-        advice,
+        r#final: table(&after_train, &after_verify),
+        refitted_on_verify: refitted,
+        judged_rms_dph: by_axis(|a| Means::of(&judged[a]).deviation()),
+        block: written.figures,
+        noise_floor_dph: by_axis(|a| noise[a].floor()),
+        floor_ratio,
+        unexplained: by_axis(|a| !left[a].is_empty()),
+        left_over: by_axis(|a| left[a].clone()),
+        outside_fit: outside_fit(&verify_run, &calibration),
+        exchanged,
+        advice: Vec::new(),
         notes,
-        verdict,
+        cleaned: report::cleaned(named_files(train, verify)),
     };
+    report.verdict = words::verdict(&report);
+    report.advice = words::advice(&report);
+    let mut image = written.image;
+    for (a, n) in AXIS_NAMES.iter().enumerate() {
+        image.axes[a].train_rms_dph = report.r#final[*n].train_rms_dph as f32;
+        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[*n].verify_rms_dph) as f32;
+    }
     Ok(Trace {
         report,
-        baseline: base_block,
-        extended,
+        baseline: baseline_fit.image(&calibration, &mut Vec::new()),
+        image,
         verify: verify_run,
         train_residuals: [before_train, after_train],
         verify_residuals: [before_verify, after_verify],
@@ -420,130 +181,311 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
     })
 }
 
-/// The model as run number `n` sees it: effects confined to another run have no gain there.
-fn confined(f: &Fitted, n: usize) -> Fitted {
-    let mut out = f.clone();
-    for (e, c) in f.effects.iter().enumerate() {
-        if c.run.is_some_and(|r| r != n) {
-            let at = f.offset(e);
-            for a in 0..AXES {
-                out.coefficients[a][at..at + c.facts.outputs].fill(0.0);
-            }
-        }
+/// Recordings that may be learnt from and judged on.
+fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run), BadInput> {
+    if verify.corrected() {
+        return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
     }
+    let all: Vec<&Recording> = train.iter().chain([verify]).collect();
+    let note = independence::same_unit(&all, options.units)?;
+    let mut prepared = prepare_for(train, options.units)?;
+    prepared.notes.extend(note);
+    for r in train {
+        independence::require(&[(r, "train"), (verify, "verify")])?;
+    }
+    let laws = prepared.calibration.axes.each_ref().map(|a| a.law);
+    let run = Run::new(Steps::new(verify)?, laws);
+    let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
+    evidence::require(&run, &format!("the verify run{name}"))?;
+    Ok((prepared, run))
+}
+
+/// File names of the runs, or what they are given as.
+fn named_files<'r>(train: &'r [Recording], verify: &'r Recording) -> Vec<(String, &'r Recording)> {
+    let name = |r: &Recording, role: String| if r.source.is_empty() { role } else { r.source.clone() };
+    let mut out: Vec<(String, &Recording)> =
+        train.iter().enumerate().map(|(k, r)| (name(r, format!("train {}", k + 1)), r)).collect();
+    out.push((name(verify, "verify".into()), verify));
     out
 }
 
-fn run_has(run: &Run, c: &Candidate, scaling: &hrg_core::bias::Scaling) -> bool {
+fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f64>; AXES]> {
+    runs.iter().enumerate().map(|(n, r)| fitted.residuals(r, Some(n), scaling, &|_| true)).collect()
+}
+
+/// What the search found on the train runs.
+struct Learnt {
+    model: Model,
+    terms: Vec<Term>,
+    /// For each effect, what could stand in its place.
+    ranks: Vec<Vec<(Candidate, f64)>>,
+}
+
+impl Learnt {
+    fn new(search: &Search<'_>) -> Self {
+        let mut model = search.run();
+        // Ranks before the final fit: an equal that is better gives its name.
+        let ranks: Vec<Vec<(Candidate, f64)>> =
+            (0..model.effects.len()).map(|k| search.instead_of(&model, k)).collect();
+        for (k, rank) in ranks.iter().enumerate() {
+            let Some((top, _)) = rank.first().filter(|(top, _)| top.facts.id != model.effects[k].facts.id) else {
+                continue;
+            };
+            let mut other = model.effects.clone();
+            other[k] = *top;
+            let (worth, colours) = search.worth(&other);
+            if worth > model.worth {
+                (model.effects, model.worth, model.colours) = (other, worth, colours);
+            }
+        }
+        let on = search.axes_of(&model);
+        let terms = model.effects.iter().zip(on).map(|(candidate, on)| Term { candidate: *candidate, on }).collect();
+        Self { model, terms, ranks }
+    }
+}
+
+/// An image with what it reaches.
+struct Written {
+    image: Calibration,
+    kind: Image,
+    burn: bool,
+    figures: Option<ByAxis<OnVerify>>,
+}
+
+/// The verify run, on which models are judged.
+struct OnVerifyRun<'v> {
+    data: &'v Data<'v>,
+    run: &'v Run,
+    scaling: Scaling,
+    noise: &'v [Noise<'v>],
+    known: &'v dyn Fn(&Candidate) -> bool,
+}
+
+impl OnVerifyRun<'_> {
+    /// Each effect with its gains, its rivals, and what the verify run says of it.
+    fn found(&self, search: &Search<'_>, learnt: &Learnt, fitted: &Fitted) -> Result<Vec<Found>, BadInput> {
+        let model = &learnt.model;
+        let alike = search.alike(&model.effects);
+        let all = fitted.residuals(self.run, None, &self.scaling, self.known);
+        let mut out = Vec::new();
+        for (k, term) in learnt.terms.iter().enumerate() {
+            let c = &term.candidate;
+            let mut fewer = learnt.terms.clone();
+            fewer.remove(k);
+            let on_verify = if (self.known)(c) {
+                let without =
+                    Fitted::new(self.data, &fewer, model.colours)?.residuals(self.run, None, &self.scaling, self.known);
+                self.agreements(term, &without, &all)
+            } else {
+                ByAxis::new()
+            };
+            let others: Vec<Candidate> = fewer.iter().map(|t| t.candidate).collect();
+            let rank = &learnt.ranks[k];
+            // Told apart by the data, not by the penalty: likelihoods are compared.
+            let likelihood = |(r, worth): &(Candidate, f64)| worth + search.cost(r);
+            let own = rank.iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, likelihood);
+            let equal = rank
+                .iter()
+                .filter(|r| r.0.facts.id != c.facts.id && r.1 > 0.0 && own - likelihood(r) < INDISTINGUISHABLE)
+                .map(|(r, _)| r.facts.name)
+                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
+            out.push(Found {
+                name: c.facts.name.to_string(),
+                class: Class::of(c.facts.name).unwrap_or(Class::Event),
+                parameters: c
+                    .facts
+                    .parameters
+                    .iter()
+                    .zip(c.parameters)
+                    .map(|(n, v)| ((*n).to_string(), f64::from(v)))
+                    .collect(),
+                axes: gains_by_axis(fitted, k),
+                confirmed: (self.known)(c).then(|| on_verify.values().any(Agreement::wins)),
+                on_verify,
+                indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
+                rank: rank
+                    .iter()
+                    .map(|(r, worth)| Ranked {
+                        name: r.facts.name.to_string(),
+                        gain_in_cv: search.cross_validated_gain(&others, r, model.colours),
+                        worth: *worth,
+                    })
+                    .collect(),
+                p_value: model.p_values.get(k).copied().flatten(),
+                reach: match c.facts.reach {
+                    Reach::Unit => "unit".into(),
+                    Reach::NeedsInput(what) => format!("needs {what}"),
+                    Reach::Unpredictable => "unpredictable".into(),
+                },
+            });
+        }
+        Ok(out)
+    }
+
+    fn agreements(&self, term: &Term, without: &[Vec<f64>; AXES], with: &[Vec<f64>; AXES]) -> ByAxis<Agreement> {
+        (0..AXES)
+            .filter(|&a| term.on[a])
+            .map(|a| {
+                let floor = self.noise[a].floor();
+                (AXIS_NAMES[a].to_string(), agreement(&Means::of(&without[a]), &Means::of(&with[a]), floor))
+            })
+            .collect()
+    }
+
+    /// The image: axis by axis the extended model, the baseline or a constant, whichever the verify run bears out.
+    fn image(
+        &self,
+        calibration: &Calibration,
+        learnt: &Learnt,
+        fitted: &Fitted,
+        baseline_fit: &Fitted,
+        options: &Options,
+        notes: &mut Vec<String>,
+    ) -> Result<Written, BadInput> {
+        // What needs an input has no place in an image: the rest is fitted without it. What happened once stays in the fit,
+        // so that it bends no other coefficient.
+        let kept: Vec<Term> =
+            learnt.terms.iter().filter(|t| !matches!(t.candidate.facts.reach, Reach::NeedsInput(_))).copied().collect();
+        let for_unit = if kept.len() == learnt.terms.len() {
+            fitted.clone()
+        } else {
+            Fitted::new(self.data, &kept, learnt.model.colours)?
+        };
+        let baseline = baseline_fit.image(calibration, notes);
+        let mut image = for_unit.image(calibration, notes);
+        image.sequence = 2;
+        let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
+        let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
+        let (of_base, of_image) = (corrected(&baseline), corrected(&image));
+        let mut models = [AxisModel::Constant; AXES];
+        for (a, model) in models.iter_mut().enumerate() {
+            let floor = self.noise[a].floor();
+            let has_effect = image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0));
+            let wins = has_effect && agreement(&of_base[a], &of_image[a], floor).wins();
+            let (chosen, candidate) =
+                if wins { (&of_image[a], AxisModel::Extended) } else { (&of_base[a], AxisModel::Baseline) };
+            *model = if agreement(&raw[a], chosen, floor).wins() { candidate } else { AxisModel::Constant };
+            match *model {
+                AxisModel::Extended => {}
+                AxisModel::Baseline => take_axis(&mut image, &baseline, a),
+                AxisModel::Constant => {
+                    take_axis(&mut image, &baseline, a);
+                    image.axes[a].coefficients = constant(&self.data.axes[a].y);
+                    image.axes[a].coefficient_std = [[0.0; TERMS]; 2];
+                }
+            }
+        }
+        drop_idle_effects(&mut image);
+        let kind = if models.contains(&AxisModel::Extended) {
+            Image::Extended
+        } else if models.contains(&AxisModel::Baseline) {
+            Image::Baseline
+        } else {
+            Image::None
+        };
+        if kind == Image::None {
+            return Ok(Written { image: baseline, kind, burn: false, figures: None });
+        }
+        let chosen = corrected(&image);
+        let in_use = options.in_use.as_ref().map(corrected);
+        let beats_use = in_use.is_none_or(|u| {
+            let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&u[a], &chosen[a], self.noise[a].floor())).collect();
+            each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
+        });
+        let figures = by_axis(|a| {
+            let (_, constant) = for_unit.predicted_variance(self.run, &self.scaling, a, self.known);
+            OnVerify {
+                verify_rms_dph: chosen[a].deviation(),
+                mean_dph: chosen[a].mean(),
+                mean_std_dph: (self.noise[a].shift().powi(2) + constant).sqrt(),
+                used_means: chosen[a].count(),
+                model: models[a],
+            }
+        });
+        Ok(Written { image, kind, burn: kind == Image::Extended && beats_use, figures: Some(figures) })
+    }
+}
+
+/// A bias that does not depend on temperature: the mean rate.
+fn constant(rates_dph: &[f64]) -> Coefficients {
+    let mut k = [0.0; TERMS];
+    k[0] = crate::stats::mean(rates_dph) as f32;
+    Coefficients::One(k)
+}
+
+fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
+    (0..AXES)
+        .filter_map(|a| {
+            let range = fitted.gains(k, a)?;
+            let fit = &fitted.axes[a];
+            let gains = fit.coefficients[range.clone()].to_vec();
+            Some((AXIS_NAMES[a].to_string(), Gain { gain: gains[0], gain_std: fit.std[range.start], gains }))
+        })
+        .collect()
+}
+
+/// What it all comes to.
+fn conclude(
+    effects: &[Found],
+    left: &[Vec<String>; AXES],
+    after: &[Vec<f64>; AXES],
+    before: &[Vec<f64>; AXES],
+    noise: &[Noise<'_>],
+) -> VerdictKind {
+    if effects.is_empty() {
+        return if left.iter().all(Vec::is_empty) { VerdictKind::NothingLacks } else { VerdictKind::Unexplained };
+    }
+    let predictable = effects.iter().any(|e| e.confirmed.is_some());
+    if !predictable {
+        // Only what nobody can predict was named: the verify run cannot speak for it.
+        return VerdictKind::NotConfirmed;
+    }
+    let each: Vec<Agreement> =
+        (0..AXES).map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor())).collect();
+    if each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
+        VerdictKind::Confirmed
+    } else {
+        VerdictKind::NotConfirmed
+    }
+}
+
+/// The second witness: the search with the verify run as train run. `None` where it is too short or cannot be used so.
+fn exchange(train: &[Recording], verify: &Recording, effects: &[Found], run: &Run) -> Option<Exchanged> {
+    let shortest = (0..AXES).map(|a| evidence::means(run, a).0).min()?;
+    if shortest < LEAST_EXCHANGED || train.is_empty() {
+        return None;
+    }
+    let Prepared { runs, calibration, lag_s, .. } = fit::prepare(std::slice::from_ref(verify)).ok()?;
+    let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
+    let search = Search::new(&data, SEED);
+    let names: Vec<String> = search.run().effects.iter().map(|c| c.facts.name.to_string()).collect();
+    let classes: BTreeSet<Class> = names.iter().filter_map(|n| Class::of(n)).collect();
+    let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
+    Some(Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names })
+}
+
+/// Means of a verify run from which effects can be learnt: three hours.
+const LEAST_EXCHANGED: usize = 108;
+
+/// Share of a run outside the fitted temperatures and ramps, of the axis where it is largest.
+fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
+    let share = |a: usize| {
+        let axis = &calibration.axes[a];
+        let [slowest, fastest] = axis.rate_range_c_per_min;
+        let states: Vec<(f32, f32)> = (0..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
+        let inside =
+            |&(t, r): &(f32, f32)| (axis.law.min_c..=axis.law.max_c).contains(&t) && (slowest..=fastest).contains(&r);
+        1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64
+    };
+    (0..AXES).map(share).fold(0.0, f64::max)
+}
+
+fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
     c.facts.reach == Reach::Unit
         || (0..AXES).all(|a| {
             let values = run.effect(c.facts.id, &c.parameters, scaling, a);
             values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
         })
-}
-
-fn list(names: &[String]) -> String {
-    match names {
-        [] => "nothing".into(),
-        [one] => one.clone(),
-        [rest @ .., last] => format!("{} and {last}", rest.join(", ")),
-    }
-}
-
-fn verdict(
-    effects: &[Found],
-    before: &BTreeMap<String, Rms>,
-    after: &BTreeMap<String, Rms>,
-    unexplained: &BTreeMap<String, bool>,
-) -> String {
-    let mean = |t: &BTreeMap<String, Rms>| t.values().map(|r| r.verify_rms_dph).sum::<f64>() / t.len() as f64;
-    let (b, a) = (mean(before), mean(after));
-    let left: Vec<String> = unexplained.iter().filter(|(_, u)| **u).map(|(n, _)| n.clone()).collect();
-    let rest = if left.is_empty() {
-        "what is left is noise".to_string()
-    } else {
-        format!("on {} structure is left that no effect of the library explains", list(&left))
-    };
-    if effects.is_empty() {
-        return format!("The baseline model is all that these data warrant: {b:.3} deg/h on the run it never saw (100 s means, mean of the axes). Of the residual: {rest}.");
-    }
-    let names: Vec<String> = effects
-        .iter()
-        .map(|e| match e.parameters.iter().next().filter(|_| e.name != "temperature-shape") {
-            Some((n, v)) => format!("{} ({n} {v:.0})", e.name),
-            None => e.name.clone(),
-        })
-        .collect();
-    let mend: Vec<String> = effects.iter().filter(|e| e.reach != "unit").map(|e| e.name.clone()).collect();
-    let act = if mend.is_empty() {
-        "burn the extended block".to_string()
-    } else {
-        format!("mend {} at its cause, the unit cannot compensate it", list(&mend))
-    };
-    format!(
-        "The model lacks {}: with it the run it never saw goes from {b:.3} to {a:.3} deg/h (100 s means, mean of the axes), and {rest}. To do: {act}.",
-        list(&names)
-    )
-}
-
-fn advice(effects: &[Found], left: &[leftover::Left; AXES]) -> Vec<String> {
-    let mut out = Vec::new();
-    for e in effects {
-        for twin in &e.indistinguishable_from {
-            out.push(format!("{} and {twin} look alike on this profile: {}", e.name, parting(&e.name, twin)));
-        }
-        match e.name.as_str() {
-            "step" => out.push(format!(
-                "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
-                e.parameters.get("time_s").copied().unwrap_or(f64::NAN)
-            )),
-            "periodic" => out.push(format!(
-                "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
-                e.parameters.get("period_s").copied().unwrap_or(f64::NAN)
-            )),
-            "aging" => out.push("the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()),
-            "case-gradient" | "timebase" => out.push(format!("{} needs the shell sensors, which the unit does not read: wire them to the unit, or give the case time to settle", e.name)),
-            "drive-amplitude" | "quadrature" | "board" => out.push(format!("{} needs a voltage that the unit does not read: bring it to a spare converter channel", e.name)),
-            _ => {}
-        }
-    }
-    for (a, l) in left.iter().enumerate() {
-        if !l.where_it_lives.is_empty() {
-            out.push(format!(
-                "axis {}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
-                AXIS_NAMES[a],
-                list(&l.where_it_lives)
-            ));
-        }
-    }
-    out
-}
-
-/// Which profile parts two effects.
-fn parting(a: &str, b: &str) -> String {
-    let memory = |n: &str| {
-        matches!(
-            n,
-            "thermal-lag"
-                | "hysteresis"
-                | "second-derivative"
-                | "case-gradient"
-                | "axis-gradient"
-                | "timebase"
-                | "board"
-        )
-    };
-    let shape = |n: &str| matches!(n, "cubic" | "kink" | "temperature-shape");
-    let clock = |n: &str| matches!(n, "warm-up" | "aging" | "step" | "periodic");
-    if memory(a) && memory(b) {
-        "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither".into()
-    } else if shape(a) && shape(b) {
-        "a run that reaches further on both ends, with soaks each 10 C, parts them".into()
-    } else if clock(a) || clock(b) {
-        "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature".into()
-    } else {
-        "a run that passes the same temperatures in both directions and at two speeds parts them".into()
-    }
 }
 
 #[cfg(test)]
@@ -591,6 +533,149 @@ mod tests {
     }
 
     #[test]
+    fn a_large_gain_is_not_tested_and_says_so() {
+        let r = traced(&["kink:size=5"], 44);
+        assert_eq!(r.effects[0].p_value, None);
+        let r = traced(&["kink:size=0.5"], 44);
+        let p = r.effects[0].p_value.expect("tested");
+        assert!(p > 0.0 && p < 2e-3, "{p}");
+    }
+
+    #[test]
+    fn a_verify_run_that_disagrees_keeps_the_baseline() {
+        // The train run has an effect that the verify run of the same unit does not have.
+        let t = trace(&[plan("cycle", &["hysteresis:size=4"], 30, 61)], &plan("verify", &[], 30, 62)).expect("traces");
+        let r = &t.report;
+        assert_eq!(r.verdict_kind, VerdictKind::NotConfirmed, "{}", r.verdict);
+        assert!(!r.burn && r.image == Image::Baseline && t.image.effects.is_empty(), "{}", r.verdict);
+        assert!(r.effects.iter().all(|e| e.confirmed == Some(false)));
+        assert!(r.verdict.contains("does not confirm") && !r.verdict.contains("To do: burn"), "{}", r.verdict);
+        let by_unit = fit::correct(&t.image, &t.verify.steps);
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let written = r.block.as_ref().expect("an image")[*n].verify_rms_dph;
+            assert!((written - Means::of(&by_unit[a]).deviation()).abs() < 1e-9, "what is written is what is judged");
+        }
+    }
+
+    #[test]
+    fn a_baseline_that_the_raw_rates_beat_is_not_written() {
+        // Trained on one unit, judged on another: its eq 7 is not this unit's.
+        let (train, mut verify) = (plan("cycle", &[], 31, 63), plan("verify", &[], 131, 64));
+        let of_train = train.meta("unit").expect("named").to_string();
+        assert!(trace(std::slice::from_ref(&train), &verify).expect_err("two units").0.contains("--different-units"));
+        verify.meta.retain(|(k, _)| k != "unit");
+        verify.meta.push(("unit".into(), of_train));
+        // A gyro that does not depend on temperature.
+        for (a, rates) in verify.rate_dph.iter_mut().enumerate() {
+            rates.iter_mut().enumerate().for_each(|(k, v)| *v = grain(k, a));
+        }
+        let t = trace(&[train], &verify).expect("traces");
+        assert_eq!(t.report.image, Image::None, "{}", t.report.verdict);
+        assert!(!t.report.burn && t.report.block.is_none() && t.report.verdict.contains("No image is written"));
+    }
+
+    /// Something like noise.
+    fn grain(k: usize, a: usize) -> f64 {
+        let x = (k as u64 * 3 + a as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+        x as f64 / f64::from(1u32 << 23) - 1.0
+    }
+
+    #[test]
+    fn an_event_beside_an_effect_hides_neither_its_gain_nor_the_image() {
+        let r = traced(&["thermal-lag:size=3", "step:size=3"], 71);
+        let mut found = names(&r);
+        found.sort_unstable();
+        assert_eq!(found, ["step", "thermal-lag"], "{}", r.verdict);
+        assert!(r.burn && r.image == Image::Extended, "{}", r.verdict);
+        assert!(r.verdict.contains("To do: burn") && r.verdict.contains("Mend step"), "{}", r.verdict);
+        assert_eq!(r.refitted_on_verify.len(), 1);
+        for n in AXIS_NAMES {
+            assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);
+        }
+    }
+
+    #[test]
+    fn an_event_does_not_switch_the_judgement_off() {
+        // The train run has a step; the verify run has what the model lacks beside one.
+        let r = trace(&[plan("cycle", &["step:size=4"], 33, 67)], &plan("verify", &["hysteresis:size=5"], 33, 68))
+            .expect("traces")
+            .report;
+        assert!(names(&r).contains(&"step"));
+        assert!(r.unexplained.values().all(|u| *u), "{}", r.verdict);
+        assert!(r.floor_ratio.values().all(|f| f.low > 1.0) && r.verdict.contains("more than noise"), "{}", r.verdict);
+    }
+
+    #[test]
+    fn what_only_one_axis_has_is_said_of_that_axis() {
+        let (clean, own) = (plan("cycle", &[], 34, 69), plan("cycle", &["kink:size=4"], 34, 69));
+        let (clean_v, own_v) = (plan("verify", &[], 34, 70), plan("verify", &["kink:size=4"], 34, 70));
+        let only_x = |own: &Recording, clean: &Recording| {
+            let mut r = clean.clone();
+            r.rate_dph[0] = own.rate_dph[0].clone();
+            r
+        };
+        let t = trace(&[only_x(&own, &clean)], &only_x(&own_v, &clean_v)).expect("traces");
+        let r = &t.report;
+        assert_eq!(names(r), ["kink"]);
+        assert_eq!(r.effects[0].axes.keys().collect::<Vec<_>>(), ["x"], "{}", r.verdict);
+        assert!(r.unexplained.values().all(|u| !u), "{:?}", r.left_over);
+        assert!(r.burn && r.verdict.contains("on x"), "{}", r.verdict);
+        assert!(t.image.effects[0].gains[1..].iter().flatten().all(|g| *g == 0.0));
+        // An outsider on x alone: y and z are not called unexplained.
+        let odd = |seed: u64, profile: &str| {
+            only_x(&plan(profile, &["outsider-ripple:size=6"], 35, seed), &plan(profile, &[], 35, seed))
+        };
+        let r = trace(&[odd(71, "cycle")], &odd(72, "verify")).expect("traces").report;
+        assert!(r.unexplained["x"] && !r.unexplained["y"] && !r.unexplained["z"], "{:?}", r.left_over);
+    }
+
+    #[test]
+    fn another_days_constant_and_other_temperatures_are_stated() {
+        let train = plan("20,-20@1,2h,35@1,2h,20@1", &[], 36, 73);
+        let mut verify = plan("verify", &[], 36, 74);
+        verify.rate_dph[1].iter_mut().for_each(|v| *v += 2.0);
+        let r = trace(&[train], &verify).expect("traces").report;
+        let b = &r.block.as_ref().expect("an image")["y"];
+        assert!((b.mean_dph - 2.0).abs() < 3.0 * b.mean_std_dph.max(0.1) && b.mean_std_dph < 0.5, "{b:?}");
+        assert!(r.advice.iter().any(|a| a.contains("axis y: the constant differs")), "{:?}", r.advice);
+        assert!(!r.advice.iter().any(|a| a.contains("axis x: the constant differs")), "{:?}", r.advice);
+        assert!((0.2..0.7).contains(&r.outside_fit), "{}", r.outside_fit);
+        assert!(r.verdict.contains("nothing is promised there"), "{}", r.verdict);
+    }
+
+    #[test]
+    fn an_image_must_beat_the_one_in_use() {
+        let effects = ["kink:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 37, 75), plan("verify", &effects, 37, 76));
+        let first = trace(std::slice::from_ref(&train), &verify).expect("traces");
+        assert!(first.report.burn);
+        let with = |in_use: &Calibration| {
+            let options = Options { in_use: Some(in_use.clone()), ..Options::default() };
+            trace_with(std::slice::from_ref(&train), &verify, &options).expect("traces").report
+        };
+        assert!(with(&first.baseline).burn, "it beats the baseline");
+        let again = with(&first.image);
+        assert!(!again.burn && again.verdict.contains("does not beat the image in use"), "{}", again.verdict);
+    }
+
+    #[test]
+    fn the_exchange_names_the_same_classes() {
+        let r = traced(&["thermal-lag:size=3"], 38);
+        let x = r.exchanged.expect("long enough");
+        assert!(x.same_classes && x.classes == [Class::Memory], "{x:?}");
+        let r = trace(&[plan("cycle", &[], 39, 77)], &plan("20,30@1,50m", &[], 39, 78)).expect("traces").report;
+        assert!(r.exchanged.is_none());
+    }
+
+    #[test]
+    fn frequencies_in_kilohertz_are_no_perfect_result() {
+        let train = plan("cycle", &[], 40, 79);
+        let mut verify = plan("verify", &[], 40, 80);
+        verify.frequency_hz.iter_mut().flatten().for_each(|f| *f /= 1000.0);
+        assert!(trace(&[train], &verify).expect_err("refused").0.contains("kHz"));
+    }
+
+    #[test]
     fn on_clean_units_nothing_is_invented() {
         for unit in 80..90 {
             let r = traced(&[], unit);
@@ -628,7 +713,7 @@ mod tests {
     fn the_block_computes_what_the_fit_did() {
         let effects = ["hysteresis:size=4", "kink:size=3"];
         let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
-        let by_unit = fit::correct(&t.extended, &t.verify.steps);
+        let by_unit = fit::correct(&t.image, &t.verify.steps);
         for a in 0..AXES {
             let largest = by_unit[a]
                 .iter()

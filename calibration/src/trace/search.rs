@@ -23,8 +23,8 @@ const BEAM: [usize; 4] = [4, 3, 2, 2];
 pub const MOST: usize = 4;
 /// Surrogates behind a significance.
 const SURROGATES: usize = 40;
-/// Chance by luck above which an effect is not warranted.
-const LUCK: f64 = 2e-3;
+/// Chance under noise alone above which an effect is not warranted.
+const P_VALUE: f64 = 2e-3;
 /// Worth below which nothing is added, whatever the surrogates say.
 const LEAST_WORTH: f64 = 6.0;
 /// Worth above which surrogates need not be asked.
@@ -37,8 +37,8 @@ pub struct Model {
     pub effects: Vec<Candidate>,
     /// Its worth: log-likelihood less penalty.
     pub worth: f64,
-    /// Chance by luck of each effect when it was added.
-    pub luck: Vec<f64>,
+    /// Chance that noise alone gives as much to the best of the library, of each effect when it was added; `None`: not tested.
+    pub p_values: Vec<Option<f64>>,
     /// Best colour of each axis.
     pub colours: [usize; AXES],
 }
@@ -342,10 +342,11 @@ impl<'a> Search<'a> {
         out
     }
 
-    /// How likely the best of the library adds `gain` to a model by luck.
-    fn luck(&self, effects: &[Candidate], gain: f64) -> f64 {
+    /// How likely the best of the library adds `gain` to a model that lacks nothing; `None` where the gain is so large that it is
+    /// not tested.
+    fn p_value(&self, effects: &[Candidate], gain: f64) -> Option<f64> {
         if gain > PLAIN_WORTH {
-            return 0.0;
+            return None;
         }
         let bases = self.bases(&self.seen(effects));
         let colours = self.likelihood(&bases).map(|x| x.1);
@@ -397,7 +398,7 @@ impl<'a> Search<'a> {
         let mean = crate::stats::mean(&best);
         let scale = (crate::stats::std_dev(&best) * 6f64.sqrt() / std::f64::consts::PI).max(0.3);
         let z = (gain - (mean - 0.5772 * scale)) / scale;
-        1.0 - (-(-z).exp()).exp()
+        Some(-(-(-z).exp()).exp_m1())
     }
 
     /// Sharpens the inner parameters of one effect of a model.
@@ -456,7 +457,7 @@ impl<'a> Search<'a> {
     /// The best model.
     pub fn run(&self) -> Model {
         let (worth, colours) = self.worth(&[]);
-        let mut best = Model { effects: vec![], worth, luck: vec![], colours };
+        let mut best = Model { effects: vec![], worth, p_values: vec![], colours };
         let mut beam = vec![best.clone()];
         for depth in 0..MOST {
             let mut next: Vec<Model> = Vec::new();
@@ -486,9 +487,9 @@ impl<'a> Search<'a> {
                     if gain < LEAST_WORTH {
                         continue;
                     }
-                    let mut luck = model.luck.clone();
-                    luck.push(f64::NAN);
-                    next.push(Model { effects, worth, luck, colours });
+                    let mut p_values = model.p_values.clone();
+                    p_values.push(None);
+                    next.push(Model { effects, worth, p_values, colours });
                 }
             }
             next.sort_by(|x, y| y.worth.total_cmp(&x.worth));
@@ -501,12 +502,12 @@ impl<'a> Search<'a> {
                 }
                 let parent = &model.effects[..model.effects.len() - 1];
                 let gain = model.worth - self.worth(parent).0;
-                let luck = self.luck(parent, gain);
-                if luck > LUCK {
+                let p_value = self.p_value(parent, gain);
+                if p_value.is_some_and(|p| p > P_VALUE) {
                     continue;
                 }
-                if let Some(last) = model.luck.last_mut() {
-                    *last = luck;
+                if let Some(last) = model.p_values.last_mut() {
+                    *last = p_value;
                 }
                 kept.push(model);
             }
@@ -530,7 +531,7 @@ impl<'a> Search<'a> {
             let (worth, colours) = self.worth(&fewer);
             if worth > model.worth - LEAST_WORTH {
                 model.effects = fewer;
-                model.luck.remove(k);
+                model.p_values.remove(k);
                 model.worth = worth;
                 model.colours = colours;
                 k = 0;
@@ -602,6 +603,22 @@ impl<'a> Search<'a> {
             }
         }
         out
+    }
+
+    /// Which axes have each effect of a model: those on which it earns the price of its gains.
+    pub fn axes_of(&self, model: &Model) -> Vec<[bool; AXES]> {
+        let with = self.likelihood(&self.bases(&self.seen(&model.effects)));
+        (0..model.effects.len())
+            .map(|k| {
+                let mut others = model.effects.clone();
+                let own = others.remove(k);
+                let without = self.likelihood(&self.bases(&self.seen(&others)));
+                let earned = [0, 1, 2].map(|a: usize| with[a].0 - without[a].0);
+                let price = 0.5 * self.rows().ln() * own.facts.outputs as f64;
+                let most = (0..AXES).fold(0, |m, a| if earned[a] > earned[m] { a } else { m });
+                [0, 1, 2].map(|a: usize| a == most || earned[a] > price)
+            })
+            .collect()
     }
 
     /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under

@@ -112,7 +112,7 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
         } else {
             format!("; this table cannot tell it from {}", e.indistinguishable_from.join(", "))
         };
-        say!(told, "     chance by luck {:.1e}{twins}", e.chance_by_luck);
+        say!(told, "     p-value {:.1e}{twins}", e.p_value);
     }
     Ok(())
 }
@@ -149,15 +149,14 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     hrg_cal::write_file(&to("report.json"), hrg_cal::trace::json(&t.report).as_bytes())?;
     hrg_cal::write_file(&to("report.html"), hrg_cal::trace::html(&t)?.as_bytes())?;
     file::save(&to("baseline.toml"), &t.baseline)?;
-    file::save(&to("extended.toml"), &t.extended)?;
+    file::save(&to("extended.toml"), &t.image)?;
     say!(told, "   {}", t.report.verdict);
 
     say!(told, "3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
     let steps = Steps::new(&verify_file)?;
-    let [before, after] = run_both(&elf, [&t.baseline, &t.extended], &steps)?;
+    let [before, after] = run_both(&elf, [&t.baseline, &t.image], &steps)?;
     let (rows_before, rows_after) = (before.seconds_of_frames(), after.seconds_of_frames());
-    for (name, o, rows, c) in
-        [("before", &before, &rows_before, &t.baseline), ("after", &after, &rows_after, &t.extended)]
+    for (name, o, rows, c) in [("before", &before, &rows_before, &t.baseline), ("after", &after, &rows_after, &t.image)]
     {
         hrg_cal::write_file(&to(&format!("{name}.csv")), replay::to_csv(&verify_file, Some(c), rows).as_bytes())?;
         hrg_cal::write_file(&to(&format!("{name}.log")), (o.received.log.join("\n") + "\n").as_bytes())?;

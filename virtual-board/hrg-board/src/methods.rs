@@ -5,6 +5,7 @@ use crate::replay::{self, Options};
 use crate::weigh;
 use anyhow::{Context, Result};
 use hrg_cal::file;
+use hrg_cal::independence::Units;
 use hrg_cal::methods::{compare, NAMES};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
@@ -122,7 +123,7 @@ pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: O
             hrg_cal::write_file(&folder.join(format!("verify-{}.csv", k + 1)), v.to_csv().as_bytes())?;
         }
         hrg_cal::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
-        let mut c = compare::compare(&[train], &verify, &names, seed, &folder, |_| {})?;
+        let mut c = compare::compare(&[train], &verify, &names, seed, Units::Same, &folder, |_| {})?;
         let steps = Steps::new(&verify[0])?;
         let blocks: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
         let weights = weigh::weigh_all(elf, &blocks, &steps, 120)?;

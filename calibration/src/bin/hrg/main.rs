@@ -5,12 +5,13 @@ mod chamber;
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_cal::align::plant::Plant;
+use hrg_cal::independence::Units;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, PROFILES};
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::trace::separable::{self, WANTED};
-use hrg_cal::{align, allan, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
+use hrg_cal::{align, allan, evidence, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -79,6 +80,9 @@ enum Command {
         /// Weigh every degree alike instead of every second.
         #[arg(long)]
         uniform: bool,
+        /// Allow recordings of different units.
+        #[arg(long)]
+        different_units: bool,
         /// Where the calibration goes: text, or the binary block if it ends in .bin
         #[arg(long)]
         out: PathBuf,
@@ -105,6 +109,9 @@ enum Command {
         /// hrg-board, which weighs the blocks on the virtual board; by default the one beside this program.
         #[arg(long)]
         board: Option<PathBuf>,
+        /// Allow recordings of different units.
+        #[arg(long)]
+        different_units: bool,
     },
     /// How the resonators follow their surroundings: gain and time constant from a chamber step.
     ///
@@ -266,10 +273,25 @@ enum Command {
         /// Where the report as a page goes.
         #[arg(long)]
         html: Option<PathBuf>,
-        /// Where the extended calibration goes.
+        /// Where the calibration image goes: the extended one where the verify run bears it out, else the baseline; nothing is
+        /// written where neither beats the raw rates.
         #[arg(long)]
         calibration: Option<PathBuf>,
+        /// The image that the unit has in use: the new one must beat it before it is recommended.
+        #[arg(long)]
+        in_use: Option<PathBuf>,
+        /// Allow recordings of different units.
+        #[arg(long)]
+        different_units: bool,
     },
+}
+
+fn units(different: bool) -> Units {
+    if different {
+        Units::Different
+    } else {
+        Units::Same
+    }
 }
 
 fn main() -> ExitCode {
@@ -317,24 +339,34 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Trace { train, verify, out, html, calibration } => {
+        Command::Trace { train, verify, out, html, calibration, in_use, different_units } => {
             let train = train.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
             let verify = load_recording(&verify)?;
-            let mut t = trace::trace(&train, &verify)?;
+            let in_use = in_use.map(|p| file::load(&p)).transpose()?;
+            let options = trace::Options { units: units(different_units), in_use };
+            let mut t = trace::trace_with(&train, &verify, &options)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
             if let Some(path) = html {
                 hrg_cal::write_file(&path, trace::html(&t)?.as_bytes())?;
             }
-            if let Some(path) = calibration {
-                t.extended.created_unix_s = now();
-                file::save(&path, &t.extended)?;
-            }
             print_trace(&t.report);
+            match calibration {
+                Some(path) if t.report.image == trace::Image::None => {
+                    println!("{}: not written, no image beats the raw rates", path.display());
+                }
+                Some(path) => {
+                    t.image.created_unix_s = now();
+                    file::save(&path, &t.image)?;
+                    let kind = if t.report.image == trace::Image::Extended { "extended" } else { "baseline" };
+                    println!("{}: the {kind} image", path.display());
+                }
+                None => {}
+            }
             Ok(())
         }
-        Command::Fit { recordings, method, seed, uniform, out } => {
+        Command::Fit { recordings, method, seed, uniform, different_units, out } => {
             let recordings = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
-            let prepared = fit::prepare(&recordings)?;
+            let prepared = fit::prepare_for(&recordings, units(different_units))?;
             let mut found = methods::identify_weighed(&prepared, &method, seed, uniform)?;
             found.calibration.created_unix_s = now();
             found.calibration.sequence = 1;
@@ -351,9 +383,10 @@ fn run(command: Command) -> Result<()> {
                 found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
             }
             file::save(&out, &found.calibration)?;
-            println!("{:<5} {:>22} {:>22}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma");
+            println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
             for a in 0..3 {
-                println!("{:<5} {:>22.4} {:>22.4}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
+                let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
+                println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
             }
             println!("three sigma of 100 s means, on the data of the fit");
             for n in found.notes.iter().chain(&prepared.notes) {
@@ -362,8 +395,8 @@ fn run(command: Command) -> Result<()> {
             println!("{}: {method}, block {:08x}", out.display(), found.calibration.checksum());
             Ok(())
         }
-        Command::Compare { recordings, verify, methods, seed, out, board } => {
-            compare_methods(&recordings, &verify, methods, seed, &out, board)
+        Command::Compare { recordings, verify, methods, seed, out, board, different_units } => {
+            compare_methods(&recordings, &verify, methods, seed, units(different_units), &out, board)
         }
         Command::Record { port, defmt, elf, unit, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds),
@@ -455,6 +488,7 @@ fn compare_methods(
     verify: &[PathBuf],
     mut methods: Vec<String>,
     seed: u64,
+    units: Units,
     out: &Path,
     board: Option<PathBuf>,
 ) -> Result<()> {
@@ -472,7 +506,7 @@ fn compare_methods(
     let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let bar = indicatif::ProgressBar::new_spinner();
-    let mut c = compare::compare(&train, &unseen, &methods, seed, out, |m| {
+    let mut c = compare::compare(&train, &unseen, &methods, seed, units, out, |m| {
         bar.set_message(format!("identifying by {m}"));
         bar.tick();
     })?;
@@ -684,24 +718,44 @@ fn now() -> u32 {
 
 fn print_trace(r: &trace::Report) {
     println!(
-        "{:<5} {:>12} {:>12} {:>12} {:>12} {:>12}",
-        "axis", "base/train", "base/verify", "final/train", "final/verify", "noise floor"
+        "{:<5} {:>12} {:>12} {:>12} {:>12} {:>14} {:>12}   left, in floors",
+        "axis", "base/train", "base/verify", "final/train", "final/verify", "means", "noise floor"
     );
     for n in AXIS_NAMES {
+        let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
         println!(
-            "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>12.3}",
-            r.baseline[n].train_rms_dph,
-            r.baseline[n].verify_rms_dph,
-            r.r#final[n].train_rms_dph,
-            r.r#final[n].verify_rms_dph,
-            r.noise_floor_dph[n]
+            "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>14} {:>12.3}   {:.2} [{:.2}, {:.2}]",
+            b.train_rms_dph,
+            b.verify_rms_dph,
+            f.train_rms_dph,
+            f.verify_rms_dph,
+            format!("{} / {}", f.train_means, f.verify_means),
+            r.noise_floor_dph[n],
+            ratio.ratio,
+            ratio.low,
+            ratio.high
         );
     }
-    println!("standard deviation of 100 s means, deg/h");
+    println!("standard deviation of 100 s means, deg/h; how many means there are, train / verify; in brackets 95 %");
+    if let Some(block) = &r.block {
+        println!();
+        println!("{:<5} {:>14} {:>26}   the written image on the verify run", "axis", "verify", "mean against train");
+        for (n, b) in block {
+            println!(
+                "{n:<5} {:>14.3} {:>26}",
+                b.verify_rms_dph,
+                format!("{:+.3} +- {:.3}", b.mean_dph, b.mean_std_dph)
+            );
+        }
+    }
     for e in &r.effects {
         println!();
         let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
-        println!("effect {} {} ({})", e.name, parameters.join(", "), e.reach);
+        let p_value = e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}"));
+        println!("effect {} {} ({}, {}; p-value {p_value})", e.name, parameters.join(", "), e.class.name(), e.reach);
+        for (n, v) in &e.on_verify {
+            println!("  axis {n}: the verify run shows {:.2} +- {:.2} of it", v.share, v.share_std);
+        }
         for k in &e.rank {
             println!(
                 "  {:<20} {:>6.1} % less cross-validated error, worth {:.1}",
@@ -742,7 +796,7 @@ fn print_points(r: &points::Report) {
     for e in &r.effects {
         println!();
         println!("{} (against the {}): {}", e.name, e.reference, e.finding);
-        println!("chance by luck: {:.1e} ({})", e.chance_by_luck, e.statistic);
+        println!("p-value: {:.1e} ({})", e.p_value, e.statistic);
         if !e.indistinguishable_from.is_empty() {
             println!("these points cannot tell it from: {}", e.indistinguishable_from.join(", "));
         }

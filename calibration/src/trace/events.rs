@@ -1,0 +1,101 @@
+//! Effects that nobody can predict, fitted again to the verify run: a step, a drift or a period of the day must not hide
+//! what a model does to the rest, nor count in its favour. So they are taken out for the judgement, and stated apart.
+
+use super::data::Candidate;
+use super::judge::Means;
+use super::report::{by_axis, Refitted};
+use crate::fit::MEAN_S;
+use crate::lsq;
+use crate::run::Run;
+use hrg_core::bias::Scaling;
+use hrg_core::effects::{Reach, MAX_PARAMETERS};
+use hrg_core::AXES;
+use std::collections::BTreeMap;
+
+/// Refits those of `effects` that are unpredictable to the residual of a run, and takes them out of it.
+pub fn refit(
+    effects: &[Candidate],
+    run: &Run,
+    scaling: &Scaling,
+    residual: &[Vec<f64>; AXES],
+) -> (Vec<Refitted>, [Vec<f64>; AXES]) {
+    let mut rest = residual.clone();
+    let mut out = Vec::new();
+    let mut done: Vec<&str> = Vec::new();
+    for c in effects.iter().filter(|c| c.facts.reach == Reach::Unpredictable) {
+        // A second step or period of the train runs says nothing of the verify run's.
+        if done.contains(&c.facts.name) {
+            continue;
+        }
+        done.push(c.facts.name);
+        let Some((parameters, gains)) = best(c, run, scaling, &rest) else { continue };
+        for (a, rest) in rest.iter_mut().enumerate() {
+            let x = run.effect(c.facts.id, &parameters, scaling, a);
+            for (r, x) in rest.iter_mut().zip(x) {
+                *r -= gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
+            }
+        }
+        let named: BTreeMap<String, f64> =
+            c.facts.parameters.iter().zip(parameters).map(|(n, v)| ((*n).to_string(), f64::from(v))).collect();
+        out.push(Refitted {
+            name: c.facts.name.to_string(),
+            parameters: named,
+            gains_dph: by_axis(|a| gains[a].first().copied().unwrap_or(0.0)),
+        });
+    }
+    (out, rest)
+}
+
+type Gains = [Vec<f64>; AXES];
+
+/// Parameters and gains that leave least. A step is looked for at every mean, anything else keeps its parameters.
+fn best(
+    c: &Candidate,
+    run: &Run,
+    scaling: &Scaling,
+    rest: &[Vec<f64>; AXES],
+) -> Option<([f32; MAX_PARAMETERS], Gains)> {
+    let tries: Vec<[f32; MAX_PARAMETERS]> = if c.facts.name == "step" {
+        let means = run.thermal.len() / MEAN_S;
+        (2..means.saturating_sub(2)).map(|k| [run.thermal[k * MEAN_S].time_s, 0.0]).collect()
+    } else {
+        vec![c.parameters]
+    };
+    let means: Vec<Means> = rest.iter().map(|r| Means::of(r)).collect();
+    tries
+        .into_iter()
+        .filter_map(|p| {
+            let fits: Vec<Option<(Vec<f64>, f64)>> =
+                (0..AXES).map(|a| gains_of(c, &p, run, scaling, a, means[a].series())).collect();
+            let left: f64 = fits.iter().flatten().map(|f| f.1).sum();
+            let gains = std::array::from_fn(|a| fits[a].as_ref().map_or_else(Vec::new, |f| f.0.clone()));
+            fits.iter().any(Option::is_some).then_some((left, p, gains))
+        })
+        .min_by(|x, y| x.0.total_cmp(&y.0))
+        .map(|(_, p, gains)| (p, gains))
+}
+
+/// Gains of an effect on the means of one axis beside a constant, and the squares that are left, in units of those before.
+fn gains_of(
+    c: &Candidate,
+    parameters: &[f32; MAX_PARAMETERS],
+    run: &Run,
+    scaling: &Scaling,
+    a: usize,
+    y: &[f64],
+) -> Option<(Vec<f64>, f64)> {
+    let mut columns = vec![vec![1.0; y.len()]];
+    if c.facts.name == "step" {
+        let t = |k: usize| run.thermal[(k * MEAN_S + MEAN_S / 2).min(run.thermal.len() - 1)].time_s;
+        columns.push((0..y.len()).map(|k| if t(k) < parameters[0] { 0.0 } else { 1.0 }).collect());
+    } else {
+        let x = run.effect(c.facts.id, parameters, scaling, a);
+        for j in 0..c.facts.outputs {
+            let column: Vec<f64> = x.iter().map(|v| f64::from(v[j])).collect();
+            columns.push(Means::of(&column).series().to_vec());
+        }
+    }
+    let before = Means::of_means(y).deviation().powi(2).max(1e-300);
+    let fit = lsq::fit(&columns, y, None, &[]).ok()?;
+    Some((fit.coefficients[1..].to_vec(), fit.squares / before))
+}

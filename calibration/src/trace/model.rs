@@ -1,0 +1,203 @@
+//! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
+
+use super::data::{Candidate, Data};
+use super::gls::COLOURS;
+use super::search;
+use crate::fit::{self, baseline_columns, MEAN_S};
+use crate::run::Run;
+use crate::stats::block_means;
+use crate::{BadInput, AXIS_NAMES};
+use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use hrg_core::effects::MAX_OUTPUTS;
+use hrg_core::AXES;
+use nalgebra::{DMatrix, DVector};
+
+/// An effect with the axes that have it.
+#[derive(Debug, Clone, Copy)]
+pub struct Term {
+    /// The effect.
+    pub candidate: Candidate,
+    /// Axes that have it.
+    pub on: [bool; AXES],
+}
+
+/// What was fitted on one axis.
+#[derive(Debug, Clone)]
+pub struct AxisFit {
+    /// Coefficients: the baseline's, then the gains of each term that the axis has, in order.
+    pub coefficients: Vec<f64>,
+    /// Their standard deviations.
+    pub std: Vec<f64>,
+    /// Their covariance.
+    covariance: DMatrix<f64>,
+}
+
+/// A fitted model.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// Effects beyond the baseline.
+    pub terms: Vec<Term>,
+    /// The axes.
+    pub axes: [AxisFit; AXES],
+}
+
+impl Fitted {
+    /// Generalised least squares on exact columns. An effect confined to one run is zero in the others.
+    ///
+    /// # Errors
+    /// Data that cannot hold the coefficients down.
+    pub fn new(data: &Data<'_>, terms: &[Term], colours: [usize; AXES]) -> Result<Self, BadInput> {
+        let one = |a: usize| -> Result<AxisFit, BadInput> {
+            let rows = &data.axes[a];
+            let mut columns = rows.base.clone();
+            let mut names: Vec<&str> = fit::NAMES.to_vec();
+            for t in terms.iter().filter(|t| t.on[a]) {
+                columns.extend(data.columns(&t.candidate, a, true).unwrap_or_default());
+                names.extend(std::iter::repeat_n(t.candidate.facts.name, t.candidate.facts.outputs));
+            }
+            let mut y = rows.y.clone();
+            let colour = COLOURS[colours[a]];
+            columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
+            colour.whiten(&mut y, &rows.starts);
+            let fit = crate::lsq::fit(&columns, &y, None, &names)
+                .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
+            Ok(AxisFit { coefficients: fit.coefficients, std: fit.std, covariance: fit.covariance })
+        };
+        Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?] })
+    }
+
+    /// Where the gains of term `e` stand among an axis' coefficients; `None` where the axis does not have it.
+    pub fn gains(&self, e: usize, a: usize) -> Option<std::ops::Range<usize>> {
+        let width = |t: &Term| if t.on[a] { t.candidate.facts.outputs } else { 0 };
+        let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();
+        self.terms[e].on[a].then(|| from..from + width(&self.terms[e]))
+    }
+
+    /// The bias of a run on every step, of the baseline and those terms that `which` lets through. `number`: which of the
+    /// train runs it is, for terms that are confined to one.
+    pub fn bias(
+        &self,
+        run: &Run,
+        number: Option<usize>,
+        scaling: &Scaling,
+        a: usize,
+        which: &dyn Fn(&Candidate) -> bool,
+    ) -> Vec<f64> {
+        let mut out = vec![0.0; run.steps.len()];
+        for (column, k) in baseline_columns(run, scaling, a).iter().zip(&self.axes[a].coefficients) {
+            for (o, x) in out.iter_mut().zip(column) {
+                *o += k * x;
+            }
+        }
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(&t.candidate)) {
+            let c = &t.candidate;
+            let Some(range) = self.gains(e, a) else { continue };
+            if c.run.is_some() && c.run != number {
+                continue;
+            }
+            let gains = &self.axes[a].coefficients[range];
+            for (o, x) in out.iter_mut().zip(run.effect(c.facts.id, &c.parameters, scaling, a)) {
+                *o += gains.iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
+            }
+        }
+        out
+    }
+
+    /// Rates less the bias, by axis, on every step.
+    pub fn residuals(
+        &self,
+        run: &Run,
+        number: Option<usize>,
+        scaling: &Scaling,
+        which: &dyn Fn(&Candidate) -> bool,
+    ) -> [Vec<f64>; AXES] {
+        [0, 1, 2].map(|a| {
+            let bias = self.bias(run, number, scaling, a, which);
+            run.steps.rate_dph[a].iter().zip(bias).map(|(r, b)| r - b).collect()
+        })
+    }
+
+    /// Variance that the uncertainty of the coefficients adds to the 100 s means of a run: about their mean, and of their mean.
+    pub fn predicted_variance(
+        &self,
+        run: &Run,
+        scaling: &Scaling,
+        a: usize,
+        which: &dyn Fn(&Candidate) -> bool,
+    ) -> (f64, f64) {
+        let mut columns: Vec<(usize, Vec<f64>)> =
+            baseline_columns(run, scaling, a).iter().map(|c| block_means(c, MEAN_S)).enumerate().collect();
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(&t.candidate)) {
+            let Some(range) = self.gains(e, a) else { continue };
+            let x = run.effect(t.candidate.facts.id, &t.candidate.parameters, scaling, a);
+            for (j, at) in range.enumerate() {
+                let column: Vec<f64> = x.iter().map(|v| f64::from(v[j])).collect();
+                columns.push((at, block_means(&column, MEAN_S)));
+            }
+        }
+        let p = columns.len();
+        let covariance = DMatrix::from_fn(p, p, |i, j| self.axes[a].covariance[(columns[i].0, columns[j].0)]);
+        let rows: Vec<DVector<f64>> = (0..columns[0].1.len())
+            .map(|k| DVector::from_iterator(p, columns.iter().map(|(_, c)| c.get(k).copied().unwrap_or(f64::NAN))))
+            .filter(|r| r.iter().all(|v| v.is_finite()))
+            .collect();
+        if rows.is_empty() {
+            return (0.0, 0.0);
+        }
+        let mean = rows.iter().sum::<DVector<f64>>() / rows.len() as f64;
+        let about = rows
+            .iter()
+            .map(|r| {
+                let x = r - &mean;
+                (x.transpose() * &covariance * &x)[(0, 0)]
+            })
+            .sum::<f64>()
+            / rows.len() as f64;
+        (about, (mean.transpose() * &covariance * &mean)[(0, 0)])
+    }
+
+    /// The image: effects that a unit can compute.
+    pub fn image(&self, base: &Calibration, notes: &mut Vec<String>) -> Calibration {
+        let mut c = base.clone();
+        c.effects.clear();
+        for a in 0..AXES {
+            let fit = &self.axes[a];
+            c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fit.coefficients[j] as f32));
+            c.axes[a].coefficient_std = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
+        }
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| search::on_unit(&t.candidate)) {
+            let mut term = EffectTerm {
+                id: t.candidate.facts.id,
+                parameters: t.candidate.parameters,
+                gains: [[0.0; MAX_OUTPUTS]; AXES],
+                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+            };
+            for a in 0..AXES {
+                for (j, at) in self.gains(e, a).into_iter().flatten().enumerate() {
+                    term.gains[a][j] = self.axes[a].coefficients[at] as f32;
+                    term.gain_std[a][j] = self.axes[a].std[at] as f32;
+                }
+            }
+            if c.effects.push(term).is_err() {
+                notes.push(format!("an image holds {MAX_EFFECTS} effects; {} did not fit", t.candidate.facts.name));
+            }
+        }
+        c
+    }
+}
+
+/// Gives one axis of an image the coefficients of another image, without effects.
+pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
+    image.axes[a].coefficients = from.axes[a].coefficients;
+    image.axes[a].coefficient_std = from.axes[a].coefficient_std;
+    for term in &mut image.effects {
+        term.gains[a] = [0.0; MAX_OUTPUTS];
+        term.gain_std[a] = [0.0; MAX_OUTPUTS];
+    }
+}
+
+/// Takes out effects that no axis has.
+pub fn drop_idle_effects(image: &mut Calibration) {
+    image.effects.retain(|t| t.gains.iter().flatten().any(|g| *g != 0.0));
+}

@@ -1,0 +1,312 @@
+//! What a trace reports: plain data, written as JSON (version 2 of the report).
+
+use super::floor::Ratio;
+use crate::recording::Recording;
+use crate::AXIS_NAMES;
+use serde::{Serialize, Serializer};
+use std::collections::BTreeMap;
+
+/// Version of the report.
+pub const VERSION: u32 = 2;
+
+/// A value for each axis, by name.
+pub type ByAxis<T> = BTreeMap<String, T>;
+
+/// Collects a value for each axis.
+pub fn by_axis<T>(f: impl FnMut(usize) -> T) -> ByAxis<T> {
+    AXIS_NAMES.iter().map(|n| (*n).to_string()).zip((0..AXIS_NAMES.len()).map(f)).collect()
+}
+
+/// What kind of physics an effect is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Class {
+    /// Linear thermal memory: lags, relaxations, gradients between bodies.
+    Memory,
+    /// Memory of the path, not of time.
+    Hysteresis,
+    /// A curve of temperature.
+    Shape,
+    /// A curve of the rate of change of temperature.
+    Rate,
+    /// A curve of the time since power-on.
+    PowerOn,
+    /// A recorded quantity.
+    Input,
+    /// The thermometer is at fault.
+    Thermometer,
+    /// Happens once, or cannot be predicted.
+    Event,
+}
+
+impl Class {
+    /// Its name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Memory => "memory",
+            Self::Hysteresis => "hysteresis",
+            Self::Shape => "shape",
+            Self::Rate => "rate",
+            Self::PowerOn => "power-on",
+            Self::Input => "input",
+            Self::Thermometer => "thermometer",
+            Self::Event => "event",
+        }
+    }
+
+    /// Class of an effect of the library. `None` for a name that is not in it.
+    #[must_use]
+    pub fn of(effect: &str) -> Option<Self> {
+        Some(match effect {
+            "thermal-lag" | "second-derivative" | "axis-gradient" | "case-gradient" => Self::Memory,
+            "hysteresis" => Self::Hysteresis,
+            "cubic" | "kink" | "temperature-shape" | "frequency-direct" => Self::Shape,
+            "cooling-heating" => Self::Rate,
+            "warm-up" => Self::PowerOn,
+            "drive-amplitude" | "quadrature" | "board" => Self::Input,
+            "timebase" => Self::Thermometer,
+            "step" | "aging" | "periodic" => Self::Event,
+            _ => return None,
+        })
+    }
+}
+
+impl Serialize for Class {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_str(self.name())
+    }
+}
+
+/// What the trace concludes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VerdictKind {
+    /// The baseline is all that the data warrant.
+    NothingLacks,
+    /// Effects are named, and the verify run agrees.
+    Confirmed,
+    /// Effects are named on the train run, and the verify run does not get better by more than its uncertainty.
+    NotConfirmed,
+    /// Structure is left that nothing explains.
+    Unexplained,
+}
+
+/// Which image a trace gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Image {
+    /// Baseline and effects.
+    Extended,
+    /// The baseline alone.
+    Baseline,
+    /// None: not even the baseline beats the raw rates on the verify run.
+    None,
+}
+
+/// RMS figures of one axis, deg/h: standard deviations of 100 s means of the compensated rate.
+#[derive(Debug, Clone, Copy, Serialize, Default, PartialEq)]
+pub struct Rms {
+    /// On the train runs.
+    pub train_rms_dph: f64,
+    /// On the verify run.
+    pub verify_rms_dph: f64,
+    /// Means behind the figure of the train runs.
+    pub train_means: usize,
+    /// Means behind the figure of the verify run.
+    pub verify_means: usize,
+}
+
+/// Gain of an effect on one axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct Gain {
+    /// Of the first regressor, deg/h per its unit.
+    pub gain: f64,
+    /// Its standard deviation.
+    pub gain_std: f64,
+    /// Of every regressor.
+    pub gains: Vec<f64>,
+}
+
+/// One entry of the ranking.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ranked {
+    /// Effect.
+    pub name: String,
+    /// Reduction of the cross-validated squared error, as a share.
+    pub gain_in_cv: f64,
+    /// Gain in log-likelihood less penalty.
+    pub worth: f64,
+}
+
+/// How much of what a model predicts the verify run shows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Share of the predicted difference between two models that is there: 1 where the larger model is right, 0 where the
+    /// smaller one is.
+    pub share: f64,
+    /// Its standard deviation.
+    pub share_std: f64,
+    /// By how much the mean square error falls, (deg/h)^2; negative where it rises.
+    pub gain_dph2: f64,
+    /// Standard deviation of that.
+    pub gain_std_dph2: f64,
+}
+
+impl Agreement {
+    /// Whether the error falls by more than the uncertainty (95 %) of its fall.
+    #[must_use]
+    pub fn wins(&self) -> bool {
+        self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.gain_dph2 > 0.0
+    }
+
+    /// Whether it rises by more than that.
+    #[must_use]
+    pub fn loses(&self) -> bool {
+        -self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.gain_dph2 < 0.0
+    }
+}
+
+/// One effect found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Found {
+    /// Name.
+    pub name: String,
+    /// What kind of physics.
+    pub class: Class,
+    /// Inner parameters, by name with unit.
+    pub parameters: BTreeMap<String, f64>,
+    /// Gains, by axis: only the axes that have it.
+    pub axes: ByAxis<Gain>,
+    /// Whether the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an effect that
+    /// nobody can predict, or whose input the verify run lacks.
+    pub confirmed: Option<bool>,
+    /// By axis: the share of the effect that the verify run shows.
+    pub on_verify: ByAxis<Agreement>,
+    /// The candidates for its place, best first.
+    pub rank: Vec<Ranked>,
+    /// Effects that this profile cannot tell from it.
+    pub indistinguishable_from: Vec<String>,
+    /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
+    pub p_value: Option<f64>,
+    /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be mended.
+    pub reach: String,
+}
+
+/// An effect that nobody can predict, fitted again to the verify run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Refitted {
+    /// Name.
+    pub name: String,
+    /// Inner parameters on the verify run.
+    pub parameters: BTreeMap<String, f64>,
+    /// Gains there, deg/h per unit of the first regressor.
+    pub gains_dph: ByAxis<f64>,
+}
+
+/// What the written image reaches on the verify run, one axis.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct OnVerify {
+    /// Standard deviation of 100 s means, deg/h.
+    pub verify_rms_dph: f64,
+    /// Mean error against the train runs, deg/h.
+    pub mean_dph: f64,
+    /// Its standard deviation if both days have the same constant.
+    pub mean_std_dph: f64,
+    /// Means behind these figures.
+    pub used_means: usize,
+    /// Which model this axis has.
+    pub model: AxisModel,
+}
+
+/// Which model an axis of an image has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AxisModel {
+    /// Baseline and effects.
+    Extended,
+    /// The baseline alone.
+    Baseline,
+    /// A constant alone: the baseline is worse than that on the verify run.
+    Constant,
+}
+
+/// The same search with train and verify exchanged.
+#[derive(Debug, Clone, Serialize)]
+pub struct Exchanged {
+    /// Classes that it names.
+    pub classes: Vec<Class>,
+    /// Effects that it names.
+    pub names: Vec<String>,
+    /// Whether the classes are those of the report.
+    pub same_classes: bool,
+}
+
+/// Counts of what was taken out: by file, by column, by kind.
+pub type CleanedCounts = BTreeMap<String, BTreeMap<String, BTreeMap<String, usize>>>;
+
+/// Counts of what was taken out of recordings.
+#[must_use]
+pub fn cleaned<'r>(recordings: impl IntoIterator<Item = (String, &'r Recording)>) -> CleanedCounts {
+    let mut out = CleanedCounts::new();
+    for (file, r) in recordings {
+        let columns = out.entry(file).or_default();
+        for c in &r.cleaned {
+            *columns.entry(c.column.clone()).or_default().entry(c.defect.name().to_string()).or_default() += c.count;
+        }
+    }
+    out
+}
+
+/// The report of `hrg trace`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Unit.
+    pub unit: String,
+    /// What is concluded.
+    pub verdict_kind: VerdictKind,
+    /// Whether the image is to be burnt: it beats the baseline, and the image in use where one was given, on the verify run.
+    pub burn: bool,
+    /// Which image is written.
+    pub image: Image,
+    /// The verdict in some sentences.
+    pub verdict: String,
+    /// Baseline model alone.
+    pub baseline: ByAxis<Rms>,
+    /// What it lacks.
+    pub effects: Vec<Found>,
+    /// Baseline and effects, those that need a recorded input included; effects that nobody can predict are left in.
+    pub r#final: ByAxis<Rms>,
+    /// Effects that nobody can predict, fitted again to the verify run for the judgement.
+    pub refitted_on_verify: Vec<Refitted>,
+    /// The verify run with those taken out, too, deg/h.
+    pub judged_rms_dph: ByAxis<f64>,
+    /// The written image on the verify run; absent where none is written.
+    pub block: Option<ByAxis<OnVerify>>,
+    /// Standard deviation of 100 s means of the noise on the verify run, deg/h, from what neighbouring means differ by.
+    pub noise_floor_dph: ByAxis<f64>,
+    /// The judged residual of the verify run in noise floors, with its 95 % interval.
+    pub floor_ratio: ByAxis<Ratio>,
+    /// Whether structure is left.
+    pub unexplained: ByAxis<bool>,
+    /// Where it is left, in words.
+    pub left_over: ByAxis<Vec<String>>,
+    /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
+    pub outside_fit: f64,
+    /// The second witness; absent where the verify run is too short to learn from.
+    pub exchanged: Option<Exchanged>,
+    /// What to do.
+    pub advice: Vec<String>,
+    /// What the user should know of the data.
+    pub notes: Vec<String>,
+    /// What was taken out of the files.
+    pub cleaned: CleanedCounts,
+}
+
+/// The report as JSON.
+#[must_use]
+pub fn json(report: &Report) -> String {
+    // A report is plain data: it always serialises.
+    serde_json::to_string_pretty(report).unwrap_or_default()
+}

@@ -1,0 +1,219 @@
+//! The sentences of a report. Each word comes from a number of the report.
+
+use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
+use super::Class;
+use crate::AXIS_NAMES;
+use std::fmt::Write as _;
+
+/// "a, b and c".
+#[must_use]
+pub fn list<S: AsRef<str>>(names: &[S]) -> String {
+    match names {
+        [] => "nothing".into(),
+        [one] => one.as_ref().into(),
+        [rest @ .., last] => {
+            let rest: Vec<&str> = rest.iter().map(AsRef::as_ref).collect();
+            format!("{} and {}", rest.join(", "), last.as_ref())
+        }
+    }
+}
+
+/// An effect with its parameter and the axes that have it.
+fn called(e: &Found) -> String {
+    let parameter = match e.parameters.iter().next().filter(|_| e.name != "temperature-shape") {
+        Some((n, v)) => format!(" ({n} {v:.0})"),
+        None => String::new(),
+    };
+    let axes: Vec<&String> = e.axes.keys().collect();
+    let on = if axes.len() == AXIS_NAMES.len() { String::new() } else { format!(" on {}", list(&axes)) };
+    format!("{}{parameter}{on}", e.name)
+}
+
+fn figures(of: impl Fn(&str) -> f64) -> String {
+    AXIS_NAMES.map(|n| format!("{:.3}", of(n))).join(", ")
+}
+
+/// What is left, axis by axis: noise only where the interval allows it and nothing else speaks against it.
+fn rest(r: &Report) -> String {
+    let one = |n: &str| {
+        let ratio = r.floor_ratio[n];
+        match (ratio.is_noise(), r.unexplained[n]) {
+            (true, false) => format!("{n} {ratio}: noise"),
+            (false, _) => format!("{n} {ratio}: more than noise"),
+            (true, true) => format!("{n} {ratio}, with structure"),
+        }
+    };
+    format!("Left there: {}.", AXIS_NAMES.map(one).join("; "))
+}
+
+/// The verdict.
+#[must_use]
+pub fn verdict(r: &Report) -> String {
+    let before = figures(|n| r.baseline[n].verify_rms_dph);
+    let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
+    let mut s = String::new();
+    let names: Vec<String> = r.effects.iter().map(called).collect();
+    let _ = match r.verdict_kind {
+        VerdictKind::NothingLacks => write!(
+            s,
+            "The baseline model is all that these data warrant: {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). "
+        ),
+        VerdictKind::Unexplained if r.effects.is_empty() => write!(
+            s,
+            "The baseline leaves structure that no effect of the library explains: {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). "
+        ),
+        VerdictKind::NotConfirmed if r.effects.iter().all(|e| e.confirmed.is_none()) => write!(
+            s,
+            "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). ",
+            list(&names)
+        ),
+        VerdictKind::NotConfirmed => write!(
+            s,
+            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on x, y, z (standard deviation of {means} means of 100 s), which is within the uncertainty or worse. ",
+            list(&names),
+            figures(|n| r.r#final[n].verify_rms_dph)
+        ),
+        VerdictKind::Confirmed | VerdictKind::Unexplained => write!(
+            s,
+            "The model lacks {}. The verify run agrees: from {before} to {} deg/h on x, y, z (standard deviation of {means} means of 100 s). ",
+            list(&names),
+            figures(|n| r.r#final[n].verify_rms_dph)
+        ),
+    };
+    let refitted: Vec<&str> = r.refitted_on_verify.iter().map(|e| e.name.as_str()).collect();
+    if !refitted.is_empty() {
+        let _ = write!(
+            s,
+            "With {} fitted again to the verify run, it is left with {} deg/h. ",
+            list(&refitted),
+            figures(|n| r.judged_rms_dph[n])
+        );
+    }
+    s += &rest(r);
+    s += &outside(r);
+    s += &to_do(r);
+    s
+}
+
+fn outside(r: &Report) -> String {
+    if r.outside_fit < 0.005 {
+        return String::new();
+    }
+    format!(
+        " {:.0} % of the verify run lies outside the fitted temperatures and ramps; nothing is promised there.",
+        100.0 * r.outside_fit
+    )
+}
+
+fn to_do(r: &Report) -> String {
+    let mut s = String::new();
+    let block = |f: &dyn Fn(AxisModel) -> bool| -> Vec<&str> {
+        r.block.iter().flatten().filter(|(_, b)| f(b.model)).map(|(n, _)| n.as_str()).collect()
+    };
+    let to = |b: &ByAxis<super::report::OnVerify>| figures(|n| b[n].verify_rms_dph);
+    match (r.image, &r.block) {
+        (Image::Extended, Some(b)) if r.burn => {
+            let _ = write!(s, " To do: burn the extended image, which by itself reaches {} deg/h there", to(b));
+            let plain = block(&|m| m != AxisModel::Extended);
+            if !plain.is_empty() {
+                let _ = write!(s, " (on {} it holds no effect: there none is better than the baseline)", list(&plain));
+            }
+            s.push('.');
+        }
+        (Image::Extended, Some(_)) => {
+            s += " The extended image is written, but does not beat the image in use by more than its uncertainty: do not burn it.";
+        }
+        (Image::Baseline, Some(b)) => {
+            let _ = write!(
+                s,
+                " The image written is the baseline, with {} deg/h there{}.",
+                to(b),
+                if r.effects.is_empty() { "" } else { "; there is no reason to burn an extended one" }
+            );
+        }
+        _ => s += " No image is written: not even the baseline beats the raw rates on the verify run by more than its uncertainty.",
+    }
+    let mend: Vec<&str> = r.effects.iter().filter(|e| e.reach != "unit").map(|e| e.name.as_str()).collect();
+    if !mend.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
+        let _ = write!(s, " Mend {} at the cause: the unit cannot compensate it.", list(&mend));
+    }
+    s
+}
+
+/// What to do beside the verdict.
+#[must_use]
+pub fn advice(r: &Report) -> Vec<String> {
+    let mut out = Vec::new();
+    for e in &r.effects {
+        for other in &e.indistinguishable_from {
+            out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(&e.name, other)));
+        }
+        out.extend(mend(e));
+        if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
+            out.push(format!(
+                "{} is named on the train run, and the verify run does not get worse without it: take another run before you rely on it",
+                e.name
+            ));
+        }
+    }
+    for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
+        out.push(format!(
+            "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
+            list(left)
+        ));
+    }
+    for (n, b) in r.block.iter().flatten() {
+        if b.mean_dph.abs() > 3.0 * b.mean_std_dph {
+            out.push(format!(
+                "axis {n}: the constant differs between train and verify run by {:.3} deg/h, {:.1} standard deviations: the deviations above do not show it; measure the turn-on repeatability",
+                b.mean_dph,
+                b.mean_dph.abs() / b.mean_std_dph
+            ));
+        }
+    }
+    if let Some(x) = r.exchanged.as_ref().filter(|x| !x.same_classes) {
+        let classes: Vec<&str> = x.classes.iter().map(|c| c.name()).collect();
+        out.push(format!(
+            "with train and verify exchanged the classes are {}: one of the two runs does not show what the other does; a third run decides",
+            list(&classes)
+        ));
+    }
+    if r.verdict_kind == VerdictKind::NotConfirmed {
+        out.push("a longer verify run, or a second train run, makes the uncertainty smaller".into());
+    }
+    out
+}
+
+/// What to mend for an effect that the unit cannot compensate.
+fn mend(e: &Found) -> Option<String> {
+    Some(match e.name.as_str() {
+        "step" => format!(
+            "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+            e.parameters.get("time_s").copied().unwrap_or(f64::NAN)
+        ),
+        "periodic" => format!(
+            "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
+            e.parameters.get("period_s").copied().unwrap_or(f64::NAN)
+        ),
+        "aging" => "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into(),
+        "case-gradient" | "timebase" => format!("{} needs the case sensors, which the unit does not read: wire them to the unit, or give the case time to settle", e.name),
+        "drive-amplitude" | "quadrature" | "board" => format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", e.name),
+        _ => return None,
+    })
+}
+
+/// Which profile parts two effects.
+fn parting(a: &str, b: &str) -> &'static str {
+    let classes = [Class::of(a), Class::of(b)];
+    let both = |wanted: &[Class]| classes.iter().all(|c| c.is_some_and(|c| wanted.contains(&c)));
+    let either = |wanted: &[Class]| classes.iter().any(|c| c.is_some_and(|c| wanted.contains(&c)));
+    if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
+        "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither"
+    } else if both(&[Class::Shape]) {
+        "a run that reaches further on both ends, with soaks each 10 C, parts them"
+    } else if either(&[Class::PowerOn, Class::Event]) {
+        "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature"
+    } else {
+        "a run that passes the same temperatures in both directions and at two speeds parts them"
+    }
+}
