@@ -10,7 +10,7 @@ use crate::BadInput;
 use hrg_core::bias::{regressors, Scaling, State, TERMS};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{AxisThermal, Thermal};
-use hrg_core::effects::{by_name, Inputs, Recorded, Running, ALL, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{by_name, Inputs, Recorded, Running, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -498,7 +498,7 @@ fn effect_bias(
             return vec![0.0; n];
         };
         // Effects with several regressors: a fixed mix.
-        let weights: [f64; MAX_OUTPUTS] = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
+        let weights = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
         return (0..n)
             .map(|k| {
                 let thermal = plant.thermal(k);

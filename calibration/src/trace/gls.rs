@@ -33,7 +33,7 @@ pub const COLOURS: [Colour; 9] = [
 
 impl Colour {
     /// Factor on the first value of a run, which has no past.
-    fn first(&self) -> f64 {
+    pub fn first_factor(&self) -> f64 {
         ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
     }
 
@@ -47,7 +47,7 @@ impl Colour {
             let (mut past, mut e) = (0.0, 0.0);
             for (j, v) in x[from..to].iter_mut().enumerate() {
                 let now = *v;
-                e = if j == 0 { now * self.first() } else { now - self.phi * past + self.theta * e };
+                e = if j == 0 { now * self.first_factor() } else { now - self.phi * past + self.theta * e };
                 past = now;
                 *v = e;
             }
@@ -56,7 +56,7 @@ impl Colour {
 
     /// Log-likelihood from a whitened residual sum of squares, its variance profiled out.
     fn log_likelihood(&self, rss: f64, n: usize, runs: usize) -> f64 {
-        -0.5 * n as f64 * (rss / n as f64).max(1e-300).ln() + runs as f64 * self.first().ln()
+        -0.5 * n as f64 * (rss / n as f64).max(1e-300).ln() + runs as f64 * self.first_factor().ln()
     }
 }
 

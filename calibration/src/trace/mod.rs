@@ -5,6 +5,7 @@
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
 pub mod data;
+pub mod shrink;
 mod events;
 pub mod floor;
 pub mod gls;

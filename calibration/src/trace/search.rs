@@ -103,6 +103,13 @@ impl<'a> Search<'a> {
         s
     }
 
+    /// Candidates proposed by the data.
+    pub fn proposals(&self) -> Vec<Candidate> {
+        let mut out = self.spectral_peaks();
+        out.extend(self.jumps());
+        out
+    }
+
     fn see(&self, candidate: Candidate) -> Option<Seen> {
         let raw = self.raw(&candidate)?;
         let columns = (0..COLOURS.len()).map(|s| [0, 1, 2].map(|a: usize| self.view(&raw[a], a, s))).collect();

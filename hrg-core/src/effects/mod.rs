@@ -14,7 +14,7 @@ use crate::AXES;
 /// Most inner parameters of an effect.
 pub const MAX_PARAMETERS: usize = 2;
 /// Most regressors of an effect, per axis.
-pub const MAX_OUTPUTS: usize = 8;
+pub const MAX_OUTPUTS: usize = 14;
 
 /// What an effect may look at: one axis, one model step. A quantity that is not recorded is NaN.
 #[derive(Debug, Clone, Copy)]
@@ -186,9 +186,14 @@ fn add_bias_dph<E: Effect>(
     }
 }
 
+mod bank;
+
 macro_rules! effects {
-    ($($module:ident :: $name:ident),+ $(,)?) => {
-        $(mod $module; pub use $module::$name;)+
+    ($($module:ident :: {$($name:ident),+}),+ $(,)?) => {
+        $(mod $module; $(pub use $module::$name;)+)+
+        effects!(@all $($($name),+),+);
+    };
+    (@all $($name:ident),+) => {
 
         /// Every effect, in the order of the list.
         pub const ALL: &[Facts] = &[$(Facts {
@@ -264,24 +269,39 @@ macro_rules! effects {
 }
 
 effects! {
-    cubic::Cubic,
-    kink::Kink,
-    temperature_shape::TemperatureShape,
-    thermal_lag::ThermalLag,
-    second_derivative::SecondDerivative,
-    hysteresis::Hysteresis,
-    axis_gradient::AxisGradient,
-    case_gradient::CaseGradient,
-    warm_up::WarmUp,
-    aging::Aging,
-    step::Step,
-    periodic::Periodic,
-    timebase::Timebase,
-    drive_amplitude::DriveAmplitude,
-    quadrature::Quadrature,
-    board::Board,
-    frequency_direct::FrequencyDirect,
-    cooling_heating::CoolingHeating,
+    cubic::{Cubic},
+    kink::{Kink},
+    temperature_shape::{TemperatureShape},
+    thermal_lag::{ThermalLag},
+    second_derivative::{SecondDerivative},
+    hysteresis::{Hysteresis},
+    axis_gradient::{AxisGradient},
+    case_gradient::{CaseGradient},
+    warm_up::{WarmUp},
+    aging::{Aging},
+    step::{Step},
+    periodic::{Periodic},
+    timebase::{Timebase},
+    drive_amplitude::{DriveAmplitude},
+    quadrature::{Quadrature},
+    board::{Board},
+    frequency_direct::{FrequencyDirect},
+    cooling_heating::{CoolingHeating},
+    lag_ladder::{LagLadder},
+    lag_ladder_by_temperature::{LagLadderByTemperature},
+    heating_lags::{HeatingLags},
+    arrhenius_ladder::{ArrheniusLadder},
+    neighbour_lags::{NeighbourLags},
+    play_ladder::{PlayLadder},
+    play_curve::{PlayCurve},
+    relay::{Relay},
+    temperature_spline::{TemperatureSpline},
+    ripple::{Ripple},
+    rate_curve::{RateCurve, RateCurveByTemperature},
+    ramp_by_shape::{RampByShape, HeatingByShape},
+    power_on_ladder::{PowerOnLadder, PowerOnLadderByTemperature, PowerOnLadderByStart},
+    extremes::{Extremes},
+    rate_saturation::{RateSaturation},
 }
 
 /// Facts about the effect with a number.

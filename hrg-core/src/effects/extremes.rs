@@ -1,0 +1,36 @@
+//! `extremes`: the highest and the lowest temperature since power-on, each less temperature; C: memory that only an extreme
+//! changes (a wiped-out loop, a set that creeps once). State: both, starting at the first temperature.
+
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+
+/// Highest and lowest temperature so far, less temperature; C.
+#[derive(Debug, Clone)]
+pub struct Extremes {
+    highest_c: f32,
+    lowest_c: f32,
+}
+
+impl Effect for Extremes {
+    const NAME: &'static str = "extremes";
+    const ID: u16 = 35;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 2];
+
+    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { highest_c: f32::NAN, lowest_c: f32::NAN }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
+        let t = inputs.own_c();
+        if !(self.highest_c >= t) {
+            self.highest_c = t;
+        }
+        if !(self.lowest_c <= t) {
+            self.lowest_c = t;
+        }
+        [self.highest_c - t, self.lowest_c - t]
+    }
+}

@@ -1,0 +1,42 @@
+//! `heating-lags`: a leaky sum of what the temperature has risen, for eight times from `tau_min_s` to `tau_max_s`: relaxations that
+//! only heating stirs up. (Cooling alone is the lag of both less this one.) State: the sums, starting at zero.
+
+use super::bank::rung;
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+
+const RUNGS: usize = 8;
+
+/// Leaky sums of heating; C.
+#[derive(Debug, Clone)]
+pub struct HeatingLags {
+    share: [f32; RUNGS],
+    sum_c: [f32; RUNGS],
+    step_min: f32,
+}
+
+impl Effect for HeatingLags {
+    const NAME: &'static str = "heating-lags";
+    const ID: u16 = 21;
+    const PARAMETERS: &'static [&'static str] = &["tau_min_s", "tau_max_s"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; RUNGS];
+
+    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+        Self {
+            share: core::array::from_fn(|k| lag_share(step_s, rung(p[0], p[1], k, RUNGS))),
+            sum_c: [0.0; RUNGS],
+            step_min: step_s / 60.0,
+        }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
+        let rate = inputs.own().rate_c_per_min;
+        let risen = if rate > 0.0 { rate * self.step_min } else { 0.0 };
+        for k in 0..RUNGS {
+            self.sum_c[k] += risen - self.share[k] * self.sum_c[k];
+        }
+        self.sum_c
+    }
+}

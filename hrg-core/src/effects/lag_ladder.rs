@@ -1,0 +1,46 @@
+//! `lag-ladder`: `lag(T, tau_k) - T` for nine times from `tau_min_s` to `tau_max_s`, evenly in the logarithm. Any linear thermal
+//! memory is a sum of such lags: several poles, diffusion, a spectrum of time constants. State: the lagged temperatures,
+//! starting in equilibrium with the first one. Source: expansion of a relaxation in a discrete spectrum (Prony series).
+
+use super::bank::rung;
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+
+/// Lags of the ladder.
+pub const RUNGS: usize = 9;
+
+/// Lags of temperature, less temperature; C.
+#[derive(Debug, Clone)]
+pub struct LagLadder {
+    share: [f32; RUNGS],
+    state_c: [f32; RUNGS],
+}
+
+impl Effect for LagLadder {
+    const NAME: &'static str = "lag-ladder";
+    const ID: u16 = 19;
+    const PARAMETERS: &'static [&'static str] = &["tau_min_s", "tau_max_s"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; RUNGS];
+
+    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+        Self {
+            share: core::array::from_fn(|k| lag_share(step_s, rung(p[0], p[1], k, RUNGS))),
+            state_c: [f32::NAN; RUNGS],
+        }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
+        let t = inputs.own_c();
+        if self.state_c[0].is_nan() {
+            self.state_c = [t; RUNGS];
+        }
+        let mut out = [0.0; RUNGS];
+        for k in 0..RUNGS {
+            self.state_c[k] += self.share[k] * (t - self.state_c[k]);
+            out[k] = self.state_c[k] - t;
+        }
+        out
+    }
+}

@@ -1,0 +1,45 @@
+//! `neighbour-lags`: temperatures of the two other axes, as they are and behind lags of 400, 1500 and 5000 s, less that of this
+//! axis; C. State: the lagged temperatures, starting in equilibrium.
+
+use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use crate::AXES;
+
+const TAUS_S: [f32; 3] = [400.0, 1500.0, 5000.0];
+
+/// Lagged temperature differences to the other axes; C.
+#[derive(Debug, Clone)]
+pub struct NeighbourLags {
+    share: [f32; 3],
+    state_c: [[f32; 3]; 2],
+}
+
+impl Effect for NeighbourLags {
+    const NAME: &'static str = "neighbour-lags";
+    const ID: u16 = 23;
+    const PARAMETERS: &'static [&'static str] = &[];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 8];
+
+    fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+        Self { share: TAUS_S.map(|tau| lag_share(step_s, tau)), state_c: [[f32::NAN; 3]; 2] }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 8] {
+        let own = inputs.own_c();
+        let mut out = [0.0; 8];
+        for (n, state) in self.state_c.iter_mut().enumerate() {
+            let t = inputs.other_c((inputs.axis + 1 + n) % AXES);
+            if state[0].is_nan() {
+                *state = [t; 3];
+            }
+            out[4 * n] = t - own;
+            for k in 0..3 {
+                state[k] += self.share[k] * (t - state[k]);
+                out[4 * n + 1 + k] = state[k] - own;
+            }
+        }
+        out
+    }
+}

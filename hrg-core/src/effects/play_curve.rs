@@ -1,0 +1,46 @@
+//! `play-curve`: a curve of the output of a play of `width_c`, less the same curve of temperature: a piecewise-linear one over
+//! eight knots on the calibrated range. A sum of such curves of several widths is a Preisach operator: soft relays, loops whose
+//! gain changes with temperature. State: the play's output, starting at the first temperature.
+//! Source: Brokate and Sprekels 1996, section 2.4 (a Preisach operator is an integral over plays of functions of their outputs).
+
+use super::bank::hats;
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use crate::bias::clamp;
+
+const KNOTS: usize = 8;
+
+/// Weights of the knots at the play's output less those at the temperature.
+#[derive(Debug, Clone)]
+pub struct PlayCurve {
+    half_c: f32,
+    state_c: f32,
+}
+
+impl Effect for PlayCurve {
+    const NAME: &'static str = "play-curve";
+    const ID: u16 = 25;
+    const PARAMETERS: &'static [&'static str] = &["width_c"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; KNOTS];
+
+    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { half_c: 0.5 * p[0], state_c: f32::NAN }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
+        let t = inputs.own_c();
+        if self.state_c.is_nan() {
+            self.state_c = t;
+        }
+        self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
+        let [low, high] = inputs.scaling.t_linear_c;
+        let mut out: [f32; KNOTS] = hats(self.state_c, low, high);
+        let direct: [f32; KNOTS] = hats(t, low, high);
+        for k in 0..KNOTS {
+            out[k] -= direct[k];
+        }
+        out
+    }
+}

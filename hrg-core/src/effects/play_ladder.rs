@@ -1,0 +1,43 @@
+//! `play-ladder`: `play(T, width_k) - T` for ten widths from `width_min_c` to `width_max_c`, evenly in the logarithm: a
+//! Prandtl-Ishlinskii model, a sum of plays. State: their outputs, starting at the first temperature.
+//! Source: Krasnosel'skii and Pokrovskii 1989; Kuhnen 2003.
+
+use super::bank::rung;
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use crate::bias::clamp;
+
+const RUNGS: usize = 10;
+
+/// Outputs of plays, less temperature; C.
+#[derive(Debug, Clone)]
+pub struct PlayLadder {
+    half_c: [f32; RUNGS],
+    state_c: [f32; RUNGS],
+}
+
+impl Effect for PlayLadder {
+    const NAME: &'static str = "play-ladder";
+    const ID: u16 = 24;
+    const PARAMETERS: &'static [&'static str] = &["width_min_c", "width_max_c"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; RUNGS];
+
+    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { half_c: core::array::from_fn(|k| 0.5 * rung(p[0], p[1], k, RUNGS)), state_c: [f32::NAN; RUNGS] }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
+        let t = inputs.own_c();
+        if self.state_c[0].is_nan() {
+            self.state_c = [t; RUNGS];
+        }
+        let mut out = [0.0; RUNGS];
+        for k in 0..RUNGS {
+            self.state_c[k] = clamp(self.state_c[k], t - self.half_c[k], t + self.half_c[k]);
+            out[k] = self.state_c[k] - t;
+        }
+        out
+    }
+}

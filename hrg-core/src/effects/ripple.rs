@@ -1,0 +1,28 @@
+//! `ripple`: sine and cosine of temperature with a period of `period_c`: interference, a mode that passes others. Stateless.
+
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+
+/// `sin` and `cos` of `2 pi T / period_c`.
+#[derive(Debug, Clone)]
+pub struct Ripple {
+    per_c: f32,
+}
+
+impl Effect for Ripple {
+    const NAME: &'static str = "ripple";
+    const ID: u16 = 28;
+    const PARAMETERS: &'static [&'static str] = &["period_c"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 2];
+
+    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { per_c: if p[0] > 0.0 { core::f32::consts::TAU / p[0] } else { 0.0 } }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
+        let x = inputs.own_c() * self.per_c;
+        [libm::sinf(x), libm::cosf(x)]
+    }
+}

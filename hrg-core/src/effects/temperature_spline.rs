@@ -1,0 +1,30 @@
+//! `temperature-spline`: a piecewise-linear curve of temperature over fourteen knots from `low_c` to `high_c`, held at its edges
+//! outside. Stateless.
+
+use super::bank::hats;
+use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+
+/// Weights of the knots.
+#[derive(Debug, Clone)]
+pub struct TemperatureSpline {
+    low_c: f32,
+    high_c: f32,
+}
+
+impl Effect for TemperatureSpline {
+    const NAME: &'static str = "temperature-spline";
+    const ID: u16 = 27;
+    const PARAMETERS: &'static [&'static str] = &["low_c", "high_c"];
+    const REACH: Reach = Reach::Unit;
+
+    type Regressors = [f32; 14];
+
+    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+        Self { low_c: p[0], high_c: p[1] }
+    }
+
+    #[inline]
+    fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 14] {
+        hats(inputs.own_c(), self.low_c, self.high_c)
+    }
+}
