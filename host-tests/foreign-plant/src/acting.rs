@@ -131,15 +131,18 @@ impl Making<'_> {
         (low * high).sqrt()
     }
 
-    /// What a fault of the given scale leaves of the bias on axis `a` after equation 7 on the indicated temperature, floors.
+    /// What a fault of the given scale leaves of the bias on axis `a` after equation 7 on what is taken for the temperature, floors.
     fn fault_floors(&self, effect: &Effect, acting: &Acting, a: usize, scale: f64) -> f64 {
         let runs = self.sized_on(effect);
-        let mut parts = BTreeMap::new();
-        for &k in &runs {
-            let error = self.error_c(acting, k, a, scale);
-            let indicated: Vec<f64> = self.worlds[k].t_c[a].iter().zip(error).map(|(t, e)| t + e).collect();
-            parts.insert(k, self.indicated_columns(k, a, &indicated));
-        }
+        let indicated: Vec<Vec<f64>> = (0..self.worlds.len())
+            .map(|k| {
+                let mut t_c = self.worlds[k].t_c[a].clone();
+                t_c.iter_mut().zip(self.error_c(acting, k, a, scale)).for_each(|(t, error)| *t += error);
+                t_c
+            })
+            .collect();
+        let taken = self.taken_for_t(a, indicated);
+        let parts: BTreeMap<usize, _> = runs.iter().map(|&k| (k, self.indicated_columns(k, a, &taken[k]))).collect();
         let keep: Vec<bool> = runs.iter().flat_map(|k| parts[k].1.clone()).collect();
         let columns: Vec<Vec<f64>> = stack(&runs, |k| parts[&k].0.clone()).iter().map(|c| kept(c, &keep)).collect();
         let bias: Vec<f64> = runs.iter().flat_map(|&k| self.means(k, &self.base[k][a])).collect();

@@ -63,8 +63,9 @@ impl Making<'_> {
         let rates: Vec<Vec<f64>> = runs.clone().map(|k| self.means(k, &self.rates[k][a])).collect();
         let y: Vec<f64> = trains.iter().flat_map(|&k| rates[k].clone()).collect();
 
+        let taken = self.taken_for_t(a, runs.clone().map(|k| self.indicated[k][a].clone()).collect());
         let indicated: Vec<(Vec<Vec<f64>>, Vec<bool>)> =
-            runs.clone().map(|k| self.indicated_columns(k, a, &self.indicated[k][a])).collect();
+            runs.clone().map(|k| self.indicated_columns(k, a, &taken[k])).collect();
         let keep: Vec<bool> = trains.iter().flat_map(|&k| indicated[k].1.clone()).collect();
         let columns: Vec<Vec<f64>> =
             stack(&trains, |k| indicated[k].0.clone()).iter().map(|c| kept(c, &keep)).collect();

@@ -135,6 +135,28 @@ impl<'a> Making<'a> {
         (eq7_means(w, indicated, &ramp), keep)
     }
 
+    /// What a user takes for the temperature of axis `a`, by run, where the thermometers indicate `indicated`. A frequency is calibrated
+    /// against case sensors on the train runs, so a cubic of what it indicates is fitted to the true temperature there: a fault that is a
+    /// smooth function of temperature vanishes in the calibration. A sensor is taken as it is.
+    pub(crate) fn taken_for_t(&self, a: usize, indicated: Vec<Vec<f64>>) -> Vec<Vec<f64>> {
+        let right = self.worlds.iter().zip(&indicated).all(|(w, x)| w.t_c[a] == *x);
+        if right || !self.by_frequency() {
+            return indicated;
+        }
+        let powers = |x: &[f64]| -> Vec<Vec<f64>> {
+            (0..4).map(|power| x.iter().map(|x| ((x - 10.0) / 50.0_f64).powi(power)).collect()).collect()
+        };
+        let of_trains = |x: &dyn Fn(usize) -> Vec<f64>| -> Vec<f64> { (0..self.verify()).flat_map(x).collect() };
+        let from = of_trains(&|k| self.means(k, &indicated[k]));
+        let to = of_trains(&|k| self.means(k, &self.worlds[k].t_c[a]));
+        let cubic = fit::solve(&powers(&from), &to);
+        let at = |x: f64| {
+            let u = (x - 10.0) / 50.0;
+            cubic[0] + u * (cubic[1] + u * (cubic[2] + u * cubic[3]))
+        };
+        indicated.iter().map(|run| run.iter().map(|&x| at(x)).collect()).collect()
+    }
+
     /// Works out what the thermometers indicate.
     pub(crate) fn indicate(&mut self, effects: &[Acting]) {
         let by_frequency = self.by_frequency();

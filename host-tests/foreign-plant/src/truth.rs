@@ -82,7 +82,8 @@ pub struct AxisFigures {
     pub floor_dph: f64,
     /// The rate as recorded.
     pub raw_dph: f64,
-    /// Left after equation 7, fitted on the train runs with a constant for each, on the temperature that the thermometer indicates.
+    /// Left after equation 7, fitted on the train runs with a constant for each, on the temperature that the thermometer indicates (of a
+    /// frequency: after a cubic has been calibrated on the train runs).
     pub eq7_dph: f64,
     /// Left after equation 7 on the true temperature and the exact regressors of all effects; gains from the train runs only.
     pub oracle_dph: f64,

@@ -45,6 +45,19 @@ fn flicker_has_the_slope_that_is_asked_for() {
 }
 
 #[test]
+fn coloured_noise_deviates_by_one_in_100_s_means() {
+    for exponent in [0.8, 1.4] {
+        let squares = (0..100).map(|seed| {
+            let x = noise::coloured(&mut stream(seed, &["scale"]), 6000, 1.0, |f| f.powf(-exponent));
+            deviation(&means(&x, 1.0, 0)).powi(2)
+        });
+        let variance = squares.sum::<f64>() / 100.0;
+        // 100 runs leave 5 % of scatter.
+        assert!((variance - 1.0).abs() < 0.15, "exponent {exponent}: {variance}");
+    }
+}
+
+#[test]
 fn every_kind_of_noise_has_the_floor_that_is_asked_for() {
     let t_c: Vec<f64> = (0..25_200).map(|i| 10.0 + 48.0 * (f64::from(i) / 2400.0).sin()).collect();
     let kinds = [

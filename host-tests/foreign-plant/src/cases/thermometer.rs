@@ -48,7 +48,7 @@ pub(super) fn cases() -> Vec<Case> {
         )
         .layout(|l| l.loose_case_x = true)
         .also(Class::Thermometer),
-        case("thermometer-late-sensor", "Sensors behind glue instead of frequencies: 400 to 800 s late.")
+        case("thermometer-late-sensor", "Sensors behind glue instead of frequencies: 200 to 400 s late.")
             .layout(|l| l.followed = Followed::Case)
             .with(
                 Effect::thermometer("late sensor", form::late_sensor)
@@ -60,7 +60,7 @@ pub(super) fn cases() -> Vec<Case> {
             .layout(|l| l.followed = Followed::Case)
             .with(
                 Effect::thermometer("loose sensor", form::loose_sensor)
-                    .floors([0.0, 0.0, 3.0])
+                    .floors([0.0, 0.0, 2.0])
                     .only(Runs::Train)
                     .or(&[Class::Event, Class::Memory]),
             ),

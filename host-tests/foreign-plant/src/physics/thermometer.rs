@@ -56,7 +56,7 @@ pub fn activity_dip(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
 
 /// A sensor that sits behind glue: it is late.
 pub fn late_sensor(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
-    let tau_s = d.own("tau_s", 400.0..800.0);
+    let tau_s = d.own("tau_s", 200.0..400.0);
     minus(&lag(&w.t_c[a], w.dt_s, tau_s, w.start_c()), &w.t_c[a])
 }
 
