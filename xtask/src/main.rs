@@ -240,7 +240,8 @@ fn audit() -> Result<(), Failure> {
     Ok(())
 }
 
-const HOST_PACKAGES: [&str; 6] = ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "xtask"];
+const HOST_PACKAGES: [&str; 7] =
+    ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "foreign-plant", "xtask"];
 
 fn test() -> Result<(), Failure> {
     let t = setup::toolchain()?;
