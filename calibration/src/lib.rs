@@ -2,12 +2,14 @@
 //!
 //! | step | module |
 //! |---|---|
-//! | recordings in and out, and what is wrong with them | [`recording`] |
+//! | recordings in and out, and what is wrong with them | [`recording`], [`metadata`], [`dialect`] |
+//! | names of units; what a user says of one beside its recordings | [`names`], [`facts`] |
 //! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
 //! | least squares | [`lsq`] |
 //! | how a resonator follows its surroundings | [`lag`] |
 //! | frequency to temperature; static points | [`laws`], [`points`] |
 //! | before and after every fit | [`fit`] |
+//! | what a unit sends, computed on the desktop | [`mod@correct`] |
 //! | coefficients, by the methods of the sources | [`methods`] |
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
@@ -22,14 +24,19 @@
 
 pub mod align;
 pub mod allan;
+pub mod correct;
+pub mod dialect;
+pub mod facts;
 pub mod file;
 pub mod fit;
 pub mod lag;
 pub mod laws;
 pub mod log;
 pub mod lsq;
+pub mod metadata;
 pub mod methods;
 pub mod monitor;
+pub mod names;
 pub mod plot;
 pub mod points;
 pub mod record;
@@ -72,7 +79,15 @@ pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode
 /// # Errors
 /// As [`recording::Recording::load`].
 pub fn load_recording(path: &std::path::Path) -> anyhow::Result<recording::Recording> {
-    let r = recording::Recording::load(path)?;
+    load_recording_with(path, &facts::Facts::default())
+}
+
+/// The same, with what a user says of the unit.
+///
+/// # Errors
+/// As [`recording::Recording::load`], and where the recording says otherwise.
+pub fn load_recording_with(path: &std::path::Path, facts: &facts::Facts) -> anyhow::Result<recording::Recording> {
+    let r = recording::Recording::load_with(path, |r| facts.apply(r))?;
     for note in &r.notes {
         eprintln!("{}: {note}", path.display());
     }

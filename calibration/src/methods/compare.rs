@@ -7,7 +7,7 @@ use crate::plot::{self, Panel, Series};
 use crate::recording::Recording;
 use crate::run::Steps;
 use crate::stats::{block_means, std_dev};
-use crate::{file, trace, BadInput, AXIS_NAMES};
+use crate::{facts, file, trace, BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use serde::{Deserialize, Serialize};
@@ -86,6 +86,7 @@ pub fn compare(
     mut progress: impl FnMut(&str),
 ) -> anyhow::Result<Comparison> {
     let prepared = fit::prepare(train)?;
+    facts::agree(train.iter().chain(verify))?;
     let steps = verify
         .iter()
         .map(|r| {

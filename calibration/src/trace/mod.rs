@@ -628,10 +628,12 @@ mod tests {
     fn the_block_computes_what_the_fit_did() {
         let effects = ["hysteresis:size=4", "kink:size=3"];
         let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
-        let by_unit = fit::correct(&t.extended, &t.verify.steps);
+        let by_unit = crate::correct::correct(&t.extended, &t.verify.steps);
         for a in 0..AXES {
-            let largest = by_unit[a]
+            let largest = by_unit
                 .iter()
+                .zip(&t.verify.steps.rate_dph[a])
+                .map(|(s, rate)| rate - f64::from(s.bias_dph[a]))
                 .zip(&t.verify_residuals[1][a])
                 .map(|(u, f)| (u - f).abs())
                 .filter(|d| d.is_finite())

@@ -223,7 +223,9 @@ fn run(command: Command) -> Result<()> {
                 Some(path) => load_raw(&path)?,
                 None => {
                     println!("a simulated unit, profile cycle");
-                    Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording
+                    let mut simulated = Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording;
+                    simulated.restore_earth_rate();
+                    simulated
                 }
             };
             let calibration = calibration.map(|p| file::load(&p)).transpose()?;

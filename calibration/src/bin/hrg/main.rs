@@ -1,13 +1,16 @@
 //! `hrg`: recordings of HRG chamber runs in, coefficients and reports out.
 
 mod chamber;
+mod correct;
+mod facts;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
-use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, PROFILES};
+use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, ATTITUDE, PROFILES};
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::trace::separable::{self, WANTED};
 use hrg_cal::{align, allan, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
@@ -49,6 +52,12 @@ enum Command {
         /// Put spikes, gaps, missing, stuck values and repeated times in.
         #[arg(long)]
         dirty: bool,
+        /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
+        #[command(flatten)]
+        place: Place,
+        /// Leave latitude and axes out of the file: a fit then finds the earth's rate in the constants.
+        #[arg(long)]
+        no_attitude: bool,
         /// Where the recording goes.
         #[arg(long)]
         out: PathBuf,
@@ -79,6 +88,8 @@ enum Command {
         /// Weigh every degree alike instead of every second.
         #[arg(long)]
         uniform: bool,
+        #[command(flatten)]
+        facts: FactsArguments,
         /// Where the calibration goes: text, or the binary block if it ends in .bin
         #[arg(long)]
         out: PathBuf,
@@ -115,8 +126,8 @@ enum Command {
         /// Calibration whose frequency-temperature laws are used; without it they are fitted to this recording.
         #[arg(long)]
         calibration: Option<PathBuf>,
-        /// What drives the lag: shell or chamber
-        #[arg(long, default_value = "shell", value_parser = ["shell", "chamber"])]
+        /// What drives the lag: case or chamber (shell: an old name of case)
+        #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
         input: String,
         /// Predict the resonator temperatures of this recording where its frequencies are missing.
         #[arg(long)]
@@ -269,7 +280,13 @@ enum Command {
         /// Where the extended calibration goes.
         #[arg(long)]
         calibration: Option<PathBuf>,
+        #[command(flatten)]
+        facts: FactsArguments,
     },
+    /// Correct a recording as the unit does, on the desktop: row for row what it would send.
+    ///
+    /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
+    Correct(correct::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -278,7 +295,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Simulate { profile, effect, seed, unit, kind, noise, dirty, out } => {
+        Command::Simulate { profile, effect, seed, unit, kind, noise, dirty, place, no_attitude, out } => {
             let kind = Kind::parse(&kind)?;
             let usual = kind.noise();
             let effects = effect
@@ -292,10 +309,15 @@ fn run(command: Command) -> Result<()> {
                 })
                 .collect::<Result<Vec<_>, _>>()?;
             let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
-            let plan = Plan { kind, effects, noise, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
+            let attitude = place.attitude()?.unwrap_or(ATTITUDE);
+            let plan = Plan { kind, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
             let mut simulated = plan.simulate();
             if dirty {
                 hrg_cal::simulate::soil(&mut simulated.recording, seed);
+            }
+            if no_attitude {
+                simulated.recording.restore_earth_rate();
+                simulated.recording.meta.retain(|(k, _)| k != "latitude_deg" && k != "axes");
             }
             hrg_cal::write_file(&out, simulated.recording.to_csv().as_bytes())?;
             println!(
@@ -317,9 +339,10 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Trace { train, verify, out, html, calibration } => {
-            let train = train.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
-            let verify = load_recording(&verify)?;
+        Command::Trace { train, verify, out, html, calibration, facts } => {
+            let train = facts.load(&train)?;
+            let verify = facts.load(&[verify])?.remove(0);
+            hrg_cal::facts::agree(train.iter().chain([&verify])).map_err(BadInput::from)?;
             let mut t = trace::trace(&train, &verify)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
             if let Some(path) = html {
@@ -332,8 +355,8 @@ fn run(command: Command) -> Result<()> {
             print_trace(&t.report);
             Ok(())
         }
-        Command::Fit { recordings, method, seed, uniform, out } => {
-            let recordings = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+        Command::Fit { recordings, method, seed, uniform, facts, out } => {
+            let recordings = facts.load(&recordings)?;
             let prepared = fit::prepare(&recordings)?;
             let mut found = methods::identify_weighed(&prepared, &method, seed, uniform)?;
             found.calibration.created_unix_s = now();
@@ -355,7 +378,7 @@ fn run(command: Command) -> Result<()> {
             for a in 0..3 {
                 println!("{:<5} {:>22.4} {:>22.4}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
             }
-            println!("three sigma of 100 s means, on the data of the fit");
+            println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");
             for n in found.notes.iter().chain(&prepared.notes) {
                 println!("note: {n}");
             }
@@ -410,6 +433,7 @@ fn run(command: Command) -> Result<()> {
         Command::Monitor { port, profile, snapshot, out } => {
             chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot, out.as_deref())
         }
+        Command::Correct(arguments) => correct::run(&arguments),
         Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
         Command::Align { recording, filter, first_azimuth, seed, out } => {
@@ -444,7 +468,7 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Lag { recording, calibration, input, predict, out } => {
-            let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Shell };
+            let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Case };
             thermal_lag(&recording, calibration.as_deref(), input, predict.as_deref(), out.as_deref())
         }
     }
