@@ -16,8 +16,8 @@ use std::borrow::Cow;
 /// Why a table cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum DialectError {
-    /// A quote has no second one in its line.
-    #[error("line {0}: a quote is not closed; a cell may not hold a line break")]
+    /// A quote has no second one at the end of its cell.
+    #[error("line {0}: a quote is not closed at the end of its cell; a cell may not hold a line break")]
     OpenQuote(usize),
     /// A comma within quotes, in a file separated by commas.
     #[error("line {line}, column {column}: \"{cell}\" holds a comma, in a file whose cells are separated by commas: it may be a decimal or a thousands comma; save the file with decimal points and without thousands commas")]
@@ -56,6 +56,9 @@ fn header(text: &str) -> Option<&str> {
 /// Whether nothing is to be done, as far as the lines up to the header tell.
 #[must_use]
 pub fn is_plain(text: &str) -> bool {
+    if !text.contains('\n') && text.contains('\r') {
+        return false;
+    }
     let Some(header) = header(text) else { return true };
     // (The header is a part of the text: what stands before it is metadata.)
     let before = &text[..header.as_ptr() as usize - text.as_ptr() as usize];
@@ -95,7 +98,7 @@ fn decimal(cell: &str) -> Option<bool> {
     (digits(whole) && digits(fraction) && !(whole.is_empty() && fraction.is_empty())).then_some(comma)
 }
 
-/// Cells of a line without their quotes. `None`: a quote is not closed.
+/// Cells of a line without their quotes. `None`: a quote is not closed at the end of its cell.
 pub fn cells(line: &str, separator: char) -> Option<Vec<Cow<'_, str>>> {
     let mut out = Vec::new();
     let mut rest = line;
@@ -119,9 +122,10 @@ pub fn cells(line: &str, separator: char) -> Option<Vec<Cow<'_, str>>> {
             (Cow::Borrowed(rest[..at].trim()), &rest[at..])
         };
         out.push(cell);
-        match after.find(separator) {
-            Some(at) => rest = &after[at + separator.len_utf8()..],
-            None => return Some(out),
+        let after = after.trim_start_matches(' ');
+        match after.strip_prefix(separator) {
+            Some(more) => rest = more,
+            None => return after.is_empty().then_some(out),
         }
     }
 }
@@ -199,7 +203,9 @@ mod tests {
             assert!(!is_plain(text), "{text}");
             assert_eq!(plain(text).as_deref(), Ok(wanted), "{text}");
         }
-        assert!(is_plain("# unit: A\n\na,b\n1,2\n") && is_plain("") && is_plain("# a: \"b\"").eq(&true));
+        assert!(
+            is_plain("# unit: A\n\na,b\n1,2\n") && is_plain("") && is_plain("# a: \"b\"") && !is_plain("# a: b\ra;b\r")
+        );
     }
 
     #[test]

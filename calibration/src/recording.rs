@@ -277,6 +277,13 @@ impl Recording {
         rows: usize,
         commented: Option<usize>,
     ) -> Result<Vec<Slot>, BadInput> {
+        if names.iter().all(|n| n.parse::<f64>().is_ok()) {
+            return Err(BadInput(format!(
+                "line {line} holds numbers where the header should be, the names of the columns{}",
+                commented
+                    .map_or(String::new(), |at| format!(": the header in line {at} begins with #, take the # away"))
+            )));
+        }
         let mut slots = Vec::new();
         for (k, name) in names.iter().enumerate() {
             let name = &column_name(name);
@@ -314,7 +321,7 @@ impl Recording {
             if !slots.contains(&slot) {
                 return Err(BadInput(format!(
                     "line {line}: the column {name} is missing; a recording needs time_s, fx_hz, fy_hz, fz_hz, rate_x_dph, rate_y_dph, rate_z_dph{}",
-                    why_missing(&name, names, commented)
+                    why_missing(&name, names)
                 )));
             }
         }
@@ -517,10 +524,7 @@ fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
 }
 
 /// What the header shows of why a column is missing.
-fn why_missing(wanted: &str, names: &[&str], commented: Option<usize>) -> String {
-    if let Some(line) = commented {
-        return format!(" (the header in line {line} begins with #: take the # away)");
-    }
+fn why_missing(wanted: &str, names: &[&str]) -> String {
     if let Some(near) = names.iter().find(|n| n.eq_ignore_ascii_case(wanted)) {
         return format!(" (there is {near}: names are written in small letters)");
     }
@@ -528,9 +532,6 @@ fn why_missing(wanted: &str, names: &[&str], commented: Option<usize>) -> String
         if one.contains('|') || one.split_whitespace().count() > 2 {
             return " (put commas, semicolons or tabs between the cells)".into();
         }
-    }
-    if names.iter().all(|n| n.parse::<f64>().is_ok()) {
-        return " (this line holds numbers: the header with the names of the columns is missing)".into();
     }
     String::new()
 }
