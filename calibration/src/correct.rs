@@ -23,7 +23,7 @@ use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::{Config, StepFrequencies};
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_path::{corrected_dph, Staged};
-use hrg_core::status::unit;
+use hrg_core::status::{axis, unit};
 use hrg_core::{AXES, MODEL_STEP_S};
 use std::fmt::Write as _;
 
@@ -105,8 +105,15 @@ impl From<&Housekeeping> for Second {
     }
 }
 
-/// The seconds of a run under a calibration, as a unit computes them from these frequencies and raw rates. A unit's counters are not
-/// in a recording: status bits that come of them alone (edge errors, link, dropped frames) are not set.
+/// Status bits of an axis that come of counters, which a recording does not hold.
+const COUNTED: u8 = axis::EDGE_ERRORS;
+
+/// Those of the unit.
+const COUNTED_BY_UNIT: u8 =
+    unit::CONVERTER_FAULT | unit::BIAS_LATE | unit::LINK_ERRORS | unit::FRAMES_DROPPED | unit::WATCHDOG_RESET;
+
+/// The seconds of a run under a calibration, as a unit computes them from these frequencies and raw rates. Status bits that come
+/// of a unit's counters alone (edge errors, link, dropped frames) are not set.
 #[must_use]
 pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
     let age_s = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
@@ -147,7 +154,8 @@ pub struct Corrected {
     pub notes: Vec<String>,
 }
 
-/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too.
+/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too. What a unit's counters said is taken over
+/// from the status columns, where the recording has them.
 ///
 /// # Errors
 /// Corrected rates, times that do not increase, no rows.
@@ -156,6 +164,7 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
         return Err(crate::BadInput::new("the rates are corrected already; take the raw recording"));
     }
     let mut r = r.clone();
+    let counted: Vec<(f64, [u8; 4])> = r.time_s.iter().copied().zip(std::mem::take(&mut r.status)).collect();
     r.order()?;
     let (steps, there) = Steps::as_seen(&r)?;
     let mut notes = r.notes;
@@ -171,7 +180,15 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
             "{gaps} seconds have no row: up to {BRIDGE_S:.0} s, frequencies there are taken from a straight line; the unit saw others, and its biases after them may differ"
         ));
     }
-    let seconds = correct(calibration, &steps).into_iter().zip(there).filter(|(_, t)| *t).map(|(s, _)| s).collect();
+    let mut seconds = correct(calibration, &steps);
+    for (time_s, status) in counted {
+        let at = ((time_s - steps.start_s) / f64::from(MODEL_STEP_S)).round();
+        if let Some(s) = seconds.get_mut(at as usize).filter(|_| at >= 0.0) {
+            let masks = [COUNTED, COUNTED, COUNTED, COUNTED_BY_UNIT];
+            s.status.iter_mut().zip(status).zip(masks).for_each(|((to, from), mask)| *to |= from & mask);
+        }
+    }
+    let seconds = seconds.into_iter().zip(there).filter(|(_, t)| *t).map(|(s, _)| s).collect();
     Ok(Corrected { seconds, notes })
 }
 
@@ -240,7 +257,6 @@ mod tests {
     use super::*;
     use crate::simulate::{Plan, Profile};
     use hrg_core::bias::Coefficients;
-    use hrg_core::status::axis;
 
     fn block() -> Calibration {
         let mut c = Calibration::uncalibrated();

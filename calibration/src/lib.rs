@@ -17,6 +17,7 @@
 //! | Allan deviation | [`allan`] |
 //! | self-alignment | [`align`] |
 //! | a unit on a port; recordings from it; its log; its screen | [`mod@unit`], [`record`], [`mod@log`], [`monitor`] |
+//! | sensors beside a unit, live or from a chamber's log | [`sensors`], [`merge`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -33,6 +34,7 @@ pub mod lag;
 pub mod laws;
 pub mod log;
 pub mod lsq;
+pub mod merge;
 pub mod metadata;
 pub mod methods;
 pub mod monitor;
@@ -42,6 +44,7 @@ pub mod points;
 pub mod record;
 pub mod recording;
 pub mod run;
+pub mod sensors;
 pub mod simulate;
 pub mod stats;
 pub mod trace;

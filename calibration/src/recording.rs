@@ -47,11 +47,16 @@ pub struct Recording {
     pub rate_dph: [Vec<f64>; 3],
     /// Optional columns that are there, in the order of [`OPTIONAL`]; NaN where missing.
     pub optional: Vec<(&'static str, Vec<f64>)>,
+    /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
+    pub status: Vec<[u8; 4]>,
     /// What was found on the way: one sentence each.
     pub notes: Vec<String>,
     /// Earth rate that was taken off the rates of each axis, deg/h. A file holds it: [`Recording::to_csv`] adds it again.
     pub earth_rate_dph: Option<[f64; 3]>,
 }
+
+/// Columns of a unit's status.
+const STATUS: [&str; 4] = ["status_x", "status_y", "status_z", "status_unit"];
 
 /// Beginnings of columns that a unit's recording has beside those that a fit uses.
 const FROM_UNIT: [&str; 5] = ["temperature_", "bias_", "status_", "raw_", "corrected_"];
@@ -291,8 +296,11 @@ impl Recording {
                 return Err(BadInput(format!("line {line}, column {}: {name} is there twice; remove one", k + 1)));
             }
             let axis = AXIS_NAMES.iter().position(|a| name.get(1..2) == Some(a) || name.get(5..6) == Some(a));
+            let status = STATUS.iter().position(|s| s == name);
             let slot = if *name == "time_s" {
                 Slot::Time
+            } else if let Some(k) = status {
+                Slot::Status { k, first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })) }
             } else if let (Some(a), true) = (axis, name.len() == 5 && name.starts_with('f') && name.ends_with("_hz")) {
                 Slot::Frequency(a)
             } else if let (Some(a), true) =
@@ -334,6 +342,14 @@ impl Recording {
             Slot::Frequency(a) => self.frequency_hz[a].push(value),
             Slot::Rate(a) => self.rate_dph[a].push(value),
             Slot::Optional(k) => self.optional[k].1.push(value),
+            Slot::Status { k, first } => {
+                if first {
+                    self.status.push([0; 4]);
+                }
+                if let Some(row) = self.status.last_mut() {
+                    row[k] = value as u8;
+                }
+            }
             Slot::Ignored => {}
         }
     }
@@ -542,6 +558,11 @@ enum Slot {
     Frequency(usize),
     Rate(usize),
     Optional(usize),
+    /// Of an axis or the unit; the first such column of the file.
+    Status {
+        k: usize,
+        first: bool,
+    },
     Ignored,
 }
 

@@ -742,6 +742,7 @@ impl Plan {
                 frequency_hz,
                 rate_dph: rate,
                 optional,
+                status: Vec::new(),
                 notes: Vec::new(),
                 // As a file with it is after reading: the file has it.
                 earth_rate_dph: Some(self.attitude.earth_rate_dph()),

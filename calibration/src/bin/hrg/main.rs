@@ -3,6 +3,7 @@
 mod chamber;
 mod correct;
 mod facts;
+mod merge;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -149,9 +150,8 @@ enum Command {
         /// The firmware that made a raw stream.
         #[arg(long)]
         elf: Option<PathBuf>,
-        /// Name of the unit, where the log does not tell.
-        #[arg(long)]
-        unit: Option<String>,
+        #[command(flatten)]
+        facts: chamber::RecordArguments,
         /// Stop after so many rows.
         #[arg(long)]
         seconds: Option<u64>,
@@ -189,30 +189,11 @@ enum Command {
     /// Watch a unit: temperatures, rates, biases, status, link, soak, remaining time.
     ///
     /// Example: hrg monitor --port /dev/ttyUSB0 --profile cycle
-    Monitor {
-        /// Serial port of the link.
-        #[arg(long)]
-        port: String,
-        /// Chamber profile that runs since power-on, named or written out: for the remaining time.
-        #[arg(long)]
-        profile: Option<String>,
-        /// Print the screen once, as text, after so many seconds of the unit.
-        #[arg(long)]
-        snapshot: Option<u32>,
-        /// Record meanwhile, as hrg record does.
-        #[arg(long)]
-        out: Option<PathBuf>,
-    },
+    Monitor(chamber::MonitorArguments),
     /// Burn a calibration into a unit, read it back and see that the unit runs it.
     ///
     /// Example: hrg burn cal.toml --port /dev/ttyUSB0
-    Burn {
-        /// The calibration.
-        calibration: PathBuf,
-        /// Serial port of the link.
-        #[arg(long)]
-        port: String,
-    },
+    Burn(chamber::BurnArguments),
     /// Read the calibrations in a unit.
     ///
     /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
@@ -283,6 +264,10 @@ enum Command {
         #[command(flatten)]
         facts: FactsArguments,
     },
+    /// Put columns of a chamber's own log into a recording, by time.
+    ///
+    /// Example: hrg merge run.csv --with chamber.csv --time Time=iso --columns chamber_c=PT100 --out merged.csv
+    Merge(merge::Arguments),
     /// Correct a recording as the unit does, on the desktop: row for row what it would send.
     ///
     /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
@@ -388,9 +373,9 @@ fn run(command: Command) -> Result<()> {
         Command::Compare { recordings, verify, methods, seed, out, board } => {
             compare_methods(&recordings, &verify, methods, seed, &out, board)
         }
-        Command::Record { port, defmt, elf, unit, seconds, out } => match (port, defmt) {
-            (Some(port), _) => chamber::record_port(&port, &out, seconds),
-            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, unit.as_deref()),
+        Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
+            (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
+            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, &facts),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
         Command::Profile { wanted, check, profile } => chamber_profile(&wanted, &check, profile.as_deref()),
@@ -430,11 +415,10 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Monitor { port, profile, snapshot, out } => {
-            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot, out.as_deref())
-        }
+        Command::Monitor(arguments) => chamber::monitor(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
-        Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
+        Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
         Command::Align { recording, filter, first_azimuth, seed, out } => {
             let r = align::Recording::load(&recording)?;
