@@ -140,8 +140,8 @@ pub struct Agreed {
 ///
 /// # Errors
 /// [`Disagreement`] of scale factors, or of what was done about the earth's rate.
-pub fn agree<'a>(recordings: impl IntoIterator<Item = &'a Recording> + Clone) -> Result<Agreed, Disagreement> {
-    let all = || recordings.clone().into_iter();
+pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
+    let all = || recordings.iter().copied();
     let mut notes = Vec::new();
     let mut scales = all().filter_map(Recording::scale_factor);
     let first = scales.next();
@@ -186,7 +186,8 @@ pub fn fits(c: &Calibration, r: &Recording, different_units: bool) -> Result<Vec
             }
         }
         _ => {
-            notes.push("the recording or the calibration names no unit: nothing shows that they belong together".into())
+            notes
+                .push("the recording or the calibration names no unit: nothing shows that they belong together".into());
         }
     }
     let image = c.scale_factors_dph_per_code();
@@ -250,13 +251,13 @@ mod tests {
 
     #[test]
     fn what_nobody_knows_is_noted_and_what_differs_refused() {
-        let notes = agree(&[recording(&[])]).expect("one agrees with itself").notes.join("\n");
+        let notes = agree(&[&recording(&[])]).expect("one agrees with itself").notes.join("\n");
         assert!(notes.contains("2^23") && notes.contains("15.04") && notes.contains("--unit"), "{notes}");
         let all = [("unit", "A"), ("earth_rate", "removed"), (SCALE_FACTOR, "0.01 0.01 0.01")];
-        assert_eq!(agree(&[recording(&all)]).expect("known").notes, Vec::<String>::new());
+        assert_eq!(agree(&[&recording(&all)]).expect("known").notes, Vec::<String>::new());
         let [mut a, b] = [recording(&all), recording(&all[..1])];
-        assert_eq!(agree([&a, &b]), Err(Disagreement::EarthRate));
+        assert_eq!(agree(&[&a, &b]), Err(Disagreement::EarthRate));
         a.set_meta(SCALE_FACTOR, "0.02 0.02 0.02");
-        assert!(matches!(agree(&[a, recording(&all)]), Err(Disagreement::Scales(_, _))));
+        assert!(matches!(agree(&[&a, &recording(&all)]), Err(Disagreement::Scales(_, _))));
     }
 }

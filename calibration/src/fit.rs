@@ -54,7 +54,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
             other.unit()
         )));
     }
-    let agreed = facts::agree(recordings)?;
+    let agreed = facts::agree(&recordings.iter().collect::<Vec<_>>())?;
     let laws::Identified { laws, reference, lag_s } = laws::from_steps(&steps)?;
     match reference {
         laws::Reference::Case => notes.push(format!(

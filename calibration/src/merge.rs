@@ -270,7 +270,7 @@ impl Log {
             let values = columns
                 .iter()
                 .zip(&wanted.columns)
-                .map(|(c, (_, theirs))| value(cell(*c)).ok_or_else(|| (theirs, *c)))
+                .map(|(c, (_, theirs))| value(cell(*c)).ok_or((theirs, *c)))
                 .collect::<Result<Vec<_>, _>>()
                 .map_err(|(column, c)| MergeError::Value {
                     line: number,

@@ -165,7 +165,32 @@ impl Sensors {
                 }
             });
         }
-        Ok(Self { lines, stop, waiting: VecDeque::new(), last_s: 0.0, readings: 0, bad: 0, first_bad: None })
+        Ok(Self::new(lines, stop))
+    }
+
+    fn new(lines: Receiver<Result<Reading, String>>, stop: Arc<AtomicBool>) -> Self {
+        Self { lines, stop, waiting: VecDeque::new(), last_s: 0.0, readings: 0, bad: 0, first_bad: None }
+    }
+
+    /// Reads a whole file, for a recording that is made of a log: each line must tell its time.
+    ///
+    /// # Errors
+    /// Where it cannot be read, or a line cannot.
+    pub fn of_file(path: &str) -> Result<Self, BadInput> {
+        let bytes = crate::read_file(Path::new(path), crate::MOST_RECORDING, true)?;
+        let (mut lines, mut sensors) = (Lines::default(), Self::new(channel().1, Arc::default()));
+        for (k, line) in String::from_utf8_lossy(&bytes).lines().enumerate() {
+            let bad = |e: &dyn std::fmt::Display| BadInput::new(format!("{path}: line {}: {e}", k + 1));
+            let Some(reading) = lines.take(line).map_err(|e| bad(&e))? else { continue };
+            if reading.time_s.is_none() {
+                return Err(bad(
+                    &"time_s is missing; beside a log, sensors need the time since the unit's power-on (or use hrg merge)",
+                ));
+            }
+            sensors.readings += 1;
+            sensors.waiting.push_back(reading);
+        }
+        Ok(sensors)
     }
 
     /// The values that belong to the row of a time (s since the unit's power-on), C; NaN where none came since the row before.

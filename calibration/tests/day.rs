@@ -269,3 +269,94 @@ fn a_corrected_recording_is_what_the_unit_would_send() {
     assert!(refused(&d, "correct b.csv --calibration r.json --out e.csv").contains("not a calibration"));
     assert!(refused(&d, "correct nowhere.csv --calibration cal.toml --out e.csv").contains("cannot read nowhere.csv"));
 }
+
+#[test]
+fn a_chambers_own_log_is_merged_by_time() {
+    let d = folder("merge");
+    ok(&d, "simulate --profile fast --out run.csv");
+    let text = read(&d, "run.csv");
+    // What a unit alone records: no sensor but its own; and the time of its power-on.
+    let r = Recording::parse(text.as_bytes()).expect("readable");
+    let mut bare = String::from("# unit: SIM-1\n# power_on_unix_s: 1795255200.5\ntime_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,status_x\n");
+    for k in 0..r.time_s.len() {
+        let [f, g, h] = [0, 1, 2].map(|a: usize| r.frequency_hz[a][k]);
+        let [x, y, z] = [0, 1, 2].map(|a: usize| r.rate_dph[a][k]);
+        bare += &format!("{},{f},{g},{h},{x},{y},{z},128\n", r.time_s[k]);
+    }
+    write(&d, "bare.csv", &bare);
+    // The chamber's log: another dialect, each ten seconds, local time of UTC+8, a degree sign in its own encoding.
+    let mut log = b"Chamber 7, \xB0C\r\nDatum;Luft;G1;G2;G3\r\n".to_vec();
+    let column = |name: &str, k: usize| format!("{:.3}", r.column(name).expect("simulated")[k]).replace('.', ",");
+    for k in (0..r.time_s.len()).step_by(10).filter(|k| !(1000..1200).contains(k)) {
+        let t = 36_000 + 8 * 3600 + k as u64 + 1;
+        let cells = ["chamber_c", "case_x_c", "case_y_c", "case_z_c"].map(|c| column(c, k)).join(";");
+        log.extend(format!("21.11.2026 {:02}:{:02}:{:02},5;{cells}\r\n", t / 3600, t / 60 % 60, t % 60).into_bytes());
+    }
+    std::fs::write(d.join("log.csv"), log).expect("written");
+    let arguments = "merge bare.csv --with log.csv --time Datum=%d.%m.%Y_%H:%M:%S%.f --offset -28800 --out m.csv --columns chamber__c=Luft,case__x__c=G1,case__y__c=G2,shell__z__c=G3";
+    let e = refused(&d, arguments);
+    assert!(e.contains("log.csv") && e.contains("is not a time of the form"), "a decimal comma within a time: {e}");
+    let log = std::fs::read(d.join("log.csv")).expect("there");
+    let log: Vec<u8> = String::from_utf8_lossy(&log).replace(",5;", ".5;").into_bytes();
+    std::fs::write(d.join("log.csv"), log).expect("written");
+    let said = ok(&d, arguments);
+    assert!(said.contains("1 gaps") && said.contains("chamber_c: a value in "), "{said}");
+    let merged = read(&d, "m.csv");
+    assert!(merged.contains("# merged: chamber_c case_x_c case_y_c case_z_c from log.csv"));
+    let m = Recording::parse(merged.as_bytes()).expect("a recording");
+    assert_eq!((&m.time_s, &m.frequency_hz, m.status.len()), (&r.time_s, &r.frequency_hz, r.time_s.len()));
+    for name in ["chamber_c", "case_x_c", "case_z_c"] {
+        let (merged, truth) = (m.column(name).expect("merged"), r.column(name).expect("simulated"));
+        let empty = merged.iter().filter(|v| v.is_nan()).count();
+        assert!((180..230).contains(&empty), "{name}: {empty} cells in the gap and at the end are empty");
+        let off = merged.iter().zip(truth).map(|(a, b)| (a - b).abs()).filter(|d| d.is_finite()).fold(0.0, f64::max);
+        assert!(off < 0.1, "{name}: off by {off} C");
+    }
+    // With it the temperatures are those of the cases; without, of a law that was shifted.
+    assert!(ok(&d, "fit m.csv --out m.toml").contains("follow their cases"));
+    assert!(ok(&d, "fit bare.csv --out b.toml").contains("no temperature sensor"));
+    assert!(refused(&d, &arguments.replace("bare.csv", "m.csv")).contains("values in chamber_c already"));
+    let e = refused(&d, &arguments.replace(" --offset -28800", ""));
+    assert!(e.contains("do not overlap") && e.contains("--offset"), "{e}");
+    assert!(refused(&d, &arguments.replace("Datum", "Zeit")).contains("no column Zeit"));
+    assert!(refused(&d, &arguments.replace("bare.csv", "log.csv")).contains("log.csv: "));
+}
+
+#[test]
+fn a_log_gives_what_it_knows_and_takes_the_rest_from_the_user() {
+    let d = folder("log");
+    let line = |k: u32| {
+        format!("{k}.06 INFO  t={k}000 f=4898.6,4890.6,4702.3 T=6,5,5 dT=0,0,0 b=0,0,0 raw=1,2,3 status=00,00,00,00 cal=0a no=1 made=0 mode=0\n")
+    };
+    let body: String = (1..200).map(line).collect();
+    let boot =
+        |name: &str| format!("0.01 INFO  hrg firmware 0.1.0: unit {name}, calibration 0000000a no. 1, status 00\n");
+    write(&d, "named.log", &(boot("HRG-9") + &body));
+    write(&d, "fresh.log", &(boot("default") + &body));
+    write(&d, "sensors.txt", "time_s,case_x_c\n2,20\n50,21.5\n300,22\n");
+    let all = format!("--latitude -33.9 {NED} --scale-factor 0.01,0.01,-0.01");
+    ok(&d, &format!("record --defmt fresh.log --unit HRG-042 {all} --case-sensors sensors.txt --out a.csv"));
+    let text = read(&d, "a.csv");
+    for line in [
+        "# unit: HRG-042",
+        "# latitude_deg: -33.9",
+        "# axes: x=north y=east z=down",
+        "# scale_factor_dph_per_code: 0.01 0.01 -0.01",
+    ] {
+        assert!(text.contains(line), "{line}");
+    }
+    assert!(!text.contains("power_on_unix_s"), "a log that lies about has no clock");
+    let r = Recording::load(&d.join("a.csv")).expect("a recording");
+    let x = r.column("case_x_c").expect("recorded");
+    let there: Vec<_> = x.iter().enumerate().filter(|(_, v)| v.is_finite()).collect();
+    assert_eq!(there, [(1, &20.0), (49, &21.5)], "each in the row of its time");
+    write(&d, "late.txt", "case_x_c=20\n");
+    let e = refused(&d, "record --defmt fresh.log --case-sensors late.txt --out no.csv");
+    assert!(e.contains("late.txt: line 1: time_s is missing") && e.contains("hrg merge"), "{e}");
+    ok(&d, "record --defmt fresh.log --out b.csv");
+    assert!(read(&d, "b.csv").contains("# unit: unnamed"));
+    ok(&d, "record --defmt named.log --unit HRG-9 --out c.csv");
+    let e = refused(&d, "record --defmt named.log --unit HRG-042 --out d.csv");
+    assert!(e.contains("the unit is HRG-9, --unit says HRG-042") && !d.join("d.csv").exists(), "{e}");
+    assert!(refused(&d, "record --defmt named.log --latitude 3 --out d.csv").contains("without axes"));
+}

@@ -86,7 +86,7 @@ pub fn compare(
     mut progress: impl FnMut(&str),
 ) -> anyhow::Result<Comparison> {
     let prepared = fit::prepare(train)?;
-    facts::agree(train.iter().chain(verify)).map_err(BadInput::from)?;
+    facts::agree(&train.iter().chain(verify).collect::<Vec<_>>()).map_err(BadInput::from)?;
     let steps = verify
         .iter()
         .map(|r| {

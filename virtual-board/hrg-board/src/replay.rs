@@ -8,6 +8,7 @@ use hrg_cal::log::Decoder;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::status::unit;
 use std::path::{Path, PathBuf};
@@ -81,18 +82,33 @@ pub struct Outcome {
     pub wall_s: f64,
 }
 
-/// Where the firmware ELF lies after a build.
+/// Where the firmware ELF lies in the folder that cargo builds into.
+const ELF: &str = "thumbv7em-none-eabihf/firmware/firmware";
+
+/// Where the firmware ELF lies after a build: in the folder of builds that this program lies in, else in that of the source it was
+/// built from.
 #[must_use]
 pub fn default_elf() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf/firmware/firmware")
+    let beside = std::env::current_exe().ok().and_then(|exe| {
+        // PROFILE/hrg-board, or PROFILE/deps/a_test.
+        exe.ancestors().skip(2).take(2).map(|folder| folder.join(ELF)).find(|p| p.is_file())
+    });
+    beside.unwrap_or_else(|| {
+        Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).join("target").join(ELF)
+    })
 }
 
 /// Reads the ELF.
 ///
 /// # Errors
 /// Where it has not been built.
-pub fn read_elf(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}; build it with: cargo xtask build", path.display()))
+pub fn read_elf(path: &Path) -> Result<Vec<u8>, BadInput> {
+    std::fs::read(path).map_err(|e| {
+        BadInput::new(format!(
+            "cannot read the firmware {}: {e}; build it with `cargo xtask build` in the project's folder, or give another with --elf",
+            path.display()
+        ))
+    })
 }
 
 /// Plays `steps` into the ELF with `calibration` in its flash (`None`: an empty sector). `progress` is told the

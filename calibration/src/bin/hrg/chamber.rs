@@ -45,13 +45,14 @@ pub struct RecordArguments {
 }
 
 impl RecordArguments {
-    /// A recorder with all of it but the unit's own part.
-    fn recorder(&self, out: &Path) -> Result<Recorder> {
+    /// A recorder with all of it but the unit's own part. `live`: the unit runs now.
+    fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
         let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
         let mut recorder = Recorder::new(out, unit.unwrap_or(""));
         recorder.head.attitude = self.place.attitude()?;
         recorder.head.scale_factor = self.scale_factor()?;
-        recorder.sensors = self.case_sensors.as_deref().map(Sensors::open).transpose()?;
+        let sensors = if live { Sensors::open } else { Sensors::of_file };
+        recorder.sensors = self.case_sensors.as_deref().map(sensors).transpose()?;
         Ok(recorder)
     }
 
@@ -80,7 +81,7 @@ struct Recording<'a> {
 
 impl<'a> Recording<'a> {
     fn start(unit: &mut Unit, port: &str, out: &Path, arguments: &'a RecordArguments) -> Result<Self> {
-        let mut recorder = arguments.recorder(out)?;
+        let mut recorder = arguments.recorder(out, true)?;
         recorder.head.live = true;
         let identity = unit.identity()?;
         let mut r = Self { arguments, port: port.into(), recorder, identity };
@@ -211,7 +212,7 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, arguments: &Record
         Box::new(f)
     };
     let mut reader = std::io::BufReader::new(from);
-    let mut recorder = arguments.recorder(out)?;
+    let mut recorder = arguments.recorder(out, log == Path::new("-"))?;
     let mut take = |line: &str| -> Result<()> {
         if let Some(name) = unit_in_log(line) {
             let own = Some(name).filter(|n| !names::is_unnamed(n));

@@ -327,7 +327,7 @@ fn run(command: Command) -> Result<()> {
         Command::Trace { train, verify, out, html, calibration, facts } => {
             let train = facts.load(&train)?;
             let verify = facts.load(&[verify])?.remove(0);
-            hrg_cal::facts::agree(train.iter().chain([&verify])).map_err(BadInput::from)?;
+            hrg_cal::facts::agree(&train.iter().chain([&verify]).collect::<Vec<_>>()).map_err(BadInput::from)?;
             let mut t = trace::trace(&train, &verify)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
             if let Some(path) = html {
