@@ -1,5 +1,5 @@
 //! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
-//! ([`correct`]). Between the two stand [`crate::methods`] and [`crate::trace`].
+//! ([`correct()`]). Between the two stand [`crate::methods`] and [`crate::trace`].
 
 use crate::recording::Recording;
 use crate::run::{Run, Steps};

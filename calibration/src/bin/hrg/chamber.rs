@@ -297,7 +297,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     bar.finish_and_clear();
     let after = match after {
         Ok(after) => after,
-        Err(e) if e.begun => return Err(with_what_it_holds(&mut unit, port, e.why)),
+        Err(e) if e.begun => return Err(with_what_it_holds(&mut unit, port, &e.why)),
         Err(e) => return Err(e.why.context(port.clone())),
     };
     println!(
@@ -336,7 +336,7 @@ fn ask_for_a_name(identity: &Identity, c: &Calibration) -> Result<Option<String>
 }
 
 /// Why a burn failed, and what the unit holds now: asked from the unit.
-fn with_what_it_holds(unit: &mut Unit, port: &str, why: anyhow::Error) -> anyhow::Error {
+fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyhow::Error {
     let held = match unit.held(HELD_WITHIN) {
         Ok(held) => held.to_string(),
         Err(e) => format!("the unit does not answer ({e:#}): what it holds is not known until hrg read asks it"),
