@@ -1,5 +1,6 @@
 //! The documented day through the real link: the program `hrg` against the virtual board, from a fresh unit on.
 
+use host_tests::program;
 use hrg_board::replay::{self, Options};
 use hrg_board::serve;
 use hrg_board::wires::{AxisFault, WireFaults};
@@ -14,7 +15,7 @@ use hrg_core::status::axis;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, OnceLock};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 fn elf() -> Vec<u8> {
@@ -26,21 +27,6 @@ fn folder(name: &str) -> PathBuf {
     let _ = std::fs::remove_dir_all(&p);
     std::fs::create_dir_all(&p).expect("a temporary folder");
     p
-}
-
-/// A program, built by the profile of this test and lying beside it.
-fn program(package: &str, name: &str) -> PathBuf {
-    let here = std::env::current_exe().expect("this test");
-    let folder = here.ancestors().nth(2).expect("target/PROFILE/deps");
-    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-    let _guard = ONE_AT_A_TIME.lock();
-    let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["build", "--quiet", "--locked", "--package", package, "--bin", name]);
-    if folder.ends_with("release") {
-        cargo.arg("--release");
-    }
-    assert!(cargo.current_dir(env!("CARGO_MANIFEST_DIR")).status().expect("cargo runs").success());
-    folder.join(name)
 }
 
 fn command(folder: &Path, arguments: &str) -> Command {

@@ -352,7 +352,8 @@ fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyho
 /// `hrg read`.
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     let (identity, sectors) = Unit::open(port)?.read()?;
-    println!("unit {}, running block {:08x}, number {}", identity.unit_name(), identity.calibration, identity.sequence);
+    let name = name_of(&identity).map_or("without a name".to_string(), |n| n.to_string());
+    println!("unit {name}, running block {:08x}, number {}", identity.calibration, identity.sequence);
     let mut running = None;
     for (name, sector) in ["A", "B"].iter().zip(sectors) {
         match sector {
