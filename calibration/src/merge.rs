@@ -143,7 +143,7 @@ impl Format {
                 })
                 .ok(),
         }
-        .filter(|t: &f64| t.is_finite())
+        .filter(|t: &f64| t.abs() < 1e13)
     }
 
     /// Whether its seconds count from 1970.
@@ -389,7 +389,7 @@ fn beside(plain: &str, source: &str, added: &[(&str, Vec<f64>)]) -> String {
     let mut row = 0;
     for line in plain.lines() {
         let line = line.trim_end_matches('\r');
-        if line.starts_with('#') || line.trim().is_empty() {
+        if line.trim_start().starts_with('#') || line.trim().is_empty() {
             out.push_str(line);
         } else if let Some(there) = &there {
             let mut cells: Vec<String> = line.split(',').map(String::from).collect();

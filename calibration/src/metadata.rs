@@ -110,6 +110,7 @@ impl Lines {
     /// # Errors
     /// A known key whose value differs from one before, or that has no colon.
     pub fn take(&mut self, line: usize, text: &str) -> Result<(), MetadataError> {
+        let text = text.trim_start_matches(['#', ' ', '\t']);
         let Some(at) = text.find([':', '=']) else {
             if text.contains("time_s") {
                 self.commented_header.get_or_insert(line);
@@ -165,7 +166,7 @@ pub fn check(entries: &[(String, String)]) -> Result<(), MetadataError> {
     if let Some(unit) = get("rate_unit").filter(|u| *u != "deg/h") {
         return Err(MetadataError::RateUnit(unit.into()));
     }
-    one_of("rates", &["raw", "corrected"], "raw or corrected (in small letters)")?;
+    one_of("rates", &["raw", "corrected"], "raw or corrected, in small letters")?;
     one_of("earth_rate", &["removed"], "removed; leave the line out where the rates hold the earth's rate")?;
     one_of(
         "thermometer",
@@ -190,14 +191,14 @@ fn number(key: &'static str, value: &str, wanted: &'static str) -> Result<f64, M
 /// Three scale factors, deg/h per code, separated by blanks or commas.
 ///
 /// # Errors
-/// Anything else; a scale factor is neither zero nor beyond 1e7.
+/// Anything else; the magnitude of a scale factor lies between 1e-9 and 1e7.
 pub fn scale_factor(text: &str) -> Result<[f32; AXES], MetadataError> {
     let bad = || MetadataError::Value {
         key: SCALE_FACTOR,
         value: text.into(),
-        wanted: "three numbers other than zero, deg/h per code of x, y and z",
+        wanted: "three numbers of 1e-9 to 1e7, deg/h per code of x, y and z (negative: the sign of the channel)",
     };
-    let possible = |v: &f32| v.is_finite() && *v != 0.0 && v.abs() <= 1e7;
+    let possible = |v: &f32| (1e-9..=1e7).contains(&v.abs());
     let numbers: Vec<f32> = text
         .split([' ', ','])
         .filter(|s| !s.is_empty())
@@ -358,6 +359,7 @@ mod tests {
             (&[" unit: A", " unit: B"][..], "metadata unit: line 1 and line 2 differ"),
             (&[" scale_factor_dph_per_code: 1 2"][..], "three numbers"),
             (&[" scale_factor_dph_per_code: 1 0 1"][..], "three numbers"),
+            (&[" scale_factor_dph_per_code: 1 1e-40 1"][..], "three numbers"),
             (&[" rate_unit: rad/s"][..], "convert the rates to deg/h"),
             (&[" hrg-recording: 3"][..], "version 3"),
             (&[" earth_rate: yes"][..], "earth_rate"),
@@ -375,6 +377,7 @@ mod tests {
             " unit: HRG-7",
             " Power-on_s: 3",
             " note: a = b: c",
+            "## rates: raw",
             " gap: no data from 1 to 2 s",
             " gap: no data from 3 to 4 s",
             " a comment",
@@ -382,7 +385,7 @@ mod tests {
         ])
         .expect("usable");
         let of = |k: &str| e.iter().find(|(n, _)| n == k).map(|(_, v)| v.as_str());
-        assert_eq!((of("unit"), of("power_on_s")), (Some("HRG-7"), Some("3")));
+        assert_eq!((of("unit"), of("power_on_s"), of("rates")), (Some("HRG-7"), Some("3"), Some("raw")));
         assert_eq!(of(SCALE_FACTOR).map(scale_factor), Some(Ok([0.01, 0.02, -0.03])));
         assert_eq!(e.iter().filter(|(k, _)| k == "unit").count(), 1);
     }

@@ -194,7 +194,7 @@ impl Recording {
             let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
             rest = after;
             let line = line.trim_end_matches('\r');
-            if let Some(meta) = line.strip_prefix('#') {
+            if let Some(meta) = line.trim_start().strip_prefix('#') {
                 metadata.take(number, meta)?;
             } else if line.trim().is_empty() {
             } else if let Some(slots) = &header {

@@ -165,9 +165,10 @@ fn metadata_that_cannot_be_used_are_refused() {
     ok(&d, "simulate --profile 20,5m --out run.csv");
     let text = read(&d, "run.csv");
     for (from, to, says) in [
-        ("# rates: raw", "# rates: Corrected", "\"Corrected\" is not raw or corrected"),
+        ("# rates: raw", "# rates: Corrected", "\"Corrected\" is not raw or corrected, in small letters"),
         ("# rates: raw", "# rates: raw\n# Rates: corrected", "differ"),
         ("# rates: raw", "# rates = corrected", "is written with \"=\""),
+        ("# rates: raw", "  ## rates: Raw", "\"Raw\" is not raw"),
         ("x=north", "X=north", "\"X=north\" names no axis"),
         ("x=north", "x=forward", "\"x=forward\" names no direction"),
         ("# power_on_s: 0", "# power_on_s: abc", "\"abc\" is not a time in seconds"),

@@ -104,7 +104,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         assert!(said.contains("no name yet") && said.contains("without --latitude"), "{said}");
         assert!(text(&d, "nameless.csv").contains("# unit: unnamed\n"));
         assert!(refused(&d, "record --port link --unit HRG_042 --seconds 2 --out no.csv").contains("no blanks"));
-        ok(&d, &format!("record --port link --unit HRG-042 {place} --seconds 260 --out a.csv"));
+        ok(&d, &format!("record --port link --unit HRG-042 {place} --seconds 200 --out a.csv"));
         let head = text(&d, "a.csv");
         for line in [
             "# unit: HRG-042",
@@ -129,7 +129,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
     });
     // The name stays when the power goes.
     power(&d, 30.0, || {
-        ok(&d, &format!("record --port link {place} --seconds 250 --out again.csv"));
+        ok(&d, &format!("record --port link {place} --seconds 200 --out again.csv"));
         let again = text(&d, "again.csv");
         assert!(again.contains("# unit: HRG-042\n") && !again.contains("# calibration: 00000000"));
         let e = refused(&d, "record --port link --unit HRG-7 --seconds 2 --out no.csv");
@@ -153,7 +153,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         assert!(e.contains("0.008583069") && e.contains("0.01 0.01 0.01") && e.contains("--new-scale-factor"), "{e}");
         let said = ok(&d, "burn scaled.toml --port link --new-scale-factor");
         assert!(said.contains("number 3") && said.contains("0.01 0.01 0.01"), "{said}");
-        ok(&d, &format!("record --port link {place} --seconds 250 --out scaled.csv"));
+        ok(&d, &format!("record --port link {place} --seconds 200 --out scaled.csv"));
         assert!(text(&d, "scaled.csv").contains("# scale_factor_dph_per_code: 0.01 0.01 0.01\n"));
         ok(&d, "fit scaled.csv --out kept.toml");
         assert!(refused(&d, "correct scaled.csv --calibration cal.toml --out no.csv").contains("scale factor"));
@@ -215,23 +215,34 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
     ok(&d, "burn one.toml --port link --unit HRG-7");
     let took = start.elapsed();
     board.off();
-    // The second looks at the sector in use first (a third of a burn), then erases, writes and reads back.
-    let board = Board::on(&d, speed);
-    let burning = command(&d, "burn two.toml --port link").stderr(Stdio::piped()).spawn().expect("hrg runs");
-    std::thread::sleep(took.mul_f64(0.9));
-    board.off();
-    let board = Board::on(&d, "2");
-    let o = burning.wait_with_output().expect("ends");
-    let said = String::from_utf8_lossy(&o.stderr).into_owned();
-    assert!(!o.status.success() && said.contains("the port is gone"), "{said}");
-    let running = ok(&d, "read --port link");
-    board.off();
-    let after = |word: &str| {
-        running.split(word).nth(1).map(|s| s.chars().take_while(|c| c.is_alphanumeric()).collect::<String>())
-    };
-    let (image, number) = (after("running block ").expect("an image"), after(", number ").expect("a number"));
-    let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; sector A holds");
-    assert!(said.contains(&wanted) && said.contains("; sector B ") && said.contains("restart"), "{said} - {running}");
+    // The next ones look at the sector in use first (a third of a burn), then erase, write and read back. A busy machine may be done
+    // before it is cut, or not have begun: then once more.
+    let mut cut = 0;
+    for share in [0.9, 0.7, 1.1, 0.5, 1.3, 0.9] {
+        let board = Board::on(&d, speed);
+        let burning = command(&d, "burn two.toml --port link").stderr(Stdio::piped()).stdout(Stdio::null()).spawn();
+        std::thread::sleep(took.mul_f64(share));
+        board.off();
+        let board = Board::on(&d, "2");
+        let o = burning.expect("hrg runs").wait_with_output().expect("ends");
+        let said = String::from_utf8_lossy(&o.stderr).into_owned();
+        let running = ok(&d, "read --port link");
+        board.off();
+        if o.status.success() || !said.contains("; asked now, ") {
+            continue;
+        }
+        let after = |word: &str| -> String {
+            running.split(word).nth(1).unwrap_or("").chars().take_while(|c| c.is_alphanumeric()).collect()
+        };
+        let (image, number) = (after("running block "), after(", number "));
+        let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; sector A ");
+        assert!(said.contains("the port is gone") && said.contains(&wanted), "{said} - {running}");
+        let then = said.contains("a restart changes nothing") || said.contains("from its next start on");
+        assert!(said.contains("; sector B ") && then, "{said}");
+        cut += 1;
+        break;
+    }
+    assert_eq!(cut, 1, "no burn was cut in six");
 }
 
 #[test]
@@ -245,6 +256,9 @@ fn sensors_beside_the_unit_are_recorded() {
                 .spawn()
                 .expect("hrg runs");
         use std::io::Write;
+        while !d.join("run.csv").exists() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
         let mut file = std::fs::File::options().append(true).open(d.join("sensors.txt")).expect("there");
         for k in 0..14 {
             std::thread::sleep(Duration::from_millis(300));

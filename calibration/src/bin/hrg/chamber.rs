@@ -352,7 +352,7 @@ fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyho
 /// `hrg read`.
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     let (identity, sectors) = Unit::open(port)?.read()?;
-    let name = name_of(&identity).map_or("without a name".to_string(), |n| n.to_string());
+    let name = name_of(&identity).unwrap_or("without a name");
     println!("unit {name}, running block {:08x}, number {}", identity.calibration, identity.sequence);
     let mut running = None;
     for (name, sector) in ["A", "B"].iter().zip(sectors) {
