@@ -80,7 +80,7 @@ mod tests {
     #[test]
     fn each_reason_has_its_sentence() {
         let train = run("fast", 1);
-        let laws = prepare(&[train.clone()]).expect("prepares").calibration.axes.map(|a| a.law);
+        let laws = prepare(std::slice::from_ref(&train)).expect("prepares").calibration.axes.map(|a| a.law);
         let judge = |r: &Recording| require(&Run::new(Steps::new(r).expect("steps"), laws), "the run");
         assert!(judge(&train).is_ok());
         let says = |r: &Recording, words: &str| {

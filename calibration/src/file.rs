@@ -50,7 +50,9 @@ struct FileAxis {
     valid_to_c: f32,
     valid_from_c_per_min: f32,
     valid_to_c_per_min: f32,
-    rate_scale_dph_per_code: f32,
+    /// (`rate_scale_dph_per_code` in files of older programs.)
+    #[serde(alias = "rate_scale_dph_per_code")]
+    scale_factor_dph_per_code: f32,
     #[serde(skip_serializing_if = "Option::is_none")]
     bias_dph: Option<[f32; TERMS]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -119,7 +121,7 @@ pub fn to_text(c: &Calibration) -> String {
                     valid_to_c: a.law.max_c,
                     valid_from_c_per_min: a.rate_range_c_per_min[0],
                     valid_to_c_per_min: a.rate_range_c_per_min[1],
-                    rate_scale_dph_per_code: a.rate_scale_dph,
+                    scale_factor_dph_per_code: a.scale_factor_dph_per_code,
                     bias_dph: None,
                     bias_cooling_dph: None,
                     bias_heating_dph: None,
@@ -230,7 +232,7 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
                 min_c: x.valid_from_c,
                 max_c: x.valid_to_c,
             },
-            rate_scale_dph: x.rate_scale_dph_per_code,
+            scale_factor_dph_per_code: x.scale_factor_dph_per_code,
             rate_range_c_per_min: [x.valid_from_c_per_min, x.valid_to_c_per_min],
             coefficients,
             coefficient_std: x.bias_std_dph,

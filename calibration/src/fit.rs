@@ -1,15 +1,14 @@
 //! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
-//! ([`correct`]). Between the two stand [`crate::methods`] and [`crate::trace`].
+//! ([`correct()`]). Between the two stand [`crate::methods`] and [`crate::trace`].
 
 use crate::evidence;
 use crate::independence::{self, Units};
-use crate::laws;
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
 use crate::BadInput;
+use crate::{correct, facts, laws, names};
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
-use hrg_core::compensator::Compensator;
 use hrg_core::AXES;
 
 /// Seconds of a mean: the field's figure is three sigma of 100 s means.
@@ -60,14 +59,15 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
     let all: Vec<&Recording> = recordings.iter().collect();
     notes.extend(independence::same_unit(&all, units)?);
+    let agreed = facts::agree(&all)?;
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
     let laws::Identified { laws, reference, lag_s } = laws::from_steps(&steps)?;
     match reference {
-        laws::Reference::Shell => notes.push(format!(
-            "the resonators follow their shells with time constants of {:.0}, {:.0} and {:.0} s",
+        laws::Reference::Case => notes.push(format!(
+            "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
             lag_s[0], lag_s[1], lag_s[2]
         )),
-        laws::Reference::Chamber => notes.push("no shell sensor: temperatures are referred to the chamber".into()),
+        laws::Reference::Chamber => notes.push("no case sensor: temperatures are referred to the chamber".into()),
         laws::Reference::Implausible => notes.push(
             "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
         ),
@@ -76,12 +76,20 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         }
     }
     let mut calibration = Calibration::uncalibrated();
-    calibration.set_unit_name(first.unit());
+    if first.unit() != names::NONE {
+        let kept = names::kept(first.unit());
+        if kept != first.unit() {
+            notes.push(format!("the unit's name {} does not fit: the calibration calls it {kept}", first.unit()));
+        }
+        calibration.set_unit_name(&kept);
+    }
     calibration.calibrated = true;
     calibration.data_hash = data_hash(recordings);
-    for (axis, law) in calibration.axes.iter_mut().zip(laws) {
+    for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
         axis.law = law;
+        axis.scale_factor_dph_per_code = scale;
     }
+    notes.extend(agreed.notes);
     let (low, high) =
         laws.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), l| (a.min(l.min_c), b.max(l.max_c)));
     calibration.scaling = Scaling {
@@ -145,23 +153,14 @@ pub fn baseline_columns(run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>>
     columns
 }
 
-/// Corrects a run with a calibration, by the unit's own code: corrected rate of each step.
-///
-/// Here the bias of a step is taken off the rate of the same step, as in the fit; the unit, which cannot wait,
-/// takes it off the second that follows. At 5 C per minute and 0.1 deg/h per C that is 0.008 deg/h.
+/// Corrects a run with a calibration as the unit does: corrected rate of each step, under the bias that held in it
+/// ([`mod@crate::correct`]). NaN in the first, which had none yet.
 #[must_use]
 pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
-    let offset = steps.start_s - steps.power_on_s - f64::from(hrg_core::MODEL_STEP_S);
-    let mut compensator = Compensator::new(calibration.clone(), offset as f32);
-    let mut out = [0, 1, 2].map(|_| Vec::with_capacity(steps.len()));
-    for k in 0..steps.len() {
-        let f = [0, 1, 2].map(|a: usize| Some(steps.frequency_hz[a][k]).filter(|f| f.is_finite()));
-        let o = compensator.step(&f);
-        for a in 0..AXES {
-            out[a].push(steps.rate_dph[a][k] - f64::from(o.bias_dph[a]));
-        }
-    }
-    out
+    let seconds = correct::correct(calibration, steps);
+    [0, 1, 2].map(|a: usize| {
+        seconds.iter().enumerate().map(|(k, s)| if k == 0 { f64::NAN } else { f64::from(s.corrected_dph[a]) }).collect()
+    })
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 
 use crate::recording::Recording;
 use crate::run::Steps;
-use crate::BadInput;
+use crate::{names, BadInput};
 use realfft::RealFftPlanner;
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -33,26 +33,22 @@ pub enum Units {
     Different,
 }
 
-/// Refuses runs of different units, unless `units` allows them. Gives a note where that was allowed, or where a run names no
-/// unit, so that nobody can tell.
+/// Refuses runs of different units, unless `units` allows them; then a note says so. A run that names no unit may be of any
+/// ([`crate::facts::agree`] says so).
 ///
 /// # Errors
 /// One sentence that names two of them.
 pub fn same_unit(recordings: &[&Recording], units: Units) -> Result<Option<String>, BadInput> {
-    let named: Vec<(&&Recording, &str)> = recordings.iter().filter_map(|r| r.meta("unit").map(|u| (r, u))).collect();
-    if let Some((first, other)) = named.first().and_then(|f| named.iter().find(|n| n.1 != f.1).map(|n| (f, n))) {
-        let pair = format!("{} is of unit {}, {} of unit {}", called(first.0), first.1, called(other.0), other.1);
-        return match units {
-            Units::Same => Err(BadInput::new(format!(
-                "the recordings are of different units ({pair}): a calibration belongs to one unit; --different-units if you mean it"
-            ))),
-            Units::Different => Ok(Some(format!("the recordings are of different units: {pair}"))),
-        };
+    let mut named = recordings.iter().filter(|r| r.unit() != names::NONE);
+    let Some(first) = named.next() else { return Ok(None) };
+    let Some(other) = named.find(|r| r.unit() != first.unit()) else { return Ok(None) };
+    let pair = format!("{} is of unit {}, {} of unit {}", called(first), first.unit(), called(other), other.unit());
+    match units {
+        Units::Same => Err(BadInput::new(format!(
+            "the recordings are of different units ({pair}): a calibration belongs to one unit; --different-units if you mean it"
+        ))),
+        Units::Different => Ok(Some(format!("the recordings are of different units: {pair}"))),
     }
-    let unnamed = recordings.len() - named.len();
-    Ok((unnamed > 0).then(|| {
-        format!("{unnamed} of {} recordings name no unit: nothing shows that they belong together", recordings.len())
-    }))
 }
 
 /// How two recordings overlap.
@@ -108,7 +104,7 @@ fn windows(r: &Recording, keep: u64) -> Vec<(u64, usize)> {
         .map(|k| {
             let mut h = DefaultHasher::new();
             for &a in &axes {
-                let v = r.rate_dph[a][k] + r.earth_rate_dph[a];
+                let v = r.rate_dph[a][k] + r.earth_rate_dph.map_or(0.0, |e| e[a]);
                 // A value that is missing or was taken out says nothing.
                 (if v.is_finite() { (v / SAME_DPH).round() as i64 } else { i64::MIN }).hash(&mut h);
             }
@@ -269,7 +265,8 @@ mod tests {
         let mut other = r.clone();
         other.time_s.iter_mut().for_each(|t| *t += 5000.0);
         other.rate_dph[0].iter_mut().for_each(|v| *v -= 7.520_533_5);
-        other.earth_rate_dph[0] = 7.520_533_5;
+        let own = r.earth_rate_dph.unwrap_or_default();
+        other.earth_rate_dph = Some([own[0] + 7.520_533_5, own[1], own[2]]);
         assert!(shared(&r, &other).is_some());
     }
 

@@ -1,7 +1,7 @@
 //! Thermal lag from a chamber step (zhao2022): how a resonator follows its surroundings.
 //!
 //! `T_res = T_0 + K lag(T_in - T_in0, tau)`, the first-order lag `K / (tau s + 1)`, with the recorded chamber (or
-//! shell) temperature as input, so that a chamber which takes minutes for its step does no harm. `tau` is searched, `K`,
+//! case) temperature as input, so that a chamber which takes minutes for its step does no harm. `tau` is searched, `K`,
 //! `T_0` and the state at the start are linear. Where a second lag in series explains clearly more, it is given as well.
 //!
 //! With it, the resonator's temperature can be predicted where no frequency is at hand.
@@ -18,7 +18,7 @@ pub enum Input {
     /// The chamber's sensor.
     Chamber,
     /// The sensor on the gyro's case.
-    Shell,
+    Case,
 }
 
 /// A first-order lag, or two in series.
@@ -170,7 +170,7 @@ fn search(mut cost: impl FnMut(f64) -> f64) -> f64 {
 pub fn input_of(run: &Run, a: usize, input: Input) -> Option<Vec<f64>> {
     let column = match input {
         Input::Chamber => &run.steps.chamber_c,
-        Input::Shell => &run.steps.shell_c[a],
+        Input::Case => &run.steps.case_c[a],
     };
     (column.iter().filter(|x| x.is_finite()).count() * 2 > run.steps.len())
         .then(|| column.iter().map(|x| f64::from(*x)).collect())
@@ -209,7 +209,7 @@ pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
     let mut out = Vec::new();
     for a in 0..AXES {
         let name =
-            if input == Input::Chamber { "chamber_c".to_string() } else { format!("shell_{}_c", crate::AXIS_NAMES[a]) };
+            if input == Input::Chamber { "chamber_c".to_string() } else { format!("case_{}_c", crate::AXIS_NAMES[a]) };
         let u = input_of(run, a, input).ok_or_else(|| {
             BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
         })?;
@@ -266,8 +266,8 @@ mod tests {
         let laws = prepare(&[cycle]).expect("prepares").calibration.axes.map(|a| a.law);
         let step = Plan::of(Profile::parse("lag").expect("named"), 3, 5).simulate().recording;
         let run = Run::new(crate::run::Steps::new(&step).expect("long enough"), laws);
-        let shell = identify(&run, Input::Shell).expect("a step");
-        for (r, tau) in shell.iter().zip([694.0, 655.0, 741.0]) {
+        let case = identify(&run, Input::Case).expect("a step");
+        for (r, tau) in case.iter().zip([694.0, 655.0, 741.0]) {
             // Self-heating, which builds up in the first hour, is not part of the model.
             assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
             assert!((r.first_order.gain - 1.0).abs() < 0.05, "{:?}", r.first_order);
@@ -284,8 +284,8 @@ mod tests {
     #[test]
     fn a_lost_frequency_is_predicted() {
         let run = run("fast");
-        let r = &identify(&run, Input::Shell).expect("ramps do as well")[0];
-        let u = input_of(&run, 0, Input::Shell).expect("recorded");
+        let r = &identify(&run, Input::Case).expect("ramps do as well")[0];
+        let u = input_of(&run, 0, Input::Case).expect("recorded");
         let truth = resonator(&run, 0);
         let at = 1200;
         let predicted = r.first_order.predict(&u[at..], Some(truth[at]));

@@ -11,8 +11,8 @@ use hrg_core::AXES;
 /// Where the laws come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
-    /// Shell sensors of the recording.
-    Shell,
+    /// Case sensors of the recording.
+    Case,
     /// The chamber's sensor.
     Chamber,
     /// No sensor was recorded: the laws of dong2023's Table 1, shifted so that the mean frequency of the run
@@ -108,7 +108,7 @@ pub struct Identified {
 
 /// The three laws from the sensors of one or several runs.
 ///
-/// A resonator follows its shell through a first-order lag (zhao2022: 694 s), so on a ramp of 1 C per minute it
+/// A resonator follows its case through a first-order lag (zhao2022: 694 s), so on a ramp of 1 C per minute it
 /// is 11 C behind. Fitting `T(f)` to the sensor as it stands would bend the law. So the sensor is lagged first, by
 /// the time constant that leaves the least residual. Rows are weighted evenly over temperature (bins of two
 /// degrees), so that a soak does not outweigh the ramps.
@@ -117,8 +117,8 @@ pub struct Identified {
 /// Where the run spans too little temperature.
 pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     let has = |v: &[f32]| v.iter().filter(|x| x.is_finite()).count() > 100;
-    let reference = if runs.iter().all(|s| s.shell_c.iter().all(|v| has(v))) {
-        Reference::Shell
+    let reference = if runs.iter().all(|s| s.case_c.iter().all(|v| has(v))) {
+        Reference::Case
     } else if runs.iter().all(|s| has(&s.chamber_c)) {
         Reference::Chamber
     } else {
@@ -142,8 +142,8 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             *law = shifted(law, low, high);
         } else {
             let sensor = |s: &Steps| -> Vec<f32> {
-                if reference == Reference::Shell {
-                    s.shell_c[a].clone()
+                if reference == Reference::Case {
+                    s.case_c[a].clone()
                 } else {
                     s.chamber_c.clone()
                 }

@@ -2,13 +2,15 @@
 //!
 //! | step | module |
 //! |---|---|
-//! | recordings in and out, and what is wrong with them | [`recording`] |
+//! | recordings in and out, and what is wrong with them | [`recording`], [`metadata`], [`dialect`] |
+//! | names of units; what a user says of one beside its recordings | [`names`], [`facts`] |
 //! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
 //! | least squares | [`lsq`] |
 //! | how a resonator follows its surroundings | [`lag`] |
 //! | frequency to temperature; static points | [`laws`], [`points`] |
 //! | before and after every fit | [`fit`] |
 //! | enough data behind a figure; runs that are independent | [`evidence`], [`independence`] |
+//! | what a unit sends, computed on the desktop | [`mod@correct`] |
 //! | coefficients, by the methods of the sources | [`methods`] |
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
@@ -16,6 +18,7 @@
 //! | Allan deviation | [`allan`] |
 //! | self-alignment | [`align`] |
 //! | a unit on a port; recordings from it; its log; its screen | [`mod@unit`], [`record`], [`mod@log`], [`monitor`] |
+//! | sensors beside a unit, live or from a chamber's log | [`sensors`], [`merge`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -23,7 +26,10 @@
 
 pub mod align;
 pub mod allan;
+pub mod correct;
+pub mod dialect;
 pub mod evidence;
+pub mod facts;
 pub mod file;
 pub mod fit;
 pub mod independence;
@@ -31,13 +37,17 @@ pub mod lag;
 pub mod laws;
 pub mod log;
 pub mod lsq;
+pub mod merge;
+pub mod metadata;
 pub mod methods;
 pub mod monitor;
+pub mod names;
 pub mod plot;
 pub mod points;
 pub mod record;
 pub mod recording;
 pub mod run;
+pub mod sensors;
 pub mod simulate;
 pub mod stats;
 pub mod trace;
@@ -75,7 +85,15 @@ pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode
 /// # Errors
 /// As [`recording::Recording::load`].
 pub fn load_recording(path: &std::path::Path) -> anyhow::Result<recording::Recording> {
-    let r = recording::Recording::load(path)?;
+    load_recording_with(path, &facts::Facts::default())
+}
+
+/// The same, with what a user says of the unit.
+///
+/// # Errors
+/// As [`recording::Recording::load`], and where the recording says otherwise.
+pub fn load_recording_with(path: &std::path::Path, facts: &facts::Facts) -> anyhow::Result<recording::Recording> {
+    let r = recording::Recording::load_with(path, |r| facts.apply(r))?;
     for note in &r.notes {
         eprintln!("{}: {note}", path.display());
     }

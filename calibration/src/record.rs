@@ -1,6 +1,8 @@
 //! A recording from a unit as it runs: from housekeeping on the link, or from the log alone. Both give the same rows.
 
-use crate::{BadInput, AXIS_NAMES};
+use crate::metadata::{scale_text, Attitude, SCALE_FACTOR};
+use crate::sensors::{self, Sensors};
+use crate::{names, BadInput, AXIS_NAMES};
 use anyhow::{Context, Result};
 use hrg_core::link::Housekeeping;
 use std::fmt::Write as _;
@@ -93,11 +95,49 @@ const WRAP_MS: u64 = 3_600_000;
 /// Seconds without a row that are called a gap.
 const GAP_MS: u32 = 2500;
 
+/// What a recording says of the unit.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Head {
+    /// Its name; empty where it has none.
+    pub unit: String,
+    /// How it stands.
+    pub attitude: Option<Attitude>,
+    /// The scale factor that makes its rates, deg/h per code.
+    pub scale_factor: Option<[f32; 3]>,
+    /// The rows come as the unit makes them: this machine's clock tells when it was powered on.
+    pub live: bool,
+}
+
+impl Head {
+    /// The metadata lines.
+    fn text(&self, first: &Second) -> String {
+        let mut s = String::new();
+        let unit = if self.unit.is_empty() { names::NONE } else { &self.unit };
+        let _ = writeln!(s, "# hrg-recording: 1\n# unit: {unit}\n# run: recorded from the unit");
+        let _ =
+            writeln!(s, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0", first.calibration);
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        if self.live {
+            let _ = writeln!(s, "# power_on_unix_s: {:.3}", now.as_secs_f64() - f64::from(first.time_ms) / 1000.0);
+        }
+        if let Some(attitude) = &self.attitude {
+            let _ = writeln!(s, "# latitude_deg: {}\n# axes: {}", attitude.latitude_deg, attitude.axes_text());
+        }
+        if let Some(scale) = &self.scale_factor {
+            let _ = writeln!(s, "# {SCALE_FACTOR}: {}", scale_text(scale));
+        }
+        s
+    }
+}
+
 /// Writes a recording row by row: the file is whole at any moment.
 #[derive(Debug)]
 pub struct Recorder {
     base: PathBuf,
-    unit: String,
+    /// What the next file's head says.
+    pub head: Head,
+    /// Sensors beside the unit.
+    pub sensors: Option<Sensors>,
     file: Option<(std::fs::File, PathBuf)>,
     /// Bytes in it.
     length: u64,
@@ -118,7 +158,8 @@ impl Recorder {
     pub fn new(path: &Path, unit: &str) -> Self {
         Self {
             base: path.to_path_buf(),
-            unit: unit.into(),
+            head: Head { unit: unit.into(), ..Head::default() },
+            sensors: None,
             file: None,
             length: 0,
             last: None,
@@ -127,11 +168,6 @@ impl Recorder {
             rows: 0,
             gaps: 0,
         }
-    }
-
-    /// The name to put into the next file's head.
-    pub fn set_unit(&mut self, unit: &str) {
-        self.unit = unit.into();
     }
 
     /// The file being written.
@@ -159,13 +195,7 @@ impl Recorder {
                 _ => format!("cannot write {}: {e}", path.display()),
             })
         })?;
-        let mut head = String::new();
-        let _ = writeln!(head, "# hrg-recording: 1\n# unit: {}\n# run: recorded from the unit", self.unit);
-        let _ = writeln!(
-            head,
-            "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0",
-            second.calibration
-        );
+        let mut head = self.head.text(second);
         head.push_str("time_s");
         for (before, after) in
             [("f", "_hz"), ("rate_", "_dph"), ("temperature_", "_c"), ("bias_", "_dph"), ("status_", "")]
@@ -174,7 +204,11 @@ impl Recorder {
                 let _ = write!(head, ",{before}{a}{after}");
             }
         }
-        head.push_str(",status_unit\n");
+        head.push_str(",status_unit");
+        if self.sensors.is_some() {
+            sensors::COLUMNS.iter().for_each(|c| head.extend([",", c]));
+        }
+        head.push('\n');
         self.file = Some((file, path));
         self.length = 0;
         self.append(&head)
@@ -235,6 +269,9 @@ impl Recorder {
         }
         for s in second.status {
             let _ = write!(row, ",{s}");
+        }
+        for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
+            cell(&mut row, v, v.is_finite());
         }
         row.push('\n');
         self.append(&row)?;

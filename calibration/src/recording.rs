@@ -4,15 +4,16 @@
 //! lenient about content: missing values, gaps, times that repeat or go back, spikes and stuck values are found,
 //! counted, reported in [`Recording::notes`], and taken out; never silently used.
 
-use crate::{BadInput, AXIS_NAMES};
+use crate::metadata::{self, Attitude};
+use crate::{dialect, names, BadInput, AXIS_NAMES};
 use std::fmt::Write as _;
 use std::path::Path;
 
 /// Optional columns that are kept, by name.
 pub const OPTIONAL: [&str; 12] = [
-    "shell_x_c",
-    "shell_y_c",
-    "shell_z_c",
+    "case_x_c",
+    "case_y_c",
+    "case_z_c",
     "chamber_c",
     "board_c",
     "supply_v",
@@ -24,8 +25,14 @@ pub const OPTIONAL: [&str; 12] = [
     "quad_z_v",
 ];
 
-/// Earth rate, deg/h.
-pub const EARTH_RATE_DPH: f64 = 15.041_067;
+/// What older files call some of them.
+const FORMER: [(&str, &str); 3] = [("shell_x_c", "case_x_c"), ("shell_y_c", "case_y_c"), ("shell_z_c", "case_z_c")];
+
+/// The name that a column has today.
+#[must_use]
+pub fn column_name(name: &str) -> &str {
+    FORMER.iter().find(|(former, _)| *former == name).map_or(name, |(_, today)| today)
+}
 
 /// Why a value was taken out of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -77,15 +84,20 @@ pub struct Recording {
     pub rate_dph: [Vec<f64>; 3],
     /// Optional columns that are there, in the order of [`OPTIONAL`]; NaN where missing.
     pub optional: Vec<(&'static str, Vec<f64>)>,
+    /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
+    pub status: Vec<[u8; 4]>,
     /// What was found on the way: one sentence each.
     pub notes: Vec<String>,
     /// What was taken out, by column and kind.
     pub cleaned: Vec<Cleaned>,
     /// Where it was read from; empty where it was not read from a file.
     pub source: String,
-    /// Earth rate that was taken off the rates of each axis, deg/h.
-    pub earth_rate_dph: [f64; 3],
+    /// Earth rate that was taken off the rates of each axis, deg/h. A file holds it: [`Recording::to_csv`] adds it again.
+    pub earth_rate_dph: Option<[f64; 3]>,
 }
+
+/// Columns of a unit's status.
+const STATUS: [&str; 4] = ["status_x", "status_y", "status_z", "status_unit"];
 
 /// Beginnings of columns that a unit's recording has beside those that a fit uses.
 const FROM_UNIT: [&str; 5] = ["temperature_", "bias_", "status_", "raw_", "corrected_"];
@@ -125,10 +137,30 @@ impl Recording {
         self.optional.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_slice())
     }
 
-    /// Name of the unit.
+    /// Name of the unit; [`names::NONE`] where the file does not tell, or the unit had none.
     #[must_use]
     pub fn unit(&self) -> &str {
-        self.meta("unit").unwrap_or("unnamed")
+        self.meta("unit").filter(|n| !names::is_unnamed(n)).unwrap_or(names::NONE)
+    }
+
+    /// Scale factor that made the rates of the ADC's codes, deg/h per code; `None` where the file does not tell.
+    #[must_use]
+    pub fn scale_factor(&self) -> Option<[f32; 3]> {
+        self.meta(metadata::SCALE_FACTOR).and_then(|v| metadata::scale_factor(v).ok())
+    }
+
+    /// Whether the rates are free of the earth's rate.
+    #[must_use]
+    pub fn without_earth_rate(&self) -> bool {
+        self.earth_rate_dph.is_some() || self.meta("earth_rate") == Some("removed")
+    }
+
+    /// Sets a metadata value.
+    pub fn set_meta(&mut self, key: &str, value: &str) {
+        match self.meta.iter_mut().find(|(k, _)| k == key) {
+            Some((_, v)) => *v = value.into(),
+            None => self.meta.push((key.into(), value.into())),
+        }
     }
 
     /// Time of power-on on the recording's own clock, s.
@@ -148,32 +180,50 @@ impl Recording {
     /// # Errors
     /// [`BadInput`] with path, line and column.
     pub fn load(path: &Path) -> anyhow::Result<Self> {
-        let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
-        let mut r = Self::parse(&bytes).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
-        r.clean().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
-        r.source = path.display().to_string();
-        Ok(r)
+        Self::load_with(path, |_| Ok(()))
     }
 
-    /// Reads the text of a recording, as it is.
+    /// Reads a file, lets `edit` change what it says, and cleans it.
+    ///
+    /// # Errors
+    /// [`BadInput`] with path, line and column.
+    pub fn load_with(path: &Path, edit: impl FnOnce(&mut Self) -> Result<(), BadInput>) -> anyhow::Result<Self> {
+        let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
+        let read = || -> Result<Self, BadInput> {
+            let mut r = Self::parse(&bytes)?;
+            edit(&mut r)?;
+            r.clean()?;
+            r.source = path.display().to_string();
+            Ok(r)
+        };
+        Ok(read().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?)
+    }
+
+    /// Reads the text of a recording, as it is. Other dialects than plain CSV are read as [`dialect`] says.
     ///
     /// # Errors
     /// A sentence with line and column.
     pub fn parse(bytes: &[u8]) -> Result<Self, BadInput> {
+        let text = utf8(bytes)?;
+        if !dialect::is_plain(text) {
+            return Self::parse_plain(&dialect::plain(text)?);
+        }
+        match Self::parse_plain(text) {
+            // Quoted further down: the header does not tell.
+            Err(_) if text.contains('"') => Self::parse_plain(&dialect::plain(text)?),
+            result => result,
+        }
+    }
+
+    fn parse_plain(text: &str) -> Result<Self, BadInput> {
         let bad = |s: String| Err(BadInput(s));
-        let text = match std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)) {
-            Ok(t) => t,
-            Err(e) => {
-                let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
-                return bad(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"));
-            }
-        };
         let mut out = Self::default();
         let mut header: Option<Vec<Slot>> = None;
         let mut names: Vec<&str> = Vec::new();
+        let mut metadata = metadata::Lines::default();
         let mut missing = Vec::new();
         let mut first_missing = None;
-        let rows_guess = bytes.len() / 80;
+        let rows_guess = text.len() / 80;
         let (mut rest, mut number) = (text, 0);
         while let Some(first) = rest.bytes().next() {
             number += 1;
@@ -186,17 +236,15 @@ impl Recording {
             let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
             rest = after;
             let line = line.trim_end_matches('\r');
-            if let Some(meta) = line.strip_prefix('#') {
-                if let Some((key, value)) = meta.split_once(':') {
-                    out.meta.push((key.trim().to_string(), value.trim().to_string()));
-                }
+            if let Some(meta) = line.trim_start().strip_prefix('#') {
+                metadata.take(number, meta)?;
             } else if line.trim().is_empty() {
             } else if let Some(slots) = &header {
                 let row = Row { line: number, slots, names: &names };
                 out.row(row, line, &mut missing, &mut first_missing)?;
             } else {
                 names = line.split(',').map(str::trim).collect();
-                header = Some(out.slots(&names, number, rows_guess)?);
+                header = Some(out.slots(&names, number, rows_guess, metadata.commented_header)?);
                 missing = vec![0usize; names.len()];
             }
         }
@@ -206,11 +254,8 @@ impl Recording {
         if out.time_s.is_empty() {
             return bad("there is a header but no row of data; record something".into());
         }
-        if let Some(unit) = out.meta("rate_unit") {
-            if unit != "deg/h" {
-                return bad(format!("rate_unit is {unit}; convert the rates to deg/h and say so"));
-            }
-        }
+        metadata::check(&metadata.entries)?;
+        out.meta = metadata.entries;
         if let Some((line, column, name)) = first_missing {
             let total: usize = missing.iter().sum();
             out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
@@ -259,8 +304,14 @@ impl Recording {
             }
         }
         if cells != row.slots.len() {
+            // A decimal comma makes two cells of one.
+            let commas = if cells > row.slots.len() {
+                " (numbers with decimal commas need semicolons between the cells)"
+            } else {
+                ""
+            };
             return Err(BadInput(format!(
-                "line {} has {cells} cells, the header has {}; mend or remove the line",
+                "line {} has {cells} cells, the header has {}; mend or remove the line{commas}",
                 row.line,
                 row.slots.len()
             )));
@@ -268,15 +319,32 @@ impl Recording {
         Ok(&text[at..])
     }
 
-    fn slots(&mut self, names: &[&str], line: usize, rows: usize) -> Result<Vec<Slot>, BadInput> {
+    fn slots(
+        &mut self,
+        names: &[&str],
+        line: usize,
+        rows: usize,
+        commented: Option<usize>,
+    ) -> Result<Vec<Slot>, BadInput> {
+        if names.iter().all(|n| n.parse::<f64>().is_ok()) {
+            return Err(BadInput(format!(
+                "line {line} holds numbers where the header should be, the names of the columns{}",
+                commented
+                    .map_or(String::new(), |at| format!(": the header in line {at} begins with #, take the # away"))
+            )));
+        }
         let mut slots = Vec::new();
         for (k, name) in names.iter().enumerate() {
-            if names[..k].contains(name) {
+            let name = &column_name(name);
+            if names[..k].iter().any(|n| column_name(n) == *name) {
                 return Err(BadInput(format!("line {line}, column {}: {name} is there twice; remove one", k + 1)));
             }
             let axis = AXIS_NAMES.iter().position(|a| name.get(1..2) == Some(a) || name.get(5..6) == Some(a));
+            let status = STATUS.iter().position(|s| s == name);
             let slot = if *name == "time_s" {
                 Slot::Time
+            } else if let Some(k) = status {
+                Slot::Status { k, first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })) }
             } else if let (Some(a), true) = (axis, name.len() == 5 && name.starts_with('f') && name.ends_with("_hz")) {
                 Slot::Frequency(a)
             } else if let (Some(a), true) =
@@ -304,7 +372,8 @@ impl Recording {
         for (slot, name) in wanted {
             if !slots.contains(&slot) {
                 return Err(BadInput(format!(
-                    "line {line}: the column {name} is missing; a recording needs time_s, fx_hz, fy_hz, fz_hz, rate_x_dph, rate_y_dph, rate_z_dph"
+                    "line {line}: the column {name} is missing; a recording needs time_s, fx_hz, fy_hz, fz_hz, rate_x_dph, rate_y_dph, rate_z_dph{}",
+                    why_missing(&name, names)
                 )));
             }
         }
@@ -317,6 +386,14 @@ impl Recording {
             Slot::Frequency(a) => self.frequency_hz[a].push(value),
             Slot::Rate(a) => self.rate_dph[a].push(value),
             Slot::Optional(k) => self.optional[k].1.push(value),
+            Slot::Status { k, first } => {
+                if first {
+                    self.status.push([0; 4]);
+                }
+                if let Some(row) = self.status.last_mut() {
+                    row[k] = value as u8;
+                }
+            }
             Slot::Ignored => {}
         }
     }
@@ -325,11 +402,11 @@ impl Recording {
         self.frequency_hz.iter_mut().chain(&mut self.rate_dph).chain(self.optional.iter_mut().map(|(_, v)| v))
     }
 
-    /// Takes out what cannot be true, and notes it.
+    /// Takes out rows whose time is missing, repeats, goes back or is far ahead, and notes it.
     ///
     /// # Errors
     /// Where more than half of the rows would have to go, or fewer than two are left.
-    pub fn clean(&mut self) -> Result<(), BadInput> {
+    pub fn order(&mut self) -> Result<(), BadInput> {
         let rows = self.time_s.len();
         // Rows whose time is missing, repeats or goes back.
         let mut keep = vec![true; rows];
@@ -380,6 +457,15 @@ impl Recording {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// Takes out what cannot be true, and notes it.
+    ///
+    /// # Errors
+    /// As [`Recording::order`]; and where more than half of the values of a channel would have to go.
+    pub fn clean(&mut self) -> Result<(), BadInput> {
+        self.order()?;
         let step = self.step_s();
         let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
         if gaps > 0 {
@@ -435,59 +521,29 @@ impl Recording {
 
     /// Takes the earth-rate components of the stated attitude off the rates, where latitude and axes are given.
     fn remove_earth_rate(&mut self) -> Result<(), BadInput> {
-        if self.meta("earth_rate") == Some("removed") {
+        if self.without_earth_rate() {
             return Ok(());
         }
-        let (Some(latitude), Some(axes)) = (self.meta("latitude_deg"), self.meta("axes")) else {
+        let Some(attitude) = Attitude::of(self.meta("latitude_deg"), self.meta("axes"))? else {
             return Ok(());
         };
-        let latitude: f64 =
-            latitude.parse().ok().filter(|l: &f64| l.abs() <= 90.0).ok_or_else(|| {
-                BadInput(format!("metadata latitude_deg: \"{latitude}\" is not a latitude in degrees"))
-            })?;
-        let mut parts = [0.0; 3];
-        for item in axes.split_whitespace() {
-            let (axis, direction) = item
-                .split_once('=')
-                .ok_or_else(|| BadInput(format!("metadata axes: \"{item}\" is not of the form x=north")))?;
-            let Some(a) = AXIS_NAMES.iter().position(|n| *n == axis) else {
-                continue;
-            };
-            let (s, c) = latitude.to_radians().sin_cos();
-            parts[a] = EARTH_RATE_DPH
-                * match direction {
-                    "north" => c,
-                    "south" => -c,
-                    "up" => s,
-                    "down" => -s,
-                    "east" | "west" => 0.0,
-                    other => {
-                        return Err(BadInput(format!(
-                            "metadata axes: \"{other}\" is no direction; use north, south, east, west, up or down"
-                        )))
-                    }
-                };
-        }
+        let parts = attitude.earth_rate_dph();
         for (column, part) in self.rate_dph.iter_mut().zip(parts) {
-            for v in column {
-                *v -= part;
-            }
+            column.iter_mut().for_each(|v| *v -= part);
         }
-        self.earth_rate_dph = parts;
-        self.meta.push(("earth_rate".into(), "removed".into()));
+        self.earth_rate_dph = Some(parts);
         Ok(())
     }
 
     /// Puts the earth rate back: what a unit measures has it.
     pub fn restore_earth_rate(&mut self) {
-        let parts = std::mem::take(&mut self.earth_rate_dph);
+        let parts = self.earth_rate_dph.take().unwrap_or_default();
         for (column, part) in self.rate_dph.iter_mut().zip(parts) {
             column.iter_mut().for_each(|v| *v += part);
         }
-        self.meta.retain(|(k, _)| k != "earth_rate");
     }
 
-    /// The recording as text.
+    /// The recording as text, with the earth rate in it that was taken off when it was read.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut s = String::with_capacity(self.time_s.len() * 120);
@@ -511,8 +567,8 @@ impl Recording {
             for c in &self.frequency_hz {
                 cell(&mut s, c[k], 7);
             }
-            for c in &self.rate_dph {
-                cell(&mut s, c[k], 5);
+            for (c, earth) in self.rate_dph.iter().zip(self.earth_rate_dph.unwrap_or_default()) {
+                cell(&mut s, c[k] + earth, 5);
             }
             for (_, c) in &self.optional {
                 cell(&mut s, c[k], 4);
@@ -523,12 +579,38 @@ impl Recording {
     }
 }
 
+/// The text of a file, without its byte-order mark.
+fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
+    std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)).map_err(|e| {
+        let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
+        BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
+    })
+}
+
+/// What the header shows of why a column is missing.
+fn why_missing(wanted: &str, names: &[&str]) -> String {
+    if let Some(near) = names.iter().find(|n| n.eq_ignore_ascii_case(wanted)) {
+        return format!(" (there is {near}: names are written in small letters)");
+    }
+    if let [one] = names {
+        if one.contains('|') || one.split_whitespace().count() > 2 {
+            return " (put commas, semicolons or tabs between the cells)".into();
+        }
+    }
+    String::new()
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Slot {
     Time,
     Frequency(usize),
     Rate(usize),
     Optional(usize),
+    /// Of an axis or the unit; the first such column of the file.
+    Status {
+        k: usize,
+        first: bool,
+    },
     Ignored,
 }
 
@@ -665,6 +747,9 @@ impl Scatter {
             .map(|k| (values[k] - running_median(values, k)).abs())
             .filter(|d| d.is_finite())
             .collect();
+        if off.is_empty() {
+            return None;
+        }
         // Quantised columns may have no spread at all at their median: then one step of resolution counts.
         let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
         let least = if resolution.is_finite() { resolution.max(harmless) } else { harmless };
@@ -781,6 +866,15 @@ mod tests {
     }
 
     #[test]
+    fn a_column_without_a_value_has_no_spikes() {
+        assert_eq!(remove_spikes(&mut [f64::NAN; 50], 8.0, 5e-4), 0);
+        let mut r = Recording::parse(rows(50).replace(",4900", ",nan,4900").as_bytes());
+        assert!(r.is_err(), "the cells no longer fit the header");
+        r = Recording::parse((HEAD.to_string() + &"1,,2,3,4,5,6\n".repeat(50)).as_bytes());
+        assert!(r.expect("readable").clean().is_err());
+    }
+
+    #[test]
     fn noise_that_grows_is_not_taken_for_spikes() {
         use rand::SeedableRng;
         use rand_distr::{Distribution, StandardNormal};
@@ -856,7 +950,13 @@ mod tests {
         let again = r.rate_dph.clone();
         r.remove_earth_rate().expect("fine");
         assert_eq!(again, r.rate_dph);
+        // A file holds what was measured, and reads as it did.
+        let mut twice = Recording::parse(r.to_csv().as_bytes()).expect("readable");
+        assert!((before[0] - twice.rate_dph[0][3]).abs() < 1e-5 && !twice.without_earth_rate());
+        twice.clean().expect("usable");
+        assert!((twice.rate_dph[0][3] - r.rate_dph[0][3]).abs() < 1e-5);
         r.restore_earth_rate();
+        assert!(!r.without_earth_rate());
         assert!((before[2] - r.rate_dph[2][3]).abs() < 1e-9);
     }
 }

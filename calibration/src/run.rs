@@ -22,8 +22,8 @@ pub struct Steps {
     pub frequency_hz: [Vec<f64>; AXES],
     /// Rates, deg/h; NaN where missing.
     pub rate_dph: [Vec<f64>; AXES],
-    /// Shell sensors; empty where not recorded.
-    pub shell_c: [Vec<f32>; AXES],
+    /// Case sensors; empty where not recorded.
+    pub case_c: [Vec<f32>; AXES],
     /// Chamber; empty where not recorded.
     pub chamber_c: Vec<f32>,
     /// Board; empty where not recorded.
@@ -47,18 +47,41 @@ impl Steps {
     /// # Errors
     /// Where it is too short to say anything (less than three minutes).
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
+        let steps = Self::on_grid(r)?.0;
+        if steps.len() < 180 {
+            return Err(BadInput::new(format!(
+                "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
+                steps.len() - 1
+            )));
+        }
+        Ok(steps)
+    }
+
+    /// Brings a recording to model steps as the unit saw it: a row without a frequency is a second in which the unit had none.
+    /// Only the seconds of no row are bridged, for the unit ran on in them. Gives which seconds have a row, too.
+    ///
+    /// # Errors
+    /// Where it has no rows, or spans years.
+    pub fn as_seen(r: &Recording) -> Result<(Self, Vec<bool>), BadInput> {
+        let (mut steps, index) = Self::on_grid(r)?;
+        let mut there = vec![false; steps.len()];
+        index.iter().for_each(|k| there[*k] = true);
+        for (to, from) in steps.frequency_hz.iter_mut().zip(&r.frequency_hz) {
+            let mut lost = there.clone();
+            index.iter().zip(from).filter(|(_, f)| f.is_finite()).for_each(|(k, _)| lost[*k] = false);
+            to.iter_mut().zip(lost).filter(|(_, lost)| *lost).for_each(|(f, _)| *f = f64::NAN);
+        }
+        Ok((steps, there))
+    }
+
+    /// The steps, and the step of each row.
+    fn on_grid(r: &Recording) -> Result<(Self, Vec<usize>), BadInput> {
         let (first, last) = match (r.time_s.first(), r.time_s.last()) {
             (Some(a), Some(b)) => (*a, *b),
             _ => return Err(BadInput::new("the recording has no rows")),
         };
         let step = f64::from(MODEL_STEP_S);
         let n = ((last - first) / step).round() as usize + 1;
-        if n < 180 {
-            return Err(BadInput::new(format!(
-                "the recording lasts {:.0} s; a fit needs three minutes at the least, and soaks and ramps of hours",
-                last - first
-            )));
-        }
         if n > 40_000_000 {
             return Err(BadInput::new("the recording's times span more than a year; check column time_s"));
         }
@@ -93,18 +116,19 @@ impl Steps {
             rate_dph.iter_mut().for_each(|v| spread(v, half));
         }
         let axis = |kind: &str, unit: &str| crate::AXIS_NAMES.map(|a| held(&format!("{kind}_{a}_{unit}")));
-        Ok(Self {
+        let steps = Self {
             start_s: first,
             power_on_s: r.power_on_s(),
             frequency_hz,
             rate_dph,
-            shell_c: axis("shell", "c"),
+            case_c: axis("case", "c"),
             chamber_c: held("chamber_c"),
             board_c: held("board_c"),
             supply_v: held("supply_v"),
             drive_v: axis("drive", "v"),
             quad_v: axis("quad", "v"),
-        })
+        };
+        Ok((steps, index))
     }
 
     /// Number of steps.
@@ -128,7 +152,7 @@ impl Steps {
     pub fn recorded(&self, k: usize, a: usize) -> Recorded {
         let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
         Recorded {
-            shell_c: [at(&self.shell_c[0]), at(&self.shell_c[1]), at(&self.shell_c[2])],
+            case_c: [at(&self.case_c[0]), at(&self.case_c[1]), at(&self.case_c[2])],
             board_c: at(&self.board_c),
             supply_v: at(&self.supply_v),
             drive_v: at(&self.drive_v[a]),
@@ -173,7 +197,7 @@ fn bridge(values: &mut [f64]) {
 const SMOOTH: usize = 150;
 
 /// Smooths a sensor that shows coarse steps (a DS18B20: 0.0625 C): a parabola fitted to five minutes about each
-/// value. Gentle enough for a shell with a time constant of minutes; a sensor with fine resolution is left alone.
+/// value. Gentle enough for a case with a time constant of minutes; a sensor with fine resolution is left alone.
 fn dequantise(values: &mut [f64]) {
     let pairs = values.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()).count();
     let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();

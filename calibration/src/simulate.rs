@@ -1,9 +1,10 @@
 //! A chamber run from a plant model: everything in it is simulated, and known.
 //!
-//! Chamber profile -> shell (first-order lag) -> resonator (first-order lag of 694 s, zhao2022) with self-heating
+//! Chamber profile -> case (first-order lag) -> resonator (first-order lag of 694 s, zhao2022) with self-heating
 //! -> frequency by the laws of dong2023's Table 1 -> bias by eq 7, plus effects -> rate with white, flicker and
-//! random-walk noise. The shell sensor has the steps of a DS18B20 (0.0625 C).
+//! random-walk noise, and the earth's rate of the attitude. The case sensor has the steps of a DS18B20 (0.0625 C).
 
+use crate::metadata::{self, Attitude, Direction};
 use crate::recording::Recording;
 use crate::stats::{block_means, std_dev};
 use crate::BadInput;
@@ -333,7 +334,13 @@ pub struct Plan {
     /// The profile on which the effects have the sizes wanted. Gains belong to the unit: the same unit, effects and
     /// sizing have the same gains on any other profile. `None`: the profile `cycle`.
     pub sizing: Option<Profile>,
+    /// How the unit stands: its recording holds the components of the earth's rate along its axes, and says so.
+    pub attitude: Attitude,
 }
+
+/// Where a simulated unit stands unless told otherwise.
+pub const ATTITUDE: Attitude =
+    Attitude { latitude_deg: 28.2, axes: [Direction::North, Direction::East, Direction::Down] };
 
 /// What the simulator knows and the recording does not tell.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -357,22 +364,22 @@ pub struct Simulated {
     pub truth: Truth,
 }
 
-/// Thermal lag of the resonators behind the shell, s (zhao2022: 694 s; the axes of one unit differ a little).
+/// Thermal lag of the resonators behind the case, s (zhao2022: 694 s; the axes of one unit differ a little).
 const RESONATOR_LAG_S: [f64; AXES] = [694.0, 655.0, 741.0];
-/// Lag of the shells behind the chamber, s.
-const SHELL_LAG_S: [f64; AXES] = [420.0, 380.0, 450.0];
+/// Lag of the cases behind the chamber, s.
+const CASE_LAG_S: [f64; AXES] = [420.0, 380.0, 450.0];
 /// Lag of the board behind the chamber, s.
 const BOARD_LAG_S: f64 = 1500.0;
-/// Shell above chamber in equilibrium, C: dong2023 Table 1 at mid-range.
-const SHELL_RISE_C: [f64; AXES] = [5.8, 4.4, 4.5];
-/// Resonator above shell in equilibrium, C.
+/// Case above chamber in equilibrium, C: dong2023 Table 1 at mid-range.
+const CASE_RISE_C: [f64; AXES] = [5.8, 4.4, 4.5];
+/// Resonator above case in equilibrium, C.
 const SELF_HEATING_C: [f64; AXES] = [0.9, 1.1, 0.8];
 /// Time in which self-heating builds up after power-on, s.
 const HEATING_TAU_S: f64 = 1800.0;
 
 /// Temperatures of the plant each second.
 struct Plant {
-    shell_c: [Vec<f64>; AXES],
+    case_c: [Vec<f64>; AXES],
     resonator_c: [Vec<f64>; AXES],
     slope_c_per_min: [Vec<f64>; AXES],
     board_c: Vec<f64>,
@@ -410,13 +417,13 @@ impl Plant {
 
     fn new(chamber: &[f64]) -> Self {
         let heating: Vec<f64> = (0..chamber.len()).map(|k| 1.0 - (-(k as f64) / HEATING_TAU_S).exp()).collect();
-        let shell_c = [0, 1, 2].map(|a| {
-            let mut s = lag(chamber, SHELL_LAG_S[a]);
-            s.iter_mut().zip(&heating).for_each(|(s, h)| *s += SHELL_RISE_C[a] * (0.4 + 0.6 * h));
+        let case_c = [0, 1, 2].map(|a| {
+            let mut s = lag(chamber, CASE_LAG_S[a]);
+            s.iter_mut().zip(&heating).for_each(|(s, h)| *s += CASE_RISE_C[a] * (0.4 + 0.6 * h));
             s
         });
         let resonator_c = [0, 1, 2].map(|a| {
-            let mut r = lag(&shell_c[a], RESONATOR_LAG_S[a]);
+            let mut r = lag(&case_c[a], RESONATOR_LAG_S[a]);
             r.iter_mut().zip(&heating).for_each(|(r, h)| *r += SELF_HEATING_C[a] * h);
             r
         });
@@ -426,7 +433,7 @@ impl Plant {
         });
         Self {
             board_c: lag(chamber, BOARD_LAG_S).iter().map(|b| b + 9.0).collect(),
-            shell_c,
+            case_c,
             resonator_c,
             slope_c_per_min,
         }
@@ -598,7 +605,7 @@ impl Monitors {
     fn recorded(&self, plant: &Plant, a: usize) -> Vec<Recorded> {
         (0..plant.board_c.len())
             .map(|k| Recorded {
-                shell_c: [0, 1, 2].map(|b: usize| plant.shell_c[b][k] as f32),
+                case_c: [0, 1, 2].map(|b: usize| plant.case_c[b][k] as f32),
                 board_c: self.board_c[k] as f32,
                 supply_v: self.supply_v[k] as f32,
                 drive_v: self.drive_v[a][k] as f32,
@@ -613,7 +620,7 @@ impl Plan {
     #[must_use]
     pub fn of(profile: Profile, unit_seed: u64, seed: u64) -> Self {
         let kind = Kind::Hrg;
-        Self { kind, profile, effects: vec![], unit_seed, seed, noise: kind.noise(), sizing: None }
+        Self { kind, profile, effects: vec![], unit_seed, seed, noise: kind.noise(), sizing: None, attitude: ATTITUDE }
     }
 
     /// Sign and mix of each effect on each axis: they belong to the unit, not to the run.
@@ -668,7 +675,7 @@ impl Plan {
         let monitors = Monitors::new(&plant, &mut rng);
         let has_clock_wander = self.effects.iter().any(|e| e.name == "timebase");
         let quantised: [Vec<f64>; AXES] =
-            [0, 1, 2].map(|a| plant.shell_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
+            [0, 1, 2].map(|a| plant.case_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
         let noise: Vec<Vec<f64>> = (0..AXES).map(|_| rate_noise(n, &self.noise, &mut rng)).collect();
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
         let bias = self.kind.bias(self.unit_seed);
@@ -724,6 +731,9 @@ impl Plan {
             ("rate_unit", "deg/h".to_string()),
             ("rates", "raw".to_string()),
             ("power_on_s", "0".to_string()),
+            ("latitude_deg", self.attitude.latitude_deg.to_string()),
+            ("axes", self.attitude.axes_text()),
+            (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
         ];
         Simulated {
             recording: Recording {
@@ -732,7 +742,8 @@ impl Plan {
                 frequency_hz,
                 rate_dph: rate,
                 optional,
-                earth_rate_dph: [0.0; 3],
+                // As a file with it is after reading: the file has it.
+                earth_rate_dph: Some(self.attitude.earth_rate_dph()),
                 ..Recording::default()
             },
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },

@@ -109,7 +109,11 @@ fn start(spawner: Spawner) -> IndependentWatchdog<'static, embassy_stm32::periph
         unit_status
     );
     let path = RatePath::new(
-        [calibration.axes[0].rate_scale_dph, calibration.axes[1].rate_scale_dph, calibration.axes[2].rate_scale_dph],
+        [
+            calibration.axes[0].scale_factor_dph_per_code,
+            calibration.axes[1].scale_factor_dph_per_code,
+            calibration.axes[2].scale_factor_dph_per_code,
+        ],
         rate_path::DIVIDER,
     );
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).

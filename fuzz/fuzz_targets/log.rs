@@ -3,6 +3,7 @@
 
 use hrg_cal::log::Decoder;
 use hrg_cal::record::{unit_in_log, Second};
+use hrg_cal::sensors::Lines;
 use libfuzzer_sys::fuzz_target;
 use std::cell::RefCell;
 
@@ -22,7 +23,9 @@ fuzz_target!(|data: &[u8]| {
         }
     });
     if let Ok(text) = std::str::from_utf8(data) {
+        let mut sensors = Lines::default();
         for line in text.lines() {
+            let _ = sensors.take(line);
             let _ = (Second::from_log(line), unit_in_log(line));
         }
     }

@@ -1,6 +1,7 @@
-//! Recordings: any bytes are read, cleaned and brought to model steps, or refused with a sentence.
+//! Recordings: any bytes are read, cleaned and brought to model steps, or refused with a sentence; so is a chamber's log beside one.
 #![no_main]
 
+use hrg_cal::merge::{merge, Wanted};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use libfuzzer_sys::fuzz_target;
@@ -21,6 +22,12 @@ fuzz_target!(|data: &[u8]| {
         }
     }
     if let Ok(text) = std::str::from_utf8(data) {
+        // A log of anything beside a recording that is one.
+        const RUN: &str = "time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph\n1,2,3,4,5,6,7\n2,2,3,4,5,6,7\n";
+        let wanted = Wanted::parse("t", &["chamber_c=T".to_string()]).expect("fine");
+        if let Ok(merged) = merge(RUN, text, "log", &wanted) {
+            assert_eq!(Recording::parse(merged.text.as_bytes()).expect("what we write we read").time_s, [1.0, 2.0]);
+        }
         let _ = hrg_cal::align::Recording::parse(text);
     }
 });

@@ -19,7 +19,8 @@ fuzz_target!(|data: &[u8]| {
             0 => {
                 // A train of edges with a period of its own.
                 let axis = usize::from(chunk[1] % 4);
-                let stamps: Vec<u32> = (0..u32::from(chunk[1])).map(|k| now.wrapping_add(k.wrapping_mul(word >> 8))).collect();
+                let stamps: Vec<u32> =
+                    (0..u32::from(chunk[1])).map(|k| now.wrapping_add(k.wrapping_mul(word >> 8))).collect();
                 bank.push(axis, &stamps);
             }
             1 => {

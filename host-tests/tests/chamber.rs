@@ -9,7 +9,7 @@ use hrg_cal::record::{Recorder, Second};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::unit::Unit;
+use hrg_cal::unit::{Burn, Unit};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command};
@@ -66,14 +66,20 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");
         assert_eq!(&unit.identity().expect("answers").unit[..7], b"default");
-        let after = unit.burn(&block(0, 1.5), |_| {}).expect("burnt");
+        // A unit without a name gets one from its user, not from a file.
+        let burn =
+            |unit: &mut Unit, c: &Calibration, said: &Burn| unit.burn(c, said, |_| {}).map_err(|e| e.why.to_string());
+        let (nothing, named) = (Burn::default(), Burn { unit: Some("HRG-7".into()), ..Burn::default() });
+        let e = burn(&mut unit, &block(0, 1.5), &nothing).expect_err("refused");
+        assert!(e.contains("has no name yet") && e.contains("--unit HRG-7"), "{e}");
+        let after = burn(&mut unit, &block(0, 1.5), &named).expect("burnt");
         assert_eq!(after.sequence, 1);
         let wrong = Calibration { unit: *b"HRG-8\0\0\0\0\0\0\0\0\0\0\0", ..block(0, 2.0) };
-        let e = unit.burn(&wrong, |_| {}).expect_err("refused").to_string();
+        let e = burn(&mut unit, &wrong, &nothing).expect_err("refused");
         assert!(e.contains("HRG-8") && e.contains("nothing was written"), "{e}");
-        let e = unit.burn(&Calibration::uncalibrated(), |_| {}).expect_err("refused").to_string();
-        assert!(e.contains("HRG-7") || e.contains("no calibration"), "{e}");
-        assert_eq!(unit.burn(&block(0, 2.5), |_| {}).expect("burnt").sequence, 2);
+        let e = burn(&mut unit, &Calibration::uncalibrated(), &nothing).expect_err("refused");
+        assert!(e.contains("no calibration"), "{e}");
+        assert_eq!(burn(&mut unit, &block(0, 2.5), &nothing).expect("burnt").sequence, 2);
     });
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");
@@ -134,7 +140,7 @@ fn the_log_alone_gives_the_same_recording_as_the_link() {
     let mut from_log = Recorder::new(&d.join("log.csv"), "?");
     for line in &outcome.received.log {
         if let Some(name) = hrg_cal::record::unit_in_log(line) {
-            from_log.set_unit(name);
+            from_log.head.unit = name.into();
         }
         if let Some(s) = Second::from_log(line) {
             from_log.push(&s).expect("written");

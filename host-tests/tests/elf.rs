@@ -93,7 +93,7 @@ fn the_comparison_can_fail() {
     let (mine, mut other) = (calibration(), calibration());
     other.axes[0].law.c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
-    let scale = [0, 1, 2].map(|a: usize| mine.axes[a].rate_scale_dph);
+    let scale = mine.scale_factors_dph_per_code();
     let twin = hrg_board::twin::Twin::new(other, 0, false);
     let mut board = Board::new(&elf(), Wires::new(steps, scale, 20e-9, 1, Some(twin), None)).expect("runs");
     board.write_flash(CALIBRATION_A, &mine.to_bytes().expect("fits")).expect("in flash");
@@ -215,7 +215,8 @@ fn a_broken_block_is_refused_and_the_default_used() {
     let mut block = calibration().to_bytes().expect("fits");
     block[100] ^= 1;
     let elf = elf();
-    let wires = Wires::new(steps, [hrg_core::calibration::RATE_SCALE_DPH; 3], 0.0, 1, None, Decoder::new(&elf).ok());
+    let wires =
+        Wires::new(steps, [hrg_core::calibration::DEFAULT_SCALE_FACTOR; 3], 0.0, 1, None, Decoder::new(&elf).ok());
     let mut board = Board::new(&elf, wires).expect("runs");
     board.write_flash(CALIBRATION_A, &block).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");

@@ -35,8 +35,8 @@ const ABSURD: f32 = 1e7;
 pub struct Axis {
     /// Frequency to temperature.
     pub law: TemperatureLaw,
-    /// Scale of the rate converter, deg/h per code.
-    pub rate_scale_dph: f32,
+    /// Scale factor of the rate channel, deg/h per code of the ADC; its sign is that of the channel.
+    pub scale_factor_dph_per_code: f32,
     /// Range of dT/dt in the data of the fit, C per minute.
     pub rate_range_c_per_min: [f32; 2],
     /// The baseline model.
@@ -147,7 +147,7 @@ impl Calibration {
             law(4703.596, 19.444, [7.809_050_6, 44.658_787, 1.113_637_7, 0.114_508_46], -35.849, 53.708),
         ];
         Self {
-            unit: *b"default\0\0\0\0\0\0\0\0\0",
+            unit: UNNAMED,
             created_unix_s: 0,
             sequence: 0,
             data_hash: 0,
@@ -161,7 +161,7 @@ impl Calibration {
             },
             axes: laws.map(|law| Axis {
                 law,
-                rate_scale_dph: RATE_SCALE_DPH,
+                scale_factor_dph_per_code: DEFAULT_SCALE_FACTOR,
                 rate_range_c_per_min: [-10.0, 10.0],
                 coefficients: Coefficients::One([0.0; TERMS]),
                 coefficient_std: [[0.0; TERMS]; 2],
@@ -176,6 +176,12 @@ impl Calibration {
     #[must_use]
     pub fn unit_name(&self) -> &str {
         unit_text(&self.unit)
+    }
+
+    /// Scale factor of each axis, deg/h per code.
+    #[must_use]
+    pub fn scale_factors_dph_per_code(&self) -> [f32; AXES] {
+        [0, 1, 2].map(|a: usize| self.axes[a].scale_factor_dph_per_code)
     }
 
     /// Sets the name; longer than 16 bytes is cut.
@@ -262,7 +268,7 @@ impl Calibration {
             w.f64(a.law.f0_hz);
             w.f32(a.law.scale_hz);
             w.f32s(&a.law.c);
-            w.f32s(&[a.law.min_c, a.law.max_c, a.rate_scale_dph]);
+            w.f32s(&[a.law.min_c, a.law.max_c, a.scale_factor_dph_per_code]);
             w.f32s(&a.rate_range_c_per_min);
             match &a.coefficients {
                 Coefficients::One(k) => {
@@ -320,9 +326,9 @@ impl Calibration {
             let f0_hz = r.f64()?;
             let scale_hz = r.f32()?;
             let c = r.f32s()?;
-            let [min_c, max_c, rate_scale_dph] = r.f32s()?;
+            let [min_c, max_c, scale_factor_dph_per_code] = r.f32s()?;
             a.law = TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
-            a.rate_scale_dph = rate_scale_dph;
+            a.scale_factor_dph_per_code = scale_factor_dph_per_code;
             a.rate_range_c_per_min = r.f32s()?;
             a.coefficients = match r.u8()? {
                 1 => Coefficients::One(r.f32s()?),
@@ -392,7 +398,14 @@ impl Calibration {
                 return Err(BlockError::NotFinite);
             }
             finite(&a.law.c)?;
-            finite(&[a.law.scale_hz, a.law.min_c, a.law.max_c, a.rate_scale_dph, a.train_rms_dph, a.verify_rms_dph])?;
+            finite(&[
+                a.law.scale_hz,
+                a.law.min_c,
+                a.law.max_c,
+                a.scale_factor_dph_per_code,
+                a.train_rms_dph,
+                a.verify_rms_dph,
+            ])?;
             finite(&a.rate_range_c_per_min)?;
             finite(&a.coefficient_std[0])?;
             finite(&a.coefficient_std[1])?;
@@ -412,7 +425,7 @@ impl Calibration {
             possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
             possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
             possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
-            possible(a.rate_scale_dph != 0.0, "rate scale")?;
+            possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
             possible(a.rate_range_c_per_min[0] <= a.rate_range_c_per_min[1], "range of the rate of change")?;
         }
         for e in &self.effects {
@@ -431,6 +444,9 @@ impl Calibration {
     }
 }
 
+/// What stands for the name of a unit that has none yet: its flash holds no valid calibration image.
+pub const UNNAMED: [u8; 16] = *b"default\0\0\0\0\0\0\0\0\0";
+
 /// A unit's name, as blocks and the link carry it, as text.
 #[must_use]
 pub fn unit_text(unit: &[u8; 16]) -> &str {
@@ -438,8 +454,8 @@ pub fn unit_text(unit: &[u8; 16]) -> &str {
     core::str::from_utf8(&unit[..end]).unwrap_or("?")
 }
 
-/// Default scale of the rate converter: 20 deg/s at the end of 24 bits.
-pub const RATE_SCALE_DPH: f32 = 72_000.0 / 8_388_608.0;
+/// Scale factor of a unit that was never calibrated: 20 deg/s at the end of 24 bits.
+pub const DEFAULT_SCALE_FACTOR: f32 = 72_000.0 / 8_388_608.0;
 
 fn finite(values: &[f32]) -> Result<(), BlockError> {
     for v in values {
@@ -572,7 +588,7 @@ mod tests {
         };
         assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), BlockError::NotFinite);
         assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
-        assert_eq!(refused(&|c| c.axes[0].rate_scale_dph = 0.0), BlockError::Absurd("rate scale"));
+        assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
         assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));

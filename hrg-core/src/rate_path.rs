@@ -46,6 +46,13 @@ pub const BIAS_DELAY_TICKS: u32 = 4_500_000;
 /// stopped. 2.5 s at 90 MHz.
 pub const STALE_TICKS: u32 = 225_000_000;
 
+/// A corrected rate, deg/h: the one sign rule, in the unit's arithmetic.
+#[inline(always)]
+#[must_use]
+pub fn corrected_dph(raw_dph: f32, bias_dph: f32) -> f32 {
+    raw_dph - bias_dph
+}
+
 /// A channel that gives the same code for so many samples (2 s) is stuck: a converter of 24 bits that measures is never that
 /// quiet. Flagged [`unit::CONVERTER_FAULT`].
 pub const STUCK_SAMPLES: u16 = 2000;
@@ -250,7 +257,7 @@ impl RatePath {
         self.sample = self.sample.wrapping_add(1);
         for k in 0..AXES {
             let code = codes[k];
-            let rate_dph = code as f32 * self.scale_dph[k] - self.current.bias_dph[k];
+            let rate_dph = corrected_dph(code as f32 * self.scale_dph[k], self.current.bias_dph[k]);
             self.sum_dph[k] += rate_dph;
             self.mirror.1[k] += rate_dph;
             self.changed[k] |= code ^ self.last_codes[k];
@@ -332,7 +339,7 @@ impl RatePath {
         if self.in_summary > 0 {
             for k in 0..AXES {
                 raw_dph[k] = (self.code_sum[k] as f64 / n) as f32 * self.scale_dph[k];
-                corrected_dph[k] = raw_dph[k] - self.current.bias_dph[k];
+                corrected_dph[k] = self::corrected_dph(raw_dph[k], self.current.bias_dph[k]);
             }
         }
         let summary = Summary {

@@ -73,7 +73,7 @@ fn calibration() -> impl Strategy<Value = Calibration> {
             };
             a.law.scale_hz = n[14].abs();
             a.law.c = std::array::from_fn(|k| n[15 + k]);
-            a.rate_scale_dph = n[19];
+            a.scale_factor_dph_per_code = n[19];
             a.rate_range_c_per_min = [-n[20].abs(), n[20].abs()];
         }
         c.scaling.t_ref_c = n[21].clamp(-300.0, 300.0);
@@ -140,7 +140,7 @@ proptest! {
             let thermal = Thermal { axes, time_s };
             for axis in 0..3 {
                 let recorded =
-                    Recorded { shell_c: o, board_c: o[0], supply_v: o[1], drive_v: o[2], quad_v: o[0] };
+                    Recorded { case_c: o, board_c: o[0], supply_v: o[1], drive_v: o[2], quad_v: o[0] };
                 let _ = effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis, recorded });
             }
         }

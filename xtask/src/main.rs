@@ -16,7 +16,7 @@ const USAGE: &str = "cargo xtask COMMAND
 
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
-  build             the firmware
+  build             the firmware, and the programs hrg and hrg-board (target/release)
   size              what the firmware takes of flash and RAM
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
@@ -44,7 +44,7 @@ fn main() -> ExitCode {
         Some("faults") => board("faults", rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),
-        Some("build") => setup::toolchain().and_then(|t| build(&t)),
+        Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") => size(),
         Some("flash") => flash(),
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
@@ -101,11 +101,16 @@ fn cargo(arguments: &[&str]) -> Command {
     c
 }
 
+/// Builds the host programs in release.
+fn programs() -> Result<(), Failure> {
+    setup::host()?;
+    println!("building hrg and hrg-board");
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))
+}
+
 /// Runs a host program in release.
 fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
-    setup::host()?;
-    println!("building {name}");
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))?;
+    programs()?;
     run(Command::new(root().join("target/release").join(name)).args(arguments))
 }
 
@@ -240,7 +245,8 @@ fn audit() -> Result<(), Failure> {
     Ok(())
 }
 
-const HOST_PACKAGES: [&str; 6] = ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "xtask"];
+const HOST_PACKAGES: [&str; 7] =
+    ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "host-tests", "foreign-plant", "xtask"];
 
 fn test() -> Result<(), Failure> {
     let t = setup::toolchain()?;

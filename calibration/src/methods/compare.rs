@@ -9,7 +9,7 @@ use crate::plot::{self, Panel, Series};
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
 use crate::stats::{block_means, std_dev};
-use crate::{file, trace, BadInput, AXIS_NAMES};
+use crate::{facts, file, trace, BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use serde::{Deserialize, Serialize};
@@ -171,6 +171,7 @@ fn unseen_steps(
 ) -> Result<Vec<Steps>, BadInput> {
     let all: Vec<&Recording> = train.iter().chain(verify).collect();
     independence::same_unit(&all, units)?;
+    facts::agree(&all).map_err(BadInput::from)?;
     let laws = prepared.calibration.axes.each_ref().map(|a| a.law);
     verify
         .iter()

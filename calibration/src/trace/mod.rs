@@ -24,6 +24,7 @@ pub use words::list;
 pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 
 use crate::evidence;
+use crate::facts;
 use crate::fit::{self, prepare_for, Prepared};
 use crate::independence::{self, Units};
 use crate::recording::Recording;
@@ -189,6 +190,7 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     }
     let all: Vec<&Recording> = train.iter().chain([verify]).collect();
     let note = independence::same_unit(&all, options.units)?;
+    facts::agree(&all)?;
     let mut prepared = prepare_for(train, options.units)?;
     prepared.notes.extend(note);
     for r in train {
@@ -714,10 +716,12 @@ mod tests {
     fn the_block_computes_what_the_fit_did() {
         let effects = ["hysteresis:size=4", "kink:size=3"];
         let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
-        let by_unit = fit::correct(&t.image, &t.verify.steps);
+        let by_unit = crate::correct::correct(&t.image, &t.verify.steps);
         for a in 0..AXES {
-            let largest = by_unit[a]
+            let largest = by_unit
                 .iter()
+                .zip(&t.verify.steps.rate_dph[a])
+                .map(|(s, rate)| rate - f64::from(s.bias_dph[a]))
                 .zip(&t.verify_residuals[1][a])
                 .map(|(u, f)| (u - f).abs())
                 .filter(|d| d.is_finite())

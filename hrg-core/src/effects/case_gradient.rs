@@ -1,9 +1,9 @@
-//! `case-gradient`: shell sensor less resonator temperature, C: heat that flows through the gyro's case. Needs
-//! the shell sensor, which only a chamber set-up has. Stateless.
+//! `case-gradient`: case sensor less resonator temperature, C: heat that flows through the gyro's case. Needs
+//! the case sensor, which only a chamber set-up has. Stateless.
 
 use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 
-/// Shell temperature less resonator temperature; C.
+/// Case temperature less resonator temperature; C.
 #[derive(Debug, Clone)]
 pub struct CaseGradient;
 
@@ -11,7 +11,7 @@ impl Effect for CaseGradient {
     const NAME: &'static str = "case-gradient";
     const ID: u16 = 8;
     const PARAMETERS: &'static [&'static str] = &[];
-    const REACH: Reach = Reach::NeedsInput("shell_c");
+    const REACH: Reach = Reach::NeedsInput("case_c");
 
     type Regressors = [f32; 1];
 
@@ -21,6 +21,6 @@ impl Effect for CaseGradient {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.shell_c[inputs.axis] - inputs.own_c()]
+        [inputs.recorded.case_c[inputs.axis] - inputs.own_c()]
     }
 }

@@ -32,8 +32,8 @@ pub struct Inputs<'a> {
 /// Quantities that a recording may hold and the unit does not measure; NaN where missing.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorded {
-    /// Shell sensors, C.
-    pub shell_c: [f32; AXES],
+    /// Sensors on the gyros' cases, C.
+    pub case_c: [f32; AXES],
     /// Board temperature, C.
     pub board_c: f32,
     /// Supply, V.
@@ -47,7 +47,7 @@ pub struct Recorded {
 impl Recorded {
     /// Nothing recorded: what the unit has.
     pub const NONE: Self =
-        Self { shell_c: [f32::NAN; AXES], board_c: f32::NAN, supply_v: f32::NAN, drive_v: f32::NAN, quad_v: f32::NAN };
+        Self { case_c: [f32::NAN; AXES], board_c: f32::NAN, supply_v: f32::NAN, drive_v: f32::NAN, quad_v: f32::NAN };
 }
 
 impl Inputs<'_> {

@@ -1,9 +1,9 @@
 //! `timebase`: what is common to all three frequencies in fractional terms and is not temperature, in ppm: the mean
-//! over the axes of resonator temperature less that of the shell behind its thermal lag. A clock that wanders
-//! shifts all three resonators alike. Needs the shell sensors. State: the three lagged shell temperatures,
+//! over the axes of resonator temperature less that of the case behind its thermal lag. A clock that wanders
+//! shifts all three resonators alike. Needs the case sensors. State: the three lagged case temperatures,
 //! starting in equilibrium. Source: dong2023 Table 1, whose residuals are alike in all three gyros.
 //!
-//! The lag matters: a resonator is some 11 C behind its shell on a ramp of 1 C per minute, a thousand times what a
+//! The lag matters: a resonator is some 11 C behind its case on a ramp of 1 C per minute, a thousand times what a
 //! clock that wanders by 0.1 ppm does.
 
 use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
@@ -13,31 +13,31 @@ use crate::AXES;
 /// over 89.5 C.
 const PPM_PER_C: f32 = 96.4;
 
-/// Common fractional deviation of the three frequencies from the lagged shell temperatures; ppm.
+/// Common fractional deviation of the three frequencies from the lagged case temperatures; ppm.
 #[derive(Debug, Clone)]
 pub struct Timebase {
     share: f32,
-    shell_c: [f32; AXES],
+    case_c: [f32; AXES],
 }
 
 impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
     const PARAMETERS: &'static [&'static str] = &["lag_s"];
-    const REACH: Reach = Reach::NeedsInput("shell_c");
+    const REACH: Reach = Reach::NeedsInput("case_c");
 
     type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
-        Self { share: lag_share(step_s, parameters[0]), shell_c: [f32::NAN; AXES] }
+        Self { share: lag_share(step_s, parameters[0]), case_c: [f32::NAN; AXES] }
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let mut sum = 0.0;
         for axis in 0..AXES {
-            let now = inputs.recorded.shell_c[axis];
-            let state = &mut self.shell_c[axis];
+            let now = inputs.recorded.case_c[axis];
+            let state = &mut self.case_c[axis];
             if state.is_nan() {
                 *state = now;
             }

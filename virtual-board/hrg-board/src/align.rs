@@ -98,7 +98,7 @@ fn align_with(
         power_on_s: 0.0,
         frequency_hz: [0, 1, 2].map(|a: usize| constant(frequency(a))),
         rate_dph: [0, 1, 2].map(|_| constant(0.0)),
-        shell_c: Default::default(),
+        case_c: Default::default(),
         chamber_c: vec![],
         board_c: vec![],
         supply_v: vec![],

@@ -5,7 +5,7 @@ use crate::faults::Scene;
 use crate::replay::{self, Options};
 use crate::symbol;
 use anyhow::{Context, Result};
-use hrg_core::calibration::{Calibration, RATE_SCALE_DPH};
+use hrg_core::calibration::{Calibration, DEFAULT_SCALE_FACTOR};
 use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::rate_path::RatePath;
 use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
@@ -223,7 +223,7 @@ fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
 /// Corrected rate: RMS error of a frame's mean of five samples with white noise of `noise` codes, in codes, and the least possible:
 /// that noise and the rounding to codes, averaged.
 fn rate(noise: f64, n: u32) -> (f64, f64) {
-    let mut path = RatePath::new([RATE_SCALE_DPH; 3], 5);
+    let mut path = RatePath::new([DEFAULT_SCALE_FACTOR; 3], 5);
     let mut draw = ChaCha8Rng::seed_from_u64(9);
     let (mut squares, mut count) = (0.0, 0u32);
     let mut tick = 0u32;
@@ -239,7 +239,7 @@ fn rate(noise: f64, n: u32) -> (f64, f64) {
             frame = path.sample(tick, codes).frame;
         }
         for r in frame.map(|f| f.rate_dph).unwrap_or_default() {
-            squares += (f64::from(r) / f64::from(RATE_SCALE_DPH) - rate).powi(2);
+            squares += (f64::from(r) / f64::from(DEFAULT_SCALE_FACTOR) - rate).powi(2);
             count += 1;
         }
     }
@@ -261,7 +261,7 @@ pub fn limits() -> Vec<Limit> {
     for noise in [1.0, 10.0] {
         let (reached, bound) = rate(noise, 100_000);
         let what = format!("corrected rate of a frame, {noise} codes of noise a sample");
-        let dph = f64::from(RATE_SCALE_DPH) * 1e3;
+        let dph = f64::from(DEFAULT_SCALE_FACTOR) * 1e3;
         out.push(Limit { what, reached: reached * dph, bound: bound * dph, unit: "mdeg/h" });
     }
     out

@@ -69,16 +69,21 @@ fn plot(before: &[Second], after: &[Second]) -> Result<String> {
             y: "100 s mean [deg/h]".into(),
             log: false,
             series: vec![
-                Series { label: "raw".into(), points: means(before, &|s| s.raw_dph[a]), colour: 0, dots: false },
+                Series {
+                    label: "raw".into(),
+                    points: means(before, &|s| f64::from(s.unit.raw_dph[a])),
+                    colour: 0,
+                    dots: false,
+                },
                 Series {
                     label: "baseline block".into(),
-                    points: means(before, &|s| s.corrected_dph[a]),
+                    points: means(before, &|s| s.frames_dph[a]),
                     colour: 2,
                     dots: false,
                 },
                 Series {
                     label: "extended block".into(),
-                    points: means(after, &|s| s.corrected_dph[a]),
+                    points: means(after, &|s| s.frames_dph[a]),
                     colour: 1,
                     dots: false,
                 },
@@ -142,7 +147,7 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     hrg_cal::write_file(&to("train.csv"), train.recording.to_csv().as_bytes())?;
     hrg_cal::write_file(&to("verify.csv"), verify.recording.to_csv().as_bytes())?;
     // From here on the files are all there is.
-    let (train_file, verify_file) = (Recording::load(&to("train.csv"))?, Recording::load(&to("verify.csv"))?);
+    let (train_file, mut verify_file) = (Recording::load(&to("train.csv"))?, Recording::load(&to("verify.csv"))?);
 
     say!(told, "2. hrg trace: baseline fit, residual, what the model lacks");
     let t = trace(&[train_file], &verify_file)?;
@@ -153,6 +158,8 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     say!(told, "   {}", t.report.verdict);
 
     say!(told, "3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
+    // A unit measures the earth's rate, too.
+    verify_file.restore_earth_rate();
     let steps = Steps::new(&verify_file)?;
     let [before, after] = run_both(&elf, [&t.baseline, &t.image], &steps)?;
     let (rows_before, rows_after) = (before.seconds_of_frames(), after.seconds_of_frames());

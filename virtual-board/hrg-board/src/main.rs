@@ -7,7 +7,8 @@ use hrg_board::{bench, faults, serve, weigh};
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::{file, BadInput, AXIS_NAMES};
+use hrg_cal::{facts, file, BadInput, AXIS_NAMES};
+use hrg_core::calibration::Calibration;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -223,10 +224,12 @@ fn run(command: Command) -> Result<()> {
                 Some(path) => load_raw(&path)?,
                 None => {
                     println!("a simulated unit, profile cycle");
-                    Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording
+                    let mut simulated = Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording;
+                    simulated.restore_earth_rate();
+                    simulated
                 }
             };
-            let calibration = calibration.map(|p| file::load(&p)).transpose()?;
+            let calibration = matching(calibration, &source)?;
             let stop = Arc::new(AtomicBool::new(false));
             let set = stop.clone();
             ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
@@ -275,7 +278,7 @@ fn run(command: Command) -> Result<()> {
 fn play(arguments: RunArguments) -> Result<()> {
     let RunArguments { recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile } = arguments;
     let source = load_raw(&recording)?;
-    let calibration = calibration.map(|p| file::load(&p)).transpose()?;
+    let calibration = matching(calibration, &source)?;
     let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
     let steps = Steps::new(&source)?;
     let options = Options { jitter_s: jitter_ns * 1e-9, seed, seconds, profile, ..Options::default() };
@@ -323,6 +326,15 @@ fn play(arguments: RunArguments) -> Result<()> {
         outcome.watchdog_resets
     );
     Ok(())
+}
+
+/// A calibration for a recording: of its unit and its scale factor.
+fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibration>> {
+    let Some(path) = path else { return Ok(None) };
+    let c = file::load(&path)?;
+    let notes = facts::fits(&c, source, false).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+    notes.iter().for_each(|n| eprintln!("{}: {n}", path.display()));
+    Ok(Some(c))
 }
 
 /// A recording of raw rates, as the unit measures them: with the earth's rate left in.

@@ -3,14 +3,14 @@
 use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
+use hrg_cal::correct;
 use hrg_cal::log::Decoder;
 use hrg_cal::recording::Recording;
 use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
-use hrg_cal::AXIS_NAMES;
+use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::status::unit;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
@@ -82,18 +82,33 @@ pub struct Outcome {
     pub wall_s: f64,
 }
 
-/// Where the firmware ELF lies after a build.
+/// Where the firmware ELF lies in the folder that cargo builds into.
+const ELF: &str = "thumbv7em-none-eabihf/firmware/firmware";
+
+/// Where the firmware ELF lies after a build: in the folder of builds that this program lies in, else in that of the source it was
+/// built from.
 #[must_use]
 pub fn default_elf() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/thumbv7em-none-eabihf/firmware/firmware")
+    let beside = std::env::current_exe().ok().and_then(|exe| {
+        // PROFILE/hrg-board, or PROFILE/deps/a_test.
+        exe.ancestors().skip(2).take(2).map(|folder| folder.join(ELF)).find(|p| p.is_file())
+    });
+    beside.unwrap_or_else(|| {
+        Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).join("target").join(ELF)
+    })
 }
 
 /// Reads the ELF.
 ///
 /// # Errors
 /// Where it has not been built.
-pub fn read_elf(path: &Path) -> Result<Vec<u8>> {
-    std::fs::read(path).with_context(|| format!("cannot read {}; build it with: cargo xtask build", path.display()))
+pub fn read_elf(path: &Path) -> Result<Vec<u8>, BadInput> {
+    std::fs::read(path).map_err(|e| {
+        BadInput::new(format!(
+            "cannot read the firmware {}: {e}; build it with `cargo xtask build` in the project's folder, or give another with --elf",
+            path.display()
+        ))
+    })
 }
 
 /// Plays `steps` into the ELF with `calibration` in its flash (`None`: an empty sector). `progress` is told the
@@ -110,7 +125,7 @@ pub fn run(
 ) -> Result<Outcome> {
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
-    let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
+    let scale = used.scale_factors_dph_per_code();
     let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
         .with_faults(options.faults.clone());
@@ -152,24 +167,14 @@ pub fn run(
 /// One second as the unit reported it.
 #[derive(Debug, Clone, Copy)]
 pub struct Second {
-    /// End of the second since power-on, s.
-    pub time_s: f64,
-    /// Frequencies, Hz.
-    pub frequency_hz: [f64; 3],
-    /// Mean raw rate, deg/h, from housekeeping.
-    pub raw_dph: [f64; 3],
-    /// Mean of the corrected rates in the 200 Hz frames, deg/h.
-    pub corrected_dph: [f64; 3],
-    /// Temperatures, C.
-    pub temperature_c: [f32; 3],
-    /// Biases taken off, deg/h.
-    pub bias_dph: [f32; 3],
-    /// Status of the axes and the unit.
-    pub status: [u8; 4],
+    /// In housekeeping.
+    pub unit: correct::Second,
+    /// Mean of the corrected rates in the 200 Hz frames, deg/h: the unit's own mean is rounded otherwise.
+    pub frames_dph: [f64; 3],
 }
 
 impl Outcome {
-    /// The run, second by second: corrected rates are means of the frames themselves.
+    /// The run, second by second, with the means of the frames themselves.
     #[must_use]
     pub fn seconds_of_frames(&self) -> Vec<Second> {
         let mut out = Vec::new();
@@ -188,15 +193,8 @@ impl Outcome {
                     count += 1.0;
                 }
             }
-            out.push(Second {
-                time_s: f64::from(h.time_ms) / 1000.0,
-                frequency_hz: h.frequency_hz,
-                raw_dph: h.raw_dph.map(f64::from),
-                corrected_dph: sum.map(|s| if count > 0.0 { s / count } else { f64::NAN }),
-                temperature_c: h.temperature_c,
-                bias_dph: h.bias_dph,
-                status: [h.axis_status[0], h.axis_status[1], h.axis_status[2], h.unit_status],
-            });
+            let frames_dph = sum.map(|s| if count > 0.0 { s / count } else { f64::NAN });
+            out.push(Second { unit: h.into(), frames_dph });
         }
         out
     }
@@ -210,55 +208,12 @@ pub fn three_sigma(seconds: &[Second]) -> ([f64; 3], [f64; 3]) {
         let series: Vec<f64> = seconds.iter().skip(1).map(pick).collect();
         3.0 * std_dev(&block_means(&series, 100))
     };
-    ([0, 1, 2].map(|a| of(&|s| s.raw_dph[a])), [0, 1, 2].map(|a| of(&|s| s.corrected_dph[a])))
+    ([0, 1, 2].map(|a| of(&|s| f64::from(s.unit.raw_dph[a]))), [0, 1, 2].map(|a| of(&|s| s.frames_dph[a])))
 }
 
 /// The run as a recording of corrected rates, with raw rates and the rest beside them.
 #[must_use]
 pub fn to_csv(source: &Recording, calibration: Option<&Calibration>, seconds: &[Second]) -> String {
-    let mut s = String::new();
-    let meta = [
-        ("hrg-recording", "1".to_string()),
-        ("unit", source.unit().to_string()),
-        ("run", format!("{} through the ELF on the virtual board", source.meta("run").unwrap_or("run"))),
-        ("rate_unit", "deg/h".to_string()),
-        ("rates", "corrected".to_string()),
-        ("calibration", calibration.map_or("default".to_string(), |c| format!("{:08x}", c.checksum()))),
-        ("power_on_s", "0".to_string()),
-    ];
-    for (k, v) in meta {
-        let _ = writeln!(s, "# {k}: {v}");
-    }
-    // Corrected rates hold the earth's rate as raw ones do.
-    for key in ["latitude_deg", "axes"] {
-        if let Some(v) = source.meta(key) {
-            let _ = writeln!(s, "# {key}: {v}");
-        }
-    }
-    s.push_str("time_s");
-    for (before, after) in
-        [("f", "_hz"), ("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
-    {
-        for a in AXIS_NAMES {
-            let _ = write!(s, ",{before}{a}{after}");
-        }
-    }
-    s.push_str(",status_unit\n");
-    for x in seconds {
-        let _ = write!(s, "{}", x.time_s);
-        for f in x.frequency_hz {
-            let _ = write!(s, ",{f}");
-        }
-        for v in x.corrected_dph.iter().chain(&x.raw_dph) {
-            let _ = write!(s, ",{v:.6}");
-        }
-        for v in x.bias_dph.iter().chain(&x.temperature_c) {
-            let _ = write!(s, ",{v}");
-        }
-        for v in x.status {
-            let _ = write!(s, ",{v}");
-        }
-        s.push('\n');
-    }
-    s
+    let seconds: Vec<correct::Second> = seconds.iter().map(|s| s.unit).collect();
+    correct::to_csv(source, "through the ELF on the virtual board", 0.0, calibration, &seconds)
 }

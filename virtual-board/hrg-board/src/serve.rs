@@ -74,7 +74,7 @@ pub fn serve(
     let mut log = Pty::new(&options.folder.join("log"))?;
     let flash = options.folder.join("flash.bin");
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
-    let scale = [0, 1, 2].map(|a: usize| used.axes[a].rate_scale_dph);
+    let scale = used.scale_factors_dph_per_code();
     let wires = Wires::new(steps.clone(), scale, 20e-9, 1, None, Some(Decoder::new(elf)?)).live();
     let mut board = Board::new(elf, wires)?;
     match (calibration, std::fs::read(&flash)) {

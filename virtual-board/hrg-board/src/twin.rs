@@ -3,15 +3,16 @@
 //! The same `hrg_core`, compiled for the desktop. Every frame that the ELF sends must equal, byte for byte, the one
 //! that comes out here.
 
+use hrg_cal::correct::{Model, Stepped};
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
 use hrg_core::alignment::session::{Command, Report, Session};
 use hrg_core::alignment::Begin;
 use hrg_core::calibration::Calibration;
-use hrg_core::compensator::{Compensator, Output};
+use hrg_core::compensator::Output;
 use hrg_core::frequency::{Bank, Config, StepFrequencies, GATES_PER_STEP, SETTLE_TICKS};
 use hrg_core::link::{mode, Deframer, Housekeeping, Message};
-use hrg_core::rate_path::{Event, RatePath, Staged, Summary, DIVIDER};
+use hrg_core::rate_path::{Event, RatePath, Summary, DIVIDER};
 use hrg_core::status::unit;
 use hrg_core::AXES;
 use std::collections::VecDeque;
@@ -39,7 +40,7 @@ impl<F: Begin> Align for Session<F> {
 /// The twin of one power-on.
 pub struct Twin {
     bank: Bank,
-    compensator: Compensator,
+    model: Model,
     path: RatePath,
     start_status: u8,
     checksum: u32,
@@ -48,7 +49,6 @@ pub struct Twin {
     link: VecDeque<(u64, u8)>,
     deframer: Deframer,
     session: Box<dyn Align + Send>,
-    trim: Option<[f32; AXES]>,
     identity: (u32, u32),
     /// Reports of an alignment that the unit owes.
     pub alignment: VecDeque<Message>,
@@ -68,13 +68,13 @@ impl Twin {
         } else {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
-        let scale = [0, 1, 2].map(|a: usize| calibration.axes[a].rate_scale_dph);
+        let scale = calibration.scale_factors_dph_per_code();
         // The default has none.
         let checksum = if start_status & unit::DEFAULT_CALIBRATION == 0 { calibration.checksum() } else { 0 };
         let identity = (calibration.sequence, calibration.created_unix_s);
         Self {
             bank: Bank::new(Config::REFERENCE, GATES_PER_STEP),
-            compensator: Compensator::new(calibration, 0.0),
+            model: Model::new(calibration, 0.0),
             path: RatePath::new(scale, DIVIDER),
             start_status,
             checksum,
@@ -82,7 +82,6 @@ impl Twin {
             link: VecDeque::new(),
             deframer: Deframer::default(),
             session,
-            trim: None,
             alignment: VecDeque::new(),
             now: 0,
             steps: VecDeque::new(),
@@ -100,11 +99,8 @@ impl Twin {
         while self.now > self.bank.gate_end() + SETTLE_TICKS {
             let at = self.bank.gate_end() + SETTLE_TICKS;
             if let Some(step) = self.bank.poll(at as u32) {
-                if let Some(trim) = self.trim.take() {
-                    self.compensator.set_trim(trim);
-                }
-                let output = self.compensator.update(&step);
-                self.path.stage(Staged::new(&step, &output));
+                let Stepped { output, pending, .. } = self.model.step(&step);
+                self.path.stage(pending);
                 self.steps.push_back((step, output));
             }
         }
@@ -127,7 +123,7 @@ impl Twin {
             self.link.pop_front();
             if let Some(Ok(Message::Align(command))) = self.deframer.push(byte) {
                 if let Some(trim) = self.session.command(command) {
-                    self.trim = Some(trim);
+                    self.model.set_trim(trim);
                 }
             }
         }

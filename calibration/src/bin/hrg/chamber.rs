@@ -1,16 +1,21 @@
 //! Commands for the chamber: a unit on a port, or its log.
 
+use crate::facts::Place;
 use anyhow::{Context, Result};
+use clap::Args;
 use crossterm::event::{KeyCode, KeyModifiers};
 use hrg_cal::log::Decoder;
+use hrg_cal::metadata::{same_scale, scale_factor, scale_text};
 use hrg_cal::monitor::State;
 use hrg_cal::record::{unit_in_log, Recorder, Second};
+use hrg_cal::sensors::Sensors;
 use hrg_cal::simulate::Profile;
-use hrg_cal::unit::Unit;
-use hrg_cal::{file, monitor, BadInput};
-use hrg_core::link::Message;
-use std::io::{BufRead, Read};
-use std::path::Path;
+use hrg_cal::unit::{agreed_name, name_of, Burn, NameError, Unit};
+use hrg_cal::{file, monitor, names, BadInput};
+use hrg_core::calibration::Calibration;
+use hrg_core::link::{Housekeeping, Identity, Message};
+use std::io::{BufRead, IsTerminal, Read};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -23,24 +28,143 @@ fn interrupted() -> Result<Arc<AtomicBool>> {
     Ok(flag)
 }
 
+/// What a recording says of the unit, and what is recorded beside it.
+#[derive(Args, Clone, Debug, Default)]
+pub struct RecordArguments {
+    /// Name of the unit, where it has none yet (or its log does not tell).
+    #[arg(long)]
+    unit: Option<String>,
+    #[command(flatten)]
+    place: Place,
+    /// Scale factor that makes the unit's rates, deg/h per code, where it cannot be read from the unit.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    scale_factor: Option<String>,
+    /// Sensors on the cases and in the chamber: lines like "case_x_c=23.5 chamber_c=25.1" from a file, a pipe or a port (PORT@BAUD)
+    #[arg(long, value_name = "FILE|PORT")]
+    case_sensors: Option<String>,
+}
+
+impl RecordArguments {
+    /// A recorder with all of it but the unit's own part. `live`: the unit runs now.
+    fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
+        let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
+        let mut recorder = Recorder::new(out, unit.unwrap_or(""));
+        recorder.head.attitude = self.place.attitude()?;
+        recorder.head.scale_factor = self.scale_factor()?;
+        let sensors = if live { Sensors::open } else { Sensors::of_file };
+        recorder.sensors = self.case_sensors.as_deref().map(sensors).transpose()?;
+        Ok(recorder)
+    }
+
+    fn scale_factor(&self) -> Result<Option<[f32; 3]>, BadInput> {
+        Ok(self.scale_factor.as_deref().map(scale_factor).transpose()?)
+    }
+
+    /// The name of a unit that has one, or the one that is said; empty where nobody knows.
+    fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
+        match (own, self.unit.as_deref()) {
+            (Some(own), Some(said)) if own != said => Err(BadInput::new(format!(
+                "the unit is {own}, --unit says {said}; leave --unit out, or connect the right unit"
+            ))),
+            (own, said) => Ok(own.or(said).unwrap_or("").to_string()),
+        }
+    }
+}
+
+/// A unit on a port that is being recorded.
+struct Recording<'a> {
+    arguments: &'a RecordArguments,
+    port: String,
+    recorder: Recorder,
+    identity: Identity,
+}
+
+impl<'a> Recording<'a> {
+    fn start(unit: &mut Unit, port: &str, out: &Path, arguments: &'a RecordArguments) -> Result<Self> {
+        let mut recorder = arguments.recorder(out, true)?;
+        recorder.head.live = true;
+        let identity = unit.identity()?;
+        let mut r = Self { arguments, port: port.into(), recorder, identity };
+        r.look(unit)?;
+        if r.recorder.head.unit.is_empty() {
+            eprintln!("note: the unit has no name yet, and so the recording has none; name it with --unit NAME here or at hrg fit");
+        }
+        if arguments.place.latitude.is_none() {
+            eprintln!("note: without --latitude and --axes the earth's rate stays in the rates, and in what is fitted to them");
+        }
+        Ok(r)
+    }
+
+    /// Asks the unit for its name and scale factor.
+    fn look(&mut self, unit: &mut Unit) -> Result<()> {
+        self.recorder.head.unit = self.arguments.name(name_of(&self.identity))?;
+        let said = self.arguments.scale_factor()?;
+        let own = unit.in_use(&self.identity)?.scale_factor();
+        if let (Some(own), Some(said)) = (own, said) {
+            if !same_scale(&own, &said) {
+                return Err(BadInput::new(format!(
+                    "the unit makes its rates with the scale factor {} deg/h per code (x y z), --scale-factor says {}; leave it out, and give the right one to hrg fit, which converts the rates",
+                    scale_text(&own),
+                    scale_text(&said)
+                ))
+                .into());
+            }
+        }
+        self.recorder.head.scale_factor = own.or(said);
+        if self.recorder.head.scale_factor.is_none() {
+            eprintln!("note: the unit does not let its scale factor be read; give it with --scale-factor X,Y,Z");
+        }
+        Ok(())
+    }
+
+    /// A second of the unit. It may have been given another image, and started anew.
+    fn second(&mut self, unit: &mut Unit, h: &Housekeeping) -> Result<()> {
+        if h.calibration != self.identity.calibration {
+            let identity = unit.identity()?;
+            self.same_unit(&identity)?;
+            self.identity = identity;
+            self.look(unit)?;
+        }
+        self.recorder.push(&Second::from(h))
+    }
+
+    /// A unit without a name may have got one; any other change of name is another unit.
+    fn same_unit(&self, now: &Identity) -> Result<(), BadInput> {
+        match (name_of(&self.identity), name_of(now)) {
+            (Some(before), now) if now != Some(before) => Err(BadInput::new(format!(
+                "{}: the unit there is {} now, the recording is of {before}: it ends here, and its {} rows stay",
+                self.port,
+                now.unwrap_or("one without a name"),
+                self.recorder.rows
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// The cable was out: whether it is the same unit that is there again. `None`: nobody yet.
+    fn again(&mut self) -> Result<Option<Unit>> {
+        let Ok(mut unit) = Unit::open(&self.port) else { return Ok(None) };
+        let Ok(identity) = unit.identity() else { return Ok(None) };
+        self.same_unit(&identity)?;
+        Ok(Some(unit))
+    }
+}
+
 /// `hrg record --port`.
-pub fn record_port(port: &str, out: &Path, seconds: Option<u64>) -> Result<()> {
+pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &RecordArguments) -> Result<()> {
     let stop = interrupted()?;
     let bar = indicatif::ProgressBar::new_spinner();
     let mut unit = Unit::open(port)?;
-    let name = |unit: &mut Unit| -> Result<String> {
-        let identity = unit.identity()?;
-        Ok(identity.unit_name().to_string())
-    };
-    let mut recorder = Recorder::new(out, &name(&mut unit)?);
+    let mut recording = Recording::start(&mut unit, port, out, arguments)?;
     let start = Instant::now();
     let enough = |rows: u64| seconds.is_some_and(|s| rows >= s);
     let mut lost: Option<Instant> = None;
-    while !stop.load(Ordering::Relaxed) && !enough(recorder.rows) {
+    while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows) {
         match unit.next(Duration::from_millis(500)) {
             Ok(Some(Message::Housekeeping(h))) => {
                 lost = None;
-                recorder.push(&Second::from(&h))?;
+                recording.second(&mut unit, &h)?;
+                let recorder = &recording.recorder;
                 bar.set_message(format!(
                     "{}: {} rows, {} gaps, {:.1} h; T {:.2} {:.2} {:.2} C; {} bad frames",
                     recorder.path().unwrap_or(out).display(),
@@ -61,23 +185,26 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>) -> Result<()> {
                 bar.set_message(format!("{port} is gone since {:.0} s ({e}); waiting for it", since.as_secs_f64()));
                 bar.tick();
                 std::thread::sleep(Duration::from_millis(250));
-                if let Ok(again) = Unit::open(port) {
+                if let Some(again) = recording.again()? {
                     unit = again;
                 }
             }
         }
     }
     bar.finish_and_clear();
-    report(&recorder, out);
+    report(&recording.recorder, out);
     Ok(())
 }
 
 fn report(recorder: &Recorder, out: &Path) {
     println!("{}: {} rows, {} gaps marked", recorder.path().unwrap_or(out).display(), recorder.rows, recorder.gaps);
+    if let Some(sensors) = &recorder.sensors {
+        println!("{}", sensors.summary());
+    }
 }
 
 /// `hrg record --defmt`: decoded lines, or the raw stream with the ELF that made it; `-` is standard input.
-pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>) -> Result<()> {
+pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, arguments: &RecordArguments) -> Result<()> {
     let from: Box<dyn Read> = if log == Path::new("-") {
         Box::new(std::io::stdin())
     } else {
@@ -85,10 +212,11 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>
         Box::new(f)
     };
     let mut reader = std::io::BufReader::new(from);
-    let mut recorder = Recorder::new(out, unit.unwrap_or("unnamed"));
+    let mut recorder = arguments.recorder(out, log == Path::new("-"))?;
     let mut take = |line: &str| -> Result<()> {
-        if let Some(name) = unit_in_log(line).filter(|_| unit.is_none()) {
-            recorder.set_unit(name);
+        if let Some(name) = unit_in_log(line) {
+            let own = Some(name).filter(|n| !names::is_unnamed(n));
+            recorder.head.unit = arguments.name(own).map_err(|e| BadInput::new(format!("{}: {e}", log.display())))?;
         }
         match Second::from_log(line) {
             Some(second) => recorder.push(&second),
@@ -134,19 +262,50 @@ pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, unit: Option<&str>
     Ok(())
 }
 
+/// What `hrg burn` is told.
+#[derive(Args)]
+pub struct BurnArguments {
+    /// The calibration.
+    calibration: PathBuf,
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// The unit's name, where it or the calibration has none.
+    #[arg(long)]
+    unit: Option<String>,
+    /// Replace the unit's scale factor by the calibration's.
+    #[arg(long)]
+    new_scale_factor: bool,
+}
+
+/// A unit that fails in the middle of a burn is asked for so long what it holds.
+const HELD_WITHIN: Duration = Duration::from_secs(15);
+
 /// `hrg burn`.
-pub fn burn(calibration: &Path, port: &str) -> Result<()> {
+pub fn burn(arguments: &BurnArguments) -> Result<()> {
+    let BurnArguments { calibration, port, unit: said, new_scale_factor } = arguments;
     let c = file::load(calibration)?;
+    let mut unit = Unit::open(port)?;
+    let named = match said {
+        Some(said) => Some(said.clone()),
+        None => ask_for_a_name(&unit.identity()?, &c)?,
+    };
     let bar = indicatif::ProgressBar::new(100);
     bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
-    let after = Unit::open(port)?.burn(&c, |done| bar.set_position((done * 100.0) as u64));
+    let said = Burn { unit: named, new_scale_factor: *new_scale_factor };
+    let after = unit.burn(&c, &said, |done| bar.set_position((done * 100.0) as u64));
     bar.finish_and_clear();
-    let after = after.with_context(|| format!("{port}: the unit keeps the block it had"))?;
+    let after = match after {
+        Ok(after) => after,
+        Err(e) if e.begun => return Err(with_what_it_holds(&mut unit, port, &e.why)),
+        Err(e) => return Err(e.why.context(port.clone())),
+    };
     println!(
-        "{}: burnt, read back, and running: block {:08x}, number {}",
-        c.unit_name(),
+        "{}: burnt, read back, and running: image {:08x}, number {}, scale factor {} deg/h per code (x y z)",
+        after.unit_name(),
         after.calibration,
-        after.sequence
+        after.sequence,
+        scale_text(&c.scale_factors_dph_per_code())
     );
     println!(
         "this was burn {} of the unit; a sector of flash endures 10000 erases, each burn erases one of two",
@@ -155,10 +314,46 @@ pub fn burn(calibration: &Path, port: &str) -> Result<()> {
     Ok(())
 }
 
+/// Where somebody has to say whose calibration this is, and a person sits there, asks for it.
+fn ask_for_a_name(identity: &Identity, c: &Calibration) -> Result<Option<String>> {
+    let question = match agreed_name(name_of(identity), names::of(c), None) {
+        Err(NameError::UnitUnnamed { image }) => {
+            format!("The unit has no name yet and takes that of the calibration, {image}. If it is that unit, type its name: ")
+        }
+        Err(NameError::ImageUnnamed { unit }) => {
+            format!("The calibration names no unit. If it is of the unit on this port, {unit}, type its name: ")
+        }
+        Err(NameError::BothUnnamed) => "Neither the unit nor the calibration has a name. Type the unit's: ".to_string(),
+        _ => return Ok(None),
+    };
+    if !std::io::stdin().is_terminal() {
+        return Ok(None);
+    }
+    eprint!("{question}");
+    let mut line = String::new();
+    std::io::stdin().read_line(&mut line)?;
+    Ok(Some(line.trim().to_string()))
+}
+
+/// Why a burn failed, and what the unit holds now: asked from the unit.
+fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyhow::Error {
+    let held = match unit.held(HELD_WITHIN) {
+        Ok(held) => held.to_string(),
+        Err(e) => format!("the unit does not answer ({e:#}): what it holds is not known until hrg read asks it"),
+    };
+    let sentence = format!("{port}: {why:#}; {held}");
+    if why.is::<BadInput>() {
+        BadInput::new(sentence).into()
+    } else {
+        anyhow::anyhow!(sentence)
+    }
+}
+
 /// `hrg read`.
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     let (identity, sectors) = Unit::open(port)?.read()?;
-    println!("unit {}, running block {:08x}, number {}", identity.unit_name(), identity.calibration, identity.sequence);
+    let name = name_of(&identity).unwrap_or("without a name");
+    println!("unit {name}, running block {:08x}, number {}", identity.calibration, identity.sequence);
     let mut running = None;
     for (name, sector) in ["A", "B"].iter().zip(sectors) {
         match sector {
@@ -191,15 +386,33 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     }
 }
 
+/// What `hrg monitor` is told.
+#[derive(Args)]
+pub struct MonitorArguments {
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// Chamber profile that runs since power-on, named or written out: for the remaining time.
+    #[arg(long)]
+    profile: Option<String>,
+    /// Print the screen once, as text, after so many seconds of the unit.
+    #[arg(long)]
+    snapshot: Option<u32>,
+    /// Record meanwhile, as hrg record does.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordArguments,
+}
+
 /// `hrg monitor`.
-pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>, out: Option<&Path>) -> Result<()> {
+pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
+    let MonitorArguments { port, profile, snapshot, out, record } = arguments;
     let mut unit = Unit::open(port)?;
     let mut state = State::default();
+    state.profile = profile.as_deref().map(Profile::parse).transpose()?;
     state.identity = Some(unit.identity()?);
-    state.profile = profile;
-    let name = state.identity.map(|i| i.unit_name().to_string()).unwrap_or_default();
-    let mut recorder = out.map(|path| Recorder::new(path, &name));
-    if let Some(seconds) = snapshot {
+    if let Some(seconds) = *snapshot {
         let mut seen = 0;
         while seen < seconds {
             let message = unit.next(Duration::from_secs(5)).with_context(|| format!("{port} is gone"))?;
@@ -210,45 +423,59 @@ pub fn monitor(port: &str, profile: Option<Profile>, snapshot: Option<u32>, out:
         print!("{}", monitor::screen(&state)?);
         return Ok(());
     }
+    let mut recording = out.as_deref().map(|out| Recording::start(&mut unit, port, out, record)).transpose()?;
     let mut terminal = ratatui::try_init()?;
-    let result = (|| -> Result<()> {
-        let mut drawn = Instant::now();
-        loop {
-            match unit.next(Duration::from_millis(50)) {
-                Ok(Some(message)) => {
-                    state.port_error = None;
-                    state.take(&message);
-                    if let (Some(recorder), Message::Housekeeping(h)) = (&mut recorder, &message) {
-                        recorder.push(&Second::from(h))?;
-                    }
-                }
-                Ok(None) => {}
-                Err(e) => {
-                    state.port_error = Some(format!("{port} is gone ({e}); waiting for it"));
-                    std::thread::sleep(Duration::from_millis(200));
-                    if let Ok(again) = Unit::open(port) {
-                        unit = again;
-                    }
+    let result = watch(&mut terminal, &mut unit, &mut state, port, &mut recording);
+    ratatui::restore();
+    if let (Some(recording), Some(out)) = (&recording, out) {
+        report(&recording.recorder, out);
+    }
+    result
+}
+
+/// Until somebody ends it.
+fn watch(
+    terminal: &mut ratatui::DefaultTerminal,
+    unit: &mut Unit,
+    state: &mut State,
+    port: &str,
+    recording: &mut Option<Recording<'_>>,
+) -> Result<()> {
+    let mut drawn = Instant::now();
+    loop {
+        match unit.next(Duration::from_millis(50)) {
+            Ok(Some(message)) => {
+                state.port_error = None;
+                state.take(&message);
+                if let (Some(recording), Message::Housekeeping(h)) = (recording.as_mut(), &message) {
+                    recording.second(unit, h)?;
                 }
             }
-            state.bad_frames = unit.bad_frames;
-            if drawn.elapsed() > Duration::from_millis(200) {
-                terminal.draw(|f| monitor::draw(f, &state))?;
-                drawn = Instant::now();
-                while crossterm::event::poll(Duration::ZERO)? {
-                    if let crossterm::event::Event::Key(key) = crossterm::event::read()? {
-                        let ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-                        if ctrl_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
-                            return Ok(());
-                        }
+            Ok(None) => {}
+            Err(e) => {
+                state.port_error = Some(format!("{port} is gone ({e}); waiting for it"));
+                std::thread::sleep(Duration::from_millis(200));
+                let again = match recording {
+                    Some(recording) => recording.again()?,
+                    None => Unit::open(port).ok(),
+                };
+                if let Some(again) = again {
+                    *unit = again;
+                }
+            }
+        }
+        state.bad_frames = unit.bad_frames;
+        if drawn.elapsed() > Duration::from_millis(200) {
+            terminal.draw(|f| monitor::draw(f, state))?;
+            drawn = Instant::now();
+            while crossterm::event::poll(Duration::ZERO)? {
+                if let crossterm::event::Event::Key(key) = crossterm::event::read()? {
+                    let ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+                    if ctrl_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+                        return Ok(());
                     }
                 }
             }
         }
-    })();
-    ratatui::restore();
-    if let (Some(recorder), Some(out)) = (&recorder, out) {
-        report(recorder, out);
     }
-    result
 }

@@ -1,14 +1,18 @@
 //! `hrg`: recordings of HRG chamber runs in, coefficients and reports out.
 
 mod chamber;
+mod correct;
+mod facts;
+mod merge;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
+use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::independence::Units;
 use hrg_cal::methods::{self, compare};
 use hrg_cal::run::{Run, Steps};
-use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, PROFILES};
+use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, ATTITUDE, PROFILES};
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::trace::separable::{self, WANTED};
 use hrg_cal::{align, allan, evidence, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
@@ -50,6 +54,12 @@ enum Command {
         /// Put spikes, gaps, missing, stuck values and repeated times in.
         #[arg(long)]
         dirty: bool,
+        /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
+        #[command(flatten)]
+        place: Place,
+        /// Leave latitude and axes out of the file: a fit then finds the earth's rate in the constants.
+        #[arg(long)]
+        no_attitude: bool,
         /// Where the recording goes.
         #[arg(long)]
         out: PathBuf,
@@ -83,6 +93,8 @@ enum Command {
         /// Allow recordings of different units.
         #[arg(long)]
         different_units: bool,
+        #[command(flatten)]
+        facts: FactsArguments,
         /// Where the calibration goes: text, or the binary block if it ends in .bin
         #[arg(long)]
         out: PathBuf,
@@ -122,8 +134,8 @@ enum Command {
         /// Calibration whose frequency-temperature laws are used; without it they are fitted to this recording.
         #[arg(long)]
         calibration: Option<PathBuf>,
-        /// What drives the lag: shell or chamber
-        #[arg(long, default_value = "shell", value_parser = ["shell", "chamber"])]
+        /// What drives the lag: case or chamber (shell: an old name of case)
+        #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
         input: String,
         /// Predict the resonator temperatures of this recording where its frequencies are missing.
         #[arg(long)]
@@ -145,9 +157,8 @@ enum Command {
         /// The firmware that made a raw stream.
         #[arg(long)]
         elf: Option<PathBuf>,
-        /// Name of the unit, where the log does not tell.
-        #[arg(long)]
-        unit: Option<String>,
+        #[command(flatten)]
+        facts: chamber::RecordArguments,
         /// Stop after so many rows.
         #[arg(long)]
         seconds: Option<u64>,
@@ -185,30 +196,11 @@ enum Command {
     /// Watch a unit: temperatures, rates, biases, status, link, soak, remaining time.
     ///
     /// Example: hrg monitor --port /dev/ttyUSB0 --profile cycle
-    Monitor {
-        /// Serial port of the link.
-        #[arg(long)]
-        port: String,
-        /// Chamber profile that runs since power-on, named or written out: for the remaining time.
-        #[arg(long)]
-        profile: Option<String>,
-        /// Print the screen once, as text, after so many seconds of the unit.
-        #[arg(long)]
-        snapshot: Option<u32>,
-        /// Record meanwhile, as hrg record does.
-        #[arg(long)]
-        out: Option<PathBuf>,
-    },
+    Monitor(chamber::MonitorArguments),
     /// Burn a calibration into a unit, read it back and see that the unit runs it.
     ///
     /// Example: hrg burn cal.toml --port /dev/ttyUSB0
-    Burn {
-        /// The calibration.
-        calibration: PathBuf,
-        /// Serial port of the link.
-        #[arg(long)]
-        port: String,
-    },
+    Burn(chamber::BurnArguments),
     /// Read the calibrations in a unit.
     ///
     /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
@@ -283,7 +275,17 @@ enum Command {
         /// Allow recordings of different units.
         #[arg(long)]
         different_units: bool,
+        #[command(flatten)]
+        facts: FactsArguments,
     },
+    /// Put columns of a chamber's own log into a recording, by time.
+    ///
+    /// Example: hrg merge run.csv --with chamber.csv --time Time=iso --columns chamber_c=PT100 --out merged.csv
+    Merge(merge::Arguments),
+    /// Correct a recording as the unit does, on the desktop: row for row what it would send.
+    ///
+    /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
+    Correct(correct::Arguments),
 }
 
 fn units(different: bool) -> Units {
@@ -300,7 +302,7 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Simulate { profile, effect, seed, unit, kind, noise, dirty, out } => {
+        Command::Simulate { profile, effect, seed, unit, kind, noise, dirty, place, no_attitude, out } => {
             let kind = Kind::parse(&kind)?;
             let usual = kind.noise();
             let effects = effect
@@ -314,10 +316,15 @@ fn run(command: Command) -> Result<()> {
                 })
                 .collect::<Result<Vec<_>, _>>()?;
             let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
-            let plan = Plan { kind, effects, noise, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
+            let attitude = place.attitude()?.unwrap_or(ATTITUDE);
+            let plan = Plan { kind, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
             let mut simulated = plan.simulate();
             if dirty {
                 hrg_cal::simulate::soil(&mut simulated.recording, seed);
+            }
+            if no_attitude {
+                simulated.recording.restore_earth_rate();
+                simulated.recording.meta.retain(|(k, _)| k != "latitude_deg" && k != "axes");
             }
             hrg_cal::write_file(&out, simulated.recording.to_csv().as_bytes())?;
             println!(
@@ -339,10 +346,13 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Trace { train, verify, out, html, calibration, in_use, different_units } => {
-            let train = train.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
-            let verify = load_recording(&verify)?;
+        Command::Trace { train, verify, out, html, calibration, in_use, different_units, facts } => {
+            let train = facts.load(&train)?;
+            let verify = facts.load(&[verify])?.remove(0);
             let in_use = in_use.map(|p| file::load(&p)).transpose()?;
+            if let Some(c) = &in_use {
+                hrg_cal::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
+            }
             let options = trace::Options { units: units(different_units), in_use };
             let mut t = trace::trace_with(&train, &verify, &options)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
@@ -364,8 +374,8 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Fit { recordings, method, seed, uniform, different_units, out } => {
-            let recordings = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+        Command::Fit { recordings, method, seed, uniform, different_units, facts, out } => {
+            let recordings = facts.load(&recordings)?;
             let prepared = fit::prepare_for(&recordings, units(different_units))?;
             let mut found = methods::identify_weighed(&prepared, &method, seed, uniform)?;
             found.calibration.created_unix_s = now();
@@ -388,7 +398,7 @@ fn run(command: Command) -> Result<()> {
                 let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
                 println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
             }
-            println!("three sigma of 100 s means, on the data of the fit");
+            println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");
             for n in found.notes.iter().chain(&prepared.notes) {
                 println!("note: {n}");
             }
@@ -398,9 +408,9 @@ fn run(command: Command) -> Result<()> {
         Command::Compare { recordings, verify, methods, seed, out, board, different_units } => {
             compare_methods(&recordings, &verify, methods, seed, units(different_units), &out, board)
         }
-        Command::Record { port, defmt, elf, unit, seconds, out } => match (port, defmt) {
-            (Some(port), _) => chamber::record_port(&port, &out, seconds),
-            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, unit.as_deref()),
+        Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
+            (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
+            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, &facts),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
         Command::Profile { wanted, check, profile } => chamber_profile(&wanted, &check, profile.as_deref()),
@@ -440,10 +450,10 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Monitor { port, profile, snapshot, out } => {
-            chamber::monitor(&port, profile.map(|p| Profile::parse(&p)).transpose()?, snapshot, out.as_deref())
-        }
-        Command::Burn { calibration, port } => chamber::burn(&calibration, &port),
+        Command::Monitor(arguments) => chamber::monitor(&arguments),
+        Command::Merge(arguments) => merge::run(&arguments),
+        Command::Correct(arguments) => correct::run(&arguments),
+        Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
         Command::Align { recording, filter, first_azimuth, seed, out } => {
             let r = align::Recording::load(&recording)?;
@@ -477,7 +487,7 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Lag { recording, calibration, input, predict, out } => {
-            let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Shell };
+            let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Case };
             thermal_lag(&recording, calibration.as_deref(), input, predict.as_deref(), out.as_deref())
         }
     }

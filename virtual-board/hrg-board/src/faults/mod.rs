@@ -112,7 +112,7 @@ impl Scene {
     /// What is on its wires.
     #[must_use]
     pub fn wires(&self) -> Wires {
-        let scale = [0, 1, 2].map(|a: usize| self.calibration.axes[a].rate_scale_dph);
+        let scale = self.calibration.scale_factors_dph_per_code();
         Wires::new(self.steps.clone(), scale, 20e-9, 1, None, None)
     }
 

@@ -19,7 +19,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     let mut new = old.clone();
     new.sequence = old.sequence + 1;
     for a in &mut new.axes {
-        a.rate_scale_dph *= 1.5;
+        a.scale_factor_dph_per_code *= 1.5;
     }
     // Sector B holds a block from before, as it does from the second burn on.
     let mut older = old.clone();

@@ -1,0 +1,53 @@
+//! `hrg correct`.
+
+use anyhow::Result;
+use clap::Args;
+use hrg_cal::recording::Recording;
+use hrg_cal::{correct, facts, file, BadInput};
+use hrg_core::status::axis;
+use std::path::PathBuf;
+
+/// What `hrg correct` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recording of raw rates.
+    recording: PathBuf,
+    /// Calibration.
+    #[arg(long)]
+    calibration: PathBuf,
+    /// Use a calibration of another unit.
+    #[arg(long)]
+    different_units: bool,
+    /// Where the corrected recording goes.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Corrects a recording as a unit does.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { recording, calibration, different_units, out } = arguments;
+    let c = file::load(calibration)?;
+    let here = |e: BadInput| BadInput::new(format!("{}: {e}", recording.display()));
+    let bytes = hrg_cal::read_file(recording, hrg_cal::MOST_RECORDING, true)?;
+    let r = Recording::parse(&bytes).map_err(here)?;
+    let mut notes = facts::fits(&c, &r, *different_units).map_err(|e| here(e.into()))?;
+    let corrected = correct::recording(&c, &r).map_err(here)?;
+    notes.extend(corrected.notes);
+    let seconds = corrected.seconds;
+    let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
+    hrg_cal::write_file(out, text.as_bytes())?;
+    for note in notes {
+        println!("note: {note}");
+    }
+    let flagged = seconds.iter().filter(|s| s.status.iter().any(|b| *b != 0)).count();
+    let outside = axis::TEMPERATURE_RANGE | axis::RAMP_RANGE;
+    let outside = seconds.iter().filter(|s| s.status[..3].iter().any(|b| b & outside != 0)).count();
+    println!(
+        "{}: {} seconds of {}, calibration {:08x}; {flagged} of them flagged, {outside} outside the calibrated temperatures or ramps",
+        out.display(),
+        seconds.len(),
+        c.unit_name(),
+        c.checksum()
+    );
+    Ok(())
+}

@@ -1,0 +1,151 @@
+//! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
+
+use hrg_cal::unit::{Burn, Unit};
+use hrg_core::calibration::{newest, Calibration, MAX_BYTES};
+use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
+use serialport::{SerialPort, TTYPort};
+use std::io::{Read, Write};
+use std::process::{Command as Process, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::Duration;
+
+/// What goes wrong, and when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Fault {
+    /// The third chunk is not written.
+    Chunk,
+    /// The image is whole, and refused all the same.
+    End,
+    /// The restart does not come.
+    Restart,
+    /// Maintenance mode is not built in.
+    Locked,
+    /// The cable is pulled at the second chunk.
+    Cable,
+}
+
+struct Flash([Vec<u8>; 2]);
+
+impl Store for Flash {
+    fn erase(&mut self, sector: u8) -> bool {
+        self.0[usize::from(sector)].fill(0xFF);
+        true
+    }
+    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
+        self.0[usize::from(sector)][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+        true
+    }
+    fn view(&self, sector: u8) -> &[u8] {
+        &self.0[usize::from(sector)]
+    }
+}
+
+fn image(sequence: u32, constant: f32) -> Calibration {
+    let mut c = Calibration::uncalibrated();
+    c.set_unit_name("HRG-7");
+    c.calibrated = true;
+    c.sequence = sequence;
+    c.axes[0].coefficients = hrg_core::bias::Coefficients::One([constant; 6]);
+    c
+}
+
+/// A unit that runs `image(1, 1.0)` and fails in one way; gives its port.
+fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
+    let (mut ours, theirs) = TTYPort::pair().expect("a pseudo-terminal");
+    let name = theirs.name().expect("has a name");
+    ours.set_timeout(Duration::from_millis(20)).expect("set");
+    std::thread::spawn(move || {
+        let _theirs = theirs;
+        let mut flash = Flash([vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]]);
+        let old = image(1, 1.0);
+        let bytes = old.to_bytes().expect("fits");
+        flash.0[0][..bytes.len()].copy_from_slice(&bytes);
+        let start = |flash: &Flash| {
+            let (c, sector) = newest(&flash.0[0], &flash.0[1]).newest.expect("one is valid");
+            let identity =
+                Identity { unit: c.unit, calibration: c.checksum(), created_unix_s: 0, sequence: c.sequence };
+            (identity, Maintenance::new(c.unit, c.sequence, Some(sector), fault == Fault::Locked))
+        };
+        let (mut identity, mut maintenance) = start(&flash);
+        let (mut deframer, mut chunks) = (Deframer::default(), 0);
+        let mut buffer = [0; 512];
+        while !stop.load(Ordering::Relaxed) {
+            let Ok(n) = ours.read(&mut buffer) else { continue };
+            for byte in &buffer[..n] {
+                let answer = match deframer.push_command(*byte) {
+                    Some(Ok(Message::Identify)) => Message::Identity(identity),
+                    Some(Ok(Message::Maintain(command))) => {
+                        chunks += u32::from(matches!(command, Command::Chunk { .. }));
+                        let refused = match (fault, &command) {
+                            (Fault::Cable, Command::Chunk { .. }) if chunks == 2 => return,
+                            (Fault::Chunk, Command::Chunk { .. }) if chunks >= 3 => Some(Answer::Flash),
+                            (Fault::End, Command::End) => Some(Answer::NotNewer),
+                            _ => None,
+                        };
+                        let reply = match refused {
+                            Some(answer) => Reply::Answer(answer, 0),
+                            None => maintenance.command(&command, &mut flash),
+                        };
+                        if command == Command::Restart && fault != Fault::Restart {
+                            (identity, maintenance) = start(&flash);
+                        }
+                        Message::Maintained(reply)
+                    }
+                    _ => continue,
+                };
+                let _ = ours.write_all(&answer.encode());
+            }
+        }
+    });
+    name
+}
+
+fn burn(fault: Fault) -> (bool, String) {
+    let stop = Arc::new(AtomicBool::new(false));
+    let port = unit(fault, stop.clone());
+    let path = std::env::temp_dir().join(format!("hrg-burn-{}-{fault:?}.toml", std::process::id()));
+    hrg_cal::file::save(&path, &image(0, 2.0)).expect("written");
+    let o = Process::new(env!("CARGO_BIN_EXE_hrg"))
+        .arg("burn")
+        .arg(&path)
+        .args(["--port", &port])
+        .stdin(Stdio::null())
+        .output()
+        .expect("hrg runs");
+    stop.store(true, Ordering::Relaxed);
+    let _ = std::fs::remove_file(path);
+    (o.status.success(), String::from_utf8_lossy(&o.stderr).trim().to_string())
+}
+
+#[test]
+fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
+    let (old, new) = (image(1, 1.0).checksum(), image(2, 2.0).checksum());
+    let runs =
+        format!("; asked now, unit HRG-7 runs image {old:08x}, number 1; sector A holds image {old:08x}, number 1; ");
+    let next = format!(
+        "sector B holds image {new:08x}, number 2; from its next start on it runs image {new:08x} of unit HRG-7"
+    );
+    for (fault, why, holds) in [
+        (Fault::Chunk, "writing: the unit says: the flash could not be written", "sector B holds no valid image"),
+        (Fault::End, "checking: the unit says: the block is not newer", next.as_str()),
+        (Fault::Restart, "after its restart, not", next.as_str()),
+    ] {
+        let (done, said) = burn(fault);
+        assert!(!done && said.contains(why), "{fault:?}: {said}");
+        assert!(said.contains(&format!("{runs}{holds}")), "{fault:?}: {said}");
+        assert!(!said.contains("keeps"), "{fault:?}: {said}");
+    }
+    let (done, said) = burn(Fault::Locked);
+    assert!(!done && said.contains("built without maintenance mode") && !said.contains("asked now"), "{said}");
+}
+
+#[test]
+fn a_unit_that_has_gone_is_not_said_to_hold_anything() {
+    let port = unit(Fault::Cable, Arc::new(AtomicBool::new(false)));
+    let mut unit = Unit::open(&port).expect("a port");
+    let e = unit.burn(&image(0, 2.0), &Burn::default(), |_| {}).expect_err("the cable is pulled");
+    assert!(e.begun, "{}", e.why);
+    assert!(unit.held(Duration::from_millis(100)).is_err());
+}

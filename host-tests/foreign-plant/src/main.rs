@@ -1,0 +1,222 @@
+//! `foreign-plant`: writes recordings of foreign physics, with the truth beside them.
+
+use anyhow::{bail, Context, Result};
+use clap::{Parser, Subcommand};
+use foreign_plant::case::{Case, AXES};
+use foreign_plant::clean::{clean_case, control_noise};
+use foreign_plant::generate::Generated;
+use foreign_plant::series::{Selection, Series};
+use foreign_plant::truth::Truth;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+
+/// Chamber runs of HRG units with physics that `hrg trace` was not written for, and the truth beside them.
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// List the cases: name, group, classes of a right answer, whether a unit can compensate it, description.
+    List,
+    /// Write one case: NAME-SEED-train.csv (or -train-1.csv ...), NAME-SEED-verify.csv, NAME-SEED-truth.json.
+    #[command(after_help = "Example: foreign-plant make --case memory-rod --seed 1 --out /tmp/rod")]
+    Make {
+        /// Name of the case, of those that `list` shows.
+        #[arg(long)]
+        case: String,
+        /// Seed of the unit and of its runs.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// Folder to write into; made where it is missing.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Write every case under seeds 1 to N.
+    #[command(after_help = "Example: foreign-plant all --seeds 3 --out /tmp/foreign")]
+    All {
+        /// Number of seeds.
+        #[arg(long, default_value_t = 3)]
+        seeds: u64,
+        /// Folder to write into.
+        #[arg(long)]
+        out: PathBuf,
+    },
+    /// Work out the truth of every case under seeds 1 to N and print sizes and reach; nothing is written.
+    Reach {
+        /// Number of seeds.
+        #[arg(long, default_value_t = 3)]
+        seeds: u64,
+        /// Cases whose name contains this.
+        #[arg(long, default_value = "")]
+        only: String,
+    },
+    /// Write clean units under many kinds of noise.
+    #[command(
+        after_help = "Example: foreign-plant clean --count 30 --out /tmp/clean --residuals imu_raw_data.csv --skip 5 \
+                            --columns imu.gyro.x,imu.gyro.y --against imu.temperature"
+    )]
+    Clean {
+        /// Number of units; unit k has seed k.
+        #[arg(long, default_value_t = 30)]
+        count: usize,
+        /// Folder to write into.
+        #[arg(long)]
+        out: PathBuf,
+        /// Tables of measured residuals: each third unit takes its noise spectrum from one.
+        #[arg(long, num_args = 1..)]
+        residuals: Vec<PathBuf>,
+        /// Columns of the tables, by name or number from 0 (default: the last).
+        #[arg(long, value_delimiter = ',')]
+        columns: Vec<String>,
+        /// Column of temperature, by name or number: what equation 7 explains by it is taken off first.
+        #[arg(long)]
+        against: Option<String>,
+        /// Rows to leave out at the beginning of each table.
+        #[arg(long, default_value_t = 0)]
+        skip: usize,
+        /// Time from row to row, s (default: a table is stretched over a run).
+        #[arg(long)]
+        step: Option<f64>,
+    },
+}
+
+fn main() -> ExitCode {
+    match Arguments::parse().command.run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("{e:#}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+impl Command {
+    fn run(self) -> Result<()> {
+        match self {
+            Self::List => list(),
+            Self::Make { case, seed, out } => {
+                let all = foreign_plant::cases();
+                let Some(case) = all.into_iter().find(|c| c.name == case) else {
+                    bail!("there is no case `{case}`; `foreign-plant list` shows all");
+                };
+                write_all(&[(case, seed)], &out)?;
+            }
+            Self::All { seeds, out } => write_all(&jobs(seeds, ""), &out)?,
+            Self::Reach { seeds, only } => reach(&jobs(seeds, &only)),
+            Self::Clean { count, out, residuals, columns, against, skip, step } => {
+                if step.is_some_and(|s| !(0.01..=3600.0).contains(&s)) {
+                    bail!("--step must lie between 0.01 and 3600 s");
+                }
+                let selection = Selection { columns, against, skip, step_s: step };
+                let series = residuals
+                    .iter()
+                    .map(|path| Series::read(path, &selection).map(Arc::new))
+                    .collect::<Result<Vec<_>>>()?;
+                let jobs: Vec<(Case, u64)> =
+                    (0..count).map(|k| (clean_case(k as u64, &control_noise(k, &series)), k as u64)).collect();
+                write_all(&jobs, &out)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+fn jobs(seeds: u64, only: &str) -> Vec<(Case, u64)> {
+    let cases = foreign_plant::cases();
+    let chosen = cases.iter().filter(|case| case.name.contains(only));
+    chosen.flat_map(|case| (1..=seeds).map(|seed| (case.clone(), seed))).collect()
+}
+
+fn list() {
+    for case in foreign_plant::cases() {
+        let classes: Vec<&str> = case.classes().iter().map(|c| c.name()).collect();
+        let compensable = if case.why_not_compensable().is_none() { "yes" } else { "no" };
+        println!(
+            "{:<42} {:<12} {:<32} {compensable:<4} {}",
+            case.name,
+            case.group,
+            classes.join(","),
+            case.description
+        );
+    }
+}
+
+/// Runs `work` on every job, on all processors; results in the order of the jobs.
+fn parallel<T: Send>(jobs: &[(Case, u64)], work: impl Fn(&Case, u64) -> T + Sync) -> Vec<T> {
+    let next = AtomicUsize::new(0);
+    let results = Mutex::new(Vec::new());
+    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get).min(jobs.len().max(1));
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| loop {
+                let k = next.fetch_add(1, Ordering::Relaxed);
+                let Some((case, seed)) = jobs.get(k) else { break };
+                let result = work(case, *seed);
+                if let Ok(mut results) = results.lock() {
+                    results.push((k, result));
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(k, _)| *k);
+    results.into_iter().map(|(_, result)| result).collect()
+}
+
+fn write_all(jobs: &[(Case, u64)], out: &Path) -> Result<()> {
+    std::fs::create_dir_all(out).with_context(|| format!("cannot make the folder {}", out.display()))?;
+    let written = parallel(jobs, |case, seed| write(&case.generate(seed), out));
+    written.into_iter().collect::<Result<Vec<()>>>()?;
+    println!("{} units written to {}", jobs.len(), out.display());
+    Ok(())
+}
+
+fn write(made: &Generated, out: &Path) -> Result<()> {
+    let files = made.truth.runs.iter().map(|run| out.join(&run.file));
+    let recordings = made.train.iter().chain(std::iter::once(&made.verify));
+    for (path, recording) in files.zip(recordings) {
+        recording.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let path = out.join(format!("{}-{}-truth.json", made.truth.case, made.truth.seed));
+    std::fs::write(&path, made.truth.to_json()?).with_context(|| format!("cannot write {}", path.display()))
+}
+
+fn reach(jobs: &[(Case, u64)]) {
+    println!(
+        "{:<42} {:>4} {:>4} {:>4}  {:<22} {:>17}  {:>17}  {:>17}",
+        "case", "seed", "comp", "axis", "sizes (floors)", "raw (dph)", "eq7 (floors)", "oracle (floors)"
+    );
+    for truth in parallel(jobs, |case, seed| case.generate(seed).truth) {
+        for axis in AXES {
+            print_axis(&truth, axis);
+        }
+    }
+}
+
+fn print_axis(truth: &Truth, axis: &str) {
+    let sizes: Vec<String> =
+        truth.effects.iter().filter_map(|e| e.size_floors.get(axis)).map(|s| format!("{s:.2}")).collect();
+    let figures: Vec<_> = truth.runs.iter().filter_map(|run| run.axes.get(axis)).collect();
+    if figures.is_empty() {
+        return;
+    }
+    let of = |f: &dyn Fn(&foreign_plant::truth::AxisFigures) -> f64| {
+        figures.iter().map(|x| format!("{:.2}", f(x))).collect::<Vec<_>>().join(" ")
+    };
+    println!(
+        "{:<42} {:>4} {:>4} {axis:>4}  {:<22} {:>17}  {:>17}  {:>17}",
+        truth.case,
+        truth.seed,
+        if truth.compensable { "yes" } else { "no" },
+        sizes.join(" "),
+        of(&|x| x.raw_dph),
+        of(&|x| x.eq7_floors),
+        of(&|x| x.oracle_floors),
+    );
+}
