@@ -26,6 +26,7 @@
 
 pub mod align;
 pub mod allan;
+pub mod cards;
 pub mod correct;
 pub mod dialect;
 pub mod evidence;

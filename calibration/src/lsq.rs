@@ -220,6 +220,45 @@ pub fn powers(u: &[f64], degree: usize) -> Vec<Vec<f64>> {
     (0..=degree).map(|d| u.iter().map(|x| x.powi(d as i32)).collect()).collect()
 }
 
+/// Least squares with shrinkage: coefficient `j` is taken as drawn from a normal distribution about zero with the variance
+/// `prior[j]`, in units of the noise's variance; `None`: any value is as likely as any other. The covariance is that of the
+/// coefficients after the data are seen.
+///
+/// # Errors
+/// Data that cannot hold down the coefficients without a prior.
+pub fn fit_shrunk(columns: &[Vec<f64>], y: &[f64], prior: &[Option<f64>], names: &[&str]) -> Result<Fit, BadInput> {
+    let p = columns.len();
+    // A prior is a row of its own: the coefficient, seen as zero with the noise's deviation.
+    let priors: Vec<(usize, f64)> =
+        prior.iter().enumerate().filter_map(|(j, v)| v.map(|v| (j, 1.0 / v.max(1e-300).sqrt()))).collect();
+    let mut triangle = Triangle::new(p);
+    let mut row = vec![0.0; p + 1];
+    let mut count = 0;
+    for k in 0..y.len() {
+        for (to, c) in row.iter_mut().zip(columns) {
+            *to = c[k];
+        }
+        row[p] = y[k];
+        count += usize::from(row.iter().all(|v| v.is_finite()));
+        triangle.push(&row);
+    }
+    for (j, weight) in &priors {
+        row.fill(0.0);
+        row[*j] = *weight;
+        triangle.push(&row);
+    }
+    let free = p - priors.len();
+    if count < free + 2 {
+        return Err(BadInput::new(format!(
+            "only {count} usable rows for {free} coefficients; record a longer run, or fill the missing values"
+        )));
+    }
+    // Each prior is a row and takes a coefficient: the degrees of freedom are those of the rows and the free coefficients.
+    let mut fit = triangle.solve(names)?;
+    fit.rows = count;
+    Ok(fit)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -149,14 +149,14 @@ impl Steps {
 
     /// What only the recording has, at a step, for an axis.
     #[must_use]
-    pub fn recorded(&self, k: usize, a: usize) -> Recorded {
+    pub fn recorded(&self, k: usize) -> Recorded {
         let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
         Recorded {
             case_c: [at(&self.case_c[0]), at(&self.case_c[1]), at(&self.case_c[2])],
             board_c: at(&self.board_c),
             supply_v: at(&self.supply_v),
-            drive_v: at(&self.drive_v[a]),
-            quad_v: at(&self.quad_v[a]),
+            drive_v: self.drive_v.each_ref().map(|v| at(v)),
+            quad_v: self.quad_v.each_ref().map(|v| at(v)),
         }
     }
 }
@@ -286,7 +286,7 @@ impl Run {
     ) -> Vec<[f32; MAX_OUTPUTS]> {
         let mut running = Running::new(id, parameters, MODEL_STEP_S);
         (0..self.thermal.len())
-            .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k, a)), &mut running) {
+            .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k)), &mut running) {
                 (Some(i), Some(r)) => r.step(&i),
                 _ => [f32::NAN; MAX_OUTPUTS],
             })

@@ -602,14 +602,14 @@ impl Monitors {
         }
     }
 
-    fn recorded(&self, plant: &Plant, a: usize) -> Vec<Recorded> {
+    fn recorded(&self, plant: &Plant) -> Vec<Recorded> {
         (0..plant.board_c.len())
             .map(|k| Recorded {
                 case_c: [0, 1, 2].map(|b: usize| plant.case_c[b][k] as f32),
                 board_c: self.board_c[k] as f32,
                 supply_v: self.supply_v[k] as f32,
-                drive_v: self.drive_v[a][k] as f32,
-                quad_v: self.quad_v[a][k] as f32,
+                drive_v: self.drive_v.each_ref().map(|v| v[k] as f32),
+                quad_v: self.quad_v.each_ref().map(|v| v[k] as f32),
             })
             .collect()
     }
@@ -651,7 +651,7 @@ impl Plan {
             .map(|(spec, signs)| {
                 [0, 1, 2].map(|a: usize| {
                     let bias =
-                        effect_bias(spec, &plant, &monitors.recorded(&plant, a), &default.scaling, a, signs[a].1);
+                        effect_bias(spec, &plant, &monitors.recorded(&plant), &default.scaling, a, signs[a].1);
                     let left = left_after_baseline(&bias, &plant, &default.scaling, a);
                     if left > 0.0 {
                         signs[a].0 * spec.size * floor[a] / left
@@ -687,7 +687,7 @@ impl Plan {
         let gains = self.gains();
         for ((spec, signs), gains) in self.effects.iter().zip(self.signs()).zip(&gains) {
             for a in 0..AXES {
-                let bias = effect_bias(spec, &plant, &monitors.recorded(&plant, a), scaling, a, signs[a].1);
+                let bias = effect_bias(spec, &plant, &monitors.recorded(&plant), scaling, a, signs[a].1);
                 for (r, b) in rate[a].iter_mut().zip(&bias) {
                     *r += gains[a] * b;
                 }

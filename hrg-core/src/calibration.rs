@@ -22,7 +22,7 @@ pub const MAGIC: [u8; 4] = *b"HRGC";
 /// Version of the layout.
 pub const VERSION: u16 = 1;
 /// Most effects in one block.
-pub const MAX_EFFECTS: usize = 6;
+pub const MAX_EFFECTS: usize = 12;
 /// Longest possible block in bytes.
 pub const MAX_BYTES: usize = 2048;
 /// Bytes before the payload.

@@ -1,9 +1,10 @@
 //! What the search works on: block means of rates and regressors, and the library of candidate columns.
 
+use crate::cards::{self, Extent};
 use crate::fit::baseline_columns;
 use crate::run::Run;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{by_name, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{by_name, EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -33,7 +34,7 @@ pub struct AxisRows {
     pub starts: Vec<usize>,
     /// Mean rate of each kept block, deg/h.
     pub y: Vec<f64>,
-    /// Means of the baseline's regressors.
+    /// Means of the baseline's regressors, then a column for each run after the first: see [`day_column`].
     pub base: Vec<Vec<f64>>,
 }
 
@@ -56,6 +57,15 @@ pub struct Data<'a> {
     pub axes: [AxisRows; AXES],
 }
 
+/// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
+pub fn day_column(day: usize, run: usize) -> f64 {
+    match run {
+        0 => -1.0,
+        r if r == day + 1 => 1.0,
+        _ => 0.0,
+    }
+}
+
 impl<'a> Data<'a> {
     /// Cuts runs into blocks: about 600 in all, of 20 to 100 s.
     pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
@@ -66,8 +76,10 @@ impl<'a> Data<'a> {
         let axes = [0, 1, 2].map(|a| {
             let mut rows =
                 AxisRows { keep: vec![], starts: vec![], y: vec![], base: vec![vec![]; hrg_core::bias::TERMS] };
+            // Each run has its own constant: the first one's is what the others' add up to, taken negative.
+            rows.base.extend(vec![vec![]; runs.len().saturating_sub(1)]);
             let mut first = 0;
-            for (run, &n) in runs.iter().zip(&blocks) {
+            for (number, (run, &n)) in runs.iter().zip(&blocks).enumerate() {
                 rows.starts.push(rows.keep.len());
                 let columns = baseline_columns(run, &scaling, a);
                 for b in 0..n {
@@ -80,8 +92,12 @@ impl<'a> Data<'a> {
                     let mean = |v: &[f64]| good.iter().map(|&k| v[k]).sum::<f64>() / good.len() as f64;
                     rows.keep.push(first + b);
                     rows.y.push(mean(&run.steps.rate_dph[a]));
-                    for (to, from) in rows.base.iter_mut().zip(&columns) {
+                    let (baseline, days) = rows.base.split_at_mut(hrg_core::bias::TERMS);
+                    for (to, from) in baseline.iter_mut().zip(&columns) {
                         to.push(mean(from));
+                    }
+                    for (day, to) in days.iter_mut().enumerate() {
+                        to.push(day_column(day, number));
                     }
                 }
                 first += n;
@@ -109,7 +125,7 @@ impl<'a> Data<'a> {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
                     let at = k + every / 2;
-                    let recorded = if recorded { run.steps.recorded(at, a) } else { Recorded::NONE };
+                    let recorded = if recorded { run.steps.recorded(at) } else { Recorded::NONE };
                     let Some(inputs) = run.inputs(&self.scaling, at, a, recorded) else {
                         continue;
                     };
@@ -165,39 +181,63 @@ impl<'a> Data<'a> {
         self.runs.iter().map(|r| r.steps.len()).max().unwrap_or(0) as f32
     }
 
-    /// The library: every effect with a grid of inner parameters. `periodic` and `step` are added later, where a
-    /// spectrum or a jump points. `frequency-direct` is left out: as an addition to the baseline it spans what `cubic` spans.
-    pub fn library(&self) -> Vec<Candidate> {
-        let (low, high) = self.temperature_range();
-        let span = high - low;
-        let longest = self.longest_s();
-        let log = |from: f32, to: f32, n: usize| -> Vec<f32> {
-            (0..n).map(|k| from * (to / from).powf(k as f32 / (n - 1) as f32)).collect()
-        };
-        let even = |from: f32, to: f32, n: usize| -> Vec<f32> {
-            (0..n).map(|k| from + (to - from) * k as f32 / (n - 1) as f32).collect()
-        };
-        let mut grid: Vec<(&str, Vec<f32>)> = vec![
-            ("cubic", vec![0.0]),
-            ("kink", even(low + 0.1 * span, high - 0.1 * span, 20)),
-            ("thermal-lag", log(120.0, (longest / 2.5).max(600.0), 18)),
-            ("second-derivative", vec![0.0]),
-            ("hysteresis", log((0.03 * span).max(0.5), 0.75 * span, 14)),
-            ("axis-gradient", vec![0.0]),
-            ("cooling-heating", vec![0.0]),
-            ("case-gradient", vec![0.0]),
-            ("warm-up", log(150.0, longest / 3.0, 12)),
-            ("aging", vec![0.0]),
-            ("timebase", vec![self.lag_s]),
-            ("drive-amplitude", vec![0.0]),
-            ("quadrature", vec![0.0]),
-            ("board", vec![0.0, 1.0]),
-        ];
-        let mut out: Vec<Candidate> = grid
-            .drain(..)
-            .flat_map(|(name, values)| values.into_iter().filter_map(move |v| Candidate::new(name, [v, 0.0])))
-            .collect();
-        out.extend(Candidate::new("temperature-shape", [low, high]));
-        out
+    /// What the runs span.
+    pub fn extent(&self) -> Extent {
+        let (low_c, high_c) = self.temperature_range();
+        let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
+        Extent {
+            low_c,
+            high_c,
+            fastest_c_per_min: ramps.fold(0.1, |m, (low, high)| m.max(high).max(-low)),
+            longest_s: self.longest_s(),
+            lag_s: self.lag_s,
+            runs: self.runs.len(),
+        }
     }
+
+    /// The library: every effect with the values of its parameters, and how many values each is one of.
+    pub fn library(&self) -> Vec<(Candidate, f64)> {
+        let extent = self.extent();
+        cards::all()
+            .flat_map(|(facts, card)| {
+                let grid = (card.grid)(&extent);
+                let tries = grid.len() as f64;
+                grid.into_iter().map(move |parameters| (Candidate { facts, parameters, run: None }, tries))
+            })
+            .collect()
+    }
+
+    /// Effects that are offered together, with one variance for all their gains: the first gives the name.
+    pub fn bundles(&self) -> Vec<Vec<Candidate>> {
+        let extent = self.extent();
+        let parts = |effect: EffectId| -> Vec<Candidate> {
+            let of = |parameters| Candidate { facts: effect.facts(), parameters, run: None };
+            (cards::card(effect).grid)(&extent).into_iter().map(of).collect()
+        };
+        let in_ramp: Vec<bool> = self.runs.iter().map(begins_in_ramp).collect();
+        let start = |effect: EffectId| -> Vec<Candidate> {
+            let parameters = cards::start_parameters(effect, &extent);
+            let of = |n| Candidate { facts: effect.facts(), parameters, run: Some(n) };
+            (0..self.runs.len()).map(of).collect()
+        };
+        cards::BUNDLES
+            .iter()
+            .filter(|b| !b.in_ramp || in_ramp.iter().any(|r| *r))
+            .map(|b| {
+                let families = b.families.iter().flat_map(|e| parts(*e));
+                families.chain(b.start.into_iter().flat_map(start)).collect()
+            })
+            .collect()
+    }
+}
+
+/// Ramp above which a run does not begin at rest, C per minute.
+const RAMP_C_PER_MIN: f32 = 0.2;
+
+/// Whether a run begins in a ramp: the mean of its first ten minutes.
+fn begins_in_ramp(run: &Run) -> bool {
+    (0..AXES).any(|a| {
+        let ramps: Vec<f32> = (0..run.steps.len().min(600)).filter_map(|k| run.state(k, a)).map(|s| s.1).collect();
+        ramps.iter().sum::<f32>().abs() > RAMP_C_PER_MIN * ramps.len() as f32
+    })
 }

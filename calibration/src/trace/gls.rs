@@ -6,7 +6,6 @@
 //! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
 //! compared, so that structure can be explained by the model or by the noise, whichever does it better.
 
-use super::data::AxisRows;
 use crate::stats::{dot, sum_of_products, take_off};
 
 /// One noise model.
@@ -53,11 +52,6 @@ impl Colour {
             }
         }
     }
-
-    /// Log-likelihood from a whitened residual sum of squares, its variance profiled out.
-    fn log_likelihood(&self, rss: f64, n: usize, runs: usize) -> f64 {
-        -0.5 * n as f64 * (rss / n as f64).max(1e-300).ln() + runs as f64 * self.first_factor().ln()
-    }
 }
 
 /// Takes out of `x` what orthonormal columns span (twice, for rounding).
@@ -101,58 +95,5 @@ impl Basis {
         x.iter_mut().for_each(|v| *v *= f);
         self.columns.push(x);
         left
-    }
-}
-
-/// The whitened, baseline-free view of one axis in one colour.
-#[derive(Debug, Clone)]
-pub struct View {
-    /// Which colour.
-    pub colour: Colour,
-    /// Basis of the whitened baseline.
-    pub base: Basis,
-    /// Whitened rates less what the baseline explains.
-    pub y: Vec<f64>,
-    /// Logarithm of the determinant of the whitened baseline's normal equations.
-    information: f64,
-}
-
-impl View {
-    /// Whitens an axis and takes the baseline out.
-    pub fn new(rows: &AxisRows, colour: Colour) -> Self {
-        let mut base = Basis::default();
-        let mut information = 0.0;
-        for column in &rows.base {
-            let mut c = column.clone();
-            colour.whiten(&mut c, &rows.starts);
-            let length = base.add_measured(c);
-            if length > 0.0 {
-                information += length.ln();
-            }
-        }
-        let mut y = rows.y.clone();
-        colour.whiten(&mut y, &rows.starts);
-        base.reduce(&mut y);
-        Self { colour, base, y, information }
-    }
-
-    /// Restricted log-likelihood from a whitened residual sum of squares: the likelihood of what the baseline leaves,
-    /// whatever its coefficients are (Patterson and Thompson 1971). Without it slow noise is underestimated, because
-    /// the baseline's smooth regressors have eaten a part of it, and a wander passes for a drift.
-    pub fn log_likelihood(&self, rss: f64, runs: usize) -> f64 {
-        self.colour.log_likelihood(rss, self.y.len(), runs) - 0.5 * self.information
-    }
-
-    /// A column seen the same way.
-    pub fn column(&self, rows: &AxisRows, column: &[f64]) -> Vec<f64> {
-        let mut c = column.to_vec();
-        self.colour.whiten(&mut c, &rows.starts);
-        // The norm before the baseline is taken out tells whether anything of it is left.
-        let before = dot(&c, &c);
-        self.base.reduce(&mut c);
-        if dot(&c, &c) < 1e-9 * before {
-            c.fill(0.0);
-        }
-        c
     }
 }

@@ -1,35 +1,36 @@
 //! What is left after the model: noise, or structure? And where does it live?
 //!
 //! Generic curves (of temperature while heating and while cooling, of the rate of change, of both together, of time) are
-//! offered to the final model of each axis, with the noise model refitted and the usual penalty: if one of them is
-//! worth adding, structure is left there. (What the verify run is left with is judged by [`super::floor`].)
+//! offered to the final model of each axis, shrunk as a family is and with the noise model refitted: if one of them
+//! has evidence, structure is left there. (What the verify run is left with is judged by [`super::floor`].)
 
 use super::data::Data;
-use super::gls::{Basis, View, COLOURS};
-use super::model::Term;
-use super::search::MOST;
-use crate::stats::dot;
+use super::search::{Model, Search, MOST};
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 
-/// Worth above which a generic curve counts as structure.
-const WORTH: f64 = 10.0;
+/// Evidence above which a generic curve counts as structure.
+const WORTH: f64 = 7.0;
 
 /// Where structure is left on the train runs, by axis, in words; empty where none is.
-pub fn judge(data: &Data<'_>, terms: &[Term]) -> [Vec<String>; AXES] {
+pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
-        let mut left: Vec<String> = generic(data, a)
+        let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
+        let mut left: Vec<String> = names
             .iter()
-            .filter(|(_, columns)| worth(data, terms, a, columns) > WORTH)
+            .zip(search.evidence_of(model, a, columns))
+            .filter(|(_, evidence)| *evidence > WORTH)
             .map(|(name, _)| (*name).to_string())
             .collect();
-        let here = |name: &str| terms.iter().filter(|t| t.on[a] && t.candidate.facts.name == name).count();
-        if here("step") > 1 {
+        let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());
+        let here = |effect: EffectId| on_axis().filter(|m| m.parts[0].facts.effect == effect).count();
+        if here(EffectId::Step) > 1 {
             left.push("in time: the rates jump more than once, so something switches".into());
         }
-        if here("periodic") > 1 {
+        if here(EffectId::Periodic) > 1 {
             left.push("in time: more than one period is needed, so it is not one that repeats".into());
         }
-        if terms.iter().filter(|t| t.on[a]).count() >= MOST {
+        if on_axis().count() >= MOST {
             left.push("in nothing simple: as many effects are needed as the search allows".into());
         }
         left
@@ -80,32 +81,4 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
         ("in temperature and dT/dt together", products),
         ("in time", curve(&clock, 1..=14, &|_| 1.0)),
     ]
-}
-
-/// Worth of adding columns to the final model of one axis.
-fn worth(data: &Data<'_>, terms: &[Term], a: usize, columns: &[Vec<f64>]) -> f64 {
-    let rows = &data.axes[a];
-    let (mut without, mut with) = (f64::NEG_INFINITY, f64::NEG_INFINITY);
-    let mut added = 0;
-    for colour in COLOURS {
-        let view = View::new(rows, colour);
-        let mut basis = Basis::default();
-        for t in terms.iter().filter(|t| t.on[a]) {
-            for c in data.columns(&t.candidate, a, false).unwrap_or_default() {
-                basis.add(view.column(rows, &c));
-            }
-        }
-        let mut y = view.y.clone();
-        basis.reduce(&mut y);
-        let rss = dot(&y, &y);
-        without = without.max(view.log_likelihood(rss, data.runs.len()));
-        let own = basis.columns.len();
-        for c in columns {
-            basis.add(view.column(rows, c));
-        }
-        added = basis.columns.len() - own;
-        let explained: f64 = basis.columns[own..].iter().map(|q| dot(q, &y).powi(2)).sum();
-        with = with.max(view.log_likelihood(rss - explained, data.runs.len()));
-    }
-    with - without - 0.5 * (rows.y.len() as f64).ln() * added as f64
 }

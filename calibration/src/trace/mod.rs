@@ -5,17 +5,19 @@
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
 pub mod data;
-pub mod shrink;
 mod events;
 pub mod floor;
 pub mod gls;
 mod html;
 pub mod judge;
+pub mod gram;
 mod leftover;
 pub mod model;
+mod proposals;
 pub mod report;
 pub mod search;
 pub mod separable;
+mod surrogate;
 mod words;
 
 pub use html::html;
@@ -23,6 +25,7 @@ pub use words::list;
 
 pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 
+use crate::cards::{card, Kind};
 use crate::evidence;
 use crate::facts;
 use crate::fit::{self, prepare_for, Prepared};
@@ -39,7 +42,7 @@ use hrg_core::AXES;
 use judge::{agreement, spread, Means, Noise};
 use model::{drop_idle_effects, take_axis, Fitted, Term};
 use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged, Gain, OnVerify, Ranked};
-use search::{Model, Search};
+use search::{Model, Rival, Search};
 use std::collections::BTreeSet;
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
@@ -95,8 +98,8 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     let scaling = calibration.scaling;
     calibration.sequence = 1;
     let data = Data::new(&runs, scaling, lag_s.iter().sum::<f64>() / AXES as f64);
-    let search = Search::new(&data, SEED);
-    let learnt = Learnt::new(&search);
+    let mut search = Search::new(&data, SEED);
+    let learnt = Learnt::new(&mut search);
     let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
     let fitted = Fitted::new(&data, &learnt.terms, learnt.model.colours)?;
 
@@ -106,7 +109,7 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(&verify_run, c, &scaling);
     let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
-    let candidates: Vec<Candidate> = learnt.terms.iter().map(|t| t.candidate).collect();
+    let candidates: Vec<Candidate> = learnt.terms.iter().map(|t| *t.lead()).collect();
     let (refitted, judged) = events::refit(&candidates, &verify_run, &scaling, &after_verify);
 
     let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
@@ -132,7 +135,7 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
     let effects = on_verify.found(&search, &learnt, &fitted)?;
     let written = on_verify.image(&calibration, &learnt, &fitted, &baseline_fit, options, &mut notes)?;
-    let mut left = leftover::judge(&data, &learnt.terms);
+    let mut left = leftover::judge(&data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
@@ -221,28 +224,15 @@ struct Learnt {
     model: Model,
     terms: Vec<Term>,
     /// For each effect, what could stand in its place.
-    ranks: Vec<Vec<(Candidate, f64)>>,
+    ranks: Vec<Vec<Rival>>,
 }
 
 impl Learnt {
-    fn new(search: &Search<'_>) -> Self {
-        let mut model = search.run();
-        // Ranks before the final fit: an equal that is better gives its name.
-        let ranks: Vec<Vec<(Candidate, f64)>> =
-            (0..model.effects.len()).map(|k| search.instead_of(&model, k)).collect();
-        for (k, rank) in ranks.iter().enumerate() {
-            let Some((top, _)) = rank.first().filter(|(top, _)| top.facts.id != model.effects[k].facts.id) else {
-                continue;
-            };
-            let mut other = model.effects.clone();
-            other[k] = *top;
-            let (worth, colours) = search.worth(&other);
-            if worth > model.worth {
-                (model.effects, model.worth, model.colours) = (other, worth, colours);
-            }
-        }
-        let on = search.axes_of(&model);
-        let terms = model.effects.iter().zip(on).map(|(candidate, on)| Term { candidate: *candidate, on }).collect();
+    fn new(search: &mut Search<'_>) -> Self {
+        let model = search.run();
+        let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
+        let terms =
+            model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
         Self { model, terms, ranks }
     }
 }
@@ -268,11 +258,11 @@ impl OnVerifyRun<'_> {
     /// Each effect with its gains, its rivals, and what the verify run says of it.
     fn found(&self, search: &Search<'_>, learnt: &Learnt, fitted: &Fitted) -> Result<Vec<Found>, BadInput> {
         let model = &learnt.model;
-        let alike = search.alike(&model.effects);
+        let alike = search.alike(model);
         let all = fitted.residuals(self.run, None, &self.scaling, self.known);
         let mut out = Vec::new();
         for (k, term) in learnt.terms.iter().enumerate() {
-            let c = &term.candidate;
+            let c = term.lead();
             let mut fewer = learnt.terms.clone();
             fewer.remove(k);
             let on_verify = if (self.known)(c) {
@@ -282,19 +272,20 @@ impl OnVerifyRun<'_> {
             } else {
                 ByAxis::new()
             };
-            let others: Vec<Candidate> = fewer.iter().map(|t| t.candidate).collect();
             let rank = &learnt.ranks[k];
-            // Told apart by the data, not by the penalty: likelihoods are compared.
-            let likelihood = |(r, worth): &(Candidate, f64)| worth + search.cost(r);
-            let own = rank.iter().find(|(r, _)| r.facts.id == c.facts.id).map_or(0.0, likelihood);
+            let own = rank.iter().find(|r| r.candidate == *c).map_or(0.0, |r| r.evidence);
+            // A family spans its simple members: they are no rivals.
+            let family = |r: &Rival| card(r.candidate.facts.effect).kind != Kind::Simple;
+            let class = card(c.facts.effect).class;
             let equal = rank
                 .iter()
-                .filter(|r| r.0.facts.id != c.facts.id && r.1 > 0.0 && own - likelihood(r) < INDISTINGUISHABLE)
-                .map(|(r, _)| r.facts.name)
+                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
+                .filter(|r| card(r.candidate.facts.effect).class != class || !(family(r) || card(c.facts.effect).kind != Kind::Simple))
+                .map(|r| r.candidate.facts.name)
                 .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
             out.push(Found {
                 name: c.facts.name.to_string(),
-                class: Class::of(c.facts.name).unwrap_or(Class::Event),
+                class,
                 parameters: c
                     .facts
                     .parameters
@@ -308,13 +299,13 @@ impl OnVerifyRun<'_> {
                 indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
                 rank: rank
                     .iter()
-                    .map(|(r, worth)| Ranked {
-                        name: r.facts.name.to_string(),
-                        gain_in_cv: search.cross_validated_gain(&others, r, model.colours),
-                        worth: *worth,
+                    .map(|r| Ranked {
+                        name: r.candidate.facts.name.to_string(),
+                        gain_in_cv: r.gain_in_cv,
+                        worth: r.worth,
                     })
                     .collect(),
-                p_value: model.p_values.get(k).copied().flatten(),
+                p_value: model.members[k].p_value,
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),
                     Reach::NeedsInput(what) => format!("needs {what}"),
@@ -327,7 +318,7 @@ impl OnVerifyRun<'_> {
 
     fn agreements(&self, term: &Term, without: &[Vec<f64>; AXES], with: &[Vec<f64>; AXES]) -> ByAxis<Agreement> {
         (0..AXES)
-            .filter(|&a| term.on[a])
+            .filter(|&a| term.on(a))
             .map(|a| {
                 let floor = self.noise[a].floor();
                 (AXIS_NAMES[a].to_string(), agreement(&Means::of(&without[a]), &Means::of(&with[a]), floor))
@@ -348,7 +339,7 @@ impl OnVerifyRun<'_> {
         // What needs an input has no place in an image: the rest is fitted without it. What happened once stays in the fit,
         // so that it bends no other coefficient.
         let kept: Vec<Term> =
-            learnt.terms.iter().filter(|t| !matches!(t.candidate.facts.reach, Reach::NeedsInput(_))).copied().collect();
+            learnt.terms.iter().filter(|t| !matches!(t.lead().facts.reach, Reach::NeedsInput(_))).cloned().collect();
         let for_unit = if kept.len() == learnt.terms.len() {
             fitted.clone()
         } else {
@@ -460,9 +451,10 @@ fn exchange(train: &[Recording], verify: &Recording, effects: &[Found], run: &Ru
     }
     let Prepared { runs, calibration, lag_s, .. } = fit::prepare(std::slice::from_ref(verify)).ok()?;
     let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
-    let search = Search::new(&data, SEED);
-    let names: Vec<String> = search.run().effects.iter().map(|c| c.facts.name.to_string()).collect();
-    let classes: BTreeSet<Class> = names.iter().filter_map(|n| Class::of(n)).collect();
+    let mut search = Search::new(&data, SEED);
+    let found: Vec<Candidate> = search.run().effects().copied().collect();
+    let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
+    let classes: BTreeSet<Class> = found.iter().map(|c| card(c.facts.effect).class).collect();
     let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
     Some(Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names })
 }

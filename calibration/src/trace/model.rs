@@ -1,6 +1,6 @@
 //! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
 
-use super::data::{Candidate, Data};
+use super::data::{day_column, Candidate, Data};
 use super::gls::COLOURS;
 use super::search;
 use crate::fit::{self, baseline_columns, MEAN_S};
@@ -14,12 +14,44 @@ use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
 
 /// An effect with the axes that have it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Term {
-    /// The effect.
-    pub candidate: Candidate,
-    /// Axes that have it.
-    pub on: [bool; AXES],
+    /// The effect, or effects that were found together; the first gives the name.
+    pub parts: Vec<Candidate>,
+    /// By axis: variance of each gain before the data are seen, over the whitened noise's; empty where the axis does not have it.
+    pub prior: [Vec<f64>; AXES],
+}
+
+impl Term {
+    /// The effect that gives the name.
+    #[must_use]
+    pub fn lead(&self) -> &Candidate {
+        &self.parts[0]
+    }
+
+    fn outputs(&self) -> usize {
+        self.parts.iter().map(|c| c.facts.outputs).sum()
+    }
+
+    /// Its regressors on every step of a run; `number`: which of the train runs it is. What belongs to another run is zero.
+    fn on_run(&self, run: &Run, number: Option<usize>, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
+        self.parts
+            .iter()
+            .flat_map(|c| {
+                if c.run.is_some() && c.run != number {
+                    return vec![vec![0.0; run.steps.len()]; c.facts.outputs];
+                }
+                let x = run.effect(c.facts.id, &c.parameters, scaling, a);
+                (0..c.facts.outputs).map(|j| x.iter().map(|v| f64::from(v[j])).collect()).collect()
+            })
+            .collect()
+    }
+
+    /// Whether an axis has it.
+    #[must_use]
+    pub fn on(&self, a: usize) -> bool {
+        !self.prior[a].is_empty()
+    }
 }
 
 /// What was fitted on one axis.
@@ -29,7 +61,9 @@ pub struct AxisFit {
     pub coefficients: Vec<f64>,
     /// Their standard deviations.
     pub std: Vec<f64>,
-    /// Their covariance.
+    /// Constants of the days, from the second run on: see [`day_column`].
+    pub days: Vec<f64>,
+    /// Covariance of the coefficients and the days.
     covariance: DMatrix<f64>,
 }
 
@@ -50,28 +84,36 @@ impl Fitted {
     pub fn new(data: &Data<'_>, terms: &[Term], colours: [usize; AXES]) -> Result<Self, BadInput> {
         let one = |a: usize| -> Result<AxisFit, BadInput> {
             let rows = &data.axes[a];
-            let mut columns = rows.base.clone();
+            let mut columns = rows.base[..TERMS].to_vec();
             let mut names: Vec<&str> = fit::NAMES.to_vec();
-            for t in terms.iter().filter(|t| t.on[a]) {
-                columns.extend(data.columns(&t.candidate, a, true).unwrap_or_default());
-                names.extend(std::iter::repeat_n(t.candidate.facts.name, t.candidate.facts.outputs));
+            let mut prior = vec![None; TERMS];
+            for t in terms.iter().filter(|t| t.on(a)) {
+                columns.extend(t.parts.iter().flat_map(|c| data.columns(c, a, true).unwrap_or_default()));
+                names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
+                prior.extend(t.prior[a].iter().map(|v| Some(*v)));
             }
+            // What belongs to a day and not to the unit.
+            columns.extend(rows.base[TERMS..].iter().cloned());
+            names.extend(std::iter::repeat_n("the day", rows.base.len() - TERMS));
+            prior.resize(columns.len(), None);
             let mut y = rows.y.clone();
             let colour = COLOURS[colours[a]];
             columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
             colour.whiten(&mut y, &rows.starts);
-            let fit = crate::lsq::fit(&columns, &y, None, &names)
+            let fit = crate::lsq::fit_shrunk(&columns, &y, &prior, &names)
                 .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
-            Ok(AxisFit { coefficients: fit.coefficients, std: fit.std, covariance: fit.covariance })
+            let mut coefficients = fit.coefficients;
+            let days = coefficients.split_off(columns.len() + TERMS - rows.base.len());
+            Ok(AxisFit { coefficients, std: fit.std, days, covariance: fit.covariance })
         };
         Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?] })
     }
 
     /// Where the gains of term `e` stand among an axis' coefficients; `None` where the axis does not have it.
     pub fn gains(&self, e: usize, a: usize) -> Option<std::ops::Range<usize>> {
-        let width = |t: &Term| if t.on[a] { t.candidate.facts.outputs } else { 0 };
+        let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
         let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();
-        self.terms[e].on[a].then(|| from..from + width(&self.terms[e]))
+        self.terms[e].on(a).then(|| from..from + width(&self.terms[e]))
     }
 
     /// The bias of a run on every step, of the baseline and those terms that `which` lets through. `number`: which of the
@@ -90,15 +132,15 @@ impl Fitted {
                 *o += k * x;
             }
         }
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(&t.candidate)) {
-            let c = &t.candidate;
+        if let Some(run) = number {
+            let day: f64 = self.axes[a].days.iter().enumerate().map(|(d, k)| k * day_column(d, run)).sum();
+            out.iter_mut().for_each(|o| *o += day);
+        }
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
-            if c.run.is_some() && c.run != number {
-                continue;
-            }
             let gains = &self.axes[a].coefficients[range];
-            for (o, x) in out.iter_mut().zip(run.effect(c.facts.id, &c.parameters, scaling, a)) {
-                *o += gains.iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
+            for (column, g) in t.on_run(run, number, scaling, a).iter().zip(gains) {
+                out.iter_mut().zip(column).for_each(|(o, x)| *o += g * x);
             }
         }
         out
@@ -128,12 +170,10 @@ impl Fitted {
     ) -> (f64, f64) {
         let mut columns: Vec<(usize, Vec<f64>)> =
             baseline_columns(run, scaling, a).iter().map(|c| block_means(c, MEAN_S)).enumerate().collect();
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(&t.candidate)) {
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
-            let x = run.effect(t.candidate.facts.id, &t.candidate.parameters, scaling, a);
-            for (j, at) in range.enumerate() {
-                let column: Vec<f64> = x.iter().map(|v| f64::from(v[j])).collect();
-                columns.push((at, block_means(&column, MEAN_S)));
+            for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
+                columns.push((at, block_means(column, MEAN_S)));
             }
         }
         let p = columns.len();
@@ -166,21 +206,30 @@ impl Fitted {
             c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fit.coefficients[j] as f32));
             c.axes[a].coefficient_std = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
         }
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| search::on_unit(&t.candidate)) {
-            let mut term = EffectTerm {
-                id: t.candidate.facts.id,
-                parameters: t.candidate.parameters,
-                gains: [[0.0; MAX_OUTPUTS]; AXES],
-                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-            };
-            for a in 0..AXES {
-                for (j, at) in self.gains(e, a).into_iter().flatten().enumerate() {
-                    term.gains[a][j] = self.axes[a].coefficients[at] as f32;
-                    term.gain_std[a][j] = self.axes[a].std[at] as f32;
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| search::on_unit(t.lead())) {
+            let mut from = 0;
+            for part in &t.parts {
+                if !search::on_unit(part) {
+                    from += part.facts.outputs;
+                    continue;
                 }
-            }
-            if c.effects.push(term).is_err() {
-                notes.push(format!("an image holds {MAX_EFFECTS} effects; {} did not fit", t.candidate.facts.name));
+                let mut term = EffectTerm {
+                    id: part.facts.id,
+                    parameters: part.parameters,
+                    gains: [[0.0; MAX_OUTPUTS]; AXES],
+                    gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+                };
+                for a in 0..AXES {
+                    let own = self.gains(e, a).into_iter().flatten().skip(from).take(part.facts.outputs);
+                    for (j, at) in own.enumerate() {
+                        term.gains[a][j] = self.axes[a].coefficients[at] as f32;
+                        term.gain_std[a][j] = self.axes[a].std[at] as f32;
+                    }
+                }
+                from += part.facts.outputs;
+                if c.effects.push(term).is_err() {
+                    notes.push(format!("an image holds {MAX_EFFECTS} effects; {} did not fit", part.facts.name));
+                }
             }
         }
         c

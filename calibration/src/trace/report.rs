@@ -53,22 +53,6 @@ impl Class {
             Self::Event => "event",
         }
     }
-
-    /// Class of an effect of the library. `None` for a name that is not in it.
-    #[must_use]
-    pub fn of(effect: &str) -> Option<Self> {
-        Some(match effect {
-            "thermal-lag" | "second-derivative" | "axis-gradient" | "case-gradient" => Self::Memory,
-            "hysteresis" => Self::Hysteresis,
-            "cubic" | "kink" | "temperature-shape" | "frequency-direct" => Self::Shape,
-            "cooling-heating" => Self::Rate,
-            "warm-up" => Self::PowerOn,
-            "drive-amplitude" | "quadrature" | "board" => Self::Input,
-            "timebase" => Self::Thermometer,
-            "step" | "aging" | "periodic" => Self::Event,
-            _ => return None,
-        })
-    }
 }
 
 impl Serialize for Class {

@@ -1,53 +1,93 @@
-//! The search: which effects, with which parameters.
+//! The search: which effects, with which parameters, on which axes.
 //!
-//! A beam search over models. A model's worth is its log-likelihood with the noise colour refitted, less half a
-//! logarithm of the number of rows for every gain and inner parameter (Schwarz 1978). An effect is added only if it
-//! raises the worth, and by more than the best of the whole library does on surrogates: the whitened residuals,
-//! cut into blocks and shuffled, with the same library searched.
+//! Candidates are the groups of the [cards](crate::cards) and what the data propose ([`super::proposals`]). Each axis takes a
+//! candidate only where it raises its log evidence ([`super::gram`]) by more than one; a candidate pays once for being there, for
+//! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
+//! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
+//! surrogates ([`super::surrogate`]) as well.
 
 use super::data::{Candidate, Data};
-use super::gls::{Basis, View, COLOURS};
-use crate::stats::{dot, take_off};
-use hrg_core::effects::Reach;
+use super::gls::{Basis, COLOURS};
+use super::gram::{Axis, AxisModel, Share};
+use super::proposals::{self, Left};
+use super::report::Class;
+use super::surrogate;
+use crate::cards::{card, Card, Kind, Refine};
+use crate::stats::dot;
+use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
-use rand::seq::SliceRandom;
-use rand::SeedableRng;
-use rand_chacha::ChaCha8Rng;
-use std::cell::RefCell;
-use std::collections::VecDeque;
-use std::rc::Rc;
 
-/// Candidates kept after the first effect, and after later ones.
-const BEAM: [usize; 4] = [4, 3, 2, 2];
 /// Most effects of a model.
-pub const MOST: usize = 4;
-/// Surrogates behind a significance.
-const SURROGATES: usize = 40;
+pub const MOST: usize = 6;
+/// Evidence that a candidate must bring on an axis for the axis to have it.
+const AXIS_PRICE: f64 = 1.0;
+/// Price of a candidate.
+const PRICE: f64 = 3.0;
+/// Price of a class that the model does not have yet.
+const CLASS_PRICE: f64 = 2.0;
+/// Further price of what happens once: another run cannot confirm it.
+const EVENT_PRICE: f64 = 6.0;
+/// Score below which nothing is added.
+const LEAST: f64 = 5.0;
+/// Score below which the surrogates are asked.
+const PLAIN: f64 = 40.0;
 /// Chance under noise alone above which an effect is not warranted.
 const P_VALUE: f64 = 2e-3;
-/// Worth below which nothing is added, whatever the surrogates say.
-const LEAST_WORTH: f64 = 6.0;
-/// Worth above which surrogates need not be asked.
-const PLAIN_WORTH: f64 = 80.0;
+/// Evidence by which a family must beat a simple member of its class, and a simple member another class.
+const SIMPLE: f64 = 3.0;
+/// An effect that brings less is taken out again.
+const KEEP: f64 = 4.0;
+/// How many of the best candidates are tried in full.
+const TRIED: usize = 5;
+
+/// An effect of a model with the axes that have it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Member {
+    /// The effect, or effects that share one variance; the first gives the name.
+    pub parts: Vec<Candidate>,
+    /// By axis: the variance of each gain about zero before the data are seen, (deg/h per unit)^2, over the variance of the
+    /// whitened noise. Empty where the axis does not have the effect.
+    pub prior: [Vec<f64>; AXES],
+    /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
+    pub p_value: Option<f64>,
+}
 
 /// A model: the baseline and some effects.
 #[derive(Debug, Clone)]
 pub struct Model {
     /// The effects.
-    pub effects: Vec<Candidate>,
-    /// Its worth: log-likelihood less penalty.
+    pub members: Vec<Member>,
+    /// Log evidence over the baseline's.
     pub worth: f64,
-    /// Chance that noise alone gives as much to the best of the library, of each effect when it was added; `None`: not tested.
-    pub p_values: Vec<Option<f64>>,
-    /// Best colour of each axis.
+    /// Best noise model of each axis.
     pub colours: [usize; AXES],
+    state: State,
 }
 
-/// A candidate with its columns in every view.
-struct Seen {
-    candidate: Candidate,
-    /// By axis, then by colour, then by regressor: orthonormal among themselves, free of the baseline.
-    columns: Vec<[Vec<Vec<f64>>; AXES]>,
+impl Model {
+    /// Its effects, each by the one that gives the name.
+    pub fn effects(&self) -> impl Iterator<Item = &Candidate> {
+        self.members.iter().map(|m| &m.parts[0])
+    }
+}
+
+/// A model by the numbers of its groups.
+#[derive(Debug, Clone)]
+struct State {
+    groups: Vec<usize>,
+    axes: [AxisModel; AXES],
+    p_values: Vec<Option<f64>>,
+}
+
+impl State {
+    fn evidence(&self) -> f64 {
+        self.axes.iter().map(|a| a.evidence).sum()
+    }
+
+    /// Evidence less what each axis pays for each group that it has.
+    fn net(&self) -> f64 {
+        self.evidence() - AXIS_PRICE * self.axes.iter().map(|a| a.shares.len()).sum::<usize>() as f64
+    }
 }
 
 /// See [`Search::overlaps`].
@@ -64,575 +104,547 @@ pub struct Overlap {
 /// The search on one data set.
 pub struct Search<'a> {
     data: &'a Data<'a>,
-    views: [Vec<View>; AXES],
-    library: Vec<Seen>,
-    /// What was looked at last: a search asks for the same effects over and over, with one of them moved.
-    recent: RefCell<VecDeque<Rc<Seen>>>,
+    axes: [Axis<'a>; AXES],
+    /// Each: an effect, or some that share one variance, the one that gives the name first.
+    candidates: Vec<Vec<Candidate>>,
+    /// Values of the parameter that were offered for each.
+    tries: Vec<f64>,
     seed: u64,
 }
 
-/// As many candidates are kept of those looked at last.
-const RECENT: usize = 32;
-
-fn cost(c: &Candidate, rows: f64) -> f64 {
-    let inner = match c.facts.name {
-        // Its range is not searched.
-        "temperature-shape" | "timebase" => 0,
-        "board" => 1,
-        _ => c.facts.parameters.len(),
-    };
-    // A step may happen anywhere: its time counts as two parameters.
-    let inner = inner + usize::from(matches!(c.facts.name, "step" | "periodic"));
-    0.5 * rows.ln() * (AXES * c.facts.outputs + inner) as f64
-}
-
 impl<'a> Search<'a> {
-    /// What a candidate must earn before it is worth anything.
-    pub fn cost(&self, c: &Candidate) -> f64 {
-        cost(c, self.rows())
-    }
-
-    /// Prepares the library.
+    /// Prepares the candidates.
     pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
-        let views = [0, 1, 2].map(|a| COLOURS.iter().map(|c| View::new(&data.axes[a], *c)).collect::<Vec<_>>());
-        let mut s = Self { data, views, library: Vec::new(), recent: RefCell::default(), seed };
-        let mut candidates = data.library();
-        candidates.extend(s.spectral_peaks());
-        candidates.extend(s.jumps());
-        s.library = candidates.into_iter().filter_map(|c| s.see(c)).collect();
+        let axes = data.axes.each_ref().map(Axis::new);
+        let mut s = Self { data, axes, candidates: vec![], tries: vec![], seed };
+        for (c, tries) in data.library() {
+            s.push(vec![c], tries);
+        }
+        for bundle in data.bundles() {
+            s.push(bundle, 1.0);
+        }
         s
     }
 
-    /// Candidates proposed by the data.
-    pub fn proposals(&self) -> Vec<Candidate> {
-        let mut out = self.spectral_peaks();
-        out.extend(self.jumps());
-        out
-    }
-
-    fn see(&self, candidate: Candidate) -> Option<Seen> {
-        let raw = self.raw(&candidate)?;
-        let columns = (0..COLOURS.len()).map(|s| [0, 1, 2].map(|a: usize| self.view(&raw[a], a, s))).collect();
-        Some(Seen { candidate, columns })
-    }
-
-    /// Columns of a candidate, by axis.
-    fn raw(&self, candidate: &Candidate) -> Option<[Vec<Vec<f64>>; AXES]> {
-        let mut raw: [Vec<Vec<f64>>; AXES] = Default::default();
+    /// Adds a candidate; gives its number.
+    fn push(&mut self, c: Vec<Candidate>, tries: f64) -> usize {
+        let mut known: Option<Vec<Vec<f64>>> = None;
+        let common = c.iter().all(|c| c.facts.common);
         for a in 0..AXES {
-            // What is the same for the three axes is not computed again, unless other rows of this axis are in use.
-            raw[a] = if a > 0 && candidate.facts.common && self.data.axes[a].keep == self.data.axes[a - 1].keep {
-                raw[a - 1].clone()
-            } else {
-                self.data.columns(candidate, a, false)?
-            };
-        }
-        Some(raw)
-    }
-
-    /// Columns of one axis in one colour: orthonormal among themselves, free of the baseline.
-    fn view(&self, raw: &[Vec<f64>], a: usize, colour: usize) -> Vec<Vec<f64>> {
-        let mut basis = Basis::default();
-        for c in raw {
-            basis.add(self.views[a][colour].column(&self.data.axes[a], c));
-        }
-        basis.columns
-    }
-
-    /// Periods at which the residual's spectrum stands out, taken in the whitest view.
-    fn spectral_peaks(&self) -> Vec<Candidate> {
-        let block = self.data.block_s as f64;
-        let total = f64::from(self.data.longest_s());
-        let (f_low, f_high) = (4.0 / total, 1.0 / (2.5 * block));
-        let n = ((f_high - f_low) * total * 1.5) as usize;
-        if n < 3 {
-            return Vec::new();
-        }
-        let mut power = vec![0.0; n];
-        for a in 0..AXES {
-            let rows = &self.data.axes[a];
-            // A middle colour: slow structure must not drown a line.
-            let view = &self.views[a][4];
-            let variance = dot(&view.y, &view.y) / view.y.len() as f64;
-            for (k, p) in power.iter_mut().enumerate() {
-                let w = std::f64::consts::TAU * (f_low + (f_high - f_low) * k as f64 / n as f64) * block;
-                let (step_s, step_c) = w.sin_cos();
-                let (mut re, mut im) = (0.0, 0.0);
-                let mut at = usize::MAX;
-                let (mut s, mut c) = (0.0, 1.0);
-                for (y, &b) in view.y.iter().zip(&rows.keep) {
-                    if at != usize::MAX && b == at + 1 {
-                        (s, c) = (s * step_c + c * step_s, c * step_c - s * step_s);
-                    } else {
-                        (s, c) = (w * b as f64).sin_cos();
-                    }
-                    at = b;
-                    re += c * y;
-                    im += s * y;
-                }
-                *p += (re * re + im * im) / (view.y.len() as f64 * variance);
+            let same = a > 0 && common && self.data.axes[a].keep == self.data.axes[a - 1].keep;
+            if !same {
+                let parts: Option<Vec<_>> = c.iter().map(|c| self.data.columns(c, a, false)).collect();
+                known = parts.map(|p| p.concat());
             }
+            self.axes[a].push(known.clone());
         }
-        let mut peaks: Vec<usize> =
-            (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
-        peaks.sort_by(|x, y| power[*y].total_cmp(&power[*x]));
-        peaks
-            .into_iter()
-            .take(6)
-            .filter_map(|k| {
-                let f = f_low + (f_high - f_low) * k as f64 / n as f64;
-                Candidate::new("periodic", [(1.0 / f) as f32, 0.0])
-            })
-            .collect()
+        self.candidates.push(c);
+        self.tries.push(tries);
+        self.candidates.len() - 1
     }
 
-    /// Times at which the rates seem to jump: every block boundary is tried as a step, in three colours, and the
-    /// best of each colour are kept. (A step that is placed some blocks off explains almost nothing.)
-    fn jumps(&self) -> Vec<Candidate> {
-        let mut out: Vec<Candidate> = Vec::new();
-        let mut first_block = 0;
-        for (number, run) in self.data.runs.iter().enumerate() {
-            let blocks = self.data.blocks[number];
-            let margin = (blocks / 30).max(2);
-            for s in [0, 4, 6] {
-                let mut score = vec![0.0; blocks];
-                for a in 0..AXES {
-                    let rows = &self.data.axes[a];
-                    let view = &self.views[a][s];
-                    let n = view.y.len();
-                    let variance = dot(&view.y, &view.y) / n as f64;
-                    let to = rows.starts.get(number + 1).copied().unwrap_or(n);
-                    let from = rows.starts[number];
-                    // A whitened step is the response h from its place on. Its product with the rates, and with
-                    // each column of the baseline, for all places at once: the recursion run backwards.
-                    let response = |x: &[f64]| -> Vec<f64> {
-                        let (mut back, mut sum) = (0.0, 0.0);
-                        let mut out = vec![0.0; to - from];
-                        for k in (from..to).rev() {
-                            // Adjoint of e_t = x_t - phi x_(t-1) + theta e_(t-1), then of the step's running sum.
-                            let adjoint = x[k] + view.colour.theta * back;
-                            sum += adjoint - view.colour.phi * back;
-                            back = adjoint;
-                            out[k - from] = sum;
-                        }
-                        out
-                    };
-                    let product = response(&view.y);
-                    let cuts: Vec<Vec<f64>> = view.base.columns.iter().map(|q| response(q)).collect();
-                    // Length of the response from each place to the end.
-                    let mut h = vec![1.0; to - from];
-                    let mut e = 0.0;
-                    for (k, v) in h.iter_mut().enumerate() {
-                        e = if k == 0 { 1.0 } else { 1.0 - view.colour.phi + view.colour.theta * e };
-                        *v = e;
-                    }
-                    let mut length = vec![0.0; to - from + 1];
-                    for k in 0..to - from {
-                        length[k + 1] = length[k] + h[k] * h[k];
-                    }
-                    for k in 0..to - from {
-                        let whole = length[to - from - k];
-                        let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
-                        let block = rows.keep[from + k] - first_block;
-                        if left > 1e-3 * whole && block < blocks {
-                            score[block] += product[k] * product[k] / (left * variance);
-                        }
-                    }
-                }
-                let mut best: Vec<usize> = (margin..blocks.saturating_sub(margin))
-                    .filter(|&k| score[k] >= score[k - 1] && score[k] >= score[k + 1])
-                    .collect();
-                best.sort_by(|x, y| score[*y].total_cmp(&score[*x]));
-                for k in best.into_iter().take(6) {
-                    let t = run.thermal[k * self.data.block_s].time_s;
-                    out.extend(Candidate::new("step", [t, 0.0]).map(|c| Candidate { run: Some(number), ..c }));
-                }
-            }
-            first_block += blocks;
+    fn truncate(&mut self, count: usize) {
+        for a in &mut self.axes {
+            a.truncate(count);
         }
-        out
+        self.candidates.truncate(count);
+        self.tries.truncate(count);
     }
 
-    fn rows(&self) -> f64 {
-        self.data.axes.iter().map(|r| r.y.len()).sum::<usize>() as f64 / AXES as f64
+    /// The effect that gives a candidate its name.
+    fn lead(&self, group: usize) -> Candidate {
+        self.candidates[group][0]
     }
 
-    /// Bases of a model's effects beyond the baseline, by axis and colour.
-    fn bases(&self, effects: &[Rc<Seen>]) -> Vec<[Basis; AXES]> {
-        (0..COLOURS.len())
-            .map(|s| {
-                [0, 1, 2].map(|a: usize| {
-                    let mut basis = Basis::default();
-                    for e in effects {
-                        for c in &e.columns[s][a] {
-                            basis.add(c.clone());
-                        }
-                    }
-                    basis
-                })
-            })
-            .collect()
+    fn card(&self, group: usize) -> Card {
+        let mut card = card(self.lead(group).facts.effect);
+        if self.candidates[group].len() > 1 {
+            card.kind = Kind::Family;
+        }
+        card
     }
 
-    /// Log-likelihood of each axis with its best colour.
-    fn likelihood(&self, bases: &[[Basis; AXES]]) -> [(f64, usize); AXES] {
-        [0, 1, 2].map(|a: usize| {
-            let mut best = (f64::NEG_INFINITY, 0);
-            for (s, b) in bases.iter().enumerate() {
-                let view = &self.views[a][s];
-                let explained: f64 = b[a].columns.iter().map(|q| dot(q, &view.y).powi(2)).sum();
-                let l = view.log_likelihood(dot(&view.y, &view.y) - explained, self.data.runs.len());
-                if l > best.0 {
-                    best = (l, s);
-                }
-            }
-            best
-        })
+    fn price(&self, group: usize, model: &[usize]) -> f64 {
+        let class = self.card(group).class;
+        let new = !model.iter().any(|m| self.card(*m).class == class);
+        let once = if class == Class::Event { EVENT_PRICE } else { 0.0 };
+        PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
     }
 
-    fn seen(&self, effects: &[Candidate]) -> Vec<Rc<Seen>> {
-        let one = |c: &Candidate| {
-            let known = self.recent.borrow().iter().find(|s| s.candidate == *c).cloned();
-            known.or_else(|| {
-                let seen = Rc::new(self.see(*c)?);
-                let mut recent = self.recent.borrow_mut();
-                recent.truncate(RECENT - 1);
-                recent.push_front(seen.clone());
-                Some(seen)
-            })
-        };
-        effects.iter().filter_map(one).collect()
+    fn nothing(&mut self) -> State {
+        let axes = [0, 1, 2].map(|a: usize| self.axes[a].best(&[]));
+        State { groups: vec![], axes, p_values: vec![] }
     }
 
-    /// The worth of a set of effects.
-    pub fn worth(&self, effects: &[Candidate]) -> (f64, [usize; AXES]) {
-        let l = self.likelihood(&self.bases(&self.seen(effects)));
-        let penalty: f64 = effects.iter().map(|c| cost(c, self.rows())).sum();
-        (l.iter().map(|x| x.0).sum::<f64>() - penalty, l.map(|x| x.1))
-    }
-
-    /// Rates with a model taken out, and their sums of squares, by colour and axis.
-    fn left(&self, bases: &[[Basis; AXES]]) -> Vec<[(Vec<f64>, f64); AXES]> {
-        let one = |s: usize, a: usize| {
-            let mut y = self.views[a][s].y.clone();
-            bases[s][a].reduce(&mut y);
-            let squares = dot(&y, &y);
-            (y, squares)
-        };
-        (0..bases.len()).map(|s| [0, 1, 2].map(|a| one(s, a))).collect()
-    }
-
-    /// What each candidate of the library would add to a model: (gain in worth, index), best first.
-    fn extensions(&self, effects: &[Candidate]) -> Vec<(f64, usize)> {
-        let bases = self.bases(&self.seen(effects));
-        let before: f64 = self.likelihood(&bases).iter().map(|x| x.0).sum();
-        let y = self.left(&bases);
-        let mut out: Vec<(f64, usize)> = Vec::new();
-        for (number, seen) in self.library.iter().enumerate() {
-            let name = seen.candidate.facts.name;
-            if effects.iter().any(|e| e.facts.name == name && !matches!(name, "step" | "periodic")) {
+    /// What each candidate adds to a model: score, number, and the axes that take it with their variances; best first.
+    fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
+        let each: Vec<_> = (0..AXES).map(|a| self.axes[a].extensions(&state.axes[a])).collect();
+        let mut out = Vec::new();
+        for k in 0..self.candidates.len() {
+            let effect = self.lead(k).facts.effect;
+            let there = |g: &usize| *g == k || (self.lead(*g).facts.effect == effect && !self.card(k).repeats);
+            if state.groups.iter().any(there) {
                 continue;
             }
-            let mut total = 0.0;
+            let mut on = [None; AXES];
+            let mut gain = -self.price(k, &state.groups);
             for a in 0..AXES {
-                let mut best = f64::NEG_INFINITY;
-                for (s, at) in y.iter().enumerate() {
-                    let view = &self.views[a][s];
-                    let explained = explained(&seen.columns[s][a], &bases[s][a], &at[a].0);
-                    best = best.max(view.log_likelihood(at[a].1 - explained, self.data.runs.len()));
+                let Some(e) = each[a][k] else { continue };
+                let more = e.evidence - state.axes[a].evidence - AXIS_PRICE;
+                if more > 0.0 {
+                    gain += more;
+                    on[a] = Some(e.variance);
                 }
-                total += best;
             }
-            out.push((total - before - cost(&seen.candidate, self.rows()), number));
+            out.push((gain, k, on));
         }
         out.sort_by(|x, y| y.0.total_cmp(&x.0));
         out
     }
 
-    /// How likely the best of the library adds `gain` to a model that lacks nothing; `None` where the gain is so large that it is
-    /// not tested.
-    fn p_value(&self, effects: &[Candidate], gain: f64) -> Option<f64> {
-        if gain > PLAIN_WORTH {
-            return None;
-        }
-        let bases = self.bases(&self.seen(effects));
-        let colours = self.likelihood(&bases).map(|x| x.1);
-        let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
-        // Candidates with the model taken out, once.
-        let reduced: Vec<(f64, [Vec<Vec<f64>>; AXES])> = self
-            .library
-            .iter()
-            .map(|seen| {
-                let columns = [0, 1, 2].map(|a: usize| {
-                    let mut b = bases[colours[a]][a].clone();
-                    let own = b.columns.len();
-                    for c in &seen.columns[colours[a]][a] {
-                        b.add(c.clone());
-                    }
-                    b.columns.split_off(own)
-                });
-                (cost(&seen.candidate, self.rows()), columns)
-            })
-            .collect();
-        let mut best: Vec<f64> = Vec::with_capacity(SURROGATES);
-        for _ in 0..SURROGATES {
-            let draws = [0, 1, 2].map(|a: usize| {
-                let view = &self.views[a][colours[a]];
-                let mut e = view.y.clone();
-                bases[colours[a]][a].reduce(&mut e);
-                let mut e = shuffled(&e, &mut rng);
-                view.base.reduce(&mut e);
-                bases[colours[a]][a].reduce(&mut e);
-                let rss = dot(&e, &e);
-                (e, rss)
-            });
-            let top = reduced
-                .iter()
-                .map(|(cost, columns)| {
-                    (0..AXES)
-                        .map(|a| {
-                            let (e, rss) = &draws[a];
-                            let explained: f64 = columns[a].iter().map(|q| dot(q, e).powi(2)).sum();
-                            -0.5 * e.len() as f64 * (1.0 - explained / rss).max(1e-9).ln()
-                        })
-                        .sum::<f64>()
-                        - cost
-                })
-                .fold(f64::NEG_INFINITY, f64::max);
-            best.push(top);
-        }
-        // Maxima over many candidates: Gumbel's distribution, by moments.
-        let mean = crate::stats::mean(&best);
-        let scale = (crate::stats::std_dev(&best) * 6f64.sqrt() / std::f64::consts::PI).max(0.3);
-        let z = (gain - (mean - 0.5772 * scale)) / scale;
-        Some(-(-(-z).exp()).exp_m1())
-    }
-
-    /// Sharpens the inner parameters of one effect of a model.
-    pub fn sharpen(&self, effects: &mut [Candidate], which: usize) {
-        let name = effects[which].facts.name;
-        if effects[which].facts.parameters.is_empty() || matches!(name, "temperature-shape" | "board" | "timebase") {
-            return;
-        }
-        // Everything else stays: its basis once.
-        let others: Vec<Candidate> = effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
-        let bases = self.bases(&self.seen(&others));
-        let left = self.left(&bases);
-        // In the colours that the model has as it stands.
-        let colours = self.likelihood(&self.bases(&self.seen(effects))).map(|l| l.1);
-        let worth = |c: &Candidate| -> f64 {
-            let Some(raw) = self.raw(c) else {
-                return f64::NEG_INFINITY;
-            };
-            let one = |a: usize| {
-                let s = colours[a];
-                let (y, squares) = &left[s][a];
-                let rss = squares - explained(&self.view(&raw[a], a, s), &bases[s][a], y);
-                self.views[a][s].log_likelihood(rss, self.data.runs.len())
-            };
-            (0..AXES).map(one).sum()
-        };
-        let start = effects[which];
-        let p = start.parameters[0];
-        // Steps that halve, from half a grid cell: additive for places, multiplicative for times and widths.
-        let multiply = matches!(name, "thermal-lag" | "hysteresis" | "warm-up");
-        let mut step = match name {
-            "kink" => {
-                let (low, high) = self.data.temperature_range();
-                (high - low) * 0.8 / 40.0
-            }
-            "step" => self.data.block_s as f32,
-            "periodic" => 0.3 * p * p / self.data.longest_s(),
-            _ => 0.16,
-        };
-        let mut best = (worth(&start), p);
-        for _ in 0..6 {
-            for sign in [-1.0, 1.0] {
-                let q = if multiply { best.1 * (1.0 + sign * step) } else { best.1 + sign * step };
-                let mut c = start;
-                c.parameters[0] = q;
-                let w = worth(&c);
-                if q > -200.0 && w > best.0 {
-                    best = (w, q);
+    /// A model with a group added to some axes, all variances found anew.
+    fn with(&mut self, state: &State, group: usize, on: &[Option<f64>; AXES]) -> State {
+        let mut next = state.clone();
+        for a in 0..AXES {
+            if let Some(variance) = on[a] {
+                let mut shares = state.axes[a].shares.clone();
+                shares.push(Share { group, variance });
+                let m = self.axes[a].best(&shares);
+                // An axis that in the end gets nothing from it goes without.
+                if m.evidence > state.axes[a].evidence + AXIS_PRICE {
+                    next.axes[a] = m;
                 }
             }
-            step *= 0.55;
         }
-        effects[which].parameters[0] = best.1;
+        next.groups.push(group);
+        next.p_values.push(None);
+        next
+    }
+
+    /// A model without its effect number `k`.
+    fn without(&mut self, state: &State, k: usize) -> State {
+        let mut next = state.clone();
+        let group = next.groups.remove(k);
+        next.p_values.remove(k);
+        for a in 0..AXES {
+            if state.axes[a].shares.iter().any(|s| s.group == group) {
+                let shares: Vec<Share> =
+                    state.axes[a].shares.iter().filter(|s| s.group != group).copied().collect();
+                next.axes[a] = self.axes[a].best(&shares);
+            }
+        }
+        next
+    }
+
+    /// A model with another group in the place of effect `k`, on the axes that had it.
+    fn instead(&mut self, state: &State, k: usize, group: usize) -> State {
+        let mut next = state.clone();
+        let old = std::mem::replace(&mut next.groups[k], group);
+        for a in 0..AXES {
+            let mut shares = state.axes[a].shares.clone();
+            let Some(s) = shares.iter_mut().find(|s| s.group == old) else { continue };
+            s.group = group;
+            next.axes[a] = self.axes[a].best(&shares);
+        }
+        next
     }
 
     /// The best model.
-    pub fn run(&self) -> Model {
-        let (worth, colours) = self.worth(&[]);
-        let mut best = Model { effects: vec![], worth, p_values: vec![], colours };
-        let mut beam = vec![best.clone()];
-        for depth in 0..MOST {
-            let mut next: Vec<Model> = Vec::new();
-            for model in &beam {
-                let extensions = self.extensions(&model.effects);
-                // The best of each name.
-                let mut names: Vec<&str> = Vec::new();
-                for (gain, number) in extensions {
-                    let candidate = self.library[number].candidate;
-                    let name = candidate.facts.name;
-                    if names.contains(&name) || names.len() >= BEAM[depth] || gain < LEAST_WORTH {
-                        continue;
-                    }
-                    names.push(name);
-                    let mut effects = model.effects.clone();
-                    effects.push(candidate);
-                    let last = effects.len() - 1;
-                    self.sharpen(&mut effects, last);
-                    if last > 0 {
-                        for k in 0..last {
-                            self.sharpen(&mut effects, k);
-                        }
-                        self.sharpen(&mut effects, last);
-                    }
-                    let (worth, colours) = self.worth(&effects);
-                    let gain = worth - model.worth;
-                    if gain < LEAST_WORTH {
-                        continue;
-                    }
-                    let mut p_values = model.p_values.clone();
-                    p_values.push(None);
-                    next.push(Model { effects, worth, p_values, colours });
-                }
-            }
-            next.sort_by(|x, y| y.worth.total_cmp(&x.worth));
-            next.dedup_by(|x, y| same_names(&x.effects, &y.effects));
-            // Only what is warranted goes on: judged on the model that it extends.
-            let mut kept: Vec<Model> = Vec::new();
-            for mut model in next {
-                if kept.len() >= BEAM[depth] {
+    pub fn run(&mut self) -> Model {
+        let mut state = self.nothing();
+        while state.groups.len() < MOST {
+            self.propose(&state);
+            let Some((score, mut next)) = self.step(&state) else { break };
+            if score < PLAIN {
+                let p = self.p_value(&state, score);
+                if p > P_VALUE {
                     break;
                 }
-                let parent = &model.effects[..model.effects.len() - 1];
-                let gain = model.worth - self.worth(parent).0;
-                let p_value = self.p_value(parent, gain);
-                if p_value.is_some_and(|p| p > P_VALUE) {
-                    continue;
+                if let Some(last) = next.p_values.last_mut() {
+                    *last = Some(p);
                 }
-                if let Some(last) = model.p_values.last_mut() {
-                    *last = p_value;
-                }
-                kept.push(model);
             }
-            let Some(top) = kept.first() else { break };
-            if top.worth > best.worth {
-                best = top.clone();
-            } else {
-                break;
-            }
-            beam = kept;
+            state = self.prune(next);
         }
-        self.prune(best)
+        let state = self.simplify(state);
+        self.model(state)
+    }
+
+    /// Adds what the residual of a model proposes.
+    fn propose(&mut self, state: &State) {
+        let mut proposed = Vec::new();
+        let mut colours: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].colour)];
+        colours.extend([0, 4, 6].map(|s| [s; AXES]));
+        for (k, colours) in colours.iter().enumerate() {
+            let y = [0, 1, 2].map(|a: usize| self.axes[a].left(colours[a], &state.axes[a].shares));
+            let mut y = y.into_iter();
+            let left = [0, 1, 2].map(|a: usize| Left {
+                colour: self.axes[a].colour(colours[a]),
+                baseline: self.axes[a].baseline(colours[a]),
+                y: y.next().unwrap_or_default(),
+            });
+            proposed.extend(proposals::jumps(self.data, &left));
+            if k == 0 || k == 2 {
+                proposed.extend(proposals::periods(self.data, &left));
+            }
+        }
+        let rows = self.data.axes[0].y.len() as f64;
+        for c in proposed {
+            if !self.candidates.iter().any(|k| k[..] == [c]) {
+                self.push(vec![c], rows / 3.0);
+            }
+        }
+    }
+
+    /// The best extension of a model: its score and the model extended.
+    fn step(&mut self, state: &State) -> Option<(f64, State)> {
+        let ranked = self.extensions(state);
+        let mut tried: Vec<(f64, State)> = Vec::new();
+        for (gain, group, on) in ranked.iter().filter(|e| e.0 > LEAST - 3.0) {
+            let simple = self.card(*group).kind == Kind::Simple;
+            // The best of all, and the best simple ones, as far as they come close.
+            let of_kind = tried.iter().filter(|t| (self.card_of_last(&t.1).kind == Kind::Simple) == simple).count();
+            if of_kind >= TRIED.div_ceil(2) || *gain < ranked[0].0 - 30.0 {
+                continue;
+            }
+            if tried.iter().any(|t| self.same_effect(&t.1, *group)) && self.card(*group).kind != Kind::Proposed {
+                continue;
+            }
+            let next = self.with(state, *group, on);
+            let next = self.refine(next, state.groups.len());
+            let last = *next.groups.last()?;
+            let score = next.net() - state.net() - self.price(last, &state.groups);
+            tried.push((score, next));
+        }
+        tried.sort_by(|x, y| y.0.total_cmp(&x.0));
+        let best = tried.first()?.0;
+        // A simple member is preferred where it is as good, by evidence and by held-out error.
+        let simple = |t: &(f64, State)| t.0 > best - SIMPLE && self.card_of_last(&t.1).kind == Kind::Simple;
+        let as_good: Vec<usize> = (1..tried.len()).filter(|k| simple(&tried[*k])).collect();
+        let top = tried[0].1.clone();
+        let held_out = self.held_out(&top);
+        let of_top = self.card_of_last(&top).kind != Kind::Simple;
+        let k = as_good
+            .into_iter()
+            .find(|k| of_top && self.held_out_under(&tried[*k].1, &top) > held_out - SIMPLE)
+            .unwrap_or(0);
+        let (score, next) = tried.swap_remove(k);
+        let event = self.card_of_last(&next).class == Class::Event;
+        // What predicts held-out parts worse is not there, but for what happens once.
+        (score > LEAST && (event || self.held_out(&next) > self.held_out_under(state, &next))).then_some((score, next))
+    }
+
+    fn card_of_last(&self, state: &State) -> Card {
+        self.card(state.groups[state.groups.len() - 1])
+    }
+
+    fn same_effect(&self, state: &State, group: usize) -> bool {
+        let last = state.groups[state.groups.len() - 1];
+        self.candidates[last][0].facts.effect == self.lead(group).facts.effect && self.candidates[last].len() == self.candidates[group].len()
+    }
+
+    /// Log likelihood of rows that the model did not see.
+    fn held_out(&self, state: &State) -> f64 {
+        (0..AXES).map(|a| self.axes[a].cross_validated(&state.axes[a])).sum()
+    }
+
+    /// The same of a smaller model, under the noise models of a larger one: so that they can be compared.
+    fn held_out_under(&self, state: &State, larger: &State) -> f64 {
+        (0..AXES)
+            .map(|a| {
+                let colour = larger.axes[a].colour;
+                self.axes[a].cross_validated(&AxisModel { colour, ..state.axes[a].clone() })
+            })
+            .sum()
+    }
+
+    fn p_value(&mut self, state: &State, score: f64) -> f64 {
+        let price: Vec<f64> = (0..self.candidates.len()).map(|k| self.price(k, &state.groups)).collect();
+        surrogate::p_value(&self.data.axes, &mut self.axes, &state.axes, self.seed, &price, AXIS_PRICE, score)
     }
 
     /// Takes out effects that another one has made needless.
-    fn prune(&self, mut model: Model) -> Model {
+    fn prune(&mut self, mut state: State) -> State {
         let mut k = 0;
-        while model.effects.len() > 1 && k < model.effects.len() {
-            let mut fewer = model.effects.clone();
-            fewer.remove(k);
-            let (worth, colours) = self.worth(&fewer);
-            if worth > model.worth - LEAST_WORTH {
-                model.effects = fewer;
-                model.p_values.remove(k);
-                model.worth = worth;
-                model.colours = colours;
+        while state.groups.len() > 1 && k < state.groups.len() {
+            let fewer = self.without(&state, k);
+            let others: Vec<usize> = fewer.groups.clone();
+            if state.net() - fewer.net() - self.price(state.groups[k], &others) < KEEP - PRICE {
+                state = fewer;
                 k = 0;
             } else {
                 k += 1;
             }
         }
-        model
+        state
     }
 
-    /// What could stand in the place of one effect: the best of each name with its worth, best first. The effect
-    /// itself is among them.
-    pub fn instead_of(&self, model: &Model, which: usize) -> Vec<(Candidate, f64)> {
-        let others: Vec<Candidate> =
-            model.effects.iter().enumerate().filter(|(k, _)| *k != which).map(|(_, e)| *e).collect();
-        let base = self.worth(&others).0;
-        let mut out = vec![(model.effects[which], model.worth - base)];
-        for (gain, number) in self.extensions(&others) {
-            let c = self.library[number].candidate;
-            if out.len() >= 5 || out.iter().any(|(o, _)| o.facts.name == c.facts.name) {
+    /// Puts a simple member in the place of a family where it is as good.
+    fn simplify(&mut self, mut state: State) -> State {
+        for k in 0..state.groups.len() {
+            let own = self.card(state.groups[k]);
+            if !matches!(own.kind, Kind::Family | Kind::Searched) {
                 continue;
             }
-            let mut effects = others.clone();
-            effects.push(c);
-            let last = effects.len() - 1;
-            if gain > -20.0 {
-                self.sharpen(&mut effects, last);
+            let others = self.without(&state, k);
+            let mut best: Option<(f64, State)> = None;
+            let ranked = self.extensions(&others);
+            let mut names = Vec::new();
+            for (_, group, on) in ranked {
+                let c = self.card(group);
+                let effect = self.lead(group).facts.effect;
+                if c.class != own.class || c.kind != Kind::Simple || names.contains(&effect) || names.len() > 1 {
+                    continue;
+                }
+                names.push(effect);
+                let next = self.with(&others, group, &on);
+                let next = self.refine(next, others.groups.len());
+                let Some(last) = next.groups.last().copied() else { continue };
+                let worth = next.net() - self.price(last, &others.groups);
+                if best.as_ref().is_none_or(|b: &(f64, State)| worth > b.0) {
+                    best = Some((worth, next));
+                }
             }
-            out.push((effects[last], self.worth(&effects).0 - base));
+            let now = state.net() - self.price(state.groups[k], &others.groups);
+            let Some((worth, mut next)) = best else { continue };
+            if worth > now - SIMPLE && self.held_out_under(&next, &state) > self.held_out(&state) - SIMPLE {
+                // It stands where the family stood.
+                let (group, _) = (next.groups.pop(), next.p_values.pop());
+                if let Some(group) = group {
+                    next.groups.insert(k, group);
+                    next.p_values.insert(k, state.p_values[k]);
+                }
+                state = next;
+            }
         }
-        out.sort_by(|x, y| y.1.total_cmp(&x.1));
+        for k in 0..state.groups.len() {
+            state = self.refine(state, k);
+        }
+        state
+    }
+
+    /// Sharpens the inner parameters of effect `k`: variances and noise models stay while it moves.
+    fn refine(&mut self, state: State, k: usize) -> State {
+        let start = self.lead(state.groups[k]);
+        let how = self.card(state.groups[k]).refine;
+        if how == Refine::No || self.candidates[state.groups[k]].len() > 1 {
+            return state;
+        }
+        let (low, high) = self.data.temperature_range();
+        let span = high - low;
+        let p = start.parameters;
+        let mut step = match how {
+            Refine::No => 0.0,
+            Refine::Scale => 0.16,
+            Refine::Place(share) | Refine::Places(share) => share * span,
+            Refine::Time => self.data.block_s as f32,
+            Refine::Period => 0.3 * p[0] * p[0] / self.data.longest_s(),
+        };
+        // A period of temperature: less than half a cycle over the span.
+        if start.facts.effect == EffectId::Ripple {
+            step = (0.25 * p[0] / span).min(0.16);
+        }
+        let places = if matches!(how, Refine::Places(_)) { 2 } else { 1 };
+        let count = self.candidates.len();
+        let mut best = (self.fixed(&state, k, state.groups[k]), start);
+        for _ in 0..6 {
+            for place in 0..places {
+                for sign in [-1.0, 1.0] {
+                    let mut c = best.1;
+                    let q = c.parameters[place];
+                    c.parameters[place] =
+                        if how == Refine::Scale { q * (1.0 + sign * step) } else { q + sign * step };
+                    if places == 2 && c.parameters[1] > c.parameters[0] {
+                        continue;
+                    }
+                    let group = self.push(vec![c], self.tries[state.groups[k]]);
+                    let worth = self.fixed(&state, k, group);
+                    self.truncate(count);
+                    if worth > best.0 {
+                        best = (worth, c);
+                    }
+                }
+            }
+            step *= 0.55;
+        }
+        if best.1 == start {
+            return state;
+        }
+        let group = self.push(vec![best.1], self.tries[state.groups[k]]);
+        let moved = self.instead(&state, k, group);
+        if moved.evidence() > state.evidence() {
+            moved
+        } else {
+            state
+        }
+    }
+
+    /// Evidence with another group in the place of effect `k`, everything else as it is.
+    fn fixed(&mut self, state: &State, k: usize, group: usize) -> f64 {
+        let old = state.groups[k];
+        (0..AXES)
+            .map(|a| {
+                let m = &state.axes[a];
+                if !m.shares.iter().any(|s| s.group == old) {
+                    return m.evidence;
+                }
+                let shares: Vec<Share> = m
+                    .shares
+                    .iter()
+                    .map(|s| if s.group == old { Share { group, variance: s.variance } } else { *s })
+                    .collect();
+                self.axes[a].evidence(m.colour, &shares)
+            })
+            .sum()
+    }
+
+    /// Evidence that each of some groups of columns adds to a model on one axis.
+    pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
+        let count = self.candidates.len();
+        for columns in groups {
+            self.axes[a].push(Some(columns));
+        }
+        let state = &model.state.axes[a];
+        let gains = self.axes[a].extensions(state).split_off(count);
+        self.axes[a].truncate(count);
+        gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
+    }
+
+    fn model(&mut self, state: State) -> Model {
+        let nothing = self.nothing();
+        let members = state
+            .groups
+            .iter()
+            .zip(&state.p_values)
+            .map(|(&group, p_value)| Member {
+                parts: self.candidates[group].clone(),
+                prior: [0, 1, 2].map(|a: usize| self.prior(&state, group, a)),
+                p_value: *p_value,
+            })
+            .collect();
+        Model {
+            members,
+            worth: state.evidence() - nothing.evidence(),
+            colours: [0, 1, 2].map(|a: usize| state.axes[a].colour),
+            state,
+        }
+    }
+
+    fn prior(&self, state: &State, group: usize, a: usize) -> Vec<f64> {
+        let Some(share) = state.axes[a].shares.iter().find(|s| s.group == group) else { return vec![] };
+        let columns = self.axes[a].columns_of(group).unwrap_or_default();
+        columns.map(|c| share.variance / self.axes[a].scale[c].powi(2)).collect()
+    }
+
+    /// What could stand in the place of one effect: the best of each name with the evidence it brings, best first. The effect
+    /// itself is among them.
+    pub fn instead_of(&mut self, model: &Model, which: usize) -> Vec<Rival> {
+        let others = self.without(&model.state, which);
+        let own = model.state.groups[which];
+        let mut out = vec![self.rival(&others, &model.state, own)];
+        for (gain, group, on) in self.extensions(&others) {
+            let c = self.lead(group);
+            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.effect == c.facts.effect) {
+                continue;
+            }
+            let next = self.with(&others, group, &on);
+            let next = if gain > 0.0 { self.refine(next, others.groups.len()) } else { next };
+            let last = next.groups[next.groups.len() - 1];
+            let rival = self.rival(&others, &next, last);
+            out.push(rival);
+        }
+        out.sort_by(|x, y| y.worth.total_cmp(&x.worth));
         out
+    }
+
+    fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
+        let evidence = with.net() - others.net();
+        let gain_in_cv = (0..AXES)
+            .map(|a| {
+                let m = &with.axes[a];
+                let n = self.data.axes[a].y.len() as f64;
+                let without = AxisModel { colour: m.colour, ..others.axes[a].clone() };
+                let more = self.axes[a].cross_validated(m) - self.axes[a].cross_validated(&without);
+                1.0 - (-2.0 * more / n).exp()
+            })
+            .sum::<f64>()
+            / AXES as f64;
+        Rival {
+            candidate: self.lead(group),
+            evidence,
+            worth: evidence - self.price(group, &others.groups),
+            gain_in_cv,
+        }
+    }
+
+    /// Orthonormal columns of a candidate on one axis under one noise model.
+    fn basis(&self, group: usize, a: usize, colour: usize) -> Basis {
+        let mut basis = Basis::default();
+        for c in self.axes[a].columns_of(group).unwrap_or_default() {
+            basis.add(self.axes[a].column(colour, c).to_vec());
+        }
+        basis
     }
 
     /// Effects that rest on a recorded sensor and whose regressors the found effects (with the baseline) span but
     /// for what a coarse sensor's own error may be: a tenth of their variance. Likelihood cannot be asked here: a
     /// regressor with noise of its own always loses against a clean one. Each with the found effect it is most
     /// alike.
-    pub fn alike(&self, effects: &[Candidate]) -> Vec<(&'static str, usize)> {
-        let found = self.seen(effects);
+    pub fn alike(&self, model: &Model) -> Vec<(&'static str, usize)> {
+        let found = &model.state.groups;
         let mut out: Vec<(&'static str, usize)> = Vec::new();
-        for seen in self.library.iter().filter(|s| matches!(s.candidate.facts.reach, Reach::NeedsInput(_))) {
-            let name = seen.candidate.facts.name;
-            if effects.iter().any(|e| e.facts.name == name) {
+        for k in 0..self.candidates.len() {
+            let facts = self.lead(k).facts;
+            let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
+            let there = found.iter().any(|g| self.lead(*g).facts.effect == facts.effect);
+            if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
                 continue;
             }
-            // In the white view; shares of the candidate's variance.
+            // Under white noise; shares of the candidate's variance.
             let mut together = 0.0;
             let mut alone = vec![0.0; found.len()];
             for a in 0..AXES {
-                let Some(c) = seen.columns[0][a].first() else { continue };
-                let share = |columns: &mut dyn Iterator<Item = &Vec<f64>>| {
+                let own = self.basis(k, a, 0);
+                let Some(c) = own.columns.first() else { continue };
+                let share = |groups: &[usize]| {
                     let mut basis = Basis::default();
-                    for column in columns {
-                        basis.add(column.clone());
+                    for g in groups {
+                        for column in self.axes[a].columns_of(*g).unwrap_or_default() {
+                            basis.add(self.axes[a].column(0, column).to_vec());
+                        }
                     }
                     basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / AXES as f64
                 };
-                together += share(&mut found.iter().flat_map(|f| &f.columns[0][a]));
-                for (sum, f) in alone.iter_mut().zip(&found) {
-                    *sum += share(&mut f.columns[0][a].iter());
+                together += share(found);
+                for (sum, g) in alone.iter_mut().zip(found) {
+                    *sum += share(&[*g]);
                 }
             }
             let most = (0..found.len()).max_by(|x, y| alone[*x].total_cmp(&alone[*y]));
-            if let (true, Some(k)) = (together > 0.85, most) {
-                if !out.iter().any(|(n, _)| *n == name) {
-                    out.push((name, k));
-                }
+            if let (true, Some(e)) = (together > 0.85, most) {
+                out.push((facts.name, e));
             }
         }
         out
     }
 
-    /// Which axes have each effect of a model: those on which it earns the price of its gains.
-    pub fn axes_of(&self, model: &Model) -> Vec<[bool; AXES]> {
-        let with = self.likelihood(&self.bases(&self.seen(&model.effects)));
-        (0..model.effects.len())
-            .map(|k| {
-                let mut others = model.effects.clone();
-                let own = others.remove(k);
-                let without = self.likelihood(&self.bases(&self.seen(&others)));
-                let earned = [0, 1, 2].map(|a: usize| with[a].0 - without[a].0);
-                let price = 0.5 * self.rows().ln() * own.facts.outputs as f64;
-                let most = (0..AXES).fold(0, |m, a| if earned[a] > earned[m] { a } else { m });
-                [0, 1, 2].map(|a: usize| a == most || earned[a] > price)
-            })
-            .collect()
-    }
-
     /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
     /// white and under coloured noise.
     pub fn overlaps(&self, wanted: &[&'static str]) -> Vec<Overlap> {
-        let of =
-            |name: &str| -> Vec<&Seen> { self.library.iter().filter(|s| s.candidate.facts.name == name).collect() };
+        let of = |name: &str| -> Vec<usize> {
+            (0..self.candidates.len()).filter(|k| self.lead(*k).facts.name == name && self.candidates[*k].len() == 1).collect()
+        };
+        // Under white noise, and under noise with some colour.
+        let share = |target: usize, other: usize, colour: usize| {
+            (0..AXES)
+                .map(|a| {
+                    let own = self.basis(target, a, colour);
+                    let Some(c) = own.columns.first() else { return 0.0 };
+                    self.basis(other, a, colour).columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
+                })
+                .sum::<f64>()
+                / AXES as f64
+        };
         wanted
             .iter()
             .map(|&name| {
@@ -641,23 +653,11 @@ impl<'a> Search<'a> {
                 let mut shares: Vec<(&'static str, f64)> = Vec::new();
                 let mut left = 0.0f64;
                 for target in some.iter().filter_map(|k| own.get(*k)) {
-                    left = left.max(self.left_by_baseline(&target.candidate));
+                    left = left.max(self.left_by_baseline(&self.lead(*target)));
                     for other in wanted.iter().filter(|o| **o != name) {
                         let most = of(other)
                             .iter()
-                            .map(|s| {
-                                // Under white noise, and under noise with some colour.
-                                let share = |view: usize| {
-                                    (0..AXES)
-                                        .map(|a| {
-                                            let Some(c) = target.columns[view][a].first() else { return 0.0 };
-                                            s.columns[view][a].iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
-                                        })
-                                        .sum::<f64>()
-                                        / AXES as f64
-                                };
-                                share(0).max(share(COLOURS.len() / 2))
-                            })
+                            .map(|k| share(*target, *k, 0).max(share(*target, *k, COLOURS.len() / 2)))
                             .fold(0.0, f64::max);
                         match shares.iter_mut().find(|(n, _)| n == other) {
                             Some((_, s)) => *s = s.max(most),
@@ -692,135 +692,22 @@ impl<'a> Search<'a> {
         }
         sum / AXES as f64
     }
-
-    /// Gain in cross-validated error of adding `candidate` to `others`, as a share of the error: five folds of
-    /// contiguous blocks, every fifth one, so that an effect that lives in one part of the run is in every
-    /// training set.
-    pub fn cross_validated_gain(&self, others: &[Candidate], candidate: &Candidate, colours: [usize; AXES]) -> f64 {
-        const FOLDS: usize = 5;
-        let (mut without, mut with) = (0.0, 0.0);
-        for a in 0..AXES {
-            let rows = &self.data.axes[a];
-            let view = &self.views[a][colours[a]];
-            let whitened = |c: &[f64]| {
-                let mut c = c.to_vec();
-                view.colour.whiten(&mut c, &rows.starts);
-                c
-            };
-            let mut columns: Vec<Vec<f64>> = rows.base.iter().map(|c| whitened(c)).collect();
-            for e in others {
-                for c in self.data.columns(e, a, false).unwrap_or_default() {
-                    columns.push(whitened(&c));
-                }
-            }
-            let small = columns.len();
-            for c in self.data.columns(candidate, a, false).unwrap_or_default() {
-                columns.push(whitened(&c));
-            }
-            let y = whitened(&rows.y);
-            let variance = dot(&y, &y).max(1e-300);
-            let chunk = (y.len() / 40).max(1);
-            for fold in 0..FOLDS {
-                let held = |k: usize| (k / chunk) % FOLDS == fold;
-                for (count, sum) in [(small, &mut without), (columns.len(), &mut with)] {
-                    *sum += held_out_error(&columns[..count], &y, held) / variance;
-                }
-            }
-        }
-        if without > 0.0 {
-            1.0 - with / without
-        } else {
-            0.0
-        }
-    }
 }
 
-/// Sum of squares that columns explain beyond a basis, of rates that are free of it.
-fn explained(columns: &[Vec<f64>], basis: &Basis, y: &[f64]) -> f64 {
-    if columns.len() == 1 {
-        let c = &columns[0];
-        // y is free of the basis, so c.y is that of the reduced column; its length must be.
-        let cut: f64 = basis.columns.iter().map(|q| dot(q, c).powi(2)).sum();
-        let left = dot(c, c) - cut;
-        return if left > 1e-6 { dot(c, y).powi(2) / left } else { 0.0 };
-    }
-    let mut own = Basis::default();
-    let mut sum = 0.0;
-    for c in columns {
-        let mut x = c.clone();
-        for q in &basis.columns {
-            let d = dot(q, &x);
-            take_off(&mut x, d, q);
-        }
-        let count = own.columns.len();
-        if dot(&x, &x) > 1e-6 && own.add(x) {
-            sum += dot(&own.columns[count], y).powi(2);
-        }
-    }
-    sum
+/// What could stand in an effect's place.
+#[derive(Debug, Clone, Copy)]
+pub struct Rival {
+    /// The effect.
+    pub candidate: Candidate,
+    /// Log evidence that it brings.
+    pub evidence: f64,
+    /// The same less its price.
+    pub worth: f64,
+    /// Reduction of the cross-validated squared error, as a share.
+    pub gain_in_cv: f64,
 }
 
-/// Whitened residuals in another order: blocks of twelve, shuffled, each with a random sign.
-fn shuffled(e: &[f64], rng: &mut ChaCha8Rng) -> Vec<f64> {
-    use rand::Rng;
-    let mut blocks: Vec<&[f64]> = e.chunks(12).collect();
-    blocks.shuffle(rng);
-    let mut out = Vec::with_capacity(e.len());
-    for b in blocks {
-        let sign = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
-        out.extend(b.iter().map(|v| sign * v));
-    }
-    out
-}
-
-/// Squared error on the rows held out of a least-squares fit to the others.
-fn held_out_error(columns: &[Vec<f64>], y: &[f64], held: impl Fn(usize) -> bool) -> f64 {
-    use nalgebra::{DMatrix, DVector};
-    let p = columns.len();
-    let scale: Vec<f64> = columns.iter().map(|c| dot(c, c).sqrt().max(1e-300)).collect();
-    let mut normal = DMatrix::<f64>::zeros(p, p);
-    let mut right = DVector::<f64>::zeros(p);
-    let mut row = vec![0.0; p];
-    for k in (0..y.len()).filter(|k| !held(*k)) {
-        for j in 0..p {
-            row[j] = columns[j][k] / scale[j];
-        }
-        for i in 0..p {
-            right[i] += row[i] * y[k];
-            for j in 0..=i {
-                normal[(i, j)] += row[i] * row[j];
-            }
-        }
-    }
-    for i in 0..p {
-        // A whisper of a ridge: a fold may not see what a candidate stands for.
-        normal[(i, i)] += 1e-9;
-        for j in 0..i {
-            normal[(j, i)] = normal[(i, j)];
-        }
-    }
-    let Some(b) = normal.cholesky().map(|c| c.solve(&right)) else {
-        return f64::INFINITY;
-    };
-    (0..y.len())
-        .filter(|k| held(*k))
-        .map(|k| {
-            let fitted: f64 = (0..p).map(|j| columns[j][k] / scale[j] * b[j]).sum();
-            (y[k] - fitted).powi(2)
-        })
-        .sum()
-}
-
-fn same_names(a: &[Candidate], b: &[Candidate]) -> bool {
-    let names = |e: &[Candidate]| {
-        let mut n: Vec<&str> = e.iter().map(|c| c.facts.name).collect();
-        n.sort_unstable();
-        n
-    };
-    names(a) == names(b)
-}
-
-/// Whether a unit can take an effect into its block.
+/// Whether a unit can take an effect into its image: it can compute it, and it does not belong to one run.
 pub fn on_unit(c: &Candidate) -> bool {
-    c.facts.reach == Reach::Unit
+    c.facts.reach == Reach::Unit && c.run.is_none()
 }

@@ -2,6 +2,7 @@
 
 use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
 use super::Class;
+use crate::cards::class_of;
 use crate::AXIS_NAMES;
 use std::fmt::Write as _;
 
@@ -204,7 +205,7 @@ fn mend(e: &Found) -> Option<String> {
 
 /// Which profile parts two effects.
 fn parting(a: &str, b: &str) -> &'static str {
-    let classes = [Class::of(a), Class::of(b)];
+    let classes = [class_of(a), class_of(b)];
     let both = |wanted: &[Class]| classes.iter().all(|c| c.is_some_and(|c| wanted.contains(&c)));
     let either = |wanted: &[Class]| classes.iter().any(|c| c.is_some_and(|c| wanted.contains(&c)));
     if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {

@@ -21,6 +21,6 @@ impl Effect for DriveAmplitude {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.drive_v]
+        [inputs.recorded.drive_v[inputs.axis]]
     }
 }

@@ -38,16 +38,16 @@ pub struct Recorded {
     pub board_c: f32,
     /// Supply, V.
     pub supply_v: f32,
-    /// Amplitude-control drive of this axis, V.
-    pub drive_v: f32,
-    /// Quadrature-nulling voltage of this axis, V.
-    pub quad_v: f32,
+    /// Amplitude-control drives, V.
+    pub drive_v: [f32; AXES],
+    /// Quadrature-nulling voltages, V.
+    pub quad_v: [f32; AXES],
 }
 
 impl Recorded {
     /// Nothing recorded: what the unit has.
     pub const NONE: Self =
-        Self { case_c: [f32::NAN; AXES], board_c: f32::NAN, supply_v: f32::NAN, drive_v: f32::NAN, quad_v: f32::NAN };
+        Self { case_c: [f32::NAN; AXES], board_c: f32::NAN, supply_v: f32::NAN, drive_v: [f32::NAN; AXES], quad_v: [f32::NAN; AXES] };
 }
 
 impl Inputs<'_> {
@@ -140,6 +140,8 @@ fn lag_share(step_s: f32, tau_s: f32) -> f32 {
 /// Facts about one effect of the list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
+    /// Which effect.
+    pub effect: EffectId,
     /// Name in reports.
     pub name: &'static str,
     /// Number in the calibration block.
@@ -195,8 +197,13 @@ macro_rules! effects {
     };
     (@all $($name:ident),+) => {
 
+        /// Which effect: one for each entry of the list.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum EffectId { $(#[doc = concat!("See [`", stringify!($name), "`].")] $name),+ }
+
         /// Every effect, in the order of the list.
         pub const ALL: &[Facts] = &[$(Facts {
+            effect: EffectId::$name,
             name: <$name as Effect>::NAME,
             id: <$name as Effect>::ID,
             parameters: <$name as Effect>::PARAMETERS,
@@ -301,7 +308,18 @@ effects! {
     ramp_by_shape::{RampByShape, HeatingByShape},
     power_on_ladder::{PowerOnLadder, PowerOnLadderByTemperature, PowerOnLadderByStart},
     extremes::{Extremes},
-    rate_saturation::{RateSaturation},
+    recorded_quantity::{RecordedQuantity},
+    thermometer_error::{ThermometerError},
+    play_start::{PlayStart},
+}
+
+impl EffectId {
+    /// What the effect states about itself.
+    #[must_use]
+    pub const fn facts(self) -> &'static Facts {
+        // The list and the type come from one macro: an effect's place is its number in the type.
+        &ALL[self as usize]
+    }
 }
 
 /// Facts about the effect with a number.

@@ -21,6 +21,6 @@ impl Effect for Quadrature {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.quad_v]
+        [inputs.recorded.quad_v[inputs.axis]]
     }
 }

@@ -1,0 +1,510 @@
+//! Evidence of models that are linear in their gains, with shrinkage.
+//!
+//! Columns come in groups (the rungs of a ladder, the knots of a curve). The gains of a group are taken as drawn from one normal
+//! distribution; its variance is the one of the highest evidence (MacKay 1992). So ten gains of one family cost what they bring,
+//! and not ten times a penalty. The evidence is restricted: it does not depend on the baseline's coefficients (Patterson and
+//! Thompson 1971), so slow noise is not underestimated. All is computed from inner products of whitened columns.
+
+use super::data::AxisRows;
+use super::gls::{Basis, Colour, COLOURS};
+use crate::stats::{dot, std_dev};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
+use std::ops::Range;
+
+/// Contiguous parts of the rows for cross-validation.
+const FOLDS: usize = 6;
+/// A gain may move the rates by as many deviations of what the baseline leaves: a prior that keeps two large gains of opposite sign
+/// from standing for one small effect.
+const LARGEST_GAIN: f64 = 3.0;
+/// Steps towards the variances of highest evidence.
+const STEPS: usize = 12;
+
+/// A group of a model, with the variance of its gains in units of the noise's variance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Share {
+    /// Which group.
+    pub group: usize,
+    /// Variance of its gains (of columns of unit deviation) over that of the noise.
+    pub variance: f64,
+}
+
+/// One axis under one noise model: columns whitened and free of the baseline.
+#[derive(Debug)]
+struct View {
+    colour: Colour,
+    base: Basis,
+    y: Vec<f64>,
+    /// Sum of squares of the rates.
+    squares: f64,
+    /// Rows less coefficients of the baseline.
+    free: f64,
+    /// What belongs to the noise model alone.
+    constant: f64,
+    columns: Vec<Vec<f64>>,
+    /// Products with the rates.
+    b: Vec<f64>,
+    /// Products of a column with every other, as far as they are known.
+    products: Vec<Vec<f64>>,
+    /// Products of the columns of each group with each other.
+    own: Vec<DMatrix<f64>>,
+}
+
+impl View {
+    fn new(rows: &AxisRows, colour: Colour) -> Self {
+        let mut base = Basis::default();
+        let mut information = 0.0;
+        for column in &rows.base {
+            let mut c = column.clone();
+            colour.whiten(&mut c, &rows.starts);
+            let length = base.add_measured(c);
+            if length > 0.0 {
+                information += length.ln();
+            }
+        }
+        let mut y = rows.y.clone();
+        colour.whiten(&mut y, &rows.starts);
+        base.reduce(&mut y);
+        let free = y.len().saturating_sub(base.columns.len()).max(1) as f64;
+        let constant = colour.first_factor().ln() * rows.starts.len() as f64 - 0.5 * information;
+        let squares = dot(&y, &y);
+        Self { colour, base, y, squares, free, constant, columns: vec![], b: vec![], products: vec![], own: vec![] }
+    }
+
+    fn push(&mut self, rows: &AxisRows, column: &[f64]) {
+        let mut c = column.to_vec();
+        self.colour.whiten(&mut c, &rows.starts);
+        let before = dot(&c, &c);
+        self.base.reduce(&mut c);
+        if dot(&c, &c) < 1e-9 * before {
+            c.fill(0.0);
+        }
+        self.b.push(dot(&c, &self.y));
+        self.columns.push(c);
+        self.products.push(Vec::new());
+    }
+
+    /// Product of two columns.
+    fn product(&self, i: usize, j: usize) -> f64 {
+        let known = |i: usize, j: usize| self.products[i].get(j).copied();
+        known(i, j).or_else(|| known(j, i)).unwrap_or_else(|| dot(&self.columns[i], &self.columns[j]))
+    }
+
+    /// Makes the products of these columns with all others known.
+    fn know(&mut self, columns: &[usize]) {
+        for &i in columns {
+            let from = self.products[i].len();
+            let more: Vec<f64> = self.columns[from..].iter().map(|c| dot(c, &self.columns[i])).collect();
+            self.products[i].extend(more);
+        }
+    }
+}
+
+/// A model of one axis under one noise model, ready to be extended.
+struct Base {
+    columns: Vec<usize>,
+    root: Vec<f64>,
+    /// `L^-1 D^1/2 G`, for every column.
+    half: DMatrix<f64>,
+    /// `L^-1 D^1/2 b`.
+    rates: DVector<f64>,
+    factor: Cholesky<f64, Dyn>,
+    left: f64,
+    evidence: f64,
+}
+
+/// What the best gain of a group adds to a model.
+#[derive(Debug, Clone, Copy)]
+pub struct Extension {
+    /// Evidence of the extended model under its best noise model.
+    pub evidence: f64,
+    /// Variance of the group's gains.
+    pub variance: f64,
+}
+
+/// A model of one axis with its variances.
+#[derive(Debug, Clone)]
+pub struct AxisModel {
+    /// Its groups.
+    pub shares: Vec<Share>,
+    /// Log evidence.
+    pub evidence: f64,
+    /// Which noise model, of [`COLOURS`].
+    pub colour: usize,
+}
+
+/// All that is known of one axis.
+pub struct Axis<'d> {
+    rows: &'d AxisRows,
+    views: Vec<View>,
+    /// Columns of each group; `None` where the axis does not have what the group needs.
+    groups: Vec<Option<Range<usize>>>,
+    /// Deviation of each column before it was scaled.
+    pub scale: Vec<f64>,
+    /// Variance of what the baseline leaves, (deg/h)^2.
+    limit: f64,
+}
+
+impl<'d> Axis<'d> {
+    /// Of the rows of an axis; without groups.
+    pub fn new(rows: &'d AxisRows) -> Self {
+        let views: Vec<View> = COLOURS.iter().map(|c| View::new(rows, *c)).collect();
+        let limit = views[0].squares / views[0].free;
+        Self { rows, views, groups: vec![], scale: vec![], limit }
+    }
+
+    /// Adds a group; `None` where it is missing.
+    pub fn push(&mut self, columns: Option<Vec<Vec<f64>>>) {
+        let Some(columns) = columns else {
+            self.groups.push(None);
+            for v in &mut self.views {
+                v.own.push(DMatrix::zeros(0, 0));
+            }
+            return;
+        };
+        let from = self.scale.len();
+        for mut c in columns {
+            let s = std_dev(&c);
+            let s = if s > 1e-12 { s } else { 1.0 };
+            c.iter_mut().for_each(|v| *v /= s);
+            self.scale.push(s);
+            for v in &mut self.views {
+                v.push(self.rows, &c);
+            }
+        }
+        let group = from..self.scale.len();
+        for v in &mut self.views {
+            let x = &v.columns[group.clone()];
+            let mut g = DMatrix::zeros(x.len(), x.len());
+            for i in 0..x.len() {
+                for j in 0..=i {
+                    let d = dot(&x[i], &x[j]);
+                    g[(i, j)] = d;
+                    g[(j, i)] = d;
+                }
+            }
+            v.own.push(g);
+        }
+        self.groups.push(Some(group));
+    }
+
+    /// Takes back all groups from number `count` on.
+    pub fn truncate(&mut self, count: usize) {
+        for v in &mut self.views {
+            v.own.truncate(count);
+        }
+        let Some(columns) = self.groups[count..].iter().flatten().map(|r| r.start).min() else {
+            self.groups.truncate(count);
+            return;
+        };
+        self.groups.truncate(count);
+        self.scale.truncate(columns);
+        for v in &mut self.views {
+            v.columns.truncate(columns);
+            v.b.truncate(columns);
+            v.products.truncate(columns);
+            v.products.iter_mut().for_each(|p| p.truncate(columns));
+        }
+    }
+
+    /// Columns of a group.
+    pub fn columns_of(&self, group: usize) -> Option<Range<usize>> {
+        self.groups[group].clone()
+    }
+
+    fn expand(&self, shares: &[Share]) -> (Vec<usize>, Vec<f64>) {
+        let (mut columns, mut root) = (Vec::new(), Vec::new());
+        for s in shares {
+            let own = self.groups[s.group].clone().unwrap_or_default();
+            root.extend(std::iter::repeat_n(s.variance.sqrt(), own.len()));
+            columns.extend(own);
+        }
+        (columns, root)
+    }
+
+    /// `I + D^1/2 G D^1/2` factored, and `D^1/2 b`.
+    fn factor(&self, s: usize, columns: &[usize], root: &[f64]) -> Option<(Cholesky<f64, Dyn>, DVector<f64>)> {
+        let v = &self.views[s];
+        let p = columns.len();
+        let unit = |i: usize, j: usize| f64::from(u8::from(i == j));
+        let m = DMatrix::from_fn(p, p, |i, j| root[i] * root[j] * v.product(columns[i], columns[j]) + unit(i, j));
+        let c = DVector::from_fn(p, |i, _| root[i] * v.b[columns[i]]);
+        Some((m.cholesky()?, c))
+    }
+
+    fn of(&self, s: usize, left: f64, determinant: f64) -> f64 {
+        let v = &self.views[s];
+        -0.5 * (v.free * (left / v.free).max(1e-300).ln() + determinant) + v.constant
+    }
+
+    /// Finds the variances of highest evidence under one noise model, by fixed-point steps.
+    fn optimise(&self, s: usize, shares: &mut [Share]) -> f64 {
+        if shares.is_empty() {
+            return self.of(s, self.views[s].squares, 0.0);
+        }
+        let mut last = f64::NEG_INFINITY;
+        for step in 0..STEPS {
+            let (columns, root) = self.expand(shares);
+            let Some((f, c)) = self.factor(s, &columns, &root) else { return last };
+            let z = f.solve(&c);
+            let left = self.views[s].squares - c.dot(&z);
+            let evidence = self.of(s, left, log_determinant(&f));
+            if step > 2 && evidence < last + 0.02 {
+                return evidence.max(last);
+            }
+            last = evidence;
+            let noise = (left / self.views[s].free).max(1e-300);
+            let most = self.most(noise);
+            let inverse = f.inverse();
+            let mut at = 0;
+            for share in shares.iter_mut() {
+                let own = at..at + self.groups[share.group].as_ref().map_or(0, ExactSizeIterator::len);
+                at = own.end;
+                let determined: f64 = own.clone().map(|k| 1.0 - inverse[(k, k)]).sum();
+                let squares: f64 = own.map(|k| (root[k] * z[k]).powi(2)).sum();
+                // The plain step is slow near its end: half as far again.
+                let ratio = (squares / noise / determined.max(1e-9) / share.variance).clamp(0.02, 50.0).powf(1.5);
+                share.variance = (share.variance * ratio).clamp(1e-10, most);
+            }
+        }
+        last
+    }
+
+    fn most(&self, noise: f64) -> f64 {
+        LARGEST_GAIN * LARGEST_GAIN * self.limit / noise.max(1e-300)
+    }
+
+    /// A model with the variances and the noise model of highest evidence, from variances to start with.
+    pub fn best(&self, shares: &[Share]) -> AxisModel {
+        let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, colour: 0 };
+        for s in 0..COLOURS.len() {
+            let mut own = shares.to_vec();
+            if !own.is_empty() {
+                // What is far behind before its variances are moved does not come first afterwards.
+                let (columns, root) = self.expand(&own);
+                let Some((f, c)) = self.factor(s, &columns, &root) else { continue };
+                let left = self.views[s].squares - c.dot(&f.solve(&c));
+                if self.of(s, left, log_determinant(&f)) < best.evidence - 12.0 {
+                    continue;
+                }
+            }
+            let evidence = self.optimise(s, &mut own);
+            if evidence > best.evidence {
+                best = AxisModel { shares: own, evidence, colour: s };
+            }
+        }
+        best
+    }
+
+    fn base(&mut self, s: usize, shares: &[Share]) -> Option<Base> {
+        let (columns, root) = self.expand(shares);
+        self.views[s].know(&columns);
+        let (f, c) = self.factor(s, &columns, &root)?;
+        let v = &self.views[s];
+        let (p, all) = (columns.len(), v.columns.len());
+        let mut half = DMatrix::from_fn(p, all, |i, j| root[i] * v.products[columns[i]][j]);
+        f.l_dirty().solve_lower_triangular_mut(&mut half);
+        let rates = f.l_dirty().solve_lower_triangular(&c)?;
+        let left = v.squares - rates.dot(&rates);
+        let evidence = self.of(s, left, log_determinant(&f));
+        Some(Base { columns, root, half, rates, factor: f, left, evidence })
+    }
+
+    /// What each group adds to a model: the model's own variances stay. `None` for a group that the axis does not have.
+    pub fn extensions(&mut self, model: &AxisModel) -> Vec<Option<Extension>> {
+        let mut out: Vec<Option<Extension>> = vec![None; self.groups.len()];
+        for s in 0..COLOURS.len() {
+            let Some(base) = self.base(s, &model.shares) else { continue };
+            let most = self.most(base.left / self.views[s].free);
+            for (k, best) in out.iter_mut().enumerate() {
+                let Some(group) = self.groups[k].clone() else { continue };
+                let spectrum = self.spectrum(s, &base, k, &group);
+                let (gain, variance) = spectrum.best(self.views[s].free, base.left, most);
+                let evidence = base.evidence + gain;
+                if best.is_none_or(|b| evidence > b.evidence) {
+                    *best = Some(Extension { evidence, variance });
+                }
+            }
+        }
+        out
+    }
+
+    /// A group free of what the model explains, along its principal directions.
+    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &Range<usize>) -> Spectrum {
+        let v = &self.views[s];
+        let m = group.len();
+        let half = base.half.columns(group.start, m);
+        let mut g = DMatrix::zeros(m, m);
+        for i in 0..m {
+            for j in 0..=i {
+                let d = v.own[number][(i, j)] - half.column(i).dot(&half.column(j));
+                g[(i, j)] = d;
+                g[(j, i)] = d;
+            }
+        }
+        let b = DVector::from_fn(m, |i, _| v.b[group.start + i] - half.column(i).dot(&base.rates));
+        if m == 1 {
+            return Spectrum { values: vec![g[(0, 0)].max(0.0)], along: vec![b[0]], turn: None };
+        }
+        let e = SymmetricEigen::new(g);
+        let along = e.eigenvectors.transpose() * b;
+        Spectrum {
+            values: e.eigenvalues.iter().map(|v| v.max(0.0)).collect(),
+            along: along.iter().copied().collect(),
+            turn: Some(e.eigenvectors),
+        }
+    }
+
+    /// Log likelihood of rows that a model did not see: each sixth of the rows predicted from the others.
+    pub fn cross_validated(&self, model: &AxisModel) -> f64 {
+        let (columns, root) = self.expand(&model.shares);
+        let v = &self.views[model.colour];
+        let (p, n) = (columns.len(), v.y.len());
+        let mut error = 0.0;
+        let whole = DMatrix::from_fn(p, p, |i, j| dot(&v.columns[columns[i]], &v.columns[columns[j]]));
+        for f in 0..FOLDS {
+            let part = n * f / FOLDS..n * (f + 1) / FOLDS;
+            let y = &v.y[part.clone()];
+            let x: Vec<&[f64]> = columns.iter().map(|c| &v.columns[*c][part.clone()]).collect();
+            let b: Vec<f64> = x.iter().map(|c| dot(c, y)).collect();
+            let m = DMatrix::from_fn(p, p, |i, j| {
+                root[i] * root[j] * (whole[(i, j)] - dot(x[i], x[j])) + f64::from(u8::from(i == j))
+            });
+            let c = DVector::from_fn(p, |i, _| root[i] * (v.b[columns[i]] - b[i]));
+            let Some(f) = m.cholesky() else { return f64::NEG_INFINITY };
+            let z = f.solve(&c);
+            let predicted = |k: usize| (0..p).map(|i| root[i] * z[i] * x[i][k]).sum::<f64>();
+            error += y.iter().enumerate().map(|(k, y)| (y - predicted(k)).powi(2)).sum::<f64>();
+        }
+        self.of(model.colour, error, 0.0)
+    }
+
+    /// Log evidence of a model with its variances as they are, under one noise model.
+    pub fn evidence(&self, colour: usize, shares: &[Share]) -> f64 {
+        let (columns, root) = self.expand(shares);
+        let Some((f, c)) = self.factor(colour, &columns, &root) else { return f64::NEG_INFINITY };
+        let left = self.views[colour].squares - c.dot(&f.solve(&c));
+        self.of(colour, left, log_determinant(&f))
+    }
+
+    /// What a model leaves of the rates: whitened by a noise model, free of the baseline.
+    pub fn left(&self, colour: usize, shares: &[Share]) -> Vec<f64> {
+        let (columns, root) = self.expand(shares);
+        let Some((f, c)) = self.factor(colour, &columns, &root) else { return vec![] };
+        let z = f.solve(&c);
+        let v = &self.views[colour];
+        let mut y = v.y.clone();
+        for (i, c) in columns.iter().enumerate() {
+            crate::stats::take_off(&mut y, root[i] * z[i], &v.columns[*c]);
+        }
+        y
+    }
+
+    /// The baseline's basis under a noise model.
+    pub fn baseline(&self, colour: usize) -> &Basis {
+        &self.views[colour].base
+    }
+
+    /// A noise model by its number.
+    pub fn colour(&self, colour: usize) -> Colour {
+        self.views[colour].colour
+    }
+
+    /// A whitened column, free of the baseline.
+    pub fn column(&self, colour: usize, column: usize) -> &[f64] {
+        &self.views[colour].columns[column]
+    }
+
+    /// For surrogates of the rates: every group free of a model, along its principal directions.
+    pub fn bench(&mut self, model: &AxisModel) -> Option<Bench> {
+        let s = model.colour;
+        let base = self.base(s, &model.shares)?;
+        let spectra = self
+            .groups
+            .clone()
+            .iter()
+            .enumerate()
+            .map(|(k, g)| g.as_ref().map(|g| (g.clone(), self.spectrum(s, &base, k, g))))
+            .collect();
+        Some(Bench { most: self.most(base.left / self.views[s].free), base, spectra, colour: s })
+    }
+
+    /// What each group would add to the model of a bench if the rates were `y` (whitened): its gain in evidence.
+    pub fn on_bench(&self, bench: &Bench, y: &[f64]) -> Vec<f64> {
+        let v = &self.views[bench.colour];
+        let mut y = y.to_vec();
+        v.base.reduce(&mut y);
+        let base = &bench.base;
+        let squares = dot(&y, &y);
+        let b: Vec<f64> = v.columns.iter().map(|c| dot(c, &y)).collect();
+        // The model takes its own share of the surrogate, too.
+        let c = DVector::from_fn(base.columns.len(), |i, _| base.root[i] * b[base.columns[i]]);
+        let rates = base.factor.l_dirty().solve_lower_triangular(&c).unwrap_or_else(|| DVector::zeros(c.len()));
+        let left = squares - rates.dot(&rates);
+        bench
+            .spectra
+            .iter()
+            .map(|s| {
+                let Some((group, spectrum)) = s else { return f64::NEG_INFINITY };
+                let free = DVector::from_fn(group.len(), |i, _| {
+                    b[group.start + i] - base.half.column(group.start + i).dot(&rates)
+                });
+                let along = spectrum.turn.as_ref().map_or(free.clone(), |t| t.transpose() * &free);
+                let s = Spectrum { values: spectrum.values.clone(), along: along.iter().copied().collect(), turn: None };
+                s.best(v.free, left, bench.most).0
+            })
+            .collect()
+    }
+}
+
+/// A group along its principal directions: what of it the model leaves, and its products with the rates.
+struct Spectrum {
+    values: Vec<f64>,
+    along: Vec<f64>,
+    turn: Option<DMatrix<f64>>,
+}
+
+impl Spectrum {
+    /// The gain in evidence at the best variance, at most `most`, and that variance.
+    fn best(&self, free: f64, left: f64, most: f64) -> (f64, f64) {
+        let gain = |variance: f64| {
+            let (mut determinant, mut explained) = (0.0, 0.0);
+            for (d, c) in self.values.iter().zip(&self.along) {
+                determinant += (variance * d).ln_1p();
+                explained += variance * c * c / (1.0 + variance * d);
+            }
+            -0.5 * (determinant + free * (1.0 - explained / left).max(1e-12).ln())
+        };
+        let top = most.max(1e-300).ln();
+        let (mut best, mut at) = (f64::NEG_INFINITY, top);
+        for k in 0..14 {
+            let x = top - 1.4 * f64::from(k);
+            let g = gain(x.exp());
+            if g > best {
+                (best, at) = (g, x);
+            }
+        }
+        let mut step = 0.7;
+        for _ in 0..4 {
+            for x in [at - step, (at + step).min(top)] {
+                let g = gain(x.exp());
+                if g > best {
+                    (best, at) = (g, x);
+                }
+            }
+            step *= 0.5;
+        }
+        (best, at.exp())
+    }
+}
+
+/// See [`Axis::bench`].
+pub struct Bench {
+    base: Base,
+    spectra: Vec<Option<(Range<usize>, Spectrum)>>,
+    most: f64,
+    colour: usize,
+}
+
+fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {
+    2.0 * f.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()
+}
