@@ -39,11 +39,14 @@ pub struct Ratio {
     pub high: f64,
 }
 
+/// Ratio from which on the rest is not called noise, however wide its interval is: slow noise and structure look alike there.
+const DOUBTFUL: f64 = 1.6;
+
 impl Ratio {
-    /// Whether noise alone explains it.
+    /// Whether noise alone explains it: the interval holds 1, and the ratio itself is not beyond what clean runs show.
     #[must_use]
     pub fn is_noise(&self) -> bool {
-        self.low <= 1.0
+        self.low <= 1.0 && self.ratio < DOUBTFUL
     }
 }
 

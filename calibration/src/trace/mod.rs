@@ -143,8 +143,8 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| !r.is_noise()) {
         left.push(format!("on the verify run ({ratio})"));
     }
-    let verdict_kind = conclude(&effects, &left, &after_verify, &before_verify, &noise);
     let exchanged = exchange(train, verify, &effects, &verify_run);
+    let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
     let mut report = Report {
         version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
@@ -421,6 +421,7 @@ fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
 /// What it all comes to.
 fn conclude(
     effects: &[Found],
+    exchanged: Option<&Exchanged>,
     left: &[Vec<String>; AXES],
     after: &[Vec<f64>; AXES],
     before: &[Vec<f64>; AXES],
@@ -436,7 +437,8 @@ fn conclude(
     }
     let each: Vec<Agreement> =
         (0..AXES).map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor())).collect();
-    if each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
+    let witnessed = exchanged.is_none_or(|x| unwitnessed(effects, x).is_empty());
+    if witnessed && each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
         VerdictKind::Confirmed
     } else {
         VerdictKind::NotConfirmed
@@ -457,6 +459,12 @@ fn exchange(train: &[Recording], verify: &Recording, effects: &[Found], run: &Ru
     let classes: BTreeSet<Class> = found.iter().map(|c| card(c.facts.effect).class).collect();
     let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
     Some(Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names })
+}
+
+/// Classes of the report that the exchanged search does not find. What happens once need not happen again.
+pub(crate) fn unwitnessed(effects: &[Found], exchanged: &Exchanged) -> BTreeSet<Class> {
+    let named = effects.iter().filter(|e| e.confirmed.is_some()).map(|e| e.class);
+    named.filter(|c| !exchanged.classes.contains(c)).collect()
 }
 
 /// Means of a verify run from which effects can be learnt: three hours.

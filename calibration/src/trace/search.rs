@@ -29,6 +29,8 @@ const CLASS_PRICE: f64 = 2.0;
 const EVENT_PRICE: f64 = 6.0;
 /// Score below which nothing is added.
 const LEAST: f64 = 5.0;
+/// The same for what happens once.
+const LEAST_EVENT: f64 = 20.0;
 /// Score below which the surrogates are asked.
 const PLAIN: f64 = 40.0;
 /// Chance under noise alone above which an effect is not warranted.
@@ -330,8 +332,9 @@ impl<'a> Search<'a> {
             .unwrap_or(0);
         let (score, next) = tried.swap_remove(k);
         let event = self.card_of_last(&next).class == Class::Event;
+        let least = if event { LEAST_EVENT } else { LEAST };
         // What predicts held-out parts worse is not there, but for what happens once.
-        (score > LEAST && (event || self.held_out(&next) > self.held_out_under(state, &next))).then_some((score, next))
+        (score > least && (event || self.held_out(&next) > self.held_out_under(state, &next))).then_some((score, next))
     }
 
     fn card_of_last(&self, state: &State) -> Card {

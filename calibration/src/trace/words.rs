@@ -68,6 +68,13 @@ pub fn verdict(r: &Report) -> String {
             "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). ",
             list(&names)
         ),
+        VerdictKind::NotConfirmed if !disputed(r).is_empty() => write!(
+            s,
+            "On the train run the model lacks {}; the search on the verify run names no effect of the class {}: not confirmed. From {before} to {} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). ",
+            list(&names),
+            list(&disputed(r)),
+            figures(|n| r.r#final[n].verify_rms_dph)
+        ),
         VerdictKind::NotConfirmed => write!(
             s,
             "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on x, y, z (standard deviation of {means} means of 100 s), which is within the uncertainty or worse. ",
@@ -96,6 +103,11 @@ pub fn verdict(r: &Report) -> String {
     s
 }
 
+/// Classes that the exchanged search does not find.
+fn disputed(r: &Report) -> Vec<&'static str> {
+    r.exchanged.iter().flat_map(|x| super::unwitnessed(&r.effects, x)).map(Class::name).collect()
+}
+
 fn outside(r: &Report) -> String {
     if r.outside_fit < 0.005 {
         return String::new();
@@ -120,6 +132,13 @@ fn to_do(r: &Report) -> String {
                 let _ = write!(s, " (on {} it holds no effect: there none is better than the baseline)", list(&plain));
             }
             s.push('.');
+        }
+        (Image::Extended, Some(b)) if r.verdict_kind != VerdictKind::Confirmed => {
+            let _ = write!(
+                s,
+                " The extended image is written and by itself reaches {} deg/h there, but it is not confirmed: there is no reason to burn it before another run agrees.",
+                to(b)
+            );
         }
         (Image::Extended, Some(_)) => {
             s += " The extended image is written, but does not beat the image in use by more than its uncertainty: do not burn it.";
