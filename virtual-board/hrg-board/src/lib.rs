@@ -5,6 +5,7 @@
 //! | [`wires`] | turns a recording into edges and converter codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
 //! | [`demo`] | the main job from end to end |
+//! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
 //! | [`faults`] | attacks the promises of docs/promises.md |
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
@@ -13,6 +14,7 @@ pub mod align;
 pub mod bench;
 pub mod demo;
 pub mod faults;
+pub mod fingerprint;
 pub mod host;
 pub mod methods;
 pub mod replay;

@@ -59,6 +59,14 @@ enum Command {
         #[arg(long)]
         page: Option<PathBuf>,
     },
+    /// Checksums of frames, images and files: print them before and after a change that should change nothing.
+    ///
+    /// Example: hrg-board fingerprint > before.txt
+    Fingerprint {
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
     /// Example: hrg-board faults --short
@@ -251,6 +259,11 @@ fn run(command: Command) -> Result<()> {
                 hrg_cal::splice(&page, "unit", &tables)?;
             }
             anyhow::ensure!(within, "a figure is over its bound");
+            Ok(())
+        }
+        Command::Fingerprint { elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            print!("{}", hrg_board::fingerprint::fingerprints(&elf)?);
             Ok(())
         }
         Command::Faults { short, seed, only, trial, page, elf } => {
