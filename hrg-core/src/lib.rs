@@ -15,7 +15,8 @@
 //! | frequency to temperature | [`temperature`] | 1 Hz |
 //! | temperature to its rate of change | [`rate_of_change`] | 1 Hz |
 //! | temperature and its rate to bias | [`bias`], [`effects`] | 1 Hz |
-//! | the three axes together | [`compensator`] | 1 Hz |
+//! | the thermal state of the three axes | [`thermal`] | 1 Hz |
+//! | their biases | [`compensator`] | 1 Hz |
 //! | raw rate minus bias | [`rate_path`] | 1 kHz in, 200 Hz out |
 //! | bytes on the wire | [`link`] | 200 Hz |
 //! | coefficients, in flash and in a file | [`calibration`] | at start |
@@ -47,6 +48,7 @@ pub mod rate_of_change;
 pub mod rate_path;
 pub mod status;
 pub mod temperature;
+pub mod thermal;
 
 /// Axes of a unit: x, y, z.
 pub const AXES: usize = 3;

@@ -10,8 +10,8 @@ pub mod axis {
     pub const TEMPERATURE_RANGE: u8 = 1 << 1;
     /// The rate of change of temperature is outside the calibrated range, or changed within a second by twice that.
     pub const RAMP_RANGE: u8 = 1 << 2;
-    /// No frequency in the last model step, or one that is no resonator's ([`crate::compensator::BEYOND_C`]) or jumped further than one can
-    /// ([`crate::compensator::MAX_STEP_C`]): the last bias is held.
+    /// No frequency in the last model step, or one that is no resonator's ([`crate::thermal::BEYOND_C`]) or jumped further than one can
+    /// ([`crate::thermal::MAX_STEP_C`]): the last bias is held.
     pub const FREQUENCY_LOST: u8 = 1 << 3;
     /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one, or the model has not
     /// spoken for [`crate::rate_path::STALE_TICKS`].

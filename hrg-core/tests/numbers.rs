@@ -6,12 +6,13 @@ use hrg_core::alignment::session::{Command, Session};
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::compensator::{AxisThermal, Compensator, Thermal};
+use hrg_core::compensator::Compensator;
 use hrg_core::effects::{Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
 use hrg_core::rate_path::{RatePath, Staged, Summary};
+use hrg_core::thermal::{AxisThermal, Thermal};
 use proptest::prelude::*;
 
 const CORNERS: [f32; 16] = [
