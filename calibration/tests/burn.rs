@@ -29,16 +29,16 @@ enum Fault {
 struct Flash([Vec<u8>; 2]);
 
 impl Store for Flash {
-    fn erase(&mut self, sector: u8) -> bool {
-        self.0[usize::from(sector)].fill(0xFF);
+    fn erase(&mut self, sector: Sector) -> bool {
+        self.0[usize::from(sector.number())].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
-        self.0[usize::from(sector)][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
+        self.0[usize::from(sector.number())][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
         true
     }
-    fn view(&self, sector: u8) -> &[u8] {
-        &self.0[usize::from(sector)]
+    fn view(&self, sector: Sector) -> &[u8] {
+        &self.0[usize::from(sector.number())]
     }
 }
 

@@ -3,7 +3,7 @@
 use hrg_board::faults::{campaign, good, Extent, Scene};
 use hrg_board::replay;
 use hrg_board::wires::Wires;
-use hrg_core::status::unit;
+use hrg_core::status::UnitStatus;
 use virtual_board::{Board, Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {
@@ -50,7 +50,7 @@ fn the_watchdog_bites_where_a_task_stands_still_and_that_is_said() {
     board.world.received = Default::default();
     board.run_until(board.now() + CPU_HZ / 2).expect("runs");
     let frames = &board.world.received.rates;
-    assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status & unit::WATCHDOG_RESET != 0));
+    assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status.contains(UnitStatus::WATCHDOG_RESET)));
 }
 
 #[test]

@@ -14,6 +14,7 @@ use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::bytes::{crc32, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::temperature::TemperatureLaw;
+use crate::unit_name::UnitName;
 use crate::AXES;
 use heapless::Vec;
 
@@ -66,8 +67,8 @@ pub struct EffectTerm {
 /// A calibration: all that makes a unit's numbers that unit's.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Calibration {
-    /// Name of the unit, ASCII, zero-padded.
-    pub unit: [u8; 16],
+    /// Name of the unit.
+    pub unit: UnitName,
     /// When it was made, seconds since 1970 (0: the compiled-in default).
     pub created_unix_s: u32,
     /// Counts up with each block burnt; the newest valid block wins.
@@ -147,7 +148,7 @@ impl Calibration {
             law(4703.596, 19.444, [7.809_050_6, 44.658_787, 1.113_637_7, 0.114_508_46], -35.849, 53.708),
         ];
         Self {
-            unit: UNNAMED,
+            unit: UnitName::UNNAMED,
             created_unix_s: 0,
             sequence: 0,
             data_hash: 0,
@@ -175,7 +176,7 @@ impl Calibration {
     /// The unit's name as text.
     #[must_use]
     pub fn unit_name(&self) -> &str {
-        unit_text(&self.unit)
+        self.unit.as_str()
     }
 
     /// Scale factor of each axis, deg/h per code.
@@ -184,12 +185,9 @@ impl Calibration {
         [0, 1, 2].map(|a: usize| self.axes[a].scale_factor_dph_per_code)
     }
 
-    /// Sets the name; longer than 16 bytes is cut.
+    /// Sets the name, as [`UnitName::new`] takes it.
     pub fn set_unit_name(&mut self, name: &str) {
-        self.unit = [0; 16];
-        for (to, from) in self.unit.iter_mut().zip(name.bytes().filter(u8::is_ascii_graphic)) {
-            *to = from;
-        }
+        self.unit = UnitName::new(name);
     }
 
     /// The block, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
@@ -257,7 +255,7 @@ impl Calibration {
     }
 
     fn write_payload(&self, w: &mut Writer<'_>) {
-        w.bytes(&self.unit);
+        w.bytes(self.unit.bytes());
         w.u32(self.created_unix_s);
         w.u32(self.sequence);
         w.u32(self.data_hash);
@@ -314,7 +312,7 @@ impl Calibration {
     /// Reads what lies in a block; `None` where it is too short.
     #[inline(never)]
     fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
-        self.unit = r.array()?;
+        self.unit = UnitName::from_bytes(r.array()?);
         self.created_unix_s = r.u32()?;
         self.sequence = r.u32()?;
         self.data_hash = r.u32()?;
@@ -444,16 +442,6 @@ impl Calibration {
     }
 }
 
-/// What stands for the name of a unit that has none yet: its flash holds no valid calibration image.
-pub const UNNAMED: [u8; 16] = *b"default\0\0\0\0\0\0\0\0\0";
-
-/// A unit's name, as blocks and the link carry it, as text.
-#[must_use]
-pub fn unit_text(unit: &[u8; 16]) -> &str {
-    let end = unit.iter().position(|&b| b == 0).unwrap_or(unit.len());
-    core::str::from_utf8(&unit[..end]).unwrap_or("?")
-}
-
 /// Scale factor of a unit that was never calibrated: 20 deg/s at the end of 24 bits.
 pub const DEFAULT_SCALE_FACTOR: f32 = 72_000.0 / 8_388_608.0;
 
@@ -469,50 +457,12 @@ fn finite(values: &[f32]) -> Result<(), BlockError> {
     Ok(())
 }
 
-/// The checksum that stands at the end of a block; `None` where there is no room for one.
-#[must_use]
-pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
-    let length = u16::from_le_bytes(*bytes.get(6..8)?.first_chunk()?);
-    let end = usize::from(length);
-    Some(u32::from_le_bytes(*bytes.get(end.checked_sub(4)?..end)?.first_chunk()?))
-}
-
-/// What the two flash sectors hold.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Found {
-    /// The newest valid block, with the sector it came from (0 or 1).
-    pub newest: Option<(Calibration, u8)>,
-    /// Why a sector's content was refused that is no valid block and not erased either: a block whose memory has changed, or
-    /// one whose writing was cut short. The unit says so ([`crate::status::unit::BLOCK_REFUSED`]), for the one in use may be
-    /// the older.
-    pub refused: Option<BlockError>,
-}
-
-/// Looks at both sectors.
-#[inline(never)]
-#[must_use]
-pub fn newest(a: &[u8], b: &[u8]) -> Found {
-    // A block is large, and the unit's stack small: one at a time, and the one that is used is read once more.
-    let number = |bytes| Calibration::from_bytes(bytes).map(|c| c.sequence);
-    let (x, y) = (number(a), number(b));
-    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != BlockError::NoBlock);
-    let sector = match (x, y) {
-        // Sequence numbers compare across their wrap.
-        (Ok(x), Ok(y)) if y.wrapping_sub(x) as i32 > 0 => Some(1),
-        (Ok(_), _) => Some(0),
-        (Err(_), Ok(_)) => Some(1),
-        (Err(_), Err(_)) => None,
-    };
-    let read = |sector| Some((Calibration::from_bytes(if sector == 0 { a } else { b }).ok()?, sector));
-    Found { newest: sector.and_then(read), refused }
-}
-
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn full() -> Calibration {
+    pub(crate) fn full() -> Calibration {
         let mut c = Calibration::uncalibrated();
         c.set_unit_name("HRG-101");
         c.sequence = 7;
@@ -604,31 +554,6 @@ mod tests {
             b[bit / 8] ^= 1 << (bit % 8);
             assert!(Calibration::from_bytes(&b).is_err(), "bit {bit}");
         }
-    }
-
-    #[test]
-    fn every_flipped_bit_is_noticed() {
-        let good = full().to_bytes().expect("fits");
-        for bit in 0..good.len() * 8 {
-            let mut bad = good.clone();
-            bad[bit / 8] ^= 1 << (bit % 8);
-            let found = newest(&bad, &[0xFF; MAX_BYTES]);
-            assert!(found.newest.is_none() && found.refused.is_some(), "bit {bit}: {found:?}");
-        }
-    }
-
-    #[test]
-    fn newest_valid_block_wins() {
-        let (mut x, mut y) = (full(), full());
-        x.sequence = u32::MAX;
-        y.sequence = 0;
-        let (bx, mut by) = (x.to_bytes().expect("fits"), y.to_bytes().expect("fits"));
-        assert_eq!(newest(&bx, &by), Found { newest: Some((y, 1)), refused: None });
-        by[20] ^= 4;
-        let refused = Some(BlockError::Checksum);
-        assert_eq!(newest(&bx, &by), Found { newest: Some((x, 0)), refused }, "the older is used, and that is said");
-        assert_eq!(newest(&[0xFF; 8], &by), Found { newest: None, refused });
-        assert_eq!(newest(&[0xFF; 8], &[]), Found { newest: None, refused: None });
     }
 
     proptest! {

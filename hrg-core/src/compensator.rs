@@ -4,13 +4,13 @@ use crate::calibration::{Axis, Calibration, MAX_EFFECTS};
 use crate::effects::OnUnit;
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::WINDOW;
-use crate::status::axis;
+use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
 
 /// A lost frequency is bridged for this long, with the last temperature and bias held and flagged
-/// [`axis::FREQUENCY_LOST`]; after it [`axis::TEMPERATURE_STALE`] joins. In model steps (seconds).
+/// [`AxisStatus::FREQUENCY_LOST`]; after it [`AxisStatus::TEMPERATURE_STALE`] joins. In model steps (seconds).
 pub const HOLD_S: u16 = 10;
 
 /// What one model step gives.
@@ -22,8 +22,8 @@ pub struct Output {
     pub rate_c_per_min: [f32; AXES],
     /// Biases to subtract, deg/h. Always finite.
     pub bias_dph: [f32; AXES],
-    /// Status bits ([`crate::status::axis`]).
-    pub status: [u8; AXES],
+    /// Status bits ([`AxisStatus`]).
+    pub status: [AxisStatus; AXES],
 }
 
 impl Output {
@@ -124,7 +124,7 @@ impl Compensator {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
             rate_c_per_min: [x.state.rate_c_per_min, y.state.rate_c_per_min, z.state.rate_c_per_min],
             bias_dph,
-            status: [if self.calibration.calibrated { 0 } else { axis::UNCALIBRATED }; AXES],
+            status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
         for k in 0..AXES {
             let now = &thermal.axes[k];
@@ -135,11 +135,11 @@ impl Compensator {
                 self.bias_dph[k] = bias_dph[k];
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
-                    output.status[k] |= axis::UNCALIBRATED;
+                    output.status[k] |= AxisStatus::UNCALIBRATED;
                 }
             }
             if edge_errors(k) {
-                output.status[k] |= axis::EDGE_ERRORS;
+                output.status[k] |= AxisStatus::EDGE_ERRORS;
             }
             output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
         }
@@ -151,23 +151,23 @@ impl Axis {
     /// Status of an axis in a thermal state whose temperature has changed by `change_c` in this step. `invalid_steps`: for how many
     /// more steps its slope is invalid.
     #[inline(always)]
-    fn status(&self, now: &AxisThermal, change_c: f32, invalid_steps: &mut u8) -> u8 {
-        let mut s = 0;
+    fn status(&self, now: &AxisThermal, change_c: f32, invalid_steps: &mut u8) -> AxisStatus {
+        let mut s = AxisStatus::empty();
         if !now.settled {
-            s |= axis::SETTLING;
+            s |= AxisStatus::SETTLING;
         }
         if now.age > 0 {
-            s |= axis::FREQUENCY_LOST;
+            s |= AxisStatus::FREQUENCY_LOST;
         }
         if !now.known || now.age > HOLD_S {
-            s |= axis::TEMPERATURE_STALE;
+            s |= AxisStatus::TEMPERATURE_STALE;
         }
         if !now.known {
             return s;
         }
         let (t, r) = (now.state.temperature_c, now.state.rate_c_per_min);
         if t < self.law.min_c || t > self.law.max_c {
-            s |= axis::TEMPERATURE_RANGE;
+            s |= AxisStatus::TEMPERATURE_RANGE;
         }
         let [slowest, fastest] = self.rate_range_c_per_min;
         let beyond = |r: f32| r < slowest || r > fastest;
@@ -179,7 +179,7 @@ impl Axis {
             *invalid_steps -= 1;
         }
         if *invalid_steps > 0 || beyond(r) {
-            s |= axis::RAMP_RANGE;
+            s |= AxisStatus::RAMP_RANGE;
         }
         s
     }
@@ -211,7 +211,7 @@ mod tests {
         for _ in 0..70 {
             out = c.step(&F);
         }
-        assert_eq!(out.status, [0; 3]);
+        assert_eq!(out.status, [AxisStatus::empty(); 3]);
         let t = out.temperature_c[0];
         assert!((out.bias_dph[0] - (1.0 + 2.0 * (t - 10.0) / 45.0)).abs() < 1e-5);
     }
@@ -227,8 +227,8 @@ mod tests {
                 (x.bias_dph[1], x.bias_dph[2], x.status[1], x.status[2]),
                 (y.bias_dph[1], y.bias_dph[2], y.status[1], y.status[2])
             );
-            assert_eq!(x.status[0] & axis::FREQUENCY_LOST != 0, lost);
-            assert_eq!(x.status[0] & axis::TEMPERATURE_STALE != 0, (50..60).contains(&k));
+            assert_eq!(x.status[0].contains(AxisStatus::FREQUENCY_LOST), lost);
+            assert_eq!(x.status[0].contains(AxisStatus::TEMPERATURE_STALE), (50..60).contains(&k));
             assert_eq!(x.bias_dph[0], y.bias_dph[0]);
         }
     }
@@ -243,23 +243,23 @@ mod tests {
         let jumped = [F[0].map(|f| f + 1.0), F[1], F[2]];
         for k in 0..100u32 {
             let out = c.step(&jumped);
-            assert_eq!(out.status[1..], [0, 0]);
+            assert_eq!(out.status[1..], [AxisStatus::empty(); 2]);
             let flags = if k + 1 < u32::from(ACCEPT_STEPS) {
                 assert_eq!(out.bias_dph, before.bias_dph, "held");
                 if k >= u32::from(HOLD_S) {
-                    axis::FREQUENCY_LOST | axis::TEMPERATURE_STALE
+                    AxisStatus::FREQUENCY_LOST | AxisStatus::TEMPERATURE_STALE
                 } else {
-                    axis::FREQUENCY_LOST
+                    AxisStatus::FREQUENCY_LOST
                 }
             } else if k + 1 < u32::from(ACCEPT_STEPS) + crate::rate_of_change::WINDOW as u32 - 1 {
-                axis::SETTLING
+                AxisStatus::SETTLING
             } else {
-                0
+                AxisStatus::empty()
             };
             assert_eq!(
-                out.status[0] & !axis::SETTLING | flags & axis::SETTLING,
+                out.status[0] & !AxisStatus::SETTLING | flags & AxisStatus::SETTLING,
                 flags,
-                "step {k}: {:x}",
+                "step {k}: {:?}",
                 out.status[0]
             );
             assert!(out.rate_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
@@ -267,7 +267,7 @@ mod tests {
         // One wild second changes nothing but its own flag.
         let (mut a, mut b) = (c.clone(), c);
         let wild = a.step(&F);
-        assert_eq!(wild.status[0], axis::FREQUENCY_LOST);
+        assert_eq!(wild.status[0], AxisStatus::FREQUENCY_LOST);
         let _ = b.step(&[None, F[1], F[2]]);
         for _ in 0..30 {
             assert!(a.step(&jumped).same(&b.step(&jumped)));
@@ -290,10 +290,14 @@ mod tests {
                     // 0.006 Hz/s: about 0.9 C/min.
                     let error = (out.rate_c_per_min[0] - 0.9).abs();
                     assert!(
-                        error < 0.2 || out.status[0] != 0,
+                        error < 0.2 || !out.status[0].is_empty(),
                         "lost {lost}, off {off}, step {k}: {error} C/min unsaid"
                     );
-                    assert!(k < 160 || out.status[0] == 0, "lost {lost}, off {off}, step {k}: {:x}", out.status[0]);
+                    assert!(
+                        k < 160 || out.status[0].is_empty(),
+                        "lost {lost}, off {off}, step {k}: {:?}",
+                        out.status[0]
+                    );
                 }
             }
         }
@@ -334,7 +338,7 @@ mod tests {
         let out = Compensator::new(calibrated(), 0.0).step(&[None, Some(f64::NAN), Some(1e300)]);
         for k in 0..3 {
             assert!(out.bias_dph[k].is_finite());
-            assert_ne!(out.status[k], 0);
+            assert!(!out.status[k].is_empty());
         }
     }
 }

@@ -17,29 +17,35 @@
 //! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a hole
 //!   of [`HOLE_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
 
+use crate::timebase::Timebase;
+
 /// Consecutive consistent periods before the counter locks.
 const LOCK_PERIODS: u8 = 4;
 /// Consecutive rejected edges after which the counter gives up its lock.
 const MAX_REJECTS: u8 = 8;
 /// Missing periods after which the counter gives up its lock (0.1 s at 4.9 kHz).
 pub const HOLE_PERIODS: u32 = 490;
-/// Sums whose first edges are further apart than this are not joined: a minute and a half of edges at 12 kHz, of ticks at 90 MHz.
+/// Sums whose first edges are further apart than this are not joined: a minute and a half of edges at 12 kHz, half a minute of ticks
+/// at 240 MHz. Within these limits the sums stay within 64 bits.
 const MAX_JOINED_EDGES: u64 = 1 << 20;
 /// See [`MAX_JOINED_EDGES`].
 const MAX_JOINED_TICKS: u64 = 1 << 33;
 /// Edges are accepted within this fraction of a period: one part in 2^6.
 const TOLERANCE_SHIFT: u32 = 6;
 
-/// Gates in one step of the bias model: ten of 0.1 s make [`crate::MODEL_STEP_S`].
+/// Length of a gate, ms.
+pub const GATE_MS: u32 = 100;
+
+/// Gates in one step of the bias model: ten make [`crate::MODEL_STEP_S`].
 pub const GATES_PER_STEP: u32 = 10;
 
 /// What a counter must know of its timer and of its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    /// Timer ticks per second.
-    pub ticks_per_s: u32,
-    /// Ticks of a gate. Longer gates by [`Sums::join`].
+    /// The timer.
+    pub timebase: Timebase,
+    /// Ticks of a gate of [`GATE_MS`]. Longer gates by [`Sums::join`].
     pub gate_ticks: u32,
     /// Lowest frequency that is a resonator, Hz.
     pub min_hz: u32,
@@ -49,12 +55,12 @@ pub struct Config {
 
 impl Config {
     /// The reference unit: TIM2 at 90 MHz, gates of 0.1 s, 3 to 12 kHz.
-    pub const REFERENCE: Self = Self::at(90_000_000);
+    pub const REFERENCE: Self = Self::at(Timebase::REFERENCE);
 
     /// A timer of another speed, the rest as in the reference unit.
     #[must_use]
-    pub const fn at(ticks_per_s: u32) -> Self {
-        Self { ticks_per_s, gate_ticks: ticks_per_s / 10, min_hz: 3_000, max_hz: 12_000 }
+    pub const fn at(timebase: Timebase) -> Self {
+        Self { timebase, gate_ticks: timebase.ms(GATE_MS), min_hz: 3_000, max_hz: 12_000 }
     }
 }
 
@@ -394,8 +400,8 @@ impl Counter {
     }
 
     fn acquire(&mut self, stamp: u32, delta: u32) {
-        let shortest = self.config.ticks_per_s / self.config.max_hz.max(1);
-        let longest = self.config.ticks_per_s / self.config.min_hz.max(1);
+        let shortest = self.config.timebase.ticks_per_s() / self.config.max_hz.max(1);
+        let longest = self.config.timebase.ticks_per_s() / self.config.min_hz.max(1);
         let in_band = self.seen && (shortest..=longest).contains(&delta);
         let consistent = in_band
             && self.locked > 0
@@ -477,8 +483,8 @@ impl Joined {
     /// Frequency in Hz, or `None` where the unbroken run covers less than half of `span_ticks`.
     #[must_use]
     pub fn frequency_hz(&self, config: &Config, span_ticks: u64) -> Option<f64> {
-        let f = self.sums.frequency_hz(config.ticks_per_s)?;
-        let covered = f64::from(self.sums.last_i) / f * f64::from(config.ticks_per_s);
+        let f = self.sums.frequency_hz(config.timebase.ticks_per_s())?;
+        let covered = f64::from(self.sums.last_i) / f * f64::from(config.timebase.ticks_per_s());
         let dense = self.sums.edges >= self.sums.last_i / 2;
         (dense && covered * 2.0 >= span_ticks as f64 && f >= f64::from(config.min_hz) && f <= f64::from(config.max_hz))
             .then_some(f)
@@ -490,7 +496,7 @@ impl Joined {
 /// Feed every time stamp with [`push`](Self::push), then ask [`poll`](Self::poll) with a timer reading taken
 /// *before* the time stamps were fetched.
 #[derive(Debug, Clone)]
-pub struct Bank {
+pub struct CounterBank {
     config: Config,
     counters: [Counter; crate::AXES],
     joined: [Joined; crate::AXES],
@@ -514,10 +520,10 @@ pub struct StepFrequencies {
     pub missing: [u32; crate::AXES],
 }
 
-/// A gate is closed this long after its end: time for the DMA to deliver the last edge (100 us at 90 MHz).
-pub const SETTLE_TICKS: u64 = 9_000;
+/// A gate is closed this long after its end, us: time for the DMA to deliver the last edge.
+pub const SETTLE_US: u32 = 100;
 
-impl Bank {
+impl CounterBank {
     /// Three counters; `gates_per_step` gates make a model step.
     #[must_use]
     pub fn new(config: Config, gates_per_step: u32) -> Self {
@@ -547,16 +553,23 @@ impl Bank {
         }
     }
 
-    /// End of the gate being filled, ticks since start: [`poll`](Self::poll) gives nothing before it.
+    /// End of the gate being filled, ticks since start.
     #[must_use]
     pub fn gate_end(&self) -> u64 {
         self.counters[0].gate_end()
     }
 
+    /// When the gate being filled is closed, ticks since start: [`SETTLE_US`] after its end. [`poll`](Self::poll) gives nothing
+    /// before it.
+    #[must_use]
+    pub fn close_tick(&self) -> u64 {
+        self.gate_end() + u64::from(self.config.timebase.us(SETTLE_US))
+    }
+
     /// Tells the time (a reading of the timer); gives a step when one is complete.
     pub fn poll(&mut self, now: u32) -> Option<StepFrequencies> {
         self.now += u64::from(now.wrapping_sub(self.now as u32));
-        if self.now < self.gate_end() + SETTLE_TICKS {
+        if self.now < self.close_tick() {
             return None;
         }
         for (counter, joined) in self.counters.iter_mut().zip(&mut self.joined) {
@@ -610,18 +623,18 @@ mod tests {
         start: u64,
         mut edit: impl FnMut(u64, u64) -> [Option<u64>; 2],
     ) -> heapless::Vec<StepFrequencies, 16> {
-        let mut bank = Bank::new(Config::REFERENCE, 10);
+        let mut bank = CounterBank::new(Config::REFERENCE, 10);
         // Begin late in the life of the timer by running empty gates.
-        while bank.gate_end() + SETTLE_TICKS < start {
-            let now = bank.gate_end() + SETTLE_TICKS;
+        while bank.close_tick() < start {
+            let now = bank.close_tick();
             let _ = bank.poll(now as u32);
         }
         let mut out = heapless::Vec::new();
         let n = (hz * seconds) as u64;
         for k in 0..n {
             let t = start + (k as f64 * TICKS / hz) as u64;
-            while t > bank.gate_end() + SETTLE_TICKS {
-                let now = bank.gate_end() + SETTLE_TICKS;
+            while t > bank.close_tick() {
+                let now = bank.close_tick();
                 if let Some(s) = bank.poll(now as u32) {
                     let _ = out.push(s);
                 }
@@ -673,7 +686,7 @@ mod tests {
             many.push_all(batch);
             rest = others;
             let last = u64::from(batch[n - 1]);
-            while last > one.gate_end() + SETTLE_TICKS {
+            while last > one.gate_end() + u64::from(Timebase::REFERENCE.us(SETTLE_US)) {
                 assert_eq!(one.close(), many.close());
             }
         }

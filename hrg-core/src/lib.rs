@@ -45,10 +45,16 @@ pub mod link;
 pub mod maintenance;
 pub mod math;
 pub mod rate_of_change;
+pub mod rate_output;
 pub mod rate_path;
+pub mod sectors;
 pub mod status;
+pub mod supervision;
+pub mod telemetry;
 pub mod temperature;
 pub mod thermal;
+pub mod timebase;
+pub mod unit_name;
 
 /// Axes of a unit: x, y, z.
 pub const AXES: usize = 3;

@@ -6,12 +6,14 @@
 
 use crate::alignment::session::{self, Command};
 use crate::bytes::{crc32, Reader, Writer};
-use crate::calibration::unit_text;
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::maintenance;
 use crate::rate_path::{RateFrame, Summary};
-use crate::status::unit;
+use crate::sectors::Sector;
+use crate::status::{AxisStatus, UnitStatus};
+use crate::timebase::Timebase;
+use crate::unit_name::UnitName;
 use crate::AXES;
 use heapless::Vec;
 
@@ -46,9 +48,9 @@ pub struct Housekeeping {
     /// Samples missing or refused meanwhile.
     pub converter_errors: u16,
     /// Status of each axis.
-    pub axis_status: [u8; AXES],
+    pub axis_status: [AxisStatus; AXES],
     /// Status of the unit.
-    pub unit_status: u8,
+    pub unit_status: UnitStatus,
     /// Rejected edges of each axis in this step.
     pub rejected: [u16; AXES],
     /// Missing edges of each axis in this step.
@@ -79,28 +81,16 @@ pub mod mode {
     pub const NAMES: [&str; 3] = ["navigate", "align", "maintenance"];
 }
 
-/// Ticks as milliseconds, modulo 2^32; `per_ms` below 2^17. By hand, 15 bits at a time: a quotient of 64 bits would take a
-/// function of a kilobyte.
-fn milliseconds(ticks: u64, per_ms: u32) -> u32 {
-    let (mut quotient, mut rest) = (0u32, 0u32);
-    for shift in [60, 45, 30, 15, 0] {
-        rest = rest << 15 | (ticks >> shift) as u32 & 0x7FFF;
-        quotient = (quotient << 15) | (rest / per_ms.max(1));
-        rest %= per_ms.max(1);
-    }
-    quotient
-}
-
 impl Housekeeping {
     /// One second: the step that ended it, what the model made of it, and the means over the bias before
     /// (`None`: the rate path said nothing). Counters of the unit are zero: the sender fills them in.
     #[must_use]
-    pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, ticks_per_s: u32) -> Self {
+    pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, timebase: Timebase) -> Self {
         let samples = summary.map_or(0, |s| s.samples);
         let converter_errors = summary.map_or(0, |s| s.converter_errors);
         Self {
             step: step.step,
-            time_ms: milliseconds(step.end_ticks, ticks_per_s / 1000),
+            time_ms: timebase.to_ms(step.end_ticks),
             frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
             temperature_c: output.temperature_c,
             rate_c_per_min: output.rate_c_per_min,
@@ -110,7 +100,11 @@ impl Housekeeping {
             samples,
             converter_errors,
             axis_status: output.status,
-            unit_status: if samples == 0 || converter_errors > 0 { unit::CONVERTER_FAULT } else { 0 },
+            unit_status: if samples == 0 || converter_errors > 0 {
+                UnitStatus::CONVERTER_FAULT
+            } else {
+                UnitStatus::empty()
+            },
             rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
             missing: step.missing.map(|n| n.min(0xFFFF) as u16),
             dropped: 0,
@@ -127,7 +121,7 @@ impl Housekeeping {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Identity {
     /// The unit's name in its calibration.
-    pub unit: [u8; 16],
+    pub unit: UnitName,
     /// Checksum of the calibration in use; 0 for the compiled-in default.
     pub calibration: u32,
     /// When that calibration was made, seconds since 1970.
@@ -140,7 +134,7 @@ impl Identity {
     /// The unit's name as text.
     #[must_use]
     pub fn unit_name(&self) -> &str {
-        unit_text(&self.unit)
+        self.unit.as_str()
     }
 }
 
@@ -218,8 +212,8 @@ impl Message {
                 w.u32(r.sample);
                 w.u32(r.tick);
                 w.u32(r.step);
-                w.bytes(&r.axis_status);
-                w.u8(r.unit_status);
+                w.bytes(&r.axis_status.map(|s| s.bits()));
+                w.u8(r.unit_status.bits());
                 w.f32s(&r.rate_dph);
             }
             Self::Housekeeping(h) => {
@@ -234,8 +228,8 @@ impl Message {
                 }
                 w.u16(h.samples);
                 w.u16(h.converter_errors);
-                w.bytes(&h.axis_status);
-                w.u8(h.unit_status);
+                w.bytes(&h.axis_status.map(|s| s.bits()));
+                w.u8(h.unit_status.bits());
                 for v in h.rejected.iter().chain(&h.missing) {
                     w.u16(*v);
                 }
@@ -248,7 +242,7 @@ impl Message {
             }
             Self::Identity(i) => {
                 w.u8(0x03);
-                w.bytes(&i.unit);
+                w.bytes(i.unit.bytes());
                 w.u32(i.calibration);
                 w.u32(i.created_unix_s);
                 w.u32(i.sequence);
@@ -289,7 +283,7 @@ impl Message {
                 match command {
                     C::Open(name) => {
                         w.u8(0);
-                        w.bytes(name);
+                        w.bytes(name.bytes());
                     }
                     C::Close => w.u8(1),
                     C::Begin(length) => {
@@ -305,7 +299,7 @@ impl Message {
                     C::End => w.u8(4),
                     C::Read { sector, offset } => {
                         w.u8(5);
-                        w.u8(*sector);
+                        w.u8(sector.number());
                         w.u16(*offset);
                     }
                     C::Restart => w.u8(6),
@@ -321,7 +315,7 @@ impl Message {
                     }
                     maintenance::Reply::Data { sector, offset, data } => {
                         w.u8(1);
-                        w.u8(*sector);
+                        w.u8(sector.number());
                         w.u16(*offset);
                         w.bytes(data);
                     }
@@ -338,10 +332,10 @@ impl Message {
                     sample: r.u32()?,
                     tick: r.u32()?,
                     step: r.u32()?,
-                    axis_status: r.array()?,
-                    unit_status: r.u8()?,
+                    axis_status: r.array::<AXES>()?.map(AxisStatus::from_bits_retain),
+                    unit_status: UnitStatus::from_bits_retain(r.u8()?),
                     rate_dph: r.f32s()?,
-                    seal: 0,
+                    integrity: 0,
                 }
                 .sealed(),
             ),
@@ -356,8 +350,8 @@ impl Message {
                 corrected_dph: r.f32s()?,
                 samples: r.u16()?,
                 converter_errors: r.u16()?,
-                axis_status: r.array()?,
-                unit_status: r.u8()?,
+                axis_status: r.array::<AXES>()?.map(AxisStatus::from_bits_retain),
+                unit_status: UnitStatus::from_bits_retain(r.u8()?),
                 rejected: [r.u16()?, r.u16()?, r.u16()?],
                 missing: [r.u16()?, r.u16()?, r.u16()?],
                 dropped: r.u16()?,
@@ -368,7 +362,7 @@ impl Message {
                 mode: r.u8()?,
             }),
             0x03 => Self::Identity(Identity {
-                unit: r.array()?,
+                unit: UnitName::from_bytes(r.array()?),
                 calibration: r.u32()?,
                 created_unix_s: r.u32()?,
                 sequence: r.u32()?,
@@ -386,7 +380,11 @@ impl Message {
             }),
             0x05 => Self::Maintained(match r.u8()? {
                 0 => maintenance::Reply::Answer(maintenance::Answer::from_number(r.u8()?)?, r.u32()?),
-                1 => maintenance::Reply::Data { sector: r.u8()?, offset: r.u16()?, data: r.array()? },
+                1 => maintenance::Reply::Data {
+                    sector: Sector::from_number(r.u8()?)?,
+                    offset: r.u16()?,
+                    data: r.array()?,
+                },
                 _ => return None,
             }),
             _ => return None,
@@ -399,12 +397,12 @@ impl Message {
             0x83 => {
                 use maintenance::Command as C;
                 Self::Maintain(match r.u8()? {
-                    0 => C::Open(r.array()?),
+                    0 => C::Open(UnitName::from_bytes(r.array()?)),
                     1 => C::Close,
                     2 => C::Begin(r.u16()?),
                     3 => C::Chunk { offset: r.u16()?, length: r.u8()?, data: r.array()? },
                     4 => C::End,
-                    5 => C::Read { sector: r.u8()?, offset: r.u16()? },
+                    5 => C::Read { sector: Sector::from_number(r.u8()?)?, offset: r.u16()? },
                     6 => C::Restart,
                     _ => return None,
                 })
@@ -517,18 +515,6 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    #[test]
-    fn milliseconds_are_a_quotient() {
-        for per_ms in [1u32, 84_000, 90_000, (1 << 17) - 1] {
-            for k in 0..64 {
-                for off in [0, 1, 89_999, 12_345_678] {
-                    let ticks = (1u64 << k).wrapping_add(off);
-                    assert_eq!(milliseconds(ticks, per_ms), (ticks / u64::from(per_ms)) as u32, "{ticks} / {per_ms}");
-                }
-            }
-        }
-    }
-
     fn housekeeping() -> Housekeeping {
         Housekeeping {
             step: 77,
@@ -541,8 +527,8 @@ mod tests {
             corrected_dph: [3.0, 2.0, 1.0],
             samples: 1000,
             converter_errors: 1,
-            axis_status: [0, 1, 2],
-            unit_status: 4,
+            axis_status: [0, 1, 2].map(AxisStatus::from_bits_retain),
+            unit_status: UnitStatus::LINK_ERRORS,
             rejected: [0, 0, 3],
             missing: [1, 0, 0],
             dropped: 0,
@@ -561,15 +547,20 @@ mod tests {
                     sample: 0,
                     tick: 90_000,
                     step: 3,
-                    axis_status: [0; 3],
-                    unit_status: 0,
+                    axis_status: [AxisStatus::empty(); 3],
+                    unit_status: UnitStatus::empty(),
                     rate_dph: [0.0, -1.5, 1e5],
-                    seal: 0,
+                    integrity: 0,
                 }
                 .sealed(),
             ),
             Message::Housekeeping(housekeeping()),
-            Message::Identity(Identity { unit: [b'a'; 16], calibration: 1, created_unix_s: 2, sequence: 3 }),
+            Message::Identity(Identity {
+                unit: UnitName::new("aaaaaaaaaaaaaaaa"),
+                calibration: 1,
+                created_unix_s: 2,
+                sequence: 3,
+            }),
             Message::Identify,
             Message::SetDivider(5),
             Message::Alignment(session::Report {
@@ -588,15 +579,19 @@ mod tests {
             Message::Align(Command::TurnEnded { angle_deg: 90.0 }),
             Message::Align(Command::Accept),
             Message::Align(Command::Abandon),
-            Message::Maintain(maintenance::Command::Open(*b"HRG-101\0\0\0\0\0\0\0\0\0")),
+            Message::Maintain(maintenance::Command::Open(UnitName::new("HRG-101"))),
             Message::Maintain(maintenance::Command::Close),
             Message::Maintain(maintenance::Command::Begin(453)),
             Message::Maintain(maintenance::Command::Chunk { offset: 128, length: 12, data: [7; maintenance::CHUNK] }),
             Message::Maintain(maintenance::Command::End),
-            Message::Maintain(maintenance::Command::Read { sector: 1, offset: 256 }),
+            Message::Maintain(maintenance::Command::Read { sector: Sector::B, offset: 256 }),
             Message::Maintain(maintenance::Command::Restart),
             Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
-            Message::Maintained(maintenance::Reply::Data { sector: 1, offset: 0, data: [9; maintenance::CHUNK] }),
+            Message::Maintained(maintenance::Reply::Data {
+                sector: Sector::B,
+                offset: 0,
+                data: [9; maintenance::CHUNK],
+            }),
         ]
     }
 

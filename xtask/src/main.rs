@@ -31,8 +31,8 @@ const USAGE: &str = "cargo xtask COMMAND
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
-const FLASH_BOUND: u64 = 64 * 1024;
-const RAM_BOUND: u64 = 18 * 1024;
+const FLASH_BOUND: u64 = 128 * 1024;
+const RAM_BOUND: u64 = 24 * 1024;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

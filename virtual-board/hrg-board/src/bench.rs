@@ -6,9 +6,10 @@ use crate::replay::{self, Options};
 use crate::symbol;
 use anyhow::{Context, Result};
 use hrg_core::calibration::{Calibration, DEFAULT_SCALE_FACTOR};
-use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
+use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 use hrg_core::rate_path::RatePath;
 use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
+use hrg_core::timebase::Timebase;
 use object::{Object, ObjectSegment};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -193,9 +194,9 @@ pub struct Limit {
 /// Frequency: RMS error of one-second gates over `n` seconds, and the Cramer-Rao bound for jitter of `jitter_s` and the timer's
 /// steps. For times `t_i = t_0 + i / f` with independent errors of variance `s^2`, the bound of `1 / f` is `s^2 / sum (i - mean)^2`.
 fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
-    const TICKS: f64 = Config::REFERENCE.ticks_per_s as f64;
+    const TICKS: f64 = Timebase::REFERENCE.ticks_per_s() as f64;
     const HZ: f64 = 4898.626;
-    let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
+    let mut bank = CounterBank::new(Config::REFERENCE, GATES_PER_STEP);
     let mut draw = ChaCha8Rng::seed_from_u64(8);
     let (mut squares, mut count, mut edges) = (0.0, 0u32, 0.0);
     let mut k = 0u64;
@@ -203,8 +204,8 @@ fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
         k += 1;
         let jitter: f64 = StandardNormal.sample(&mut draw);
         let t = ((k as f64 / HZ + 1e-4 + jitter * jitter_s) * TICKS) as u64;
-        while t > bank.gate_end() + SETTLE_TICKS {
-            let at = bank.gate_end() + SETTLE_TICKS;
+        while t > bank.close_tick() {
+            let at = bank.close_tick();
             let Some(step) = bank.poll(at as u32) else { continue };
             if let Some(f) = step.frequency_hz[0].filter(|_| step.step > 0) {
                 squares += (f - HZ) * (f - HZ);
@@ -223,7 +224,7 @@ fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
 /// Corrected rate: RMS error of a frame's mean of five samples with white noise of `noise` codes, in codes, and the least possible:
 /// that noise and the rounding to codes, averaged.
 fn rate(noise: f64, n: u32) -> (f64, f64) {
-    let mut path = RatePath::new([DEFAULT_SCALE_FACTOR; 3], 5);
+    let mut path = RatePath::new(Timebase::REFERENCE, [DEFAULT_SCALE_FACTOR; 3], 5);
     let mut draw = ChaCha8Rng::seed_from_u64(9);
     let (mut squares, mut count) = (0.0, 0u32);
     let mut tick = 0u32;

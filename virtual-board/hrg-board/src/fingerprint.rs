@@ -3,6 +3,10 @@
 //! Each line names a result, its length in bytes and its CRC-64: a recording, calibration images and files of every kind of bias
 //! model, a corrected recording, and each kind of frame that the ELF sends while it plays the recording. All draws have fixed
 //! seeds and all images a fixed date, so two machines print the same.
+//!
+//! Frames and log depend on the instant at which the firmware starts the timer, so an ELF that starts up faster prints others. To
+//! compare the computation alone, keep the ELF of before and give it with `--elf`: the core on the desktop then has to make the very
+//! frames that the old ELF sends.
 
 use crate::replay::{self, Options};
 use anyhow::{Context, Result};

@@ -10,7 +10,7 @@ use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
-use hrg_core::status::unit;
+use hrg_core::status::UnitStatus;
 use std::path::{Path, PathBuf};
 use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
@@ -124,7 +124,7 @@ pub fn run(
     mut progress: impl FnMut(f64),
 ) -> Result<Outcome> {
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
-    let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
+    let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
     let scale = used.scale_factors_dph_per_code();
     let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))

@@ -5,7 +5,7 @@ use crate::replay::{CALIBRATION_A, CALIBRATION_B};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::rate_path::RateFrame;
-use hrg_core::status::unit;
+use hrg_core::status::UnitStatus;
 use rand::Rng;
 use virtual_board::{Board, Stop, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
 
@@ -32,12 +32,12 @@ const WATCH_S: f64 = 3.3;
 /// Error of a frame that the unit stands behind, axis by axis the worst, deg/h; zero where all that is wrong is flagged.
 #[must_use]
 pub fn unsaid(frame: &RateFrame, truth: &RateFrame) -> f32 {
-    if frame.unit_status != 0 {
+    if !frame.unit_status.is_empty() {
         return 0.0;
     }
     let mut worst = 0.0f32;
     for k in 0..3 {
-        if frame.axis_status[k] == 0 {
+        if frame.axis_status[k].is_empty() {
             let e = (frame.rate_dph[k] - truth.rate_dph[k]).abs();
             worst = worst.max(if e.is_nan() { f32::INFINITY } else { e });
         }
@@ -109,9 +109,9 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
                 let bit = k * extent.every;
                 board.flip_bit(FLASH_START + sector + (bit / 8) as u32, (bit % 8) as u8)?;
                 run(board, cycles(0.1))?;
-                let expected = unit::BLOCK_REFUSED | if two { 0 } else { unit::DEFAULT_CALIBRATION };
+                let expected = UnitStatus::BLOCK_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
                 let frames = &board.world.received.rates;
-                Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status & expected == expected))
+                Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status.contains(expected)))
             },
         )?;
         let noticed = found.iter().filter(|f| **f).count();
@@ -170,7 +170,7 @@ pub fn again(scene: &Scene, seed: u64, trial: u64) -> Result<()> {
         let e = truth.rates.get(nearest(&truth, *at)).map_or(f32::NAN, |t| unsaid(f, t));
         let now = (f.axis_status, f.unit_status, e > BOUND_DPH);
         if last.replace((now, *at)).is_none_or(|(before, t)| before != now || at - t > cycles(0.1)) {
-            println!("{:9.1} ms: frames {:02x?} {:02x}, unsaid error {e} deg/h", ms(*at), f.axis_status, f.unit_status);
+            println!("{:9.1} ms: frames {:?} {:?}, unflagged error {e} deg/h", ms(*at), f.axis_status, f.unit_status);
         }
     }
     println!("{:9.1} ms: last frame", last.map_or(f64::NAN, |l| ms(l.1)));

@@ -159,7 +159,7 @@ const RAMP_FROM: usize = 9000;
 /// A frame that the unit stands behind.
 #[must_use]
 pub fn good(f: &RateFrame) -> bool {
-    f.axis_status == [0; 3] && f.unit_status == 0
+    f.axis_status.iter().all(|s| s.is_empty()) && f.unit_status.is_empty()
 }
 
 /// Resets on the way: how many, and when the last.
