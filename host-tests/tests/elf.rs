@@ -53,7 +53,11 @@ fn every_frame_equals_the_desktop_bit_for_bit() {
     assert_eq!(r.differing, 0, "{:?}", r.first_difference);
     assert_eq!((r.bad_frames, o.watchdog_resets), (0, 0));
     let last = r.housekeeping.last().expect("there are");
-    assert_eq!((last.axis_status, last.unit_status), ([AxisStatus::empty(); 3], UnitStatus::empty()), "nothing to complain of");
+    assert_eq!(
+        (last.axis_status, last.unit_status),
+        ([AxisStatus::empty(); 3], UnitStatus::empty()),
+        "nothing to complain of"
+    );
     assert_eq!((last.samples, last.dropped), (1000, 0));
 }
 
@@ -138,7 +142,9 @@ fn a_silent_resonator_is_said_and_the_others_do_not_notice() {
     assert!(h(25).frequency_hz[1].is_nan());
     assert_eq!(h(25).bias_dph[1], h(19).bias_dph[1], "the last bias is held");
     assert!(h(38).axis_status[1].contains(AxisStatus::TEMPERATURE_STALE));
-    assert!(!h(50).axis_status[1].intersects(AxisStatus::FREQUENCY_LOST | AxisStatus::TEMPERATURE_STALE), "it recovers by itself"
+    assert!(
+        !h(50).axis_status[1].intersects(AxisStatus::FREQUENCY_LOST | AxisStatus::TEMPERATURE_STALE),
+        "it recovers by itself"
     );
     assert!(bad.received.log.iter().any(|l| l.contains("NaN")), "the log says so");
 }
@@ -165,7 +171,10 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
     assert!(silent.iter().all(|h| h.frequency_hz.iter().all(|f| f.is_finite())), "temperatures go on");
     let after = o.received.rates.iter().find(|r| r.tick > 12 * 90_000_000).expect("rates come back");
-    assert!(after.unit_status.contains(UnitStatus::CONVERTER_FAULT), "the first frame after says that samples were lost");
+    assert!(
+        after.unit_status.contains(UnitStatus::CONVERTER_FAULT),
+        "the first frame after says that samples were lost"
+    );
     assert!(o.received.rates.last().is_some_and(|r| r.unit_status.is_empty()));
 }
 

@@ -59,7 +59,7 @@ fn a_queue_that_takes_no_frames_ends_in_a_reset() {
     let elf = elf();
     let scene = Scene::new(&elf, 1).expect("a scene");
     let mut board = scene.settled().expect("settles");
-    let queue = Board::<Wires>::address_of(&elf, "8channels6FRAMES").expect("a queue of frames");
+    let queue = board.firmware().address_of("firmware::channels::FRAMES").expect("a queue of frames");
     let stopped = (0..128u32).find(|at| {
         let start = board.snapshot().expect("now");
         let begun = board.now();

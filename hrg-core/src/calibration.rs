@@ -6,6 +6,12 @@
 //! Effects are named by the stable numbers of [`crate::effects`], so an old block loads in a new firmware; a new
 //! block with an effect that an old firmware lacks is refused by name of error, never half used.
 //!
+//! # Versions
+//! A new version only appends fields to the payload: none is removed, moved or given another meaning, and each has a value that
+//! means what images without it meant. So a firmware reads its own version and all older ones, the appended fields keeping those
+//! values; an older firmware refuses a newer image ([`BlockError::Version`]), flags it, and uses the other sector or the default.
+//! Images of each version are stored in `hrg-core/tests/images` and read by every test run.
+//!
 //! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
 //! useless as a broken one.
 
@@ -20,8 +26,10 @@ use heapless::Vec;
 
 /// First bytes of every block.
 pub const MAGIC: [u8; 4] = *b"HRGC";
-/// Version of the layout.
+/// Version of the layout that is written; every version from [`OLDEST`] to this one is read.
 pub const VERSION: u16 = 1;
+/// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
+pub const OLDEST: u16 = 1;
 /// Most effects in one block.
 pub const MAX_EFFECTS: usize = 6;
 /// Longest possible block in bytes.
@@ -116,7 +124,9 @@ impl core::fmt::Display for BlockError {
         match self {
             Self::NoBlock => write!(f, "there is no calibration block"),
             Self::Foreign => write!(f, "what is there does not begin as a calibration block does"),
-            Self::Version(v) => write!(f, "the block is of version {v}, this program reads version {VERSION}"),
+            Self::Version(v) => {
+                write!(f, "the block is of version {v}, this program reads versions {OLDEST} to {VERSION}")
+            }
             Self::Length(n) => write!(f, "the block's length of {n} bytes is impossible"),
             Self::Checksum => write!(f, "the block's checksum does not match its content"),
             Self::NotFinite => write!(f, "the block holds a number that is not finite"),
@@ -215,6 +225,11 @@ impl Calibration {
     /// # Errors
     /// Each defect has its own [`BlockError`].
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, BlockError> {
+        Self::from_bytes_up_to(VERSION, bytes)
+    }
+
+    /// The same by a program whose newest version is this.
+    fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, BlockError> {
         let mut header = Reader::new(bytes);
         if header.array::<4>() != Some(MAGIC) {
             // An erased sector holds no fault; a block whose first bytes are upset does.
@@ -223,7 +238,7 @@ impl Calibration {
         }
         let version = header.u16().ok_or(BlockError::Length(0))?;
         let length = header.u16().ok_or(BlockError::Length(0))?;
-        if version != VERSION {
+        if !(OLDEST..=newest).contains(&version) {
             return Err(BlockError::Version(version));
         }
         let n = usize::from(length);
@@ -544,6 +559,22 @@ pub(crate) mod tests {
         assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
         assert_eq!(refused(&nan), BlockError::NotFinite);
+    }
+
+    #[test]
+    fn a_newer_program_reads_older_images_and_an_older_one_refuses_newer() {
+        let mut image = full().to_bytes().expect("fits");
+        for newest in VERSION..VERSION + 3 {
+            assert_eq!(Calibration::from_bytes_up_to(newest, &image), Ok(full()), "newest {newest}");
+        }
+        // The same image with the number of a version to come.
+        image[4..6].copy_from_slice(&(VERSION + 1).to_le_bytes());
+        let end = image.len() - 4;
+        let crc = crc32(&image[..end]).to_le_bytes();
+        image[end..].copy_from_slice(&crc);
+        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(VERSION + 1)));
+        image[4..6].copy_from_slice(&(OLDEST - 1).to_le_bytes());
+        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(OLDEST - 1)));
     }
 
     #[test]

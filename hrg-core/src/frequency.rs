@@ -137,33 +137,8 @@ impl Sums {
         if numerator <= 0 || denominator <= 0 {
             return None;
         }
-        Some(f64::from(ticks_per_s) * double(denominator) / double(numerator))
+        Some(f64::from(ticks_per_s) * denominator as f64 / numerator as f64)
     }
-}
-
-/// A multiple of three, divided by it: times its inverse modulo 2^64. (A division of 64 bits is a function of a kilobyte.)
-fn third(multiple: u64) -> u64 {
-    multiple.wrapping_mul(0xAAAA_AAAA_AAAA_AAAB)
-}
-
-/// `a / b` where that is below a thousand or so: an estimate in single precision is then off by one at most.
-fn small_quotient(a: u64, b: u64) -> u32 {
-    let mut quotient = (a as f32 / b as f32) as u32;
-    if u64::from(quotient) * b > a {
-        quotient -= 1;
-    } else if u64::from(quotient + 1) * b <= a {
-        quotient += 1;
-    }
-    quotient
-}
-
-/// A positive whole number in double precision. (Nearly always of one half only, and then correctly rounded.)
-fn double(value: i128) -> f64 {
-    let (high, low) = ((value >> 64) as u64, value as u64);
-    if high == 0 {
-        return low as f64;
-    }
-    high as f64 * 18_446_744_073_709_551_616.0 + low as f64
 }
 
 /// What one gate gave.
@@ -289,7 +264,7 @@ impl Counter {
                     self.unlock(stamp);
                     return;
                 }
-                let count = small_quotient(rounded, period_q8);
+                let count = (rounded / period_q8) as u32;
                 let place = ((u64::from(count) * period_q8) >> 8) as i64;
                 if count < 2 || (i64::from(delta) - place).unsigned_abs() > u64::from(tolerance) {
                     let gate = self.gate_of(ticks);
@@ -368,7 +343,7 @@ impl Counter {
         let sums = |n: u32| {
             let n = u64::from(n);
             let triangle = n * (n + 1) / 2;
-            (triangle, third(triangle * (2 * n + 1)))
+            (triangle, triangle * (2 * n + 1) / 3)
         };
         let ((a1, a2), (b1, b2)) = (sums(before), sums(i));
         self.now.sum_i += b1 - a1;
@@ -597,24 +572,6 @@ mod tests {
     use super::*;
 
     const TICKS: f64 = 90e6;
-
-    #[test]
-    fn quotients_are_exact() {
-        for n in 0..3000u64 {
-            let triangle = n * (n + 1) / 2;
-            assert_eq!(third(triangle * (2 * n + 1)), n * (n + 1) * (2 * n + 1) / 6);
-        }
-        for b in [1u64, 3, 4_702_720, 7_680_000, u64::from(u32::MAX)] {
-            for q in 0..=u64::from(HOLE_PERIODS) {
-                for r in [0, 1, b / 2, b.saturating_sub(2), b - 1] {
-                    let a = q * b + r.min(b - 1);
-                    assert_eq!(u64::from(small_quotient(a, b)), q, "{a} / {b}");
-                }
-            }
-        }
-        assert_eq!(double(7), 7.0);
-        assert!((double(3 << 80) / 3.0 / 2f64.powi(80) - 1.0).abs() < 1e-15);
-    }
 
     /// Runs a bank over edges of `hz` on axis 0 for `seconds`; `edit` may drop (None) or add stamps.
     fn run(

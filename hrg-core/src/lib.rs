@@ -64,10 +64,3 @@ pub const AXES: usize = 3;
 /// Frequencies are combined to gates of this length and every state of the model (windows, lags) advances
 /// once per step. A recording is brought to this interval before a fit, so the states mean the same there.
 pub const MODEL_STEP_S: f32 = 1.0;
-
-/// A whole number in single precision, in five instructions: the upper half exactly where it has 24 bits, the lower half rounded.
-/// So what is off is at most the rounding of the result, and 2^-25 of 2^32.
-#[inline]
-fn single(value: i64) -> f32 {
-    (value >> 32) as i32 as f32 * 4_294_967_296.0 + value as u32 as f32
-}

@@ -32,7 +32,7 @@ const USAGE: &str = "cargo xtask COMMAND
 
 /// Bounds of the firmware, bytes.
 const FLASH_BOUND: u64 = 128 * 1024;
-const RAM_BOUND: u64 = 24 * 1024;
+const RAM_BOUND: u64 = 64 * 1024;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();

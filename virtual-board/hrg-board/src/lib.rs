@@ -23,18 +23,18 @@ pub mod twin;
 pub mod weigh;
 pub mod wires;
 
-/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: parts of their symbols.
+/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {
     /// A model step of the three axes.
-    pub const UPDATE: &str = "11Compensator6update";
+    pub const UPDATE: &str = "hrg_core::compensator::Compensator::update";
     /// The bias model of an axis, without effects.
-    pub const BIAS: &str = "12Coefficients8bias_dph";
+    pub const BIAS: &str = "hrg_core::bias::Coefficients::bias_dph";
     /// The temperature law.
-    pub const LAW: &str = "14TemperatureLaw15value_and_slope";
+    pub const LAW: &str = "hrg_core::temperature::TemperatureLaw::value_and_slope";
     /// A converter frame.
-    pub const DECODE: &str = "9converter6decode";
+    pub const DECODE: &str = "hrg_core::converter::decode";
     /// A sample corrected.
-    pub const SAMPLE: &str = "8RatePath6sample";
+    pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";
     /// A message made into a frame.
-    pub const ENCODE: &str = "4link7Message6encode";
+    pub const ENCODE: &str = "hrg_core::link::Message::encode";
 }

@@ -312,7 +312,7 @@ fn play(arguments: RunArguments) -> Result<()> {
         println!("{:>12} {:>6}  function", "per second", "share");
         for (name, count) in outcome.profile.iter().take(30) {
             let share = 100.0 * *count as f64 / outcome.instructions as f64;
-            println!("{:>12.0} {share:>5.1}%  {:#}", *count as f64 / outcome.seconds, rustc_demangle::demangle(name));
+            println!("{:>12.0} {share:>5.1}%  {}", *count as f64 / outcome.seconds, name);
         }
     }
     let (raw, corrected) = replay::three_sigma(&rows);

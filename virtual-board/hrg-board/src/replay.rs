@@ -138,7 +138,7 @@ pub fn run(
         let block = c.to_bytes().context("the calibration does not fit a block")?;
         board.write_flash(CALIBRATION_A, &block)?;
     }
-    let probes = options.count.iter().map(|part| board.count_calls(elf, part)).collect::<Result<Vec<_>, _>>()?;
+    let probes = options.count.iter().map(|part| board.count_calls(part)).collect::<Result<Vec<_>, _>>()?;
     if options.profile {
         board.start_profile();
     }
@@ -153,7 +153,7 @@ pub fn run(
     }
     Ok(Outcome {
         calls: probes.iter().filter_map(|p| board.probe(*p).cloned()).collect(),
-        profile: if options.profile { board.profile(elf)? } else { vec![] },
+        profile: if options.profile { board.profile() } else { vec![] },
         stack_bytes: board.stack_used(),
         static_bytes: board.static_bytes(),
         seconds: board.now() as f64 / CPU_HZ as f64,

@@ -73,7 +73,12 @@ fn cases() -> Vec<Case> {
         ("converter checksum errors", ConverterFault::Checksum),
     ] {
         let fault = Fault::Converter(fault);
-        cases.push(Case { name: name.into(), fault, flags: Flags::Unit(UnitStatus::CONVERTER_FAULT), within_s: NEXT_STEP_S });
+        cases.push(Case {
+            name: name.into(),
+            fault,
+            flags: Flags::Unit(UnitStatus::CONVERTER_FAULT),
+            within_s: NEXT_STEP_S,
+        });
     }
     cases
 }
