@@ -244,6 +244,7 @@ fn sparkline(frame: &mut Frame<'_>, area: Rect, values: &VecDeque<f32>, title: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrg_core::unit_name::UnitName;
 
     fn housekeeping(time_ms: u32, slope: f32) -> Housekeeping {
         Housekeeping {
@@ -274,7 +275,7 @@ mod tests {
     fn everything_is_on_a_screen_of_80_by_24() {
         let mut state = State { profile: Profile::parse("20,50@1,2h").ok(), ..State::default() };
         assert!(screen(&state).expect("drawn").contains("waiting for the unit"));
-        let identity = Identity { unit: *b"HRG-101\0\0\0\0\0\0\0\0\0", calibration: 0, created_unix_s: 0, sequence: 4 };
+        let identity = Identity { unit: UnitName::new("HRG-101"), calibration: 0, created_unix_s: 0, sequence: 4 };
         state.take(&Message::Identity(identity));
         for k in 1..=3000 {
             state.take(&Message::Housekeeping(housekeeping(k * 1000, if k < 600 { 0.2 } else { 0.005 })));

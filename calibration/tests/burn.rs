@@ -1,9 +1,10 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
 use hrg_cal::unit::{Burn, Unit};
-use hrg_core::calibration::{newest, Calibration, MAX_BYTES};
+use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
+use hrg_core::sectors::{newest, Sector};
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::process::{Command as Process, Stdio};

@@ -98,7 +98,7 @@ fn the_comparison_can_fail() {
     other.axes[0].law.c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = mine.scale_factors_dph_per_code();
-    let twin = hrg_board::twin::Twin::new(other, 0, false);
+    let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), false);
     let mut board = Board::new(&elf(), Wires::new(steps, scale, 20e-9, 1, Some(twin), None)).expect("runs");
     board.write_flash(CALIBRATION_A, &mine.to_bytes().expect("fits")).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");

@@ -2,9 +2,8 @@
 
 use hrg_board::faults::{campaign, good, Extent, Scene};
 use hrg_board::replay;
-use hrg_board::wires::Wires;
 use hrg_core::status::UnitStatus;
-use virtual_board::{Board, Stop, CPU_HZ};
+use virtual_board::{Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {
     replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")

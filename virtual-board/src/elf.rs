@@ -27,9 +27,11 @@ pub struct Firmware {
 /// The path of a mangled name, without hashes: `<a::B>::c` of the v0 mangling and `a::B::c` of the legacy one are the same path.
 fn path(mangled: &str) -> String {
     let name = format!("{:#}", rustc_demangle::demangle(mangled));
-    match name.strip_prefix('<').and_then(|rest| rest.split_once(">::")) {
+    // A method of a type that stands in another module than its type: `module::<impl a::B>::c`.
+    let name = name.split_once("<impl ").map_or(name.as_str(), |(_, of)| of);
+    match name.strip_prefix('<').unwrap_or(name).split_once(">::") {
         Some((of, method)) if !of.contains(['<', ' ']) => format!("{of}::{method}"),
-        _ => name,
+        _ => name.to_string(),
     }
 }
 
@@ -143,6 +145,10 @@ mod tests {
         for (mangled, expected) in [
             ("_ZN8hrg_core4link7Message6encode17h0123456789abcdefE", "hrg_core::link::Message::encode"),
             ("_RNvMs_NtCs1234_8hrg_core4linkNtB4_7Message6encode", "hrg_core::link::Message::encode"),
+            (
+                "_ZN8hrg_core4link5codec47_$LT$impl$u20$hrg_core..link..Message$GT$6encode17h0123456789abcdefE",
+                "hrg_core::link::Message::encode",
+            ),
             ("_ZN8hrg_core9converter6decode17h0123456789abcdefE", "hrg_core::converter::decode"),
             ("_RNvNtCs1234_8hrg_core9converter6decode", "hrg_core::converter::decode"),
             ("_SEGGER_RTT", "_SEGGER_RTT"),

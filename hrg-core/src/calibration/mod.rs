@@ -2,7 +2,7 @@
 //!
 //! # Layout (little-endian)
 //! `magic "HRGC"`, `version u16`, `length u16` (of the whole block, checksum included), payload, `CRC-32` (ISO-HDLC)
-//! of all before it. The payload is written and read by one pair of functions in this file, in one order.
+//! of all before it. The payload is written and read by one pair of functions in `image.rs`, in one order.
 //! Effects are named by the stable numbers of [`crate::effects`], so an old block loads in a new firmware; a new
 //! block with an effect that an old firmware lacks is refused by name of error, never half used.
 //!
@@ -15,10 +15,11 @@
 //! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
 //! useless as a broken one.
 
-use crate::bias::four_parameter::FourParameter;
+mod check;
+mod image;
+
 use crate::bias::{Coefficients, Scaling, TERMS};
-use crate::bytes::{crc32, Reader, Writer};
-use crate::effects::{shape, Shape, MAX_OUTPUTS, MAX_PARAMETERS};
+use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::temperature::TemperatureLaw;
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -34,11 +35,6 @@ pub const OLDEST: u16 = 1;
 pub const MAX_EFFECTS: usize = 6;
 /// Longest possible block in bytes.
 pub const MAX_BYTES: usize = 2048;
-/// Bytes before the payload.
-const HEADER: usize = 8;
-/// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
-const ABSURD: f32 = 1e7;
-
 /// One axis of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
@@ -199,282 +195,17 @@ impl Calibration {
     pub fn set_unit_name(&mut self, name: &str) {
         self.unit = UnitName::new(name);
     }
-
-    /// The block, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
-    #[must_use]
-    pub fn to_bytes(&self) -> Option<Vec<u8, MAX_BYTES>> {
-        let mut buffer = [0u8; MAX_BYTES];
-        let mut w = Writer::new(&mut buffer);
-        w.bytes(&MAGIC);
-        w.u16(VERSION);
-        w.u16(0);
-        self.write_payload(&mut w);
-        let payload_end = w.finish()?;
-        let length = payload_end + 4;
-        if length > MAX_BYTES {
-            return None;
-        }
-        buffer[6..8].copy_from_slice(&(length as u16).to_le_bytes());
-        let crc = crc32(&buffer[..payload_end]);
-        buffer[payload_end..length].copy_from_slice(&crc.to_le_bytes());
-        Vec::from_slice(&buffer[..length]).ok()
-    }
-
-    /// Reads a block; `bytes` may be longer than the block (a whole flash sector).
-    ///
-    /// # Errors
-    /// Each defect has its own [`BlockError`].
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, BlockError> {
-        Self::from_bytes_up_to(VERSION, bytes)
-    }
-
-    /// The same by a program whose newest version is this.
-    fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, BlockError> {
-        let mut header = Reader::new(bytes);
-        if header.array::<4>() != Some(MAGIC) {
-            // An erased sector holds no fault; a block whose first bytes are upset does.
-            let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
-            return Err(if erased { BlockError::NoBlock } else { BlockError::Foreign });
-        }
-        let version = header.u16().ok_or(BlockError::Length(0))?;
-        let length = header.u16().ok_or(BlockError::Length(0))?;
-        if !(OLDEST..=newest).contains(&version) {
-            return Err(BlockError::Version(version));
-        }
-        let n = usize::from(length);
-        if !(HEADER + 4..=MAX_BYTES).contains(&n) || n > bytes.len() {
-            return Err(BlockError::Length(length));
-        }
-        let (content, crc) = bytes[..n].split_at(n - 4);
-        if crc != crc32(content).to_le_bytes() {
-            return Err(BlockError::Checksum);
-        }
-        let mut payload = Reader::new(&content[HEADER..]);
-        let mut calibration = Self::uncalibrated();
-        calibration.read_payload(&mut payload).ok_or(BlockError::Length(length))??;
-        if payload.remaining() != 0 {
-            return Err(BlockError::Length(length));
-        }
-        calibration.check()?;
-        Ok(calibration)
-    }
-
-    /// The block's checksum: its identity in housekeeping and log.
-    #[must_use]
-    pub fn checksum(&self) -> u32 {
-        let Some(bytes) = self.to_bytes() else {
-            return 0;
-        };
-        let end = bytes.len() - 4;
-        u32::from_le_bytes([bytes[end], bytes[end + 1], bytes[end + 2], bytes[end + 3]])
-    }
-
-    fn write_payload(&self, w: &mut Writer<'_>) {
-        w.bytes(self.unit.bytes());
-        w.u32(self.created_unix_s);
-        w.u32(self.sequence);
-        w.u32(self.data_hash);
-        w.u8(u8::from(self.calibrated));
-        let s = &self.scaling;
-        w.f32s(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band]);
-        for a in &self.axes {
-            w.f64(a.law.f0_hz);
-            w.f32(a.law.scale_hz);
-            w.f32s(&a.law.c);
-            w.f32s(&[a.law.min_c, a.law.max_c, a.scale_factor_dph_per_code]);
-            w.f32s(&a.rate_range_c_per_min);
-            match &a.coefficients {
-                Coefficients::One(k) => {
-                    w.u8(1);
-                    w.f32s(k);
-                }
-                Coefficients::CoolingHeating(cooling, heating) => {
-                    w.u8(2);
-                    w.f32s(cooling);
-                    w.f32s(heating);
-                }
-                Coefficients::FourParameter(m) => {
-                    w.u8(3);
-                    w.f32s(&m.k);
-                    w.f32s(&[m.breakpoint_c, m.origin_c]);
-                }
-                Coefficients::Direct(k) => {
-                    w.u8(4);
-                    w.f32s(k);
-                }
-                Coefficients::Network(weights) => {
-                    w.u8(5);
-                    w.f32s(weights);
-                }
-            }
-            w.f32s(&a.coefficient_std[0]);
-            w.f32s(&a.coefficient_std[1]);
-            w.f32s(&[a.train_rms_dph, a.verify_rms_dph]);
-        }
-        w.u8(self.effects.len() as u8);
-        for e in &self.effects {
-            let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-            w.u16(e.id);
-            w.u8(outputs as u8);
-            w.f32s(&e.parameters);
-            for (g, s) in e.gains.iter().zip(&e.gain_std) {
-                w.f32s(&g[..outputs]);
-                w.f32s(&s[..outputs]);
-            }
-        }
-    }
-
-    /// Reads what lies in a block; `None` where it is too short.
-    #[inline(never)]
-    fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
-        self.unit = UnitName::from_bytes(r.array()?);
-        self.created_unix_s = r.u32()?;
-        self.sequence = r.u32()?;
-        self.data_hash = r.u32()?;
-        self.calibrated = r.u8()? != 0;
-        let s: [f32; 6] = r.f32s()?;
-        self.scaling =
-            Scaling { t_ref_c: s[0], t_scale_c: s[1], t_linear_c: [s[2], s[3]], r_linear: s[4], blend_band: s[5] };
-        for a in &mut self.axes {
-            let f0_hz = r.f64()?;
-            let scale_hz = r.f32()?;
-            let c = r.f32s()?;
-            let [min_c, max_c, scale_factor_dph_per_code] = r.f32s()?;
-            a.law = TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
-            a.scale_factor_dph_per_code = scale_factor_dph_per_code;
-            a.rate_range_c_per_min = r.f32s()?;
-            a.coefficients = match r.u8()? {
-                1 => Coefficients::One(r.f32s()?),
-                2 => {
-                    let cooling = r.f32s()?;
-                    Coefficients::CoolingHeating(cooling, r.f32s()?)
-                }
-                3 => {
-                    let k = r.f32s()?;
-                    let [breakpoint_c, origin_c] = r.f32s()?;
-                    Coefficients::FourParameter(FourParameter { k, breakpoint_c, origin_c })
-                }
-                4 => Coefficients::Direct(r.f32s()?),
-                5 => Coefficients::Network(r.f32s()?),
-                kind => return Some(Err(BlockError::UnknownModel(kind))),
-            };
-            a.coefficient_std = [r.f32s()?, r.f32s()?];
-            [a.train_rms_dph, a.verify_rms_dph] = r.f32s()?;
-        }
-        self.effects.clear();
-        for _ in 0..r.u8()? {
-            let id = r.u16()?;
-            let Some(Shape { outputs, .. }) = shape(id) else {
-                return Some(Err(BlockError::UnknownEffect(id)));
-            };
-            if usize::from(r.u8()?) != outputs {
-                return Some(Err(BlockError::Absurd("number of gains of an effect")));
-            }
-            let mut e = EffectTerm {
-                id,
-                parameters: r.f32s()?,
-                gains: [[0.0; MAX_OUTPUTS]; AXES],
-                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-            };
-            for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
-                r.fill(&mut gains[..outputs])?;
-                r.fill(&mut std[..outputs])?;
-            }
-            if self.effects.push(e).is_err() {
-                return Some(Err(BlockError::Absurd("number of effects")));
-            }
-        }
-        Some(Ok(()))
-    }
-
-    /// Whether every number is finite and possible, and every effect one that a unit can compute.
-    ///
-    /// # Errors
-    /// The first defect found.
-    pub fn check(&self) -> Result<(), BlockError> {
-        let s = &self.scaling;
-        finite(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band])?;
-        let possible = |ok: bool, what| {
-            if ok {
-                Ok(())
-            } else {
-                Err(BlockError::Absurd(what))
-            }
-        };
-        possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
-        possible((0.1..=1000.0).contains(&s.t_scale_c), "temperature scale")?;
-        possible(s.t_linear_c[0] < s.t_linear_c[1], "temperature range")?;
-        possible(s.r_linear > 0.0, "range of the rate of change")?;
-        possible(s.blend_band >= 0.0, "blend band")?;
-        for a in &self.axes {
-            if !a.law.f0_hz.is_finite() {
-                return Err(BlockError::NotFinite);
-            }
-            finite(&a.law.c)?;
-            finite(&[
-                a.law.scale_hz,
-                a.law.min_c,
-                a.law.max_c,
-                a.scale_factor_dph_per_code,
-                a.train_rms_dph,
-                a.verify_rms_dph,
-            ])?;
-            finite(&a.rate_range_c_per_min)?;
-            finite(&a.coefficient_std[0])?;
-            finite(&a.coefficient_std[1])?;
-            match &a.coefficients {
-                Coefficients::One(k) => finite(k)?,
-                Coefficients::CoolingHeating(c, h) => {
-                    finite(c)?;
-                    finite(h)?;
-                }
-                Coefficients::FourParameter(m) => {
-                    finite(&m.k)?;
-                    finite(&[m.breakpoint_c, m.origin_c])?;
-                }
-                Coefficients::Direct(k) => finite(k)?,
-                Coefficients::Network(w) => finite(w)?,
-            }
-            possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
-            possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
-            possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
-            possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
-            possible(a.rate_range_c_per_min[0] <= a.rate_range_c_per_min[1], "range of the rate of change")?;
-        }
-        for e in &self.effects {
-            finite(&e.parameters)?;
-            for (g, d) in e.gains.iter().zip(&e.gain_std) {
-                finite(g)?;
-                finite(d)?;
-            }
-            match shape(e.id) {
-                None => return Err(BlockError::UnknownEffect(e.id)),
-                Some(s) if !s.on_unit => return Err(BlockError::NotOnUnit(e.id)),
-                Some(_) => {}
-            }
-        }
-        Ok(())
-    }
 }
 
 /// Scale factor of a unit that was never calibrated: 20 deg/s at the end of 24 bits.
 pub const DEFAULT_SCALE_FACTOR: f32 = 72_000.0 / 8_388_608.0;
 
-fn finite(values: &[f32]) -> Result<(), BlockError> {
-    for v in values {
-        if !v.is_finite() {
-            return Err(BlockError::NotFinite);
-        }
-        if v.abs() > ABSURD {
-            return Err(BlockError::Absurd("coefficient"));
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use crate::bias::four_parameter::FourParameter;
+    use crate::bytes::crc32;
+    use crate::effects::shape;
     use proptest::prelude::*;
 
     pub(crate) fn full() -> Calibration {
