@@ -9,7 +9,7 @@ use crate::temperature::TemperatureLaw;
 use crate::{AXES, MODEL_STEP_S};
 
 /// A frequency whose temperature lies further than this outside the calibrated range, C, is implausible and treated as
-/// lost; accepted, it would disturb the states of lags for hours. Nearer, it is used and flagged [`axis::TEMPERATURE_RANGE`].
+/// lost; accepted, it would disturb the states of lags for hours. Nearer, it is used and flagged [`crate::status::AxisStatus::TEMPERATURE_RANGE`].
 pub const BEYOND_C: f32 = 50.0;
 
 /// A resonator of some grams does not change its temperature faster than this, C per model step: a frequency that changes

@@ -36,7 +36,7 @@ impl std::fmt::Display for RunError {
 
 impl std::error::Error for RunError {}
 
-/// Why [`Board::run_until`] came back.
+/// Why [`crate::Board::run_until`] came back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stop {
     /// The time is reached.
@@ -45,8 +45,8 @@ pub enum Stop {
     Watchdog,
     /// The firmware has reset itself.
     Software,
-    /// The instruction asked for with [`Board::stop_at_instruction`] is reached.
+    /// The instruction asked for with [`crate::Board::stop_at_instruction`] is reached.
     Instruction,
-    /// The flash operation asked for with [`Board::stop_at_flash_operation`] was begun, and not finished.
+    /// The flash operation asked for with [`crate::Board::stop_at_flash_operation`] was begun, and not finished.
     Flash,
 }
