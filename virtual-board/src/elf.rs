@@ -146,7 +146,7 @@ mod tests {
             ("_ZN8hrg_core4link7Message6encode17h0123456789abcdefE", "hrg_core::link::Message::encode"),
             ("_RNvMs_NtCs1234_8hrg_core4linkNtB4_7Message6encode", "hrg_core::link::Message::encode"),
             (
-                "_ZN8hrg_core4link5codec47_$LT$impl$u20$hrg_core..link..Message$GT$6encode17h0123456789abcdefE",
+                "_ZN8hrg_core4link5codec41_$LT$impl$u20$hrg_core..link..Message$GT$6encode17h0123456789abcdefE",
                 "hrg_core::link::Message::encode",
             ),
             ("_ZN8hrg_core9converter6decode17h0123456789abcdefE", "hrg_core::converter::decode"),
