@@ -42,7 +42,8 @@ impl Timebase {
     /// A time in ticks as whole milliseconds, modulo 2^32.
     #[must_use]
     pub const fn to_ms(self, ticks: u64) -> u32 {
-        let rate = self.ticks_per_s as u64;
+        // A timer that stands still has no time; this must not divide by its zero.
+        let rate = if self.ticks_per_s == 0 { 1 } else { self.ticks_per_s as u64 };
         // Seconds first: a thousand times all the ticks would pass 64 bits after six years.
         ((ticks / rate).wrapping_mul(1000) + ticks % rate * 1000 / rate) as u32
     }
