@@ -5,7 +5,7 @@ use crate::plot::{self, Panel, Series};
 use crate::stats::mean;
 use crate::{BadInput, AXIS_NAMES};
 use serde::Serialize;
-use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// One point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -106,19 +106,10 @@ pub fn overlapping(values: &[f64], step_s: f64, steps: &[usize]) -> Vec<Point> {
     out
 }
 
-/// The value that a chi-squared variable exceeds with 16 % (`upper`) or 84 %: one sigma of a normal one. Wilson and Hilferty's
-/// approximation (1931), mended by three of Newton's steps; good to 1e-4 in probability from one degree of freedom on.
+/// The value below which a chi-squared variable lies with 84 % (`upper`) or 16 %: one sigma of a normal one.
 fn chi_squared(freedom: f64, upper: bool) -> f64 {
-    let (p, z) = if upper { (0.8413, 0.999_815) } else { (0.1587, -0.999_815) };
-    let ninth = 2.0 / (9.0 * freedom);
-    let mut x = freedom * (1.0 - ninth + z * ninth.sqrt()).powi(3);
-    // Beyond that the approximation itself is as good.
-    if let (Ok(chi), true) = (ChiSquared::new(freedom), freedom < 1e3) {
-        for _ in 0..3 {
-            x -= (chi.cdf(x) - p) / chi.pdf(x);
-        }
-    }
-    x
+    let p = if upper { 0.8413 } else { 0.1587 };
+    ChiSquared::new(freedom).map_or(f64::NAN, |chi| chi.inverse_cdf(p))
 }
 
 /// Averaging times in octaves, as steps: quick.

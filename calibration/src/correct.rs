@@ -20,10 +20,11 @@ use crate::run::{Steps, BRIDGE_S};
 use crate::{names, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
-use hrg_core::frequency::{Config, StepFrequencies};
+use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::Housekeeping;
-use hrg_core::rate_path::{corrected_dph, Staged};
-use hrg_core::status::{axis, unit};
+use hrg_core::rate_path::{corrected_dph, PendingBias};
+use hrg_core::status::{AxisStatus, UnitStatus};
+use hrg_core::timebase::Timebase;
 use hrg_core::{AXES, MODEL_STEP_S};
 use std::fmt::Write as _;
 
@@ -42,7 +43,7 @@ pub struct Stepped {
     /// Temperatures, biases, status.
     pub output: Output,
     /// The bias with the tick from which it holds.
-    pub pending: Staged,
+    pub pending: PendingBias,
     /// The bias under which the samples ran whose means belong to this step, deg/h.
     pub held_dph: [f32; AXES],
 }
@@ -67,7 +68,7 @@ impl Model {
         }
         let output = self.compensator.update(step);
         let held_dph = std::mem::replace(&mut self.before_dph, output.bias_dph);
-        Stepped { output, pending: Staged::new(step, &output), held_dph }
+        Stepped { output, pending: PendingBias::new(Timebase::REFERENCE, step, &output), held_dph }
     }
 }
 
@@ -92,7 +93,7 @@ pub struct Second {
 
 impl From<&Housekeeping> for Second {
     fn from(h: &Housekeeping) -> Self {
-        let [x, y, z] = h.axis_status;
+        let [x, y, z] = h.axis_status.map(|s| s.bits());
         Self {
             time_s: f64::from(h.time_ms) / 1000.0,
             frequency_hz: h.frequency_hz,
@@ -100,17 +101,21 @@ impl From<&Housekeeping> for Second {
             raw_dph: h.raw_dph,
             bias_dph: h.bias_dph,
             temperature_c: h.temperature_c,
-            status: [x, y, z, h.unit_status],
+            status: [x, y, z, h.unit_status.bits()],
         }
     }
 }
 
 /// Status bits of an axis that come of counters, which a recording does not hold.
-const COUNTED: u8 = axis::EDGE_ERRORS;
+const COUNTED: u8 = AxisStatus::EDGE_ERRORS.bits();
 
 /// Those of the unit.
-const COUNTED_BY_UNIT: u8 =
-    unit::CONVERTER_FAULT | unit::BIAS_LATE | unit::LINK_ERRORS | unit::FRAMES_DROPPED | unit::WATCHDOG_RESET;
+const COUNTED_BY_UNIT: u8 = UnitStatus::CONVERTER_FAULT
+    .union(UnitStatus::BIAS_LATE)
+    .union(UnitStatus::LINK_ERRORS)
+    .union(UnitStatus::FRAMES_DROPPED)
+    .union(UnitStatus::WATCHDOG_RESET)
+    .bits();
 
 /// The seconds of a run under a calibration, as a unit computes them from these frequencies and raw rates. Status bits that come
 /// of a unit's counters alone (edge errors, link, dropped frames) are not set.
@@ -118,7 +123,7 @@ const COUNTED_BY_UNIT: u8 =
 pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
     let age_s = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
     let mut model = Model::new(calibration.clone(), age_s as f32);
-    let ticks = (f64::from(Config::REFERENCE.ticks_per_s) * f64::from(MODEL_STEP_S)) as u64;
+    let ticks = (f64::from(Timebase::REFERENCE.ticks_per_s()) * f64::from(MODEL_STEP_S)) as u64;
     (0..steps.len())
         .map(|k| {
             let frequency_hz = [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]);
@@ -131,7 +136,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
             });
             let raw_dph = [0, 1, 2].map(|a: usize| steps.rate_dph[a][k] as f32);
             let silent = raw_dph.iter().all(|r| r.is_nan());
-            let [x, y, z] = output.status;
+            let [x, y, z] = output.status.map(|s| s.bits());
             Second {
                 time_s: steps.start_s + k as f64 * f64::from(MODEL_STEP_S),
                 frequency_hz,
@@ -139,7 +144,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
                 raw_dph,
                 bias_dph: output.bias_dph,
                 temperature_c: output.temperature_c,
-                status: [x, y, z, if silent { unit::CONVERTER_FAULT } else { 0 }],
+                status: [x, y, z, if silent { UnitStatus::CONVERTER_FAULT.bits() } else { 0 }],
             }
         })
         .collect()
@@ -297,9 +302,9 @@ mod tests {
         assert_eq!(c.seconds.len(), r.time_s.len(), "a row for a row");
         for (k, s) in c.seconds.iter().enumerate() {
             assert_eq!(s.time_s, r.time_s[k]);
-            assert_eq!(s.status[1] & axis::FREQUENCY_LOST != 0, (100..105).contains(&k), "row {k}");
-            assert_eq!(s.status[0] & axis::FREQUENCY_LOST, 0);
-            assert_eq!(s.status[3] & unit::CONVERTER_FAULT != 0, k == 120);
+            assert_eq!(s.status[1] & AxisStatus::FREQUENCY_LOST.bits() != 0, (100..105).contains(&k), "row {k}");
+            assert_eq!(s.status[0] & AxisStatus::FREQUENCY_LOST.bits(), 0);
+            assert_eq!(s.status[3] & UnitStatus::CONVERTER_FAULT.bits() != 0, k == 120);
         }
         assert!(c.notes.iter().any(|n| n.starts_with("10 seconds have no row")), "{:?}", c.notes);
         // Written and read, it is a recording of corrected rates, and is not corrected twice.

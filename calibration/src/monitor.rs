@@ -3,7 +3,7 @@
 use crate::simulate::Profile;
 use crate::AXIS_NAMES;
 use hrg_core::link::{mode, Housekeeping, Identity, Message};
-use hrg_core::status;
+use hrg_core::status::{AxisStatus, UnitStatus};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
@@ -63,7 +63,7 @@ impl State {
             }
         }
         let known = h.temperature_c.iter().all(|t| t.is_finite());
-        let settling = h.axis_status.iter().any(|s| s & status::axis::SETTLING != 0);
+        let settling = h.axis_status.iter().any(|s| s.contains(AxisStatus::SETTLING));
         let stable = known && !settling && h.rate_c_per_min.iter().all(|r| r.abs() < STABLE_C_PER_MIN);
         self.stable_since = if stable { self.stable_since.or(Some(h.time_ms)) } else { None };
         self.last = Some(*h);
@@ -125,7 +125,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         frame.render_widget(Paragraph::new(format!("unit {name}: {wait}   (q ends)")), head);
         return;
     };
-    let block = if h.unit_status & status::unit::DEFAULT_CALIBRATION != 0 {
+    let block = if h.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION) {
         Span::styled("no calibration: compiled-in default".to_string(), bad)
     } else {
         Span::raw(format!("block {:08x} no. {} of {}", h.calibration, h.sequence, date(h.created_unix_s)))
@@ -139,8 +139,8 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         head,
     );
     let rows = (0..3).map(|a| {
-        let status = words(h.axis_status[a], &status::axis::NAMES);
-        let style = if h.axis_status[a] == 0 { Style::default() } else { bad };
+        let status = words(h.axis_status[a].bits(), &AxisStatus::NAMES);
+        let style = if h.axis_status[a].is_empty() { Style::default() } else { bad };
         Row::new(vec![
             Span::raw(AXIS_NAMES[a]),
             Span::raw(format!("{:.4}", h.frequency_hz[a])),
@@ -183,12 +183,12 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         (None, Some(_)) => "profile: waiting for the unit".into(),
         (None, None) => "profile: none given (--profile)".into(),
     };
-    let unit = words(h.unit_status, &status::unit::NAMES);
+    let unit = words(h.unit_status.bits(), &UnitStatus::NAMES);
     let link = format!(
         "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} converter errors",
         state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.converter_errors
     );
-    let unit_style = if h.unit_status == 0 { Style::default() } else { bad };
+    let unit_style = if h.unit_status.is_empty() { Style::default() } else { bad };
     let mut text = vec![
         Line::from(soak),
         Line::from(profile),
@@ -244,6 +244,7 @@ fn sparkline(frame: &mut Frame<'_>, area: Rect, values: &VecDeque<f32>, title: &
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrg_core::unit_name::UnitName;
 
     fn housekeeping(time_ms: u32, slope: f32) -> Housekeeping {
         Housekeeping {
@@ -257,8 +258,8 @@ mod tests {
             corrected_dph: [3.0, 3.0, f32::NAN],
             samples: 1000,
             converter_errors: 0,
-            axis_status: [0, 0, 8],
-            unit_status: 0,
+            axis_status: [AxisStatus::empty(), AxisStatus::empty(), AxisStatus::FREQUENCY_LOST],
+            unit_status: UnitStatus::empty(),
             rejected: [0; 3],
             missing: [0; 3],
             dropped: 0,
@@ -274,7 +275,7 @@ mod tests {
     fn everything_is_on_a_screen_of_80_by_24() {
         let mut state = State { profile: Profile::parse("20,50@1,2h").ok(), ..State::default() };
         assert!(screen(&state).expect("drawn").contains("waiting for the unit"));
-        let identity = Identity { unit: *b"HRG-101\0\0\0\0\0\0\0\0\0", calibration: 0, created_unix_s: 0, sequence: 4 };
+        let identity = Identity { unit: UnitName::new("HRG-101"), calibration: 0, created_unix_s: 0, sequence: 4 };
         state.take(&Message::Identity(identity));
         for k in 1..=3000 {
             state.take(&Message::Housekeeping(housekeeping(k * 1000, if k < 600 { 0.2 } else { 0.005 })));

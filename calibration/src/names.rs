@@ -1,11 +1,12 @@
 //! Names of units: what keeps one unit's calibration out of another.
 //!
 //! A unit has no name until its first calibration image gives it one. Until then its firmware calls it
-//! [`hrg_core::calibration::UNNAMED`]; recordings and images say `unnamed`, or nothing. No two of those are known to be of one
+//! [`UnitName::UNNAMED`]; recordings and images say `unnamed`, or nothing. No two of those are known to be of one
 //! unit, so they are never matched by their names.
 
 use crate::BadInput;
-use hrg_core::calibration::{unit_text, Calibration, UNNAMED};
+use hrg_core::calibration::Calibration;
+use hrg_core::unit_name::UnitName;
 use std::borrow::Cow;
 
 /// What recordings call a unit without a name.
@@ -34,7 +35,7 @@ impl From<NameError> for BadInput {
 /// Whether a name stands for having none.
 #[must_use]
 pub fn is_unnamed(name: &str) -> bool {
-    name.is_empty() || name == NONE || name == unit_text(&UNNAMED)
+    name.is_empty() || name == NONE || name == UnitName::UNNAMED.as_str()
 }
 
 /// A name as a unit keeps it.

@@ -36,7 +36,7 @@ impl From<&Housekeeping> for Second {
             raw_dph: h.raw_dph,
             temperature_c: h.temperature_c,
             bias_dph: h.bias_dph,
-            status: [h.axis_status[0], h.axis_status[1], h.axis_status[2], h.unit_status],
+            status: [h.axis_status[0].bits(), h.axis_status[1].bits(), h.axis_status[2].bits(), h.unit_status.bits()],
             calibration: h.calibration,
         }
     }

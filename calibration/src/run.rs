@@ -3,9 +3,9 @@
 use crate::recording::Recording;
 use crate::BadInput;
 use hrg_core::bias::{Scaling, State};
-use hrg_core::compensator::{Thermal, Thermometer};
 use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureLaw;
+use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
 
 /// A recording brought to one row per model step (one second).

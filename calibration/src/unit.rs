@@ -4,9 +4,10 @@
 use crate::metadata::{same_scale, scale_text};
 use crate::{names, BadInput};
 use anyhow::{Context, Result};
-use hrg_core::calibration::{newest, BlockError, Calibration, MAX_BYTES};
+use hrg_core::calibration::{BlockError, Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
+use hrg_core::sectors::{newest, Sector};
 use serialport::SerialPort;
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -312,7 +313,7 @@ impl Unit {
     }
 
     /// A sector as it lies in flash, as far as a block reaches.
-    fn sector(&mut self, sector: u8) -> Result<Vec<u8>> {
+    fn sector(&mut self, sector: Sector) -> Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(MAX_BYTES);
         while bytes.len() < MAX_BYTES {
             let offset = bytes.len() as u16;
@@ -322,7 +323,9 @@ impl Unit {
                 }
                 Reply::Data { .. } => {}
                 Reply::Answer(answer, _) => {
-                    return Err(BadInput::new(format!("sector {sector} cannot be read; the unit says: {answer}")).into())
+                    return Err(
+                        BadInput::new(format!("sector {sector:?} cannot be read; the unit says: {answer}")).into()
+                    )
                 }
             }
         }
@@ -356,7 +359,7 @@ impl Unit {
         let identity = self.reconnect(within)?;
         let sectors = match self.maintain(Command::Open(identity.unit))? {
             Reply::Answer(Answer::Done, _) => {
-                let sectors = self.sector(0).and_then(|a| Ok([a, self.sector(1)?]));
+                let sectors = self.sector(Sector::A).and_then(|a| Ok([a, self.sector(Sector::B)?]));
                 self.done(Command::Close, "maintenance mode")?;
                 Some(sectors?)
             }
@@ -385,7 +388,7 @@ impl Unit {
 
     /// The image with a checksum, in maintenance mode.
     fn image(&mut self, checksum: u32) -> Result<Option<Calibration>> {
-        for sector in [0, 1] {
+        for sector in [Sector::A, Sector::B] {
             let image = Calibration::from_bytes(&self.sector(sector)?).ok();
             if let Some(image) = image.filter(|c| c.checksum() == checksum) {
                 return Ok(Some(image));
@@ -401,8 +404,8 @@ impl Unit {
     pub fn read(&mut self) -> Result<(Identity, [Result<Calibration, BlockError>; 2])> {
         let identity = self.identity()?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
-        let a = self.sector(0);
-        let b = self.sector(1);
+        let a = self.sector(Sector::A);
+        let b = self.sector(Sector::B);
         self.done(Command::Close, "maintenance mode")?;
         Ok((identity, [Calibration::from_bytes(&a?), Calibration::from_bytes(&b?)]))
     }
@@ -463,7 +466,7 @@ impl Unit {
             told == checksum,
             "the unit's checksum is {told:08x}, the image's {checksum:08x}; burn it again"
         );
-        let back = [self.sector(0)?, self.sector(1)?];
+        let back = [self.sector(Sector::A)?, self.sector(Sector::B)?];
         anyhow::ensure!(
             back.iter().any(|s| s.starts_with(bytes)),
             "what was read back is not what was written; burn it again"

@@ -1,9 +1,10 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
 use hrg_cal::unit::{Burn, Unit};
-use hrg_core::calibration::{newest, Calibration, MAX_BYTES};
+use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
+use hrg_core::sectors::{newest, Sector};
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::process::{Command as Process, Stdio};
@@ -29,16 +30,16 @@ enum Fault {
 struct Flash([Vec<u8>; 2]);
 
 impl Store for Flash {
-    fn erase(&mut self, sector: u8) -> bool {
-        self.0[usize::from(sector)].fill(0xFF);
+    fn erase(&mut self, sector: Sector) -> bool {
+        self.0[usize::from(sector.number())].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
-        self.0[usize::from(sector)][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
+        self.0[usize::from(sector.number())][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
         true
     }
-    fn view(&self, sector: u8) -> &[u8] {
-        &self.0[usize::from(sector)]
+    fn view(&self, sector: Sector) -> &[u8] {
+        &self.0[usize::from(sector.number())]
     }
 }
 

@@ -8,19 +8,24 @@
 //! | link out, in | PA9, PA10 | USART1 |
 
 use crate::capture::{self, Clock, Rings};
-use crate::converter::{Converter, Wiring};
+use crate::converter::{self, Converter, Wiring};
+use crate::halt::once;
 use crate::maintain::Sectors;
 use crate::params;
+use crate::watchdog::{Patience, Watchdog};
 use embassy_stm32::flash::Flash;
+use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, IWDG, USART1};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, USART1};
 use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
-use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
-use hrg_core::calibration::{self, Calibration};
+use hrg_core::calibration::Calibration;
 use hrg_core::maintenance::Store;
-use hrg_core::status::unit;
+use hrg_core::sectors::{self, Sector};
+use hrg_core::status::UnitStatus;
 use static_cell::ConstStaticCell;
 
 bind_interrupts!(struct Irqs {
@@ -31,6 +36,67 @@ bind_interrupts!(struct Irqs {
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
     USART1 => usart::InterruptHandler<USART1>;
 });
+
+/// The ADC's frame is to be fetched.
+#[interrupt]
+fn EXTI9_5() {
+    converter::data_ready();
+}
+
+/// The ADC's frame is in.
+#[interrupt]
+fn DMA2_STREAM0() {
+    converter::transferred();
+}
+
+/// The ADC's wiring, as numbers in registers.
+pub mod wired {
+    use embassy_stm32::interrupt::{self, InterruptExt};
+    use embassy_stm32::pac;
+
+    /// Port and pin of the chip select: PB6.
+    pub const SELECT: (pac::gpio::Gpio, usize) = (pac::GPIOB, 6);
+    /// EXTI line of data-ready: that of PC7.
+    pub const READY_LINE: usize = 7;
+    /// Its port as SYSCFG counts them: C.
+    pub const READY_PORT: u8 = 2;
+    /// DMA2 stream that receives (RM0390 table 29: SPI1_RX).
+    pub const RX: usize = 0;
+    /// DMA2 stream that sends (SPI1_TX).
+    pub const TX: usize = 3;
+    /// First bit of each of the two in LISR and LIFCR (RM0390 section 9.5.1).
+    pub const STREAM_BITS: [u32; 2] = [0, 22];
+    /// DMA channel of SPI1 on both.
+    pub const DMA_CHANNEL: u8 = 3;
+
+    /// Lets data-ready and the end of a transfer through from now on.
+    pub fn enable_interrupts() {
+        interrupt::DMA2_STREAM0.unpend();
+        interrupt::EXTI9_5.unpend();
+        // SAFETY: everything that the two handlers touch was set up before the converter was handed out.
+        #[allow(unsafe_code)]
+        unsafe {
+            interrupt::DMA2_STREAM0.enable();
+            interrupt::EXTI9_5.enable();
+        }
+    }
+}
+
+/// One pin as input of the timer, pulled down so that a missing resonator is silent.
+macro_rules! capture_input {
+    ($pin:expr, $channel:ty) => {{
+        let alternate = TimerPin::<TIM2, $channel>::af_num(&*$pin);
+        alternate_function(Flex::new($pin), alternate, AfType::input(Pull::Down))
+    }};
+}
+
+fn alternate_function(mut pin: Flex<'static>, number: u8, kind: AfType) -> Flex<'static> {
+    pin.set_as_af_unchecked(number, kind);
+    pin
+}
+
+/// Alternate function of SPI1 on PA5 to PA7 (data sheet, table 11).
+const SPI1_FUNCTION: u8 = 5;
 
 /// Everything on the board, set up.
 pub struct Board {
@@ -45,7 +111,7 @@ pub struct Board {
     /// Commands in.
     pub link_in: RingBufferedUartRx<'static>,
     /// Not yet running.
-    pub watchdog: IndependentWatchdog<'static, IWDG>,
+    pub watchdog: Watchdog,
     /// Whether the last reset came from the watchdog.
     pub watchdog_reset: bool,
     /// The two calibration sectors.
@@ -81,23 +147,26 @@ impl Board {
         pac::RCC.csr().modify(|w| w.set_rmvf(true));
 
         #[cfg(not(feature = "stm32f405rg"))]
-        let data_ready: embassy_stm32::Peri<'static, params::DataReady> = p.PB2;
+        let data_ready = capture_input!(p.PB2, Ch4);
         #[cfg(feature = "stm32f405rg")]
-        let data_ready: embassy_stm32::Peri<'static, params::DataReady> = p.PA3;
+        let data_ready = capture_input!(p.PA3, Ch4);
         let (rings, clock) = capture::start(
             p.TIM2,
-            capture::Pins { x: p.PA0, y: p.PA1, z: p.PB10, data_ready },
+            [capture_input!(p.PA0, Ch1), capture_input!(p.PA1, Ch2), capture_input!(p.PB10, Ch3), data_ready],
             capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
             Irqs,
         );
 
+        let out = AfType::output(OutputType::PushPull, Speed::High);
         let converter = Converter::new(Wiring {
             spi: p.SPI1,
-            sck: p.PA5,
-            miso: p.PA6,
-            mosi: p.PA7,
-            select: p.PB6,
-            ready: p.PC7,
+            bus: [
+                alternate_function(Flex::new(p.PA5), SPI1_FUNCTION, out),
+                alternate_function(Flex::new(p.PA7), SPI1_FUNCTION, out),
+                alternate_function(Flex::new(p.PA6), SPI1_FUNCTION, AfType::input(Pull::Down)),
+            ],
+            select: Output::new(p.PB6, Level::High, Speed::High),
+            ready: Input::new(p.PC7, Pull::Up),
             ready_line: p.EXTI7,
             rx: p.DMA2_CH0,
             tx: p.DMA2_CH3,
@@ -112,34 +181,51 @@ impl Board {
             Err(_) => defmt::panic!("link configuration"),
         };
         let (link_out, link_in) = uart.split();
+        let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
 
         Self {
             rings,
             clock,
             converter,
             link_out,
-            link_in: link_in.into_ring_buffered(crate::once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
-            watchdog: IndependentWatchdog::new(p.IWDG, params::WATCHDOG_US),
+            link_in: link_in.into_ring_buffered(once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
+            watchdog,
             watchdog_reset,
-            sectors: Sectors::new(Flash::new_blocking(p.FLASH)),
+            sectors: Sectors::new(Flash::new_blocking(p.FLASH), patience),
         }
     }
 
-    /// The newest valid block of the two sectors with its sector and checksum, or the compiled-in default, whose checksum is
-    /// given as zero; and what status to report.
-    pub fn calibration(&self) -> (Calibration, Option<u8>, u32, u8) {
-        let found = calibration::newest(self.sectors.view(0), self.sectors.view(1));
-        let mut status = 0;
+    /// The newest valid image of the two sectors, or the compiled-in default.
+    pub fn calibration(&self) -> Loaded {
+        let found = sectors::newest(self.sectors.view(Sector::A), self.sectors.view(Sector::B));
+        let mut status = UnitStatus::empty();
         if let Some(error) = found.refused {
             defmt::error!("calibration refused: {}", error);
-            status |= unit::BLOCK_REFUSED;
+            status |= UnitStatus::BLOCK_REFUSED;
         }
         match found.newest {
             Some((calibration, sector)) => {
-                let checksum = calibration::stored_checksum(self.sectors.view(sector)).unwrap_or(0);
-                (calibration, Some(sector), checksum, status)
+                let checksum = sectors::stored_checksum(self.sectors.view(sector)).unwrap_or(0);
+                Loaded { calibration, sector: Some(sector), checksum, status }
             }
-            None => (Calibration::uncalibrated(), None, 0, status | unit::DEFAULT_CALIBRATION),
+            None => Loaded {
+                calibration: Calibration::uncalibrated(),
+                sector: None,
+                checksum: 0,
+                status: status | UnitStatus::DEFAULT_CALIBRATION,
+            },
         }
     }
+}
+
+/// The calibration in use.
+pub struct Loaded {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// Where it lies; `None`: it is the default.
+    pub sector: Option<Sector>,
+    /// Checksum of its image; 0: it is the default.
+    pub checksum: u32,
+    /// What to report of it.
+    pub status: UnitStatus,
 }

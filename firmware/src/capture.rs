@@ -12,28 +12,17 @@
 //! locks anew. An over-captured channel (edge before the DMA took the last one; not possible below 1 MHz)
 //! would show as a missing edge.
 
-use crate::params::{DataReady, RING, TIMER_HZ};
+use crate::halt::once;
+use crate::params::{RING, TIMER_HZ};
 use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
-use embassy_stm32::gpio::{AfType, Flex, Pull};
+use embassy_stm32::gpio::Flex;
 use embassy_stm32::interrupt::typelevel::Binding;
 use embassy_stm32::pac;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, PA0, PA1, PB10, TIM2};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, TIM2};
 use embassy_stm32::timer::low_level::{FilterValue, InputCaptureMode, InputTISelection, Timer};
-use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, Channel, TimerPin};
+use embassy_stm32::timer::Channel;
 use embassy_stm32::Peri;
 use static_cell::ConstStaticCell;
-
-/// The pins of TIM2.
-pub struct Pins {
-    /// Resonator x.
-    pub x: Peri<'static, PA0>,
-    /// Resonator y.
-    pub y: Peri<'static, PA1>,
-    /// Resonator z.
-    pub z: Peri<'static, PB10>,
-    /// Data-ready, wired to its interrupt pin as well.
-    pub data_ready: Peri<'static, DataReady>,
-}
 
 /// DMA streams of channels 1 to 3 (RM0390 table 28: TIM2_CH1 stream 5, CH2 stream 6, CH3 stream 1, channel 3).
 pub struct Streams {
@@ -67,18 +56,8 @@ impl Clock {
     }
 }
 
-/// One pin as input of the timer, pulled down so that a missing resonator is silent.
-macro_rules! input {
-    ($pin:expr, $channel:ty) => {{
-        let alternate = TimerPin::<TIM2, $channel>::af_num(&*$pin);
-        let mut flex = Flex::new($pin);
-        flex.set_as_af_unchecked(alternate, AfType::input(Pull::Down));
-        flex
-    }};
-}
-
-/// Starts the timer and its captures.
-pub fn start<I>(tim: Peri<'static, TIM2>, pins: Pins, streams: Streams, irqs: I) -> (Rings, Clock)
+/// Starts the timer and its captures. `pins`: of channels 1 to 4 (resonators x, y, z, data-ready), set up as its inputs.
+pub fn start<I>(tim: Peri<'static, TIM2>, pins: [Flex<'static>; 4], streams: Streams, irqs: I) -> (Rings, Clock)
 where
     I: Copy
         + Binding<<DMA1_CH5 as dma::ChannelInstance>::Interrupt, dma::InterruptHandler<DMA1_CH5>>
@@ -86,7 +65,6 @@ where
         + Binding<<DMA1_CH1 as dma::ChannelInstance>::Interrupt, dma::InterruptHandler<DMA1_CH1>>
         + 'static,
 {
-    let pins = [input!(pins.x, Ch1), input!(pins.y, Ch2), input!(pins.z, Ch3), input!(pins.data_ready, Ch4)];
     let timer = Timer::new(tim);
     debug_assert_eq!(timer.get_clock_frequency().0, TIMER_HZ);
     timer.set_max_compare_value(u32::MAX);
@@ -111,9 +89,9 @@ where
     static Y: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
     static Z: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
     let mut rings = [
-        ring(dma::Channel::new(streams.x, irqs), 0, crate::once(X.try_take())),
-        ring(dma::Channel::new(streams.y, irqs), 1, crate::once(Y.try_take())),
-        ring(dma::Channel::new(streams.z, irqs), 2, crate::once(Z.try_take())),
+        ring(dma::Channel::new(streams.x, irqs), 0, once(X.try_take())),
+        ring(dma::Channel::new(streams.y, irqs), 1, once(Y.try_take())),
+        ring(dma::Channel::new(streams.z, irqs), 2, once(Z.try_take())),
     ];
     for r in &mut rings {
         r.start();

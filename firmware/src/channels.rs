@@ -7,16 +7,17 @@ use embassy_sync::signal::Signal;
 use hrg_core::alignment::session::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
-use hrg_core::link::{Housekeeping, Identity, Message};
+use hrg_core::link::{Housekeeping, Message};
 use hrg_core::maintenance;
-use hrg_core::rate_path::{RateFrame, Staged, Summary};
+use hrg_core::rate_output::RateSecond;
+use hrg_core::rate_path::{PendingBias, RateFrame};
 use hrg_core::AXES;
 
 type Mutex = CriticalSectionRawMutex;
 
 /// Model to rate path: the next bias and when it holds.
-pub static BIAS: Signal<Mutex, Staged> = Signal::new();
-/// Model to rate path, every fetch ([`crate::rate::wake`]): the timer. Lets the rate path run when the converter is silent.
+pub static BIAS: Signal<Mutex, PendingBias> = Signal::new();
+/// Model to rate path, every fetch: the timer. Lets the rate path run when the ADC is silent.
 pub static TICK: Signal<Mutex, u32> = Signal::new();
 /// Rate path to watchdog: it has run.
 pub static RATE_ALIVE: Signal<Mutex, ()> = Signal::new();
@@ -29,7 +30,7 @@ pub static TELEMETRY_ALIVE: Signal<Mutex, ()> = Signal::new();
 /// Rate path to link: frames out. Dropped, and counted, when full.
 pub static FRAMES: Channel<Mutex, RateFrame, FRAME_QUEUE> = Channel::new();
 /// Rate path to telemetry: means of the second past, and frames dropped since start.
-pub static SUMMARY: Channel<Mutex, (Summary, u16), 2> = Channel::new();
+pub static SECONDS: Channel<Mutex, RateSecond, 2> = Channel::new();
 /// Model to telemetry: a step and what came of it.
 pub static STEP: Channel<Mutex, (StepFrequencies, Output), 2> = Channel::new();
 /// Telemetry to link: housekeeping out.
@@ -52,12 +53,3 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DIVIDER: Signal<Mutex, u16> = Signal::new();
-
-/// What the calibration says of itself, handed to the tasks that report it.
-#[derive(Clone, Copy)]
-pub struct Who {
-    /// The answer to "who are you".
-    pub identity: Identity,
-    /// Status of the unit from start-up.
-    pub unit_status: u8,
-}

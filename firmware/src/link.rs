@@ -1,21 +1,20 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{
-    Who, ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN,
-};
+use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
+use crate::halt::halt;
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
-use hrg_core::link::{Deframer, Message};
+use hrg_core::link::{Deframer, Identity, Message};
 
 /// Sends: rates first, then answers, then housekeeping, then the alignment's report.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
     loop {
         let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), ALIGNMENT.wait()).await {
-            Either4::First(frame) if !frame.whole() => {
+            Either4::First(frame) if !frame.intact() => {
                 defmt::error!("a frame has changed in memory");
-                crate::halt()
+                halt()
             }
             Either4::First(frame) => Message::Rate(frame),
             Either4::Second(answer) => answer,
@@ -30,7 +29,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
 
 /// Listens: garbage is counted and skipped.
 #[embassy_executor::task]
-pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
+pub async fn receive(mut uart: RingBufferedUartRx<'static>, identity: Identity) {
     let mut deframer = Deframer::default();
     let mut errors = 0u16;
     let mut buffer = [0u8; 64];
@@ -46,7 +45,7 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, who: Who) {
         for &byte in received {
             match deframer.push_command(byte) {
                 None => {}
-                Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(who.identity)),
+                Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(identity)),
                 Some(Ok(Message::SetDivider(divider))) => DIVIDER.signal(divider),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),

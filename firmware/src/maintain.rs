@@ -5,56 +5,62 @@
 
 use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
 use crate::params;
+use crate::watchdog::Patience;
+use core::ops::Range;
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
-use embassy_stm32::pac;
 use embassy_time::{with_timeout, Timer};
 use hrg_core::calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
+use hrg_core::sectors::Sector;
+
+#[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
+unsafe extern "C" {
+    static _calibration_a_start: u8;
+    static _calibration_a_end: u8;
+    static _calibration_b_start: u8;
+    static _calibration_b_end: u8;
+}
 
 /// The two sectors in flash: written through the controller, read where they lie.
 pub struct Sectors {
     flash: Flash<'static, Blocking>,
+    patience: Patience,
 }
 
 impl Sectors {
     /// On the chip's flash.
-    pub fn new(flash: Flash<'static, Blocking>) -> Self {
-        Self { flash }
+    pub fn new(flash: Flash<'static, Blocking>, patience: Patience) -> Self {
+        Self { flash, patience }
     }
 
-    fn start(sector: u8) -> u32 {
-        if sector == 0 {
-            params::CALIBRATION_A
-        } else {
-            params::CALIBRATION_B
-        }
+    /// Where a sector begins, and its end.
+    fn range(sector: Sector) -> Range<usize> {
+        let [start, end] = match sector {
+            Sector::A => [&raw const _calibration_a_start, &raw const _calibration_a_end],
+            Sector::B => [&raw const _calibration_b_start, &raw const _calibration_b_end],
+        };
+        start.addr()..end.addr()
     }
-}
 
-/// Sets the watchdog's time and feeds it.
-fn watchdog((prescaler, reload): (u8, u16)) {
-    let w = pac::IWDG;
-    w.kr().write(|r| r.set_key(pac::iwdg::vals::Key::ENABLE));
-    w.pr().write(|r| r.set_pr(pac::iwdg::vals::Pr::from_bits(prescaler)));
-    w.rlr().write(|r| r.set_rl(reload));
-    while w.sr().read().0 != 0 {}
-    w.kr().write(|r| r.set_key(pac::iwdg::vals::Key::RESET));
+    /// The same from the start of flash, as the controller counts.
+    fn offsets(sector: Sector) -> Range<u32> {
+        let range = Self::range(sector);
+        (range.start - FLASH_BASE) as u32..(range.end - FLASH_BASE) as u32
+    }
 }
 
 impl Store for Sectors {
-    fn erase(&mut self, sector: u8) -> bool {
-        let start = Self::start(sector);
-        watchdog(params::WATCHDOG_ERASE);
-        let done = self.flash.blocking_erase(start, start + params::CALIBRATION_SIZE).is_ok();
-        watchdog(params::WATCHDOG_USUAL);
-        done
+    fn erase(&mut self, sector: Sector) -> bool {
+        let Range { start, end } = Self::offsets(sector);
+        let flash = &mut self.flash;
+        self.patience.during(|| flash.blocking_erase(start, end).is_ok())
     }
-    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
-        self.flash.blocking_write(Self::start(sector) + u32::from(offset), bytes).is_ok()
+    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
+        self.flash.blocking_write(Self::offsets(sector).start + u32::from(offset), bytes).is_ok()
     }
-    fn view(&self, sector: u8) -> &[u8] {
-        let address = FLASH_BASE + Self::start(sector) as usize;
+    fn view(&self, sector: Sector) -> &[u8] {
+        let address = Self::range(sector).start;
         // SAFETY: a calibration sector (memory.x), longer than that, which nothing but this type writes to, and only with
         // `&mut self`.
         #[allow(unsafe_code)]

@@ -2,18 +2,19 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
-use crate::params::{FETCH_PERIOD, TIMER_HZ};
+use crate::halt::halt;
+use crate::params::{FETCH_PERIOD, TIMEBASE};
 use embassy_time::Ticker;
 use hrg_core::compensator::{update_both, Compensator};
-use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
-use hrg_core::rate_path::Staged;
+use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+use hrg_core::rate_path::PendingBias;
 use hrg_core::AXES;
 
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensator; 2]) {
     let [first, second] = lanes;
-    let mut bank = Bank::new(Config::at(TIMER_HZ), GATES_PER_STEP);
+    let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
         ticker.next().await;
@@ -25,7 +26,6 @@ pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensat
             }
         }
         TICK.signal(now);
-        crate::rate::wake();
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
         if let Some(trim) = TRIM.try_take() {
@@ -33,10 +33,10 @@ pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensat
             second.set_trim(trim);
         }
         let Some(output) = update_both([first, second], &step) else {
-            defmt::error!("the two models differ: memory was upset");
-            crate::halt()
+            defmt::error!("the two models differ: corruption detected");
+            halt()
         };
-        BIAS.signal(Staged::new(&step, &output));
+        BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output));
     }

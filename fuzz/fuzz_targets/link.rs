@@ -4,24 +4,25 @@
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Message};
 use hrg_core::maintenance::{Maintenance, Store};
+use hrg_core::sectors::Sector;
 use libfuzzer_sys::fuzz_target;
 
 struct Flash([[u8; MAX_BYTES]; 2]);
 
 impl Store for Flash {
-    fn erase(&mut self, sector: u8) -> bool {
-        assert_eq!(sector, 1, "the sector in use");
+    fn erase(&mut self, sector: Sector) -> bool {
+        assert_eq!(sector, Sector::B, "the sector in use");
         self.0[1].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
-        assert_eq!(sector, 1, "the sector in use");
+    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
+        assert_eq!(sector, Sector::B, "the sector in use");
         assert!(offset % 4 == 0 && bytes.len() % 4 == 0);
         self.0[1][usize::from(offset)..usize::from(offset) + bytes.len()].copy_from_slice(bytes);
         true
     }
-    fn view(&self, sector: u8) -> &[u8] {
-        &self.0[usize::from(sector)]
+    fn view(&self, sector: Sector) -> &[u8] {
+        &self.0[usize::from(sector.number())]
     }
 }
 
@@ -38,7 +39,7 @@ fn obey(m: &Message, mode: &mut Maintenance, flash: &mut Flash) {
 fuzz_target!(|data: &[u8]| {
     let mut flash = Flash([[0xFF; MAX_BYTES]; 2]);
     let block = Calibration::uncalibrated();
-    let mut mode = Maintenance::new(block.unit, 0, Some(0), false);
+    let mut mode = Maintenance::new(block.unit, 0, Some(Sector::A), false);
     let mut deframer = Deframer::default();
     for &byte in data {
         if let Some(Ok(m)) = deframer.push(byte) {

@@ -3,15 +3,29 @@
 
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
-use hrg_core::converter::{decode, WORDS};
-use hrg_core::frequency::{Bank, Config, GATES_PER_STEP};
-use hrg_core::rate_path::{RatePath, Staged, CHANNELS};
+use hrg_core::converter::{decode, Fault, WORDS};
+use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+use hrg_core::rate_output::{Corruption, RateOutput, DROPS_IN_A_ROW};
+use hrg_core::rate_path::{PendingBias, RateFrame, RatePath, CHANNELS};
+use hrg_core::status::UnitStatus;
+use hrg_core::telemetry::Telemetry;
+use hrg_core::timebase::Timebase;
+use hrg_core::alignment::linear::Linear;
+use hrg_core::alignment::session::Session;
+use hrg_core::link::{Identity, Message};
+use hrg_core::unit_name::UnitName;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {
-    let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
+    let mut bank = CounterBank::new(Config::REFERENCE, GATES_PER_STEP);
     let mut unit = Compensator::new(Calibration::uncalibrated(), 0.0);
-    let mut path = RatePath::new([0.01; 3], 2);
+    let timebase = Timebase::REFERENCE;
+    let mut output = RateOutput::new(RatePath::new(timebase, [0.01; 3], 2), UnitStatus::empty());
+    let identity = Identity { unit: UnitName::UNNAMED, calibration: 0, created_unix_s: 0, sequence: 0 };
+    let mut telemetry =
+        Telemetry::new(Box::new(Session::<Linear<f32>>::IDLE), timebase, identity, UnitStatus::empty());
+    let mut last = None;
+    let mut in_a_row = 0u16;
     let mut now = 0u32;
     for chunk in data.chunks_exact(6) {
         let word = u32::from_le_bytes([chunk[2], chunk[3], chunk[4], chunk[5]]);
@@ -28,20 +42,47 @@ fuzz_target!(|data: &[u8]| {
                 if let Some(step) = bank.poll(now) {
                     let out = unit.update(&step);
                     assert!(out.bias_dph.iter().all(|b| b.is_finite()));
-                    path.stage(Staged::new(&step, &out));
+                    output.set_bias(PendingBias::new(timebase, &step, &out));
+                    last = Some((step, out));
                 }
             }
-            2 => {
+            kind => {
+                // A sample, a refused frame, or a look at the time; the queue of frames may be full.
+                let room = chunk[1] & 1 == 0;
+                let mut frames = 0;
+                let send = |f: RateFrame| {
+                    assert!(f.intact() && f.rate_dph.iter().all(|r| r.is_finite()));
+                    frames += 1;
+                    room
+                };
                 let codes: [i32; CHANNELS] = std::array::from_fn(|k| (word.rotate_left(7 * k as u32) as i32) >> 8);
-                let e = path.sample(now, codes);
-                assert!(!e.upset);
-                if let Some(f) = e.frame {
-                    assert!(f.rate_dph.iter().all(|r| r.is_finite()));
+                let done = match (kind, chunk[1] & 6) {
+                    (2, _) => output.sample(now, Ok(codes), send),
+                    (_, 0) => output.sample(now, Err(Fault::Crc), send),
+                    (_, 2) => {
+                        bank.disturb(usize::from(chunk[1] >> 6));
+                        output.look(now, send)
+                    }
+                    _ => output.look(now, send),
+                };
+                in_a_row = if frames == 0 { in_a_row } else if room { 0 } else { in_a_row + 1 };
+                match done {
+                    // A queue that takes nothing is the only corruption there can be here; then the unit would start anew.
+                    Err(corruption) => {
+                        assert_eq!((corruption, in_a_row), (Corruption::Queue, DROPS_IN_A_ROW));
+                        return;
+                    }
+                    Ok(Some(second)) => {
+                        if let Some((step, out)) = last.take() {
+                            telemetry.set_link_errors(u16::from(chunk[1]));
+                            let (h, _) = telemetry.second(&step, &out, Some(&second));
+                            assert_eq!(h.dropped, second.dropped);
+                            let wire = Message::Housekeeping(h).encode();
+                            assert!(Message::decode(&wire[..wire.len() - 1]).is_ok());
+                        }
+                    }
+                    Ok(None) => {}
                 }
-            }
-            _ => {
-                let _ = path.missing(now);
-                bank.disturb(usize::from(chunk[1] % 4));
             }
         }
     }

@@ -42,7 +42,7 @@ fn what_is_counted_is_there_to_be_counted() {
     let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
     let all = [symbol::UPDATE, symbol::BIAS, symbol::LAW, symbol::DECODE, symbol::SAMPLE, symbol::ENCODE];
     for name in all {
-        board.count_calls(&elf, name).expect("in the ELF");
+        board.count_calls(name).expect("in the ELF");
     }
     board.run_until(5 * CPU_HZ).expect("runs");
     for (k, name) in all.iter().enumerate() {

@@ -13,6 +13,7 @@ use hrg_cal::unit::{Burn, Unit};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command};
+use hrg_core::unit_name::UnitName;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -65,7 +66,7 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
     };
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");
-        assert_eq!(&unit.identity().expect("answers").unit[..7], b"default");
+        assert_eq!(unit.identity().expect("answers").unit, UnitName::UNNAMED);
         // A unit without a name gets one from its user, not from a file.
         let burn =
             |unit: &mut Unit, c: &Calibration, said: &Burn| unit.burn(c, said, |_| {}).map_err(|e| e.why.to_string());
@@ -74,7 +75,7 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-7"), "{e}");
         let after = burn(&mut unit, &block(0, 1.5), &named).expect("burnt");
         assert_eq!(after.sequence, 1);
-        let wrong = Calibration { unit: *b"HRG-8\0\0\0\0\0\0\0\0\0\0\0", ..block(0, 2.0) };
+        let wrong = Calibration { unit: UnitName::new("HRG-8"), ..block(0, 2.0) };
         let e = burn(&mut unit, &wrong, &nothing).expect_err("refused");
         assert!(e.contains("HRG-8") && e.contains("nothing was written"), "{e}");
         let e = burn(&mut unit, &Calibration::uncalibrated(), &nothing).expect_err("refused");

@@ -11,7 +11,7 @@ use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::{correct, fit, methods};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::by_name;
-use hrg_core::status::axis;
+use hrg_core::status::AxisStatus;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -334,7 +334,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
         assert_eq!(ours.status, theirs.status, "status of second {k}");
         assert_eq!(bits(ours.raw_dph), bits(theirs.raw_dph));
         assert_eq!(bits(ours.corrected_dph), bits(theirs.corrected_dph), "corrected rate of second {k}");
-        lost += u32::from(theirs.status[1] & axis::FREQUENCY_LOST != 0);
+        lost += u32::from(theirs.status[1] & AxisStatus::FREQUENCY_LOST.bits() != 0);
         // The mean of the 200 Hz frames themselves: sums in single precision, and the frame at each end of a second may hold
         // four samples of a thousand that are of the second beside it.
         for a in 0..3 {
@@ -347,7 +347,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
     }
     assert!(lost >= 30, "{lost} seconds without a frequency");
     assert!(worst < 1e-4, "frames and second differ by {worst} deg/h more than that");
-    assert!(unit.iter().any(|s| s.unit.status[0] & axis::EDGE_ERRORS != 0), "an edge error is among them");
+    assert!(unit.iter().any(|s| s.unit.status[0] & AxisStatus::EDGE_ERRORS.bits() != 0), "an edge error is among them");
     // The file of hrg correct is, but for its title, that of hrg-board run.
     let board = replay::to_csv(&seen, Some(&c), &unit);
     let desktop = correct::to_csv(&seen, "through the ELF on the virtual board", 0.0, Some(&c), &corrected.seconds);

@@ -2,9 +2,8 @@
 
 use hrg_board::faults::{campaign, good, Extent, Scene};
 use hrg_board::replay;
-use hrg_board::wires::Wires;
-use hrg_core::status::unit;
-use virtual_board::{Board, Stop, CPU_HZ};
+use hrg_core::status::UnitStatus;
+use virtual_board::{Stop, CPU_HZ};
 
 fn elf() -> Vec<u8> {
     replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first")
@@ -50,7 +49,7 @@ fn the_watchdog_bites_where_a_task_stands_still_and_that_is_said() {
     board.world.received = Default::default();
     board.run_until(board.now() + CPU_HZ / 2).expect("runs");
     let frames = &board.world.received.rates;
-    assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status & unit::WATCHDOG_RESET != 0));
+    assert!(!frames.is_empty() && frames.iter().all(|f| f.unit_status.contains(UnitStatus::WATCHDOG_RESET)));
 }
 
 #[test]
@@ -59,7 +58,7 @@ fn a_queue_that_takes_no_frames_ends_in_a_reset() {
     let elf = elf();
     let scene = Scene::new(&elf, 1).expect("a scene");
     let mut board = scene.settled().expect("settles");
-    let queue = Board::<Wires>::address_of(&elf, "8channels6FRAMES").expect("a queue of frames");
+    let queue = board.firmware().address_of("firmware::channels::FRAMES").expect("a queue of frames");
     let stopped = (0..128u32).find(|at| {
         let start = board.snapshot().expect("now");
         let begun = board.now();

@@ -1,26 +1,19 @@
-//! Facts that stand in two files because the linker, the firmware and the virtual board each read their own.
+//! Facts that stand in two files because the linker and the virtual board each read their own.
 
-use hrg_board::replay::CALIBRATION_A;
-
-fn text(path: &str) -> String {
-    std::fs::read_to_string(format!("{}/../{path}", env!("CARGO_MANIFEST_DIR"))).expect("in the repository")
-}
-
-/// The hexadecimal number that follows `before`.
-fn hex_after(text: &str, before: &str) -> u32 {
-    let rest = text.split(before).nth(1).unwrap_or_else(|| panic!("{before} is missing"));
-    let digits: String = rest.chars().filter(|c| *c != '_').take_while(char::is_ascii_hexdigit).collect();
-    u32::from_str_radix(&digits, 16).expect("a number")
-}
+use hrg_board::replay::{default_elf, read_elf, CALIBRATION_A, CALIBRATION_B};
+use virtual_board::{Firmware, FLASH_START};
 
 #[test]
-fn linker_firmware_and_board_agree_on_the_calibration_sectors() {
-    let (memory, params) = (text("memory.x"), text("firmware/src/params.rs"));
-    let flash = hex_after(&memory, "FLASH : ORIGIN = 0x");
-    for sector in ["A", "B"] {
-        let linker = hex_after(&memory, &format!("CAL_{sector} : ORIGIN = 0x"));
-        let firmware = hex_after(&params, &format!("CALIBRATION_{sector}: u32 = 0x"));
-        assert_eq!(linker - flash, firmware, "sector {sector}");
+fn linker_and_board_agree_on_the_calibration_sectors() {
+    let elf = read_elf(&default_elf()).expect("cargo xtask test builds the firmware first");
+    let firmware = Firmware::parse(&elf).expect("an ELF for the board");
+    for (sector, offset) in [("a", CALIBRATION_A), ("b", CALIBRATION_B)] {
+        let at =
+            |end: &str| firmware.address_of(&format!("_calibration_{sector}_{end}")).expect("a symbol of memory.x");
+        assert_eq!(
+            (at("start"), at("end")),
+            (FLASH_START + offset, FLASH_START + offset + 0x2_0000),
+            "sector {sector}"
+        );
     }
-    assert_eq!(hex_after(&params, "CALIBRATION_A: u32 = 0x"), CALIBRATION_A);
 }

@@ -18,53 +18,40 @@ pub enum Fault {
     Reset,
 }
 
-/// Takes 16 bits more into a CRC-16 of CCITT's polynomial, `x^16 + x^12 + x^5 + 1`, without a table.
-///
-/// The remainder of `t x^16` is the lower half of `q (x^12 + x^5 + 1)`, with `q` the quotient; and the quotient is `t` times
-/// `1 / (1 + x^-4 + x^-11 + x^-16)`, whose first terms are `1 + x^-4 + x^-8 + x^-11 + x^-12` (the next is beyond 16 bits).
-#[inline(always)]
-fn crc(before: u32, bits: u32) -> u32 {
-    let t = before ^ bits;
-    let q = t ^ t >> 4 ^ t >> 8 ^ t >> 11 ^ t >> 12;
-    (q ^ q << 5 ^ q << 12) & 0xFFFF
-}
+/// CRC-16 of CCITT's polynomial, seed 0xFFFF.
+const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+/// Bytes of a word of the frame, and where its last word, the CRC, begins.
+const WORD: usize = 3;
+const CRC_AT: usize = FRAME - WORD;
 
 /// The codes of the channels in use.
 ///
 /// # Errors
 /// See [`Fault`].
+// A function of its own in the ELF, so that the virtual board can count what it costs.
 #[inline(never)]
 pub fn decode(frame: &[u32; WORDS]) -> Result<[i32; CHANNELS], Fault> {
-    // Big-endian: byte 0 of the frame is the highest of the first word.
-    let [a, b, c, d, e, _, g, h] = frame;
-    let (a, b, c, d) = (a.swap_bytes(), b.swap_bytes(), c.swap_bytes(), d.swap_bytes());
-    let (e, g, h) = (e.swap_bytes(), g.swap_bytes(), h.swap_bytes());
-    // CCITT, seed 0xFFFF, over the bytes before it: thirteen times 16 bits, and the byte at 26 with the CRC behind it. A CRC
-    // that is taken in after what it is of leaves nothing.
-    let mut sum = 0xFFFF;
-    for word in frame.iter().take(6) {
-        let word = word.swap_bytes();
-        sum = crc(crc(sum, word >> 16), word & 0xFFFF);
+    let mut bytes = [0; 4 * WORDS];
+    for (to, word) in bytes.chunks_exact_mut(4).zip(frame) {
+        to.copy_from_slice(&word.to_le_bytes());
     }
-    let sum = crc(crc(crc(sum, g >> 16), g & 0xFFFF), h >> 16 & 0xFF00);
-    if sum != 0 {
+    let crc = u16::from_be_bytes([bytes[CRC_AT], bytes[CRC_AT + 1]]);
+    if CRC.checksum(&bytes[..CRC_AT]) != crc {
         return Err(Fault::Crc);
     }
-    if (a >> 16) as u16 & STATUS_RESET != 0 {
+    if u16::from_be_bytes([bytes[0], bytes[1]]) & STATUS_RESET != 0 {
         return Err(Fault::Reset);
     }
-    // Each channel is a word of 24 bits, from byte 3 on; sign-extended.
-    let signed = |word: u32| word as i32 >> 8;
-    Ok([signed(a << 24 | b >> 8), signed(b << 16 | c >> 16), signed(c << 8), signed(d), signed(d << 24 | e >> 8)])
+    // The first word is the status. Codes are big-endian, sign-extended from 24 bits.
+    Ok(core::array::from_fn(|channel| {
+        let at = WORD * (channel + 1);
+        i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8
+    }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Where the CRC stands in a frame.
-    const CRC_AT: usize = 27;
-    const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
     fn words(bytes: &[u8; FRAME]) -> [u32; WORDS] {
         core::array::from_fn(|k| {
@@ -97,11 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn the_checksum_is_that_of_the_standard() {
-        for t in 0..=u32::from(u16::MAX) {
-            let bytes = (t as u16).to_be_bytes();
-            assert_eq!(crc(0xFFFF, t), u32::from(CRC.checksum(&bytes)), "{t:04x}");
-        }
+    fn any_codes_come_back() {
         let mut x = 1u32;
         for _ in 0..2000 {
             let codes = core::array::from_fn(|_| {
@@ -111,5 +94,11 @@ mod tests {
             let seen = decode(&words(&frame(0x0500 & !STATUS_RESET, codes))).expect("valid");
             assert_eq!(seen, codes[..CHANNELS]);
         }
+    }
+
+    #[test]
+    fn the_checksum_is_that_of_the_standard() {
+        // The check value of the catalogue of CRCs.
+        assert_eq!(CRC.checksum(b"123456789"), 0x29B1);
     }
 }

@@ -15,7 +15,8 @@
 //! | frequency to temperature | [`temperature`] | 1 Hz |
 //! | temperature to its rate of change | [`rate_of_change`] | 1 Hz |
 //! | temperature and its rate to bias | [`bias`], [`effects`] | 1 Hz |
-//! | the three axes together | [`compensator`] | 1 Hz |
+//! | the thermal state of the three axes | [`thermal`] | 1 Hz |
+//! | their biases | [`compensator`] | 1 Hz |
 //! | raw rate minus bias | [`rate_path`] | 1 kHz in, 200 Hz out |
 //! | bytes on the wire | [`link`] | 200 Hz |
 //! | coefficients, in flash and in a file | [`calibration`] | at start |
@@ -44,9 +45,16 @@ pub mod link;
 pub mod maintenance;
 pub mod math;
 pub mod rate_of_change;
+pub mod rate_output;
 pub mod rate_path;
+pub mod sectors;
 pub mod status;
+pub mod supervision;
+pub mod telemetry;
 pub mod temperature;
+pub mod thermal;
+pub mod timebase;
+pub mod unit_name;
 
 /// Axes of a unit: x, y, z.
 pub const AXES: usize = 3;
@@ -56,10 +64,3 @@ pub const AXES: usize = 3;
 /// Frequencies are combined to gates of this length and every state of the model (windows, lags) advances
 /// once per step. A recording is brought to this interval before a fit, so the states mean the same there.
 pub const MODEL_STEP_S: f32 = 1.0;
-
-/// A whole number in single precision, in five instructions: the upper half exactly where it has 24 bits, the lower half rounded.
-/// So what is off is at most the rounding of the result, and 2^-25 of 2^32.
-#[inline]
-fn single(value: i64) -> f32 {
-    (value >> 32) as i32 as f32 * 4_294_967_296.0 + value as u32 as f32
-}

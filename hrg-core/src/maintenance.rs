@@ -2,7 +2,7 @@
 //!
 //! # Two sectors, newest valid wins
 //! A block is only ever written into the sector that is *not* in use, and counts only once its checksum, which comes last,
-//! is whole ([`crate::calibration::newest`]). So a power cut at any moment leaves the old block or the new one, never
+//! is whole ([`crate::sectors::newest`]). So a power cut at any moment leaves the old block or the new one, never
 //! neither. The sequence number counts burns; each sector has been erased half as often.
 //!
 //! # Who may write
@@ -10,26 +10,28 @@
 //! `locked` refuses that too. Chunks come in order; one that is repeated (its answer was lost) is answered again and
 //! not written twice.
 
-use crate::calibration::{stored_checksum, Calibration, MAX_BYTES};
+use crate::calibration::{Calibration, MAX_BYTES};
+use crate::sectors::{stored_checksum, Sector};
+use crate::unit_name::UnitName;
 
 /// Bytes of a chunk.
 pub const CHUNK: usize = 128;
 
 /// The two calibration sectors.
 pub trait Store {
-    /// Erases a sector (0 or 1). `false`: it failed.
-    fn erase(&mut self, sector: u8) -> bool;
+    /// Erases a sector. `false`: it failed.
+    fn erase(&mut self, sector: Sector) -> bool;
     /// Programs bytes at an offset; both multiples of four. `false`: it failed.
-    fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool;
+    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool;
     /// The first [`MAX_BYTES`] of a sector: flash is in the address space.
-    fn view(&self, sector: u8) -> &[u8];
+    fn view(&self, sector: Sector) -> &[u8];
 }
 
 /// What the host may ask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// Enter maintenance mode; names the unit.
-    Open([u8; 16]),
+    Open(UnitName),
     /// Leave it.
     Close,
     /// A block of so many bytes will come: erases the sector that is not in use.
@@ -45,10 +47,10 @@ pub enum Command {
     },
     /// The block is whole: check it where it lies.
     End,
-    /// Read a piece of a sector (0 or 1).
+    /// Read a piece of a sector.
     Read {
         /// Sector.
-        sector: u8,
+        sector: Sector,
         /// Offset.
         offset: u16,
     },
@@ -66,7 +68,7 @@ pub fn chunks(block: &[u8]) -> impl Iterator<Item = Command> + '_ {
 }
 
 /// The commands of a burn, in order: each is sent when the one before was answered [`Answer::Done`].
-pub fn burn(unit: [u8; 16], block: &[u8]) -> impl Iterator<Item = Command> + '_ {
+pub fn burn(unit: UnitName, block: &[u8]) -> impl Iterator<Item = Command> + '_ {
     [Command::Open(unit), Command::Begin(block.len() as u16)].into_iter().chain(chunks(block)).chain([Command::End])
 }
 
@@ -129,7 +131,7 @@ pub enum Reply {
     /// A piece of a sector.
     Data {
         /// Sector.
-        sector: u8,
+        sector: Sector,
         /// Offset.
         offset: u16,
         /// The bytes.
@@ -140,9 +142,9 @@ pub enum Reply {
 /// The mode's state.
 #[derive(Debug)]
 pub struct Maintenance {
-    unit: [u8; 16],
+    unit: UnitName,
     /// The sector in use; `None`: neither holds a valid block.
-    in_use: Option<u8>,
+    in_use: Option<Sector>,
     sequence: u32,
     locked: bool,
     open: bool,
@@ -153,7 +155,7 @@ pub struct Maintenance {
 impl Maintenance {
     /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its sector.
     #[must_use]
-    pub const fn new(unit: [u8; 16], sequence: u32, in_use: Option<u8>, locked: bool) -> Self {
+    pub const fn new(unit: UnitName, sequence: u32, in_use: Option<Sector>, locked: bool) -> Self {
         Self { unit, in_use, sequence, locked, open: false, coming: None }
     }
 
@@ -163,11 +165,8 @@ impl Maintenance {
         self.open
     }
 
-    fn other_sector(&self) -> u8 {
-        match self.in_use {
-            Some(0) => 1,
-            _ => 0,
-        }
+    fn other_sector(&self) -> Sector {
+        self.in_use.map_or(Sector::A, Sector::other)
     }
 
     /// Obeys a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
@@ -206,8 +205,7 @@ impl Maintenance {
             Command::End => self.end(store),
             Command::Read { sector, offset } => {
                 let from = usize::from(*offset);
-                let piece = if *sector < 2 { store.view(*sector).get(from..from + CHUNK) } else { None };
-                if let Some(data) = piece.and_then(|p| p.first_chunk()) {
+                if let Some(data) = store.view(*sector).get(from..from + CHUNK).and_then(|p| p.first_chunk()) {
                     return Reply::Data { sector: *sector, offset: *offset, data: *data };
                 }
                 (Answer::Flash, 0)
@@ -269,7 +267,7 @@ impl Maintenance {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::calibration::newest;
+    use crate::sectors::newest;
     use std::vec;
     use std::vec::Vec;
 
@@ -287,30 +285,30 @@ mod tests {
     }
 
     impl Store for Memory {
-        fn erase(&mut self, sector: u8) -> bool {
+        fn erase(&mut self, sector: Sector) -> bool {
             if !self.spend() {
                 // Torn: half of it erased.
-                let n = self.sectors[usize::from(sector)].len() / 2;
-                self.sectors[usize::from(sector)][..n].fill(0xFF);
+                let n = self.sectors[usize::from(sector.number())].len() / 2;
+                self.sectors[usize::from(sector.number())][..n].fill(0xFF);
                 return false;
             }
-            self.sectors[usize::from(sector)].fill(0xFF);
+            self.sectors[usize::from(sector.number())].fill(0xFF);
             true
         }
-        fn write(&mut self, sector: u8, offset: u16, bytes: &[u8]) -> bool {
+        fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
             for (k, word) in bytes.chunks(4).enumerate() {
                 if !self.spend() {
                     return false;
                 }
                 let at = usize::from(offset) + 4 * k;
-                for (to, from) in self.sectors[usize::from(sector)][at..at + 4].iter_mut().zip(word) {
+                for (to, from) in self.sectors[usize::from(sector.number())][at..at + 4].iter_mut().zip(word) {
                     *to &= from;
                 }
             }
             true
         }
-        fn view(&self, sector: u8) -> &[u8] {
-            &self.sectors[usize::from(sector)][..MAX_BYTES]
+        fn view(&self, sector: Sector) -> &[u8] {
+            &self.sectors[usize::from(sector.number())][..MAX_BYTES]
         }
     }
 
@@ -338,21 +336,21 @@ mod tests {
     fn a_cut_at_every_operation_leaves_the_old_or_the_new_block() {
         let old = block(5);
         let new = block(6);
-        for in_use in [0u8, 1] {
+        for in_use in [Sector::A, Sector::B] {
             let mut finished = false;
             for left in 1..10_000 {
                 let mut sectors = [vec![0xFF; 4096], vec![0xFF; 4096]];
                 let bytes = old.to_bytes().expect("fits");
-                sectors[usize::from(in_use)][..bytes.len()].copy_from_slice(&bytes);
+                sectors[usize::from(in_use.number())][..bytes.len()].copy_from_slice(&bytes);
                 // The other sector holds an older block still.
                 let older = block(4).to_bytes().expect("fits");
-                sectors[usize::from(1 - in_use)][..older.len()].copy_from_slice(&older);
+                sectors[usize::from(in_use.other().number())][..older.len()].copy_from_slice(&older);
                 let mut store = Memory { sectors, left };
                 let mut m = Maintenance::new(old.unit, old.sequence, Some(in_use), false);
                 let answer = burn(&mut m, &mut store, &new);
                 let (found, sector) = newest(&store.sectors[0], &store.sectors[1]).newest.expect("always one");
                 if answer == Answer::Done {
-                    assert_eq!((found, sector), (new.clone(), 1 - in_use));
+                    assert_eq!((found, sector), (new.clone(), in_use.other()));
                     finished = true;
                     break;
                 }
@@ -366,16 +364,16 @@ mod tests {
     fn nothing_is_done_for_strangers_or_in_disorder() {
         let mut store = Memory { sectors: [vec![0xAA; 4096], vec![0xAA; 4096]], left: u32::MAX };
         let untouched = store.sectors.clone();
-        let mut m = Maintenance::new(block(3).unit, 3, Some(0), false);
+        let mut m = Maintenance::new(block(3).unit, 3, Some(Sector::A), false);
         let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
             Reply::Data { .. } => Answer::Done,
         };
         assert_eq!(said(&mut m, &mut store, Command::Begin(500)), Answer::NotOpen);
         assert_eq!(said(&mut m, &mut store, Command::Restart), Answer::NotOpen);
-        assert_eq!(said(&mut m, &mut store, Command::Open([b'?'; 16])), Answer::OtherUnit);
-        assert_eq!(said(&mut m, &mut store, Command::Read { sector: 0, offset: 0 }), Answer::NotOpen);
-        let mut locked = Maintenance::new(block(3).unit, 3, Some(0), true);
+        assert_eq!(said(&mut m, &mut store, Command::Open(UnitName::new("????????????????"))), Answer::OtherUnit);
+        assert_eq!(said(&mut m, &mut store, Command::Read { sector: Sector::A, offset: 0 }), Answer::NotOpen);
+        let mut locked = Maintenance::new(block(3).unit, 3, Some(Sector::A), true);
         assert_eq!(said(&mut locked, &mut store, Command::Open(block(3).unit)), Answer::Locked);
         assert_eq!(said(&mut m, &mut store, Command::Open(block(3).unit)), Answer::Done);
         for length in [0, 11, MAX_BYTES as u16 + 1, u16::MAX] {

@@ -75,7 +75,7 @@ impl SlopeWindow {
         // All ages grow by one; the oldest, now as old as the window is long, leaves.
         self.moment += AGES * i64::from(newest) + (N * N - AGES) * i64::from(oldest) - N * self.sum;
         self.sum += i64::from(newest) - i64::from(oldest);
-        crate::single(self.moment) * (PER_MINUTE / SPREAD as f32)
+        self.moment as f32 * (PER_MINUTE / SPREAD as f32)
     }
 
     /// The slope of the values that are there, and all sums anew: where one is missing, or the window is not full yet.
@@ -101,7 +101,7 @@ impl SlopeWindow {
             return 0.0;
         }
         // Age runs backwards, hence the sign.
-        crate::single(s_age * s_value - n * s_both) / (n * s_age2 - s_age * s_age) as f32 * PER_MINUTE
+        (s_age * s_value - n * s_both) as f32 / (n * s_age2 - s_age * s_age) as f32 * PER_MINUTE
     }
 
     /// Whether the window is full, and holds enough values for a slope: after an outage it does not.

@@ -1,14 +1,15 @@
 //! The rate path: converter codes in at 1 kHz, corrected rates out.
 //!
 //! # When a new bias takes effect
-//! A bias is *staged* with the timer tick from which it holds. It takes effect at the first sample whose
+//! A bias is *pending* with the timer tick from which it holds. It takes effect at the first sample whose
 //! data-ready edge, captured by the same timer, is at or after that tick. So the sample is defined by time
 //! stamps, not by when a task ran, and a replay on a desktop does the same. A bias that arrives after its
-//! tick has passed takes effect at the next sample and raises [`unit::BIAS_LATE`].
+//! tick has passed takes effect at the next sample and raises [`UnitStatus::BIAS_LATE`].
 
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
-use crate::status::{axis, unit};
+use crate::status::{AxisStatus, UnitStatus};
+use crate::timebase::Timebase;
 use crate::AXES;
 
 /// Channels of the converter that are used: three rates, two horizontal accelerometers.
@@ -25,7 +26,7 @@ pub const MOST_SAMPLES: u16 = 1000;
 
 /// A bias with the moment from which it holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Staged {
+pub struct PendingBias {
     /// First timer tick (32-bit, wrapping) of its validity.
     pub effective_tick: u32,
     /// Number of the model step that made it.
@@ -33,18 +34,21 @@ pub struct Staged {
     /// Bias of each axis, deg/h.
     pub bias_dph: [f32; AXES],
     /// Status of each axis.
-    pub status: [u8; AXES],
-    /// Over the rest: a bit that flips in memory shows.
-    seal: u32,
+    pub status: [AxisStatus; AXES],
+    /// Integrity word over the rest: a bit that flips in memory shows.
+    integrity: u32,
 }
 
-/// A new bias takes effect this long after the end of the step it came from: 50 ms at 90 MHz. A unit that fetches
-/// its edges each 10 ms knows the bias after 11 ms at most; the rest is reserve.
-pub const BIAS_DELAY_TICKS: u32 = 4_500_000;
+/// A new bias takes effect this long after the end of the step it came from, ms. A unit that fetches its edges each 10 ms knows
+/// the bias after 11 ms at most; the rest is reserve.
+pub const BIAS_DELAY_MS: u32 = 50;
 
-/// A bias older than this at a sample is flagged [`axis::TEMPERATURE_STALE`]: the model, which speaks each second, has
-/// stopped. 2.5 s at 90 MHz.
-pub const STALE_TICKS: u32 = 225_000_000;
+/// A bias older than this at a sample, ms, is flagged [`AxisStatus::TEMPERATURE_STALE`]: the model, which gives one each second, has
+/// stopped.
+pub const STALE_MS: u32 = 2_500;
+
+/// A bias is late if the first sample after its tick comes this much later, ms: two sample times.
+pub const LATE_MS: u32 = 2;
 
 /// A corrected rate, deg/h: the one sign rule, in the unit's arithmetic.
 #[inline(always)]
@@ -53,40 +57,41 @@ pub fn corrected_dph(raw_dph: f32, bias_dph: f32) -> f32 {
     raw_dph - bias_dph
 }
 
-/// A channel that gives the same code for so many samples (2 s) is stuck: a converter of 24 bits that measures is never that
-/// quiet. Flagged [`unit::CONVERTER_FAULT`].
+/// A channel that gives the same code for so many samples (2 s) is stuck: a working ADC of 24 bits never repeats a code that
+/// long. Flagged [`UnitStatus::CONVERTER_FAULT`].
 pub const STUCK_SAMPLES: u16 = 2000;
 
-impl Staged {
+impl PendingBias {
     /// A bias of each axis, deg/h, with its status and the tick from which it holds.
     #[must_use]
-    pub fn at(effective_tick: u32, step: u32, bias_dph: [f32; AXES], status: [u8; AXES]) -> Self {
-        let mut staged = Self { effective_tick, step, bias_dph, status, seal: 0 };
-        staged.seal = staged.fold();
-        staged
+    pub fn at(effective_tick: u32, step: u32, bias_dph: [f32; AXES], status: [AxisStatus; AXES]) -> Self {
+        let mut bias = Self { effective_tick, step, bias_dph, status, integrity: 0 };
+        bias.integrity = bias.fold();
+        bias
     }
 
     /// The bias that a model step gave, with the tick from which it holds.
     #[must_use]
-    pub fn new(step: &StepFrequencies, output: &Output) -> Self {
-        let effective_tick = (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS);
+    pub fn new(timebase: Timebase, step: &StepFrequencies, output: &Output) -> Self {
+        let effective_tick = (step.end_ticks as u32).wrapping_add(timebase.ms(BIAS_DELAY_MS));
         Self::at(effective_tick, step.step, output.bias_dph, output.status)
     }
 
     fn fold(&self) -> u32 {
-        let [a, b, c] = self.status;
+        let [a, b, c] = self.status.map(|s| s.bits());
         fold([self.effective_tick, self.step, u32::from_le_bytes([a, b, c, 0])]) ^ fold(self.bias_dph.map(f32::to_bits))
     }
 
     /// Whether it is as it was made.
     #[must_use]
-    pub fn whole(&self) -> bool {
-        self.seal == self.fold()
+    pub fn intact(&self) -> bool {
+        self.integrity == self.fold()
     }
 }
 
-fn settings_seal(scale_dph: &[f32; AXES], divider: u16, next_divider: u16) -> u32 {
-    fold(scale_dph.map(f32::to_bits)).wrapping_add((u32::from(divider) << 16) | u32::from(next_divider))
+fn settings_integrity(scale_dph: &[f32; AXES], dividers: [u16; 2], stale_ticks: u32, late_ticks: i32) -> u32 {
+    let [now, next] = dividers.map(u32::from);
+    fold(scale_dph.map(f32::to_bits)).wrapping_add(now << 16 | next) ^ fold([stale_ticks, late_ticks as u32, 0])
 }
 
 /// A number that changes with any bit of the three.
@@ -104,33 +109,33 @@ pub struct RateFrame {
     /// Number of the model step whose bias was taken off the last sample.
     pub step: u32,
     /// Status of each axis, worst over the samples.
-    pub axis_status: [u8; AXES],
+    pub axis_status: [AxisStatus; AXES],
     /// Status of the unit.
-    pub unit_status: u8,
+    pub unit_status: UnitStatus,
     /// Corrected rate of each axis, deg/h.
     pub rate_dph: [f32; AXES],
-    /// Over the rest, between [`sealed`](Self::sealed) and [`whole`](Self::whole); not sent.
-    pub(crate) seal: u32,
+    /// Integrity word over the rest, from [`sealed`](Self::sealed) to [`intact`](Self::intact); not sent.
+    pub(crate) integrity: u32,
 }
 
 impl RateFrame {
-    /// With its seal renewed: after the last change.
+    /// With its integrity word computed: after the last change.
     #[must_use]
     pub fn sealed(mut self) -> Self {
-        self.seal = self.fold();
+        self.integrity = self.fold();
         self
     }
 
-    /// Whether it is as it was when it was sealed: a queue whose memory was upset may hand out anything.
+    /// Whether it is as it was when it was sealed: a queue in corrupted memory may hand out anything.
     #[must_use]
-    pub fn whole(&self) -> bool {
-        self.seal == self.fold()
+    pub fn intact(&self) -> bool {
+        self.integrity == self.fold()
     }
 
     fn fold(&self) -> u32 {
-        let [a, b, c] = self.axis_status;
-        let status = u32::from_le_bytes([a, b, c, self.unit_status]);
-        // Not zero for zeros: memory that never held a frame is no frame.
+        let [a, b, c] = self.axis_status.map(|s| s.bits());
+        let status = u32::from_le_bytes([a, b, c, self.unit_status.bits()]);
+        // Non-zero for an all-zero frame, so that memory which never held a frame fails.
         fold([self.sample, self.tick, self.step])
             ^ fold(self.rate_dph.map(f32::to_bits)).rotate_left(5)
             ^ status
@@ -164,35 +169,38 @@ pub struct Event {
     pub frame: Option<RateFrame>,
     /// The end of a bias' validity.
     pub summary: Option<Summary>,
-    /// What the rates are made with is not what it was: memory was upset, and no frame is made. The unit must start anew.
-    pub upset: bool,
+    /// Scale factors, decimation, bias or sums fail their integrity check: no frame is made, and the unit must start anew.
+    pub corrupted: bool,
 }
 
 /// State of the rate path.
 #[derive(Debug, Clone)]
 pub struct RatePath {
+    /// [`STALE_MS`] and [`LATE_MS`] in ticks.
+    stale_ticks: u32,
+    late_ticks: i32,
     scale_dph: [f32; AXES],
-    /// Over scale and dividers.
-    settings_seal: u32,
+    /// Integrity word over all settings.
+    settings_integrity: u32,
     divider: u16,
-    current: Staged,
-    /// The current bias is older than [`STALE_TICKS`].
+    current: PendingBias,
+    /// The current bias is older than [`STALE_MS`].
     stale: bool,
     /// The last codes, what has changed in them in this frame, and for how many samples each has not changed.
     last_codes: [i32; AXES],
     changed: [i32; AXES],
     unchanged: [u16; AXES],
-    pending: Option<Staged>,
+    pending: Option<PendingBias>,
     sample: u32,
     // The frame being filled.
     in_frame: u16,
     sum_dph: [f32; AXES],
-    /// The same two again: what is being summed has no seal.
+    /// The same two again: what is being summed has no integrity word.
     mirror: (u16, [f32; AXES]),
     /// Samples per frame from the next frame on.
     next_divider: u16,
-    axis_status: [u8; AXES],
-    unit_status: u8,
+    axis_status: [AxisStatus; AXES],
+    unit_status: UnitStatus,
     // The summary being filled.
     code_sum: [i64; CHANNELS],
     accelerometer_saturated: bool,
@@ -201,15 +209,23 @@ pub struct RatePath {
 }
 
 impl RatePath {
-    /// `scale_dph`: deg/h per code of each axis; `divider`: samples per frame, 1 to 1000.
+    /// `timebase`: the timer of the ticks; `scale_dph`: deg/h per code of each axis; `divider`: samples per frame, 1 to 1000.
     #[must_use]
-    pub fn new(scale_dph: [f32; AXES], divider: u16) -> Self {
+    pub fn new(timebase: Timebase, scale_dph: [f32; AXES], divider: u16) -> Self {
         let divider = divider.clamp(1, MOST_SAMPLES);
+        let (stale_ticks, late_ticks) = (timebase.ms(STALE_MS), timebase.ms(LATE_MS) as i32);
         Self {
+            stale_ticks,
+            late_ticks,
             scale_dph,
-            settings_seal: settings_seal(&scale_dph, divider, divider),
+            settings_integrity: settings_integrity(&scale_dph, [divider, divider], stale_ticks, late_ticks),
             divider,
-            current: Staged::at(0, u32::MAX, [0.0; AXES], [axis::TEMPERATURE_STALE | axis::SETTLING; AXES]),
+            current: PendingBias::at(
+                0,
+                u32::MAX,
+                [0.0; AXES],
+                [AxisStatus::TEMPERATURE_STALE.union(AxisStatus::SETTLING); AXES],
+            ),
             stale: false,
             last_codes: [0; AXES],
             changed: [0; AXES],
@@ -220,8 +236,8 @@ impl RatePath {
             sum_dph: [0.0; AXES],
             mirror: (0, [0.0; AXES]),
             next_divider: divider,
-            axis_status: [0; AXES],
-            unit_status: 0,
+            axis_status: [AxisStatus::empty(); AXES],
+            unit_status: UnitStatus::empty(),
             code_sum: [0; CHANNELS],
             accelerometer_saturated: false,
             in_summary: 0,
@@ -231,26 +247,30 @@ impl RatePath {
 
     /// Samples per frame from the next frame on.
     pub fn set_divider(&mut self, divider: u16) {
-        let whole = self.settings_whole();
+        let intact = self.settings_intact();
         self.next_divider = divider.clamp(1, MOST_SAMPLES);
-        if whole {
-            self.settings_seal = settings_seal(&self.scale_dph, self.divider, self.next_divider);
+        if intact {
+            self.settings_integrity = self.settings_now();
         }
     }
 
-    fn settings_whole(&self) -> bool {
-        self.settings_seal == settings_seal(&self.scale_dph, self.divider, self.next_divider)
+    fn settings_now(&self) -> u32 {
+        settings_integrity(&self.scale_dph, [self.divider, self.next_divider], self.stale_ticks, self.late_ticks)
     }
 
-    /// Stages the next bias.
-    pub fn stage(&mut self, staged: Staged) {
-        self.pending = Some(staged);
+    fn settings_intact(&self) -> bool {
+        self.settings_integrity == self.settings_now()
+    }
+
+    /// The next bias: pending until its tick.
+    pub fn set_bias(&mut self, bias: PendingBias) {
+        self.pending = Some(bias);
     }
 
     /// Takes one sample: the timer tick of its data-ready edge and the codes of the channels.
     #[inline(never)]
     pub fn sample(&mut self, tick: u32, codes: [i32; CHANNELS]) -> Event {
-        let mut event = Event { frame: None, summary: None, upset: false };
+        let mut event = Event { frame: None, summary: None, corrupted: false };
         if self.due(tick) {
             event.summary = self.turn(tick);
         }
@@ -263,7 +283,7 @@ impl RatePath {
             self.changed[k] |= code ^ self.last_codes[k];
             self.last_codes[k] = code;
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
-                self.axis_status[k] |= axis::OVER_RANGE;
+                self.axis_status[k] |= AxisStatus::OVER_RANGE;
             }
             self.code_sum[k] += i64::from(code);
         }
@@ -275,38 +295,38 @@ impl RatePath {
         self.in_frame += 1;
         self.mirror.0 += 1;
         if self.in_frame < self.divider {
-            // Its seal is looked at when a frame is whole, which would take long.
-            event.upset = self.divider > MOST_SAMPLES;
+            // Its integrity word is checked when a frame is complete, which would take long.
+            event.corrupted = self.divider > MOST_SAMPLES;
             return event;
         }
         let unequal = self.in_frame != self.divider
             || self.mirror.0 != self.divider
             || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
-        event.upset = unequal || !self.current.whole() || !self.settings_whole();
-        // An old bias is said from then on, whatever the timer, which wraps every 48 s, makes of its age later.
-        self.stale |= tick.wrapping_sub(self.current.effective_tick) > STALE_TICKS;
+        event.corrupted = unequal || !self.current.intact() || !self.settings_intact();
+        // An old bias is flagged from then on, whatever the timer, which wraps every 48 s, makes of its age later.
+        self.stale |= tick.wrapping_sub(self.current.effective_tick) > self.stale_ticks;
         if self.stale {
-            self.axis_status.iter_mut().for_each(|s| *s |= axis::TEMPERATURE_STALE);
+            self.axis_status.iter_mut().for_each(|s| *s |= AxisStatus::TEMPERATURE_STALE);
         }
         let frame = self.finish_frame(tick);
-        if !event.upset {
+        if !event.corrupted {
             event.frame = Some(frame);
         }
         event
     }
 
-    /// Says that a sample was missing or refused at about `tick`. A frame whose samples all are missing is
-    /// not sent; the next one carries [`unit::CONVERTER_FAULT`].
+    /// A sample was missing or refused at about `tick`. A frame whose samples all are missing is
+    /// not sent; the next one carries [`UnitStatus::CONVERTER_FAULT`].
     pub fn missing(&mut self, tick: u32) -> Event {
         self.errors = self.errors.saturating_add(1);
-        self.unit_status |= unit::CONVERTER_FAULT;
-        Event { frame: None, summary: self.turn(tick), upset: false }
+        self.unit_status |= UnitStatus::CONVERTER_FAULT;
+        Event { frame: None, summary: self.turn(tick), corrupted: false }
     }
 
     /// Whether there is a pending bias, and `tick` has reached it.
     #[inline]
     fn due(&self, tick: u32) -> bool {
-        self.pending.as_ref().is_some_and(|staged| tick.wrapping_sub(staged.effective_tick) as i32 >= 0)
+        self.pending.as_ref().is_some_and(|bias| tick.wrapping_sub(bias.effective_tick) as i32 >= 0)
     }
 
     /// Takes the pending bias into use if `tick` has reached it.
@@ -315,19 +335,19 @@ impl RatePath {
         if !self.due(tick) {
             return None;
         }
-        let staged = self.pending?;
-        let past = tick.wrapping_sub(staged.effective_tick) as i32;
+        let bias = self.pending?;
+        let past = tick.wrapping_sub(bias.effective_tick) as i32;
         self.pending = None;
         // More than two sample times late: it was not there in time.
-        if past > LATE_TICKS {
-            self.unit_status |= unit::BIAS_LATE;
+        if past > self.late_ticks {
+            self.unit_status |= UnitStatus::BIAS_LATE;
         }
         let summary = self.summarise();
         if self.in_frame > 0 {
             // The frame that is being filled holds samples of both.
             self.axis_status.iter_mut().zip(self.current.status).for_each(|(to, from)| *to |= from);
         }
-        self.current = staged;
+        self.current = bias;
         self.stale = false;
         Some(summary)
     }
@@ -365,13 +385,13 @@ impl RatePath {
             let moved = core::mem::take(&mut self.changed[k]) != 0;
             self.unchanged[k] = if moved { 0 } else { self.unchanged[k].saturating_add(self.in_frame) };
             if self.unchanged[k] >= STUCK_SAMPLES {
-                self.unit_status |= unit::CONVERTER_FAULT;
+                self.unit_status |= UnitStatus::CONVERTER_FAULT;
             }
         }
         for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
             // Only a block of absurd numbers brings this about.
             if !sum.is_finite() {
-                *status |= axis::UNCALIBRATED;
+                *status |= AxisStatus::UNCALIBRATED;
             }
         }
         let frame = RateFrame {
@@ -381,35 +401,34 @@ impl RatePath {
             axis_status: self.axis_status,
             unit_status: self.unit_status,
             rate_dph: self.sum_dph.map(|s| s * share),
-            seal: 0,
+            integrity: 0,
         };
         self.in_frame = 0;
         self.sum_dph = [0.0; AXES];
         self.mirror = (0, [0.0; AXES]);
         if self.next_divider != self.divider {
             self.divider = self.next_divider;
-            self.settings_seal = settings_seal(&self.scale_dph, self.divider, self.next_divider);
+            self.settings_integrity = self.settings_now();
         }
-        self.axis_status = [0; AXES];
-        self.unit_status = 0;
+        self.axis_status = [AxisStatus::empty(); AXES];
+        self.unit_status = UnitStatus::empty();
         frame
     }
 }
-
-/// A bias is late if the first sample after its tick is this much later (2 ms at 90 MHz).
-const LATE_TICKS: i32 = 180_000;
 
 #[cfg(test)]
 mod tests {
     extern crate std;
     use super::*;
 
+    const GOOD: AxisStatus = AxisStatus::empty();
+
     #[test]
     fn bias_changes_at_its_tick_and_across_the_wrap() {
-        let mut p = RatePath::new([0.01; 3], 1);
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
         let start = u32::MAX - 250_000;
-        let staged = Staged::at(start.wrapping_add(270_000), 5, [1.0; 3], [0; 3]);
-        p.stage(staged);
+        let bias = PendingBias::at(start.wrapping_add(270_000), 5, [1.0; 3], [GOOD; 3]);
+        p.set_bias(bias);
         let mut rates = [0.0; 6];
         for (k, r) in rates.iter_mut().enumerate() {
             let e = p.sample(start.wrapping_add(90_000 * k as u32), [100; CHANNELS]);
@@ -424,7 +443,7 @@ mod tests {
 
     #[test]
     fn a_frame_that_would_never_end_is_noticed() {
-        let upsets: [fn(&mut RatePath); 6] = [
+        let corruptions: [fn(&mut RatePath); 6] = [
             |p| p.divider ^= 1,
             |p| p.divider ^= 1 << 9,
             |p| p.divider ^= 1 << 10,
@@ -435,18 +454,18 @@ mod tests {
                 p.set_divider(7);
             },
         ];
-        for (k, upset) in upsets.iter().enumerate() {
-            let mut p = RatePath::new([0.01; 3], 5);
-            upset(&mut p);
-            let noticed = (0..2000u32).find(|k| p.sample(k * 90_000, [*k as i32 & 3; CHANNELS]).upset);
+        for (k, corrupt) in corruptions.iter().enumerate() {
+            let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5);
+            corrupt(&mut p);
+            let noticed = (0..2000u32).find(|k| p.sample(k * 90_000, [*k as i32 & 3; CHANNELS]).corrupted);
             assert!(noticed.is_some_and(|sample| sample <= 1000), "{k}: {noticed:?}");
         }
     }
 
     #[test]
-    fn an_old_bias_a_stuck_channel_and_upset_memory_are_said() {
-        let mut p = RatePath::new([0.01; 3], 1);
-        p.stage(Staged::at(0, 1, [1.0; 3], [0; 3]));
+    fn an_old_bias_a_stuck_channel_and_corrupted_memory_are_flagged() {
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
+        p.set_bias(PendingBias::at(0, 1, [1.0; 3], [GOOD; 3]));
         let mut said = std::vec::Vec::new();
         for k in 1..6000u32 {
             let code = k as i32 % 2;
@@ -454,11 +473,11 @@ mod tests {
             let f = p.sample(90_000u32.wrapping_mul(k), codes).frame.expect("one a sample");
             said.push((f.axis_status, f.unit_status));
         }
-        let stale = said.iter().position(|s| s.0 != [0; 3]).expect("said") + 1;
+        let stale = said.iter().position(|s| s.0 != [GOOD; 3]).expect("said") + 1;
         assert_eq!(stale, 2501);
-        assert!(said[stale..].iter().all(|s| s.0 == [axis::TEMPERATURE_STALE; 3]));
-        let stuck = said.iter().position(|s| s.1 != 0).expect("said") + 1;
-        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), unit::CONVERTER_FAULT));
+        assert!(said[stale..].iter().all(|s| s.0 == [AxisStatus::TEMPERATURE_STALE; 3]));
+        let stuck = said.iter().position(|s| !s.1.is_empty()).expect("said") + 1;
+        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::CONVERTER_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {
             for word in 0..9 {
@@ -469,7 +488,7 @@ mod tests {
                     3..=5 => flip(&mut q.current.bias_dph[word - 3]),
                     6 => q.current.effective_tick ^= 1 << bit,
                     7 => {
-                        let mut r = RatePath::new([0.01; 3], 5);
+                        let mut r = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5);
                         let _ = r.sample(0, [1; CHANNELS]);
                         match bit {
                             0..16 => r.in_frame ^= 1 << bit,
@@ -477,31 +496,31 @@ mod tests {
                         }
                         let said = (1..2000).find_map(|k| {
                             let e = r.sample(k * 90_000, [1; CHANNELS]);
-                            (e.upset || e.frame.is_some()).then_some(e.upset)
+                            (e.corrupted || e.frame.is_some()).then_some(e.corrupted)
                         });
                         // A frame that waits for 65 thousand samples is none that is wrong; the watchdog sees to it.
                         assert_ne!(said, Some(false), "bit {bit}");
-                        let mut r = RatePath::new([0.01; 3], 2);
+                        let mut r = RatePath::new(Timebase::REFERENCE, [0.01; 3], 2);
                         let _ = r.sample(0, [1; CHANNELS]);
                         let clean = r.clone().sample(90_000, [1; CHANNELS]);
                         flip(&mut r.sum_dph[1]);
                         let e = r.sample(90_000, [1; CHANNELS]);
-                        assert!(e.upset || e == clean, "bit {bit} of a sum");
+                        assert!(e.corrupted || e == clean, "bit {bit} of a sum");
                         continue;
                     }
-                    _ => q.current.status[bit / 8 % 3] ^= 1 << (bit % 8),
+                    _ => q.current.status[bit / 8 % 3] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
                 }
                 let e = q.sample(0, [1, 2, 3, 4, 5]);
-                assert!(e.upset && e.frame.is_none(), "word {word} bit {bit}");
+                assert!(e.corrupted && e.frame.is_none(), "word {word} bit {bit}");
             }
         }
     }
 
     #[test]
-    fn a_frame_that_has_changed_in_a_queue_is_not_whole() {
-        let mut p = RatePath::new([0.01; 3], 1);
+    fn a_frame_that_has_changed_in_a_queue_is_not_intact() {
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
         let sealed = p.sample(7, [1, -2, 3, 0, 0]).frame.expect("one a sample").sealed();
-        assert!(sealed.whole());
+        assert!(sealed.intact());
         for bit in 0..32 {
             for word in 0..8 {
                 let mut f = sealed;
@@ -509,14 +528,14 @@ mod tests {
                     0 => f.sample ^= 1 << bit,
                     1 => f.tick ^= 1 << bit,
                     2 => f.step ^= 1 << bit,
-                    3 => f.seal ^= 1 << bit,
+                    3 => f.integrity ^= 1 << bit,
                     4..=6 => f.rate_dph[word - 4] = f32::from_bits(f.rate_dph[word - 4].to_bits() ^ 1 << bit),
                     _ => match bit / 8 {
-                        3 => f.unit_status ^= 1 << (bit % 8),
-                        k => f.axis_status[k] ^= 1 << (bit % 8),
+                        3 => f.unit_status ^= UnitStatus::from_bits_retain(1 << (bit % 8)),
+                        k => f.axis_status[k] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
                     },
                 }
-                assert!(!f.whole(), "word {word}, bit {bit}");
+                assert!(!f.intact(), "word {word}, bit {bit}");
             }
         }
         // Memory that never held a frame.
@@ -524,23 +543,57 @@ mod tests {
             sample: 0,
             tick: 0,
             step: 0,
-            axis_status: [0; 3],
-            unit_status: 0,
+            axis_status: [GOOD; 3],
+            unit_status: UnitStatus::empty(),
             rate_dph: [0.0; 3],
-            seal: 0
+            integrity: 0
         }
-        .whole());
+        .intact());
     }
 
     #[test]
-    fn late_bias_and_missing_samples_are_said() {
-        let mut p = RatePath::new([0.01; 3], 2);
-        p.stage(Staged::at(0, 1, [0.0; 3], [0; 3]));
+    fn a_bias_of_each_second_is_never_stale_whatever_the_timer() {
+        for hz in [1_000_000, 84_000_000, 90_000_000, 240_000_000, 480_000_000] {
+            let timebase = Timebase::at(hz);
+            let mut p = RatePath::new(timebase, [0.01; 3], 1);
+            let mut flagged = 0;
+            for ms in 0..10_000u32 {
+                let tick = (u64::from(hz) * u64::from(ms) / 1000) as u32;
+                if ms % 1000 == 0 && ms < 6000 {
+                    p.set_bias(PendingBias::at(tick, ms / 1000, [0.0; 3], [GOOD; 3]));
+                }
+                let f = p.sample(tick, [ms as i32 & 3; CHANNELS]).frame.expect("one a sample");
+                let stale = f.axis_status[0].contains(AxisStatus::TEMPERATURE_STALE);
+                // The last bias came at 5 s.
+                assert_eq!(stale, ms > 5000 + STALE_MS, "{hz} Hz, {ms} ms");
+                flagged += u32::from(stale);
+            }
+            assert_eq!(flagged, 10_000 - 5001 - STALE_MS);
+        }
+    }
+
+    #[test]
+    fn a_bias_is_late_after_two_milliseconds_whatever_the_timer() {
+        for hz in [84_000_000, 90_000_000, 240_000_000] {
+            let timebase = Timebase::at(hz);
+            for (late_ms, flagged) in [(1, false), (2, false), (3, true)] {
+                let mut p = RatePath::new(timebase, [0.01; 3], 1);
+                p.set_bias(PendingBias::at(0, 1, [0.0; 3], [GOOD; 3]));
+                let f = p.sample(timebase.ms(late_ms), [1; CHANNELS]).frame.expect("one a sample");
+                assert_eq!(f.unit_status.contains(UnitStatus::BIAS_LATE), flagged, "{hz} Hz, {late_ms} ms");
+            }
+        }
+    }
+
+    #[test]
+    fn late_bias_and_missing_samples_are_flagged() {
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 2);
+        p.set_bias(PendingBias::at(0, 1, [0.0; 3], [GOOD; 3]));
         let e = p.missing(200_000);
         assert_eq!(e.summary.map(|s| s.converter_errors), Some(1));
         let _ = p.sample(290_000, [0; CHANNELS]);
         let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0]).frame.expect("second sample");
-        assert_eq!(f.unit_status, unit::CONVERTER_FAULT | unit::BIAS_LATE);
-        assert_eq!(f.axis_status, [0, axis::OVER_RANGE, 0].map(|b| b));
+        assert_eq!(f.unit_status, UnitStatus::CONVERTER_FAULT | UnitStatus::BIAS_LATE);
+        assert_eq!(f.axis_status, [GOOD, AxisStatus::OVER_RANGE, GOOD]);
     }
 }

@@ -1,30 +1,60 @@
 //! Status bits: what the unit says about the numbers it sends.
 //!
-//! A rate whose axis byte and unit byte are both zero is one that the unit stands behind.
+//! A rate whose axis byte and unit byte are both zero is one that the unit stands behind. The bits of an axis and those of the unit
+//! are two types, which do not mix.
 
-/// Bits of one axis.
-pub mod axis {
-    /// No calibration of this unit is loaded: the rate is raw. Or the one that is gives a number that is not finite.
-    pub const UNCALIBRATED: u8 = 1 << 0;
-    /// The temperature is outside the calibrated range: the model is continued linearly.
-    pub const TEMPERATURE_RANGE: u8 = 1 << 1;
-    /// The rate of change of temperature is outside the calibrated range, or changed within a second by twice that.
-    pub const RAMP_RANGE: u8 = 1 << 2;
-    /// No frequency in the last model step, or one that is no resonator's ([`crate::compensator::BEYOND_C`]) or jumped further than one can
-    /// ([`crate::compensator::MAX_STEP_C`]): the last bias is held.
-    pub const FREQUENCY_LOST: u8 = 1 << 3;
-    /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one, or the model has not
-    /// spoken for [`crate::rate_path::STALE_TICKS`].
-    pub const TEMPERATURE_STALE: u8 = 1 << 4;
-    /// The rate converter is at its end of scale.
-    pub const OVER_RANGE: u8 = 1 << 5;
-    /// Edges were rejected or missing in the last model step (the frequency is good all the same).
-    pub const EDGE_ERRORS: u8 = 1 << 6;
-    /// The model's states are still filling (first [`crate::rate_of_change::WINDOW`] seconds, and as long after a jump of
-    /// the frequency that stays).
-    pub const SETTLING: u8 = 1 << 7;
+use bitflags::bitflags;
 
-    /// Name of each bit, bit 0 first.
+bitflags! {
+    /// Bits of one axis.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    pub struct AxisStatus: u8 {
+        /// No calibration of this unit is loaded: the rate is raw. Or the one that is gives a number that is not finite.
+        const UNCALIBRATED = 1 << 0;
+        /// The temperature is outside the calibrated range: the model is continued linearly.
+        const TEMPERATURE_RANGE = 1 << 1;
+        /// The rate of change of temperature is outside the calibrated range, or changed within a second by twice that.
+        const RAMP_RANGE = 1 << 2;
+        /// No frequency in the last model step, or an implausible one ([`crate::thermal::BEYOND_C`]), or a jump beyond what is
+        /// physically possible ([`crate::thermal::MAX_STEP_C`]): the last bias is held.
+        const FREQUENCY_LOST = 1 << 3;
+        /// The temperature is older than [`crate::compensator::HOLD_S`] seconds, or there never was one, or the model has not
+        /// given a bias for [`crate::rate_path::STALE_MS`].
+        const TEMPERATURE_STALE = 1 << 4;
+        /// The ADC of the rate is at its end of scale.
+        const OVER_RANGE = 1 << 5;
+        /// Edges were rejected or missing in the last model step (the frequency is good all the same).
+        const EDGE_ERRORS = 1 << 6;
+        /// The model's states are still filling (first [`crate::rate_of_change::WINDOW`] seconds, and as long after a jump of
+        /// the frequency that stays).
+        const SETTLING = 1 << 7;
+    }
+}
+
+bitflags! {
+    /// Bits of the unit.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+    pub struct UnitStatus: u8 {
+        /// The ADC sent nothing, or a frame with a wrong checksum, since the last frame out; or a rate channel has given the same
+        /// code for [`crate::rate_path::STUCK_SAMPLES`].
+        const CONVERTER_FAULT = 1 << 0;
+        /// A bias arrived after the sample at which it was due.
+        const BIAS_LATE = 1 << 1;
+        /// Garbage was seen on the link in the last second.
+        const LINK_ERRORS = 1 << 2;
+        /// Frames out were dropped because the link could not keep up.
+        const FRAMES_DROPPED = 1 << 3;
+        /// The compiled-in default is used: no valid image in flash.
+        const DEFAULT_CALIBRATION = 1 << 4;
+        /// The last reset came from the watchdog.
+        const WATCHDOG_RESET = 1 << 5;
+        /// An image in flash was refused (wrong length, version, checksum or number).
+        const BLOCK_REFUSED = 1 << 6;
+    }
+}
+
+impl AxisStatus {
+    /// Name of each bit in files and on screens, bit 0 first.
     pub const NAMES: [&str; 8] = [
         "uncalibrated",
         "temperature-range",
@@ -37,25 +67,8 @@ pub mod axis {
     ];
 }
 
-/// Bits of the unit.
-pub mod unit {
-    /// The converter sent nothing, or a frame with a wrong checksum, since the last frame out; or a rate channel has given
-    /// the same code for [`crate::rate_path::STUCK_SAMPLES`].
-    pub const CONVERTER_FAULT: u8 = 1 << 0;
-    /// A bias arrived after the sample at which it was due.
-    pub const BIAS_LATE: u8 = 1 << 1;
-    /// Garbage was seen on the link in the last second.
-    pub const LINK_ERRORS: u8 = 1 << 2;
-    /// Frames out were dropped because the link could not keep up.
-    pub const FRAMES_DROPPED: u8 = 1 << 3;
-    /// The compiled-in default is used: no valid block in flash.
-    pub const DEFAULT_CALIBRATION: u8 = 1 << 4;
-    /// The last reset came from the watchdog.
-    pub const WATCHDOG_RESET: u8 = 1 << 5;
-    /// A block in flash was refused (wrong length, version, checksum or number).
-    pub const BLOCK_REFUSED: u8 = 1 << 6;
-
-    /// Name of each bit, bit 0 first.
+impl UnitStatus {
+    /// Name of each bit in files and on screens, bit 0 first.
     pub const NAMES: [&str; 8] = [
         "converter-fault",
         "bias-late",
@@ -66,4 +79,21 @@ pub mod unit {
         "block-refused",
         "-",
     ];
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+
+    #[test]
+    fn each_bit_has_the_name_of_its_flag() {
+        let name = |constant: &str| constant.to_lowercase().replace('_', "-");
+        for (k, (constant, flag)) in AxisStatus::all().iter_names().enumerate() {
+            assert_eq!((flag.bits(), AxisStatus::NAMES[k]), (1 << k, name(constant).as_str()));
+        }
+        for (k, (constant, flag)) in UnitStatus::all().iter_names().enumerate() {
+            assert_eq!((flag.bits(), UnitStatus::NAMES[k]), (1 << k, name(constant).as_str()));
+        }
+    }
 }

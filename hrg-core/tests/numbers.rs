@@ -6,12 +6,15 @@ use hrg_core::alignment::session::{Command, Session};
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::compensator::{AxisThermal, Compensator, Thermal};
+use hrg_core::compensator::Compensator;
 use hrg_core::effects::{Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
-use hrg_core::rate_path::{RatePath, Staged, Summary};
+use hrg_core::rate_path::{PendingBias, RatePath, Summary};
+use hrg_core::status::AxisStatus;
+use hrg_core::thermal::{AxisThermal, Thermal};
+use hrg_core::timebase::Timebase;
 use proptest::prelude::*;
 
 const CORNERS: [f32; 16] = [
@@ -105,9 +108,9 @@ proptest! {
             for k in 0..3 {
                 prop_assert!(out.bias_dph[k].is_finite(), "{out:?}");
                 // Not known is not good.
-                prop_assert!(out.temperature_c[k].is_finite() || out.status[k] != 0, "{out:?}");
+                prop_assert!(out.temperature_c[k].is_finite() || !out.status[k].is_empty(), "{out:?}");
             }
-            let h = Housekeeping::new(&step, &out, None, 90_000_000);
+            let h = Housekeeping::new(&step, &out, None, Timebase::REFERENCE);
             let wire = Message::Housekeeping(h).encode();
             prop_assert!(Message::decode(&wire[..wire.len() - 1]).is_ok());
         }
@@ -179,16 +182,16 @@ proptest! {
         codes in proptest::collection::vec(any::<[i32; 5]>(), 1..40),
         divider in prop_oneof![0u16..8, any::<u16>()],
     ) {
-        let mut p = RatePath::new([scale; 3], divider);
+        let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], divider);
         // What the compensator stages is finite: see above.
-        p.stage(Staged::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [0; 3]));
+        p.set_bias(PendingBias::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [AxisStatus::empty(); 3]));
         for (k, c) in codes.into_iter().enumerate() {
             // A converter has 24 bits.
             let e = p.sample(90_000 * k as u32, c.map(|c| c >> 8));
-            prop_assert!(!e.upset);
+            prop_assert!(!e.corrupted);
             if let Some(f) = e.frame {
                 for a in 0..3 {
-                    prop_assert!(f.rate_dph[a].is_finite() || f.axis_status[a] != 0, "{f:?}");
+                    prop_assert!(f.rate_dph[a].is_finite() || !f.axis_status[a].is_empty(), "{f:?}");
                 }
                 let wire = Message::Rate(f).encode();
                 prop_assert!(Message::decode(&wire[..wire.len() - 1]).is_ok());

@@ -16,7 +16,15 @@
 //! # Navigating
 //! | file | models |
 //! |---|---|
-//! | `board` | the CPU loop: events, interrupts, sleep, time |
+//! | `board` | the loop that keeps time: events, interrupts, sleep |
+//! | `elf` | the firmware's ELF, read once |
+//! | `cpu` | the emulator, set up |
+//! | `thumb` | the little that must be known of Thumb code |
+//! | `exception` | entry and return of exceptions |
+//! | `wires` | edges, ADC frames, bytes of the link |
+//! | `flash` | programming and erasing, cut short or not |
+//! | `rtt` | the debug probe that reads the log |
+//! | `error` | why a run stops |
 //! | `chip` | which address belongs to which peripheral; DMA and its requests |
 //! | `memory` | flash and RAM |
 //! | `nvic` | NVIC, SCB, SysTick registers; exception priorities |
@@ -30,15 +38,25 @@
 pub mod ads131m08;
 pub mod board;
 mod chip;
+mod cpu;
+pub mod elf;
+pub mod error;
+mod exception;
+mod flash;
 mod gpio;
 mod memory;
 mod nvic;
 mod probe;
+mod rtt;
 mod serial;
 mod system;
+mod thumb;
 mod timer;
+mod wires;
 
-pub use board::{Board, RunError, Snapshot, Stop};
+pub use board::{Board, Snapshot};
+pub use elf::Firmware;
+pub use error::{RunError, Stop};
 pub use probe::{Latency, Probe};
 
 /// Cycles per second.

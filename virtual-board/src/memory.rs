@@ -3,7 +3,7 @@
 //! Unicorn is handed a pointer to each (its own copying functions look addresses up anew for every call, which
 //! cost a fifth of the run time when each captured edge did so).
 
-use crate::board::RunError;
+use crate::error::RunError;
 use std::alloc::{alloc_zeroed, dealloc, handle_alloc_error, Layout};
 
 /// One memory at a fixed address.

@@ -24,14 +24,15 @@ const USAGE: &str = "cargo xtask COMMAND
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
   bench [ARGS]      what the unit costs in instructions and bytes, and the desktop in time (--page docs/bench.md: into that page)
+  fingerprint       checksums of frames, images and files: compare them before and after a change that should change nothing
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
-const FLASH_BOUND: u64 = 64 * 1024;
-const RAM_BOUND: u64 = 18 * 1024;
+const FLASH_BOUND: u64 = 128 * 1024;
+const RAM_BOUND: u64 = 64 * 1024;
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -41,6 +42,7 @@ fn main() -> ExitCode {
         Some("screens") => screens(),
         Some("align-demo") => align_demo(rest),
         Some("bench") => board("bench", rest).and_then(|()| tool("hrg-bench", rest)),
+        Some("fingerprint") => board("fingerprint", rest),
         Some("faults") => board("faults", rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),

@@ -16,7 +16,7 @@ use hrg_core::temperature::TemperatureLaw;
 const POINTS: usize = 200;
 const LOWEST_HZ: f64 = 4878.0;
 const STEP_HZ: f64 = 0.22;
-const METHODS: usize = 7;
+const METHODS: usize = 8;
 
 /// Results, as bits of f32, method by method.
 static RESULTS: [[AtomicU32; POINTS]; METHODS] = [const { [const { AtomicU32::new(0) }; POINTS] }; METHODS];
@@ -113,6 +113,18 @@ fn network(f: f64) -> f32 {
     45.0 * sum
 }
 
+/// The same with micromath's approximation of the exponential.
+#[inline(never)]
+fn network_micromath(f: f64) -> f32 {
+    let u = LAW.normalised(f);
+    let mut sum = NETWORK[15];
+    for i in 0..5 {
+        let e = micromath::F32Ext::exp(2.0 * (NETWORK[i] * u + NETWORK[5 + i]));
+        sum += NETWORK[10 + i] * (1.0 - 2.0 / (e + 1.0));
+    }
+    45.0 * sum
+}
+
 #[inline(never)]
 fn ours(f: f64) -> f32 {
     LAW.temperature_c(f)
@@ -133,6 +145,7 @@ fn main() -> ! {
             cardano(f) as f32,
             table(black_box(&entries), f),
             network(f),
+            network_micromath(f),
             ours(f),
         ];
         for (method, result) in RESULTS.iter().zip(results) {

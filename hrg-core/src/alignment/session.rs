@@ -94,6 +94,28 @@ pub struct Session<F> {
     fresh: bool,
 }
 
+/// The align mode of a unit, whatever filter it was built with.
+pub trait AlignMode {
+    /// As [`Session::command`].
+    fn command(&mut self, command: Command) -> Option<[f32; AXES]>;
+    /// As [`Session::second`].
+    fn second(&mut self, summary: &Summary) -> Option<Report>;
+    /// As [`Session::running`].
+    fn running(&self) -> bool;
+}
+
+impl<F: Begin> AlignMode for Session<F> {
+    fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
+        Self::command(self, command)
+    }
+    fn second(&mut self, summary: &Summary) -> Option<Report> {
+        Self::second(self, summary)
+    }
+    fn running(&self) -> bool {
+        Self::running(self)
+    }
+}
+
 impl<F: Begin> Session<F> {
     /// No alignment.
     pub const IDLE: Self = Self {

@@ -8,7 +8,7 @@
 //! Numbers are stable: they are what the calibration block stores.
 
 use crate::bias::{Scaling, State};
-use crate::compensator::Thermal;
+use crate::thermal::Thermal;
 use crate::AXES;
 
 /// Most inner parameters of an effect.
@@ -337,7 +337,7 @@ pub fn by_name(name: &str) -> Option<&'static Facts> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::compensator::AxisThermal;
+    use crate::thermal::AxisThermal;
 
     const SCALING: Scaling =
         Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-45.0, 65.0], r_linear: 6.0, blend_band: 0.2 };

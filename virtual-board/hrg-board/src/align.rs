@@ -131,14 +131,14 @@ pub struct Cost {
 /// Where the ELF lacks one of the functions, or does what the board does not model.
 pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
     let functions = [
-        ("linear, step", "11linear_step"),
-        ("linear, azimuth from its state", "15linear_estimate"),
-        ("ekf, step", "8ekf_step"),
-        ("upf, kernel form, 200, step", "12kernels_step"),
-        ("upf, literal, 200, step", "12literal_step"),
+        ("linear, step", "bench::linear_step"),
+        ("linear, azimuth from its state", "bench::linear_estimate"),
+        ("ekf, step", "bench::ekf_step"),
+        ("upf, kernel form, 200, step", "bench::kernels_step"),
+        ("upf, literal, 200, step", "bench::literal_step"),
     ];
     let mut board = Board::new(bench, Silence)?;
-    let probes = functions.iter().map(|(_, part)| board.count_calls(bench, part)).collect::<Result<Vec<_>, _>>()?;
+    let probes = functions.iter().map(|(_, path)| board.count_calls(path)).collect::<Result<Vec<_>, _>>()?;
     board.run_until(CPU_HZ / 4)?;
     functions
         .iter()

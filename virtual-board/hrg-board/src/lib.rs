@@ -5,6 +5,7 @@
 //! | [`wires`] | turns a recording into edges and converter codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
 //! | [`demo`] | the main job from end to end |
+//! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
 //! | [`faults`] | attacks the promises of docs/promises.md |
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
@@ -13,6 +14,7 @@ pub mod align;
 pub mod bench;
 pub mod demo;
 pub mod faults;
+pub mod fingerprint;
 pub mod host;
 pub mod methods;
 pub mod replay;
@@ -21,18 +23,18 @@ pub mod twin;
 pub mod weigh;
 pub mod wires;
 
-/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: parts of their symbols.
+/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {
     /// A model step of the three axes.
-    pub const UPDATE: &str = "11Compensator6update";
+    pub const UPDATE: &str = "hrg_core::compensator::Compensator::update";
     /// The bias model of an axis, without effects.
-    pub const BIAS: &str = "12Coefficients8bias_dph";
+    pub const BIAS: &str = "hrg_core::bias::Coefficients::bias_dph";
     /// The temperature law.
-    pub const LAW: &str = "14TemperatureLaw15value_and_slope";
+    pub const LAW: &str = "hrg_core::temperature::TemperatureLaw::value_and_slope";
     /// A converter frame.
-    pub const DECODE: &str = "9converter6decode";
+    pub const DECODE: &str = "hrg_core::converter::decode";
     /// A sample corrected.
-    pub const SAMPLE: &str = "8RatePath6sample";
+    pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";
     /// A message made into a frame.
-    pub const ENCODE: &str = "4link7Message6encode";
+    pub const ENCODE: &str = "hrg_core::link::Message::encode";
 }

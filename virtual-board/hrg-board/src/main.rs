@@ -59,6 +59,14 @@ enum Command {
         #[arg(long)]
         page: Option<PathBuf>,
     },
+    /// Checksums of frames, images and files: print them before and after a change that should change nothing.
+    ///
+    /// Example: hrg-board fingerprint > before.txt
+    Fingerprint {
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
     /// Example: hrg-board faults --short
@@ -253,6 +261,11 @@ fn run(command: Command) -> Result<()> {
             anyhow::ensure!(within, "a figure is over its bound");
             Ok(())
         }
+        Command::Fingerprint { elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            print!("{}", hrg_board::fingerprint::fingerprints(&elf)?);
+            Ok(())
+        }
         Command::Faults { short, seed, only, trial, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             if let Some(trial) = trial {
@@ -299,7 +312,7 @@ fn play(arguments: RunArguments) -> Result<()> {
         println!("{:>12} {:>6}  function", "per second", "share");
         for (name, count) in outcome.profile.iter().take(30) {
             let share = 100.0 * *count as f64 / outcome.instructions as f64;
-            println!("{:>12.0} {share:>5.1}%  {:#}", *count as f64 / outcome.seconds, rustc_demangle::demangle(name));
+            println!("{:>12.0} {share:>5.1}%  {}", *count as f64 / outcome.seconds, name);
         }
     }
     let (raw, corrected) = replay::three_sigma(&rows);

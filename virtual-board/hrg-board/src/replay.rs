@@ -10,7 +10,7 @@ use hrg_cal::run::Steps;
 use hrg_cal::stats::{block_means, std_dev};
 use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
-use hrg_core::status::unit;
+use hrg_core::status::UnitStatus;
 use std::path::{Path, PathBuf};
 use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
@@ -124,7 +124,7 @@ pub fn run(
     mut progress: impl FnMut(f64),
 ) -> Result<Outcome> {
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
-    let start_status = if calibration.is_some() { 0 } else { unit::DEFAULT_CALIBRATION };
+    let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
     let scale = used.scale_factors_dph_per_code();
     let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
@@ -138,7 +138,7 @@ pub fn run(
         let block = c.to_bytes().context("the calibration does not fit a block")?;
         board.write_flash(CALIBRATION_A, &block)?;
     }
-    let probes = options.count.iter().map(|part| board.count_calls(elf, part)).collect::<Result<Vec<_>, _>>()?;
+    let probes = options.count.iter().map(|part| board.count_calls(part)).collect::<Result<Vec<_>, _>>()?;
     if options.profile {
         board.start_profile();
     }
@@ -153,7 +153,7 @@ pub fn run(
     }
     Ok(Outcome {
         calls: probes.iter().filter_map(|p| board.probe(*p).cloned()).collect(),
-        profile: if options.profile { board.profile(elf)? } else { vec![] },
+        profile: if options.profile { board.profile() } else { vec![] },
         stack_bytes: board.stack_used(),
         static_bytes: board.static_bytes(),
         seconds: board.now() as f64 / CPU_HZ as f64,

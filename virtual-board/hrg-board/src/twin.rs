@@ -6,50 +6,30 @@
 use hrg_cal::correct::{Model, Stepped};
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
-use hrg_core::alignment::session::{Command, Report, Session};
-use hrg_core::alignment::Begin;
+use hrg_core::alignment::session::{AlignMode, Session};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
-use hrg_core::frequency::{Bank, Config, StepFrequencies, GATES_PER_STEP, SETTLE_TICKS};
-use hrg_core::link::{mode, Deframer, Housekeeping, Message};
-use hrg_core::rate_path::{Event, RatePath, Summary, DIVIDER};
-use hrg_core::status::unit;
-use hrg_core::AXES;
+use hrg_core::converter::Fault;
+use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
+use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::rate_output::RateOutput;
+use hrg_core::rate_path::{RatePath, DIVIDER};
+use hrg_core::status::UnitStatus;
+use hrg_core::telemetry::Telemetry;
+use hrg_core::timebase::Timebase;
 use std::collections::VecDeque;
 use virtual_board::CYCLES_PER_TICK;
 
-/// The align mode, whatever filter it was built with.
-trait Align {
-    fn command(&mut self, command: Command) -> Option<[f32; AXES]>;
-    fn second(&mut self, summary: &Summary) -> Option<Report>;
-    fn running(&self) -> bool;
-}
-
-impl<F: Begin> Align for Session<F> {
-    fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
-        Self::command(self, command)
-    }
-    fn second(&mut self, summary: &Summary) -> Option<Report> {
-        Self::second(self, summary)
-    }
-    fn running(&self) -> bool {
-        Self::running(self)
-    }
-}
-
 /// The twin of one power-on.
 pub struct Twin {
-    bank: Bank,
+    bank: CounterBank,
     model: Model,
-    path: RatePath,
-    start_status: u8,
-    checksum: u32,
+    output: RateOutput,
+    telemetry: Telemetry<Box<dyn AlignMode + Send>>,
     now: u64,
     steps: VecDeque<(StepFrequencies, Output)>,
     link: VecDeque<(u64, u8)>,
     deframer: Deframer,
-    session: Box<dyn Align + Send>,
-    identity: (u32, u32),
     /// Reports of an alignment that the unit owes.
     pub alignment: VecDeque<Message>,
     /// Rate frames that the unit owes.
@@ -62,26 +42,27 @@ impl Twin {
     /// `start_status`: status of the unit from start-up (default calibration, watchdog reset). `particles`: of a firmware
     /// built with the feature upf.
     #[must_use]
-    pub fn new(calibration: Calibration, start_status: u8, particles: bool) -> Self {
-        let session: Box<dyn Align + Send> = if particles {
+    pub fn new(calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
+        let session: Box<dyn AlignMode + Send> = if particles {
             Box::new(Session::<Kernels<f32, CHEN>>::IDLE)
         } else {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
-        let scale = calibration.scale_factors_dph_per_code();
-        // The default has none.
-        let checksum = if start_status & unit::DEFAULT_CALIBRATION == 0 { calibration.checksum() } else { 0 };
-        let identity = (calibration.sequence, calibration.created_unix_s);
+        let path = RatePath::new(Timebase::REFERENCE, calibration.scale_factors_dph_per_code(), DIVIDER);
+        let default = start_status.contains(UnitStatus::DEFAULT_CALIBRATION);
+        let identity = Identity {
+            unit: calibration.unit,
+            calibration: if default { 0 } else { calibration.checksum() },
+            created_unix_s: calibration.created_unix_s,
+            sequence: calibration.sequence,
+        };
         Self {
-            bank: Bank::new(Config::REFERENCE, GATES_PER_STEP),
+            bank: CounterBank::new(Config::REFERENCE, GATES_PER_STEP),
             model: Model::new(calibration, 0.0),
-            path: RatePath::new(scale, DIVIDER),
-            start_status,
-            checksum,
-            identity,
+            output: RateOutput::new(path, start_status),
+            telemetry: Telemetry::new(session, Timebase::REFERENCE, identity, start_status),
             link: VecDeque::new(),
             deframer: Deframer::default(),
-            session,
             alignment: VecDeque::new(),
             now: 0,
             steps: VecDeque::new(),
@@ -96,11 +77,11 @@ impl Twin {
         if ahead > 0 {
             self.now += u64::from(ahead.unsigned_abs());
         }
-        while self.now > self.bank.gate_end() + SETTLE_TICKS {
-            let at = self.bank.gate_end() + SETTLE_TICKS;
+        while self.now > self.bank.close_tick() {
+            let at = self.bank.close_tick();
             if let Some(step) = self.bank.poll(at as u32) {
                 let Stepped { output, pending, .. } = self.model.step(&step);
-                self.path.stage(pending);
+                self.output.set_bias(pending);
                 self.steps.push_back((step, output));
             }
         }
@@ -122,7 +103,7 @@ impl Twin {
         while let Some(&(_, byte)) = self.link.front().filter(|(at, _)| at / CYCLES_PER_TICK <= self.now) {
             self.link.pop_front();
             if let Some(Ok(Message::Align(command))) = self.deframer.push(byte) {
-                if let Some(trim) = self.session.command(command) {
+                if let Some(trim) = self.telemetry.align(command) {
                     self.model.set_trim(trim);
                 }
             }
@@ -132,26 +113,19 @@ impl Twin {
     /// A converter frame was fetched.
     pub fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
         self.advance(stamp);
-        let event =
-            if good { self.path.sample(stamp, std::array::from_fn(|k| codes[k])) } else { self.path.missing(stamp) };
-        let Event { frame, summary, .. } = event;
-        if let Some(mut frame) = frame {
-            frame.unit_status |= self.start_status;
-            self.rates.push_back(Message::Rate(frame.sealed()));
-        }
-        if let Some(summary) = summary {
-            self.commands();
-            if let Some(report) = self.session.second(&summary) {
-                self.alignment.push_back(Message::Alignment(report));
-            }
-            if let Some((step, output)) = self.steps.pop_front() {
-                let mut h = Housekeeping::new(&step, &output, Some(&summary), Config::REFERENCE.ticks_per_s);
-                h.unit_status |= self.start_status;
-                h.calibration = self.checksum;
-                (h.sequence, h.created_unix_s) = self.identity;
-                h.mode = if self.session.running() { mode::ALIGN } else { mode::NAVIGATE };
-                self.housekeeping.push_back(Message::Housekeeping(h));
-            }
+        let codes = if good { Ok(std::array::from_fn(|k| codes[k])) } else { Err(Fault::Crc) };
+        let rates = &mut self.rates;
+        let send = |frame| {
+            rates.push_back(Message::Rate(frame));
+            true
+        };
+        // The twin's memory does not change by itself, and its queue takes everything.
+        let Ok(Some(second)) = self.output.sample(stamp, codes, send) else { return };
+        self.commands();
+        if let Some((step, output)) = self.steps.pop_front() {
+            let (housekeeping, report) = self.telemetry.second(&step, &output, Some(&second));
+            self.alignment.extend(report.map(Message::Alignment));
+            self.housekeeping.push_back(Message::Housekeeping(housekeeping));
         }
     }
 }

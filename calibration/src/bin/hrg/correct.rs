@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::Args;
 use hrg_cal::recording::Recording;
 use hrg_cal::{correct, facts, file, BadInput};
-use hrg_core::status::axis;
+use hrg_core::status::AxisStatus;
 use std::path::PathBuf;
 
 /// What `hrg correct` is told.
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         println!("note: {note}");
     }
     let flagged = seconds.iter().filter(|s| s.status.iter().any(|b| *b != 0)).count();
-    let outside = axis::TEMPERATURE_RANGE | axis::RAMP_RANGE;
+    let outside = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE).bits();
     let outside = seconds.iter().filter(|s| s.status[..3].iter().any(|b| b & outside != 0)).count();
     println!(
         "{}: {} seconds of {}, calibration {:08x}; {flagged} of them flagged, {outside} outside the calibrated temperatures or ramps",

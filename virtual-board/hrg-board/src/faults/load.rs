@@ -21,7 +21,7 @@ pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
     let mut wires = scene.wires();
     wires.set_frequency(EDGES_HZ);
     let mut board = scene.off(wires, &scene.calibration)?;
-    let probe = board.count_calls(scene.elf(), symbol::SAMPLE)?;
+    let probe = board.count_calls(symbol::SAMPLE)?;
     run(&mut board, CPU_HZ)?;
     board.world.hear(&Message::SetDivider(1).encode());
     board.poll_link();

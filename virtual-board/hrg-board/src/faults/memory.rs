@@ -5,9 +5,9 @@ use crate::replay::{CALIBRATION_A, CALIBRATION_B};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::rate_path::RateFrame;
-use hrg_core::status::unit;
+use hrg_core::status::UnitStatus;
 use rand::Rng;
-use virtual_board::{Board, Stop, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
+use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
 
 /// What became of a flipped bit of RAM.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,12 +32,12 @@ const WATCH_S: f64 = 3.3;
 /// Error of a frame that the unit stands behind, axis by axis the worst, deg/h; zero where all that is wrong is flagged.
 #[must_use]
 pub fn unsaid(frame: &RateFrame, truth: &RateFrame) -> f32 {
-    if frame.unit_status != 0 {
+    if !frame.unit_status.is_empty() {
         return 0.0;
     }
     let mut worst = 0.0f32;
     for k in 0..3 {
-        if frame.axis_status[k] == 0 {
+        if frame.axis_status[k].is_empty() {
             let e = (frame.rate_dph[k] - truth.rate_dph[k]).abs();
             worst = worst.max(if e.is_nan() { f32::INFINITY } else { e });
         }
@@ -109,9 +109,10 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
                 let bit = k * extent.every;
                 board.flip_bit(FLASH_START + sector + (bit / 8) as u32, (bit % 8) as u8)?;
                 run(board, cycles(0.1))?;
-                let expected = unit::BLOCK_REFUSED | if two { 0 } else { unit::DEFAULT_CALIBRATION };
+                let expected =
+                    UnitStatus::BLOCK_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
                 let frames = &board.world.received.rates;
-                Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status & expected == expected))
+                Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status.contains(expected)))
             },
         )?;
         let noticed = found.iter().filter(|f| **f).count();
@@ -141,13 +142,9 @@ pub fn again(scene: &Scene, seed: u64, trial: u64) -> Result<()> {
     let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
     let begin = board.now();
     let (address, bit, flipped_at) = draw(&board, seed, trial);
-    let name = Board::<Wires>::symbol_at(scene.elf(), address).unwrap_or_else(|| "stack".into());
+    let name = board.firmware().symbol_at(address).unwrap_or("stack").to_string();
     let ms = |at: u64| (at as f64 - flipped_at as f64) * 1e3 / CPU_HZ as f64;
-    println!(
-        "bit {bit} of {address:#010x} ({:#}), {:.1} ms into the scene",
-        rustc_demangle::demangle(&name),
-        -ms(begin)
-    );
+    println!("bit {bit} of {address:#010x} ({name}), {:.1} ms into the scene", -ms(begin));
     run(&mut board, flipped_at)?;
     board.flip_bit(address, bit)?;
     let end = flipped_at + cycles(WATCH_S + RESTART_S);
@@ -157,20 +154,15 @@ pub fn again(scene: &Scene, seed: u64, trial: u64) -> Result<()> {
             println!("{:9.1} ms: {stop:?} reset, {} CPU faults so far", ms(board.now()), board.faults());
         }
     }
-    let pc = Board::<Wires>::symbol_at(scene.elf(), board.pc() | 1).unwrap_or_default();
-    println!(
-        "at the end: in {:#} ({:#010x}), {} CPU faults",
-        rustc_demangle::demangle(&pc),
-        board.pc(),
-        board.faults()
-    );
+    let pc = board.firmware().symbol_at(board.pc()).unwrap_or_default();
+    println!("at the end: in {} ({:#010x}), {} CPU faults", pc, board.pc(), board.faults());
     let r = &board.world.received;
     let mut last = None;
     for (f, at) in r.rates.iter().zip(&r.rate_at).filter(|(_, at)| **at >= flipped_at) {
         let e = truth.rates.get(nearest(&truth, *at)).map_or(f32::NAN, |t| unsaid(f, t));
         let now = (f.axis_status, f.unit_status, e > BOUND_DPH);
         if last.replace((now, *at)).is_none_or(|(before, t)| before != now || at - t > cycles(0.1)) {
-            println!("{:9.1} ms: frames {:02x?} {:02x}, unsaid error {e} deg/h", ms(*at), f.axis_status, f.unit_status);
+            println!("{:9.1} ms: frames {:?} {:?}, unflagged error {e} deg/h", ms(*at), f.axis_status, f.unit_status);
         }
     }
     println!("{:9.1} ms: last frame", last.map_or(f64::NAN, |l| ms(l.1)));
@@ -242,10 +234,10 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
     let wrong: Vec<(f32, f64)> =
         fates.iter().filter_map(|(_, f)| if let Fate::Wrong(e, s) = f { Some((*e, *s)) } else { None }).collect();
+    let program = Firmware::parse(scene.elf())?;
     for (k, (address, fate)) in fates.iter().enumerate() {
         if matches!(fate, Fate::Silent | Fate::Wrong(..)) {
-            let name = Board::<Wires>::symbol_at(scene.elf(), *address);
-            let name = name.map_or_else(|| "stack".to_string(), |n| format!("{:#}", rustc_demangle::demangle(&n)));
+            let name = program.symbol_at(*address).unwrap_or("stack");
             println!("  trial {k}: {address:#010x} ({name}): {fate:?}");
         }
     }

@@ -29,6 +29,7 @@ use hrg_cal::simulate::{Plan, Profile};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{by_name, MAX_OUTPUTS};
 use hrg_core::rate_path::RateFrame;
+use hrg_core::status::AxisStatus;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::fmt::Write as _;
@@ -159,7 +160,7 @@ const RAMP_FROM: usize = 9000;
 /// A frame that the unit stands behind.
 #[must_use]
 pub fn good(f: &RateFrame) -> bool {
-    f.axis_status == [0; 3] && f.unit_status == 0
+    f.axis_status.iter().all(AxisStatus::is_empty) && f.unit_status.is_empty()
 }
 
 /// Resets on the way: how many, and when the last.

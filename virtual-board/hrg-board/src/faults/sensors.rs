@@ -5,7 +5,7 @@ use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH};
 use crate::wires::{AxisFault, ConverterFault, Received, WireFaults, Wires};
 use anyhow::Result;
 use hrg_core::compensator::HOLD_S;
-use hrg_core::status::{axis, unit};
+use hrg_core::status::{AxisStatus, UnitStatus};
 use virtual_board::{Board, Snapshot, CPU_HZ};
 
 /// One fault of one sensor.
@@ -19,15 +19,30 @@ enum Fault {
 struct Case {
     name: String,
     fault: Fault,
-    flags: u8,
+    flags: Flags,
     within_s: f64,
+}
+
+/// Flags that a fault raises: of an axis, or of the unit.
+enum Flags {
+    Axis(usize, AxisStatus),
+    Unit(UnitStatus),
+}
+
+impl Flags {
+    fn any(&self, axes: &[AxisStatus; 3], unit: UnitStatus) -> bool {
+        match self {
+            Self::Axis(a, flags) => axes[*a].intersects(*flags),
+            Self::Unit(flags) => unit.intersects(*flags),
+        }
+    }
 }
 
 /// A fault lasts so long, s. Longer than a frequency is bridged.
 const LASTS_S: f64 = 14.0;
 /// It begins so long after the scene, s: within a model step.
 const BEGINS_S: f64 = 1.37;
-/// All flags are gone so long after its end, s: what a jump back takes to be believed (where a drift had been) and to settle.
+/// All flags are gone so long after its end, s: what a jump back takes to be accepted (where a drift had been) and to settle.
 const RECOVERS_S: f64 = 55.0;
 /// A model step in which it began may still be good; the next is not; its bias holds 60 ms later.
 const NEXT_STEP_S: f64 = 2.1;
@@ -37,18 +52,18 @@ fn cases() -> Vec<Case> {
     for a in 0..3 {
         let mut axis_case = |name: &str, fault, flags, within_s| {
             let name = format!("{} {name}", hrg_cal::AXIS_NAMES[a]);
-            cases.push(Case { name, fault: Fault::Axis(a, fault), flags, within_s });
+            cases.push(Case { name, fault: Fault::Axis(a, fault), flags: Flags::Axis(a, flags), within_s });
         };
-        axis_case("edges stop", AxisFault::Stop, axis::FREQUENCY_LOST, NEXT_STEP_S);
-        axis_case("edges double", AxisFault::Double(60e-6), axis::EDGE_ERRORS, NEXT_STEP_S);
-        axis_case("edges jitter by 2 us", AxisFault::Jitter(2e-6), axis::EDGE_ERRORS, NEXT_STEP_S);
-        let out = axis::RAMP_RANGE | axis::TEMPERATURE_RANGE;
-        axis_case("drifts out of range", AxisFault::Drift(0.1), out | axis::FREQUENCY_LOST, 8.0);
-        axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), axis::FREQUENCY_LOST, NEXT_STEP_S);
+        axis_case("edges stop", AxisFault::Stop, AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
+        axis_case("edges double", AxisFault::Double(60e-6), AxisStatus::EDGE_ERRORS, NEXT_STEP_S);
+        axis_case("edges jitter by 2 us", AxisFault::Jitter(2e-6), AxisStatus::EDGE_ERRORS, NEXT_STEP_S);
+        let out = AxisStatus::RAMP_RANGE | AxisStatus::TEMPERATURE_RANGE;
+        axis_case("drifts out of range", AxisFault::Drift(0.1), out | AxisStatus::FREQUENCY_LOST, 8.0);
+        axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
         cases.push(Case {
             name: format!("{} saturated", hrg_cal::AXIS_NAMES[a]),
             fault: Fault::Converter(ConverterFault::Saturated(a)),
-            flags: axis::OVER_RANGE,
+            flags: Flags::Axis(a, AxisStatus::OVER_RANGE),
             within_s: 0.01,
         });
     }
@@ -58,7 +73,12 @@ fn cases() -> Vec<Case> {
         ("converter checksum errors", ConverterFault::Checksum),
     ] {
         let fault = Fault::Converter(fault);
-        cases.push(Case { name: name.into(), fault, flags: unit::CONVERTER_FAULT, within_s: NEXT_STEP_S });
+        cases.push(Case {
+            name: name.into(),
+            fault,
+            flags: Flags::Unit(UnitStatus::CONVERTER_FAULT),
+            within_s: NEXT_STEP_S,
+        });
     }
     cases
 }
@@ -118,15 +138,11 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
     for (f, &at) in r.rates.iter().zip(&r.rate_at) {
         let t = seconds(at);
         for (c, first) in faults.iter().zip(&mut o.flagged_s) {
-            let status = match c.fault {
-                Fault::Axis(a, _) | Fault::Converter(ConverterFault::Saturated(a)) => f.axis_status[a],
-                Fault::Converter(_) => f.unit_status,
-            };
-            if t > window.start && status & c.flags != 0 {
+            if t > window.start && c.flags.any(&f.axis_status, f.unit_status) {
                 *first = first.min(t - window.start);
             }
             if let Fault::Axis(a, AxisFault::Stop) = c.fault {
-                if o.stale_s.is_none() && f.axis_status[a] & axis::TEMPERATURE_STALE != 0 {
+                if o.stale_s.is_none() && f.axis_status[a].contains(AxisStatus::TEMPERATURE_STALE) {
                     o.stale_s = Some(t - window.start);
                 }
             }
@@ -151,7 +167,8 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
     for (h, &at) in r.housekeeping.iter().zip(&r.housekeeping_at) {
         let t = seconds(at);
         for (c, first) in faults.iter().zip(&mut o.flagged_s) {
-            if t > window.start && matches!(c.fault, Fault::Converter(_)) && h.unit_status & c.flags != 0 {
+            let of_unit = matches!(c.flags, Flags::Unit(_));
+            if t > window.start && of_unit && c.flags.any(&h.axis_status, h.unit_status) {
                 *first = first.min(t - window.start);
             }
         }

@@ -1,11 +1,13 @@
 //! Fifty days of time stamps through the core, in jumps from wrap to wrap.
 
 use super::{Extent, Report};
-use hrg_core::frequency::{Bank, Config, GATES_PER_STEP, SETTLE_TICKS};
-use hrg_core::rate_path::{RatePath, Staged, BIAS_DELAY_TICKS};
+use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP, SETTLE_US};
+use hrg_core::rate_path::{PendingBias, RatePath, BIAS_DELAY_MS};
+use hrg_core::status::AxisStatus;
+use hrg_core::timebase::Timebase;
 
 const DAYS: u64 = 50;
-const TICKS: u64 = Config::REFERENCE.ticks_per_s as u64;
+const TICKS: u64 = Timebase::REFERENCE.ticks_per_s() as u64;
 /// Edges on either side of a wrap, s.
 const AROUND_S: u64 = 2;
 const HZ: f64 = 4871.747;
@@ -23,8 +25,8 @@ struct Found {
 
 /// Every `every`-th wrap of the 32-bit timer in 50 days, with edges, samples and biases on both sides of it.
 fn leap(every: u64) -> Found {
-    let mut bank = Bank::new(Config::REFERENCE, GATES_PER_STEP);
-    let mut path = RatePath::new([0.01; 3], 5);
+    let mut bank = CounterBank::new(Config::REFERENCE, GATES_PER_STEP);
+    let mut path = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5);
     let mut found = Found::default();
     let mut last_ms = 0u32;
     let mut wrap = 1u64 << 32;
@@ -32,10 +34,10 @@ fn leap(every: u64) -> Found {
     while wrap < end {
         // To the neighbourhood of the wrap: gates without edges go by.
         let from = wrap - AROUND_S * TICKS;
-        while bank.gate_end() + SETTLE_TICKS < from {
-            let at = bank.gate_end() + SETTLE_TICKS;
+        while bank.close_tick() < from {
+            let at = bank.close_tick();
             if let Some(step) = bank.poll(at as u32) {
-                found.times += u64::from(step.end_ticks + SETTLE_TICKS != at);
+                found.times += u64::from(step.end_ticks + u64::from(Timebase::REFERENCE.us(SETTLE_US)) != at);
                 found.off += u64::from(step.frequency_hz.iter().any(Option::is_some) && found.steps == 0);
             }
         }
@@ -44,11 +46,11 @@ fn leap(every: u64) -> Found {
         for k in 0..(2 * AROUND_S) * HZ as u64 {
             // In integers: 50 days of ticks have no room left in an f64 for a fraction of one.
             let t = ((u128::from(first + k) * u128::from(TICKS) * 1000) / u128::from((HZ * 1000.0) as u64)) as u64;
-            while t > bank.gate_end() + SETTLE_TICKS {
-                let at = bank.gate_end() + SETTLE_TICKS;
+            while t > bank.close_tick() {
+                let at = bank.close_tick();
                 let Some(step) = bank.poll(at as u32) else { continue };
                 found.steps += 1;
-                found.times += u64::from(step.end_ticks + SETTLE_TICKS != at);
+                found.times += u64::from(step.end_ticks + u64::from(Timebase::REFERENCE.us(SETTLE_US)) != at);
                 let ms = (step.end_ticks / (TICKS / 1000)) as u32;
                 found.milliseconds_wrapped |= ms < last_ms;
                 last_ms = ms;
@@ -56,11 +58,11 @@ fn leap(every: u64) -> Found {
                     good += 1;
                     found.worst_hz = found.worst_hz.max((f - HZ).abs());
                 }
-                path.stage(Staged::at(
-                    (step.end_ticks as u32).wrapping_add(BIAS_DELAY_TICKS),
+                path.set_bias(PendingBias::at(
+                    (step.end_ticks as u32).wrapping_add(Timebase::REFERENCE.ms(BIAS_DELAY_MS)),
                     step.step,
                     [0.0; 3],
-                    [0; 3],
+                    [AxisStatus::empty(); 3],
                 ));
             }
             // Samples of the rate path meanwhile, on the same clock.
@@ -75,7 +77,7 @@ fn leap(every: u64) -> Found {
                 {
                     found.off += u64::from(f.tick != next_sample as u32);
                     // After the first bias of this neighbourhood no age is wrong.
-                    found.off += u64::from(good > 1 && f.axis_status != [0; 3]);
+                    found.off += u64::from(good > 1 && f.axis_status != [AxisStatus::empty(); 3]);
                 }
             }
             bank.push(0, &[t as u32]);

@@ -1,0 +1,37 @@
+//! The end of the road: what the firmware does when it must not go on.
+
+use core::panic::{Location, PanicInfo};
+
+/// Corruption was detected: nothing more goes out, and the watchdog resets the unit (which is flagged).
+pub fn halt() -> ! {
+    cortex_m::interrupt::disable();
+    loop {
+        cortex_m::asm::nop();
+    }
+}
+
+/// What start-up takes from a cell, once: a second time would be a bug.
+pub fn once<T>(taken: Option<T>) -> T {
+    match taken {
+        Some(taken) => taken,
+        None => halt(),
+    }
+}
+
+/// A panic is a bug: log where, and halt.
+#[panic_handler]
+fn panic(info: &PanicInfo<'_>) -> ! {
+    cortex_m::interrupt::disable();
+    match info.location().map(|at: &Location<'_>| (at.file(), at.line())) {
+        Some((file, line)) => defmt::error!("panic at {=str}:{=u32}", file, line),
+        None => defmt::error!("panic"),
+    }
+    halt()
+}
+
+/// A fault of the processor: halt.
+#[cortex_m_rt::exception]
+#[allow(unsafe_code)] // cortex-m-rt wants it so.
+unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
+    halt()
+}

@@ -1,0 +1,76 @@
+//! The independent watchdog (IWDG): fed while every part of the unit runs, and given more time while a sector is erased.
+//!
+//! # Design
+//! One type owns the peripheral; maintenance borrows it for the length of an erase through [`Patience`]. When to feed is decided by
+//! [`hrg_core::supervision`].
+//!
+//! # Tradeoffs
+//! embassy's `IndependentWatchdog` cannot change its time once it runs, so the four registers are driven here (RM0390 chapter 20).
+
+use crate::channels::{LINK_ALIVE, MODEL_ALIVE, RATE_ALIVE, TELEMETRY_ALIVE};
+use crate::params;
+use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+use embassy_stm32::pac::IWDG as REGISTERS;
+use embassy_stm32::peripherals::IWDG;
+use embassy_stm32::Peri;
+use embassy_time::{Duration, Timer};
+use hrg_core::supervision::{Alive, Supervision, LOOK_MS};
+
+/// A time of the watchdog: prescaler (4 << it) and reload value, of the 32 kHz clock.
+pub type Time = (u8, u16);
+
+fn feed() {
+    REGISTERS.kr().write(|w| w.set_key(Key::RESET));
+}
+
+fn set((prescaler, reload): Time) {
+    REGISTERS.kr().write(|w| w.set_key(Key::ENABLE));
+    REGISTERS.pr().write(|w| w.set_pr(Pr::from_bits(prescaler)));
+    REGISTERS.rlr().write(|w| w.set_rl(reload));
+    while REGISTERS.sr().read().0 != 0 {}
+    feed();
+}
+
+/// The watchdog, not yet running.
+pub struct Watchdog {
+    _peripheral: Peri<'static, IWDG>,
+}
+
+/// The right to lengthen the watchdog's time for a while.
+pub struct Patience(());
+
+impl Watchdog {
+    /// Takes the peripheral.
+    pub fn new(peripheral: Peri<'static, IWDG>) -> (Self, Patience) {
+        (Self { _peripheral: peripheral }, Patience(()))
+    }
+
+    /// Starts it and feeds it for ever. Being a thread task this also proves that threads get to run.
+    pub async fn watch(self) -> ! {
+        REGISTERS.kr().write(|w| w.set_key(Key::START));
+        set(params::WATCHDOG_USUAL);
+        let mut supervision = Supervision::default();
+        loop {
+            Timer::after(Duration::from_millis(u64::from(LOOK_MS))).await;
+            let alive = Alive {
+                rates: RATE_ALIVE.try_take().is_some(),
+                model: MODEL_ALIVE.try_take().is_some(),
+                link: LINK_ALIVE.try_take().is_some(),
+                telemetry: TELEMETRY_ALIVE.try_take().is_some(),
+            };
+            if supervision.look(alive) {
+                feed();
+            }
+        }
+    }
+}
+
+impl Patience {
+    /// Does something that keeps the processor from feeding for up to [`params::WATCHDOG_ERASE`].
+    pub fn during<T>(&mut self, work: impl FnOnce() -> T) -> T {
+        set(params::WATCHDOG_ERASE);
+        let done = work();
+        set(params::WATCHDOG_USUAL);
+        done
+    }
+}

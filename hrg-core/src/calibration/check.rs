@@ -1,0 +1,91 @@
+//! Whether the numbers of a calibration are those of a gyro.
+
+use super::{BlockError, Calibration};
+use crate::bias::Coefficients;
+use crate::effects::shape;
+
+/// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
+const ABSURD: f32 = 1e7;
+
+impl Calibration {
+    /// Whether every number is finite and possible, and every effect one that a unit can compute.
+    ///
+    /// # Errors
+    /// The first defect found.
+    pub fn check(&self) -> Result<(), BlockError> {
+        let s = &self.scaling;
+        finite(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band])?;
+        let possible = |ok: bool, what| {
+            if ok {
+                Ok(())
+            } else {
+                Err(BlockError::Absurd(what))
+            }
+        };
+        possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
+        possible((0.1..=1000.0).contains(&s.t_scale_c), "temperature scale")?;
+        possible(s.t_linear_c[0] < s.t_linear_c[1], "temperature range")?;
+        possible(s.r_linear > 0.0, "range of the rate of change")?;
+        possible(s.blend_band >= 0.0, "blend band")?;
+        for a in &self.axes {
+            if !a.law.f0_hz.is_finite() {
+                return Err(BlockError::NotFinite);
+            }
+            finite(&a.law.c)?;
+            finite(&[
+                a.law.scale_hz,
+                a.law.min_c,
+                a.law.max_c,
+                a.scale_factor_dph_per_code,
+                a.train_rms_dph,
+                a.verify_rms_dph,
+            ])?;
+            finite(&a.rate_range_c_per_min)?;
+            finite(&a.coefficient_std[0])?;
+            finite(&a.coefficient_std[1])?;
+            match &a.coefficients {
+                Coefficients::One(k) => finite(k)?,
+                Coefficients::CoolingHeating(c, h) => {
+                    finite(c)?;
+                    finite(h)?;
+                }
+                Coefficients::FourParameter(m) => {
+                    finite(&m.k)?;
+                    finite(&[m.breakpoint_c, m.origin_c])?;
+                }
+                Coefficients::Direct(k) => finite(k)?,
+                Coefficients::Network(w) => finite(w)?,
+            }
+            possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
+            possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
+            possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
+            possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
+            possible(a.rate_range_c_per_min[0] <= a.rate_range_c_per_min[1], "range of the rate of change")?;
+        }
+        for e in &self.effects {
+            finite(&e.parameters)?;
+            for (g, d) in e.gains.iter().zip(&e.gain_std) {
+                finite(g)?;
+                finite(d)?;
+            }
+            match shape(e.id) {
+                None => return Err(BlockError::UnknownEffect(e.id)),
+                Some(s) if !s.on_unit => return Err(BlockError::NotOnUnit(e.id)),
+                Some(_) => {}
+            }
+        }
+        Ok(())
+    }
+}
+
+fn finite(values: &[f32]) -> Result<(), BlockError> {
+    for v in values {
+        if !v.is_finite() {
+            return Err(BlockError::NotFinite);
+        }
+        if v.abs() > ABSURD {
+            return Err(BlockError::Absurd("coefficient"));
+        }
+    }
+    Ok(())
+}

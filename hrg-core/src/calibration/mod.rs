@@ -1,0 +1,330 @@
+//! The coefficient block: what the desktop identifies and the unit keeps in flash.
+//!
+//! # Layout (little-endian)
+//! `magic "HRGC"`, `version u16`, `length u16` (of the whole block, checksum included), payload, `CRC-32` (ISO-HDLC)
+//! of all before it. The payload is written and read by one pair of functions in `image.rs`, in one order.
+//! Effects are named by the stable numbers of [`crate::effects`], so an old block loads in a new firmware; a new
+//! block with an effect that an old firmware lacks is refused by name of error, never half used.
+//!
+//! # Versions
+//! A new version only appends fields to the payload: none is removed, moved or given another meaning, and each has a value that
+//! means what images without it meant. So a firmware reads its own version and all older ones, the appended fields keeping those
+//! values; an older firmware refuses a newer image ([`BlockError::Version`]), flags it, and uses the other sector or the default.
+//! Images of each version are stored in `hrg-core/tests/images` and read by every test run.
+//!
+//! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
+//! useless as a broken one.
+
+mod check;
+mod image;
+
+use crate::bias::{Coefficients, Scaling, TERMS};
+use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
+use crate::temperature::TemperatureLaw;
+use crate::unit_name::UnitName;
+use crate::AXES;
+use heapless::Vec;
+
+/// First bytes of every block.
+pub const MAGIC: [u8; 4] = *b"HRGC";
+/// Version of the layout that is written; every version from [`OLDEST`] to this one is read.
+pub const VERSION: u16 = 1;
+/// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
+pub const OLDEST: u16 = 1;
+/// Most effects in one block.
+pub const MAX_EFFECTS: usize = 12;
+/// Longest possible block in bytes.
+pub const MAX_BYTES: usize = 2048;
+/// One axis of a calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// Frequency to temperature.
+    pub law: TemperatureLaw,
+    /// Scale factor of the rate channel, deg/h per code of the ADC; its sign is that of the channel.
+    pub scale_factor_dph_per_code: f32,
+    /// Range of dT/dt in the data of the fit, C per minute.
+    pub rate_range_c_per_min: [f32; 2],
+    /// The baseline model.
+    pub coefficients: Coefficients,
+    /// Standard deviation of each coefficient, row after row: cooling then heating set, or the linear coefficients of
+    /// another model in their order (zeros: not stated).
+    pub coefficient_std: [[f32; TERMS]; 2],
+    /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
+    pub train_rms_dph: f32,
+    /// The same on a run that the fit never saw, deg/h (0: not measured).
+    pub verify_rms_dph: f32,
+}
+
+/// One effect of a calibration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EffectTerm {
+    /// Number of the effect.
+    pub id: u16,
+    /// Inner parameters, common to the axes.
+    pub parameters: [f32; MAX_PARAMETERS],
+    /// Gain of each regressor on each axis, deg/h per unit of the regressor.
+    pub gains: [[f32; MAX_OUTPUTS]; AXES],
+    /// Standard deviations of the gains.
+    pub gain_std: [[f32; MAX_OUTPUTS]; AXES],
+}
+
+/// A calibration: all that makes a unit's numbers that unit's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// Name of the unit.
+    pub unit: UnitName,
+    /// When it was made, seconds since 1970 (0: the compiled-in default).
+    pub created_unix_s: u32,
+    /// Counts up with each block burnt; the newest valid block wins.
+    pub sequence: u32,
+    /// CRC-32 of the recordings that made it.
+    pub data_hash: u32,
+    /// False for the compiled-in default: rates are flagged uncalibrated.
+    pub calibrated: bool,
+    /// Centre and scale of the bias model.
+    pub scaling: Scaling,
+    /// The axes.
+    pub axes: [Axis; AXES],
+    /// Effects beyond the baseline.
+    pub effects: Vec<EffectTerm, MAX_EFFECTS>,
+}
+
+/// Why a block was refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum BlockError {
+    /// The flash is erased (or there is nothing at all).
+    NoBlock,
+    /// It does not begin as a block does, and is not erased either.
+    Foreign,
+    /// It is of another version.
+    Version(u16),
+    /// Its length is impossible, or more than there is.
+    Length(u16),
+    /// Its checksum does not match.
+    Checksum,
+    /// A number is NaN or infinite.
+    NotFinite,
+    /// A number is impossible for a gyro (which: see the name).
+    Absurd(&'static str),
+    /// Its bias model is of a kind that this firmware does not know.
+    UnknownModel(u8),
+    /// It holds an effect that this firmware does not know.
+    UnknownEffect(u16),
+    /// It holds an effect that this unit cannot compute.
+    NotOnUnit(u16),
+}
+
+impl core::fmt::Display for BlockError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::NoBlock => write!(f, "there is no calibration block"),
+            Self::Foreign => write!(f, "what is there does not begin as a calibration block does"),
+            Self::Version(v) => {
+                write!(f, "the block is of version {v}, this program reads versions {OLDEST} to {VERSION}")
+            }
+            Self::Length(n) => write!(f, "the block's length of {n} bytes is impossible"),
+            Self::Checksum => write!(f, "the block's checksum does not match its content"),
+            Self::NotFinite => write!(f, "the block holds a number that is not finite"),
+            Self::Absurd(what) => write!(f, "the block's {what} is impossible"),
+            Self::UnknownModel(kind) => {
+                write!(f, "the block's bias model is of kind {kind}, which this program does not know")
+            }
+            Self::UnknownEffect(id) => {
+                write!(f, "the block holds effect number {id}, which this program does not know")
+            }
+            Self::NotOnUnit(id) => write!(f, "the block holds effect number {id}, which a unit cannot compute"),
+        }
+    }
+}
+
+impl core::error::Error for BlockError {}
+
+impl Calibration {
+    /// What a unit runs that was never calibrated: the frequency laws of dong2023's Table 1 and no bias.
+    ///
+    /// The laws are the centred cubic fits of that table on its shell sensors; `hrg points
+    /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.
+    #[must_use]
+    pub fn uncalibrated() -> Self {
+        let law = |f0_hz, scale_hz, c, min_c, max_c| TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
+        let laws = [
+            law(4900.0, 21.152, [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72], -34.374, 55.128),
+            law(4891.9745, 20.227_5, [7.768_591_4, 44.597_454, 1.129_869, 0.170_522_93], -35.865, 53.673),
+            law(4703.596, 19.444, [7.809_050_6, 44.658_787, 1.113_637_7, 0.114_508_46], -35.849, 53.708),
+        ];
+        Self {
+            unit: UnitName::UNNAMED,
+            created_unix_s: 0,
+            sequence: 0,
+            data_hash: 0,
+            calibrated: false,
+            scaling: Scaling {
+                t_ref_c: 10.0,
+                t_scale_c: 45.0,
+                t_linear_c: [-45.0, 65.0],
+                r_linear: 10.0,
+                blend_band: 0.1,
+            },
+            axes: laws.map(|law| Axis {
+                law,
+                scale_factor_dph_per_code: DEFAULT_SCALE_FACTOR,
+                rate_range_c_per_min: [-10.0, 10.0],
+                coefficients: Coefficients::One([0.0; TERMS]),
+                coefficient_std: [[0.0; TERMS]; 2],
+                train_rms_dph: 0.0,
+                verify_rms_dph: 0.0,
+            }),
+            effects: Vec::new(),
+        }
+    }
+
+    /// The unit's name as text.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        self.unit.as_str()
+    }
+
+    /// Scale factor of each axis, deg/h per code.
+    #[must_use]
+    pub fn scale_factors_dph_per_code(&self) -> [f32; AXES] {
+        [0, 1, 2].map(|a: usize| self.axes[a].scale_factor_dph_per_code)
+    }
+
+    /// Sets the name, as [`UnitName::new`] takes it.
+    pub fn set_unit_name(&mut self, name: &str) {
+        self.unit = UnitName::new(name);
+    }
+}
+
+/// Scale factor of a unit that was never calibrated: 20 deg/s at the end of 24 bits.
+pub const DEFAULT_SCALE_FACTOR: f32 = 72_000.0 / 8_388_608.0;
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+    use crate::bias::four_parameter::FourParameter;
+    use crate::bytes::crc32;
+    use crate::effects::shape;
+    use proptest::prelude::*;
+
+    pub(crate) fn full() -> Calibration {
+        let mut c = Calibration::uncalibrated();
+        c.set_unit_name("HRG-101");
+        c.sequence = 7;
+        c.axes[1].coefficients = Coefficients::CoolingHeating([1.5; TERMS], [-2.5e-3; TERMS]);
+        for id in [4u16, 6, 3] {
+            let outputs = shape(id).expect("in the list").outputs;
+            let mut e = EffectTerm {
+                id,
+                parameters: [600.0, 1.0],
+                gains: [[0.0; MAX_OUTPUTS]; AXES],
+                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+            };
+            for g in &mut e.gains {
+                g[..outputs].fill(0.125);
+            }
+            c.effects.push(e).expect("room");
+        }
+        c
+    }
+
+    fn others() -> Calibration {
+        let mut c = full();
+        let m = FourParameter { k: [1.0, 2.0, 3.0, 4.0, 5.0], breakpoint_c: 12.5, origin_c: -3.0 };
+        c.axes[0].coefficients = Coefficients::FourParameter(m);
+        c.axes[1].coefficients = Coefficients::Direct([0.5; 7]);
+        c.axes[2].coefficients = Coefficients::Network([-1.25; 16]);
+        c
+    }
+
+    #[test]
+    fn there_and_back() {
+        for c in [Calibration::uncalibrated(), full(), others()] {
+            let bytes = c.to_bytes().expect("fits");
+            assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
+            let mut sector = [0xFFu8; 4096];
+            sector[..bytes.len()].copy_from_slice(&bytes);
+            assert_eq!(Calibration::from_bytes(&sector), Ok(c));
+        }
+    }
+
+    #[test]
+    fn the_largest_block_fits() {
+        let mut c = full();
+        c.effects.clear();
+        for axis in &mut c.axes {
+            // The longest of all.
+            axis.coefficients = Coefficients::Network([1.0; 16]);
+        }
+        for _ in 0..MAX_EFFECTS {
+            c.effects
+                .push(EffectTerm { id: 3, parameters: [0.0; 2], gains: [[1.0; 8]; 3], gain_std: [[1.0; 8]; 3] })
+                .expect("room");
+        }
+        assert!(c.to_bytes().is_some());
+    }
+
+    #[test]
+    fn each_defect_has_its_error() {
+        let good = full().to_bytes().expect("fits");
+        assert_eq!(Calibration::from_bytes(&[]), Err(BlockError::NoBlock));
+        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(BlockError::NoBlock));
+        let mut b = good.clone();
+        b[4] = 9;
+        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Version(9)));
+        assert_eq!(Calibration::from_bytes(&good[..good.len() - 1]), Err(BlockError::Length(good.len() as u16)));
+        let mut b = good.clone();
+        b[40] ^= 1;
+        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Checksum));
+        let refused = |edit: &dyn Fn(&mut Calibration)| {
+            let mut c = full();
+            edit(&mut c);
+            Calibration::from_bytes(&c.to_bytes().expect("fits")).expect_err("must be refused")
+        };
+        assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), BlockError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
+        assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
+        assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
+        assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
+        let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
+        assert_eq!(refused(&nan), BlockError::NotFinite);
+    }
+
+    #[test]
+    fn a_newer_program_reads_older_images_and_an_older_one_refuses_newer() {
+        let mut image = full().to_bytes().expect("fits");
+        for newest in VERSION..VERSION + 3 {
+            assert_eq!(Calibration::from_bytes_up_to(newest, &image), Ok(full()), "newest {newest}");
+        }
+        // The same image with the number of a version to come.
+        image[4..6].copy_from_slice(&(VERSION + 1).to_le_bytes());
+        let end = image.len() - 4;
+        let crc = crc32(&image[..end]).to_le_bytes();
+        image[end..].copy_from_slice(&crc);
+        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(VERSION + 1)));
+        image[4..6].copy_from_slice(&(OLDEST - 1).to_le_bytes());
+        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(OLDEST - 1)));
+    }
+
+    #[test]
+    fn every_single_flipped_bit_is_found() {
+        let good = full().to_bytes().expect("fits");
+        for bit in 0..good.len() * 8 {
+            let mut b = good.clone();
+            b[bit / 8] ^= 1 << (bit % 8);
+            assert!(Calibration::from_bytes(&b).is_err(), "bit {bit}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn garbage_is_refused_not_panicked_on(bytes in proptest::collection::vec(any::<u8>(), 0..300)) {
+            let mut b = MAGIC.to_vec();
+            b.extend([1, 0]);
+            b.extend(bytes);
+            prop_assert!(Calibration::from_bytes(&b).is_err());
+        }
+    }
+}

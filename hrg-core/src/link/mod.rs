@@ -1,0 +1,307 @@
+//! The RS-422 link: typed messages, a CRC-32, COBS framing with a zero after each frame.
+//!
+//! Frame: `COBS(type u8, fields little-endian, CRC-32)` `0x00`. A receiver that joins late or sees garbage is in
+//! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (divider settable) and
+//! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
+
+mod codec;
+mod deframe;
+
+pub use deframe::Deframer;
+
+use crate::alignment::session;
+use crate::compensator::Output;
+use crate::frequency::StepFrequencies;
+use crate::maintenance;
+use crate::rate_path::{RateFrame, Summary};
+use crate::status::{AxisStatus, UnitStatus};
+use crate::timebase::Timebase;
+use crate::unit_name::UnitName;
+use crate::AXES;
+
+/// Longest frame before framing: type, fields, checksum.
+pub const MAX_PAYLOAD: usize = 224;
+/// Longest frame on the wire, with its zero.
+pub const MAX_FRAME: usize = MAX_PAYLOAD + 4;
+
+/// Once a second: what the unit measured and how it feels.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Housekeeping {
+    /// Number of the model step, from start.
+    pub step: u32,
+    /// Time since power-on at the end of the step, ms.
+    pub time_ms: u32,
+    /// Frequencies, Hz; NaN where lost.
+    pub frequency_hz: [f64; AXES],
+    /// Temperatures, C; NaN before the first.
+    pub temperature_c: [f32; AXES],
+    /// Their rates of change, C per minute.
+    pub rate_c_per_min: [f32; AXES],
+    /// Biases in use after this step, deg/h.
+    pub bias_dph: [f32; AXES],
+    /// Mean raw rates over the bias before, deg/h; NaN without samples.
+    pub raw_dph: [f32; AXES],
+    /// Mean corrected rates over the same samples, deg/h.
+    pub corrected_dph: [f32; AXES],
+    /// Samples in those means.
+    pub samples: u16,
+    /// Samples missing or refused meanwhile.
+    pub converter_errors: u16,
+    /// Status of each axis.
+    pub axis_status: [AxisStatus; AXES],
+    /// Status of the unit.
+    pub unit_status: UnitStatus,
+    /// Rejected edges of each axis in this step.
+    pub rejected: [u16; AXES],
+    /// Missing edges of each axis in this step.
+    pub missing: [u16; AXES],
+    /// Frames out dropped since start.
+    pub dropped: u16,
+    /// Bad frames in since start.
+    pub link_errors: u16,
+    /// Checksum of the calibration in use; 0 for the compiled-in default.
+    pub calibration: u32,
+    /// Its sequence number.
+    pub sequence: u32,
+    /// When it was made, seconds since 1970.
+    pub created_unix_s: u32,
+    /// What the unit is doing: [`mode`].
+    pub mode: u8,
+}
+
+/// Modes of a unit.
+pub mod mode {
+    /// Sending corrected rates.
+    pub const NAVIGATE: u8 = 0;
+    /// The same, and aligning.
+    pub const ALIGN: u8 = 1;
+    /// The same, and a calibration may be written.
+    pub const MAINTENANCE: u8 = 2;
+    /// Name of each mode.
+    pub const NAMES: [&str; 3] = ["navigate", "align", "maintenance"];
+}
+
+impl Housekeeping {
+    /// One second: the step that ended it, what the model made of it, and the means over the bias before
+    /// (`None`: the rate path said nothing). Counters of the unit are zero: the sender fills them in.
+    #[must_use]
+    pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, timebase: Timebase) -> Self {
+        let samples = summary.map_or(0, |s| s.samples);
+        let converter_errors = summary.map_or(0, |s| s.converter_errors);
+        Self {
+            step: step.step,
+            time_ms: timebase.to_ms(step.end_ticks),
+            frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
+            temperature_c: output.temperature_c,
+            rate_c_per_min: output.rate_c_per_min,
+            bias_dph: output.bias_dph,
+            raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
+            corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
+            samples,
+            converter_errors,
+            axis_status: output.status,
+            unit_status: if samples == 0 || converter_errors > 0 {
+                UnitStatus::CONVERTER_FAULT
+            } else {
+                UnitStatus::empty()
+            },
+            rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
+            missing: step.missing.map(|n| n.min(0xFFFF) as u16),
+            dropped: 0,
+            link_errors: 0,
+            calibration: 0,
+            sequence: 0,
+            created_unix_s: 0,
+            mode: mode::NAVIGATE,
+        }
+    }
+}
+
+/// Who is there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Identity {
+    /// The unit's name in its calibration.
+    pub unit: UnitName,
+    /// Checksum of the calibration in use; 0 for the compiled-in default.
+    pub calibration: u32,
+    /// When that calibration was made, seconds since 1970.
+    pub created_unix_s: u32,
+    /// Its sequence number.
+    pub sequence: u32,
+}
+
+impl Identity {
+    /// The unit's name as text.
+    #[must_use]
+    pub fn unit_name(&self) -> &str {
+        self.unit.as_str()
+    }
+}
+
+/// Every message of the link.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Message {
+    /// Unit to host: corrected rates.
+    Rate(RateFrame),
+    /// Unit to host: each second.
+    Housekeeping(Housekeeping),
+    /// Unit to host: answer to [`Message::Identify`].
+    Identity(Identity),
+    /// Unit to host: each second of an alignment.
+    Alignment(session::Report),
+    /// Host to unit: who are you?
+    Identify,
+    /// Host to unit: samples per rate frame, 1 to 1000.
+    SetDivider(u16),
+    /// Host to unit: of an alignment.
+    Align(session::Command),
+    /// Host to unit: of maintenance.
+    Maintain(maintenance::Command),
+    /// Unit to host: the reply to that.
+    Maintained(maintenance::Reply),
+}
+
+/// Why bytes are not a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum LinkError {
+    /// Longer than any frame.
+    TooLong,
+    /// Not COBS, or too short.
+    Framing,
+    /// The checksum does not match.
+    Checksum,
+    /// A type that is not known.
+    UnknownType(u8),
+    /// The fields are not as long as the type wants.
+    Length(u8),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::alignment::session::Command;
+    use crate::sectors::Sector;
+    use proptest::prelude::*;
+
+    fn housekeeping() -> Housekeeping {
+        Housekeeping {
+            step: 77,
+            time_ms: 78_050,
+            frequency_hz: [4898.626, 4890.667, 4702.343],
+            temperature_c: [6.3, 4.9, 5.0],
+            rate_c_per_min: [0.0, 1.0, -1.0],
+            bias_dph: [1.0, 2.0, 3.0],
+            raw_dph: [4.0; 3],
+            corrected_dph: [3.0, 2.0, 1.0],
+            samples: 1000,
+            converter_errors: 1,
+            axis_status: [0, 1, 2].map(AxisStatus::from_bits_retain),
+            unit_status: UnitStatus::LINK_ERRORS,
+            rejected: [0, 0, 3],
+            missing: [1, 0, 0],
+            dropped: 0,
+            link_errors: 9,
+            calibration: 0xDEAD_BEEF,
+            sequence: 12,
+            created_unix_s: 1_700_000_000,
+            mode: mode::ALIGN,
+        }
+    }
+
+    fn messages() -> [Message; 20] {
+        [
+            Message::Rate(
+                RateFrame {
+                    sample: 0,
+                    tick: 90_000,
+                    step: 3,
+                    axis_status: [AxisStatus::empty(); 3],
+                    unit_status: UnitStatus::empty(),
+                    rate_dph: [0.0, -1.5, 1e5],
+                    integrity: 0,
+                }
+                .sealed(),
+            ),
+            Message::Housekeeping(housekeeping()),
+            Message::Identity(Identity {
+                unit: UnitName::new("aaaaaaaaaaaaaaaa"),
+                calibration: 1,
+                created_unix_s: 2,
+                sequence: 3,
+            }),
+            Message::Identify,
+            Message::SetDivider(5),
+            Message::Alignment(session::Report {
+                second: 9,
+                stage: 3,
+                refusal: 0,
+                azimuth_deg: 100.5,
+                azimuth_std_arcmin: 2.0,
+                tilt_arcmin: [1.0, -2.0],
+                drift_dph: [0.1, 0.2],
+                drift_std_dph: [0.01, 0.02],
+                integrity: 0.5,
+            }),
+            Message::Align(Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 }),
+            Message::Align(Command::TurnBegins),
+            Message::Align(Command::TurnEnded { angle_deg: 90.0 }),
+            Message::Align(Command::Accept),
+            Message::Align(Command::Abandon),
+            Message::Maintain(maintenance::Command::Open(UnitName::new("HRG-101"))),
+            Message::Maintain(maintenance::Command::Close),
+            Message::Maintain(maintenance::Command::Begin(453)),
+            Message::Maintain(maintenance::Command::Chunk { offset: 128, length: 12, data: [7; maintenance::CHUNK] }),
+            Message::Maintain(maintenance::Command::End),
+            Message::Maintain(maintenance::Command::Read { sector: Sector::B, offset: 256 }),
+            Message::Maintain(maintenance::Command::Restart),
+            Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
+            Message::Maintained(maintenance::Reply::Data {
+                sector: Sector::B,
+                offset: 0,
+                data: [9; maintenance::CHUNK],
+            }),
+        ]
+    }
+
+    #[test]
+    fn every_message_there_and_back() {
+        let mut d = Deframer::default();
+        for m in messages() {
+            let bytes = m.encode();
+            assert_eq!(bytes.iter().filter(|&&b| b == 0).count(), 1, "one zero, at the end");
+            let mut got = None;
+            for b in bytes {
+                got = got.or(d.push(b));
+            }
+            assert_eq!(got, Some(Ok(m)));
+        }
+    }
+
+    #[test]
+    fn a_flipped_bit_never_passes() {
+        for m in messages() {
+            let bytes = m.encode();
+            for bit in 0..(bytes.len() - 1) * 8 {
+                let mut b = bytes.clone();
+                b[bit / 8] ^= 1 << (bit % 8);
+                assert!(Message::decode(&b[..b.len() - 1]).is_err());
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn in_step_again_after_garbage(garbage in proptest::collection::vec(any::<u8>(), 0..600)) {
+            let mut d = Deframer::default();
+            for b in garbage.into_iter().chain([0]) {
+                let _ = d.push(b);
+            }
+            let mut got = None;
+            for b in Message::Identify.encode() {
+                got = got.or(d.push(b));
+            }
+            prop_assert_eq!(got, Some(Ok(Message::Identify)));
+        }
+    }
+}

@@ -1,0 +1,233 @@
+//! The rate path with all that a unit decides around it: what is sent, what is flagged, when to stop.
+//!
+//! The firmware's rate task, the desktop twin and the fuzz target drive this type alike: a bias and a decimation in, samples and
+//! looks at the time in, frames and the means of a second out.
+
+use crate::converter::Fault;
+use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};
+use crate::status::UnitStatus;
+
+/// Looks at the time (the model takes one each 10 ms) without a sample between them after which the ADC is silent.
+pub const SILENT_LOOKS: u8 = 2;
+
+/// So many frames dropped one after the other (1.25 s at 200 Hz) mean a stalled link, not a busy one.
+pub const DROPS_IN_A_ROW: u16 = 250;
+
+/// What has changed in memory: nothing may be sent any more, and the unit must start anew.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Corruption {
+    /// Scale factors, decimation, bias or sums fail their integrity check.
+    RatePath,
+    /// The queue of frames takes none for long: it or the link that empties it is corrupted.
+    Queue,
+}
+
+/// What the rates of a second leave for telemetry.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RateSecond {
+    /// Means over the samples that shared one bias.
+    pub summary: Summary,
+    /// Frames dropped since start.
+    pub dropped: u16,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct RateOutput {
+    path: RatePath,
+    /// What start-up has found: in every frame.
+    start_status: UnitStatus,
+    dropped: u16,
+    /// A frame was dropped since the last one that was sent.
+    flag_drop: bool,
+    drops_in_a_row: u16,
+    looks_without_sample: u8,
+    /// A decimation to be used from the next second on.
+    divider: Option<u16>,
+}
+
+impl RateOutput {
+    /// `start_status`: what start-up has found; it is in every frame.
+    #[must_use]
+    pub const fn new(path: RatePath, start_status: UnitStatus) -> Self {
+        Self {
+            path,
+            start_status,
+            dropped: 0,
+            flag_drop: false,
+            drops_in_a_row: 0,
+            looks_without_sample: 0,
+            divider: None,
+        }
+    }
+
+    /// The next bias.
+    pub fn set_bias(&mut self, bias: PendingBias) {
+        self.path.set_bias(bias);
+    }
+
+    /// Samples per frame from the end of this second on.
+    pub fn set_divider(&mut self, divider: u16) {
+        self.divider = Some(divider);
+    }
+
+    /// A frame of the ADC has come: the timer's tick at its data-ready edge, and its codes or what is wrong with it. `send` puts a
+    /// frame into the queue of the link; `false`: it is full.
+    ///
+    /// # Errors
+    /// Memory is corrupted.
+    pub fn sample(
+        &mut self,
+        tick: u32,
+        codes: Result<[i32; CHANNELS], Fault>,
+        send: impl FnOnce(RateFrame) -> bool,
+    ) -> Result<Option<RateSecond>, Corruption> {
+        self.looks_without_sample = 0;
+        let event = match codes {
+            Ok(codes) => self.path.sample(tick, codes),
+            Err(_) => self.path.missing(tick),
+        };
+        self.done(event, send)
+    }
+
+    /// The timer reads `now`: where no sample has come for [`SILENT_LOOKS`], one is missing.
+    ///
+    /// # Errors
+    /// As [`sample`](Self::sample).
+    pub fn look(&mut self, now: u32, send: impl FnOnce(RateFrame) -> bool) -> Result<Option<RateSecond>, Corruption> {
+        self.looks_without_sample = self.looks_without_sample.saturating_add(1);
+        if self.looks_without_sample < SILENT_LOOKS {
+            return Ok(None);
+        }
+        let event = self.path.missing(now);
+        self.done(event, send)
+    }
+
+    fn done(&mut self, event: Event, send: impl FnOnce(RateFrame) -> bool) -> Result<Option<RateSecond>, Corruption> {
+        let Event { frame, summary, corrupted } = event;
+        if corrupted {
+            return Err(Corruption::RatePath);
+        }
+        if let Some(mut frame) = frame {
+            frame.unit_status |= self.start_status;
+            if self.flag_drop {
+                frame.unit_status |= UnitStatus::FRAMES_DROPPED;
+            }
+            self.flag_drop = !send(frame.sealed());
+            if self.flag_drop {
+                self.dropped = self.dropped.saturating_add(1);
+                self.drops_in_a_row += 1;
+                if self.drops_in_a_row >= DROPS_IN_A_ROW {
+                    return Err(Corruption::Queue);
+                }
+            } else {
+                self.drops_in_a_row = 0;
+            }
+        }
+        Ok(summary.map(|summary| {
+            if let Some(divider) = self.divider.take() {
+                self.path.set_divider(divider);
+            }
+            RateSecond { summary, dropped: self.dropped }
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::status::AxisStatus;
+    use crate::timebase::Timebase;
+    use std::vec::Vec;
+
+    const MS: u32 = Timebase::REFERENCE.ms(1);
+
+    fn output(divider: u16) -> RateOutput {
+        let path = RatePath::new(Timebase::REFERENCE, [0.01; 3], divider);
+        RateOutput::new(path, UnitStatus::WATCHDOG_RESET)
+    }
+
+    fn codes(k: u32) -> Result<[i32; CHANNELS], Fault> {
+        Ok([k as i32 & 7; CHANNELS])
+    }
+
+    #[test]
+    fn every_frame_carries_what_start_up_found_and_a_drop_is_flagged_once() {
+        let mut out = output(1);
+        let mut sent: Vec<RateFrame> = Vec::new();
+        for k in 0..10 {
+            let room = !(3..5).contains(&k);
+            let take = |f| {
+                if room {
+                    sent.push(f);
+                }
+                room
+            };
+            assert_eq!(out.sample(k * MS, codes(k), take), Ok(None));
+        }
+        let status: Vec<UnitStatus> = sent.iter().map(|f| f.unit_status).collect();
+        let (usual, drop) = (UnitStatus::WATCHDOG_RESET, UnitStatus::WATCHDOG_RESET | UnitStatus::FRAMES_DROPPED);
+        assert_eq!(status, [usual, usual, usual, drop, usual, usual, usual, usual]);
+        assert!(sent.iter().all(RateFrame::intact));
+    }
+
+    #[test]
+    fn a_queue_that_takes_nothing_for_long_is_corrupted() {
+        let mut out = output(1);
+        let mut k = 0;
+        let dropped = loop {
+            match out.sample(k * MS, codes(k), |_| false) {
+                Ok(_) => k += 1,
+                Err(e) => break e,
+            }
+        };
+        assert_eq!((dropped, k + 1), (Corruption::Queue, u32::from(DROPS_IN_A_ROW)));
+        // One frame that is taken begins the count anew.
+        let mut out = output(1);
+        for k in 0..3 * u32::from(DROPS_IN_A_ROW) {
+            let taken = k % 200 == 0;
+            assert_eq!(out.sample(k * MS, codes(k), |_| taken), Ok(None), "{k}");
+        }
+    }
+
+    #[test]
+    fn a_silent_adc_is_missed_at_the_second_look_and_the_second_still_ends() {
+        let mut out = output(1);
+        assert_eq!(out.sample(0, codes(0), |_| true), Ok(None));
+        out.set_bias(PendingBias::at(25 * MS, 1, [0.0; 3], [AxisStatus::empty(); 3]));
+        assert_eq!(out.look(10 * MS, |_| true), Ok(None));
+        assert_eq!(out.look(20 * MS, |_| true), Ok(None));
+        let second = out.look(30 * MS, |_| true).expect("intact").expect("the bias is due");
+        assert_eq!((second.summary.samples, second.summary.converter_errors), (1, 2));
+        // The next frame says that samples were missing.
+        let mut status = UnitStatus::empty();
+        let take = |f: RateFrame| {
+            status = f.unit_status;
+            true
+        };
+        assert_eq!(out.sample(31 * MS, codes(1), take), Ok(None));
+        assert!(status.contains(UnitStatus::CONVERTER_FAULT));
+    }
+
+    #[test]
+    fn the_decimation_changes_with_the_second() {
+        let mut out = output(1);
+        out.set_divider(5);
+        let mut samples = Vec::new();
+        for k in 0..40u32 {
+            if k == 10 {
+                out.set_bias(PendingBias::at(20 * MS, 1, [0.0; 3], [AxisStatus::empty(); 3]));
+            }
+            let take = |f: RateFrame| {
+                samples.push(f.sample);
+                true
+            };
+            out.sample(k * MS, codes(k), take).expect("intact");
+        }
+        // The frame that was begun keeps its length.
+        assert_eq!(samples[..22], (1..=22).collect::<Vec<_>>());
+        assert_eq!(samples[22..25], [27, 32, 37]);
+    }
+}

@@ -1,0 +1,59 @@
+//! When the watchdog is fed: only while every part of the unit runs.
+
+/// How often the parts are looked at, ms. The rate path runs each millisecond and the model each ten, so both have run between
+/// two looks.
+pub const LOOK_MS: u32 = 100;
+
+/// Link and telemetry speak at least each second. After this many looks without a word they have stopped (2.5 s).
+pub const QUIET_LOOKS: u8 = 25;
+
+/// Who has run since the last look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Alive {
+    /// The rate path has taken a sample, or noticed that one is missing.
+    pub rates: bool,
+    /// The model has fetched edges.
+    pub model: bool,
+    /// The link has sent a message.
+    pub link: bool,
+    /// Telemetry has had a second.
+    pub telemetry: bool,
+}
+
+/// See the module.
+#[derive(Debug, Clone, Default)]
+pub struct Supervision {
+    link_quiet: u8,
+    telemetry_quiet: u8,
+}
+
+impl Supervision {
+    /// A look; whether the watchdog is to be fed.
+    pub fn look(&mut self, alive: Alive) -> bool {
+        let since = |quiet: u8, alive: bool| if alive { 0 } else { quiet.saturating_add(1) };
+        self.link_quiet = since(self.link_quiet, alive.link);
+        self.telemetry_quiet = since(self.telemetry_quiet, alive.telemetry);
+        alive.rates && alive.model && self.link_quiet.max(self.telemetry_quiet) < QUIET_LOOKS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALL: Alive = Alive { rates: true, model: true, link: true, telemetry: true };
+
+    #[test]
+    fn rates_and_model_have_no_patience_link_and_telemetry_some() {
+        let mut s = Supervision::default();
+        assert!(s.look(ALL));
+        assert!(!s.look(Alive { rates: false, ..ALL }));
+        assert!(!s.look(Alive { model: false, ..ALL }));
+        for quiet in [Alive { link: false, ..ALL }, Alive { telemetry: false, ..ALL }] {
+            for look in 1..200u8 {
+                assert_eq!(s.look(quiet), look < QUIET_LOOKS, "{look}");
+            }
+            assert!(s.look(ALL), "one word is enough");
+        }
+    }
+}

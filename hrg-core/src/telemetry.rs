@@ -1,0 +1,179 @@
+//! The second of a unit: what model, rate path, link and maintenance say of it, merged into one housekeeping message; and the
+//! alignment, which lives on the same seconds.
+//!
+//! The firmware's telemetry task and the desktop twin drive this type alike.
+
+use crate::alignment::session::{AlignMode, Command, Report};
+use crate::compensator::Output;
+use crate::frequency::StepFrequencies;
+use crate::link::{mode, Housekeeping, Identity};
+use crate::rate_output::RateSecond;
+use crate::status::UnitStatus;
+use crate::timebase::Timebase;
+use crate::AXES;
+use core::ops::DerefMut;
+
+/// The rates of a step come this long after its frequencies at most, ms: the bias takes effect
+/// [`crate::rate_path::BIAS_DELAY_MS`] after the step, and a silent ADC is noticed within 30 ms of that.
+pub const RATES_WAIT_MS: u32 = 200;
+
+/// See the module. `S` holds the alignment: a reference on the unit, where it takes most of the RAM.
+#[derive(Debug)]
+pub struct Telemetry<S> {
+    session: S,
+    timebase: Timebase,
+    identity: Identity,
+    start_status: UnitStatus,
+    dropped: u16,
+    link_errors: u16,
+    /// Link errors are flagged in the second in which they were counted.
+    flag_link_errors: bool,
+    maintenance: bool,
+}
+
+impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
+    /// `identity`: of the calibration in use; `start_status`: what start-up has found.
+    pub const fn new(session: S, timebase: Timebase, identity: Identity, start_status: UnitStatus) -> Self {
+        Self {
+            session,
+            timebase,
+            identity,
+            start_status,
+            dropped: 0,
+            link_errors: 0,
+            flag_link_errors: false,
+            maintenance: false,
+        }
+    }
+
+    /// A command of the host to the alignment: gives the bias trim, deg/h, where it was accepted. Commands are taken before the
+    /// second in which they arrived.
+    pub fn align(&mut self, command: Command) -> Option<[f32; AXES]> {
+        self.session.command(command)
+    }
+
+    /// Bad frames on the link since start.
+    pub fn set_link_errors(&mut self, errors: u16) {
+        self.flag_link_errors |= errors != self.link_errors;
+        self.link_errors = errors;
+    }
+
+    /// Whether a calibration may be written.
+    pub fn set_maintenance(&mut self, open: bool) {
+        self.maintenance = open;
+    }
+
+    /// A second is over: the step that ended it, what the model made of it, and what the rate path has said of the time before its
+    /// bias (`None`: nothing, for [`RATES_WAIT_MS`]).
+    pub fn second(
+        &mut self,
+        step: &StepFrequencies,
+        output: &Output,
+        rates: Option<&RateSecond>,
+    ) -> (Housekeeping, Option<Report>) {
+        let summary = rates.map(|r| &r.summary);
+        let report = summary.and_then(|s| self.session.second(s));
+        if let Some(rates) = rates {
+            self.dropped = rates.dropped;
+        }
+        let mut h = Housekeeping::new(step, output, summary, self.timebase);
+        h.unit_status |= self.start_status;
+        if core::mem::take(&mut self.flag_link_errors) {
+            h.unit_status |= UnitStatus::LINK_ERRORS;
+        }
+        h.dropped = self.dropped;
+        h.link_errors = self.link_errors;
+        h.calibration = self.identity.calibration;
+        h.sequence = self.identity.sequence;
+        h.created_unix_s = self.identity.created_unix_s;
+        h.mode = match (self.maintenance, self.session.running()) {
+            (true, _) => mode::MAINTENANCE,
+            (false, true) => mode::ALIGN,
+            (false, false) => mode::NAVIGATE,
+        };
+        (h, report)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::alignment::linear::Linear;
+    use crate::alignment::session::Session;
+    use crate::rate_path::Summary;
+    use crate::status::AxisStatus;
+    use crate::unit_name::UnitName;
+    use std::boxed::Box;
+
+    fn telemetry() -> Telemetry<Box<Session<Linear<f32>>>> {
+        let identity = Identity { unit: UnitName::UNNAMED, calibration: 7, created_unix_s: 8, sequence: 9 };
+        Telemetry::new(Box::new(Session::IDLE), Timebase::REFERENCE, identity, UnitStatus::WATCHDOG_RESET)
+    }
+
+    const STEP: StepFrequencies = StepFrequencies {
+        step: 3,
+        end_ticks: 4 * 90_000_000,
+        frequency_hz: [Some(4900.0), None, Some(4703.6)],
+        rejected: [0, 70_000, 0],
+        missing: [0; 3],
+    };
+    const OUTPUT: Output = Output {
+        temperature_c: [20.0; 3],
+        rate_c_per_min: [0.0; 3],
+        bias_dph: [1.0; 3],
+        status: [AxisStatus::empty(); 3],
+    };
+
+    fn rates(samples: u16, dropped: u16) -> RateSecond {
+        let summary = Summary {
+            step: 2,
+            samples,
+            raw_dph: [5.0; 3],
+            corrected_dph: [4.0; 3],
+            converter_errors: 0,
+            accelerometer_codes: [0; 2],
+            accelerometer_saturated: false,
+        };
+        RateSecond { summary, dropped }
+    }
+
+    #[test]
+    fn a_second_holds_what_all_say() {
+        let mut t = telemetry();
+        let (h, report) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 4)));
+        assert_eq!((h.unit_status, report), (UnitStatus::WATCHDOG_RESET, None));
+        assert_eq!((h.time_ms, h.samples, h.dropped, h.rejected[1]), (4000, 1000, 4, 0xFFFF));
+        assert_eq!((h.calibration, h.created_unix_s, h.sequence, h.mode), (7, 8, 9, mode::NAVIGATE));
+        assert!(h.frequency_hz[1].is_nan());
+        // A rate path that says nothing is an ADC fault, and what was dropped stays counted.
+        let (h, _) = t.second(&STEP, &OUTPUT, None);
+        assert_eq!(h.unit_status, UnitStatus::WATCHDOG_RESET | UnitStatus::CONVERTER_FAULT);
+        assert_eq!((h.samples, h.dropped), (0, 4));
+    }
+
+    #[test]
+    fn link_errors_are_flagged_in_their_second_and_stay_counted() {
+        let mut t = telemetry();
+        t.set_link_errors(0);
+        assert_eq!(t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0.unit_status, UnitStatus::WATCHDOG_RESET);
+        t.set_link_errors(2);
+        let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::WATCHDOG_RESET | UnitStatus::LINK_ERRORS, 2));
+        t.set_link_errors(2);
+        let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::WATCHDOG_RESET, 2));
+    }
+
+    #[test]
+    fn the_mode_is_what_the_unit_does() {
+        let mut t = telemetry();
+        let begin = Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 };
+        assert_eq!(t.align(begin), None);
+        assert_eq!(t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0.mode, mode::ALIGN);
+        let (h, report) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert!(h.mode == mode::ALIGN && report.is_some());
+        t.set_maintenance(true);
+        assert_eq!(t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0.mode, mode::MAINTENANCE);
+    }
+}

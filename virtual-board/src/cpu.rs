@@ -1,0 +1,178 @@
+//! The CPU: Unicorn, set up as a Cortex-M4 that counts its instructions, stops for events and shows its peripherals.
+
+use crate::chip::Chip;
+use crate::error::RunError;
+use crate::memory::Memory;
+use crate::thumb::{self, IT_STATE};
+use crate::{FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
+use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, TlbEntry, TlbType, Unicorn};
+
+/// The emulator with the chip as its data.
+pub type Cpu<'a> = Unicorn<'a, Chip>;
+
+const FLASH_END: u32 = FLASH_START + FLASH_SIZE - 1;
+
+/// An answer of the emulator, with its errors as ours.
+pub fn uc<T>(result: Result<T, unicorn_engine::uc_error>) -> Result<T, RunError> {
+    result.map_err(|e| RunError::Cpu { what: format!("{e:?}"), pc: 0 })
+}
+
+/// The emulator on these memories, which must outlive it; `code` is what the flash holds.
+pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result<Cpu<'static>, RunError> {
+    let mut cpu = uc(Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, chip))?;
+    uc(cpu.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32))?;
+    for (memory, start, size, access) in [
+        (flash, FLASH_START, FLASH_SIZE, Prot::READ | Prot::EXEC),
+        (flash, 0, FLASH_SIZE, Prot::READ),
+        (ram, RAM_START, RAM_SIZE, Prot::READ | Prot::WRITE),
+    ] {
+        // SAFETY: the memories live in `Board` beside the emulator, which is dropped before them.
+        #[allow(unsafe_code)]
+        uc(unsafe { cpu.mem_map_ptr(u64::from(start), u64::from(size), access, memory.pointer()) })?;
+    }
+    map_registers(&mut cpu)?;
+    forbid_code_in_ram(&mut cpu)?;
+    // No exit addresses: clearing one up after each run would cost more than most runs.
+    uc(cpu.ctl_exits_enable())?;
+    count_blocks(&mut cpu, code)?;
+    sleep_and_wake(&mut cpu, code)?;
+    uc(cpu.add_intr_hook(|c, number| {
+        let chip = c.get_data_mut();
+        if number == 8 {
+            chip.returning = true;
+        } else {
+            chip.error.get_or_insert(format!("the firmware raised CPU exception {number}"));
+        }
+        let _ = c.emu_stop();
+    }))?;
+    Ok(cpu)
+}
+
+/// Peripherals and the core's own registers.
+fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
+    for (base, size) in [(0x4000_0000u64, 0x8_0000u64), (0xE000_0000, 0x10_0000)] {
+        uc(cpu.mmio_map(
+            base,
+            size,
+            Some(move |c: &mut Cpu<'_>, offset: u64, size: usize| {
+                let address = (base + offset) as u32;
+                let value = c.get_data_mut().read(address & !3);
+                let shifted = value >> (8 * (address & 3));
+                u64::from(match size {
+                    1 => shifted & 0xFF,
+                    2 => shifted & 0xFFFF,
+                    _ => shifted,
+                })
+            }),
+            Some(move |c: &mut Cpu<'_>, offset: u64, size: usize, value: u64| {
+                let address = (base + offset) as u32;
+                let chip = c.get_data_mut();
+                // Registers are written whole, but for byte-wide interrupt priorities and half-words
+                // written to a register's lower half.
+                chip.write(address, value as u32, size);
+            }),
+        ))?;
+    }
+    Ok(())
+}
+
+fn forbid_code_in_ram(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
+    // Unicorn takes RAM for executable and then checks every store for code that it overwrites, which costs a third of the
+    // speed. Code runs from flash only; here that is said.
+    uc(cpu.ctl_set_tlb_type(TlbType::VIRTUAL))?;
+    uc(cpu.add_tlb_hook(0, u64::MAX, |c, address, _| {
+        c.get_data_mut().it_stale = true;
+        let perms = match address as u32 {
+            FLASH_START..=FLASH_END => Prot::ALL,
+            // What the chip shows at address 0: its flash. Nothing runs there.
+            0..FLASH_SIZE => Prot::READ,
+            _ => Prot::READ | Prot::WRITE,
+        };
+        Some(TlbEntry { paddr: address, perms })
+    }))?;
+    Ok(())
+}
+
+/// Counts instructions, and stops where something is due.
+fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
+    // Size and number of instructions of the block that begins at each half-word.
+    let mut blocks = vec![(0u16, 0u16); FLASH_SIZE as usize / 2];
+    let code = flash.to_vec();
+    uc(cpu.add_block_hook(u64::from(FLASH_START), u64::from(FLASH_START + FLASH_SIZE), move |c, address, size| {
+        let at = (address as usize - FLASH_START as usize) / 2;
+        let mut block = blocks[at];
+        if u32::from(block.0) != size {
+            let n = thumb::instructions(&code[at * 2..at * 2 + size as usize]);
+            block = (size as u16, u16::from(n));
+            blocks[at] = block;
+        }
+        let n = u64::from(block.1);
+        if std::mem::take(&mut c.get_data_mut().it_stale) {
+            // Filling the TLB for a store within an IT block leaves that block's state behind, and the next
+            // instructions would be taken for conditional ones.
+            let in_state = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & IT_STATE != 0);
+            if in_state && !thumb::within_it(&code, at * 2) {
+                c.get_data_mut().forget_it = true;
+                let _ = c.emu_stop();
+                return;
+            }
+        }
+        let chip = c.get_data_mut();
+        if chip.now >= chip.deadline || chip.attention || chip.masked {
+            let stop = chip.now >= chip.deadline || chip.attention || {
+                let primask = c.reg_read(RegisterARM::PRIMASK).unwrap_or(0);
+                let basepri = c.reg_read(RegisterARM::BASEPRI).unwrap_or(0);
+                primask & 1 == 0 && basepri == 0
+            };
+            // The stopped block is not executed; it comes again.
+            if stop && !c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & IT_STATE != 0) {
+                let _ = c.emu_stop();
+                return;
+            }
+        }
+        let chip = c.get_data_mut();
+        if chip.watched {
+            let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
+            let chip = c.get_data_mut();
+            let now = (chip.now, chip.instructions);
+            let ready = chip.ready;
+            chip.probes.iter_mut().for_each(|p| p.block(address as u32, now, ready, || link));
+            if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {
+                *count += n;
+            }
+        }
+        let chip = c.get_data_mut();
+        chip.now += n;
+        chip.instructions += n;
+    }))?;
+    Ok(())
+}
+
+/// WFE and SEV.
+fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
+    // WFE and SEV are found by their encodings.
+    for at in (0..flash.len() - 1).step_by(2) {
+        let address = u64::from(FLASH_START) + at as u64;
+        match (flash[at], flash[at + 1]) {
+            (0x20, 0xBF) => {
+                // Unicorn must not see it: it is stepped over here.
+                uc(cpu.add_code_hook(address, address, |c, address, _| {
+                    let _ = c.reg_write(RegisterARM::PC, (address + 2) | 1);
+                    let chip = c.get_data_mut();
+                    chip.attention = true;
+                    if chip.event {
+                        chip.event = false;
+                    } else {
+                        chip.asleep = true;
+                    }
+                    let _ = c.emu_stop();
+                }))?;
+            }
+            (0x40, 0xBF) => {
+                uc(cpu.add_code_hook(address, address, |c, _, _| c.get_data_mut().event = true))?;
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,114 @@
+//! What comes and goes on the wires: captured edges, ADC frames over SPI, bytes of the link.
+
+use crate::board::Board;
+use crate::chip::Request;
+use crate::error::RunError;
+use crate::{World, CPU_HZ};
+
+impl<W: World> Board<W> {
+    pub(crate) fn edge(&mut self, channel: usize) -> Result<(), RunError> {
+        let at = self.wires.next_edge[channel];
+        let chip = self.cpu.get_data_mut();
+        if let Some((stamp, dma)) = chip.tim2.edge(channel, true, at) {
+            if dma {
+                if let Some(stream) = chip.stream(Request::Tim2(channel)) {
+                    let to = chip.dma[stream.0].streams[stream.1].memory();
+                    chip.moved(stream, 1);
+                    let done = self.put(to, &stamp.to_le_bytes());
+                    self.moved_by_dma(done)?;
+                }
+            }
+            self.world.captured(channel, stamp);
+        }
+        self.wires.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
+        Ok(())
+    }
+
+    pub(crate) fn sample(&mut self) {
+        let at = self.wires.next_sample;
+        self.wires.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
+        let Some(codes) = self.world.convert(at) else {
+            return;
+        };
+        self.wires.invalid = self.world.spoil_converter_frame();
+        let chip = self.cpu.get_data_mut();
+        chip.ready = (at.min(chip.now), chip.instructions);
+        chip.spoil = self.wires.invalid;
+        chip.converter.convert(codes);
+        // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
+        if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
+            self.wires.ready_stamp = stamp;
+        }
+        chip.exti.edge(7, false);
+    }
+
+    pub(crate) fn finish_spi(&mut self) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        chip.spi_done = u64::MAX;
+        let (Some(rx), Some(tx)) = (chip.stream(Request::Spi1Rx), chip.stream(Request::Spi1Tx)) else {
+            return Ok(());
+        };
+        let n = chip.dma[rx.0].streams[rx.1].ndtr;
+        let from = chip.dma[tx.0].streams[tx.1].memory();
+        let to = chip.dma[rx.0].streams[rx.1].memory();
+        let stamp = chip.tim2.capture(3);
+        let mut bytes = vec![0; n as usize];
+        let done = self.get(from, &mut bytes);
+        self.moved_by_dma(done)?;
+        let chip = self.cpu.get_data_mut();
+        for b in &mut bytes {
+            *b = chip.converter.exchange(*b);
+        }
+        chip.moved(rx, n);
+        chip.moved(tx, n);
+        let (codes, good) = chip.converter.sent();
+        let done = self.put(to, &bytes);
+        self.moved_by_dma(done)?;
+        self.wires.fetch_stamp = stamp;
+        if n == 30 {
+            // With the reset flag of the converter in its status, the codes are not to be used.
+            let good = good && bytes[0] & 0x04 == 0;
+            self.world.fetched(self.wires.fetch_stamp, codes, good);
+        }
+        Ok(())
+    }
+
+    pub(crate) fn finish_usart(&mut self) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        chip.usart_done = u64::MAX;
+        let Some(tx) = chip.stream(Request::Usart1Tx) else {
+            return Ok(());
+        };
+        let s = &chip.dma[tx.0].streams[tx.1];
+        let (from, n) = (s.memory(), s.ndtr);
+        chip.moved(tx, n);
+        chip.usart1.transmitted();
+        let now = chip.now;
+        let mut bytes = vec![0; n as usize];
+        let done = self.get(from, &mut bytes);
+        self.moved_by_dma(done)?;
+        self.world.link_out(now, &bytes);
+        Ok(())
+    }
+
+    pub(crate) fn receive(&mut self, at: u64, byte: u8) -> Result<(), RunError> {
+        self.wires.next_byte = self.world.next_link_byte();
+        let chip = self.cpu.get_data_mut();
+        if !chip.usart1.receiving() {
+            return Ok(());
+        }
+        let idle_after = at + chip.usart1.cycles_per_byte();
+        self.wires.link_idle =
+            if self.wires.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
+        match chip.usart1.receives_by_dma().then(|| chip.stream(Request::Usart1Rx)).flatten() {
+            Some(rx) => {
+                let to = chip.dma[rx.0].streams[rx.1].memory();
+                chip.moved(rx, 1);
+                let done = self.put(to, &[byte]);
+                self.moved_by_dma(done)?;
+            }
+            None => chip.usart1.received_by_hand(byte),
+        }
+        Ok(())
+    }
+}
