@@ -422,7 +422,8 @@ impl Calibration {
                 Coefficients::Direct(k) => finite(k)?,
                 Coefficients::Network(w) => finite(w)?,
             }
-            possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
+            let centres = if a.law.is_of_sensor() { -273.15..=500.0 } else { 100.0..=100_000.0 };
+            possible(centres.contains(&a.law.f0_hz), "centre frequency")?;
             possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
             possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
@@ -590,6 +591,18 @@ mod tests {
         assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
         assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
         assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
+        let sensor = |c: &mut Calibration, centre: f32| {
+            c.axes[0].law = TemperatureLaw {
+                f0_hz: f64::from(centre),
+                scale_hz: 46.0,
+                c: [centre, 46.0, 0.0, 0.0],
+                ..c.axes[0].law
+            };
+        };
+        assert_eq!(refused(&|c| sensor(c, 600.0)), BlockError::Absurd("centre frequency"));
+        let mut c = full();
+        sensor(&mut c, 28.0);
+        assert_eq!(Calibration::from_bytes(&c.to_bytes().expect("fits")).as_ref(), Ok(&c));
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);

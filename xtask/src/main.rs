@@ -27,6 +27,7 @@ const USAGE: &str = "cargo xtask COMMAND
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
+  measured          the loop on the measured recordings: every method and the trace, before and after
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
@@ -50,6 +51,7 @@ fn main() -> ExitCode {
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
         Some("audit") => audit(),
         Some("study") => tool("hrg-study", rest),
+        Some("measured") => tool("hrg", &["measured".to_string()]),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");

@@ -198,6 +198,13 @@ impl<'a> Data<'a> {
             .flat_map(|(name, values)| values.into_iter().filter_map(move |v| Candidate::new(name, [v, 0.0])))
             .collect();
         out.extend(Candidate::new("temperature-shape", [low, high]));
+        // What an effect needs from another axis must be there.
+        out.retain(|c| self.runs.iter().all(|r| r.offers(c.facts.name)));
         out
+    }
+
+    /// How many axes have data.
+    pub fn axes_there(&self) -> usize {
+        self.axes.iter().filter(|a| !a.y.is_empty()).count().max(1)
     }
 }

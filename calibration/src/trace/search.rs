@@ -74,7 +74,7 @@ pub struct Search<'a> {
 /// As many candidates are kept of those looked at last.
 const RECENT: usize = 32;
 
-fn cost(c: &Candidate, rows: f64) -> f64 {
+fn cost(c: &Candidate, rows: f64, axes: usize) -> f64 {
     let inner = match c.facts.name {
         // Its range is not searched.
         "temperature-shape" | "timebase" => 0,
@@ -83,13 +83,13 @@ fn cost(c: &Candidate, rows: f64) -> f64 {
     };
     // A step may happen anywhere: its time counts as two parameters.
     let inner = inner + usize::from(matches!(c.facts.name, "step" | "periodic"));
-    0.5 * rows.ln() * (AXES * c.facts.outputs + inner) as f64
+    0.5 * rows.ln() * (axes * c.facts.outputs + inner) as f64
 }
 
 impl<'a> Search<'a> {
     /// What a candidate must earn before it is worth anything.
     pub fn cost(&self, c: &Candidate) -> f64 {
-        cost(c, self.rows())
+        cost(c, self.rows(), self.data.axes_there())
     }
 
     /// Prepares the library.
@@ -144,6 +144,9 @@ impl<'a> Search<'a> {
         let mut power = vec![0.0; n];
         for a in 0..AXES {
             let rows = &self.data.axes[a];
+            if rows.y.is_empty() {
+                continue;
+            }
             // A middle colour: slow structure must not drown a line.
             let view = &self.views[a][4];
             let variance = dot(&view.y, &view.y) / view.y.len() as f64;
@@ -247,7 +250,7 @@ impl<'a> Search<'a> {
     }
 
     fn rows(&self) -> f64 {
-        self.data.axes.iter().map(|r| r.y.len()).sum::<usize>() as f64 / AXES as f64
+        self.data.axes.iter().map(|r| r.y.len()).sum::<usize>() as f64 / self.data.axes_there() as f64
     }
 
     /// Bases of a model's effects beyond the baseline, by axis and colour.
@@ -300,7 +303,7 @@ impl<'a> Search<'a> {
     /// The worth of a set of effects.
     pub fn worth(&self, effects: &[Candidate]) -> (f64, [usize; AXES]) {
         let l = self.likelihood(&self.bases(&self.seen(effects)));
-        let penalty: f64 = effects.iter().map(|c| cost(c, self.rows())).sum();
+        let penalty: f64 = effects.iter().map(|c| self.cost(c)).sum();
         (l.iter().map(|x| x.0).sum::<f64>() - penalty, l.map(|x| x.1))
     }
 
@@ -336,7 +339,7 @@ impl<'a> Search<'a> {
                 }
                 total += best;
             }
-            out.push((total - before - cost(&seen.candidate, self.rows()), number));
+            out.push((total - before - self.cost(&seen.candidate), number));
         }
         out.sort_by(|x, y| y.0.total_cmp(&x.0));
         out
@@ -364,7 +367,7 @@ impl<'a> Search<'a> {
                     }
                     b.columns.split_off(own)
                 });
-                (cost(&seen.candidate, self.rows()), columns)
+                (self.cost(&seen.candidate), columns)
             })
             .collect();
         let mut best: Vec<f64> = Vec::with_capacity(SURROGATES);
@@ -588,7 +591,7 @@ impl<'a> Search<'a> {
                     for column in columns {
                         basis.add(column.clone());
                     }
-                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / AXES as f64
+                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / self.data.axes_there() as f64
                 };
                 together += share(&mut found.iter().flat_map(|f| &f.columns[0][a]));
                 for (sum, f) in alone.iter_mut().zip(&found) {
