@@ -295,8 +295,13 @@ fn tests(packages: &[&str]) -> Result<(), Failure> {
         .spawn()
         .map_err(|e| Failure(e.to_string()))?;
     let (mut passed, mut failed) = (0u64, 0u64);
+    // Tests that need what is not there (a network) say so in a line.
+    let mut skipped: Vec<String> = Vec::new();
     if let Some(stdout) = child.stdout.take() {
         for line in BufReader::new(stdout).lines().map_while(Result::ok) {
+            if let Some(at) = line.find("skipped: ") {
+                skipped.push(line[at..].to_string());
+            }
             if let Some(summary) = line.strip_prefix("test result: ") {
                 let count = |word: &str| -> u64 {
                     summary
@@ -311,7 +316,8 @@ fn tests(packages: &[&str]) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
-    println!("{passed} passed, {failed} failed");
+    println!("{passed} passed, {failed} failed, {} of the passed skipped", skipped.len());
+    skipped.iter().for_each(|s| println!("{s}"));
     if status.success() && failed == 0 && passed > 0 {
         Ok(())
     } else {

@@ -222,7 +222,8 @@ impl Map {
             [("rate", &self.rate), ("frequency", &self.frequency), ("temperature", &self.temperature)]
         {
             for (axis, c) in columns {
-                if !AXIS_NAMES.contains(&axis.as_str()) && !(section == "temperature" && axis == "all") {
+                let all = section == "temperature" && axis == "all";
+                if !(all || AXIS_NAMES.contains(&axis.as_str())) {
                     return bad(format!("[{section}] has \"{axis}\"; its axes are x, y and z"));
                 }
                 let _ = conversion(section, c.unit.as_deref())?;

@@ -89,12 +89,12 @@ fn times(table: &Table, map: &Map) -> Result<Vec<f64>, BadInput> {
     };
     let unit = map.time.unit.as_deref();
     // Dates are seconds already.
-    let factor = if unit == Some("iso") { 1.0 } else { conversion("time", unit)?.0 };
+    let per_second = if unit == Some("iso") { 1.0 } else { (1.0 / conversion("time", unit)?.0).round() };
     let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
     let first = raw.iter().copied().find(|t| t.is_finite()).unwrap_or(0.0);
     let origin = if map.time.since_power_on { 0.0 } else { first };
     // (The first is taken off before the unit: nanoseconds since 1970 keep their microseconds.)
-    Ok(raw.iter().map(|t| (t - origin) * factor).collect())
+    Ok(raw.iter().map(|t| (t - origin) / per_second).collect())
 }
 
 fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
