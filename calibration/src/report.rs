@@ -452,6 +452,9 @@ fn ramp_sensitivity(means: &[Mean]) -> Quantity {
 
 /// A value with few digits.
 fn short(v: f64) -> String {
+    if v == 0.0 {
+        return "0".into();
+    }
     let digits = (3 - v.abs().max(1e-9).log10().ceil() as i32).clamp(0, 6) as usize;
     format!("{v:.digits$}")
 }
@@ -493,7 +496,7 @@ pub fn html(r: &Report) -> anyhow::Result<String> {
          h1{{font-size:22px}}h2{{font-size:18px;margin-top:28px}}table{{border-collapse:collapse;margin:6px 0}}\
          td,th{{border-bottom:1px solid #ddd;padding:3px 12px;text-align:right;vertical-align:top}}\
          td:first-child,th:first-child,td:last-child,th:last-child{{text-align:left}}\
-         th{{font-weight:600;background:#f6f6f6}}td:last-child{{color:#666;font-size:13px}}svg{{max-width:100%;height:auto}}\
+         td,th{{white-space:nowrap}}td:last-child{{white-space:normal;color:#666;font-size:13px}}th{{font-weight:600;background:#f6f6f6}}svg{{max-width:100%;height:auto}}\
          </style><h1>Figures of {0}</h1><p>From {1}. Intervals hold the true value with 95 %.</p>",
         escape(&r.unit),
         escape(&r.recordings.join(", "))

@@ -3,7 +3,7 @@
 use anyhow::Result;
 use hrg_cal::import::map::{Map, BUILT_IN};
 use hrg_cal::recording::Recording;
-use hrg_cal::thermometer::named;
+use hrg_cal::thermometer::{named, Thermometer};
 use hrg_cal::{import, BadInput};
 use std::path::{Path, PathBuf};
 
@@ -54,13 +54,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let first = clean.present().next().unwrap_or(0);
     let (low, high) = range(first);
+    let readings = match clean.thermometer {
+        Thermometer::None => "no thermometer".to_string(),
+        t => format!("{} from {low:.2} to {high:.2} {}", t.column(first), if t.is_sensor() { "C" } else { "Hz" }),
+    };
     println!(
-        "{shown}: {} rows, {:.3} s apart, axes {}; {} from {low:.2} to {high:.2} {}",
+        "{shown}: {} rows, {:.3} s apart, axes {}; {readings}",
         clean.time_s.len(),
         clean.step_s(),
-        named(clean.absent.map(|a| !a)),
-        clean.thermometer.column(first),
-        if clean.thermometer.is_sensor() { "C" } else { "Hz" }
+        named(clean.absent.map(|a| !a))
     );
     Ok(())
 }
