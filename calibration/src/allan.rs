@@ -202,6 +202,8 @@ pub fn read(points: &[Point]) -> Readings {
 /// The report of `hrg allan` for one axis.
 #[derive(Debug, Clone, Serialize)]
 pub struct Axis {
+    /// Its name.
+    pub axis: &'static str,
     /// Values used, and values missing.
     pub values: usize,
     /// Bridged with the mean.
@@ -212,13 +214,13 @@ pub struct Axis {
     pub curve: Vec<Point>,
 }
 
-/// Reports of the three axes.
+/// Reports of axes by their numbers.
 ///
 /// # Errors
 /// Where there is too little, or much is missing.
-pub fn report(rates: &[Vec<f64>; 3], step_s: f64) -> Result<[Axis; 3], BadInput> {
+pub fn report(rates: &[(usize, &[f64])], step_s: f64) -> Result<Vec<Axis>, BadInput> {
     let mut out = Vec::new();
-    for (a, values) in rates.iter().enumerate() {
+    for &(a, values) in rates {
         let missing = values.iter().filter(|v| !v.is_finite()).count();
         if values.len() < 100 || 10 * missing > values.len() {
             return Err(BadInput::new(format!(
@@ -228,25 +230,20 @@ pub fn report(rates: &[Vec<f64>; 3], step_s: f64) -> Result<[Axis; 3], BadInput>
             )));
         }
         let curve = overlapping(values, step_s, &decades(values.len()));
-        out.push(Axis { values: values.len(), missing, readings: read(&curve), curve });
+        out.push(Axis { axis: AXIS_NAMES[a], values: values.len(), missing, readings: read(&curve), curve });
     }
-    out.try_into().map_err(|_| BadInput::new("three axes were expected"))
+    Ok(out)
 }
 
 /// The curves with their bars.
 ///
 /// # Errors
 /// Where the drawing library fails.
-pub fn picture(axes: &[Axis; 3], title: &str) -> anyhow::Result<String> {
+pub fn picture(axes: &[Axis], title: &str) -> anyhow::Result<String> {
     let mut series = Vec::new();
     for (a, axis) in axes.iter().enumerate() {
         let points = |f: &dyn Fn(&Point) -> f64| axis.curve.iter().map(|p| (p.tau_s, f(p))).collect();
-        series.push(Series {
-            label: AXIS_NAMES[a].into(),
-            points: points(&|p| p.deviation),
-            colour: a + 1,
-            dots: false,
-        });
+        series.push(Series { label: axis.axis.into(), points: points(&|p| p.deviation), colour: a + 1, dots: false });
         // The bars: from low to high at each time, parted by nothing.
         let bars =
             axis.curve.iter().flat_map(|p| [(p.tau_s, p.low), (p.tau_s, p.high), (f64::NAN, f64::NAN)]).collect();

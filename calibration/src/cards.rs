@@ -144,9 +144,9 @@ pub fn card(effect: EffectId) -> Card {
         E::NeighbourLags => (Class::Memory, Family, Refine::No, once),
         E::LagLadder | E::LagLadderByTemperature => (Class::Memory, Family, Refine::No, lags),
         E::HeatingLags => (Class::Memory, Family, Refine::No, |x| vec![[120.0, slowest(x)]]),
-        E::ArrheniusLadder => (Class::Memory, Searched, Refine::No, |x| {
-            [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec()
-        }),
+        E::ArrheniusLadder => {
+            (Class::Memory, Searched, Refine::No, |x| [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec())
+        }
         E::Hysteresis => {
             (Class::Hysteresis, Simple, Refine::Scale, |x| log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14))
         }

@@ -17,6 +17,7 @@
 use crate::metadata::{scale_text, SCALE_FACTOR};
 use crate::recording::Recording;
 use crate::run::{Steps, BRIDGE_S};
+use crate::thermometer::Thermometer;
 use crate::{names, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
@@ -168,6 +169,9 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
     if r.corrected() {
         return Err(crate::BadInput::new("the rates are corrected already; take the raw recording"));
     }
+    if r.thermometer == Thermometer::None {
+        return Err(crate::BadInput::new("the recording has no thermometer: there is nothing to correct it by"));
+    }
     let mut r = r.clone();
     let counted: Vec<(f64, [u8; 4])> = r.time_s.iter().copied().zip(std::mem::take(&mut r.status)).collect();
     r.order()?;
@@ -232,24 +236,35 @@ pub fn to_csv(
     if source.without_earth_rate() {
         s.push_str("# earth_rate: removed\n");
     }
+    if source.thermometer.is_sensor() {
+        s.push_str("# thermometer: sensor\n");
+    }
+    let present: Vec<usize> = source.present().collect();
+    // A reading for each axis: one sensor's stands in each of its axes' columns.
+    let readings = if source.thermometer.is_sensor() { Thermometer::Sensors } else { Thermometer::Frequency };
     s.push_str("time_s");
+    for a in &present {
+        let _ = write!(s, ",{}", readings.column(*a));
+    }
     for (before, after) in
-        [("f", "_hz"), ("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
+        [("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
     {
-        for a in AXIS_NAMES {
-            let _ = write!(s, ",{before}{a}{after}");
+        for a in &present {
+            let _ = write!(s, ",{before}{}{after}", AXIS_NAMES[*a]);
         }
     }
     s.push_str(",status_unit\n");
     for x in seconds {
         let _ = write!(s, "{}", x.time_s);
-        for f in x.frequency_hz {
+        for f in present.iter().map(|a| x.frequency_hz[*a]) {
             let _ = if f.is_finite() { write!(s, ",{f}") } else { write!(s, ",") };
         }
-        for v in [x.corrected_dph, x.raw_dph, x.bias_dph, x.temperature_c].as_flattened() {
-            let _ = if v.is_finite() { write!(s, ",{v}") } else { write!(s, ",") };
+        for column in [x.corrected_dph, x.raw_dph, x.bias_dph, x.temperature_c] {
+            for v in present.iter().map(|a| column[*a]) {
+                let _ = if v.is_finite() { write!(s, ",{v}") } else { write!(s, ",") };
+            }
         }
-        for v in x.status {
+        for v in present.iter().chain([&AXES]).map(|k| x.status[*k]) {
             let _ = write!(s, ",{v}");
         }
         s.push('\n');

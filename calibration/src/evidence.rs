@@ -5,8 +5,11 @@ use crate::run::Run;
 use crate::stats::block_means;
 use crate::{BadInput, AXIS_NAMES};
 
-/// Least number of 100 s means behind a figure: a standard deviation of twenty is known to 16 %.
-pub const LEAST_MEANS: usize = 20;
+/// Least number of 100 s means behind a figure: a standard deviation of twelve is known to 21 %.
+pub const LEAST_MEANS: usize = 12;
+
+/// Below this a figure is given with a warning: a standard deviation of twenty is known to 16 %.
+pub const FEW_MEANS: usize = 20;
 
 /// Finite 100 s means of an axis, and how many the run's length allows.
 #[must_use]
@@ -17,7 +20,19 @@ pub fn means(run: &Run, a: usize) -> (usize, usize) {
         .map(|(k, r)| if run.state(k, a).is_some() { *r } else { f64::NAN })
         .collect();
     let m = block_means(&usable, MEAN_S);
-    (m.iter().filter(|v| v.is_finite()).count(), m.len())
+    (m.iter().filter(|v| v.is_finite()).count(), m.len() - run.steps.run_in / MEAN_S)
+}
+
+/// A warning where a run has fewer than [`FEW_MEANS`].
+#[must_use]
+pub fn few(run: &Run, what: &str) -> Option<String> {
+    let fewest = run.steps.present().map(|a| means(run, a).0).min()?;
+    (fewest < FEW_MEANS).then(|| {
+        format!(
+            "{what} has only {fewest} means of 100 s: a standard deviation of so few is known to {:.0} %",
+            100.0 / (2.0 * (fewest as f64 - 1.0)).sqrt()
+        )
+    })
 }
 
 /// Refuses a run of which an axis has fewer than [`LEAST_MEANS`] means, or less than half of those that its length allows.
@@ -26,7 +41,8 @@ pub fn means(run: &Run, a: usize) -> (usize, usize) {
 /// # Errors
 /// One sentence that says how many there are, and why.
 pub fn require(run: &Run, what: &str) -> Result<(), BadInput> {
-    for (a, name) in AXIS_NAMES.iter().enumerate() {
+    for a in run.steps.present() {
+        let name = AXIS_NAMES[a];
         let (good, all) = means(run, a);
         if good >= LEAST_MEANS && 2 * good >= all {
             continue;
@@ -47,9 +63,13 @@ fn reason(run: &Run, a: usize, name: &str) -> String {
     }
     let mut frequencies: Vec<f64> = run.steps.frequency_hz[a].iter().copied().filter(|f| f.is_finite()).collect();
     if 2 * frequencies.len() < steps {
-        return format!("the frequency f{name}_hz is missing in {} of {steps} s", steps - frequencies.len());
+        let t = run.steps.thermometer;
+        return format!("the {} {} is missing in {} of {steps} s", t.reading(), t.column(a), steps - frequencies.len());
     }
     let known = (0..steps).filter(|&k| run.state(k, a).is_some()).count();
+    if 2 * known < steps && run.steps.thermometer.is_sensor() {
+        return "its temperatures jump, or lie far outside those of the train runs; check the sensor".into();
+    }
     if 2 * known < steps {
         let median = crate::stats::median(&mut frequencies).unwrap_or(f64::NAN);
         let centre = run.laws[a].f0_hz;
@@ -101,6 +121,6 @@ mod tests {
         let mut silent = train;
         let n = silent.frequency_hz[2].len();
         silent.frequency_hz[2][..n * 2 / 3].fill(f64::NAN);
-        says(&silent, "fz_hz is missing");
+        says(&silent, "frequency fz_hz is missing");
     }
 }

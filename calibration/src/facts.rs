@@ -45,6 +45,14 @@ pub enum Disagreement {
     /// Two recordings were made with different scale factors.
     #[error("two recordings were made with different scale factors, {0} and {1} deg/h per code (x y z); give --scale-factor X,Y,Z to bring the rates of both to one")]
     Scales(String, String),
+    /// Frequencies for an image of sensors, or the other way.
+    #[error("the recording's thermometers are {recording}, those of the calibration {image}; take a calibration that was fitted to recordings of this kind")]
+    Thermometer {
+        /// In the recording.
+        recording: &'static str,
+        /// In the image.
+        image: &'static str,
+    },
     /// The earth's rate is off some rates and not off others.
     #[error("some of the recordings tell latitude and axes, so that the earth's rate is taken off, and others do not; add them to the others, or give --latitude and --axes")]
     EarthRate,
@@ -179,6 +187,11 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
 /// [`Disagreement`] of names (unless `different_units`), or of scale factors.
 pub fn fits(c: &Calibration, r: &Recording, different_units: bool) -> Result<Vec<String>, Disagreement> {
     let mut notes = Vec::new();
+    let kind = |sensor: bool| if sensor { "sensors" } else { "resonators" };
+    if let Some(a) = r.present().find(|&a| c.axes[a].law.is_of_sensor() != r.thermometer.is_sensor()) {
+        let image = kind(c.axes[a].law.is_of_sensor());
+        return Err(Disagreement::Thermometer { recording: kind(r.thermometer.is_sensor()), image });
+    }
     match names::of(c) {
         Some(image) if r.unit() != names::NONE => {
             if image != names::kept(r.unit()) && !different_units {

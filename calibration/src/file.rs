@@ -43,8 +43,15 @@ struct FileScaling {
 
 #[derive(Debug, Serialize, Deserialize)]
 struct FileAxis {
-    frequency_centre_hz: f64,
-    frequency_scale_hz: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frequency_centre_hz: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    frequency_scale_hz: Option<f32>,
+    /// In the place of the two above, where the thermometer is a sensor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sensor_centre_c: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sensor_scale_c: Option<f32>,
     temperature_coefficients_c: [f32; 4],
     valid_from_c: f32,
     valid_to_c: f32,
@@ -113,9 +120,12 @@ pub fn to_text(c: &Calibration) -> String {
             .iter()
             .zip(AXIS_NAMES)
             .map(|(a, n)| {
+                let sensor = a.law.is_of_sensor();
                 let mut axis = FileAxis {
-                    frequency_centre_hz: a.law.f0_hz,
-                    frequency_scale_hz: a.law.scale_hz,
+                    frequency_centre_hz: (!sensor).then_some(a.law.f0_hz),
+                    frequency_scale_hz: (!sensor).then_some(a.law.scale_hz),
+                    sensor_centre_c: sensor.then_some(a.law.f0_hz),
+                    sensor_scale_c: sensor.then_some(a.law.scale_hz),
                     temperature_coefficients_c: a.law.c,
                     valid_from_c: a.law.min_c,
                     valid_to_c: a.law.max_c,
@@ -224,10 +234,17 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
                 "[axis.{n}] must have one bias model: bias_dph, or bias_cooling_dph with bias_heating_dph, or four_parameter_dph, bias_of_frequency_dph or network_dph"
             )));
         };
+        let (Some(f0_hz), Some(scale_hz)) =
+            (x.frequency_centre_hz.or(x.sensor_centre_c), x.frequency_scale_hz.or(x.sensor_scale_c))
+        else {
+            return Err(BadInput::new(format!(
+                "[axis.{n}] must have frequency_centre_hz with frequency_scale_hz, or for a sensor sensor_centre_c with sensor_scale_c"
+            )));
+        };
         c.axes[a] = Axis {
             law: TemperatureLaw {
-                f0_hz: x.frequency_centre_hz,
-                scale_hz: x.frequency_scale_hz,
+                f0_hz,
+                scale_hz,
                 c: x.temperature_coefficients_c,
                 min_c: x.valid_from_c,
                 max_c: x.valid_to_c,
@@ -327,6 +344,7 @@ mod tests {
             c.axes[0].coefficients = Coefficients::One(k);
             c.axes[1].coefficients = Coefficients::CoolingHeating(k, [g; 6]);
             c.axes[2].law.f0_hz = f0;
+            c.axes[1].law = crate::thermometer::sensor_law(g.into(), f64::from(g) + 40.0);
             let rest = if g < -3.0 {
                 Coefficients::Network(std::array::from_fn(|j| k[j % 6] + j as f32))
             } else if g < 3.0 {
@@ -336,7 +354,7 @@ mod tests {
                 Coefficients::FourParameter(m)
             };
             c.axes[2].coefficients = rest;
-            let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; 8]; 3], gain_std: [[0.0; 8]; 3] };
+            let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; MAX_OUTPUTS]; 3], gain_std: [[0.0; MAX_OUTPUTS]; 3] };
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");
             let again = from_text(&to_text(&c)).expect("readable");

@@ -5,6 +5,7 @@ use crate::evidence;
 use crate::independence::{self, Units};
 use crate::recording::Recording;
 use crate::run::{Run, Steps};
+use crate::thermometer::named;
 use crate::BadInput;
 use crate::{correct, facts, laws, names};
 use hrg_core::bias::{regressors, Scaling, TERMS};
@@ -13,6 +14,9 @@ use hrg_core::AXES;
 
 /// Seconds of a mean: the field's figure is three sigma of 100 s means.
 pub const MEAN_S: usize = 100;
+
+/// Temperatures that span less are called narrow, C.
+const NARROW_C: f32 = 20.0;
 
 /// Names of the regressors of eq 7.
 pub const NAMES: [&str; TERMS] = ["1", "T", "T^2", "dT/dt", "(dT/dt)^2", "T dT/dt"];
@@ -28,7 +32,7 @@ pub struct Prepared {
     pub notes: Vec<String>,
     /// Time constant by which each resonator follows its sensor, s (0: not identified).
     pub lag_s: [f64; AXES],
-    /// Fastest cooling (negative) and heating of the first axis, C per minute: 0 where there is none.
+    /// Fastest cooling (negative) and heating of the first axis that is there, C per minute: 0 where there is none.
     pub fastest: [f32; 2],
 }
 
@@ -60,9 +64,24 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     let all: Vec<&Recording> = recordings.iter().collect();
     notes.extend(independence::same_unit(&all, units)?);
     let agreed = facts::agree(&all)?;
+    if let Some(r) = recordings.iter().find(|r| r.absent != first.absent) {
+        return Err(BadInput::new(format!(
+            "one recording has the axes {}, another {}; give recordings of the same axes",
+            named(first.absent.map(|a| !a)),
+            named(r.absent.map(|a| !a))
+        )));
+    }
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
     let laws::Identified { laws, reference, lag_s } = laws::from_steps(&steps)?;
     match reference {
+        laws::Reference::Sensor => notes.push(if first.thermometer.parts_axes() {
+            "temperatures are those of the sensors temp_?_c".into()
+        } else {
+            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
+        }),
+        laws::Reference::Narrow => notes.push(
+            "too little temperature for a frequency-temperature law: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        ),
         laws::Reference::Case => notes.push(format!(
             "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
             lag_s[0], lag_s[1], lag_s[2]
@@ -85,13 +104,21 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     }
     calibration.calibrated = true;
     calibration.data_hash = data_hash(recordings);
+    let present: Vec<usize> = first.present().collect();
     for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
         axis.law = law;
         axis.scale_factor_dph_per_code = scale;
     }
     notes.extend(agreed.notes);
-    let (low, high) =
-        laws.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(a, b), l| (a.min(l.min_c), b.max(l.max_c)));
+    let (low, high) = present
+        .iter()
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| (l.min(laws[a].min_c), h.max(laws[a].max_c)));
+    if high - low < NARROW_C {
+        notes.push(format!(
+            "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
+            high - low
+        ));
+    }
     calibration.scaling = Scaling {
         t_ref_c: (0.5 * (low + high)).round(),
         t_scale_c: (0.5 * (high - low)).max(5.0).round(),
@@ -102,16 +129,19 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     };
     let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
     for (run, r) in runs.iter().zip(recordings) {
-        evidence::require(run, if r.source.is_empty() { "the run" } else { &r.source })?;
+        let name = if r.source.is_empty() { "the run" } else { &r.source };
+        evidence::require(run, name)?;
+        notes.extend(evidence::few(run, name));
     }
     let mut fastest = [0.0; 2];
-    for (a, axis) in calibration.axes.iter_mut().enumerate() {
+    for &a in &present {
+        let axis = &mut calibration.axes[a];
         let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();
         let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
         let hot = ranges.iter().map(|r| r.1).fold(0.0, f32::max);
         // A tenth beyond the ramps seen is still called inside.
         axis.rate_range_c_per_min = [cold * 1.1 - 0.02, hot * 1.1 + 0.02];
-        if a == 0 {
+        if a == present[0] {
             fastest = [cold, hot];
             for (slowest, missing) in [(cold > -0.1, "cooling"), (hot < 0.1, "heating")] {
                 if slowest {
@@ -131,7 +161,7 @@ pub fn data_hash(recordings: &[Recording]) -> u32 {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut d = crc.digest();
     for r in recordings {
-        for column in r.frequency_hz.iter().chain(&r.rate_dph) {
+        for column in r.present().map(|a| &r.frequency_hz[a]).chain(r.present().map(|a| &r.rate_dph[a])) {
             for v in column {
                 d.update(&v.to_le_bytes());
             }

@@ -206,6 +206,9 @@ fn step_at(input: &[f64]) -> usize {
 /// # Errors
 /// One sentence: no sensor, no step, no rest before it, too short a hold after it.
 pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
+    if run.steps.absent.contains(&true) {
+        return Err(BadInput::new("the lags of the three axes are wanted, and the recording does not have three"));
+    }
     let mut out = Vec::new();
     for a in 0..AXES {
         let name =

@@ -3,6 +3,7 @@
 use crate::lsq;
 use crate::run::Steps;
 use crate::stats::quantile;
+use crate::thermometer::{sensor_law, Thermometer};
 use crate::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
@@ -20,6 +21,10 @@ pub enum Reference {
     Shape,
     /// A sensor was recorded but does not follow the resonators; as [`Reference::Shape`] where it does not.
     Implausible,
+    /// A sensor was recorded, over too little temperature for a law: as [`Reference::Shape`].
+    Narrow,
+    /// The thermometers are sensors: no law is needed.
+    Sensor,
 }
 
 /// Centred cubic `T(f)` by least squares.
@@ -83,6 +88,13 @@ pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -
 /// A resonator that has moved less than this, about 10 C, says nothing of its law, Hz.
 const NARROWEST_HZ: f64 = 5.0;
 
+/// A reading that has moved less than this says nothing of what depends on temperature: C of a sensor, and of a resonator about
+/// as much.
+const LEAST_SPAN_C: f64 = 0.5;
+
+/// Hz of a resonator for a degree, about.
+const HZ_PER_C: f64 = 0.47;
+
 /// Whether a law is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
 fn plausible(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> bool {
     (0..=20).all(|k| {
@@ -116,8 +128,17 @@ pub struct Identified {
 /// # Errors
 /// Where the run spans too little temperature.
 pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
+    if runs.iter().any(|s| s.thermometer == Thermometer::None) {
+        return Err(BadInput::new(
+            "the recording has no thermometer: what depends on temperature cannot be found in it (hrg allan and hrg report take it)",
+        ));
+    }
+    if runs.iter().any(|s| s.thermometer.is_sensor()) {
+        return sensors(runs);
+    }
     let has = |v: &[f32]| v.iter().filter(|x| x.is_finite()).count() > 100;
-    let reference = if runs.iter().all(|s| s.case_c.iter().all(|v| has(v))) {
+    let present: Vec<usize> = (0..AXES).filter(|&a| runs.iter().any(|s| !s.absent[a])).collect();
+    let reference = if runs.iter().all(|s| present.iter().all(|&a| has(&s.case_c[a]))) {
         Reference::Case
     } else if runs.iter().all(|s| has(&s.chamber_c)) {
         Reference::Chamber
@@ -126,19 +147,14 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     };
     let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
     let mut lag_s = [0.0; AXES];
-    let mut implausible = false;
-    for (a, law) in laws.iter_mut().enumerate() {
-        let frequencies: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
-        let (low, high) = (quantile(&frequencies, 0.0), quantile(&frequencies, 1.0));
-        if !(high - low > NARROWEST_HZ) {
-            return Err(BadInput::new(format!(
-                "column f{}_hz spans {:.3} Hz, about {:.1} C; a calibration needs a run over tens of degrees",
-                crate::AXIS_NAMES[a],
-                high - low,
-                (high - low) * 2.1
-            )));
-        }
-        if reference == Reference::Shape {
+    let (mut implausible, mut narrow) = (false, false);
+    for a in present {
+        let law = &mut laws[a];
+        let (low, high) = span(runs, a, LEAST_SPAN_C * HZ_PER_C)?;
+        if high - low < NARROWEST_HZ {
+            narrow = true;
+            *law = shifted(law, low, high);
+        } else if reference == Reference::Shape {
             *law = shifted(law, low, high);
         } else {
             let sensor = |s: &Steps| -> Vec<f32> {
@@ -165,10 +181,48 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
         law.min_c = ends[0].min(ends[1]);
         law.max_c = ends[0].max(ends[1]);
     }
-    if implausible {
-        return Ok(Identified { laws, reference: Reference::Implausible, lag_s: [0.0; AXES] });
+    let reference = match (implausible, narrow) {
+        (true, _) => Reference::Implausible,
+        (_, true) if reference != Reference::Shape => Reference::Narrow,
+        _ => return Ok(Identified { laws, reference, lag_s }),
+    };
+    Ok(Identified { laws, reference, lag_s: [0.0; AXES] })
+}
+
+/// Lowest and highest reading of an axis.
+fn span(runs: &[Steps], a: usize, least: f64) -> Result<(f64, f64), BadInput> {
+    let readings: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
+    let (low, high) = (quantile(&readings, 0.0), quantile(&readings, 1.0));
+    if high - low >= least {
+        return Ok((low, high));
     }
-    Ok(Identified { laws, reference, lag_s })
+    let thermometer = runs.first().map_or_else(Thermometer::default, |s| s.thermometer);
+    let spans = if thermometer.is_sensor() {
+        format!("{:.2} C", high - low)
+    } else {
+        format!("{:.3} Hz, about {:.2} C", high - low, (high - low) / HZ_PER_C)
+    };
+    Err(BadInput::new(format!(
+        "column {} spans {spans}; what depends on temperature does not show in it: a calibration needs a run over tens of degrees (hrg allan and hrg report take a run at one temperature)",
+        thermometer.column(a)
+    )))
+}
+
+/// The laws of sensors.
+fn sensors(runs: &[Steps]) -> Result<Identified, BadInput> {
+    if runs.iter().any(|s| !s.thermometer.is_sensor()) {
+        return Err(BadInput::new(
+            "some of the recordings have resonators for thermometers and others sensors; give recordings of one kind",
+        ));
+    }
+    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    for a in 0..AXES {
+        if runs.iter().any(|s| !s.absent[a]) {
+            let (low, high) = span(runs, a, LEAST_SPAN_C)?;
+            laws[a] = sensor_law(low, high);
+        }
+    }
+    Ok(Identified { laws, reference: Reference::Sensor, lag_s: [0.0; AXES] })
 }
 
 /// A law of Table 1 moved to the middle of the frequencies seen.

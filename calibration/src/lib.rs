@@ -3,11 +3,12 @@
 //! | step | module |
 //! |---|---|
 //! | recordings in and out, and what is wrong with them | [`recording`], [`metadata`], [`dialect`] |
+//! | recordings from other programs' files | [`import`] |
 //! | names of units; what a user says of one beside its recordings | [`names`], [`facts`] |
 //! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
 //! | least squares | [`lsq`] |
 //! | how a resonator follows its surroundings | [`lag`] |
-//! | frequency to temperature; static points | [`laws`], [`points`] |
+//! | what gives the temperatures; frequency to temperature; static points | [`mod@thermometer`], [`laws`], [`points`] |
 //! | before and after every fit | [`fit`] |
 //! | enough data behind a figure; runs that are independent | [`evidence`], [`independence`] |
 //! | what a unit sends, computed on the desktop | [`mod@correct`] |
@@ -15,10 +16,12 @@
 //! | the calibration file | [`mod@file`] |
 //! | what the model lacks | [`trace`] |
 //! | a chamber run from a plant model | [`simulate`] |
+//! | the loop on measured data | [`measured`] |
 //! | Allan deviation | [`allan`] |
 //! | self-alignment | [`align`] |
 //! | a unit on a port; recordings from it; its log; its screen | [`mod@unit`], [`record`], [`mod@log`], [`monitor`] |
 //! | sensors beside a unit, live or from a chamber's log | [`sensors`], [`merge`] |
+//! | figures of a data sheet from recordings alone | [`report`] |
 //! | pictures | [`plot`] |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -33,11 +36,13 @@ pub mod evidence;
 pub mod facts;
 pub mod file;
 pub mod fit;
+pub mod import;
 pub mod independence;
 pub mod lag;
 pub mod laws;
 pub mod log;
 pub mod lsq;
+pub mod measured;
 pub mod merge;
 pub mod metadata;
 pub mod methods;
@@ -47,10 +52,12 @@ pub mod plot;
 pub mod points;
 pub mod record;
 pub mod recording;
+pub mod report;
 pub mod run;
 pub mod sensors;
 pub mod simulate;
 pub mod stats;
+pub mod thermometer;
 pub mod trace;
 pub mod unit;
 
@@ -101,15 +108,18 @@ pub fn load_recording_with(path: &std::path::Path, facts: &facts::Facts) -> anyh
     Ok(r)
 }
 
-/// Reads a whole file of at most so many bytes. A file that is larger is refused before it is read; one of text is refused at
+/// How a file begins that gzip has packed.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
 /// its first zero byte, however large it is.
 ///
 /// # Errors
 /// A sentence with the path.
 pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8>, BadInput> {
-    use std::io::Read;
+    use std::io::{BufRead, Read};
     let cannot = |e: std::io::Error| BadInput::new(format!("cannot read {}: {e}; check the path", path.display()));
-    let mut file = std::fs::File::open(path).map_err(cannot)?;
+    let file = std::fs::File::open(path).map_err(cannot)?;
     let size = file.metadata().map_err(cannot)?.len();
     if size > most {
         return Err(BadInput::new(format!(
@@ -118,11 +128,21 @@ pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8
         )));
     }
     let mut bytes = Vec::with_capacity(size.min(most) as usize);
+    let mut file = std::io::BufReader::new(file);
+    let packed = file.fill_buf().map_err(cannot)?.starts_with(&GZIP);
+    let mut content: Box<dyn Read> =
+        if packed { Box::new(flate2::bufread::MultiGzDecoder::new(file)) } else { Box::new(file) };
     loop {
         let start = bytes.len();
-        let n = file.by_ref().take(1 << 20).read_to_end(&mut bytes).map_err(cannot)?;
+        let n = content.by_ref().take(1 << 20).read_to_end(&mut bytes).map_err(cannot)?;
         if n == 0 {
             return Ok(bytes);
+        }
+        if bytes.len() as u64 > most {
+            return Err(BadInput::new(format!(
+                "{} unpacks to more than the {most} bytes that such a file may have; check that it is the right one",
+                path.display()
+            )));
         }
         if text {
             if let Some(at) = bytes[start..].iter().position(|b| *b == 0) {

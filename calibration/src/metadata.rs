@@ -10,7 +10,7 @@ use hrg_core::AXES;
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
 /// Keys with a meaning. Each may stand in a file once, or again with the same value.
-pub const KEYS: [&str; 13] = [
+pub const KEYS: [&str; 14] = [
     "hrg-recording",
     "unit",
     "run",
@@ -24,10 +24,14 @@ pub const KEYS: [&str; 13] = [
     "earth_rate",
     SCALE_FACTOR,
     "thermometer",
+    TIME_STEP,
 ];
 
 /// Key of the scale factor.
 pub const SCALE_FACTOR: &str = "scale_factor_dph_per_code";
+
+/// Key of the time between rows, for files whose time column is missing or false.
+pub const TIME_STEP: &str = "time_step_s";
 
 /// Newest version of recordings that this program reads.
 const VERSION: u32 = 2;
@@ -105,6 +109,12 @@ pub struct Lines {
 }
 
 impl Lines {
+    /// The value of a key, as far as it was read.
+    #[must_use]
+    pub fn get(&self, key: &str) -> Option<&str> {
+        self.entries.iter().find(|(k, _)| k == key).map(|(_, v)| v.as_str())
+    }
+
     /// Takes what follows the `#` of a line.
     ///
     /// # Errors
@@ -170,9 +180,15 @@ pub fn check(entries: &[(String, String)]) -> Result<(), MetadataError> {
     one_of("earth_rate", &["removed"], "removed; leave the line out where the rates hold the earth's rate")?;
     one_of(
         "thermometer",
-        &["frequency"],
-        "frequency: this program reads temperature from the resonators' frequencies",
+        &["frequency", "sensor", "none"],
+        "frequency (temperature from the resonators, f?_hz), sensor (temp_?_c, or temp_c) or none",
     )?;
+    if let Some(v) = get(TIME_STEP) {
+        let wanted = "a time between rows in seconds, above zero";
+        if !(number(TIME_STEP, v, wanted)? > 0.0) {
+            return Err(MetadataError::Value { key: TIME_STEP, value: v.into(), wanted });
+        }
+    }
     for key in ["power_on_s", "power_on_unix_s"] {
         if let Some(v) = get(key) {
             number(key, v, "a time in seconds")?;
@@ -363,7 +379,9 @@ mod tests {
             (&[" rate_unit: rad/s"][..], "convert the rates to deg/h"),
             (&[" hrg-recording: 3"][..], "version 3"),
             (&[" earth_rate: yes"][..], "earth_rate"),
-            (&[" thermometer: sensor"][..], "thermometer"),
+            (&[" thermometer: fluid"][..], "thermometer"),
+            (&[" time_step_s: 0"][..], "time_step_s"),
+            (&[" time_step_s: fast"][..], "time_step_s"),
         ] {
             let e = read(lines).expect_err(says);
             assert!(e.contains(says), "{lines:?}: {e}");

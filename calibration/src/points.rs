@@ -21,9 +21,22 @@ use std::collections::BTreeMap;
 /// Draws of noise behind each p-value.
 pub const DRAWS: usize = 100_000;
 
-/// A table of soaks.
+/// Fewest soaks of a table, or of one axis of it.
+const LEAST_SOAKS: usize = 6;
+
+/// What a column of the table is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Slot {
+    Chamber,
+    Frequency(usize),
+    Case(usize),
+}
+
+/// A table of soaks; NaN where a cell is empty.
 #[derive(Debug, Clone, Default)]
 pub struct Points {
+    /// Number of soaks.
+    pub rows: usize,
     /// Chamber temperature, C.
     pub chamber_c: Vec<f64>,
     /// Frequencies, Hz.
@@ -33,55 +46,101 @@ pub struct Points {
 }
 
 impl Points {
-    /// Reads the table.
+    /// Reads the table. Frequencies of one to three bodies or modes; sensors on their cases and the chamber's sensor may be
+    /// missing, in single cells or altogether.
     ///
     /// # Errors
     /// One sentence with line and column.
     pub fn parse(text: &str) -> Result<Self, BadInput> {
-        let wanted = ["chamber_c", "fx_hz", "fy_hz", "fz_hz", "shell_x_c", "shell_y_c", "shell_z_c"];
-        let mut header: Option<Vec<usize>> = None;
+        let mut header: Option<Vec<Option<Slot>>> = None;
         let mut out = Self::default();
         for (index, line) in text.lines().enumerate() {
             if line.starts_with('#') || line.trim().is_empty() {
                 continue;
             }
             let cells: Vec<&str> = line.split(',').map(str::trim).collect();
-            let Some(places) = &header else {
-                let places = wanted
-                    .iter()
-                    .map(|w| {
-                        cells.iter().position(|c| c == w).ok_or_else(|| {
-                            BadInput::new(format!(
-                                "line {}: the column {w} is missing; the table needs {}",
-                                index + 1,
-                                wanted.join(", ")
-                            ))
-                        })
-                    })
-                    .collect::<Result<Vec<_>, _>>()?;
-                header = Some(places);
+            let Some(slots) = &header else {
+                header = Some(out.slots(&cells, index + 1)?);
                 continue;
             };
-            let mut row = [0.0; 7];
-            for ((to, &at), name) in row.iter_mut().zip(places).zip(wanted) {
-                let cell = cells.get(at).copied().unwrap_or("");
-                *to = cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-                    BadInput::new(format!("line {}, column {} ({name}): \"{cell}\" is not a number", index + 1, at + 1))
-                })?;
+            out.rows += 1;
+            let rows = out.rows;
+            for (k, slot) in slots.iter().enumerate() {
+                let Some(slot) = slot else { continue };
+                let cell = cells.get(k).copied().unwrap_or("");
+                let value = if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+                    f64::NAN
+                } else {
+                    cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+                        BadInput::new(format!("line {}, column {}: \"{cell}\" is not a number", index + 1, k + 1))
+                    })?
+                };
+                match slot {
+                    Slot::Chamber => out.chamber_c.push(value),
+                    Slot::Frequency(a) => out.frequency_hz[*a].push(value),
+                    Slot::Case(a) => out.shell_c[*a].push(value),
+                }
             }
-            out.chamber_c.push(row[0]);
-            for a in 0..AXES {
-                out.frequency_hz[a].push(row[1 + a]);
-                out.shell_c[a].push(row[4 + a]);
+            for column in out.frequency_hz.iter_mut().chain(&mut out.shell_c).chain([&mut out.chamber_c]) {
+                column.resize(rows, f64::NAN);
             }
         }
-        if out.chamber_c.len() < 6 {
+        if out.rows < LEAST_SOAKS {
             return Err(BadInput::new(format!(
                 "the table has {} soaks; a cubic with a leave-one-out check needs six at the least",
-                out.chamber_c.len()
+                out.rows
             )));
         }
         Ok(out)
+    }
+
+    fn slots(&mut self, names: &[&str], line: usize) -> Result<Vec<Option<Slot>>, BadInput> {
+        let of = |name: &str| -> Option<Slot> {
+            let name = crate::recording::column_name(name);
+            let axis =
+                |before: &str, after: &str| AXIS_NAMES.iter().position(|n| format!("{before}{n}{after}") == name);
+            (name == "chamber_c")
+                .then_some(Slot::Chamber)
+                .or_else(|| axis("f", "_hz").map(Slot::Frequency))
+                .or_else(|| axis("case_", "_c").map(Slot::Case))
+        };
+        let slots: Vec<Option<Slot>> = names.iter().map(|n| of(n)).collect();
+        for (k, slot) in slots.iter().enumerate().filter(|(_, s)| s.is_some()) {
+            if slots[..k].contains(slot) {
+                return Err(BadInput::new(format!(
+                    "line {line}, column {}: {} is there twice; remove one",
+                    k + 1,
+                    names[k]
+                )));
+            }
+        }
+        let has = |wanted: &dyn Fn(&Slot) -> bool| slots.iter().flatten().any(wanted);
+        let missing = if !has(&|s| matches!(s, Slot::Frequency(_))) {
+            "fx_hz (or fy_hz, fz_hz)"
+        } else if !has(&|s| !matches!(s, Slot::Frequency(_))) {
+            "chamber_c (or case_x_c, ...)"
+        } else {
+            return Ok(slots);
+        };
+        Err(BadInput::new(format!(
+            "line {line}: the column {missing} is missing; a table of soaks has f?_hz, and chamber_c or case_?_c; there are {}",
+            names.join(", ")
+        )))
+    }
+
+    /// The rows that have the frequency of every axis, and the reference.
+    fn complete(&self, reference: &str) -> Option<Self> {
+        let all = |k: &usize| {
+            (0..AXES).all(|a| self.frequency_hz[a][*k].is_finite() && self.temperatures(reference, a)[*k].is_finite())
+        };
+        let rows: Vec<usize> = (0..self.rows).filter(all).collect();
+        let pick = |v: &[f64]| rows.iter().map(|&k| v[k]).collect::<Vec<f64>>();
+        (rows.len() >= LEAST_SOAKS).then(|| Self {
+            rows: rows.len(),
+            chamber_c: pick(&self.chamber_c),
+            frequency_hz: self.frequency_hz.each_ref().map(|v| pick(v)),
+            shell_c: self.shell_c.each_ref().map(|v| pick(v)),
+        })
     }
 
     fn temperatures(&self, reference: &str, a: usize) -> &[f64] {
@@ -169,6 +228,26 @@ pub struct BeforeAfter {
     pub leave_one_out_after_c: f64,
 }
 
+/// Two resonators, or two modes of one, each as the other's thermometer.
+#[derive(Debug, Clone, Serialize)]
+pub struct Pair {
+    /// The two.
+    pub axes: [String; 2],
+    /// Soaks that have both, and the chamber.
+    pub soaks: usize,
+    /// What the cubic of each leaves against the chamber, C.
+    pub against_chamber_rms_c: [f64; 2],
+    /// What is left of the first (second) when a cubic of the other predicts it, in C of its own slope: no sensor takes part.
+    pub by_the_other_rms_c: [f64; 2],
+    /// The same with each soak left out.
+    pub by_the_other_leave_one_out_c: [f64; 2],
+    /// Correlation of what both leave against the chamber. Near 1: the two agree, and it is the chamber's sensor, or its distance
+    /// from the body, that does not follow.
+    pub correlation: f64,
+    /// Chance of as large a correlation if each left noise of its own.
+    pub p_value: f64,
+}
+
 /// The report of `hrg points`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
@@ -176,6 +255,8 @@ pub struct Report {
     pub version: u32,
     /// By reference, then by axis.
     pub fits: BTreeMap<String, BTreeMap<String, AxisFits>>,
+    /// Every two of the axes.
+    pub each_other: Vec<Pair>,
     /// What is left over.
     pub effects: Vec<LeftOver>,
     /// What to do.
@@ -280,14 +361,27 @@ pub fn report(p: &Points) -> Result<Report, BadInput> {
     for reference in ["shell", "chamber"] {
         let mut axes = BTreeMap::new();
         for (a, name) in AXIS_NAMES.iter().enumerate() {
-            axes.insert((*name).to_string(), axis_fits(p.temperatures(reference, a), &p.frequency_hz[a])?);
+            let (f, t) = both(&p.frequency_hz[a], p.temperatures(reference, a));
+            if f.len() >= LEAST_SOAKS {
+                axes.insert((*name).to_string(), axis_fits(&t, &f)?);
+            }
         }
-        fits.insert(reference.to_string(), axes);
+        if !axes.is_empty() {
+            fits.insert(reference.to_string(), axes);
+        }
+    }
+    if fits.is_empty() {
+        return Err(BadInput::new("no axis has six soaks with a frequency and a temperature"));
     }
     let mut effects = Vec::new();
     let mut advice = Vec::new();
-    effects.extend(chamber_step(p)?);
-    effects.extend(common_shape(p));
+    if let Some(p) = p.complete("chamber") {
+        effects.extend(chamber_step(&p)?);
+    }
+    if let Some(p) = p.complete("shell") {
+        effects.extend(common_shape(&p));
+    }
+    let each_other = each_other(p);
     for e in &effects {
         if e.name == "step" {
             advice.push(
@@ -300,8 +394,66 @@ pub fn report(p: &Points) -> Result<Report, BadInput> {
             );
         }
     }
-    Ok(Report { version: 1, fits, effects, advice })
+    Ok(Report { version: 1, fits, each_other, effects, advice })
 }
+
+/// The rows in which both have a value.
+fn both(x: &[f64], y: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    x.iter().zip(y).filter(|(x, y)| x.is_finite() && y.is_finite()).map(|(x, y)| (*x, *y)).unzip()
+}
+
+/// Every two axes: one predicted from the other, and what both leave against the chamber.
+fn each_other(p: &Points) -> Vec<Pair> {
+    let mut out = Vec::new();
+    for (a, b) in [(0, 1), (0, 2), (1, 2)] {
+        let rows: Vec<usize> = (0..p.rows)
+            .filter(|&k| [p.frequency_hz[a][k], p.frequency_hz[b][k], p.chamber_c[k]].iter().all(|v| v.is_finite()))
+            .collect();
+        if rows.len() < LEAST_SOAKS {
+            continue;
+        }
+        let pick = |v: &[f64]| rows.iter().map(|&k| v[k]).collect::<Vec<f64>>();
+        let (fa, fb, t) = (pick(&p.frequency_hz[a]), pick(&p.frequency_hz[b]), pick(&p.chamber_c));
+        let columns = [&fa, &fb].map(|f| powers(&scaled(f).0, 3));
+        let makers = columns.each_ref().map(|c| residual_maker(c));
+        let e = makers.each_ref().map(|m| m * DVector::from_column_slice(&t));
+        let seen = correlation(&e[0], &e[1]);
+        let mut rng = ChaCha8Rng::seed_from_u64(2025);
+        let mut noise = || DVector::from_fn(rows.len(), |_, _| StandardNormal.sample(&mut rng));
+        let as_good =
+            (0..PAIR_DRAWS).filter(|_| correlation(&(&makers[0] * noise()), &(&makers[1] * noise())) >= seen).count();
+        // In C: over the slope of the predicted frequency by the chamber's temperature.
+        let slope_hz_per_c = |f: &[f64]| -> f64 {
+            let (mt, mf) = (crate::stats::mean(&t), crate::stats::mean(f));
+            let both: f64 = t.iter().zip(f).map(|(t, f)| (t - mt) * (f - mf)).sum();
+            both / t.iter().map(|t| (t - mt).powi(2)).sum::<f64>()
+        };
+        let predicted = |of: &[f64], by: &[Vec<f64>]| -> [f64; 2] {
+            let (rest, left_out) = residuals(by, of);
+            let slope = slope_hz_per_c(of).abs();
+            [rms(&rest) / slope, rms(&left_out) / slope]
+        };
+        let (x, y) = (predicted(&fa, &columns[1]), predicted(&fb, &columns[0]));
+        let against = |k: usize| e[k].norm() / (rows.len() as f64).sqrt();
+        out.push(Pair {
+            axes: [AXIS_NAMES[a].into(), AXIS_NAMES[b].into()],
+            soaks: rows.len(),
+            against_chamber_rms_c: [against(0), against(1)],
+            by_the_other_rms_c: [x[0], y[0]],
+            by_the_other_leave_one_out_c: [x[1], y[1]],
+            correlation: seen,
+            p_value: (as_good as f64 + 1.0) / (PAIR_DRAWS as f64 + 1.0),
+        });
+    }
+    out
+}
+
+fn correlation(x: &DVector<f64>, y: &DVector<f64>) -> f64 {
+    x.dot(y) / (x.norm() * y.norm())
+}
+
+/// Draws of noise behind the p-value of a pair.
+const PAIR_DRAWS: usize = 20_000;
 
 /// Columns of the inverse cubic of an axis.
 fn cubic_columns(p: &Points, a: usize) -> Vec<Vec<f64>> {
@@ -496,7 +648,7 @@ mod tests {
     /// Ten soaks of three gyros with a common shape, and noise of their own.
     fn table(common_c: f64, own_c: [f64; AXES], step_c: f64) -> Points {
         let mut rng = ChaCha8Rng::seed_from_u64(5);
-        let mut p = Points::default();
+        let mut p = Points { rows: 10, ..Points::default() };
         for k in 0..10 {
             let t = f64::from(k) * 10.0 - 40.0;
             let shared = common_c * [1.0, -1.0, 0.5, -0.5, 1.5, -1.5, 0.7, -0.7, 1.0, -1.0][k as usize];
@@ -521,6 +673,32 @@ mod tests {
         let left: Vec<f64> = residual[0].iter().zip(&residual[1]).map(|(x, y)| x - y).collect();
         let plain: Vec<f64> = (0..10).map(|k| residual[0][k] - 0.5 * (residual[1][k] + residual[2][k])).collect();
         assert!(rms(&left) < 0.2 * rms(&residual[0]) && rms(&plain) > 0.5 * rms(&residual[0]));
+    }
+
+    #[test]
+    fn cells_and_columns_may_be_missing() {
+        let text = |skip: &dyn Fn(usize) -> bool| -> String {
+            let mut s = "chamber_c,fx_hz,fz_hz,shell_x_c\n".to_string();
+            for k in 0..9 {
+                let t = f64::from(k) * 5.0 + 20.0;
+                // What the chamber's sensor misses is in both modes.
+                let body = t + [0.3, -0.2, 0.1, -0.3, 0.2, -0.1, 0.3, -0.3, 0.1][k as usize];
+                let case = if skip(k as usize) { String::new() } else { format!("{t}") };
+                s += &format!("{t},{},{},{case}\n", 4900.0 + 0.47 * body, 9800.0 - 0.9 * body + 0.001 * body * body);
+            }
+            s
+        };
+        let r = report(&Points::parse(&text(&|k| k == 3)).expect("readable")).expect("fits");
+        assert!(r.fits["shell"].len() == 1 && r.fits["shell"]["x"].inverse[2].residuals_c.len() == 8);
+        assert_eq!(r.fits["chamber"].keys().collect::<Vec<_>>(), ["x", "z"]);
+        let pair = &r.each_other[0];
+        assert_eq!((pair.axes[1].as_str(), pair.soaks, r.each_other.len()), ("z", 9, 1));
+        assert!(pair.correlation > 0.99 && pair.p_value < 1e-3, "{pair:?}");
+        assert!(pair.by_the_other_rms_c[0] < 0.01 && pair.against_chamber_rms_c[0] > 0.05, "{pair:?}");
+        let r = report(&Points::parse(&text(&|k| k > 4)).expect("readable")).expect("fits");
+        assert!(!r.fits.contains_key("shell"), "five soaks are too few");
+        let e = Points::parse("chamber_c,f_hz\n1,2\n").expect_err("no frequency").0;
+        assert!(e.contains("fx_hz") && e.contains("there are chamber_c, f_hz"), "{e}");
     }
 
     #[test]

@@ -5,7 +5,9 @@
 //! counted, reported in [`Recording::notes`], and taken out; never silently used.
 
 use crate::metadata::{self, Attitude};
+use crate::thermometer::{named, Thermometer};
 use crate::{dialect, names, BadInput, AXIS_NAMES};
+use hrg_core::AXES;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -78,10 +80,15 @@ pub struct Recording {
     pub meta: Vec<(String, String)>,
     /// Time of each row, s; increasing after [`Recording::clean`].
     pub time_s: Vec<f64>,
-    /// Resonator frequencies, Hz; NaN where missing.
-    pub frequency_hz: [Vec<f64>; 3],
+    /// What gives the temperatures.
+    pub thermometer: Thermometer,
+    /// Axes that the recording does not have: their readings and rates are NaN throughout.
+    pub absent: [bool; AXES],
+    /// Readings of the axes' thermometers; NaN where missing. Of resonators frequencies, Hz; of sensors ([`Self::thermometer`])
+    /// temperatures, C.
+    pub frequency_hz: [Vec<f64>; AXES],
     /// Rates, deg/h; NaN where missing.
-    pub rate_dph: [Vec<f64>; 3],
+    pub rate_dph: [Vec<f64>; AXES],
     /// Optional columns that are there, in the order of [`OPTIONAL`]; NaN where missing.
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
@@ -90,6 +97,9 @@ pub struct Recording {
     pub notes: Vec<String>,
     /// What was taken out, by column and kind.
     pub cleaned: Vec<Cleaned>,
+    /// Time from which on it is judged, s: rates before are left out, and readings there only bring the states of the model up to
+    /// date. `None`: from its beginning.
+    pub judged_from_s: Option<f64>,
     /// Where it was read from; empty where it was not read from a file.
     pub source: String,
     /// Earth rate that was taken off the rates of each axis, deg/h. A file holds it: [`Recording::to_csv`] adds it again.
@@ -123,6 +133,11 @@ impl Recording {
             }
         }
         (out, step)
+    }
+
+    /// Axes that the recording has.
+    pub fn present(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..AXES).filter(|&a| !self.absent[a])
     }
 
     /// A metadata value.
@@ -244,18 +259,16 @@ impl Recording {
                 out.row(row, line, &mut missing, &mut first_missing)?;
             } else {
                 names = line.split(',').map(str::trim).collect();
-                header = Some(out.slots(&names, number, rows_guess, metadata.commented_header)?);
+                header = Some(out.slots(&names, number, rows_guess, &metadata)?);
                 missing = vec![0usize; names.len()];
             }
         }
         if header.is_none() {
             return bad("the file is empty: there is no header line; a recording begins with time_s,fx_hz,...".into());
         }
-        if out.time_s.is_empty() {
-            return bad("there is a header but no row of data; record something".into());
-        }
         metadata::check(&metadata.entries)?;
         out.meta = metadata.entries;
+        out.complete()?;
         if let Some((line, column, name)) = first_missing {
             let total: usize = missing.iter().sum();
             out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
@@ -319,13 +332,48 @@ impl Recording {
         Ok(&text[at..])
     }
 
+    /// Gives times to rows that have none, and columns to axes that the file does not have.
+    fn complete(&mut self) -> Result<(), BadInput> {
+        let first = self.present().next().unwrap_or(0);
+        let rows = self.rate_dph[first].len();
+        if rows == 0 {
+            return Err(BadInput::new("there is a header but no row of data; record something"));
+        }
+        if let Some(step) = self.meta(metadata::TIME_STEP).and_then(|v| v.parse::<f64>().ok()) {
+            if !self.time_s.is_empty() {
+                self.notes.push(format!(
+                    "column time_s is not used: the metadata say that rows are {step} s apart, in their order"
+                ));
+            }
+            self.time_s = (0..rows).map(|k| k as f64 * step).collect();
+        }
+        for a in 0..AXES {
+            if self.absent[a] {
+                (self.frequency_hz[a], self.rate_dph[a]) = (vec![f64::NAN; rows], vec![f64::NAN; rows]);
+            } else if self.thermometer == Thermometer::None {
+                self.frequency_hz[a] = vec![f64::NAN; rows];
+            } else if self.thermometer == Thermometer::OneSensor && a != first {
+                self.frequency_hz[a] = self.frequency_hz[first].clone();
+            }
+        }
+        if self.absent.contains(&true) {
+            let there = named(self.absent.map(|a| !a));
+            self.notes.push(format!(
+                "the recording has no other axes than {there}: what an effect needs from another is not offered"
+            ));
+        }
+        Ok(())
+    }
+
     fn slots(
         &mut self,
         names: &[&str],
         line: usize,
         rows: usize,
-        commented: Option<usize>,
+        metadata: &metadata::Lines,
     ) -> Result<Vec<Slot>, BadInput> {
+        let commented = metadata.commented_header;
+        let first = self.axes_of_header(names, line, metadata)?;
         if names.iter().all(|n| n.parse::<f64>().is_ok()) {
             return Err(BadInput(format!(
                 "line {line} holds numbers where the header should be, the names of the columns{}",
@@ -341,12 +389,18 @@ impl Recording {
             }
             let axis = AXIS_NAMES.iter().position(|a| name.get(1..2) == Some(a) || name.get(5..6) == Some(a));
             let status = STATUS.iter().position(|s| s == name);
+            let own = |a: &usize| {
+                self.thermometer != Thermometer::None && self.thermometer.column(*a) == **name && !self.absent[*a]
+            };
             let slot = if *name == "time_s" {
                 Slot::Time
+            } else if let Some(a) = (0..AXES).find(own) {
+                Slot::Reading(if self.thermometer == Thermometer::OneSensor { first } else { a })
+            } else if is_reading(name) {
+                self.notes.push(format!("column {name} is not used: {} the thermometer", self.says_thermometer()));
+                Slot::Ignored
             } else if let Some(k) = status {
                 Slot::Status { k, first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })) }
-            } else if let (Some(a), true) = (axis, name.len() == 5 && name.starts_with('f') && name.ends_with("_hz")) {
-                Slot::Frequency(a)
             } else if let (Some(a), true) =
                 (axis, name.len() == 10 && name.starts_with("rate_") && name.ends_with("_dph"))
             {
@@ -362,28 +416,66 @@ impl Recording {
             };
             slots.push(slot);
         }
-        let mut wanted = vec![(Slot::Time, "time_s".to_string())];
-        for (a, n) in AXIS_NAMES.iter().enumerate() {
-            wanted.push((Slot::Frequency(a), format!("f{n}_hz")));
+        Ok(slots)
+    }
+
+    /// Which columns are the thermometer, in words.
+    fn says_thermometer(&self) -> &'static str {
+        match self.thermometer {
+            Thermometer::Frequency => {
+                "the resonators' frequencies are (\"# thermometer: sensor\" would choose the sensors)"
+            }
+            Thermometer::Sensors => "the sensors temp_?_c are",
+            Thermometer::OneSensor => "the sensor temp_c is",
+            Thermometer::None => "the metadata say that nothing is",
         }
-        for (a, n) in AXIS_NAMES.iter().enumerate() {
-            wanted.push((Slot::Rate(a), format!("rate_{n}_dph")));
+    }
+
+    /// Decides what the thermometer is and which axes there are; gives the first axis.
+    fn axes_of_header(&mut self, names: &[&str], line: usize, metadata: &metadata::Lines) -> Result<usize, BadInput> {
+        let has = |wanted: &str| names.contains(&wanted);
+        let any = |t: Thermometer| (0..AXES).any(|a| has(&t.column(a)));
+        let sensor = if any(Thermometer::Sensors) { Thermometer::Sensors } else { Thermometer::OneSensor };
+        self.thermometer = match metadata.get("thermometer") {
+            Some("sensor") => sensor,
+            Some("none") => Thermometer::None,
+            None if !any(Thermometer::Frequency) && any(sensor) => sensor,
+            _ => Thermometer::Frequency,
+        };
+        let rate = |a: usize| format!("rate_{}_dph", AXIS_NAMES[a]);
+        let there = |a: usize| has(&rate(a)) || (self.thermometer.parts_axes() && has(&self.thermometer.column(a)));
+        // Names in capitals are an oversight, not an axis left out.
+        let nearly = |a: usize| names.iter().any(|n| n.eq_ignore_ascii_case(&rate(a)));
+        self.absent = [0, 1, 2].map(|a| !(there(a) || nearly(a)));
+        if !self.absent.contains(&false) {
+            self.absent = [false; AXES];
         }
-        for (slot, name) in wanted {
-            if !slots.contains(&slot) {
+        let mut wanted = if metadata.get(metadata::TIME_STEP).is_some() { vec![] } else { vec!["time_s".to_string()] };
+        if self.thermometer != Thermometer::None {
+            wanted.extend(self.present().map(|a| self.thermometer.column(a)));
+        }
+        wanted.extend(self.present().map(rate));
+        for name in wanted {
+            if !names.contains(&name.as_str()) {
+                let advice = if name == "time_s" {
+                    "rows that are evenly apart may have \"# time_step_s: SECONDS\" in its place"
+                } else {
+                    "a recording needs time_s, and for each axis rate_?_dph and f?_hz (or temp_?_c, or temp_c for all; \"# thermometer: none\" where there is none)"
+                };
                 return Err(BadInput(format!(
-                    "line {line}: the column {name} is missing; a recording needs time_s, fx_hz, fy_hz, fz_hz, rate_x_dph, rate_y_dph, rate_z_dph{}",
-                    why_missing(&name, names)
+                    "line {line}: the column {name} is missing{}; {advice}; there are {}",
+                    why_missing(&name, names),
+                    names.join(", ")
                 )));
             }
         }
-        Ok(slots)
+        Ok(self.present().next().unwrap_or(0))
     }
 
     fn push(&mut self, slot: Slot, value: f64) {
         match slot {
             Slot::Time => self.time_s.push(value),
-            Slot::Frequency(a) => self.frequency_hz[a].push(value),
+            Slot::Reading(a) => self.frequency_hz[a].push(value),
             Slot::Rate(a) => self.rate_dph[a].push(value),
             Slot::Optional(k) => self.optional[k].1.push(value),
             Slot::Status { k, first } => {
@@ -473,10 +565,18 @@ impl Recording {
             self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
         }
         let mut counts = Vec::new();
-        for a in 0..3 {
-            let stuck = remove_stuck(&mut self.frequency_hz[a], step);
-            let spikes = remove_spikes(&mut self.frequency_hz[a], 8.0, 5e-4);
-            counts.push((format!("f{}_hz", AXIS_NAMES[a]), stuck, spikes));
+        let axes: Vec<usize> = self.present().collect();
+        for &a in &axes {
+            let readings = &mut self.frequency_hz[a];
+            let (stuck, spikes) = match self.thermometer {
+                Thermometer::None => (0, 0),
+                Thermometer::Frequency => (remove_stuck(readings, step), remove_spikes(readings, 8.0, 5e-4)),
+                // As any coarse sensor.
+                _ => (0, remove_spikes(readings, 12.0, 0.01)),
+            };
+            if self.thermometer.parts_axes() || a == axes[0] {
+                counts.push((self.thermometer.column(a), stuck, spikes));
+            }
             let stuck = remove_stuck(&mut self.rate_dph[a], step);
             let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
             counts.push((format!("rate_{}_dph", AXIS_NAMES[a]), stuck, spikes));
@@ -497,13 +597,15 @@ impl Recording {
                 self.cleaned.push(Cleaned { column, defect: Defect::Spike, count: spikes });
             }
         }
-        for a in 0..3 {
-            for (name, column) in [("f?_hz", &self.frequency_hz[a]), ("rate_?_dph", &self.rate_dph[a])] {
+        for a in axes {
+            let rate = format!("rate_{}_dph", AXIS_NAMES[a]);
+            let own =
+                (self.thermometer != Thermometer::None).then(|| (self.thermometer.column(a), &self.frequency_hz[a]));
+            for (name, column) in own.into_iter().chain([(rate, &self.rate_dph[a])]) {
                 let good = column.iter().filter(|v| v.is_finite()).count();
                 if good * 2 < column.len() {
                     return Err(BadInput(format!(
-                        "column {}: only {good} of {} values can be used; check that channel",
-                        name.replace('?', AXIS_NAMES[a]),
+                        "column {name}: only {good} of {} values can be used; check that channel",
                         column.len()
                     )));
                 }
@@ -543,14 +645,61 @@ impl Recording {
         }
     }
 
+    /// Parts a recording in two at a time: to learn from what is before, and to judge on what is after, with the states of the
+    /// model (lags, hysteresis) carried on from the beginning. Whether two parts of one run are independent enough is for the user
+    /// to say: nothing that lasts longer than the first part is learnt from it.
+    ///
+    /// # Errors
+    /// Where the time is outside the recording.
+    pub fn split(&self, at_s: f64) -> Result<(Self, Self), BadInput> {
+        let at = self.time_s.partition_point(|t| *t < at_s);
+        if at < 2 || at + 2 > self.time_s.len() {
+            let (first, last) = (self.time_s.first().unwrap_or(&0.0), self.time_s.last().unwrap_or(&0.0));
+            return Err(BadInput(format!("a split at {at_s} s: the recording goes from {first} to {last} s")));
+        }
+        let mut before = self.clone();
+        before.time_s.truncate(at);
+        before.status.truncate(at);
+        before.columns_mut().for_each(|c| c.truncate(at));
+        let mut after = self.clone();
+        after.judged_from_s = Some(at_s);
+        after.rate_dph.iter_mut().for_each(|c| c[..at].fill(f64::NAN));
+        Ok((before, after))
+    }
+
+    /// Only what is judged, as a recording of its own: states begin anew in it.
+    #[must_use]
+    pub fn judged_part(mut self) -> Self {
+        if let Some(from) = self.judged_from_s.take() {
+            let at = self.time_s.partition_point(|t| *t < from);
+            self.time_s.drain(..at);
+            self.status.drain(..at.min(self.status.len()));
+            self.columns_mut().for_each(|c| drop(c.drain(..at)));
+        }
+        self
+    }
+
     /// The recording as text, with the earth rate in it that was taken off when it was read.
     #[must_use]
     pub fn to_csv(&self) -> String {
         let mut s = String::with_capacity(self.time_s.len() * 120);
-        for (k, v) in &self.meta {
+        // (The times of rows that had none are written.)
+        for (k, v) in self.meta.iter().filter(|(k, _)| k != metadata::TIME_STEP) {
             let _ = writeln!(s, "# {k}: {v}");
         }
-        s.push_str("time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph");
+        s.push_str("time_s");
+        let columns = match self.thermometer {
+            Thermometer::None => 0,
+            Thermometer::OneSensor => 1,
+            _ => AXES,
+        };
+        let readings: Vec<usize> = self.present().take(columns).collect();
+        for a in &readings {
+            let _ = write!(s, ",{}", self.thermometer.column(*a));
+        }
+        for a in self.present() {
+            let _ = write!(s, ",rate_{}_dph", AXIS_NAMES[a]);
+        }
         for (name, _) in &self.optional {
             let _ = write!(s, ",{name}");
         }
@@ -564,11 +713,11 @@ impl Recording {
         };
         for k in 0..self.time_s.len() {
             let _ = write!(s, "{}", self.time_s[k]);
-            for c in &self.frequency_hz {
-                cell(&mut s, c[k], 7);
+            for a in &readings {
+                cell(&mut s, self.frequency_hz[*a][k], self.thermometer.digits());
             }
-            for (c, earth) in self.rate_dph.iter().zip(self.earth_rate_dph.unwrap_or_default()) {
-                cell(&mut s, c[k] + earth, 5);
+            for a in self.present() {
+                cell(&mut s, self.rate_dph[a][k] + self.earth_rate_dph.map_or(0.0, |e| e[a]), 5);
             }
             for (_, c) in &self.optional {
                 cell(&mut s, c[k], 4);
@@ -580,11 +729,18 @@ impl Recording {
 }
 
 /// The text of a file, without its byte-order mark.
-fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
+pub(crate) fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
     std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)).map_err(|e| {
         let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
         BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
     })
+}
+
+/// Whether a column is one that some thermometer has.
+fn is_reading(name: &str) -> bool {
+    [Thermometer::Frequency, Thermometer::Sensors, Thermometer::OneSensor]
+        .iter()
+        .any(|t| (0..AXES).any(|a| t.column(a) == name))
 }
 
 /// What the header shows of why a column is missing.
@@ -603,7 +759,8 @@ fn why_missing(wanted: &str, names: &[&str]) -> String {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Slot {
     Time,
-    Frequency(usize),
+    /// Of an axis' thermometer.
+    Reading(usize),
     Rate(usize),
     Optional(usize),
     /// Of an axis or the unit; the first such column of the file.
@@ -773,12 +930,32 @@ impl Scatter {
 
 /// Hampel filter: values further than `limit` times the scatter from the median of 11 neighbours. Deviations
 /// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK).
+///
+/// A spike is rare. Where more than [`MOST_SPIKES`] of the values are that far off, the scatter is not what makes them so (a coarse
+/// resolution hides it, or the channel moves fast): the limit is doubled until it is.
 fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
-    let n = values.len();
-    if n < 2 * HALF + 1 {
+    if values.len() < 2 * HALF + 1 {
         return 0;
     }
     let Some(scatter) = Scatter::of(values, harmless) else { return 0 };
+    let most = (MOST_SPIKES * values.len() as f64) as usize;
+    let mut spikes = spikes(values, limit, &scatter);
+    let mut wider = limit;
+    while spikes.len() > most.max(8) {
+        wider *= 2.0;
+        spikes = self::spikes(values, wider, &scatter);
+    }
+    let removed = spikes.len();
+    spikes.into_iter().for_each(|k| values[k] = f64::NAN);
+    removed
+}
+
+/// Share of a column that may be spikes.
+const MOST_SPIKES: f64 = 0.02;
+
+/// Places of the values further than `limit` times the scatter from the median of their neighbours.
+fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
+    let n = values.len();
     let mut spikes = Vec::new();
     for k in 0..n {
         let v = values[k];
@@ -803,9 +980,7 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
             spikes.push(k);
         }
     }
-    let removed = spikes.len();
-    spikes.into_iter().for_each(|k| values[k] = f64::NAN);
-    removed
+    spikes
 }
 
 #[cfg(test)]
@@ -834,7 +1009,7 @@ mod tests {
     fn each_defect_gets_one_sentence_with_its_place() {
         assert!(error("").contains("empty"));
         assert!(error(HEAD).contains("no row"));
-        assert!(error("time_s,fx_hz\n1,2\n").contains("fy_hz is missing"));
+        assert!(error("time_s,fx_hz\n1,2\n").contains("rate_x_dph is missing"));
         let text = rows(20).replace("5,4900", "5,hello");
         assert!(error(&text).starts_with("line 8, column 2 (fx_hz): \"hello"), "{}", error(&text));
         assert!(error(&(rows(20) + "21,1,2\n")).contains("line 23 has 3 cells"));
@@ -893,6 +1068,72 @@ mod tests {
         let removed = remove_spikes(&mut v, 6.5, 0.0);
         assert!((50..n).step_by(500).all(|k| v[k].is_nan()), "the spikes are found");
         assert!(removed <= 40 + n / 1000, "{removed} removed");
+    }
+
+    #[test]
+    fn a_coarse_channel_that_moves_is_not_taken_for_spikes() {
+        // It stands still for most of the time, so that its scatter is that of its resolution, and moves in one row of five.
+        let mut level = 0;
+        let mut v: Vec<f64> = (0..5000u64)
+            .map(|k| {
+                let x = k.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+                level += if x % 5 == 0 { [-6, 6, -4, 4][(x / 5 % 4) as usize] } else { 0 };
+                f64::from(level) * 0.1
+            })
+            .collect();
+        v[1000] += 60.0;
+        v[3000] -= 60.0;
+        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        assert!(v[1000].is_nan() && v[3000].is_nan());
+        assert!(removed <= 100, "{removed} removed");
+    }
+
+    #[test]
+    fn sensors_and_fewer_axes_are_read_and_written() {
+        let mut text = "# thermometer: sensor\n# time_step_s: 2\ntemp_c,rate_z_dph\n".to_string();
+        for k in 0..40 {
+            let _ = writeln!(text, "{},{}", 20.0 + 0.1 * f64::from(k), 5.0 + f64::from(k * 7 % 11));
+        }
+        let mut r = Recording::parse(text.as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        assert_eq!((r.thermometer, r.absent), (Thermometer::OneSensor, [true, true, false]));
+        assert_eq!((r.time_s[39], r.frequency_hz[2][10], r.rate_dph[2][1]), (78.0, 21.0, 12.0));
+        assert!(r.rate_dph[0].len() == 40 && r.frequency_hz[1].iter().all(|v| v.is_nan()));
+        let again = Recording::parse(r.to_csv().as_bytes()).expect("readable");
+        assert_eq!((&again.time_s, again.thermometer, again.absent), (&r.time_s, r.thermometer, r.absent));
+        assert_eq!(again.frequency_hz[2], r.frequency_hz[2]);
+        // A sensor for each axis; frequencies beside them are the thermometer, unless the file says otherwise.
+        let both = "time_s,fx_hz,temp_x_c,rate_x_dph\n0,4900,20,1\n1,4900.1,20.1,2\n";
+        let r = Recording::parse(both.as_bytes()).expect("readable");
+        assert!(r.thermometer == Thermometer::Frequency && r.notes.iter().any(|n| n.contains("temp_x_c is not used")));
+        let r = Recording::parse(format!("# thermometer: sensor\n{both}").as_bytes()).expect("readable");
+        assert_eq!((r.thermometer, r.frequency_hz[0][1]), (Thermometer::Sensors, 20.1));
+        let none = "# thermometer: none\ntime_s,rate_y_dph\n0,1\n1,2\n2,4\n";
+        let mut r = Recording::parse(none.as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        assert_eq!(Recording::parse(r.to_csv().as_bytes()).expect("readable").rate_dph[1], [1.0, 2.0, 4.0]);
+        for (text, says) in [
+            ("time_s,rate_y_dph\n0,1\n", "fy_hz is missing"),
+            ("time_s,temp_c\n1,2\n", "rate_x_dph is missing"),
+            ("time_s,temp_x_c,rate_y_dph\n1,2,3\n", "temp_y_c is missing"),
+            ("temp_c,rate_x_dph\n1,2\n", "time_s is missing; rows that are evenly apart"),
+            ("time_s,temp_c,RATE_X_dph\n1,2,3\n", "small letters"),
+        ] {
+            let e = Recording::parse(text.as_bytes()).expect_err(says).0;
+            assert!(e.contains(says), "{text}: {e}");
+        }
+    }
+
+    #[test]
+    fn a_recording_is_parted_with_its_states() {
+        let r = Recording::parse(rows(100).as_bytes()).expect("readable");
+        let (before, after) = r.split(60.0).expect("within");
+        assert_eq!((before.time_s.len(), after.time_s.len(), after.judged_from_s), (60, 100, Some(60.0)));
+        assert_eq!(after.frequency_hz, r.frequency_hz, "what the states need is there");
+        assert!(after.rate_dph[1][59].is_nan() && after.rate_dph[1][60] == r.rate_dph[1][60]);
+        let alone = after.judged_part();
+        assert_eq!((alone.time_s[0], alone.rate_dph[0].len()), (60.0, 40));
+        assert!(r.split(-1.0).is_err() && r.split(500.0).is_err());
     }
 
     #[test]

@@ -18,7 +18,13 @@ pub struct Steps {
     pub start_s: f64,
     /// Time of power-on on the same clock, s.
     pub power_on_s: f64,
-    /// Frequencies, Hz; NaN where missing.
+    /// Steps before the first that is judged.
+    pub run_in: usize,
+    /// What gives the temperatures.
+    pub thermometer: crate::thermometer::Thermometer,
+    /// Axes that the recording does not have.
+    pub absent: [bool; AXES],
+    /// Readings of the thermometers: frequencies, Hz, or temperatures, C; NaN where missing.
     pub frequency_hz: [Vec<f64>; AXES],
     /// Rates, deg/h; NaN where missing.
     pub rate_dph: [Vec<f64>; AXES],
@@ -119,6 +125,9 @@ impl Steps {
         let steps = Self {
             start_s: first,
             power_on_s: r.power_on_s(),
+            run_in: r.judged_from_s.map_or(0, |t| ((t - first) / step).round().clamp(0.0, n as f64) as usize),
+            thermometer: r.thermometer,
+            absent: r.absent,
             frequency_hz,
             rate_dph,
             case_c: axis("case", "c"),
@@ -141,6 +150,11 @@ impl Steps {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
+    }
+
+    /// Axes that the recording has.
+    pub fn present(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..AXES).filter(|&a| !self.absent[a])
     }
 
     fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
@@ -273,6 +287,20 @@ impl Run {
         let thermal = &self.thermal[k];
         thermal.state(a)?;
         Some(Inputs { scaling, thermal, axis: a, recorded })
+    }
+
+    /// Whether the recording has what an effect asks of the other axes: temperatures that can differ from axis to axis, and for a
+    /// timebase all three frequencies.
+    #[must_use]
+    pub fn offers(&self, effect: &str) -> bool {
+        let axes = self.steps.present().count();
+        match effect {
+            "axis-gradient" | "neighbour-lags" => axes == AXES && self.steps.thermometer.parts_axes(),
+            "timebase" => axes == AXES && !self.steps.thermometer.is_sensor(),
+            "thermometer-error" => !self.steps.thermometer.is_sensor(),
+            "frequency-direct" => !self.steps.thermometer.is_sensor(),
+            _ => true,
+        }
     }
 
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.

@@ -650,8 +650,7 @@ impl Plan {
             .zip(self.signs())
             .map(|(spec, signs)| {
                 [0, 1, 2].map(|a: usize| {
-                    let bias =
-                        effect_bias(spec, &plant, &monitors.recorded(&plant), &default.scaling, a, signs[a].1);
+                    let bias = effect_bias(spec, &plant, &monitors.recorded(&plant), &default.scaling, a, signs[a].1);
                     let left = left_after_baseline(&bias, &plant, &default.scaling, a);
                     if left > 0.0 {
                         signs[a].0 * spec.size * floor[a] / left

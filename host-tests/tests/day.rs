@@ -294,8 +294,8 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
         let mut term = EffectTerm {
             id: by_name(name).expect("known").id,
             parameters,
-            gains: [[0.0; 8]; 3],
-            gain_std: [[0.0; 8]; 3],
+            gains: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],
+            gain_std: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],
         };
         term.gains.iter_mut().for_each(|g| g[0] = gain);
         c.effects.push(term).expect("room");

@@ -22,6 +22,13 @@ pub struct TemperatureLaw {
 }
 
 impl TemperatureLaw {
+    /// Whether this is the law of a temperature sensor: `T = T`. Its centre and scale are then temperatures in C, and so are the
+    /// readings that it is given.
+    #[must_use]
+    pub fn is_of_sensor(&self) -> bool {
+        self.c == [self.f0_hz as f32, self.scale_hz, 0.0, 0.0]
+    }
+
     /// Centred and scaled frequency, about -1 to 1 inside the fitted range.
     #[inline]
     #[must_use]

@@ -143,7 +143,7 @@ proptest! {
             let thermal = Thermal { axes, time_s };
             for axis in 0..3 {
                 let recorded =
-                    Recorded { case_c: o, board_c: o[0], supply_v: o[1], drive_v: o[2], quad_v: o[0] };
+                    Recorded { case_c: o, board_c: o[0], supply_v: o[1], drive_v: o, quad_v: o };
                 let _ = effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis, recorded });
             }
         }

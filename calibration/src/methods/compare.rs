@@ -54,15 +54,24 @@ pub struct Comparison {
     pub left_out: Vec<String>,
 }
 
-/// Root mean square over the axes.
+/// Root mean square over the axes that are there.
 #[must_use]
 pub fn over_axes(v: &[f64; AXES]) -> f64 {
-    (v.iter().map(|x| x * x).sum::<f64>() / AXES as f64).sqrt()
+    let there: Vec<f64> = v.iter().copied().filter(|x| x.is_finite()).collect();
+    (there.iter().map(|x| x * x).sum::<f64>() / there.len() as f64).sqrt()
 }
 
 /// Mean over runs of a figure of each axis.
 fn over_runs(runs: &[[Vec<f64>; AXES]], figure: impl Fn(&[f64]) -> f64) -> [f64; AXES] {
-    [0, 1, 2].map(|a: usize| runs.iter().map(|r| figure(&r[a])).sum::<f64>() / runs.len().max(1) as f64)
+    // (An axis that is not there has no finite rate.)
+    let there = |a: usize| runs.iter().any(|r| r[a].iter().any(|v| v.is_finite()));
+    [0, 1, 2].map(|a: usize| {
+        if !there(a) {
+            f64::NAN
+        } else {
+            runs.iter().map(|r| figure(&r[a])).sum::<f64>() / runs.len().max(1) as f64
+        }
+    })
 }
 
 fn three_sigma(v: &[f64]) -> f64 {
@@ -137,7 +146,7 @@ pub fn compare(
         let mut calibration: Calibration = found.calibration;
         calibration.sequence = 1;
         let (t, v) = (over_runs(&on_train, three_sigma), over_runs(&on_verify, three_sigma));
-        for a in 0..AXES {
+        for a in train_steps[0].present() {
             calibration.axes[a].train_rms_dph = (t[a] / 3.0) as f32;
             calibration.axes[a].verify_rms_dph = (v[a] / 3.0) as f32;
         }
@@ -343,7 +352,8 @@ pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Resu
             x: "time [h]".into(),
             y: "deg/h".into(),
             log: false,
-            series: (0..AXES)
+            series: steps
+                .present()
                 .map(|a| Series {
                     label: AXIS_NAMES[a].to_string(),
                     points: means(&corrected[a]),

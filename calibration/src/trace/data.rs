@@ -204,6 +204,8 @@ impl<'a> Data<'a> {
                 let tries = grid.len() as f64;
                 grid.into_iter().map(move |parameters| (Candidate { facts, parameters, run: None }, tries))
             })
+            // What an effect needs from another axis must be there.
+            .filter(|(c, _)| self.runs.iter().all(|r| r.offers(c.facts.name)))
             .collect()
     }
 
@@ -228,6 +230,11 @@ impl<'a> Data<'a> {
                 families.chain(b.start.into_iter().flat_map(start)).collect()
             })
             .collect()
+    }
+
+    /// How many axes have data.
+    pub fn axes_there(&self) -> usize {
+        self.axes.iter().filter(|a| !a.y.is_empty()).count().max(1)
     }
 }
 

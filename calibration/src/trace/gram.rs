@@ -449,7 +449,8 @@ impl<'d> Axis<'d> {
                     b[group.start + i] - base.half.column(group.start + i).dot(&rates)
                 });
                 let along = spectrum.turn.as_ref().map_or(free.clone(), |t| t.transpose() * &free);
-                let s = Spectrum { values: spectrum.values.clone(), along: along.iter().copied().collect(), turn: None };
+                let s =
+                    Spectrum { values: spectrum.values.clone(), along: along.iter().copied().collect(), turn: None };
                 s.best(v.free, left, bench.most).0
             })
             .collect()

@@ -125,7 +125,7 @@ fn figures(r: &Report) -> String {
     let mut s = String::from(
         "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>means, train / verify</th><th>noise floor</th><th>left, in floors</th><th>structure left</th></tr>",
     );
-    for n in AXIS_NAMES {
+    for n in r.axes() {
         let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
         let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "none found".into() };
         let _ = write!(
@@ -267,7 +267,7 @@ pub fn html(t: &Trace) -> anyhow::Result<String> {
     s += "<h2>Taken out of the files</h2>";
     s += &cleaned(r);
     s += "<h2>Residuals</h2>";
-    for a in 0..3 {
+    for a in t.verify.steps.present() {
         s += &pictures(t, a)?;
     }
     Ok(s + "</html>\n")

@@ -8,9 +8,9 @@ pub mod data;
 mod events;
 pub mod floor;
 pub mod gls;
+pub mod gram;
 mod html;
 pub mod judge;
-pub mod gram;
 mod leftover;
 pub mod model;
 mod proposals;
@@ -113,11 +113,14 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     let (refitted, judged) = events::refit(&candidates, &verify_run, &scaling, &after_verify);
 
     let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
-    let fewest = (0..AXES).map(|a| count(&judged, a)).min().unwrap_or(0);
-    let trained = (0..AXES).map(|a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
+    let there: Vec<usize> = verify_run.steps.present().collect();
+    let fewest = there.iter().map(|&a| count(&judged, a)).min().unwrap_or(0);
+    let trained = there.iter().map(|&a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
     let clean = Clean::new(fewest, trained, SEED);
     let mut noise = Vec::new();
     for a in 0..AXES {
+        // (What is said of an axis that is not there is taken out of the report.)
+        let a = if there.contains(&a) { a } else { there[0] };
         let series: Vec<Means> = after_train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
         let series: Vec<&[f64]> = series.iter().map(Means::series).collect();
         let neighbours = Neighbours::of(&series).ok_or_else(|| {
@@ -140,7 +143,8 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
         let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
     });
-    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| !r.is_noise()) {
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
+    {
         left.push(format!("on the verify run ({ratio})"));
     }
     let exchanged = exchange(train, verify, &effects, &verify_run);
@@ -168,12 +172,13 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
     };
+    report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
     report.verdict = words::verdict(&report);
     report.advice = words::advice(&report);
     let mut image = written.image;
-    for (a, n) in AXIS_NAMES.iter().enumerate() {
-        image.axes[a].train_rms_dph = report.r#final[*n].train_rms_dph as f32;
-        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[*n].verify_rms_dph) as f32;
+    for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
+        image.axes[a].train_rms_dph = report.r#final[n].train_rms_dph as f32;
+        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
     }
     Ok(Trace {
         report,
@@ -192,6 +197,12 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
         return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
     }
     let all: Vec<&Recording> = train.iter().chain([verify]).collect();
+    if let Some(r) = train.iter().find(|r| r.absent != verify.absent || r.thermometer != verify.thermometer) {
+        return Err(BadInput::new(format!(
+            "the train recording {} and the verify recording {} have different axes or thermometers; give recordings of one unit with the same columns",
+            r.source, verify.source
+        )));
+    }
     let note = independence::same_unit(&all, options.units)?;
     facts::agree(&all)?;
     let mut prepared = prepare_for(train, options.units)?;
@@ -203,6 +214,7 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let run = Run::new(Steps::new(verify)?, laws);
     let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
     evidence::require(&run, &format!("the verify run{name}"))?;
+    prepared.notes.extend(evidence::few(&run, "the verify run"));
     Ok((prepared, run))
 }
 
@@ -231,8 +243,7 @@ impl Learnt {
     fn new(search: &mut Search<'_>) -> Self {
         let model = search.run();
         let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
-        let terms =
-            model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
+        let terms = model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
         Self { model, terms, ranks }
     }
 }
@@ -280,7 +291,10 @@ impl OnVerifyRun<'_> {
             let equal = rank
                 .iter()
                 .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
-                .filter(|r| card(r.candidate.facts.effect).class != class || !(family(r) || card(c.facts.effect).kind != Kind::Simple))
+                .filter(|r| {
+                    card(r.candidate.facts.effect).class != class
+                        || !(family(r) || card(c.facts.effect).kind != Kind::Simple)
+                })
                 .map(|r| r.candidate.facts.name)
                 .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
             out.push(Found {
@@ -362,6 +376,7 @@ impl OnVerifyRun<'_> {
             match *model {
                 AxisModel::Extended => {}
                 AxisModel::Baseline => take_axis(&mut image, &baseline, a),
+                AxisModel::Constant if self.run.steps.absent[a] => {}
                 AxisModel::Constant => {
                     take_axis(&mut image, &baseline, a);
                     image.axes[a].coefficients = constant(&self.data.axes[a].y);
@@ -447,7 +462,7 @@ fn conclude(
 
 /// The second witness: the search with the verify run as train run. `None` where it is too short or cannot be used so.
 fn exchange(train: &[Recording], verify: &Recording, effects: &[Found], run: &Run) -> Option<Exchanged> {
-    let shortest = (0..AXES).map(|a| evidence::means(run, a).0).min()?;
+    let shortest = run.steps.present().map(|a| evidence::means(run, a).0).min()?;
     if shortest < LEAST_EXCHANGED || train.is_empty() {
         return None;
     }
@@ -480,12 +495,12 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
             |&(t, r): &(f32, f32)| (axis.law.min_c..=axis.law.max_c).contains(&t) && (slowest..=fastest).contains(&r);
         1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64
     };
-    (0..AXES).map(share).fold(0.0, f64::max)
+    run.steps.present().map(share).fold(0.0, f64::max)
 }
 
 fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
     c.facts.reach == Reach::Unit
-        || (0..AXES).all(|a| {
+        || run.steps.present().all(|a| {
             let values = run.effect(c.facts.id, &c.parameters, scaling, a);
             values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
         })

@@ -84,6 +84,12 @@ impl Fitted {
     pub fn new(data: &Data<'_>, terms: &[Term], colours: [usize; AXES]) -> Result<Self, BadInput> {
         let one = |a: usize| -> Result<AxisFit, BadInput> {
             let rows = &data.axes[a];
+            if data.runs.iter().all(|r| r.steps.absent[a]) {
+                let count = TERMS + terms.iter().filter(|t| t.on(a)).map(Term::outputs).sum::<usize>();
+                let zeros = vec![0.0; count];
+                let covariance = DMatrix::zeros(count, count);
+                return Ok(AxisFit { coefficients: zeros.clone(), std: zeros, days: vec![], covariance });
+            }
             let mut columns = rows.base[..TERMS].to_vec();
             let mut names: Vec<&str> = fit::NAMES.to_vec();
             let mut prior = vec![None; TERMS];

@@ -30,7 +30,7 @@ pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     }
     let frequency = |k: usize| f_low + (f_high - f_low) * k as f64 / n as f64;
     let mut power = vec![0.0; n];
-    for (view, rows) in left.iter().zip(&data.axes) {
+    for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
         let variance = dot(&view.y, &view.y) / view.y.len().max(1) as f64;
         for (k, p) in power.iter_mut().enumerate() {
             let (re, im) = line(&view.y, &rows.keep, std::f64::consts::TAU * frequency(k) * block);
@@ -74,7 +74,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
         let blocks = data.blocks[number];
         let margin = (blocks / 30).max(2);
         let mut score = vec![0.0; blocks];
-        for (view, rows) in left.iter().zip(&data.axes) {
+        for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
             let n = view.y.len();
             let variance = dot(&view.y, &view.y) / n.max(1) as f64;
             let to = rows.starts.get(number + 1).copied().unwrap_or(n);

@@ -288,6 +288,29 @@ pub struct Report {
     pub cleaned: CleanedCounts,
 }
 
+impl Report {
+    /// Names of the axes that it is about.
+    #[must_use]
+    pub fn axes(&self) -> Vec<&'static str> {
+        AXIS_NAMES.into_iter().filter(|n| self.baseline.contains_key(*n)).collect()
+    }
+
+    /// Keeps the axes that the recordings have.
+    pub(super) fn keep_axes(&mut self, there: impl Fn(&str) -> bool) {
+        self.baseline.retain(|n, _| there(n));
+        self.r#final.retain(|n, _| there(n));
+        self.judged_rms_dph.retain(|n, _| there(n));
+        self.noise_floor_dph.retain(|n, _| there(n));
+        self.floor_ratio.retain(|n, _| there(n));
+        self.unexplained.retain(|n, _| there(n));
+        self.left_over.retain(|n, _| there(n));
+        if let Some(block) = &mut self.block {
+            block.retain(|n, _| there(n));
+        }
+        self.refitted_on_verify.iter_mut().for_each(|e| e.gains_dph.retain(|n, _| there(n)));
+    }
+}
+
 /// The report as JSON.
 #[must_use]
 pub fn json(report: &Report) -> String {

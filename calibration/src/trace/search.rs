@@ -230,8 +230,7 @@ impl<'a> Search<'a> {
         next.p_values.remove(k);
         for a in 0..AXES {
             if state.axes[a].shares.iter().any(|s| s.group == group) {
-                let shares: Vec<Share> =
-                    state.axes[a].shares.iter().filter(|s| s.group != group).copied().collect();
+                let shares: Vec<Share> = state.axes[a].shares.iter().filter(|s| s.group != group).copied().collect();
                 next.axes[a] = self.axes[a].best(&shares);
             }
         }
@@ -290,7 +289,7 @@ impl<'a> Search<'a> {
                 proposed.extend(proposals::periods(self.data, &left));
             }
         }
-        let rows = self.data.axes[0].y.len() as f64;
+        let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
         for c in proposed {
             if !self.candidates.iter().any(|k| k[..] == [c]) {
                 self.push(vec![c], rows / 3.0);
@@ -343,7 +342,8 @@ impl<'a> Search<'a> {
 
     fn same_effect(&self, state: &State, group: usize) -> bool {
         let last = state.groups[state.groups.len() - 1];
-        self.candidates[last][0].facts.effect == self.lead(group).facts.effect && self.candidates[last].len() == self.candidates[group].len()
+        self.candidates[last][0].facts.effect == self.lead(group).facts.effect
+            && self.candidates[last].len() == self.candidates[group].len()
     }
 
     /// Log likelihood of rows that the model did not see.
@@ -455,8 +455,7 @@ impl<'a> Search<'a> {
                 for sign in [-1.0, 1.0] {
                     let mut c = best.1;
                     let q = c.parameters[place];
-                    c.parameters[place] =
-                        if how == Refine::Scale { q * (1.0 + sign * step) } else { q + sign * step };
+                    c.parameters[place] = if how == Refine::Scale { q * (1.0 + sign * step) } else { q + sign * step };
                     if places == 2 && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
@@ -572,12 +571,7 @@ impl<'a> Search<'a> {
             })
             .sum::<f64>()
             / AXES as f64;
-        Rival {
-            candidate: self.lead(group),
-            evidence,
-            worth: evidence - self.price(group, &others.groups),
-            gain_in_cv,
-        }
+        Rival { candidate: self.lead(group), evidence, worth: evidence - self.price(group, &others.groups), gain_in_cv }
     }
 
     /// Orthonormal columns of a candidate on one axis under one noise model.
@@ -635,7 +629,9 @@ impl<'a> Search<'a> {
     /// white and under coloured noise.
     pub fn overlaps(&self, wanted: &[&'static str]) -> Vec<Overlap> {
         let of = |name: &str| -> Vec<usize> {
-            (0..self.candidates.len()).filter(|k| self.lead(*k).facts.name == name && self.candidates[*k].len() == 1).collect()
+            (0..self.candidates.len())
+                .filter(|k| self.lead(*k).facts.name == name && self.candidates[*k].len() == 1)
+                .collect()
         };
         // Under white noise, and under noise with some colour.
         let share = |target: usize, other: usize, colour: usize| {

@@ -1,8 +1,8 @@
 //! Significance: what the best of the library gains on surrogates of the residual. A surrogate has the spectrum of the whitened
 //! residual, lines and wander included, and random phases (Theiler and others 1992).
 
-use super::gram::{Axis, AxisModel};
 use super::data::AxisRows;
+use super::gram::{Axis, AxisModel};
 use crate::stats::{mean, std_dev};
 use hrg_core::AXES;
 use rand::{Rng, SeedableRng};

@@ -3,7 +3,6 @@
 use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
 use super::Class;
 use crate::cards::class_of;
-use crate::AXIS_NAMES;
 use std::fmt::Write as _;
 
 /// "a, b and c".
@@ -20,18 +19,18 @@ pub fn list<S: AsRef<str>>(names: &[S]) -> String {
 }
 
 /// An effect with its parameter and the axes that have it.
-fn called(e: &Found) -> String {
+fn called(e: &Found, there: usize) -> String {
     let parameter = match e.parameters.iter().next().filter(|_| e.name != "temperature-shape") {
         Some((n, v)) => format!(" ({n} {v:.0})"),
         None => String::new(),
     };
     let axes: Vec<&String> = e.axes.keys().collect();
-    let on = if axes.len() == AXIS_NAMES.len() { String::new() } else { format!(" on {}", list(&axes)) };
+    let on = if axes.len() == there { String::new() } else { format!(" on {}", list(&axes)) };
     format!("{}{parameter}{on}", e.name)
 }
 
-fn figures(of: impl Fn(&str) -> f64) -> String {
-    AXIS_NAMES.map(|n| format!("{:.3}", of(n))).join(", ")
+fn figures(axes: &[&str], of: impl Fn(&str) -> f64) -> String {
+    axes.iter().map(|n| format!("{:.3}", of(n))).collect::<Vec<_>>().join(", ")
 }
 
 /// What is left, axis by axis: noise only where the interval allows it and nothing else speaks against it.
@@ -44,48 +43,49 @@ fn rest(r: &Report) -> String {
             (true, true) => format!("{n} {ratio}, with structure"),
         }
     };
-    format!("Left there: {}.", AXIS_NAMES.map(one).join("; "))
+    format!("Left there: {}.", r.axes().into_iter().map(one).collect::<Vec<_>>().join("; "))
 }
 
 /// The verdict.
 #[must_use]
 pub fn verdict(r: &Report) -> String {
-    let before = figures(|n| r.baseline[n].verify_rms_dph);
+    let before = figures(&r.axes(), |n| r.baseline[n].verify_rms_dph);
     let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
+    let on = r.axes().join(", ");
     let mut s = String::new();
-    let names: Vec<String> = r.effects.iter().map(called).collect();
+    let names: Vec<String> = r.effects.iter().map(|e| called(e, r.baseline.len())).collect();
     let _ = match r.verdict_kind {
         VerdictKind::NothingLacks => write!(
             s,
-            "The baseline model is all that these data warrant: {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). "
+            "The baseline model is all that these data warrant: {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). "
         ),
         VerdictKind::Unexplained if r.effects.is_empty() => write!(
             s,
-            "The baseline leaves structure that no effect of the library explains: {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). "
+            "The baseline leaves structure that no effect of the library explains: {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). "
         ),
         VerdictKind::NotConfirmed if r.effects.iter().all(|e| e.confirmed.is_none()) => write!(
             s,
-            "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). ",
+            "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
             list(&names)
         ),
         VerdictKind::NotConfirmed if !disputed(r).is_empty() => write!(
             s,
-            "On the train run the model lacks {}; the search on the verify run names no effect of the class {}: not confirmed. From {before} to {} deg/h on x, y, z of the verify run (standard deviation of {means} means of 100 s). ",
+            "On the train run the model lacks {}; the search on the verify run names no effect of the class {}: not confirmed. From {before} to {} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
             list(&names),
             list(&disputed(r)),
-            figures(|n| r.r#final[n].verify_rms_dph)
+            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
         ),
         VerdictKind::NotConfirmed => write!(
             s,
-            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on x, y, z (standard deviation of {means} means of 100 s), which is within the uncertainty or worse. ",
+            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s), which is within the uncertainty or worse. ",
             list(&names),
-            figures(|n| r.r#final[n].verify_rms_dph)
+            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
         ),
         VerdictKind::Confirmed | VerdictKind::Unexplained => write!(
             s,
-            "The model lacks {}. The verify run agrees: from {before} to {} deg/h on x, y, z (standard deviation of {means} means of 100 s). ",
+            "The model lacks {}. The verify run agrees: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s). ",
             list(&names),
-            figures(|n| r.r#final[n].verify_rms_dph)
+            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
         ),
     };
     let refitted: Vec<&str> = r.refitted_on_verify.iter().map(|e| e.name.as_str()).collect();
@@ -94,7 +94,7 @@ pub fn verdict(r: &Report) -> String {
             s,
             "With {} fitted again to the verify run, it is left with {} deg/h. ",
             list(&refitted),
-            figures(|n| r.judged_rms_dph[n])
+            figures(&r.axes(), |n| r.judged_rms_dph[n])
         );
     }
     s += &rest(r);
@@ -123,7 +123,7 @@ fn to_do(r: &Report) -> String {
     let block = |f: &dyn Fn(AxisModel) -> bool| -> Vec<&str> {
         r.block.iter().flatten().filter(|(_, b)| f(b.model)).map(|(n, _)| n.as_str()).collect()
     };
-    let to = |b: &ByAxis<super::report::OnVerify>| figures(|n| b[n].verify_rms_dph);
+    let to = |b: &ByAxis<super::report::OnVerify>| figures(&r.axes(), |n| b[n].verify_rms_dph);
     match (r.image, &r.block) {
         (Image::Extended, Some(b)) if r.burn => {
             let _ = write!(s, " To do: burn the extended image, which by itself reaches {} deg/h there", to(b));

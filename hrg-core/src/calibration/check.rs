@@ -56,7 +56,8 @@ impl Calibration {
                 Coefficients::Direct(k) => finite(k)?,
                 Coefficients::Network(w) => finite(w)?,
             }
-            possible((100.0..=100_000.0).contains(&a.law.f0_hz), "centre frequency")?;
+            let centres = if a.law.is_of_sensor() { -273.15..=500.0 } else { 100.0..=100_000.0 };
+            possible(centres.contains(&a.law.f0_hz), "centre frequency")?;
             possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
             possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;

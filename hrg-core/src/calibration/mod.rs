@@ -34,7 +34,7 @@ pub const OLDEST: u16 = 1;
 /// Most effects in one block.
 pub const MAX_EFFECTS: usize = 12;
 /// Longest possible block in bytes.
-pub const MAX_BYTES: usize = 2048;
+pub const MAX_BYTES: usize = 6144;
 /// One axis of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
@@ -259,7 +259,12 @@ pub(crate) mod tests {
         }
         for _ in 0..MAX_EFFECTS {
             c.effects
-                .push(EffectTerm { id: 3, parameters: [0.0; 2], gains: [[1.0; 8]; 3], gain_std: [[1.0; 8]; 3] })
+                .push(EffectTerm {
+                    id: 3,
+                    parameters: [0.0; 2],
+                    gains: [[1.0; MAX_OUTPUTS]; 3],
+                    gain_std: [[1.0; MAX_OUTPUTS]; 3],
+                })
                 .expect("room");
         }
         assert!(c.to_bytes().is_some());
@@ -286,6 +291,18 @@ pub(crate) mod tests {
         assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
         assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
         assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
+        let sensor = |c: &mut Calibration, centre: f32| {
+            c.axes[0].law = TemperatureLaw {
+                f0_hz: f64::from(centre),
+                scale_hz: 46.0,
+                c: [centre, 46.0, 0.0, 0.0],
+                ..c.axes[0].law
+            };
+        };
+        assert_eq!(refused(&|c| sensor(c, 600.0)), BlockError::Absurd("centre frequency"));
+        let mut c = full();
+        sensor(&mut c, 28.0);
+        assert_eq!(Calibration::from_bytes(&c.to_bytes().expect("fits")).as_ref(), Ok(&c));
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);

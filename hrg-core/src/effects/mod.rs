@@ -46,8 +46,13 @@ pub struct Recorded {
 
 impl Recorded {
     /// Nothing recorded: what the unit has.
-    pub const NONE: Self =
-        Self { case_c: [f32::NAN; AXES], board_c: f32::NAN, supply_v: f32::NAN, drive_v: [f32::NAN; AXES], quad_v: [f32::NAN; AXES] };
+    pub const NONE: Self = Self {
+        case_c: [f32::NAN; AXES],
+        board_c: f32::NAN,
+        supply_v: f32::NAN,
+        drive_v: [f32::NAN; AXES],
+        quad_v: [f32::NAN; AXES],
+    };
 }
 
 impl Inputs<'_> {

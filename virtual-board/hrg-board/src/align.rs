@@ -96,6 +96,9 @@ fn align_with(
     let steps = Steps {
         start_s: 1.0,
         power_on_s: 0.0,
+        run_in: 0,
+        thermometer: Default::default(),
+        absent: Default::default(),
         frequency_hz: [0, 1, 2].map(|a: usize| constant(frequency(a))),
         rate_dph: [0, 1, 2].map(|_| constant(0.0)),
         case_c: Default::default(),

@@ -353,6 +353,7 @@ fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibrat
 /// A recording of raw rates, as the unit measures them: with the earth's rate left in.
 fn load_raw(path: &std::path::Path) -> Result<Recording> {
     let mut source = hrg_cal::load_recording(path)?;
+    hrg_cal::thermometer::require_resonators(&source).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
     source.restore_earth_rate();
     if source.corrected() {
         return Err(BadInput::new(format!(

@@ -39,9 +39,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     for note in notes {
         println!("note: {note}");
     }
-    let flagged = seconds.iter().filter(|s| s.status.iter().any(|b| *b != 0)).count();
+    let axes: Vec<usize> = r.present().collect();
+    let flagged = seconds.iter().filter(|s| s.status[3] != 0 || axes.iter().any(|a| s.status[*a] != 0)).count();
     let outside = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE).bits();
-    let outside = seconds.iter().filter(|s| s.status[..3].iter().any(|b| b & outside != 0)).count();
+    let outside = seconds.iter().filter(|s| axes.iter().any(|a| s.status[*a] & outside != 0)).count();
     println!(
         "{}: {} seconds of {}, calibration {:08x}; {flagged} of them flagged, {outside} outside the calibrated temperatures or ramps",
         out.display(),

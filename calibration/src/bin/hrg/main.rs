@@ -3,6 +3,7 @@
 mod chamber;
 mod correct;
 mod facts;
+mod import;
 mod merge;
 
 use anyhow::Result;
@@ -11,6 +12,7 @@ use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::independence::Units;
 use hrg_cal::methods::{self, compare};
+use hrg_cal::recording::Recording;
 use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, ATTITUDE, PROFILES};
 use hrg_cal::stats::{block_means, std_dev};
@@ -257,8 +259,12 @@ enum Command {
         #[arg(long, required = true)]
         train: Vec<PathBuf>,
         /// Recording that is only evaluated.
-        #[arg(long)]
-        verify: PathBuf,
+        #[arg(long, required_unless_present = "split")]
+        verify: Option<PathBuf>,
+        /// Instead of a verify run: learn from the one train recording before this time, evaluate on the rest, with lags and
+        /// hysteresis carried on from its beginning.
+        #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
+        split: Option<f64>,
         /// Where the report (JSON) goes.
         #[arg(long)]
         out: PathBuf,
@@ -282,10 +288,59 @@ enum Command {
     ///
     /// Example: hrg merge run.csv --with chamber.csv --time Time=iso --columns chamber_c=PT100 --out merged.csv
     Merge(merge::Arguments),
+    /// Make a recording of another program's file: any delimited table, or a PX4 log, by a map of its columns.
+    ///
+    /// Example: hrg import flight.ulg --map px4 --out run.csv
+    Import(import::Arguments),
+    /// Figures of a data sheet from recordings alone, with intervals: bias over temperature, loop width, turn-on repeatability,
+    /// bias stability, angle random walk, sensitivity to ramps.
+    ///
+    /// Example: hrg report a.csv b.csv c.csv --html report.html
+    Report {
+        /// Recordings of one unit, each one power-on.
+        #[arg(required = true)]
+        recordings: Vec<PathBuf>,
+        /// Where the figures (JSON) go.
+        #[arg(long)]
+        json: Option<PathBuf>,
+        /// Where the figures as a page, with pictures, go.
+        #[arg(long)]
+        html: Option<PathBuf>,
+        #[command(flatten)]
+        facts: FactsArguments,
+    },
+    /// Close the loop on the measured recordings that come with the project: every method and the trace, before and after.
+    ///
+    /// Example: hrg measured
+    Measured {
+        /// Folder of the recordings.
+        #[arg(default_value = "host-tests/recordings/measured")]
+        folder: PathBuf,
+    },
     /// Correct a recording as the unit does, on the desktop: row for row what it would send.
     ///
     /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
     Correct(correct::Arguments),
+}
+
+/// Train runs and the verify run, perhaps parts of one.
+fn runs_of_trace(
+    train: &[PathBuf],
+    verify: Option<PathBuf>,
+    split: Option<f64>,
+    facts: &FactsArguments,
+) -> Result<(Vec<Recording>, Recording)> {
+    let mut train = facts.load(train)?;
+    if let Some(verify) = verify {
+        return Ok((train, facts.load(&[verify])?.remove(0)));
+    }
+    match (train.pop(), train.is_empty(), split) {
+        (Some(whole), true, Some(at_s)) => {
+            let (before, after) = whole.split(at_s)?;
+            Ok((vec![before], after))
+        }
+        _ => Err(BadInput::new("--split parts one recording: give one --train").into()),
+    }
 }
 
 fn units(different: bool) -> Units {
@@ -336,9 +391,9 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Points { table, out } => {
-            let text = std::fs::read_to_string(&table)
-                .map_err(|e| BadInput::new(format!("cannot read {}: {e}", table.display())))?;
-            let p = points::Points::parse(&text).map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
+            let bytes = hrg_cal::read_file(&table, hrg_cal::MOST_RECORDING, true)?;
+            let p = points::Points::parse(&String::from_utf8_lossy(&bytes))
+                .map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
             let report = points::report(&p)?;
             print_points(&report);
             if let Some(out) = out {
@@ -346,9 +401,8 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Trace { train, verify, out, html, calibration, in_use, different_units, facts } => {
-            let train = facts.load(&train)?;
-            let verify = facts.load(&[verify])?.remove(0);
+        Command::Trace { train, verify, split, out, html, calibration, in_use, different_units, facts } => {
+            let (train, verify) = runs_of_trace(&train, verify, split, &facts)?;
             let in_use = in_use.map(|p| file::load(&p)).transpose()?;
             if let Some(c) = &in_use {
                 hrg_cal::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
@@ -389,12 +443,13 @@ fn run(command: Command) -> Result<()> {
             };
             let raw = of(prepared.runs.iter().map(|r| r.steps.rate_dph.clone()).collect());
             let fitted = of(prepared.runs.iter().map(|r| fit::correct(&found.calibration, &r.steps)).collect());
-            for a in 0..3 {
+            let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+            for &a in &present {
                 found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
             }
             file::save(&out, &found.calibration)?;
             println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
-            for a in 0..3 {
+            for a in present {
                 let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
                 println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
             }
@@ -418,6 +473,7 @@ fn run(command: Command) -> Result<()> {
             let r = load_recording(&recording)?;
             // Rates on an even grid of the recording's own step.
             let (rates, step_s) = r.even_rates();
+            let rates: Vec<(usize, &[f64])> = r.present().map(|a| (a, rates[a].as_slice())).collect();
             let axes =
                 allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
             println!(
@@ -425,9 +481,9 @@ fn run(command: Command) -> Result<()> {
                 "axis", "angle random walk", "bias instability", "at", "rate random walk"
             );
             println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", "deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)");
-            for (n, a) in AXIS_NAMES.iter().zip(&axes) {
+            for a in &axes {
+                let (n, r) = (a.axis, &a.readings);
                 let show = |v: Option<f64>| v.map_or("does not show".to_string(), |v| format!("{v:.5}"));
-                let r = &a.readings;
                 let least = if r.bias_instability_reached { "" } else { "under " };
                 println!(
                     "{n:<5} {:>24} {:>22} {:>12} {:>26}",
@@ -452,6 +508,24 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Monitor(arguments) => chamber::monitor(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
+        Command::Report { recordings, json, html, facts } => {
+            let report = hrg_cal::report::report(&facts.load(&recordings)?)?;
+            print!("{}", hrg_cal::report::text(&report));
+            if let Some(path) = json {
+                hrg_cal::write_file(&path, serde_json::to_string_pretty(&report)?.as_bytes())?;
+            }
+            if let Some(path) = html {
+                hrg_cal::write_file(&path, hrg_cal::report::html(&report)?.as_bytes())?;
+            }
+            Ok(())
+        }
+        Command::Measured { folder } => {
+            println!("{}", hrg_cal::measured::imu(&folder)?);
+            println!("{}", hrg_cal::measured::gpsdo(&folder)?);
+            print!("{}", hrg_cal::measured::uberclock(&folder)?);
+            Ok(())
+        }
+        Command::Import(arguments) => import::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
@@ -525,6 +599,9 @@ fn compare_methods(
         .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
         .filter(|p| board.is_none() && p.is_file());
     match board.or(beside) {
+        Some(_) if hrg_cal::thermometer::require_resonators(&unseen[0]).is_err() => eprintln!(
+            "the firmware reads three resonators and this recording has none: what the blocks cost on the unit is not weighed"
+        ),
         Some(board) => {
             bar.set_message("weighing the blocks on the virtual board");
             bar.tick();
@@ -731,7 +808,7 @@ fn print_trace(r: &trace::Report) {
         "{:<5} {:>12} {:>12} {:>12} {:>12} {:>14} {:>12}   left, in floors",
         "axis", "base/train", "base/verify", "final/train", "final/verify", "means", "noise floor"
     );
-    for n in AXIS_NAMES {
+    for n in r.axes() {
         let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
         println!(
             "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>14} {:>12.3}   {:.2} [{:.2}, {:.2}]",
@@ -802,6 +879,26 @@ fn print_points(r: &points::Report) {
                 }
             }
         }
+    }
+    if !r.each_other.is_empty() {
+        println!("\nEach as the other's thermometer, in C: no sensor takes part");
+        println!(
+            "{:<6} {:>6} {:>24} {:>24} {:>24} {:>12} {:>9}",
+            "pair", "soaks", "against the chamber", "by the other", "leave-one-out", "correlation", "p-value"
+        );
+    }
+    for p in &r.each_other {
+        let two = |v: [f64; 2]| format!("{:.4} / {:.4}", v[0], v[1]);
+        println!(
+            "{:<6} {:>6} {:>24} {:>24} {:>24} {:>12.3} {:>9.1e}",
+            p.axes.join(" "),
+            p.soaks,
+            two(p.against_chamber_rms_c),
+            two(p.by_the_other_rms_c),
+            two(p.by_the_other_leave_one_out_c),
+            p.correlation,
+            p.p_value
+        );
     }
     for e in &r.effects {
         println!();
