@@ -5,7 +5,7 @@ use crate::plot::{self, Panel, Series};
 use crate::stats::mean;
 use crate::{BadInput, AXIS_NAMES};
 use serde::Serialize;
-use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::distribution::{ChiSquared, Continuous, ContinuousCDF};
 
 /// One point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -109,7 +109,10 @@ pub fn overlapping(values: &[f64], step_s: f64, steps: &[usize]) -> Vec<Point> {
 /// The value below which a chi-squared variable lies with 84 % (`upper`) or 16 %: one sigma of a normal one.
 fn chi_squared(freedom: f64, upper: bool) -> f64 {
     let p = if upper { 0.8413 } else { 0.1587 };
-    ChiSquared::new(freedom).map_or(f64::NAN, |chi| chi.inverse_cdf(p))
+    let Ok(chi) = ChiSquared::new(freedom) else { return f64::NAN };
+    // The library's inverse ends at a coarse step: two of Newton's make it exact.
+    let better = |x: f64| x - (chi.cdf(x) - p) / chi.pdf(x);
+    better(better(chi.inverse_cdf(p)))
 }
 
 /// Averaging times in octaves, as steps: quick.

@@ -6,6 +6,9 @@ use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 /// Inner parameters of an effect.
 pub type Parameters = [f32; MAX_PARAMETERS];
 
+/// Makes the values of the inner parameters to begin with.
+pub type Grid = fn(&Extent) -> Vec<Parameters>;
+
 /// What the runs span, from which a card takes its grid.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
@@ -72,7 +75,7 @@ pub struct Card {
     /// Whether a model may hold it more than once.
     pub repeats: bool,
     /// Values of the inner parameters to begin with.
-    pub grid: fn(&Extent) -> Vec<Parameters>,
+    pub grid: Grid,
 }
 
 fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
@@ -129,7 +132,7 @@ fn thresholds(x: &Extent) -> Vec<Parameters> {
 pub fn card(effect: EffectId) -> Card {
     use EffectId as E;
     use Kind::{Family, Idle, Proposed, Searched, Simple};
-    let (class, kind, refine, grid): (Class, Kind, Refine, fn(&Extent) -> Vec<Parameters>) = match effect {
+    let (class, kind, refine, grid): (Class, Kind, Refine, Grid) = match effect {
         E::Cubic => (Class::Shape, Simple, Refine::No, once),
         E::Kink => (Class::Shape, Simple, Refine::Place(0.02), |x| {
             even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20)

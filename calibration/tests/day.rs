@@ -179,7 +179,7 @@ fn metadata_that_cannot_be_used_are_refused() {
         ("# latitude_deg: 28.2", "# latitude_deg: 128.2", "-90 to 90"),
         ("# axes: x=north y=east z=down\n", "", "latitude_deg is given without axes"),
         ("# unit: SIM-1", "# unit: SIM-1\n# unit: SIM-2", "metadata unit: line 2 and line 3 differ"),
-        ("time_s,", "#time_s,", "begins with #"),
+        ("time_s,", "#time_s,", "the column time_s is missing"),
         ("time_s,", "Time_s,", "small letters"),
     ] {
         assert!(text.contains(from), "{from}");
@@ -246,7 +246,11 @@ fn tables_of_other_programs_are_the_same_recording() {
         ("both marks", dialect(&text, ";", false, false).replacen("4906.", "4906,", 1), "decimal"),
         ("spaces", dialect(&text, " ", false, false), "put commas"),
         ("an open quote", dialect(&text, ",", false, true).replacen("\"1\"", "\"1", 1), "not closed"),
-        ("no header", text.lines().filter(|l| !l.starts_with("time_s")).map(|l| format!("{l}\n")).collect(), "header"),
+        (
+            "no header",
+            text.lines().filter(|l| !l.starts_with("time_s")).map(|l| format!("{l}\n")).collect(),
+            "column time_s is missing",
+        ),
     ] {
         write(&d, "other.csv", &other);
         let e = refused(&d, "allan other.csv");

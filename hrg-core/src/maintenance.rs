@@ -339,7 +339,7 @@ mod tests {
         for in_use in [Sector::A, Sector::B] {
             let mut finished = false;
             for left in 1..10_000 {
-                let mut sectors = [vec![0xFF; 4096], vec![0xFF; 4096]];
+                let mut sectors = [vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]];
                 let bytes = old.to_bytes().expect("fits");
                 sectors[usize::from(in_use.number())][..bytes.len()].copy_from_slice(&bytes);
                 // The other sector holds an older block still.
@@ -362,7 +362,7 @@ mod tests {
 
     #[test]
     fn nothing_is_done_for_strangers_or_in_disorder() {
-        let mut store = Memory { sectors: [vec![0xAA; 4096], vec![0xAA; 4096]], left: u32::MAX };
+        let mut store = Memory { sectors: [vec![0xAA; MAX_BYTES], vec![0xAA; MAX_BYTES]], left: u32::MAX };
         let untouched = store.sectors.clone();
         let mut m = Maintenance::new(block(3).unit, 3, Some(Sector::A), false);
         let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {

@@ -28,6 +28,7 @@ const USAGE: &str = "cargo xtask COMMAND
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
+  study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
   measured          the loop on the measured recordings: every method and the trace, before and after
   setup             only install what is missing";
 
@@ -52,6 +53,7 @@ fn main() -> ExitCode {
         Some("flash") => flash(),
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
         Some("audit") => audit(),
+        Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
         Some("study") => tool("hrg-study", rest),
         Some("measured") => tool("hrg", &["measured".to_string()]),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
@@ -116,6 +118,22 @@ fn programs() -> Result<(), Failure> {
 fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
     programs()?;
     run(Command::new(root().join("target/release").join(name)).args(arguments))
+}
+
+/// The trace on the units of the second plant, graded by their truths.
+fn foreign(arguments: &[String]) -> Result<(), Failure> {
+    let seeds = arguments.first().map_or("1", String::as_str);
+    programs()?;
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
+    let plant = root().join("target/release/foreign-plant");
+    let folder = root().join("out/foreign");
+    run(Command::new(&plant).args(["all", "--seeds", seeds, "--out"]).arg(&folder))?;
+    let heading = format!(
+        "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds 1 to {seeds}. Printed by\n`cargo xtask study --foreign {seeds}`. Floors are those of the truth; what is left is the written image's on the verify run."
+    );
+    run(Command::new(&plant)
+        .args(["grade", "--hrg", "target/release/hrg", "--page", "docs/foreign.md", "--heading", &heading, "--folder"])
+        .arg(&folder))
 }
 
 /// A command of `hrg-board`, with the firmware built before.

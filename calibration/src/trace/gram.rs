@@ -270,7 +270,7 @@ impl<'d> Axis<'d> {
     }
 
     fn most(&self, noise: f64) -> f64 {
-        LARGEST_GAIN * LARGEST_GAIN * self.limit / noise.max(1e-300)
+        (LARGEST_GAIN * LARGEST_GAIN * self.limit / noise.max(1e-300)).max(1e-9)
     }
 
     /// A model with the variances and the noise model of highest evidence, from variances to start with.

@@ -640,10 +640,9 @@ mod tests {
         assert!(r.burn && r.verdict.contains("on x"), "{}", r.verdict);
         assert!(t.image.effects[0].gains[1..].iter().flatten().all(|g| *g == 0.0));
         // An outsider on x alone: y and z are not called unexplained.
-        let odd = |seed: u64, profile: &str| {
-            only_x(&plan(profile, &["outsider-ripple:size=6"], 35, seed), &plan(profile, &[], 35, seed))
-        };
-        let r = trace(&[odd(71, "cycle")], &odd(72, "verify")).expect("traces").report;
+        let clean = plan("verify", &[], 35, 72);
+        let odd = only_x(&plan("verify", &["outsider-product:size=6"], 35, 72), &clean);
+        let r = trace(&[plan("cycle", &[], 35, 71)], &odd).expect("traces").report;
         assert!(r.unexplained["x"] && !r.unexplained["y"] && !r.unexplained["z"], "{:?}", r.left_over);
     }
 
@@ -705,8 +704,10 @@ mod tests {
     fn what_the_library_lacks_is_called_so() {
         for (k, name) in ["outsider-product", "outsider-drift-burst", "outsider-ripple"].into_iter().enumerate() {
             let r = traced(&[&format!("{name}:size=4")], 95 + k as u64);
-            let caught = r.unexplained.values().any(|u| *u) || names(&r).contains(&"temperature-shape");
-            assert!(caught, "{name}: {}", r.verdict);
+            let flagged = r.unexplained.values().any(|u| *u) || r.verdict_kind != VerdictKind::Confirmed;
+            // A family may span what no named effect does: then the unit compensates it.
+            let compensated = r.burn && r.floor_ratio.values().all(floor::Ratio::is_noise);
+            assert!(flagged || compensated, "{name}: {}", r.verdict);
         }
     }
 

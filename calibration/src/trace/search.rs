@@ -30,7 +30,7 @@ const EVENT_PRICE: f64 = 6.0;
 /// Score below which nothing is added.
 const LEAST: f64 = 5.0;
 /// The same for what happens once.
-const LEAST_EVENT: f64 = 20.0;
+const LEAST_EVENT: f64 = 12.0;
 /// Score below which the surrogates are asked.
 const PLAIN: f64 = 40.0;
 /// Chance under noise alone above which an effect is not warranted.

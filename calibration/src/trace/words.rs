@@ -70,7 +70,7 @@ pub fn verdict(r: &Report) -> String {
         ),
         VerdictKind::NotConfirmed if !disputed(r).is_empty() => write!(
             s,
-            "On the train run the model lacks {}; the search on the verify run names no effect of the class {}: not confirmed. From {before} to {} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
+            "On the train run the model lacks {}, but the verify run does not confirm it: a search on that run names no effect of the class {}. From {before} to {} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
             list(&names),
             list(&disputed(r)),
             figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)

@@ -27,6 +27,7 @@ pub mod defects;
 pub mod draw;
 pub mod fit;
 pub mod generate;
+pub mod grade;
 mod judge;
 mod making;
 pub mod means;

@@ -56,6 +56,22 @@ enum Command {
         #[arg(long, default_value = "")]
         only: String,
     },
+    /// Run `hrg trace` on every unit of a folder and grade its reports by their truths.
+    #[command(after_help = "Example: foreign-plant grade --hrg target/release/hrg --folder /tmp/foreign")]
+    Grade {
+        /// The program.
+        #[arg(long, default_value = "target/release/hrg")]
+        hrg: PathBuf,
+        /// Folder with written units.
+        #[arg(long)]
+        folder: PathBuf,
+        /// Page to write the table to; else it is printed.
+        #[arg(long)]
+        page: Option<PathBuf>,
+        /// What stands above the table.
+        #[arg(long, default_value = "")]
+        heading: String,
+    },
     /// Write clean units under many kinds of noise.
     #[command(
         after_help = "Example: foreign-plant clean --count 30 --out /tmp/clean --residuals imu_raw_data.csv --skip 5 \
@@ -109,6 +125,14 @@ impl Command {
             }
             Self::All { seeds, out } => write_all(&jobs(seeds, ""), &out)?,
             Self::Reach { seeds, only } => reach(&jobs(seeds, &only)),
+            Self::Grade { hrg, folder, page, heading } => {
+                let table = foreign_plant::grade::table(&foreign_plant::grade::folder(&hrg, &folder)?);
+                match page {
+                    None => print!("{table}"),
+                    Some(path) => std::fs::write(&path, format!("{heading}\n\n{table}"))
+                        .with_context(|| format!("cannot write {}", path.display()))?,
+                }
+            }
             Self::Clean { count, out, residuals, columns, against, skip, step } => {
                 if step.is_some_and(|s| !(0.01..=3600.0).contains(&s)) {
                     bail!("--step must lie between 0.01 and 3600 s");

@@ -1,0 +1,315 @@
+//! Grades `hrg trace` on written units by their truth: the class, what is flagged, what is left, and whether an image is worse than
+//! the baseline. The program is run as a user runs it; only its report is read.
+
+use anyhow::{bail, Context, Result};
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Mutex;
+
+/// An image counts as worse than the baseline from this ratio on: what the estimate of a deviation from 300 means wanders by.
+const WORSE: f64 = 1.02;
+/// Floors from which on something that was not named counts as missed without a word.
+const MISSED: f64 = 1.5;
+
+/// How a report answers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Grade {
+    /// Every class of the truth is named, and none that is not there.
+    Right,
+    /// Not right, and the report says that it is not sure: `unexplained`, `not-confirmed`, or structure left on an axis.
+    Flagged,
+    /// A class is named that is not there, and nothing is flagged.
+    False,
+    /// Something is not named, nothing is flagged, and more than 1.5 floors are left.
+    Missed,
+    /// Something small is not named: at most 1.5 floors are left.
+    Small,
+    /// The tool refused the files.
+    Refused,
+}
+
+/// What came of one unit.
+#[derive(Debug, Clone)]
+pub struct Graded {
+    /// Case and seed.
+    pub name: String,
+    /// Group of the case.
+    pub group: String,
+    /// The grade.
+    pub grade: Grade,
+    /// Effects named, joined.
+    pub named: String,
+    /// Whether an image is recommended.
+    pub burn: bool,
+    /// Largest ratio of the image's error to the baseline's, over the axes.
+    pub worse: f64,
+    /// Whether a unit can compensate the effects.
+    pub compensable: bool,
+    /// What the written image leaves on the verify run, in floors, by axis.
+    pub left: Vec<f64>,
+    /// Why the tool refused.
+    pub why: String,
+}
+
+fn texts(v: &Value) -> BTreeSet<String> {
+    v.as_array().into_iter().flatten().filter_map(Value::as_str).map(String::from).collect()
+}
+
+fn grade(truth: &Value, report: &Value) -> (Grade, String, f64) {
+    let named: Vec<(&str, &str)> = report["effects"]
+        .as_array()
+        .into_iter()
+        .flatten()
+        .map(|e| (e["name"].as_str().unwrap_or("?"), e["class"].as_str().unwrap_or("?")))
+        .collect();
+    let classes: BTreeSet<String> = named.iter().map(|n| n.1.to_string()).collect();
+    let all = texts(&truth["classes"]);
+    let effects: Vec<&Value> = truth["effects"].as_array().into_iter().flatten().collect();
+    let mut allowed: BTreeSet<String> = all.iter().chain(&texts(&truth["beside"])).cloned().collect();
+    for e in &effects {
+        allowed.extend(texts(&e["classes"]));
+        allowed.extend(texts(&e["beside"]));
+    }
+    let invented = classes.iter().any(|c| !allowed.contains(c));
+    let hit = effects.iter().all(|e| !texts(&e["classes"]).is_disjoint(&classes));
+    let nothing = classes.is_empty() && (all.contains("none") || effects.is_empty());
+    let unexplained = report["unexplained"].as_object().is_some_and(|o| o.values().any(|v| v == true));
+    let kind = report["verdict_kind"].as_str().unwrap_or("");
+    let flagged = unexplained || matches!(kind, "unexplained" | "not-confirmed");
+    let left = left_in_floors(truth, report).into_iter().fold(0.0, f64::max);
+    let grade = if nothing || (hit && !invented) {
+        Grade::Right
+    } else if flagged {
+        Grade::Flagged
+    } else if invented {
+        Grade::False
+    } else if left > MISSED {
+        Grade::Missed
+    } else {
+        Grade::Small
+    };
+    (grade, named.iter().map(|n| n.0).collect::<Vec<_>>().join("+"), left)
+}
+
+/// The verify run of a truth, by axis of the report: (floor, raw), deg/h.
+fn floors(truth: &Value, report: &Value) -> Vec<(String, f64, f64)> {
+    let run = truth["runs"].as_array().into_iter().flatten().find(|r| r["role"] == "verify");
+    let axes = report["baseline"].as_object().map(|o| o.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
+    axes.into_iter()
+        .filter_map(|a| {
+            let of = &run?["axes"][&a];
+            Some((a.clone(), of["floor_dph"].as_f64()?, of["raw_dph"].as_f64()?))
+        })
+        .collect()
+}
+
+fn left_in_floors(truth: &Value, report: &Value) -> Vec<f64> {
+    floors(truth, report)
+        .into_iter()
+        .map(|(a, floor, raw)| report["block"][&a]["verify_rms_dph"].as_f64().unwrap_or(raw) / floor)
+        .collect()
+}
+
+fn against_baseline(truth: &Value, report: &Value) -> f64 {
+    let each = floors(truth, report).into_iter().filter_map(|(a, _, raw)| {
+        let image = report["block"][&a]["verify_rms_dph"].as_f64().unwrap_or(raw);
+        Some(image / report["baseline"][&a]["verify_rms_dph"].as_f64()?)
+    });
+    each.fold(0.0, f64::max)
+}
+
+/// Runs the tool on one written unit.
+fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
+    let truth: Value = serde_json::from_slice(&std::fs::read(truth_file)?)
+        .with_context(|| format!("{} is no truth file", truth_file.display()))?;
+    let folder = truth_file.parent().unwrap_or(Path::new("."));
+    let name = format!("{}-{}", truth["case"].as_str().unwrap_or("?"), truth["seed"]);
+    let out = scratch.join(format!("{name}.json"));
+    let mut command = Command::new(hrg);
+    command.arg("trace");
+    for run in truth["runs"].as_array().into_iter().flatten() {
+        let file = folder.join(run["file"].as_str().unwrap_or(""));
+        command.arg(if run["role"] == "verify" { "--verify" } else { "--train" }).arg(file);
+    }
+    let ran = command.arg("--out").arg(&out).output().with_context(|| format!("cannot run {}", hrg.display()))?;
+    let mut graded = Graded {
+        name,
+        group: truth["group"].as_str().unwrap_or("?").to_string(),
+        grade: Grade::Refused,
+        named: String::new(),
+        burn: false,
+        worse: 0.0,
+        compensable: truth["compensable"] == true && !texts(&truth["classes"]).contains("none"),
+        left: vec![],
+        why: String::new(),
+    };
+    match ran.status.code() {
+        Some(0) => {}
+        Some(2) => {
+            graded.why = String::from_utf8_lossy(&ran.stderr).lines().last().unwrap_or("").to_string();
+            return Ok(graded);
+        }
+        _ => bail!("{}: hrg trace failed: {}", graded.name, String::from_utf8_lossy(&ran.stderr)),
+    }
+    let report: Value = serde_json::from_slice(&std::fs::read(&out)?).context("the report is no JSON")?;
+    let (grade, named, _) = grade(&truth, &report);
+    graded.grade = grade;
+    graded.named = named;
+    graded.burn = report["burn"] == true;
+    graded.worse = against_baseline(&truth, &report);
+    graded.left = left_in_floors(&truth, &report);
+    Ok(graded)
+}
+
+/// Grades every written unit of a folder, on all processors.
+///
+/// # Errors
+/// A folder without truth files, a program that cannot be run or that fails.
+pub fn folder(hrg: &Path, folder: &Path) -> Result<Vec<Graded>> {
+    let mut truths: Vec<PathBuf> = std::fs::read_dir(folder)
+        .with_context(|| format!("cannot read the folder {}", folder.display()))?
+        .filter_map(|e| e.ok().map(|e| e.path()))
+        .filter(|p| p.to_string_lossy().ends_with("-truth.json"))
+        .collect();
+    truths.sort();
+    if truths.is_empty() {
+        bail!("{} holds no truth files; write units with `foreign-plant all --out {0}`", folder.display());
+    }
+    let scratch = folder.join("reports");
+    std::fs::create_dir_all(&scratch)?;
+    let next = AtomicUsize::new(0);
+    let results = Mutex::new(Vec::new());
+    let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    std::thread::scope(|scope| {
+        for _ in 0..workers {
+            scope.spawn(|| loop {
+                let k = next.fetch_add(1, Ordering::Relaxed);
+                let Some(truth) = truths.get(k) else { break };
+                let graded = one(hrg, truth, &scratch);
+                if let Ok(mut results) = results.lock() {
+                    results.push((k, graded));
+                }
+            });
+        }
+    });
+    let mut results = results.into_inner().unwrap_or_default();
+    results.sort_by_key(|(k, _)| *k);
+    results.into_iter().map(|(_, g)| g).collect()
+}
+
+/// Upper end of the 95 % interval of a share (Clopper and Pearson 1934), by bisection on the binomial sum.
+fn upper(hits: usize, of: usize) -> f64 {
+    let tail = |p: f64| -> f64 {
+        let mut term = (of as f64 * (1.0 - p).ln()).exp();
+        let mut sum = term;
+        for k in 1..=hits {
+            term *= (of - k + 1) as f64 / k as f64 * p / (1.0 - p);
+            sum += term;
+        }
+        sum
+    };
+    let (mut low, mut high) = (hits as f64 / of.max(1) as f64, 1.0 - 1e-12);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if tail(middle) > 0.025 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
+}
+
+/// The table of a campaign, in Markdown.
+#[must_use]
+pub fn table(all: &[Graded]) -> String {
+    let judged: Vec<&Graded> = all.iter().filter(|g| g.grade != Grade::Refused).collect();
+    let count = |grade: Grade| judged.iter().filter(|g| g.grade == grade).count();
+    let n = judged.len();
+    let share = |hits: usize| {
+        format!(
+            "{hits}/{n} ({:.1} %, at most {:.1} %)",
+            100.0 * hits as f64 / n.max(1) as f64,
+            100.0 * upper(hits, n.max(1))
+        )
+    };
+    let mut left: Vec<f64> = judged
+        .iter()
+        .filter(|g| g.compensable)
+        .flat_map(|g| g.left.iter().copied())
+        .filter(|v| v.is_finite())
+        .collect();
+    left.sort_by(f64::total_cmp);
+    let quantile = |q: f64| left.get((q * left.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(f64::NAN);
+    let mut s = String::from("| figure | reached |\n|---|---|\n");
+    let mut row = |name: &str, value: String| s += &format!("| {name} | {value} |\n");
+    row("units judged, refused", format!("{n}, {}", all.len() - n));
+    row("class right", share(count(Grade::Right)));
+    row("class right, or honestly flagged", share(count(Grade::Right) + count(Grade::Flagged)));
+    row("false class, not flagged", share(count(Grade::False)));
+    row("missed above 1.5 floors, not flagged", share(count(Grade::Missed)));
+    row("missed below 1.5 floors, not flagged", share(count(Grade::Small)));
+    row(
+        "floors left where compensable: median, 90th, 95th percentile, largest",
+        format!("{:.3}, {:.2}, {:.2}, {:.2}", quantile(0.5), quantile(0.9), quantile(0.95), quantile(1.0)),
+    );
+    row("image worse than the baseline", share(judged.iter().filter(|g| g.worse > WORSE).count()));
+    row("image recommended", share(judged.iter().filter(|g| g.burn).count()));
+    s += "\n| unit | grade | named | burn | floors left |\n|---|---|---|---|---|\n";
+    for g in all {
+        let left: Vec<String> = g.left.iter().map(|v| format!("{v:.2}")).collect();
+        let named = match (&g.named[..], &g.why[..]) {
+            ("", "") => "nothing",
+            ("", why) => why,
+            (named, _) => named,
+        };
+        s += &format!(
+            "| {} | {} | {named} | {} | {} |\n",
+            g.name,
+            format!("{:?}", g.grade).to_lowercase(),
+            if g.burn { "yes" } else { "" },
+            left.join(", ")
+        );
+    }
+    s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn truth() -> Value {
+        json!({"case": "c", "seed": 1, "group": "g", "classes": ["memory"], "beside": ["rate"], "compensable": true,
+            "effects": [{"classes": ["memory"], "beside": []}],
+            "runs": [{"role": "verify", "file": "v.csv", "axes": {"x": {"floor_dph": 0.1, "raw_dph": 1.0}}}]})
+    }
+
+    fn report(classes: &[&str], kind: &str, left: f64) -> Value {
+        let effects: Vec<Value> = classes.iter().map(|c| json!({"name": c, "class": c})).collect();
+        json!({"effects": effects, "verdict_kind": kind, "unexplained": {"x": false},
+            "baseline": {"x": {"verify_rms_dph": 0.5}}, "block": {"x": {"verify_rms_dph": left}}})
+    }
+
+    #[test]
+    fn each_grade_is_given() {
+        let of = |classes: &[&str], kind: &str, left: f64| grade(&truth(), &report(classes, kind, left)).0;
+        assert_eq!(of(&["memory"], "confirmed", 0.1), Grade::Right);
+        assert_eq!(of(&["memory", "rate"], "confirmed", 0.1), Grade::Right);
+        assert_eq!(of(&["memory", "event"], "confirmed", 0.1), Grade::False);
+        assert_eq!(of(&["event"], "not-confirmed", 0.1), Grade::Flagged);
+        assert_eq!(of(&[], "nothing-lacks", 0.3), Grade::Missed);
+        assert_eq!(of(&[], "nothing-lacks", 0.12), Grade::Small);
+        assert!((left_in_floors(&truth(), &report(&[], "", 0.2))[0] - 2.0).abs() < 1e-12);
+        assert!((against_baseline(&truth(), &report(&[], "", 0.6)) - 1.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_share_has_its_bound() {
+        assert!((upper(0, 200) - 0.0183).abs() < 2e-4, "{}", upper(0, 200));
+        assert!((upper(8, 200) - 0.0773).abs() < 5e-4, "{}", upper(8, 200));
+    }
+}
