@@ -1,10 +1,10 @@
 //! The search: which effects, with which parameters, on which axes.
 //!
-//! Candidates are the groups of the [cards](crate::cards) and what the data propose ([`super::proposals`]). Each axis takes a
+//! Candidates are the groups of the [cards](crate::cards) and what the data propose (jumps and periods). Each axis takes a
 //! candidate only where it raises its log evidence ([`super::gram`]) by more than one; a candidate pays once for being there, for
 //! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
-//! surrogates ([`super::surrogate`]) as well.
+//! surrogates as well.
 
 use super::data::{Candidate, Data};
 use super::gls::{Basis, COLOURS};
