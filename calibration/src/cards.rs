@@ -137,7 +137,7 @@ pub fn card(effect: EffectId) -> Card {
         E::Kink => (Class::Shape, Simple, Refine::Place(0.02), |x| {
             even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20)
         }),
-        E::TemperatureShape => (Class::Shape, Idle, Refine::No, nowhere),
+        E::TemperatureShape => (Class::Shape, Simple, Refine::No, temperatures),
         E::TemperatureSpline => (Class::Shape, Family, Refine::No, temperatures),
         E::Ripple => (Class::Shape, Simple, Refine::Scale, ripples),
         E::FrequencyDirect => (Class::Shape, Idle, Refine::No, nowhere),

@@ -1,6 +1,7 @@
 //! `ripple`: sine and cosine of temperature with a period of `period_c`: interference, a mode that passes others. Stateless.
 
 use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use crate::math::single;
 
 /// `sin` and `cos` of `2 pi T / period_c`.
 #[derive(Debug, Clone)]
@@ -17,12 +18,13 @@ impl Effect for Ripple {
     type Regressors = [f32; 2];
 
     fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { per_c: if p[0] > 0.0 { core::f32::consts::TAU / p[0] } else { 0.0 } }
+        Self { per_c: if p[0] > 0.0 { 1.0 / p[0] } else { 0.0 } }
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
-        let x = inputs.own_c() * self.per_c;
-        [libm::sinf(x), libm::cosf(x)]
+        let turns = inputs.own_c() * self.per_c;
+        let (sin, cos) = single::sin_cos(core::f32::consts::TAU * (turns - libm::floorf(turns)));
+        [sin, cos]
     }
 }
