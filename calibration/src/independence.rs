@@ -1,7 +1,7 @@
 //! Whether recordings are independent witnesses: a run that is judged on must not hold data that were learnt from.
 //!
 //! Names prove nothing: a file may be copied, cut into overlapping parts, resampled or given twice. So the content is
-//! compared, in two ways. Rows: windows of [`WINDOW`] consecutive rows with the same rates, wherever they stand in the two
+//! compared, in two ways. Rows: windows of 32 consecutive rows with the same rates, wherever they stand in the two
 //! files and whatever their times are. Noise: the second differences of the rates each second, which are noise and
 //! nothing else, at every shift in time; two runs of one unit have different noise, a resampled copy has the same.
 
