@@ -78,6 +78,8 @@ fn steps() -> Steps {
 /// Runs the board while something is done; its flash stays in the folder.
 fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
     let (elf, steps) = (elf(), steps());
+    // Built before the board's time runs.
+    let _ = command(folder, "");
     let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf() };
     let stop = AtomicBool::new(false);
     std::thread::scope(|s| {
