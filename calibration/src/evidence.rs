@@ -5,11 +5,19 @@ use crate::run::Run;
 use crate::stats::block_means;
 use crate::{BadInput, AXIS_NAMES};
 
-/// Least number of 100 s means behind a figure: a standard deviation of twelve is known to 21 %.
-pub const LEAST_MEANS: usize = 12;
+/// Least number of 100 s means behind a figure: a standard deviation of twenty is known to 16 %.
+pub const LEAST_MEANS: usize = 20;
 
-/// Below this a figure is given with a warning: a standard deviation of twenty is known to 16 %.
-pub const FEW_MEANS: usize = 20;
+/// The same for the end of a run that was split (`--split`), which may be all that there is; a warning goes with it.
+pub const LEAST_AFTER_SPLIT: usize = 12;
+
+fn least(run: &Run) -> usize {
+    if run.steps.run_in > 0 {
+        LEAST_AFTER_SPLIT
+    } else {
+        LEAST_MEANS
+    }
+}
 
 /// Finite 100 s means of an axis, and how many the run's length allows.
 #[must_use]
@@ -23,11 +31,11 @@ pub fn means(run: &Run, a: usize) -> (usize, usize) {
     (m.iter().filter(|v| v.is_finite()).count(), m.len() - run.steps.run_in / MEAN_S)
 }
 
-/// A warning where a run has fewer than [`FEW_MEANS`].
+/// A warning where the end of a split run has fewer than [`LEAST_MEANS`].
 #[must_use]
 pub fn few(run: &Run, what: &str) -> Option<String> {
     let fewest = run.steps.present().map(|a| means(run, a).0).min()?;
-    (fewest < FEW_MEANS).then(|| {
+    (fewest < LEAST_MEANS).then(|| {
         format!(
             "{what} has only {fewest} means of 100 s: a standard deviation of so few is known to {:.0} %",
             100.0 / (2.0 * (fewest as f64 - 1.0)).sqrt()
@@ -44,11 +52,12 @@ pub fn require(run: &Run, what: &str) -> Result<(), BadInput> {
     for a in run.steps.present() {
         let name = AXIS_NAMES[a];
         let (good, all) = means(run, a);
-        if good >= LEAST_MEANS && 2 * good >= all {
+        let least = least(run);
+        if good >= least && 2 * good >= all {
             continue;
         }
         return Err(BadInput::new(format!(
-            "{what}: axis {name} has {good} usable means of 100 s of {all}; a figure needs at least {LEAST_MEANS}, and half of the run: {}",
+            "{what}: axis {name} has {good} usable means of 100 s of {all}; a figure needs at least {least}, and half of the run: {}",
             reason(run, a, name)
         )));
     }

@@ -3,7 +3,8 @@
 //! Names prove nothing: a file may be copied, cut into overlapping parts, resampled or given twice. So the content is
 //! compared, in two ways. Rows: windows of `WINDOW` consecutive rows with the same rates, wherever they stand in the two
 //! files and whatever their times are. Noise: the second differences of the rates each second, which are noise and
-//! nothing else, at every shift in time; two runs of one unit have different noise, a resampled copy has the same.
+//! nothing else, at every shift in time, as they are and as means of ten seconds; two runs of one unit have different noise, a
+//! resampled, thinned or smoothed copy has the same.
 
 use crate::recording::Recording;
 use crate::run::Steps;
@@ -149,9 +150,24 @@ fn shared_rows(a: &Recording, b: &Recording) -> Option<Shared> {
     (both.len() * keep as usize >= LEAST_WINDOWS).then(|| Shared { first_s: a.time_s[f], second_s: b.time_s[k] })
 }
 
-/// Second differences of the rates of one axis, one a second, zero where one is missing; scaled to unit variance.
-fn noise(steps: &Steps, a: usize) -> Vec<f64> {
-    let v = &steps.rate_dph[a];
+/// How noise is compared.
+struct Scale {
+    /// Seconds that are averaged before differences are formed.
+    mean_s: usize,
+    /// Values in a stretch.
+    stretch: usize,
+    /// Correlation of two stretches, of either sign, above which they are the same data.
+    same: f64,
+}
+
+/// Second by second: parts of a file as short as two stretches are found. By means of ten seconds: what was filtered, thinned out or
+/// interpolated still has its slower noise; two runs of one unit have not, and their correlation over a hundred values stays within 0.5.
+const SCALES: [Scale; 2] =
+    [Scale { mean_s: 1, stretch: STRETCH_S, same: SAME_NOISE }, Scale { mean_s: 10, stretch: 100, same: 0.7 }];
+
+/// Second differences of the means of the rates of one axis, zero where one is missing; scaled to unit variance.
+fn noise(steps: &Steps, a: usize, mean_s: usize) -> Vec<f64> {
+    let v = &crate::stats::block_means(&steps.rate_dph[a], mean_s);
     let mut d: Vec<f64> =
         v.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]).map(|d| if d.is_finite() { d } else { 0.0 }).collect();
     let scale = (d.iter().map(|x| x * x).sum::<f64>() / d.len().max(1) as f64).sqrt();
@@ -163,12 +179,15 @@ fn noise(steps: &Steps, a: usize) -> Vec<f64> {
 /// The same noise at some shift: the shift by correlation of the whole, then stretch by stretch.
 fn shared_noise(a: &Recording, b: &Recording) -> Option<Shared> {
     let (sa, sb) = (Steps::new(a).ok()?, Steps::new(b).ok()?);
-    (0..sa.rate_dph.len()).find_map(|axis| {
-        let (x, y) = (noise(&sa, axis), noise(&sb, axis));
-        best_shifts(&x, &y).into_iter().find_map(|shift| {
-            let at = stretches(&x, &y, shift)?;
-            let second = (at as i64 - shift) as f64;
-            Some(Shared { first_s: sa.start_s + at as f64, second_s: sb.start_s + second })
+    SCALES.iter().find_map(|scale| {
+        (0..sa.rate_dph.len()).find_map(|axis| {
+            let (x, y) = (noise(&sa, axis, scale.mean_s), noise(&sb, axis, scale.mean_s));
+            best_shifts(&x, &y).into_iter().find_map(|shift| {
+                let at = stretches(&x, &y, shift, scale)?;
+                let seconds = |k: i64| (k * scale.mean_s as i64) as f64;
+                let second = sb.start_s + seconds(at as i64 - shift);
+                Some(Shared { first_s: sa.start_s + seconds(at as i64), second_s: second })
+            })
         })
     })
 }
@@ -199,24 +218,25 @@ fn best_shifts(x: &[f64], y: &[f64]) -> Vec<i64> {
     }
     let mut places: Vec<usize> = (0..n).collect();
     let most = 4.min(n);
-    places.select_nth_unstable_by(most - 1, |i, j| c[*j].total_cmp(&c[*i]));
+    places.select_nth_unstable_by(most - 1, |i, j| c[*j].abs().total_cmp(&c[*i].abs()));
     places[..most].iter().map(|&k| if k < x.len() { k as i64 } else { k as i64 - n as i64 }).collect()
 }
 
 /// First place in `x` of a stretch whose noise is that of `y` at a shift, if at least two are.
-fn stretches(x: &[f64], y: &[f64], shift: i64) -> Option<usize> {
+fn stretches(x: &[f64], y: &[f64], shift: i64, scale: &Scale) -> Option<usize> {
     let from = shift.max(0) as usize;
     let to = x.len().min((y.len() as i64 + shift).max(0) as usize);
-    let same: Vec<usize> = (from..to.saturating_sub(STRETCH_S))
-        .step_by(STRETCH_S)
+    let n = scale.stretch;
+    let same: Vec<usize> = (from..to.saturating_sub(n))
+        .step_by(n)
         .filter(|&k| {
-            let u = &x[k..k + STRETCH_S];
+            let u = &x[k..k + n];
             let at = (k as i64 - shift) as usize;
-            let v = &y[at..at + STRETCH_S];
+            let v = &y[at..at + n];
             let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
             let power = (dot(u, u) * dot(v, v)).sqrt();
             let active = u.iter().filter(|x| **x != 0.0).count();
-            2 * active > STRETCH_S && dot(u, v) > SAME_NOISE * power
+            2 * active > n && dot(u, v).abs() > scale.same * power
         })
         .collect();
     (same.len() >= 2).then(|| same[0])
@@ -279,6 +299,23 @@ mod tests {
         assert!(shared_rows(&r, &other).is_none());
         let found = shared(&r, &other).expect("the same noise");
         assert!((found.first_s - found.second_s).abs() < 1.0, "{found:?}");
+        // Thinned out to means of two seconds, smoothed, turned round in sign.
+        let pairs = |v: &Vec<f64>| v.chunks_exact(2).map(|p| 0.5 * (p[0] + p[1])).collect::<Vec<f64>>();
+        let mut thin = r.clone();
+        thin.time_s = pairs(&r.time_s);
+        thin.frequency_hz.iter_mut().for_each(|v| *v = pairs(v));
+        thin.rate_dph.iter_mut().for_each(|v| *v = pairs(v));
+        thin.optional.clear();
+        assert!(shared(&r, &thin).is_some(), "means of two seconds");
+        let mut smooth = r.clone();
+        smooth.rate_dph.iter_mut().for_each(|v| {
+            let s: Vec<f64> = v.windows(3).map(|w| w.iter().sum::<f64>() / 3.0).collect();
+            v[1..=s.len()].copy_from_slice(&s);
+        });
+        assert!(shared(&r, &smooth).is_some(), "smoothed");
+        let mut negative = r.clone();
+        negative.rate_dph.iter_mut().flatten().for_each(|v| *v = -*v);
+        assert!(shared(&r, &negative).is_some(), "turned round");
     }
 
     #[test]

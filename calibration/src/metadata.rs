@@ -323,6 +323,17 @@ impl Attitude {
 }
 
 /// `x=north y=east z=down`, blanks or commas between.
+/// Whether three directions lie along three lines.
+fn apart(d: [Direction; AXES]) -> bool {
+    let line = |d: Direction| match d {
+        Direction::North | Direction::South => 0,
+        Direction::East | Direction::West => 1,
+        Direction::Up | Direction::Down => 2,
+    };
+    let lines = d.map(line);
+    lines[0] != lines[1] && lines[1] != lines[2] && lines[0] != lines[2]
+}
+
 fn directions(text: &str) -> Result<[Direction; AXES], MetadataError> {
     let mut out = [None; AXES];
     for item in text.split([' ', ',']).filter(|s| !s.is_empty()) {
@@ -338,7 +349,11 @@ fn directions(text: &str) -> Result<[Direction; AXES], MetadataError> {
         }
     }
     match out {
-        [Some(x), Some(y), Some(z)] => Ok([x, y, z]),
+        [Some(x), Some(y), Some(z)] if apart([x, y, z]) => Ok([x, y, z]),
+        [Some(_), Some(_), Some(_)] => Err(MetadataError::Axes {
+            item: text.into(),
+            fault: "has two axes along one line: the three stand at right angles",
+        }),
         _ => Err(MetadataError::Axes { item: text.into(), fault: "does not name all of x, y and z" }),
     }
 }

@@ -3,18 +3,20 @@
 
 use super::data::Candidate;
 use super::judge::Means;
-use super::report::{by_axis, Refitted};
+use super::model::Term;
+use super::report::Refitted;
 use crate::fit::MEAN_S;
 use crate::lsq;
 use crate::run::Run;
+use crate::AXIS_NAMES;
 use hrg_core::bias::Scaling;
 use hrg_core::effects::{Reach, MAX_PARAMETERS};
 use hrg_core::AXES;
 use std::collections::BTreeMap;
 
-/// Refits those of `effects` that are unpredictable to the residual of a run, and takes them out of it.
+/// Refits those terms that are unpredictable to the residual of a run, on the axes that have them, and takes them out of it.
 pub fn refit(
-    effects: &[Candidate],
+    terms: &[Term],
     run: &Run,
     scaling: &Scaling,
     residual: &[Vec<f64>; AXES],
@@ -22,13 +24,14 @@ pub fn refit(
     let mut rest = residual.clone();
     let mut out = Vec::new();
     let mut done: Vec<&str> = Vec::new();
-    for c in effects.iter().filter(|c| c.facts.reach == Reach::Unpredictable) {
+    for t in terms.iter().filter(|t| t.lead().facts.reach == Reach::Unpredictable) {
+        let c = t.lead();
         // A second step or period of the train runs says nothing of the verify run's.
         if done.contains(&c.facts.name) {
             continue;
         }
         done.push(c.facts.name);
-        let Some((parameters, gains)) = best(c, run, scaling, &rest) else { continue };
+        let Some((parameters, gains)) = best(t, run, scaling, &rest) else { continue };
         for (a, rest) in rest.iter_mut().enumerate() {
             let x = run.effect(c.facts.id, &parameters, scaling, a);
             for (r, x) in rest.iter_mut().zip(x) {
@@ -40,7 +43,10 @@ pub fn refit(
         out.push(Refitted {
             name: c.facts.name.to_string(),
             parameters: named,
-            gains_dph: by_axis(|a| gains[a].first().copied().unwrap_or(0.0)),
+            gains_dph: (0..AXES)
+                .filter(|a| t.on(*a))
+                .map(|a| (AXIS_NAMES[a].to_string(), gains[a].first().copied().unwrap_or(0.0)))
+                .collect(),
         });
     }
     (out, rest)
@@ -49,12 +55,8 @@ pub fn refit(
 type Gains = [Vec<f64>; AXES];
 
 /// Parameters and gains that leave least. A step is looked for at every mean, anything else keeps its parameters.
-fn best(
-    c: &Candidate,
-    run: &Run,
-    scaling: &Scaling,
-    rest: &[Vec<f64>; AXES],
-) -> Option<([f32; MAX_PARAMETERS], Gains)> {
+fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Option<([f32; MAX_PARAMETERS], Gains)> {
+    let c = t.lead();
     let tries: Vec<[f32; MAX_PARAMETERS]> = if c.facts.name == "step" {
         let means = run.thermal.len() / MEAN_S;
         (2..means.saturating_sub(2)).map(|k| [run.thermal[k * MEAN_S].time_s, 0.0]).collect()
@@ -65,8 +67,9 @@ fn best(
     tries
         .into_iter()
         .filter_map(|p| {
-            let fits: Vec<Option<(Vec<f64>, f64)>> =
-                (0..AXES).map(|a| gains_of(c, &p, run, scaling, a, means[a].series())).collect();
+            let fits: Vec<Option<(Vec<f64>, f64)>> = (0..AXES)
+                .map(|a| t.on(a).then(|| gains_of(c, &p, run, scaling, a, means[a].series())).flatten())
+                .collect();
             let left: f64 = fits.iter().flatten().map(|f| f.1).sum();
             let gains = std::array::from_fn(|a| fits[a].as_ref().map_or_else(Vec::new, |f| f.0.clone()));
             fits.iter().any(Option::is_some).then_some((left, p, gains))

@@ -109,8 +109,16 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(&verify_run, c, &scaling);
     let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
-    let candidates: Vec<Candidate> = learnt.terms.iter().map(|t| *t.lead()).collect();
-    let (refitted, judged) = events::refit(&candidates, &verify_run, &scaling, &after_verify);
+    for t in &learnt.terms {
+        let c = t.lead();
+        if matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c) {
+            notes.push(format!(
+                "the verify run lacks what {} needs: it is left out there, and what is left holds it",
+                c.facts.name
+            ));
+        }
+    }
+    let (refitted, judged) = events::refit(&learnt.terms, &verify_run, &scaling, &after_verify);
 
     let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
     let there: Vec<usize> = verify_run.steps.present().collect();
@@ -177,7 +185,13 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     report.advice = words::advice(&report);
     let mut image = written.image;
     for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
-        image.axes[a].train_rms_dph = report.r#final[n].train_rms_dph as f32;
+        let raw = || spread(runs.iter().map(|r| &r.steps.rate_dph[a])).0;
+        let train = match report.block.as_ref().map(|b| b[n].model) {
+            Some(AxisModel::Extended) => report.r#final[n].train_rms_dph,
+            Some(AxisModel::Constant) => raw(),
+            Some(AxisModel::Baseline) | None => report.baseline[n].train_rms_dph,
+        };
+        image.axes[a].train_rms_dph = train as f32;
         image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
     }
     Ok(Trace {
@@ -308,7 +322,8 @@ impl OnVerifyRun<'_> {
                     .map(|(n, v)| ((*n).to_string(), f64::from(v)))
                     .collect(),
                 axes: gains_by_axis(fitted, k),
-                confirmed: (self.known)(c).then(|| on_verify.values().any(Agreement::wins)),
+                confirmed: (self.known)(c)
+                    .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
                 on_verify,
                 indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
                 rank: rank
@@ -490,7 +505,7 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
     let share = |a: usize| {
         let axis = &calibration.axes[a];
         let [slowest, fastest] = axis.rate_range_c_per_min;
-        let states: Vec<(f32, f32)> = (0..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
+        let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
         let inside =
             |&(t, r): &(f32, f32)| (axis.law.min_c..=axis.law.max_c).contains(&t) && (slowest..=fastest).contains(&r);
         1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64

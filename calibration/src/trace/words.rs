@@ -77,7 +77,7 @@ pub fn verdict(r: &Report) -> String {
         ),
         VerdictKind::NotConfirmed => write!(
             s,
-            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s), which is within the uncertainty or worse. ",
+            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s); the error does not fall by more than its uncertainty, or it rises on an axis. ",
             list(&names),
             figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
         ),
@@ -118,6 +118,14 @@ fn outside(r: &Report) -> String {
     )
 }
 
+/// What is said of axes whose image is a constant.
+fn constants(axes: &[&str]) -> String {
+    if axes.is_empty() {
+        return String::new();
+    }
+    format!(" (on {} it is a constant alone: no model beats the raw rates there beyond the uncertainty)", list(axes))
+}
+
 fn to_do(r: &Report) -> String {
     let mut s = String::new();
     let block = |f: &dyn Fn(AxisModel) -> bool| -> Vec<&str> {
@@ -127,10 +135,11 @@ fn to_do(r: &Report) -> String {
     match (r.image, &r.block) {
         (Image::Extended, Some(b)) if r.burn => {
             let _ = write!(s, " To do: burn the extended image, which by itself reaches {} deg/h there", to(b));
-            let plain = block(&|m| m != AxisModel::Extended);
+            let plain = block(&|m| m == AxisModel::Baseline);
             if !plain.is_empty() {
                 let _ = write!(s, " (on {} it holds no effect: there none is better than the baseline)", list(&plain));
             }
+            s += &constants(&block(&|m| m == AxisModel::Constant));
             s.push('.');
         }
         (Image::Extended, Some(b)) if r.verdict_kind != VerdictKind::Confirmed => {
@@ -146,8 +155,9 @@ fn to_do(r: &Report) -> String {
         (Image::Baseline, Some(b)) => {
             let _ = write!(
                 s,
-                " The image written is the baseline, with {} deg/h there{}.",
+                " The image written is the baseline, with {} deg/h there{}{}.",
                 to(b),
+                constants(&block(&|m| m == AxisModel::Constant)),
                 if r.effects.is_empty() { "" } else { "; there is no reason to burn an extended one" }
             );
         }
@@ -171,7 +181,7 @@ pub fn advice(r: &Report) -> Vec<String> {
         out.extend(mend(e));
         if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
             out.push(format!(
-                "{} is named on the train run, and the verify run does not get worse without it: take another run before you rely on it",
+                "{} is named on the train run, and the verify run does not bear it out beyond its uncertainty on every axis: take another run before you rely on it",
                 e.name
             ));
         }
@@ -184,8 +194,19 @@ pub fn advice(r: &Report) -> Vec<String> {
     }
     for (n, b) in r.block.iter().flatten() {
         if b.mean_dph.abs() > 3.0 * b.mean_std_dph {
+            let once: Vec<&str> = r
+                .effects
+                .iter()
+                .filter(|e| e.reach == "unpredictable" && e.axes.contains_key(n))
+                .map(|e| e.name.as_str())
+                .collect();
+            let cause = if once.is_empty() {
+                "measure the turn-on repeatability".to_string()
+            } else {
+                format!("{} on this axis may be the cause", list(&once))
+            };
             out.push(format!(
-                "axis {n}: the constant differs between train and verify run by {:.3} deg/h, {:.1} standard deviations: the deviations above do not show it; measure the turn-on repeatability",
+                "axis {n}: the constant differs between train and verify run by {:.3} deg/h, {:.1} standard deviations: the deviations above do not show it; {cause}",
                 b.mean_dph,
                 b.mean_dph.abs() / b.mean_std_dph
             ));
