@@ -32,9 +32,9 @@ pub const VERSION: u16 = 1;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
 /// Most effects in one block.
-pub const MAX_EFFECTS: usize = 12;
+pub const MAX_EFFECTS: usize = 8;
 /// Longest possible block in bytes.
-pub const MAX_BYTES: usize = 6144;
+pub const MAX_BYTES: usize = 4096;
 /// One axis of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
