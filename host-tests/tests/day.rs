@@ -96,6 +96,22 @@ fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
     });
 }
 
+/// Repeats the rows of a recording twelve times, one after the other: a fit asks for twenty means of 100 s.
+fn lengthen(folder: &Path, name: &str) {
+    let text = text(folder, name);
+    let (head, rows): (Vec<&str>, Vec<&str>) = text.lines().partition(|l| !l.starts_with(|c: char| c.is_ascii_digit()));
+    let time = |row: &str| row.split_once(',').and_then(|(t, _)| t.parse::<f64>().ok()).expect("a time");
+    let length = time(rows[rows.len() - 1]) - time(rows[0]) + 1.0;
+    let mut out = head.join("\n");
+    for k in 0..12 {
+        for row in &rows {
+            let (_, rest) = row.split_once(',').expect("columns");
+            out += &format!("\n{},{rest}", time(row) + length * f64::from(k));
+        }
+    }
+    std::fs::write(folder.join(name), out + "\n").expect("written");
+}
+
 #[test]
 fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
     let d = folder("names");
@@ -107,6 +123,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         assert!(text(&d, "nameless.csv").contains("# unit: unnamed\n"));
         assert!(refused(&d, "record --port link --unit HRG_042 --seconds 2 --out no.csv").contains("no blanks"));
         ok(&d, &format!("record --port link --unit HRG-042 {place} --seconds 200 --out a.csv"));
+        lengthen(&d, "a.csv");
         let head = text(&d, "a.csv");
         for line in [
             "# unit: HRG-042",
@@ -132,6 +149,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
     // The name stays when the power goes.
     power(&d, 30.0, || {
         ok(&d, &format!("record --port link {place} --seconds 200 --out again.csv"));
+        lengthen(&d, "again.csv");
         let again = text(&d, "again.csv");
         assert!(again.contains("# unit: HRG-042\n") && !again.contains("# calibration: 00000000"));
         let e = refused(&d, "record --port link --unit HRG-7 --seconds 2 --out no.csv");
@@ -156,6 +174,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         let said = ok(&d, "burn scaled.toml --port link --new-scale-factor");
         assert!(said.contains("number 3") && said.contains("0.01 0.01 0.01"), "{said}");
         ok(&d, &format!("record --port link {place} --seconds 200 --out scaled.csv"));
+        lengthen(&d, "scaled.csv");
         assert!(text(&d, "scaled.csv").contains("# scale_factor_dph_per_code: 0.01 0.01 0.01\n"));
         ok(&d, "fit scaled.csv --out kept.toml");
         assert!(refused(&d, "correct scaled.csv --calibration cal.toml --out no.csv").contains("scale factor"));
