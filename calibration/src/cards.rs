@@ -54,6 +54,8 @@ pub enum Refine {
     No,
     /// The first parameter is multiplied: a time, a width, a scale.
     Scale,
+    /// The same of a period of temperature: by less than a quarter of a cycle over the span.
+    Cycle,
     /// The first parameter is moved by steps of this share of the temperature span.
     Place(f32),
     /// The first parameter is moved by steps of a block of rows.
@@ -139,7 +141,7 @@ pub fn card(effect: EffectId) -> Card {
         }),
         E::TemperatureShape => (Class::Shape, Simple, Refine::No, temperatures),
         E::TemperatureSpline => (Class::Shape, Family, Refine::No, temperatures),
-        E::Ripple => (Class::Shape, Simple, Refine::Scale, ripples),
+        E::Ripple => (Class::Shape, Simple, Refine::Cycle, ripples),
         E::FrequencyDirect => (Class::Shape, Idle, Refine::No, nowhere),
         E::ThermalLag => (Class::Memory, Simple, Refine::Scale, |x| log(120.0, (x.longest_s / 2.5).max(600.0), 18)),
         E::SecondDerivative | E::CaseGradient => (Class::Memory, Simple, Refine::No, once),

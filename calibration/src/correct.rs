@@ -88,6 +88,8 @@ pub struct Second {
     pub bias_dph: [f32; AXES],
     /// Temperatures, C; NaN before the first.
     pub temperature_c: [f32; AXES],
+    /// Standard uncertainties of the biases, deg/h; NaN where the calibration does not state them.
+    pub bias_std_dph: [f32; AXES],
     /// Status of the axes and of the unit.
     pub status: [u8; 4],
 }
@@ -101,6 +103,7 @@ impl From<&Housekeeping> for Second {
             corrected_dph: h.corrected_dph,
             raw_dph: h.raw_dph,
             bias_dph: h.bias_dph,
+            bias_std_dph: h.bias_std_dph,
             temperature_c: h.temperature_c,
             status: [x, y, z, h.unit_status.bits()],
         }
@@ -144,6 +147,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
                 corrected_dph: [0, 1, 2].map(|a: usize| corrected_dph(raw_dph[a], held_dph[a])),
                 raw_dph,
                 bias_dph: output.bias_dph,
+                bias_std_dph: output.bias_std_dph,
                 temperature_c: output.temperature_c,
                 status: [x, y, z, if silent { UnitStatus::CONVERTER_FAULT.bits() } else { 0 }],
             }
@@ -246,9 +250,14 @@ pub fn to_csv(
     for a in &present {
         let _ = write!(s, ",{}", readings.column(*a));
     }
-    for (before, after) in
-        [("rate_", "_dph"), ("raw_", "_dph"), ("bias_", "_dph"), ("temperature_", "_c"), ("status_", "")]
-    {
+    for (before, after) in [
+        ("rate_", "_dph"),
+        ("raw_", "_dph"),
+        ("bias_", "_dph"),
+        ("bias_std_", "_dph"),
+        ("temperature_", "_c"),
+        ("status_", ""),
+    ] {
         for a in &present {
             let _ = write!(s, ",{before}{}{after}", AXIS_NAMES[*a]);
         }
@@ -259,7 +268,7 @@ pub fn to_csv(
         for f in present.iter().map(|a| x.frequency_hz[*a]) {
             let _ = if f.is_finite() { write!(s, ",{f}") } else { write!(s, ",") };
         }
-        for column in [x.corrected_dph, x.raw_dph, x.bias_dph, x.temperature_c] {
+        for column in [x.corrected_dph, x.raw_dph, x.bias_dph, x.bias_std_dph, x.temperature_c] {
             for v in present.iter().map(|a| column[*a]) {
                 let _ = if v.is_finite() { write!(s, ",{v}") } else { write!(s, ",") };
             }

@@ -4,10 +4,9 @@
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{direct, network, Coefficients, Scaling, TERMS};
-use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm};
-use hrg_core::effects::{by_id, by_name, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
+use hrg_core::effects::{by_id, by_name, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureLaw;
-use hrg_core::AXES;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -73,6 +72,11 @@ struct FileAxis {
     #[serde(skip_serializing_if = "Option::is_none")]
     network_dph: Option<[f32; network::WEIGHTS]>,
     bias_std_dph: [[f32; TERMS]; 2],
+    /// How uncertain the bias is: [`hrg_core::calibration::Uncertainty`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    uncertainty_rest_dph2: Option<f32>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    uncertainty_directions_dph: Vec<[f32; TERMS]>,
     train_rms_dph: f32,
     verify_rms_dph: f32,
 }
@@ -90,6 +94,8 @@ struct FileEffect {
     parameters: BTreeMap<String, f32>,
     gain_dph: BTreeMap<String, Vec<f32>>,
     gain_std_dph: BTreeMap<String, Vec<f32>>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    uncertainty_directions_dph: BTreeMap<String, Vec<Vec<f32>>>,
 }
 
 /// The file's text.
@@ -99,6 +105,7 @@ pub fn to_text(c: &Calibration) -> String {
     let by_axis = |f: &dyn Fn(usize) -> Vec<f32>| {
         AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), f(a))).collect::<BTreeMap<_, _>>()
     };
+    let stated = c.axes.iter().any(|a| a.uncertainty != Uncertainty::default());
     let file = File {
         hrg_calibration: VERSION,
         unit: c.unit_name().to_string(),
@@ -139,6 +146,8 @@ pub fn to_text(c: &Calibration) -> String {
                     bias_of_frequency_dph: None,
                     network_dph: None,
                     bias_std_dph: a.coefficient_std,
+                    uncertainty_rest_dph2: stated.then_some(a.uncertainty.rest_dph2),
+                    uncertainty_directions_dph: if stated { a.uncertainty.baseline.to_vec() } else { vec![] },
                     train_rms_dph: a.train_rms_dph,
                     verify_rms_dph: a.verify_rms_dph,
                 };
@@ -170,6 +179,12 @@ pub fn to_text(c: &Calibration) -> String {
                 parameters: f.parameters.iter().zip(e.parameters).map(|(n, v)| ((*n).to_string(), v)).collect(),
                 gain_dph: by_axis(&|a| e.gains[a][..f.outputs].to_vec()),
                 gain_std_dph: by_axis(&|a| e.gain_std[a][..f.outputs].to_vec()),
+                uncertainty_directions_dph: if stated {
+                    let of = |a: usize| e.directions.iter().map(|d| d[a][..f.outputs].to_vec()).collect();
+                    AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), of(a))).collect()
+                } else {
+                    BTreeMap::new()
+                },
             })
             .collect(),
     };
@@ -180,6 +195,18 @@ pub fn to_text(c: &Calibration) -> String {
          # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.\n\
          # block_crc32 is the checksum of the binary block: a number changed by hand no longer matches.\n{body}"
     )
+}
+
+/// The directions that a file states, and empty ones for the others.
+fn directions<T: Default + Clone>(stated: &[T], of: impl Fn() -> String) -> Result<[T; DIRECTIONS], BadInput> {
+    if stated.len() > DIRECTIONS {
+        return Err(BadInput::new(format!(
+            "{} has {} directions of its uncertainty; an image holds {DIRECTIONS}",
+            of(),
+            stated.len()
+        )));
+    }
+    Ok(std::array::from_fn(|k| stated.get(k).cloned().unwrap_or_default()))
 }
 
 /// Reads the file's text.
@@ -253,6 +280,10 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
             rate_range_c_per_min: [x.valid_from_c_per_min, x.valid_to_c_per_min],
             coefficients,
             coefficient_std: x.bias_std_dph,
+            uncertainty: Uncertainty {
+                rest_dph2: x.uncertainty_rest_dph2.unwrap_or(0.0),
+                baseline: directions(&x.uncertainty_directions_dph, || format!("[axis.{n}]"))?,
+            },
             train_rms_dph: x.train_rms_dph,
             verify_rms_dph: x.verify_rms_dph,
         };
@@ -260,12 +291,7 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
     for e in &f.effect {
         let facts = by_name(&e.name)
             .ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
-        let mut term = EffectTerm {
-            id: facts.id,
-            parameters: [0.0; MAX_PARAMETERS],
-            gains: [[0.0; MAX_OUTPUTS]; AXES],
-            gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-        };
+        let mut term = EffectTerm::new(facts.id, [0.0; MAX_PARAMETERS]);
         for (to, name) in term.parameters.iter_mut().zip(facts.parameters) {
             *to = *e
                 .parameters
@@ -278,6 +304,18 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
                     BadInput::new(format!("effect {}: axis {n} needs {} gains", e.name, facts.outputs))
                 })?;
                 to[..facts.outputs].copy_from_slice(values);
+            }
+            let Some(stated) = e.uncertainty_directions_dph.get(*n) else { continue };
+            for (k, values) in directions(stated, || format!("effect {}, axis {n}", e.name))?.iter().enumerate() {
+                if values.len() > facts.outputs {
+                    return Err(BadInput::new(format!(
+                        "effect {}: axis {n} has {} gains in a direction of its uncertainty, not {}",
+                        e.name,
+                        values.len(),
+                        facts.outputs
+                    )));
+                }
+                term.directions[k][a][..values.len()].copy_from_slice(values);
             }
         }
         c.effects
@@ -354,7 +392,7 @@ mod tests {
                 Coefficients::FourParameter(m)
             };
             c.axes[2].coefficients = rest;
-            let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; MAX_OUTPUTS]; 3], gain_std: [[0.0; MAX_OUTPUTS]; 3] };
+            let mut e = EffectTerm::new(7, [0.0; 2]);
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");
             let again = from_text(&to_text(&c)).expect("readable");

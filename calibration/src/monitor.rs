@@ -147,7 +147,11 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
             Span::raw(format!("{:.3}", h.temperature_c[a])),
             Span::raw(format!("{:+.3}", h.rate_c_per_min[a])),
             Span::raw(format!("{:+.3}", h.raw_dph[a])),
-            Span::raw(format!("{:+.3}", h.bias_dph[a])),
+            Span::raw(if h.bias_std_dph[a].is_finite() {
+                format!("{:+.3} \u{b1}{:.3}", h.bias_dph[a], h.bias_std_dph[a])
+            } else {
+                format!("{:+.3}", h.bias_dph[a])
+            }),
             Span::raw(format!("{:+.3}", h.corrected_dph[a])),
             Span::styled(status, style),
         ])
@@ -158,7 +162,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         Constraint::Length(8),
         Constraint::Length(8),
         Constraint::Length(9),
-        Constraint::Length(9),
+        Constraint::Length(15),
         Constraint::Length(9),
         Constraint::Min(12),
     ];
@@ -254,6 +258,7 @@ mod tests {
             temperature_c: [6.314, 4.875, 4.934],
             rate_c_per_min: [slope, 0.0, 0.0],
             bias_dph: [1.0, 2.0, 3.0],
+            bias_std_dph: [0.05, 0.05, f32::NAN],
             raw_dph: [4.0 + (time_ms % 7000) as f32 / 7000.0, 5.0, f32::NAN],
             corrected_dph: [3.0, 3.0, f32::NAN],
             samples: 1000,

@@ -22,6 +22,8 @@ pub struct Second {
     pub temperature_c: [f32; 3],
     /// Biases, deg/h.
     pub bias_dph: [f32; 3],
+    /// Their standard uncertainties, deg/h; NaN where the unit does not state them (a log never does).
+    pub bias_std_dph: [f32; 3],
     /// Status of the axes and the unit.
     pub status: [u8; 4],
     /// Checksum of the calibration in use.
@@ -36,6 +38,7 @@ impl From<&Housekeeping> for Second {
             raw_dph: h.raw_dph,
             temperature_c: h.temperature_c,
             bias_dph: h.bias_dph,
+            bias_std_dph: h.bias_std_dph,
             status: [h.axis_status[0].bits(), h.axis_status[1].bits(), h.axis_status[2].bits(), h.unit_status.bits()],
             calibration: h.calibration,
         }
@@ -53,6 +56,7 @@ impl Second {
             raw_dph: [f32::NAN; 3],
             temperature_c: [f32::NAN; 3],
             bias_dph: [f32::NAN; 3],
+            bias_std_dph: [f32::NAN; 3],
             status: [0; 4],
             calibration: 0,
         };
@@ -197,9 +201,14 @@ impl Recorder {
         })?;
         let mut head = self.head.text(second);
         head.push_str("time_s");
-        for (before, after) in
-            [("f", "_hz"), ("rate_", "_dph"), ("temperature_", "_c"), ("bias_", "_dph"), ("status_", "")]
-        {
+        for (before, after) in [
+            ("f", "_hz"),
+            ("rate_", "_dph"),
+            ("temperature_", "_c"),
+            ("bias_", "_dph"),
+            ("bias_std_", "_dph"),
+            ("status_", ""),
+        ] {
             for a in AXIS_NAMES {
                 let _ = write!(head, ",{before}{a}{after}");
             }
@@ -264,7 +273,8 @@ impl Recorder {
         for f in second.frequency_hz {
             cell(&mut row, &f, f.is_finite());
         }
-        for v in second.raw_dph.iter().chain(&second.temperature_c).chain(&second.bias_dph) {
+        for v in second.raw_dph.iter().chain(&second.temperature_c).chain(&second.bias_dph).chain(&second.bias_std_dph)
+        {
             cell(&mut row, v, v.is_finite());
         }
         for s in second.status {
@@ -292,6 +302,7 @@ mod tests {
             raw_dph: [1.5, -2.25, f32::NAN],
             temperature_c: [6.3, 4.9, 5.0],
             bias_dph: [0.125, 0.0, -1.0],
+            bias_std_dph: [f32::NAN; 3],
             status: [0, 8, 0, 1],
             calibration: 0xDEAD_BEEF,
         }

@@ -362,6 +362,8 @@ pub struct Simulated {
     pub recording: Recording,
     /// What it does not tell.
     pub truth: Truth,
+    /// The noise in the rates, deg/h: without it they are the bias (and the earth's rate).
+    pub noise_dph: [Vec<f64>; AXES],
 }
 
 /// Thermal lag of the resonators behind the case, s (zhao2022: 694 s; the axes of one unit differ a little).
@@ -675,7 +677,7 @@ impl Plan {
         let has_clock_wander = self.effects.iter().any(|e| e.name == "timebase");
         let quantised: [Vec<f64>; AXES] =
             [0, 1, 2].map(|a| plant.case_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
-        let noise: Vec<Vec<f64>> = (0..AXES).map(|_| rate_noise(n, &self.noise, &mut rng)).collect();
+        let noise = [0; AXES].map(|_| rate_noise(n, &self.noise, &mut rng));
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
         let bias = self.kind.bias(self.unit_seed);
         let mut rate = [0, 1, 2].map(|a| -> Vec<f64> {
@@ -745,6 +747,7 @@ impl Plan {
                 earth_rate_dph: Some(self.attitude.earth_rate_dph()),
                 ..Recording::default()
             },
+            noise_dph: noise,
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },
         }
     }

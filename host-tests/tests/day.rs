@@ -312,12 +312,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
     for (name, parameters, gain) in
         [("thermal-lag", [900.0, 0.0], 0.3), ("hysteresis", [4.0, 0.0], 0.2), ("warm-up", [500.0, 0.0], 2.0)]
     {
-        let mut term = EffectTerm {
-            id: by_name(name).expect("known").id,
-            parameters,
-            gains: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],
-            gain_std: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],
-        };
+        let mut term = EffectTerm::new(by_name(name).expect("known").id, parameters);
         term.gains.iter_mut().for_each(|g| g[0] = gain);
         c.effects.push(term).expect("room");
     }

@@ -1,7 +1,8 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
 
-use crate::calibration::{Axis, Calibration, MAX_EFFECTS};
-use crate::effects::OnUnit;
+use crate::bias;
+use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};
+use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
@@ -22,6 +23,9 @@ pub struct Output {
     pub rate_c_per_min: [f32; AXES],
     /// Biases to subtract, deg/h. Always finite.
     pub bias_dph: [f32; AXES],
+    /// Their standard uncertainties, deg/h, as the calibration states them ([`crate::calibration::Uncertainty`]); NaN where it does
+    /// not. Of the constant, what changes from one power-on to the next is not in it unless the calibration had several.
+    pub bias_std_dph: [f32; AXES],
     /// Status bits ([`AxisStatus`]).
     pub status: [AxisStatus; AXES],
 }
@@ -32,6 +36,7 @@ impl Output {
     pub fn same(&self, other: &Self) -> bool {
         let equal = |a: &[f32; AXES], b: &[f32; AXES]| a.iter().zip(b).all(|(x, y)| x.to_bits() == y.to_bits());
         equal(&self.bias_dph, &other.bias_dph)
+            && equal(&self.bias_std_dph, &other.bias_std_dph)
             && equal(&self.temperature_c, &other.temperature_c)
             && equal(&self.rate_c_per_min, &other.rate_c_per_min)
             && self.status == other.status
@@ -55,6 +60,7 @@ pub struct Compensator {
     /// For how many more steps a change beyond the calibrated range is in the slope's window.
     invalid_steps: [u8; AXES],
     bias_dph: [f32; AXES],
+    bias_std_dph: [f32; AXES],
     trim_dph: [f32; AXES],
 }
 
@@ -77,6 +83,7 @@ impl Compensator {
             running,
             invalid_steps: [0; AXES],
             bias_dph: [0.0; AXES],
+            bias_std_dph: [f32::NAN; AXES],
             trim_dph: [0.0; AXES],
         }
     }
@@ -116,14 +123,22 @@ impl Compensator {
         for (k, bias) in bias_dph.iter_mut().enumerate() {
             *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
         }
+        let mut along_dph = [[0.0; AXES]; DIRECTIONS];
         for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
-            running.add_bias_dph(scaling, thermal, &term.gains, &mut bias_dph);
+            let sums = &mut Sums {
+                gains: &term.gains,
+                bias_dph: &mut bias_dph,
+                directions: &term.directions,
+                along_dph: &mut along_dph,
+            };
+            running.add_bias_dph(scaling, thermal, sums);
         }
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
             rate_c_per_min: [x.state.rate_c_per_min, y.state.rate_c_per_min, z.state.rate_c_per_min],
             bias_dph,
+            bias_std_dph: [f32::NAN; AXES],
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
         for k in 0..AXES {
@@ -133,6 +148,8 @@ impl Compensator {
             // Bridging an outage, the last bias is held, whatever the states do.
             if now.age == 0 {
                 self.bias_dph[k] = bias_dph[k];
+                let along = along_dph.map(|d| d[k]);
+                self.bias_std_dph[k] = self.calibration.axes[k].bias_std_dph(scaling, &now.state, along);
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
                     output.status[k] |= AxisStatus::UNCALIBRATED;
@@ -142,12 +159,29 @@ impl Compensator {
                 output.status[k] |= AxisStatus::EDGE_ERRORS;
             }
             output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
+            output.bias_std_dph[k] = self.bias_std_dph[k];
         }
         output
     }
 }
 
 impl Axis {
+    /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction. NaN where it is not stated.
+    #[inline(never)]
+    fn bias_std_dph(&self, scaling: &bias::Scaling, state: &bias::State, along_dph: [f32; DIRECTIONS]) -> f32 {
+        let u = &self.uncertainty;
+        if u.rest_dph2 <= 0.0 {
+            return f32::NAN;
+        }
+        let x = bias::regressors(scaling, state.temperature_c, state.rate_c_per_min);
+        let mut variance = u.rest_dph2;
+        for (k, effects) in u.baseline.iter().zip(along_dph) {
+            let d = bias::dot(k, &x) + effects;
+            variance += d * d;
+        }
+        libm::sqrtf(variance)
+    }
+
     /// Status of an axis in a thermal state whose temperature has changed by `change_c` in this step. `invalid_steps`: for how many
     /// more steps its slope is invalid.
     #[inline(always)]
@@ -214,6 +248,39 @@ mod tests {
         assert_eq!(out.status, [AxisStatus::empty(); 3]);
         let t = out.temperature_c[0];
         assert!((out.bias_dph[0] - (1.0 + 2.0 * (t - 10.0) / 45.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_uncertainty_is_that_of_the_gains() {
+        assert!(Compensator::new(calibrated(), 0.0).step(&F).bias_std_dph.iter().all(|s| s.is_nan()), "not stated");
+        let mut block = calibrated();
+        // An effect with three gains of a known covariance: two independent directions, one of them along the baseline's slope too.
+        let shape = by_id(3).expect("in the list");
+        let mut term = EffectTerm::new(shape.id, [-40.0, 60.0]);
+        term.directions[0][1][0] = 0.5;
+        term.directions[1][1][1] = -0.25;
+        block.axes[1].uncertainty.rest_dph2 = 0.04;
+        block.axes[1].uncertainty.baseline[0][1] = 2.0;
+        block.effects.push(term).expect("room");
+        let mut c = Compensator::new(block.clone(), 0.0);
+        let out = c.step(&F);
+        assert!(out.bias_std_dph[0].is_nan() && out.bias_std_dph[2].is_nan());
+        // By the definition: the regressors of the effect from its own code, those of the baseline from theirs.
+        let state = c.thermometer.now().axes[1].state;
+        let x = bias::regressors(&block.scaling, state.temperature_c, state.rate_c_per_min);
+        let mut one = crate::effects::Running::new(shape.id, &[-40.0, 60.0], MODEL_STEP_S).expect("in the list");
+        let inputs = crate::effects::Inputs {
+            scaling: &block.scaling,
+            thermal: c.thermometer.now(),
+            axis: 1,
+            recorded: crate::effects::Recorded::NONE,
+        };
+        let e = one.step(&inputs);
+        let (first, second) = (2.0 * x[1] + 0.5 * e[0], -0.25 * e[1]);
+        let wanted = (0.04 + first * first + second * second).sqrt();
+        assert!((out.bias_std_dph[1] - wanted).abs() < 1e-5 * wanted, "{} {wanted}", out.bias_std_dph[1]);
+        // Bridging an outage, it is held with the bias.
+        assert_eq!(c.step(&[F[0], None, F[2]]).bias_std_dph[1], out.bias_std_dph[1]);
     }
 
     #[test]
@@ -322,7 +389,7 @@ mod tests {
         let lag = by_id(4).expect("in the list");
         let mut gains = [[0.0; MAX_OUTPUTS]; AXES];
         gains[0][0] = 1.0;
-        let term = EffectTerm { id: lag.id, parameters: [900.0, 0.0], gains, gain_std: gains };
+        let term = EffectTerm { gains, ..EffectTerm::new(lag.id, [900.0, 0.0]) };
         block.effects.push(term).expect("room");
         let (mut a, mut b) = (Compensator::new(block.clone(), 0.0), Compensator::new(block, 0.0));
         for k in 0..100u32 {

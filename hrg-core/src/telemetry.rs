@@ -122,6 +122,7 @@ mod tests {
         temperature_c: [20.0; 3],
         rate_c_per_min: [0.0; 3],
         bias_dph: [1.0; 3],
+        bias_std_dph: [0.1; 3],
         status: [AxisStatus::empty(); 3],
     };
 

@@ -2,12 +2,13 @@
 
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
-use hrg_core::calibration::{BlockError, Calibration, VERSION};
+use hrg_core::calibration::{BlockError, Calibration, Uncertainty, VERSION};
 use hrg_core::sectors::{newest, Found, Sector};
 
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
+const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
 
 fn read(image: &[u8]) -> Calibration {
     Calibration::from_bytes(image).expect("an image of version 1 loads")
@@ -31,11 +32,23 @@ fn version_1_holds_what_was_put_into_it() {
 }
 
 #[test]
-fn an_image_of_this_version_is_written_as_it_was_stored() {
-    for image in [DEFAULT, EFFECTS, MODELS] {
+fn version_2_states_its_uncertainty() {
+    let u = read(UNCERTAIN);
+    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), VERSION);
+    assert_eq!((u.axes[0].uncertainty.rest_dph2, u.axes[2].uncertainty.baseline[0]), (0.25, [0.5; 6]));
+    let directions: Vec<(f32, f32)> =
+        u.effects.iter().map(|t| (t.directions[1][2][0], t.directions[1][1][0])).collect();
+    assert_eq!(directions, [(-0.125, 0.0); 3]);
+    assert_eq!(read(EFFECTS).axes[0].uncertainty, Uncertainty::default(), "version 1 states none");
+}
+
+#[test]
+fn an_image_is_written_as_it_was_stored() {
+    // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN] {
         let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
-        assert_eq!(version == VERSION, again == image, "the layout of version {version} has changed");
+        assert!(again == image, "the layout of version {version} has changed");
     }
 }
 

@@ -86,7 +86,7 @@ fn calibration() -> impl Strategy<Value = Calibration> {
         c.scaling.blend_band = n[26].abs();
         for e in effects.into_iter().filter(|e| ALL[*e].reach == Reach::Unit) {
             let gains = std::array::from_fn(|a| std::array::from_fn(|k| n[27 + (a * MAX_OUTPUTS + k) % 30]));
-            let _ = c.effects.push(EffectTerm { id: ALL[e].id, parameters: [n[57], n[58]], gains, gain_std: gains });
+            let _ = c.effects.push(EffectTerm { gains, gain_std: gains, ..EffectTerm::new(ALL[e].id, [n[57], n[58]]) });
         }
         c
     })

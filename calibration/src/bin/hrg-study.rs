@@ -101,6 +101,41 @@ struct Outcome {
     before_over_floor: f64,
     seconds: f64,
     after_dph: f64,
+    coverage: Vec<Coverage>,
+}
+
+/// The error of a bias that an image gives on the verify run, by the uncertainty that it states: one axis.
+#[derive(Clone, Copy)]
+struct Coverage {
+    /// Squared error over variance, mean over the run.
+    normalised: f64,
+    /// Shares of the run within one and within 1.96 standard uncertainties.
+    within: [f64; 2],
+}
+
+/// The true bias is the simulated rate without its noise.
+fn coverage(t: &Trace, noise_dph: &[Vec<f64>; 3]) -> Vec<Coverage> {
+    let steps = &t.verify.steps;
+    let seconds = hrg_cal::correct::correct(&t.image, steps);
+    // The simulator's rows begin at 1 s, one a second.
+    let first = (steps.start_s - 1.0).round().max(0.0) as usize;
+    (0..3)
+        .filter_map(|a| {
+            let squares: Vec<f64> = seconds
+                .iter()
+                .enumerate()
+                .skip(steps.run_in)
+                .filter_map(|(k, s)| {
+                    let truth = steps.rate_dph[a][k] - noise_dph[a].get(first + k)?;
+                    let z = (f64::from(s.bias_dph[a]) - truth) / f64::from(s.bias_std_dph[a]);
+                    Some(z * z).filter(|z| z.is_finite())
+                })
+                .collect();
+            let n = squares.len() as f64;
+            let within = [1.0, 1.96f64].map(|k| squares.iter().filter(|z| **z <= k * k).count() as f64 / n);
+            (!squares.is_empty()).then(|| Coverage { normalised: squares.iter().sum::<f64>() / n, within })
+        })
+        .collect()
 }
 
 fn mean3(f: impl Fn(usize) -> f64) -> f64 {
@@ -121,8 +156,10 @@ fn run(trial: &Trial) -> Result<Outcome> {
         train.recording.clean()?;
     }
     let start = std::time::Instant::now();
-    let Trace { report, .. } = trace(&[train.recording], &verify.recording)?;
+    let traced = trace(&[train.recording], &verify.recording)?;
     let seconds = start.elapsed().as_secs_f64();
+    let coverage = coverage(&traced, &verify.noise_dph);
+    let report = traced.report;
     let found: Vec<String> = report.effects.iter().map(|e| e.name.clone()).collect();
     let twins: Vec<String> = report.effects.iter().flat_map(|e| e.indistinguishable_from.clone()).collect();
     let named = trial.effects.iter().filter(|e| found.contains(&e.name) || twins.contains(&e.name)).count();
@@ -158,6 +195,7 @@ fn run(trial: &Trial) -> Result<Outcome> {
         twins,
         seconds,
         after_dph: after,
+        coverage,
     })
 }
 
@@ -387,6 +425,30 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         s,
         "| axes whose ratio to the true floor lies in the interval stated | 95 % | {} |",
         share(held, 3 * all.len())
+    );
+    let stated: Vec<Coverage> = all
+        .iter()
+        .filter(|o| matches!(o.trial.kind, "clean" | "single" | "pair") && !o.unexplained)
+        .filter(|o| {
+            let unit = |e: &EffectSpec| hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit);
+            o.trial.effects.iter().all(unit)
+        })
+        .flat_map(|o| o.coverage.iter().copied())
+        .collect();
+    let mean = |f: &dyn Fn(&Coverage) -> f64| stated.iter().map(f).sum::<f64>() / stated.len() as f64;
+    let normalised: Vec<f64> = stated.iter().map(|c| c.normalised).collect();
+    let _ = writeln!(
+        s,
+        "| bias on the verify run: squared error over the variance stated, mean (median) of {} axes | 0.8 to 1.25 | {:.2} ({:.2}) |",
+        stated.len(),
+        mean(&|c| c.normalised),
+        quantile(&normalised, 0.5)
+    );
+    let _ = writeln!(
+        s,
+        "| the same: share within 1 and within 1.96 standard uncertainties | 68 %, 95 % | {:.1} %, {:.1} % |",
+        100.0 * mean(&|c| c.within[0]),
+        100.0 * mean(&|c| c.within[1])
     );
     let _ = writeln!(
         s,

@@ -37,8 +37,7 @@ use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::{by_name, MAX_OUTPUTS, MAX_PARAMETERS};
-use hrg_core::AXES;
+use hrg_core::effects::{by_name, MAX_PARAMETERS};
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use std::time::Instant;
@@ -160,9 +159,7 @@ impl Form {
                 axis.coefficient_std[0][3] = 0.0;
                 let cubic = by_name("cubic").ok_or_else(|| BadInput::new("the library lacks the effect cubic"))?;
                 if c.effects.is_empty() {
-                    let none = [[0.0; MAX_OUTPUTS]; AXES];
-                    let term =
-                        EffectTerm { id: cubic.id, parameters: [0.0; MAX_PARAMETERS], gains: none, gain_std: none };
+                    let term = EffectTerm::new(cubic.id, [0.0; MAX_PARAMETERS]);
                     let _ = c.effects.push(term);
                 }
                 c.effects[0].gains[a][0] = k[3] as f32;

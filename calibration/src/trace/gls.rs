@@ -52,6 +52,20 @@ impl Colour {
             }
         }
     }
+
+    /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
+    pub fn colour(&self, e: &mut [f64], starts: &[usize]) {
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(e.len());
+            let (mut past, mut before) = (0.0, 0.0);
+            for (j, v) in e[from..to].iter_mut().enumerate() {
+                let now = *v;
+                past = if j == 0 { now / self.first_factor() } else { self.phi * past + now - self.theta * before };
+                before = now;
+                *v = past;
+            }
+        }
+    }
 }
 
 /// Takes out of `x` what orthonormal columns span (twice, for rounding).

@@ -70,14 +70,19 @@ impl View {
         Self { colour, base, y, squares, free, constant, columns: vec![], b: vec![], products: vec![], own: vec![] }
     }
 
-    fn push(&mut self, rows: &AxisRows, column: &[f64]) {
-        let mut c = column.to_vec();
+    /// A column whitened and free of the baseline.
+    fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
         self.colour.whiten(&mut c, &rows.starts);
         let before = dot(&c, &c);
         self.base.reduce(&mut c);
         if dot(&c, &c) < 1e-9 * before {
             c.fill(0.0);
         }
+        c
+    }
+
+    fn push(&mut self, rows: &AxisRows, column: &[f64]) {
+        let c = self.free_of_baseline(rows, column.to_vec());
         self.b.push(dot(&c, &self.y));
         self.columns.push(c);
         self.products.push(Vec::new());
@@ -163,10 +168,7 @@ impl<'d> Axis<'d> {
         };
         let from = self.scale.len();
         for mut c in columns {
-            let s = std_dev(&c);
-            let s = if s > 1e-12 { s } else { 1.0 };
-            c.iter_mut().for_each(|v| *v /= s);
-            self.scale.push(s);
+            self.scale.push(to_unit_deviation(&mut c));
             for v in &mut self.views {
                 v.push(self.rows, &c);
             }
@@ -174,15 +176,7 @@ impl<'d> Axis<'d> {
         let group = from..self.scale.len();
         for v in &mut self.views {
             let x = &v.columns[group.clone()];
-            let mut g = DMatrix::zeros(x.len(), x.len());
-            for i in 0..x.len() {
-                for j in 0..=i {
-                    let d = dot(&x[i], &x[j]);
-                    g[(i, j)] = d;
-                    g[(j, i)] = d;
-                }
-            }
-            v.own.push(g);
+            v.own.push(symmetric(x.len(), |i, j| dot(&x[i], &x[j])));
         }
         self.groups.push(Some(group));
     }
@@ -226,7 +220,7 @@ impl<'d> Axis<'d> {
         let v = &self.views[s];
         let p = columns.len();
         let unit = |i: usize, j: usize| f64::from(u8::from(i == j));
-        let m = DMatrix::from_fn(p, p, |i, j| root[i] * root[j] * v.product(columns[i], columns[j]) + unit(i, j));
+        let m = symmetric(p, |i, j| root[i] * root[j] * v.product(columns[i], columns[j]) + unit(i, j));
         let c = DVector::from_fn(p, |i, _| root[i] * v.b[columns[i]]);
         Some((m.cholesky()?, c))
     }
@@ -278,14 +272,9 @@ impl<'d> Axis<'d> {
         let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, colour: 0 };
         for s in 0..COLOURS.len() {
             let mut own = shares.to_vec();
-            if !own.is_empty() {
-                // What is far behind before its variances are moved does not come first afterwards.
-                let (columns, root) = self.expand(&own);
-                let Some((f, c)) = self.factor(s, &columns, &root) else { continue };
-                let left = self.views[s].squares - c.dot(&f.solve(&c));
-                if self.of(s, left, log_determinant(&f)) < best.evidence - 12.0 {
-                    continue;
-                }
+            // What is far behind before its variances are moved does not come first afterwards.
+            if !own.is_empty() && self.evidence(s, &own) < best.evidence - 12.0 {
+                continue;
             }
             let evidence = self.optimise(s, &mut own);
             if evidence > best.evidence {
@@ -318,7 +307,8 @@ impl<'d> Axis<'d> {
             for (k, best) in out.iter_mut().enumerate() {
                 let Some(group) = self.groups[k].clone() else { continue };
                 let spectrum = self.spectrum(s, &base, k, &group);
-                let (gain, variance) = spectrum.best(self.views[s].free, base.left, most);
+                let (gain, variance) =
+                    best_gain(&spectrum.values, &spectrum.along, self.views[s].free, base.left, most);
                 let evidence = base.evidence + gain;
                 if best.is_none_or(|b| evidence > b.evidence) {
                     *best = Some(Extension { evidence, variance });
@@ -333,14 +323,7 @@ impl<'d> Axis<'d> {
         let v = &self.views[s];
         let m = group.len();
         let half = base.half.columns(group.start, m);
-        let mut g = DMatrix::zeros(m, m);
-        for i in 0..m {
-            for j in 0..=i {
-                let d = v.own[number][(i, j)] - half.column(i).dot(&half.column(j));
-                g[(i, j)] = d;
-                g[(j, i)] = d;
-            }
-        }
+        let g = symmetric(m, |i, j| v.own[number][(i, j)] - half.column(i).dot(&half.column(j)));
         let b = DVector::from_fn(m, |i, _| v.b[group.start + i] - half.column(i).dot(&base.rates));
         if m == 1 {
             return Spectrum { values: vec![g[(0, 0)].max(0.0)], along: vec![b[0]], turn: None };
@@ -360,13 +343,13 @@ impl<'d> Axis<'d> {
         let v = &self.views[model.colour];
         let (p, n) = (columns.len(), v.y.len());
         let mut error = 0.0;
-        let whole = DMatrix::from_fn(p, p, |i, j| dot(&v.columns[columns[i]], &v.columns[columns[j]]));
+        let whole = symmetric(p, |i, j| dot(&v.columns[columns[i]], &v.columns[columns[j]]));
         for f in 0..FOLDS {
             let part = n * f / FOLDS..n * (f + 1) / FOLDS;
             let y = &v.y[part.clone()];
             let x: Vec<&[f64]> = columns.iter().map(|c| &v.columns[*c][part.clone()]).collect();
             let b: Vec<f64> = x.iter().map(|c| dot(c, y)).collect();
-            let m = DMatrix::from_fn(p, p, |i, j| {
+            let m = symmetric(p, |i, j| {
                 root[i] * root[j] * (whole[(i, j)] - dot(x[i], x[j])) + f64::from(u8::from(i == j))
             });
             let c = DVector::from_fn(p, |i, _| root[i] * (v.b[columns[i]] - b[i]));
@@ -384,6 +367,33 @@ impl<'d> Axis<'d> {
         let Some((f, c)) = self.factor(colour, &columns, &root) else { return f64::NEG_INFINITY };
         let left = self.views[colour].squares - c.dot(&f.solve(&c));
         self.of(colour, left, log_determinant(&f))
+    }
+
+    /// Evidence of a model with other columns in the place of one of its groups: variances and noise model stay.
+    pub fn evidence_with(&self, model: &AxisModel, group: usize, columns: Vec<Vec<f64>>) -> f64 {
+        let v = &self.views[model.colour];
+        let fresh: Vec<Vec<f64>> = columns
+            .into_iter()
+            .map(|mut c| {
+                to_unit_deviation(&mut c);
+                v.free_of_baseline(self.rows, c)
+            })
+            .collect();
+        let others: Vec<Share> = model.shares.iter().filter(|s| s.group != group).copied().collect();
+        let own = model.shares.iter().find(|s| s.group == group).map_or(0.0, |s| s.variance.sqrt());
+        let (known, mut root) = self.expand(&others);
+        root.extend(std::iter::repeat_n(own, fresh.len()));
+        let (p, n) = (known.len(), root.len());
+        let product = |i: usize, j: usize| match (i < p, j < p) {
+            (true, true) => v.product(known[i], known[j]),
+            (true, false) => dot(&v.columns[known[i]], &fresh[j - p]),
+            (false, true) => dot(&fresh[i - p], &v.columns[known[j]]),
+            (false, false) => dot(&fresh[i - p], &fresh[j - p]),
+        };
+        let m = symmetric(n, |i, j| root[i] * root[j] * product(i, j) + f64::from(u8::from(i == j)));
+        let c = DVector::from_fn(n, |i, _| root[i] * if i < p { v.b[known[i]] } else { dot(&fresh[i - p], &v.y) });
+        let Some(f) = m.cholesky() else { return f64::NEG_INFINITY };
+        self.of(model.colour, v.squares - c.dot(&f.solve(&c)), log_determinant(&f))
     }
 
     /// What a model leaves of the rates: whitened by a noise model, free of the baseline.
@@ -448,10 +458,8 @@ impl<'d> Axis<'d> {
                 let free = DVector::from_fn(group.len(), |i, _| {
                     b[group.start + i] - base.half.column(group.start + i).dot(&rates)
                 });
-                let along = spectrum.turn.as_ref().map_or(free.clone(), |t| t.transpose() * &free);
-                let s =
-                    Spectrum { values: spectrum.values.clone(), along: along.iter().copied().collect(), turn: None };
-                s.best(v.free, left, bench.most).0
+                let along = spectrum.turn.as_ref().map_or_else(|| free.clone(), |t| t.transpose() * &free);
+                best_gain(&spectrum.values, along.as_slice(), v.free, left, bench.most).0
             })
             .collect()
     }
@@ -464,38 +472,52 @@ struct Spectrum {
     turn: Option<DMatrix<f64>>,
 }
 
-impl Spectrum {
-    /// The gain in evidence at the best variance, at most `most`, and that variance.
-    fn best(&self, free: f64, left: f64, most: f64) -> (f64, f64) {
-        let gain = |variance: f64| {
-            let (mut determinant, mut explained) = (0.0, 0.0);
-            for (d, c) in self.values.iter().zip(&self.along) {
-                determinant += (variance * d).ln_1p();
-                explained += variance * c * c / (1.0 + variance * d);
-            }
-            -0.5 * (determinant + free * (1.0 - explained / left).max(1e-12).ln())
-        };
-        let top = most.max(1e-300).ln();
-        let (mut best, mut at) = (f64::NEG_INFINITY, top);
-        for k in 0..14 {
-            let x = top - 1.4 * f64::from(k);
+/// The gain in evidence of a group at its best variance, at most `most`, and that variance. `values` are the squares of its principal
+/// directions, `along` their products with the rates, of which the model leaves squares of `left`.
+fn best_gain(values: &[f64], along: &[f64], free: f64, left: f64, most: f64) -> (f64, f64) {
+    let gain = |variance: f64| {
+        let (mut determinant, mut explained) = (0.0, 0.0);
+        for (d, c) in values.iter().zip(along) {
+            determinant += (variance * d).ln_1p();
+            explained += variance * c * c / (1.0 + variance * d);
+        }
+        -0.5 * (determinant + free * (1.0 - explained / left).max(1e-12).ln())
+    };
+    let top = most.max(1e-300).ln();
+    let (mut best, mut at) = (f64::NEG_INFINITY, top);
+    for k in 0..14 {
+        let x = top - 1.4 * f64::from(k);
+        let g = gain(x.exp());
+        if g > best {
+            (best, at) = (g, x);
+        }
+    }
+    let mut step = 0.7;
+    for _ in 0..4 {
+        for x in [at - step, (at + step).min(top)] {
             let g = gain(x.exp());
             if g > best {
                 (best, at) = (g, x);
             }
         }
-        let mut step = 0.7;
-        for _ in 0..4 {
-            for x in [at - step, (at + step).min(top)] {
-                let g = gain(x.exp());
-                if g > best {
-                    (best, at) = (g, x);
-                }
-            }
-            step *= 0.5;
-        }
-        (best, at.exp())
+        step *= 0.5;
     }
+    (best, at.exp())
+}
+
+/// Scales a column to unit deviation; gives its deviation before.
+fn to_unit_deviation(c: &mut [f64]) -> f64 {
+    let s = std_dev(c);
+    let s = if s > 1e-12 { s } else { 1.0 };
+    c.iter_mut().for_each(|v| *v /= s);
+    s
+}
+
+/// A symmetric matrix from its lower triangle.
+fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
+    let mut m = DMatrix::from_fn(n, n, |i, j| if j <= i { at(i, j) } else { 0.0 });
+    m.fill_upper_triangle_with_lower_triangle();
+    m
 }
 
 /// See [`Axis::bench`].

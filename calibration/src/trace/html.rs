@@ -187,13 +187,12 @@ fn cleaned(r: &Report) -> String {
 fn ranking(r: &Report) -> String {
     let mut s = String::new();
     for e in &r.effects {
-        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
         let _ = write!(
             s,
             "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
             escape(&e.name),
             e.class.name(),
-            parameters.join(", "),
+            e.parameters_text(),
             e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}")),
             match e.confirmed {
                 Some(true) => "confirmed by the verify run",

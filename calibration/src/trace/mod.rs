@@ -18,6 +18,7 @@ pub mod report;
 pub mod search;
 pub mod separable;
 mod surrogate;
+mod uncertainty;
 mod words;
 
 pub use html::html;
@@ -36,14 +37,15 @@ use crate::{BadInput, AXIS_NAMES};
 use data::{Candidate, Data};
 use floor::{Clean, Neighbours};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
-use hrg_core::calibration::Calibration;
+use hrg_core::calibration::{Calibration, Uncertainty};
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use judge::{agreement, spread, Means, Noise};
 use model::{drop_idle_effects, take_axis, Fitted, Term};
 use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged, Gain, OnVerify, Ranked};
 use search::{Model, Rival, Search};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
+use uncertainty::{Stated, Weights};
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
@@ -144,7 +146,8 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
         })
     };
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
-    let effects = on_verify.found(&search, &learnt, &fitted)?;
+    let stated = uncertainty::of(&data, &fitted, learnt.model.colours, Weights::Noise);
+    let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
     let written = on_verify.image(&calibration, &learnt, &fitted, &baseline_fit, options, &mut notes)?;
     let mut left = leftover::judge(&data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
@@ -196,7 +199,7 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     }
     Ok(Trace {
         report,
-        baseline: baseline_fit.image(&calibration, &mut Vec::new()),
+        baseline: baseline_fit.image(&calibration, &[None, None, None], &mut Vec::new()),
         image,
         verify: verify_run,
         train_residuals: [before_train, after_train],
@@ -248,6 +251,8 @@ fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f6
 /// What the search found on the train runs.
 struct Learnt {
     model: Model,
+    /// Noise model of each axis under the baseline alone.
+    baseline_colours: [usize; AXES],
     terms: Vec<Term>,
     /// For each effect, what could stand in its place.
     ranks: Vec<Vec<Rival>>,
@@ -258,7 +263,7 @@ impl Learnt {
         let model = search.run();
         let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
         let terms = model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
-        Self { model, terms, ranks }
+        Self { model, baseline_colours: search.colours_of_baseline(), terms, ranks }
     }
 }
 
@@ -281,7 +286,13 @@ struct OnVerifyRun<'v> {
 
 impl OnVerifyRun<'_> {
     /// Each effect with its gains, its rivals, and what the verify run says of it.
-    fn found(&self, search: &Search<'_>, learnt: &Learnt, fitted: &Fitted) -> Result<Vec<Found>, BadInput> {
+    fn found(
+        &self,
+        search: &Search<'_>,
+        learnt: &Learnt,
+        fitted: &Fitted,
+        stated: &[Option<Stated>; AXES],
+    ) -> Result<Vec<Found>, BadInput> {
         let model = &learnt.model;
         let alike = search.alike(model);
         let all = fitted.residuals(self.run, None, &self.scaling, self.known);
@@ -321,6 +332,7 @@ impl OnVerifyRun<'_> {
                     .zip(c.parameters)
                     .map(|(n, v)| ((*n).to_string(), f64::from(v)))
                     .collect(),
+                parameter_std: parameter_std(c, k, stated),
                 axes: gains_by_axis(fitted, k),
                 confirmed: (self.known)(c)
                     .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
@@ -374,8 +386,10 @@ impl OnVerifyRun<'_> {
         } else {
             Fitted::new(self.data, &kept, learnt.model.colours)?
         };
-        let baseline = baseline_fit.image(calibration, notes);
-        let mut image = for_unit.image(calibration, notes);
+        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_colours, Weights::Plain);
+        let stated = uncertainty::of(self.data, &for_unit, learnt.model.colours, Weights::Noise);
+        let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
+        let mut image = for_unit.image(calibration, &stated, notes);
         image.sequence = 2;
         let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
         let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
@@ -396,6 +410,7 @@ impl OnVerifyRun<'_> {
                     take_axis(&mut image, &baseline, a);
                     image.axes[a].coefficients = constant(&self.data.axes[a].y);
                     image.axes[a].coefficient_std = [[0.0; TERMS]; 2];
+                    image.axes[a].uncertainty = Uncertainty::default();
                 }
             }
         }
@@ -435,6 +450,13 @@ fn constant(rates_dph: &[f64]) -> Coefficients {
     let mut k = [0.0; TERMS];
     k[0] = crate::stats::mean(rates_dph) as f32;
     Coefficients::One(k)
+}
+
+/// Standard deviations of the refined parameters of effect `k`, by name.
+fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BTreeMap<String, f64> {
+    let Some(s) = stated.iter().flatten().next() else { return BTreeMap::new() };
+    let each = c.facts.parameters.iter().zip(s.parameter_std[k]);
+    each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
 }
 
 fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {

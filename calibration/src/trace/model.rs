@@ -3,12 +3,13 @@
 use super::data::{day_column, Candidate, Data};
 use super::gls::COLOURS;
 use super::search;
+use super::uncertainty::Stated;
 use crate::fit::{self, baseline_columns, MEAN_S};
 use crate::run::Run;
 use crate::stats::block_means;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
-use hrg_core::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
 use hrg_core::effects::MAX_OUTPUTS;
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
@@ -54,6 +55,34 @@ impl Term {
     }
 }
 
+/// The columns of one axis' fit.
+pub struct Columns {
+    /// The baseline's, those of each term that the axis has, in order, then one for each day from the second on.
+    pub values: Vec<Vec<f64>>,
+    /// What each is called.
+    pub names: Vec<&'static str>,
+    /// Variance of each coefficient before the data are seen, over the whitened noise's; `None`: unbounded.
+    pub prior: Vec<Option<f64>>,
+}
+
+/// The columns of an axis, on the blocks that have data.
+pub fn columns(data: &Data<'_>, terms: &[Term], a: usize) -> Columns {
+    let base = &data.axes[a].base;
+    let mut values = base[..TERMS].to_vec();
+    let mut names: Vec<&'static str> = fit::NAMES.to_vec();
+    let mut prior = vec![None; TERMS];
+    for t in terms.iter().filter(|t| t.on(a)) {
+        values.extend(t.parts.iter().flat_map(|c| data.columns(c, a, true).unwrap_or_default()));
+        names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
+        prior.extend(t.prior[a].iter().map(|v| Some(*v)));
+    }
+    // What belongs to a day and not to the unit.
+    values.extend(base[TERMS..].iter().cloned());
+    names.extend(std::iter::repeat_n("the day", base.len() - TERMS));
+    prior.resize(values.len(), None);
+    Columns { values, names, prior }
+}
+
 /// What was fitted on one axis.
 #[derive(Debug, Clone)]
 pub struct AxisFit {
@@ -90,18 +119,7 @@ impl Fitted {
                 let covariance = DMatrix::zeros(count, count);
                 return Ok(AxisFit { coefficients: zeros.clone(), std: zeros, days: vec![], covariance });
             }
-            let mut columns = rows.base[..TERMS].to_vec();
-            let mut names: Vec<&str> = fit::NAMES.to_vec();
-            let mut prior = vec![None; TERMS];
-            for t in terms.iter().filter(|t| t.on(a)) {
-                columns.extend(t.parts.iter().flat_map(|c| data.columns(c, a, true).unwrap_or_default()));
-                names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
-                prior.extend(t.prior[a].iter().map(|v| Some(*v)));
-            }
-            // What belongs to a day and not to the unit.
-            columns.extend(rows.base[TERMS..].iter().cloned());
-            names.extend(std::iter::repeat_n("the day", rows.base.len() - TERMS));
-            prior.resize(columns.len(), None);
+            let Columns { values: mut columns, names, prior } = columns(data, terms, a);
             let mut y = rows.y.clone();
             let colour = COLOURS[colours[a]];
             columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
@@ -203,14 +221,32 @@ impl Fitted {
         (about, (mean.transpose() * &covariance * &mean)[(0, 0)])
     }
 
-    /// The image: effects that a unit can compute.
-    pub fn image(&self, base: &Calibration, notes: &mut Vec<String>) -> Calibration {
+    /// The image: effects that a unit can compute, with their uncertainty where it is given, in as many directions as fit.
+    pub fn image(&self, base: &Calibration, stated: &[Option<Stated>; AXES], notes: &mut Vec<String>) -> Calibration {
+        for count in (1..=DIRECTIONS).rev() {
+            let fewer = stated.each_ref().map(|s| s.as_ref().map(|s| s.with_directions(count)));
+            let image = self.image_with(base, &fewer, &mut Vec::new());
+            if image.to_bytes().is_some() {
+                return self.image_with(base, &fewer, notes);
+            }
+        }
+        self.image_with(base, &stated.each_ref().map(|s| s.as_ref().map(|s| s.with_directions(0))), notes)
+    }
+
+    fn image_with(&self, base: &Calibration, stated: &[Option<Stated>; AXES], notes: &mut Vec<String>) -> Calibration {
         let mut c = base.clone();
         c.effects.clear();
         for a in 0..AXES {
             let fit = &self.axes[a];
             c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fit.coefficients[j] as f32));
             c.axes[a].coefficient_std = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
+            c.axes[a].uncertainty = Uncertainty::default();
+            if let Some(s) = &stated[a] {
+                c.axes[a].uncertainty.rest_dph2 = s.rest_dph2 as f32;
+                for (to, from) in c.axes[a].uncertainty.baseline.iter_mut().zip(&s.directions) {
+                    *to = std::array::from_fn(|j| from[j] as f32);
+                }
+            }
         }
         for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| search::on_unit(t.lead())) {
             let mut from = 0;
@@ -219,17 +255,16 @@ impl Fitted {
                     from += part.facts.outputs;
                     continue;
                 }
-                let mut term = EffectTerm {
-                    id: part.facts.id,
-                    parameters: part.parameters,
-                    gains: [[0.0; MAX_OUTPUTS]; AXES],
-                    gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-                };
+                let mut term = EffectTerm::new(part.facts.id, part.parameters);
                 for a in 0..AXES {
                     let own = self.gains(e, a).into_iter().flatten().skip(from).take(part.facts.outputs);
                     for (j, at) in own.enumerate() {
                         term.gains[a][j] = self.axes[a].coefficients[at] as f32;
                         term.gain_std[a][j] = self.axes[a].std[at] as f32;
+                        let directions = stated[a].iter().flat_map(|s| &s.directions);
+                        for (to, from) in term.directions.iter_mut().zip(directions) {
+                            to[a][j] = from[at] as f32;
+                        }
                     }
                 }
                 from += part.facts.outputs;
@@ -246,9 +281,11 @@ impl Fitted {
 pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
     image.axes[a].coefficients = from.axes[a].coefficients;
     image.axes[a].coefficient_std = from.axes[a].coefficient_std;
+    image.axes[a].uncertainty = from.axes[a].uncertainty;
     for term in &mut image.effects {
         term.gains[a] = [0.0; MAX_OUTPUTS];
         term.gain_std[a] = [0.0; MAX_OUTPUTS];
+        term.directions.iter_mut().for_each(|d| d[a] = [0.0; MAX_OUTPUTS]);
     }
 }
 

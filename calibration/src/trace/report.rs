@@ -159,6 +159,8 @@ pub struct Found {
     pub class: Class,
     /// Inner parameters, by name with unit.
     pub parameters: BTreeMap<String, f64>,
+    /// Standard deviations of those that were refined.
+    pub parameter_std: BTreeMap<String, f64>,
     /// Gains, by axis: only the axes that have it.
     pub axes: ByAxis<Gain>,
     /// Whether the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an effect that
@@ -185,6 +187,18 @@ pub struct Refitted {
     pub parameters: BTreeMap<String, f64>,
     /// Gains there, deg/h per unit of the first regressor.
     pub gains_dph: ByAxis<f64>,
+}
+
+impl Found {
+    /// The inner parameters in words, with 95 % intervals where they were refined.
+    #[must_use]
+    pub fn parameters_text(&self) -> String {
+        let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
+            Some(s) => format!("{n} {v:.1} \u{b1} {:.1}", 1.96 * s),
+            None => format!("{n} {v:.1}"),
+        };
+        self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
+    }
 }
 
 /// What the written image reaches on the verify run, one axis.

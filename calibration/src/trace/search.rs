@@ -14,7 +14,7 @@ use super::report::Class;
 use super::surrogate;
 use crate::cards::{card, Card, Kind, Refine};
 use crate::stats::dot;
-use hrg_core::effects::{EffectId, Reach};
+use hrg_core::effects::Reach;
 use hrg_core::AXES;
 
 /// Most effects of a model.
@@ -86,6 +86,11 @@ impl State {
         self.axes.iter().map(|a| a.evidence).sum()
     }
 
+    /// The group that was added last.
+    fn last(&self) -> usize {
+        self.groups[self.groups.len() - 1]
+    }
+
     /// Evidence less what each axis pays for each group that it has.
     fn net(&self) -> f64 {
         self.evidence() - AXIS_PRICE * self.axes.iter().map(|a| a.shares.len()).sum::<usize>() as f64
@@ -145,14 +150,6 @@ impl<'a> Search<'a> {
         self.candidates.len() - 1
     }
 
-    fn truncate(&mut self, count: usize) {
-        for a in &mut self.axes {
-            a.truncate(count);
-        }
-        self.candidates.truncate(count);
-        self.tries.truncate(count);
-    }
-
     /// The effect that gives a candidate its name.
     fn lead(&self, group: usize) -> Candidate {
         self.candidates[group][0]
@@ -173,7 +170,12 @@ impl<'a> Search<'a> {
         PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
     }
 
-    fn nothing(&mut self) -> State {
+    /// Best noise model of each axis under the baseline alone.
+    pub fn colours_of_baseline(&self) -> [usize; AXES] {
+        self.nothing().axes.map(|a| a.colour)
+    }
+
+    fn nothing(&self) -> State {
         let axes = [0, 1, 2].map(|a: usize| self.axes[a].best(&[]));
         State { groups: vec![], axes, p_values: vec![] }
     }
@@ -221,6 +223,12 @@ impl<'a> Search<'a> {
         next.groups.push(group);
         next.p_values.push(None);
         next
+    }
+
+    /// The same, with the group's inner parameter refined.
+    fn with_refined(&mut self, state: &State, group: usize, on: &[Option<f64>; AXES]) -> State {
+        let next = self.with(state, group, on);
+        self.refine(next, state.groups.len())
     }
 
     /// A model without its effect number `k`.
@@ -304,44 +312,39 @@ impl<'a> Search<'a> {
         for (gain, group, on) in ranked.iter().filter(|e| e.0 > LEAST - 3.0) {
             let simple = self.card(*group).kind == Kind::Simple;
             // The best of all, and the best simple ones, as far as they come close.
-            let of_kind = tried.iter().filter(|t| (self.card_of_last(&t.1).kind == Kind::Simple) == simple).count();
+            let of_kind = tried.iter().filter(|t| (self.card(t.1.last()).kind == Kind::Simple) == simple).count();
             if of_kind >= TRIED.div_ceil(2) || *gain < ranked[0].0 - 30.0 {
                 continue;
             }
             if tried.iter().any(|t| self.same_effect(&t.1, *group)) && self.card(*group).kind != Kind::Proposed {
                 continue;
             }
-            let next = self.with(state, *group, on);
-            let next = self.refine(next, state.groups.len());
-            let last = *next.groups.last()?;
-            let score = next.net() - state.net() - self.price(last, &state.groups);
+            let next = self.with_refined(state, *group, on);
+            let score = next.net() - state.net() - self.price(next.last(), &state.groups);
             tried.push((score, next));
         }
         tried.sort_by(|x, y| y.0.total_cmp(&x.0));
         let best = tried.first()?.0;
         // A simple member is preferred where it is as good, by evidence and by held-out error.
-        let simple = |t: &(f64, State)| t.0 > best - SIMPLE && self.card_of_last(&t.1).kind == Kind::Simple;
+        let simple = |t: &(f64, State)| t.0 > best - SIMPLE && self.card(t.1.last()).kind == Kind::Simple;
         let as_good: Vec<usize> = (1..tried.len()).filter(|k| simple(&tried[*k])).collect();
-        let top = tried[0].1.clone();
-        let held_out = self.held_out(&top);
-        let of_top = self.card_of_last(&top).kind != Kind::Simple;
-        let k = as_good
-            .into_iter()
-            .find(|k| of_top && self.held_out_under(&tried[*k].1, &top) > held_out - SIMPLE)
-            .unwrap_or(0);
+        let top = &tried[0].1;
+        let k = if as_good.is_empty() || self.card(top.last()).kind == Kind::Simple {
+            0
+        } else {
+            let held_out = self.held_out(top);
+            let fits = |k: &usize| self.held_out_under(&tried[*k].1, top) > held_out - SIMPLE;
+            as_good.into_iter().find(fits).unwrap_or(0)
+        };
         let (score, next) = tried.swap_remove(k);
-        let event = self.card_of_last(&next).class == Class::Event;
+        let event = self.card(next.last()).class == Class::Event;
         let least = if event { LEAST_EVENT } else { LEAST };
         // What predicts held-out parts worse is not there, but for what happens once.
         (score > least && (event || self.held_out(&next) > self.held_out_under(state, &next))).then_some((score, next))
     }
 
-    fn card_of_last(&self, state: &State) -> Card {
-        self.card(state.groups[state.groups.len() - 1])
-    }
-
     fn same_effect(&self, state: &State, group: usize) -> bool {
-        let last = state.groups[state.groups.len() - 1];
+        let last = state.last();
         self.candidates[last][0].facts.effect == self.lead(group).facts.effect
             && self.candidates[last].len() == self.candidates[group].len()
     }
@@ -400,10 +403,8 @@ impl<'a> Search<'a> {
                     continue;
                 }
                 names.push(effect);
-                let next = self.with(&others, group, &on);
-                let next = self.refine(next, others.groups.len());
-                let Some(last) = next.groups.last().copied() else { continue };
-                let worth = next.net() - self.price(last, &others.groups);
+                let next = self.with_refined(&others, group, &on);
+                let worth = next.net() - self.price(next.last(), &others.groups);
                 if best.as_ref().is_none_or(|b: &(f64, State)| worth > b.0) {
                     best = Some((worth, next));
                 }
@@ -439,29 +440,24 @@ impl<'a> Search<'a> {
         let mut step = match how {
             Refine::No => 0.0,
             Refine::Scale => 0.16,
+            Refine::Cycle => (0.25 * p[0] / span).min(0.16),
             Refine::Place(share) | Refine::Places(share) => share * span,
             Refine::Time => self.data.block_s as f32,
             Refine::Period => 0.3 * p[0] * p[0] / self.data.longest_s(),
         };
-        // A period of temperature: less than half a cycle over the span.
-        if start.facts.effect == EffectId::Ripple {
-            step = (0.25 * p[0] / span).min(0.16);
-        }
+        let by_factor = matches!(how, Refine::Scale | Refine::Cycle);
         let places = if matches!(how, Refine::Places(_)) { 2 } else { 1 };
-        let count = self.candidates.len();
-        let mut best = (self.fixed(&state, k, state.groups[k]), start);
+        let mut best = (self.trial(&state, k, &start), start);
         for _ in 0..6 {
             for place in 0..places {
                 for sign in [-1.0, 1.0] {
                     let mut c = best.1;
                     let q = c.parameters[place];
-                    c.parameters[place] = if how == Refine::Scale { q * (1.0 + sign * step) } else { q + sign * step };
+                    c.parameters[place] = if by_factor { q * (1.0 + sign * step) } else { q + sign * step };
                     if places == 2 && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
-                    let group = self.push(vec![c], self.tries[state.groups[k]]);
-                    let worth = self.fixed(&state, k, group);
-                    self.truncate(count);
+                    let worth = self.trial(&state, k, &c);
                     if worth > best.0 {
                         best = (worth, c);
                     }
@@ -481,23 +477,26 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Evidence with another group in the place of effect `k`, everything else as it is.
-    fn fixed(&mut self, state: &State, k: usize, group: usize) -> f64 {
-        let old = state.groups[k];
-        (0..AXES)
-            .map(|a| {
-                let m = &state.axes[a];
-                if !m.shares.iter().any(|s| s.group == old) {
-                    return m.evidence;
-                }
-                let shares: Vec<Share> = m
-                    .shares
-                    .iter()
-                    .map(|s| if s.group == old { Share { group, variance: s.variance } } else { *s })
-                    .collect();
-                self.axes[a].evidence(m.colour, &shares)
-            })
-            .sum()
+    /// Evidence with a candidate in the place of effect `k`, variances and noise models as they are.
+    fn trial(&self, state: &State, k: usize, c: &Candidate) -> f64 {
+        let group = state.groups[k];
+        let mut known: Option<(usize, Option<Vec<Vec<f64>>>)> = None;
+        let mut sum = 0.0;
+        for a in 0..AXES {
+            let m = &state.axes[a];
+            if !m.shares.iter().any(|s| s.group == group) {
+                sum += m.evidence;
+                continue;
+            }
+            let same = |of: usize| c.facts.common && self.data.axes[a].keep == self.data.axes[of].keep;
+            let columns = match known.take() {
+                Some((of, columns)) if same(of) => columns,
+                _ => self.data.columns(c, a, false),
+            };
+            sum += columns.clone().map_or(f64::NEG_INFINITY, |v| self.axes[a].evidence_with(m, group, v));
+            known = Some((a, columns));
+        }
+        sum
     }
 
     /// Evidence that each of some groups of columns adds to a model on one axis.
@@ -549,10 +548,8 @@ impl<'a> Search<'a> {
             if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.effect == c.facts.effect) {
                 continue;
             }
-            let next = self.with(&others, group, &on);
-            let next = if gain > 0.0 { self.refine(next, others.groups.len()) } else { next };
-            let last = next.groups[next.groups.len() - 1];
-            let rival = self.rival(&others, &next, last);
+            let next = if gain > 0.0 { self.with_refined(&others, group, &on) } else { self.with(&others, group, &on) };
+            let rival = self.rival(&others, &next, next.last());
             out.push(rival);
         }
         out.sort_by(|x, y| y.worth.total_cmp(&x.worth));
@@ -570,14 +567,14 @@ impl<'a> Search<'a> {
                 1.0 - (-2.0 * more / n).exp()
             })
             .sum::<f64>()
-            / AXES as f64;
+            / self.data.axes_there() as f64;
         Rival { candidate: self.lead(group), evidence, worth: evidence - self.price(group, &others.groups), gain_in_cv }
     }
 
-    /// Orthonormal columns of a candidate on one axis under one noise model.
-    fn basis(&self, group: usize, a: usize, colour: usize) -> Basis {
+    /// Orthonormal columns of some candidates on one axis under one noise model.
+    fn basis(&self, groups: &[usize], a: usize, colour: usize) -> Basis {
         let mut basis = Basis::default();
-        for c in self.axes[a].columns_of(group).unwrap_or_default() {
+        for c in groups.iter().flat_map(|g| self.axes[a].columns_of(*g).unwrap_or_default()) {
             basis.add(self.axes[a].column(colour, c).to_vec());
         }
         basis
@@ -589,6 +586,7 @@ impl<'a> Search<'a> {
     /// alike.
     pub fn alike(&self, model: &Model) -> Vec<(&'static str, usize)> {
         let found = &model.state.groups;
+        let axes = self.data.axes_there() as f64;
         let mut out: Vec<(&'static str, usize)> = Vec::new();
         for k in 0..self.candidates.len() {
             let facts = self.lead(k).facts;
@@ -601,16 +599,11 @@ impl<'a> Search<'a> {
             let mut together = 0.0;
             let mut alone = vec![0.0; found.len()];
             for a in 0..AXES {
-                let own = self.basis(k, a, 0);
+                let own = self.basis(&[k], a, 0);
                 let Some(c) = own.columns.first() else { continue };
                 let share = |groups: &[usize]| {
-                    let mut basis = Basis::default();
-                    for g in groups {
-                        for column in self.axes[a].columns_of(*g).unwrap_or_default() {
-                            basis.add(self.axes[a].column(0, column).to_vec());
-                        }
-                    }
-                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / AXES as f64
+                    let basis = self.basis(groups, a, 0);
+                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / axes
                 };
                 together += share(found);
                 for (sum, g) in alone.iter_mut().zip(found) {
@@ -637,12 +630,12 @@ impl<'a> Search<'a> {
         let share = |target: usize, other: usize, colour: usize| {
             (0..AXES)
                 .map(|a| {
-                    let own = self.basis(target, a, colour);
+                    let own = self.basis(&[target], a, colour);
                     let Some(c) = own.columns.first() else { return 0.0 };
-                    self.basis(other, a, colour).columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
+                    self.basis(&[other], a, colour).columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
                 })
                 .sum::<f64>()
-                / AXES as f64
+                / self.data.axes_there() as f64
         };
         wanted
             .iter()

@@ -43,6 +43,9 @@ impl Calibration {
             finite(&a.rate_range_c_per_min)?;
             finite(&a.coefficient_std[0])?;
             finite(&a.coefficient_std[1])?;
+            finite(&[a.uncertainty.rest_dph2])?;
+            finite(a.uncertainty.baseline.as_flattened())?;
+            possible(a.uncertainty.rest_dph2 >= 0.0, "variance")?;
             match &a.coefficients {
                 Coefficients::One(k) => finite(k)?,
                 Coefficients::CoolingHeating(c, h) => {
@@ -69,6 +72,7 @@ impl Calibration {
                 finite(g)?;
                 finite(d)?;
             }
+            finite(e.directions.as_flattened().as_flattened())?;
             match shape(e.id) {
                 None => return Err(BlockError::UnknownEffect(e.id)),
                 Some(s) if !s.on_unit => return Err(BlockError::NotOnUnit(e.id)),

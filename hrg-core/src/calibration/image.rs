@@ -1,6 +1,6 @@
 //! A calibration to the bytes that lie in flash, and back.
 
-use super::{BlockError, Calibration, EffectTerm, MAGIC, MAX_BYTES, OLDEST, VERSION};
+use super::{BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
 use crate::bias::four_parameter::FourParameter;
 use crate::bias::{Coefficients, Scaling};
 use crate::bytes::{crc32, Reader, Writer};
@@ -20,9 +20,12 @@ impl Calibration {
         let mut buffer = [0u8; MAX_BYTES];
         let mut w = Writer::new(&mut buffer);
         w.bytes(&MAGIC);
-        w.u16(VERSION);
+        w.u16(self.version());
         w.u16(0);
         self.write_payload(&mut w);
+        if self.version() >= 2 {
+            self.write_uncertainty(&mut w);
+        }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
         if length > MAX_BYTES {
@@ -66,6 +69,9 @@ impl Calibration {
         let mut payload = Reader::new(&content[HEADER..]);
         let mut calibration = Self::uncalibrated();
         calibration.read_payload(&mut payload).ok_or(BlockError::Length(length))??;
+        if version >= 2 {
+            calibration.read_uncertainty(&mut payload).ok_or(BlockError::Length(length))??;
+        }
         if payload.remaining() != 0 {
             return Err(BlockError::Length(length));
         }
@@ -138,7 +144,64 @@ impl Calibration {
         }
     }
 
-    /// Reads what lies in a block; `None` where it is too short.
+    /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
+    fn version(&self) -> u16 {
+        if self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
+            VERSION
+        } else {
+            1
+        }
+    }
+
+    /// Directions that hold anything: the others are not written.
+    fn directions(&self) -> usize {
+        let any = |k: usize| {
+            let mut own = self.axes.iter().flat_map(|a| a.uncertainty.baseline[k]);
+            let mut effects = self.effects.iter().flat_map(|e| e.directions[k].iter().flatten());
+            own.any(|v| v != 0.0) || effects.any(|v| *v != 0.0)
+        };
+        (0..DIRECTIONS).rev().find(|k| any(*k)).map_or(0, |k| k + 1)
+    }
+
+    fn write_uncertainty(&self, w: &mut Writer<'_>) {
+        w.f32s(&self.axes.each_ref().map(|a| a.uncertainty.rest_dph2));
+        let count = self.directions();
+        w.u8(count as u8);
+        for k in 0..count {
+            for (number, axis) in self.axes.iter().enumerate() {
+                w.f32s(&axis.uncertainty.baseline[k]);
+                for e in &self.effects {
+                    let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
+                    w.f32s(&e.directions[k][number][..outputs]);
+                }
+            }
+        }
+    }
+
+    /// Since version 2.
+    #[inline(never)]
+    fn read_uncertainty(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+        let rest: [f32; AXES] = r.f32s()?;
+        for (a, rest_dph2) in self.axes.iter_mut().zip(rest) {
+            a.uncertainty = Uncertainty { rest_dph2, ..Uncertainty::default() };
+        }
+        let count = usize::from(r.u8()?);
+        if count > DIRECTIONS {
+            return Some(Err(BlockError::Absurd("number of directions")));
+        }
+        for k in 0..count {
+            for (number, axis) in self.axes.iter_mut().enumerate() {
+                axis.uncertainty.baseline[k] = r.f32s()?;
+                for e in &mut self.effects {
+                    let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
+                    r.fill(&mut e.directions[k][number][..outputs])?;
+                }
+            }
+        }
+        Some(Ok(()))
+    }
+
+    /// Reads what a block of version 1 holds; `None` where it is too short.
     #[inline(never)]
     fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
         self.unit = UnitName::from_bytes(r.array()?);
@@ -189,6 +252,7 @@ impl Calibration {
                 parameters: r.f32s()?,
                 gains: [[0.0; MAX_OUTPUTS]; AXES],
                 gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+                directions: [[[0.0; MAX_OUTPUTS]; AXES]; DIRECTIONS],
             };
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
                 r.fill(&mut gains[..outputs])?;

@@ -27,14 +27,29 @@ use heapless::Vec;
 
 /// First bytes of every block.
 pub const MAGIC: [u8; 4] = *b"HRGC";
-/// Version of the layout that is written; every version from [`OLDEST`] to this one is read.
-pub const VERSION: u16 = 1;
+/// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`Uncertainty`].
+pub const VERSION: u16 = 2;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
 /// Most effects in one block.
 pub const MAX_EFFECTS: usize = 8;
 /// Longest possible block in bytes.
 pub const MAX_BYTES: usize = 4096;
+/// Most directions of an [`Uncertainty`].
+pub const DIRECTIONS: usize = 3;
+
+/// How uncertain the bias of one axis is. Its variance at any moment is `rest_dph2` plus the sum of the squares of the directions, each of
+/// which is a bias made of the same regressors: of the baseline with these coefficients (regressors of
+/// [`crate::bias::regressors`], whatever the baseline), of the effects with [`EffectTerm::directions`]. So the covariance of all gains is
+/// kept in its largest parts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Uncertainty {
+    /// What no direction holds, (deg/h)^2; 0: the image does not state how uncertain it is.
+    pub rest_dph2: f32,
+    /// Coefficients of each direction, deg/h per unit of the regressor.
+    pub baseline: [[f32; TERMS]; DIRECTIONS],
+}
+
 /// One axis of a calibration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
@@ -49,6 +64,8 @@ pub struct Axis {
     /// Standard deviation of each coefficient, row after row: cooling then heating set, or the linear coefficients of
     /// another model in their order (zeros: not stated).
     pub coefficient_std: [[f32; TERMS]; 2],
+    /// How uncertain the bias is.
+    pub uncertainty: Uncertainty,
     /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
     pub train_rms_dph: f32,
     /// The same on a run that the fit never saw, deg/h (0: not measured).
@@ -66,6 +83,22 @@ pub struct EffectTerm {
     pub gains: [[f32; MAX_OUTPUTS]; AXES],
     /// Standard deviations of the gains.
     pub gain_std: [[f32; MAX_OUTPUTS]; AXES],
+    /// Gains of each direction of the [`Uncertainty`] on each axis, deg/h per unit of the regressor.
+    pub directions: [[[f32; MAX_OUTPUTS]; AXES]; DIRECTIONS],
+}
+
+impl EffectTerm {
+    /// An effect whose gains are all zero.
+    #[must_use]
+    pub const fn new(id: u16, parameters: [f32; MAX_PARAMETERS]) -> Self {
+        Self {
+            id,
+            parameters,
+            gains: [[0.0; MAX_OUTPUTS]; AXES],
+            gain_std: [[0.0; MAX_OUTPUTS]; AXES],
+            directions: [[[0.0; MAX_OUTPUTS]; AXES]; DIRECTIONS],
+        }
+    }
 }
 
 /// A calibration: all that makes a unit's numbers that unit's.
@@ -172,6 +205,7 @@ impl Calibration {
                 rate_range_c_per_min: [-10.0, 10.0],
                 coefficients: Coefficients::One([0.0; TERMS]),
                 coefficient_std: [[0.0; TERMS]; 2],
+                uncertainty: Uncertainty::default(),
                 train_rms_dph: 0.0,
                 verify_rms_dph: 0.0,
             }),
@@ -215,16 +249,25 @@ pub(crate) mod tests {
         c.axes[1].coefficients = Coefficients::CoolingHeating([1.5; TERMS], [-2.5e-3; TERMS]);
         for id in [4u16, 6, 3] {
             let outputs = shape(id).expect("in the list").outputs;
-            let mut e = EffectTerm {
-                id,
-                parameters: [600.0, 1.0],
-                gains: [[0.0; MAX_OUTPUTS]; AXES],
-                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-            };
+            let mut e = EffectTerm::new(id, [600.0, 1.0]);
             for g in &mut e.gains {
                 g[..outputs].fill(0.125);
             }
             c.effects.push(e).expect("room");
+        }
+        c
+    }
+
+    /// With two directions of uncertainty.
+    pub(crate) fn uncertain() -> Calibration {
+        let mut c = full();
+        for a in &mut c.axes {
+            a.uncertainty.rest_dph2 = 0.25;
+            a.uncertainty.baseline[0] = [0.5; TERMS];
+        }
+        for e in &mut c.effects {
+            let outputs = shape(e.id).expect("in the list").outputs;
+            e.directions[1][2][..outputs].fill(-0.125);
         }
         c
     }
@@ -240,7 +283,7 @@ pub(crate) mod tests {
 
     #[test]
     fn there_and_back() {
-        for c in [Calibration::uncalibrated(), full(), others()] {
+        for c in [Calibration::uncalibrated(), full(), others(), uncertain()] {
             let bytes = c.to_bytes().expect("fits");
             assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
             let mut sector = [0xFFu8; 4096];
@@ -260,10 +303,9 @@ pub(crate) mod tests {
         for _ in 0..MAX_EFFECTS {
             c.effects
                 .push(EffectTerm {
-                    id: 3,
-                    parameters: [0.0; 2],
                     gains: [[1.0; MAX_OUTPUTS]; 3],
                     gain_std: [[1.0; MAX_OUTPUTS]; 3],
+                    ..EffectTerm::new(3, [0.0; 2])
                 })
                 .expect("room");
         }

@@ -170,16 +170,30 @@ pub struct Shape {
     pub on_unit: bool,
 }
 
+/// Gains of an effect on each axis.
+pub type Gains = [[f32; MAX_OUTPUTS]; AXES];
+
+/// What an effect's regressors are multiplied by, and where the sums go.
+pub struct Sums<'a, const N: usize> {
+    /// Gains of the bias.
+    pub gains: &'a Gains,
+    /// The bias of each axis, deg/h.
+    pub bias_dph: &'a mut [f32; AXES],
+    /// Gains of the directions of its uncertainty.
+    pub directions: &'a [Gains; N],
+    /// Those of each axis, deg/h.
+    pub along_dph: &'a mut [[f32; AXES]; N],
+}
+
 /// Advances an effect on every axis, and adds its bias there. An axis that has no temperature yet has NaN for it; so has its
 /// bias, which nobody uses, and a state that begins anew with the first temperature.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
-fn add_bias_dph<E: Effect>(
+fn add_bias_dph<E: Effect, const N: usize>(
     effects: &mut [E; AXES],
     scaling: &Scaling,
     thermal: &Thermal,
-    gains: &[[f32; MAX_OUTPUTS]; AXES],
-    bias_dph: &mut [f32; AXES],
+    sums: &mut Sums<'_, N>,
 ) {
     if !matches!(E::REACH, Reach::Unit) {
         // `OnUnit::new` starts none of these; so the unit holds no code for them.
@@ -189,7 +203,10 @@ fn add_bias_dph<E: Effect>(
     let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
     for axis in 0..AXES {
         let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
-        bias_dph[axis] += x.weighed(&gains[axis]);
+        sums.bias_dph[axis] += x.weighed(&sums.gains[axis]);
+        for (along, gains) in sums.along_dph.iter_mut().zip(sums.directions) {
+            along[axis] += x.weighed(&gains[axis]);
+        }
     }
 }
 
@@ -267,14 +284,13 @@ macro_rules! effects {
             }
             /// Advances by one step and adds to each axis the regressors times its gains.
             #[inline]
-            pub fn add_bias_dph(
+            pub fn add_bias_dph<const N: usize>(
                 &mut self,
                 scaling: &Scaling,
                 thermal: &Thermal,
-                gains: &[[f32; MAX_OUTPUTS]; AXES],
-                bias_dph: &mut [f32; AXES],
+                sums: &mut Sums<'_, N>,
             ) {
-                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, gains, bias_dph)),+ }
+                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, sums)),+ }
             }
         }
     };

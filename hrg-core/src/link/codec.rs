@@ -76,6 +76,7 @@ impl Message {
                 w.u32(h.sequence);
                 w.u32(h.created_unix_s);
                 w.u8(h.mode);
+                w.f32s(&h.bias_std_dph);
             }
             Self::Identity(i) => {
                 w.u8(0x03);
@@ -197,6 +198,8 @@ impl Message {
                 sequence: r.u32()?,
                 created_unix_s: r.u32()?,
                 mode: r.u8()?,
+                // A unit of an older firmware does not send it.
+                bias_std_dph: if r.remaining() == 0 { [f32::NAN; AXES] } else { r.f32s()? },
             }),
             0x03 => Self::Identity(Identity {
                 unit: UnitName::from_bytes(r.array()?),

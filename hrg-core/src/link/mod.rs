@@ -39,6 +39,8 @@ pub struct Housekeeping {
     pub rate_c_per_min: [f32; AXES],
     /// Biases in use after this step, deg/h.
     pub bias_dph: [f32; AXES],
+    /// Their standard uncertainties, deg/h; NaN where the calibration does not state them.
+    pub bias_std_dph: [f32; AXES],
     /// Mean raw rates over the bias before, deg/h; NaN without samples.
     pub raw_dph: [f32; AXES],
     /// Mean corrected rates over the same samples, deg/h.
@@ -95,6 +97,7 @@ impl Housekeeping {
             temperature_c: output.temperature_c,
             rate_c_per_min: output.rate_c_per_min,
             bias_dph: output.bias_dph,
+            bias_std_dph: output.bias_std_dph,
             raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
             corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
             samples,
@@ -192,6 +195,7 @@ mod tests {
             temperature_c: [6.3, 4.9, 5.0],
             rate_c_per_min: [0.0, 1.0, -1.0],
             bias_dph: [1.0, 2.0, 3.0],
+            bias_std_dph: [0.125, 0.25, 0.5],
             raw_dph: [4.0; 3],
             corrected_dph: [3.0, 2.0, 1.0],
             samples: 1000,

@@ -837,9 +837,8 @@ fn print_trace(r: &trace::Report) {
     }
     for e in &r.effects {
         println!();
-        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
         let p_value = e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}"));
-        println!("effect {} {} ({}, {}; p-value {p_value})", e.name, parameters.join(", "), e.class.name(), e.reach);
+        println!("effect {} {} ({}, {}; p-value {p_value})", e.name, e.parameters_text(), e.class.name(), e.reach);
         for (n, v) in &e.on_verify {
             println!("  axis {n}: the verify run shows {:.2} +- {:.2} of it", v.share, v.share_std);
         }

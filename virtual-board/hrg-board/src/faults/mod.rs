@@ -78,12 +78,7 @@ impl Scene {
             ("warm-up", [1500.0, 0.0], 0.2),
         ] {
             let facts = by_name(name).context("an effect of the list")?;
-            let mut term = EffectTerm {
-                id: facts.id,
-                parameters,
-                gains: [[0.0; MAX_OUTPUTS]; 3],
-                gain_std: [[0.0; MAX_OUTPUTS]; 3],
-            };
+            let mut term = EffectTerm::new(facts.id, parameters);
             for gains in &mut term.gains {
                 gains[..facts.outputs].fill(gain);
             }
