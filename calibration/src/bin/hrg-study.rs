@@ -3,8 +3,8 @@
 
 use anyhow::Result;
 use clap::Parser;
+use hrg_cal::numeric::stats::quantile;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
-use hrg_cal::stats::quantile;
 use hrg_cal::trace::{trace, Class, Trace, VerdictKind};
 use hrg_cal::AXIS_NAMES;
 use hrg_core::effects::Reach;
