@@ -1,62 +1,34 @@
 //! From a recording of a thermal-chamber run to the coefficients of an HRG unit, and back to the residual.
 //!
-//! | step | module |
+//! | room | holds |
 //! |---|---|
-//! | recordings in and out, and what is wrong with them | [`recording`], [`metadata`], [`dialect`] |
-//! | recordings from other programs' files | [`import`] |
-//! | names of units; what a user says of one beside its recordings | [`names`], [`facts`] |
-//! | a recording as the unit would have seen it: model steps, temperatures, regressors | [`run`] |
-//! | least squares | [`lsq`] |
-//! | how a resonator follows its surroundings | [`lag`] |
-//! | what gives the temperatures; frequency to temperature; static points | [`mod@thermometer`], [`laws`], [`points`] |
-//! | before and after every fit | [`fit`] |
-//! | enough data behind a figure; runs that are independent | [`evidence`], [`independence`] |
-//! | what a unit sends, computed on the desktop | [`mod@correct`] |
-//! | coefficients, by the methods of the sources | [`methods`] |
-//! | the calibration file | [`mod@file`] |
-//! | what the model lacks | [`trace`] |
-//! | a chamber run from a plant model | [`simulate`] |
-//! | the loop on measured data | [`measured`] |
-//! | Allan deviation | [`allan`] |
-//! | self-alignment | [`align`] |
-//! | a unit on a port; recordings from it; its log; its screen | [`mod@unit`], [`record`], [`mod@log`], [`monitor`] |
-//! | sensors beside a unit, live or from a chamber's log | [`sensors`], [`merge`] |
-//! | figures of a data sheet from recordings alone | [`report`] |
-//! | pictures | [`plot`] |
+//! | [`recording`] | recordings in and out and what is wrong with them; other programs' files; names of units; model steps |
+//! | [`thermometer`] | frequency to temperature, the lag of a resonator, static points |
+//! | [`fit`] | coefficients by the methods of the sources, enough data behind them, what a unit sends |
+//! | [`trace`] | what the model lacks; the cards of the effects |
+//! | [`image_file`] | the calibration image as a text file |
+//! | [`align`] | self-alignment |
+//! | [`simulate`] | a chamber run from a plant model |
+//! | [`mod@unit`] | a unit on a port: recordings from it, its log, its screen, sensors beside it |
+//! | [`numeric`] | least squares, statistics, Allan deviation |
+//! | [`compare`] | every method on the same data, the trace beside them |
+//! | [`measured`] | the loop on measured data |
+//! | [`report`] | figures of a data sheet from recordings alone |
+//! | [`plot`] | pictures |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
 #![forbid(unsafe_code)]
 
 pub mod align;
-pub mod allan;
-pub mod cards;
-pub mod correct;
-pub mod dialect;
-pub mod evidence;
-pub mod facts;
-pub mod file;
+pub mod compare;
 pub mod fit;
-pub mod import;
-pub mod independence;
-pub mod lag;
-pub mod laws;
-pub mod log;
-pub mod lsq;
+pub mod image_file;
 pub mod measured;
-pub mod merge;
-pub mod metadata;
-pub mod methods;
-pub mod monitor;
-pub mod names;
+pub mod numeric;
 pub mod plot;
-pub mod points;
-pub mod record;
 pub mod recording;
 pub mod report;
-pub mod run;
-pub mod sensors;
 pub mod simulate;
-pub mod stats;
 pub mod thermometer;
 pub mod trace;
 pub mod unit;
@@ -73,6 +45,19 @@ impl BadInput {
     /// From a sentence.
     pub fn new(sentence: impl Into<String>) -> Self {
         Self(sentence.into())
+    }
+}
+
+/// "a, b and c".
+#[must_use]
+pub fn list<S: AsRef<str>>(names: &[S]) -> String {
+    match names {
+        [] => "nothing".into(),
+        [one] => one.as_ref().into(),
+        [rest @ .., last] => {
+            let rest: Vec<&str> = rest.iter().map(AsRef::as_ref).collect();
+            format!("{} and {}", rest.join(", "), last.as_ref())
+        }
     }
 }
 
@@ -93,14 +78,17 @@ pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode
 /// # Errors
 /// As [`recording::Recording::load`].
 pub fn load_recording(path: &std::path::Path) -> anyhow::Result<recording::Recording> {
-    load_recording_with(path, &facts::Facts::default())
+    load_recording_with(path, &recording::facts::Facts::default())
 }
 
 /// The same, with what a user says of the unit.
 ///
 /// # Errors
 /// As [`recording::Recording::load`], and where the recording says otherwise.
-pub fn load_recording_with(path: &std::path::Path, facts: &facts::Facts) -> anyhow::Result<recording::Recording> {
+pub fn load_recording_with(
+    path: &std::path::Path,
+    facts: &recording::facts::Facts,
+) -> anyhow::Result<recording::Recording> {
     let r = recording::Recording::load_with(path, |r| facts.apply(r))?;
     for note in &r.notes {
         eprintln!("{}: {note}", path.display());

@@ -2,14 +2,15 @@
 //!
 //! What is known of these files, and what the figures mean, is in docs/measured.md. Nothing here is tuned to them.
 
+use crate::fit::methods;
 use crate::fit::{self, MEAN_S};
-use crate::import::{self, map::Map};
-use crate::points::{self, Points};
+use crate::numeric::stats::{block_means, mean, std_dev};
+use crate::recording::import::{self, map::Map};
+use crate::recording::steps::Steps;
 use crate::recording::Recording;
-use crate::run::Steps;
-use crate::stats::{block_means, mean, std_dev};
+use crate::thermometer::points::{self, Points};
 use crate::trace::{self, VerdictKind};
-use crate::{methods, BadInput, AXIS_NAMES, MOST_RECORDING};
+use crate::{BadInput, AXIS_NAMES, MOST_RECORDING};
 use hrg_core::AXES;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -126,7 +127,7 @@ fn named(r: &trace::Report) -> String {
     };
     let names: Vec<&str> = r.effects.iter().map(|e| e.name.as_str()).collect();
     let left: Vec<String> = r.floor_ratio.iter().map(|(n, f)| format!("{n} {f}")).collect();
-    format!("verdict {kind}; named: {}; left: {}", trace::list(&names), left.join("; "))
+    format!("verdict {kind}; named: {}; left: {}", crate::list(&names), left.join("; "))
 }
 
 /// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through.
@@ -227,7 +228,7 @@ pub fn modes(folder: &Path) -> anyhow::Result<BTreeMap<String, Points>> {
 pub fn uberclock(folder: &Path) -> anyhow::Result<String> {
     let mut s = format!(
         "uberclock: one quartz, modes {} as each other's thermometers (hrg points), 20 to 65 C\n   {:<12}{:<12}{:>24}{:>22}{:>12}{:>10}\n",
-        trace::list(&MODES),
+        crate::list(&MODES),
         "orientation",
         "modes",
         "against the chamber [C]",

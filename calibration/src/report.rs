@@ -3,14 +3,15 @@
 //! it was taken. (The quantities are those that IEEE 1431 asks of a Coriolis gyro's specification; the standard's text is not at
 //! hand, so its clause numbers are not given.)
 
-use crate::allan;
 use crate::fit::MEAN_S;
-use crate::laws;
+use crate::numeric::allan;
+use crate::numeric::lsq;
+use crate::numeric::stats::{block_means, mean, std_dev};
 use crate::plot::{self, Panel, Series};
+use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
-use crate::run::{Run, Steps};
-use crate::stats::{block_means, mean, std_dev};
-use crate::{lsq, BadInput, AXIS_NAMES};
+use crate::thermometer::curve;
+use crate::{BadInput, AXIS_NAMES};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 use std::fmt::Write as _;
@@ -145,8 +146,8 @@ fn quantity(name: &'static str, unit: &'static str, v: Option<(f64, f64, f64)>, 
 pub fn report(recordings: &[Recording]) -> Result<Report, BadInput> {
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
     let all: Vec<&Recording> = recordings.iter().collect();
-    let _ = crate::independence::same_unit(&all, crate::independence::Units::Same)?;
-    crate::independence::require(&all.iter().map(|r| (*r, "given")).collect::<Vec<_>>())?;
+    let _ = crate::fit::independence::same_unit(&all, crate::fit::independence::Units::Same)?;
+    crate::fit::independence::require(&all.iter().map(|r| (*r, "given")).collect::<Vec<_>>())?;
     if recordings.iter().any(|r| r.absent != first.absent || r.thermometer != first.thermometer) {
         return Err(BadInput::new("the recordings have different axes or thermometers; give those of one kind"));
     }
@@ -160,7 +161,7 @@ pub fn report(recordings: &[Recording]) -> Result<Report, BadInput> {
         );
     }
     let steps = recordings.iter().map(Steps::new).collect::<Result<Vec<_>, _>>()?;
-    let runs: Option<Vec<Run>> = match laws::from_steps(&steps) {
+    let runs: Option<Vec<Run>> = match curve::from_steps(&steps) {
         Ok(found) => Some(steps.iter().map(|s| Run::new(s.clone(), found.laws)).collect()),
         Err(e) => {
             notes.push(format!("no temperatures: {e}"));
@@ -625,7 +626,7 @@ mod tests {
     #[test]
     fn what_is_not_there_is_said() {
         let mut r = runs(&[], 1..2).remove(0);
-        r.thermometer = crate::thermometer::Thermometer::None;
+        r.thermometer = crate::recording::format::Thermometer::None;
         r.frequency_hz.iter_mut().for_each(|f| f.fill(f64::NAN));
         let r = report(&[r]).expect("usable");
         assert!(r.notes.iter().any(|n| n.contains("no temperatures")), "{:?}", r.notes);

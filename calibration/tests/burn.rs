@@ -1,6 +1,6 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
-use hrg_cal::unit::{Burn, Unit};
+use hrg_cal::unit::port::{Burn, Unit};
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
@@ -107,7 +107,7 @@ fn burn(fault: Fault) -> (bool, String) {
     let stop = Arc::new(AtomicBool::new(false));
     let port = unit(fault, stop.clone());
     let path = std::env::temp_dir().join(format!("hrg-burn-{}-{fault:?}.toml", std::process::id()));
-    hrg_cal::file::save(&path, &image(0, 2.0)).expect("written");
+    hrg_cal::image_file::save(&path, &image(0, 2.0)).expect("written");
     let o = Process::new(env!("CARGO_BIN_EXE_hrg"))
         .arg("burn")
         .arg(&path)

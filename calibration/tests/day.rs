@@ -41,7 +41,7 @@ fn write(folder: &Path, name: &str, text: &str) {
 
 /// A constant of the baseline of each axis, deg/h.
 fn constants(folder: &Path, name: &str) -> [f32; 3] {
-    let c = hrg_cal::file::load(&folder.join(name)).expect("a calibration");
+    let c = hrg_cal::image_file::load(&folder.join(name)).expect("a calibration");
     c.axes.each_ref().map(|a| match a.coefficients {
         hrg_core::bias::Coefficients::One(k) => k[0],
         _ => panic!("eq 7 was asked for"),
@@ -90,7 +90,7 @@ fn a_fit_keeps_the_scale_factor_and_says_where_none_is_known() {
     let line = text.lines().find(|l| l.starts_with("# scale_factor_dph_per_code: ")).expect("told");
     write(&d, "unknown.csv", &text.replace(&format!("{line}\n"), ""));
     write(&d, "own.csv", &text.replace(line, "# scale_factor_dph_per_code: 0.01 0.02 -0.03"));
-    let scale = |name: &str| hrg_cal::file::load(&d.join(name)).expect("there").scale_factors_dph_per_code();
+    let scale = |name: &str| hrg_cal::image_file::load(&d.join(name)).expect("there").scale_factors_dph_per_code();
     assert!(!ok(&d, "fit known.csv --out known.toml").contains("scale factor"));
     let said = ok(&d, "fit unknown.csv --out unknown.toml");
     assert!(said.contains("the default of 20 deg/s at 2^23 codes") && said.contains("--scale-factor"), "{said}");
@@ -271,7 +271,7 @@ fn a_corrected_recording_is_what_the_unit_would_send() {
     assert!(text.contains("# rates: corrected\n") && text.contains(header), "{}", &text[..600]);
     let (b, c) = (Recording::load(&d.join("b.csv")).expect("there"), Recording::load(&d.join("c.csv")).expect("there"));
     assert_eq!((b.time_s.len(), b.earth_rate_dph), (c.time_s.len(), c.earth_rate_dph));
-    let spread = |v: &[f64]| hrg_cal::stats::std_dev(&hrg_cal::stats::block_means(v, 100));
+    let spread = |v: &[f64]| hrg_cal::numeric::stats::std_dev(&hrg_cal::numeric::stats::block_means(v, 100));
     assert!(spread(&c.rate_dph[0]) < 0.5 * spread(&b.rate_dph[0]));
     assert!(refused(&d, "correct c.csv --calibration cal.toml --out e.csv").contains("corrected already"));
     assert!(refused(&d, "fit c.csv --out e.toml").contains("on top of another"));

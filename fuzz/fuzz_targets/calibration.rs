@@ -31,8 +31,8 @@ fuzz_target!(|data: &[u8]| {
         fly(&c);
     }
     if let Ok(text) = std::str::from_utf8(data) {
-        if let Ok(c) = hrg_cal::file::from_text(text) {
-            let again = hrg_cal::file::from_text(&hrg_cal::file::to_text(&c)).expect("what we write we read");
+        if let Ok(c) = hrg_cal::image_file::from_text(text) {
+            let again = hrg_cal::image_file::from_text(&hrg_cal::image_file::to_text(&c)).expect("what we write we read");
             assert_eq!(again.to_bytes(), c.to_bytes());
             fly(&c);
         }

@@ -1,9 +1,9 @@
 //! The log: ELF files, raw defmt streams, and lines of text.
 #![no_main]
 
-use hrg_cal::log::Decoder;
-use hrg_cal::record::{unit_in_log, Second};
-use hrg_cal::sensors::Lines;
+use hrg_cal::unit::log::Decoder;
+use hrg_cal::unit::record::{unit_in_log, Second};
+use hrg_cal::unit::sensors::Lines;
 use libfuzzer_sys::fuzz_target;
 use std::cell::RefCell;
 

@@ -1,9 +1,9 @@
 //! Recordings: any bytes are read, cleaned and brought to model steps, or refused with a sentence; so is a chamber's log beside one.
 #![no_main]
 
-use hrg_cal::merge::{merge, Wanted};
+use hrg_cal::recording::merge::{merge, Wanted};
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
+use hrg_cal::recording::steps::Steps;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

@@ -4,12 +4,12 @@ use hrg_board::host;
 use hrg_board::replay::{self, CALIBRATION_A};
 use hrg_board::serve;
 use hrg_board::wires::Wires;
-use hrg_cal::log::Decoder;
-use hrg_cal::record::{Recorder, Second};
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::unit::{Burn, Unit};
+use hrg_cal::unit::log::Decoder;
+use hrg_cal::unit::port::{Burn, Unit};
+use hrg_cal::unit::record::{Recorder, Second};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command};
@@ -140,7 +140,7 @@ fn the_log_alone_gives_the_same_recording_as_the_link() {
     }
     let mut from_log = Recorder::new(&d.join("log.csv"), "?");
     for line in &outcome.received.log {
-        if let Some(name) = hrg_cal::record::unit_in_log(line) {
+        if let Some(name) = hrg_cal::unit::record::unit_in_log(line) {
             from_log.head.unit = name.into();
         }
         if let Some(s) = Second::from_log(line) {

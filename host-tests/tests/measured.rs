@@ -1,8 +1,10 @@
 //! Recordings that were measured elsewhere: they load, every command takes them, and the loop closes on them.
 
 use host_tests::program;
+use hrg_cal::fit;
+use hrg_cal::fit::methods;
 use hrg_cal::measured::{self, Figure};
-use hrg_cal::{fit, methods, run::Steps};
+use hrg_cal::recording::steps::Steps;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -165,7 +167,7 @@ fn modes_of_one_body_are_each_others_thermometers() {
     let modes = measured::modes(Path::new(FOLDER)).expect("there");
     assert_eq!(modes.keys().collect::<Vec<_>>(), ["Back", "Bottom", "Front", "Top"]);
     for (orientation, p) in modes {
-        let report = hrg_cal::points::report(&p).expect("fits");
+        let report = hrg_cal::thermometer::points::report(&p).expect("fits");
         assert!(!report.fits.contains_key("shell") && report.fits["chamber"].len() == 3);
         let pair = report.each_other.iter().find(|p| p.axes == ["x", "z"]).expect("three modes");
         // Published of these sweeps: the rests of two modes share a shape in all four orientations, 0.71 to 0.86.

@@ -1,7 +1,7 @@
 //! dong2023's Table 1 (measured): what the printed columns say of our laws.
 
-use hrg_cal::laws::{fit_forward, fit_inverse};
-use hrg_cal::points::{report, Points};
+use hrg_cal::thermometer::curve::{fit_forward, fit_inverse};
+use hrg_cal::thermometer::points::{report, Points};
 use hrg_core::calibration::Calibration;
 
 fn table() -> Points {

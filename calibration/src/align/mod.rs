@@ -3,7 +3,7 @@
 pub mod plant;
 pub mod study;
 
-use crate::stats::median;
+use crate::numeric::stats::median;
 use crate::BadInput;
 use hrg_core::alignment::aligner::Aligner;
 use hrg_core::alignment::ekf::Ekf;
@@ -355,7 +355,7 @@ pub fn by_name(recording: &Recording, config: &Config, filter: &str, start: Star
 mod tests {
     use super::plant::Plant;
     use super::*;
-    use crate::stats::quantile;
+    use crate::numeric::stats::quantile;
     use hrg_core::alignment::wrap;
 
     fn error_arcmin(plant: &Plant, filter: &str) -> f64 {

@@ -2,8 +2,8 @@
 
 use super::plant::Plant;
 use super::{by_name, Start};
+use crate::numeric::stats::quantile;
 use crate::plot::{self, Panel, Series};
-use crate::stats::quantile;
 use hrg_core::alignment::aligner::INTEGRITY_LIMIT;
 use hrg_core::alignment::{wrap, ARCMIN, DEGREE, DPH};
 use std::fmt::Write as _;
@@ -50,7 +50,7 @@ fn campaign(name: &str, filter: &str, plants: &[Plant], start: impl Fn(u64) -> S
             .map_or(f64::INFINITY, |(t, _, _)| (t - turn_end).max(0.0));
         row.convergence_s.push(settled);
     }
-    row.normalised = crate::stats::mean(&squares);
+    row.normalised = crate::numeric::stats::mean(&squares);
     row
 }
 
@@ -243,7 +243,7 @@ pub fn one_position(runs: u64, seed: u64, known_dph: &[f64]) -> Vec<(f64, f64, f
                     stds.push(e.azimuth_std / ARCMIN);
                 }
             }
-            (known, crate::stats::mean(&errors).sqrt(), quantile(&stds, 0.5))
+            (known, crate::numeric::stats::mean(&errors).sqrt(), quantile(&stds, 0.5))
         })
         .collect()
 }

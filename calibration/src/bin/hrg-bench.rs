@@ -5,9 +5,11 @@
 
 use anyhow::{Context, Result};
 use clap::Parser;
+use hrg_cal::fit::methods;
+use hrg_cal::numeric::allan;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Plan, Profile};
-use hrg_cal::{allan, fit, methods, trace};
+use hrg_cal::{fit, trace};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -171,12 +173,12 @@ fn peer(what: &str, path: &Path) -> Result<()> {
             hrg_cal::write_file(&path.with_file_name("columns.f64"), &bytes(&columns.concat()))?;
             hrg_cal::write_file(&path.with_file_name("rates.f64"), &bytes(&y))?;
             let names = ["1", "u", "uu", "r", "rr", "ur"];
-            let (seconds, fit) = best(9, || hrg_cal::lsq::fit(&columns, &y, None, &names));
+            let (seconds, fit) = best(9, || hrg_cal::numeric::lsq::fit(&columns, &y, None, &names));
             serde_json::json!({"seconds": seconds, "coefficients": fit?.coefficients})
         }
         "peer-pso" => {
             let (seconds, found) = best(3, || methods::swarm_on(columns.clone(), y.clone(), 1));
-            let constants = methods::swarm::DONG;
+            let constants = fit::swarm::DONG;
             serde_json::json!({"seconds": seconds, "above": found?.1, "particles": constants.particles, "iterations": constants.iterations})
         }
         "peer-allan" => {

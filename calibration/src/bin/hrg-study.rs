@@ -3,8 +3,8 @@
 
 use anyhow::Result;
 use clap::Parser;
+use hrg_cal::numeric::stats::quantile;
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
-use hrg_cal::stats::quantile;
 use hrg_cal::trace::{trace, Class, Trace, VerdictKind};
 use hrg_cal::AXIS_NAMES;
 use hrg_core::effects::Reach;
@@ -116,7 +116,7 @@ struct Coverage {
 /// The true bias is the simulated rate without its noise.
 fn coverage(t: &Trace, noise_dph: &[Vec<f64>; 3]) -> Vec<Coverage> {
     let steps = &t.verify.steps;
-    let seconds = hrg_cal::correct::correct(&t.image, steps);
+    let seconds = hrg_cal::fit::correct::correct(&t.image, steps);
     // The simulator's rows begin at 1 s, one a second.
     let first = (steps.start_s - 1.0).round().max(0.0) as usize;
     (0..3)

@@ -1,8 +1,8 @@
 //! What the search works on: block means of rates and regressors, and the library of candidate columns.
 
-use crate::cards::{self, Extent};
 use crate::fit::baseline_columns;
-use crate::run::Run;
+use crate::recording::steps::Run;
+use crate::trace::cards::{self, Extent};
 use hrg_core::bias::Scaling;
 use hrg_core::effects::{by_name, EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};

@@ -11,7 +11,7 @@
 //! run relates to what its neighbours differ by, with its whole distribution. Its median makes the floor; its
 //! quantiles the interval of the ratio.
 
-use crate::stats::{quantile, std_dev};
+use crate::numeric::stats::{quantile, std_dev};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

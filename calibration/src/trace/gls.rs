@@ -6,7 +6,7 @@
 //! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
 //! compared, so that structure can be explained by the model or by the noise, whichever does it better.
 
-use crate::stats::{dot, sum_of_products, take_off};
+use crate::numeric::stats::{dot, sum_of_products, take_off};
 
 /// One noise model.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -7,7 +7,7 @@
 
 use super::data::AxisRows;
 use super::gls::{Basis, Colour, COLOURS};
-use crate::stats::{dot, std_dev};
+use crate::numeric::stats::{dot, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 use std::ops::Range;
 
@@ -404,7 +404,7 @@ impl<'d> Axis<'d> {
         let v = &self.views[colour];
         let mut y = v.y.clone();
         for (i, c) in columns.iter().enumerate() {
-            crate::stats::take_off(&mut y, root[i] * z[i], &v.columns[*c]);
+            crate::numeric::stats::take_off(&mut y, root[i] * z[i], &v.columns[*c]);
         }
         y
     }

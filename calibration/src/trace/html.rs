@@ -1,9 +1,9 @@
 //! The report as one self-contained page.
 
 use super::{Report, Trace};
-use crate::allan;
+use crate::numeric::allan;
+use crate::numeric::stats::block_means;
 use crate::plot::{svg, Panel, Series};
-use crate::stats::block_means;
 use crate::AXIS_NAMES;
 use std::fmt::Write as _;
 
@@ -19,7 +19,7 @@ fn against_time(values: &[f64]) -> Vec<(f64, f64)> {
 /// Amplitude spectral density of 100 s means by direct Fourier sums, at 60 frequencies.
 fn spectrum(values: &[f64]) -> Vec<(f64, f64)> {
     let v: Vec<f64> = block_means(values, 50);
-    let m = crate::stats::mean(&v);
+    let m = crate::numeric::stats::mean(&v);
     let v: Vec<f64> = v.iter().map(|x| if x.is_finite() { x - m } else { 0.0 }).collect();
     let n = v.len();
     let (low, high) = (1.0 / n as f64, 0.5);

@@ -4,7 +4,7 @@
 use super::floor::{Clean, Neighbours, Ratio};
 use super::report::Agreement;
 use crate::fit::MEAN_S;
-use crate::stats::{block_means, mean, std_dev};
+use crate::numeric::stats::{block_means, mean, std_dev};
 
 /// 100 s means of a residual.
 #[derive(Debug, Clone)]

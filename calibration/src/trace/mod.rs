@@ -4,6 +4,7 @@
 //! noise ([`gls`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
+pub mod cards;
 pub mod data;
 mod events;
 pub mod floor;
@@ -22,17 +23,16 @@ mod uncertainty;
 mod words;
 
 pub use html::html;
-pub use words::list;
 
 pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 
-use crate::cards::{card, Kind};
-use crate::evidence;
-use crate::facts;
+use crate::fit::evidence;
+use crate::fit::independence::{self, Units};
 use crate::fit::{self, prepare_for, Prepared};
-use crate::independence::{self, Units};
+use crate::recording::facts;
+use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
-use crate::run::{Run, Steps};
+use crate::trace::cards::{card, Kind};
 use crate::{BadInput, AXIS_NAMES};
 use data::{Candidate, Data};
 use floor::{Clean, Neighbours};
@@ -448,7 +448,7 @@ impl OnVerifyRun<'_> {
 /// A bias that does not depend on temperature: the mean rate.
 fn constant(rates_dph: &[f64]) -> Coefficients {
     let mut k = [0.0; TERMS];
-    k[0] = crate::stats::mean(rates_dph) as f32;
+    k[0] = crate::numeric::stats::mean(rates_dph) as f32;
     Coefficients::One(k)
 }
 
@@ -769,7 +769,7 @@ mod tests {
     fn the_block_computes_what_the_fit_did() {
         let effects = ["hysteresis:size=4", "kink:size=3"];
         let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
-        let by_unit = crate::correct::correct(&t.image, &t.verify.steps);
+        let by_unit = crate::fit::correct::correct(&t.image, &t.verify.steps);
         for a in 0..AXES {
             let largest = by_unit
                 .iter()

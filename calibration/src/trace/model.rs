@@ -5,8 +5,8 @@ use super::gls::COLOURS;
 use super::search;
 use super::uncertainty::Stated;
 use crate::fit::{self, baseline_columns, MEAN_S};
-use crate::run::Run;
-use crate::stats::block_means;
+use crate::numeric::stats::block_means;
+use crate::recording::steps::Run;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
@@ -124,7 +124,7 @@ impl Fitted {
             let colour = COLOURS[colours[a]];
             columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
             colour.whiten(&mut y, &rows.starts);
-            let fit = crate::lsq::fit_shrunk(&columns, &y, &prior, &names)
+            let fit = crate::numeric::lsq::fit_shrunk(&columns, &y, &prior, &names)
                 .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
             let mut coefficients = fit.coefficients;
             let days = coefficients.split_off(columns.len() + TERMS - rows.base.len());

@@ -3,7 +3,7 @@
 
 use super::data::{Candidate, Data};
 use super::gls::{Basis, Colour};
-use crate::stats::dot;
+use crate::numeric::stats::dot;
 use hrg_core::AXES;
 
 /// As many jumps, and as many periods, are proposed from one view.

@@ -1,6 +1,6 @@
 //! The search: which effects, with which parameters, on which axes.
 //!
-//! Candidates are the groups of the [cards](crate::cards) and what the data propose (jumps and periods). Each axis takes a
+//! Candidates are the groups of the [cards](crate::trace::cards) and what the data propose (jumps and periods). Each axis takes a
 //! candidate only where it raises its log evidence ([`super::gram`]) by more than one; a candidate pays once for being there, for
 //! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
@@ -12,8 +12,8 @@ use super::gram::{Axis, AxisModel, Share};
 use super::proposals::{self, Left};
 use super::report::Class;
 use super::surrogate;
-use crate::cards::{card, Card, Kind, Refine};
-use crate::stats::dot;
+use crate::numeric::stats::dot;
+use crate::trace::cards::{card, Card, Kind, Refine};
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 

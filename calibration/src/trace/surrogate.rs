@@ -3,7 +3,7 @@
 
 use super::data::AxisRows;
 use super::gram::{Axis, AxisModel};
-use crate::stats::{mean, std_dev};
+use crate::numeric::stats::{mean, std_dev};
 use hrg_core::AXES;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -5,12 +5,12 @@
 //! largest directions are kept, each as a bias made of the regressors that the unit has; what they do not hold, on average over
 //! the rows, and the scatter of the constants of the days make the rest, which is the same at all times.
 
+use super::cards::{card, Refine};
 use super::data::{Candidate, Data};
 use super::gls::{Colour, COLOURS};
 use super::model::{columns, Columns, Fitted, Term};
 use super::search::on_unit;
-use crate::cards::{card, Refine};
-use crate::stats::dot;
+use crate::numeric::stats::dot;
 use hrg_core::calibration::DIRECTIONS;
 use hrg_core::effects::MAX_PARAMETERS;
 use hrg_core::AXES;
@@ -105,7 +105,7 @@ impl Joint {
         let (mut x, mut y) = (self.columns.values.clone(), rows.y.clone());
         x.iter_mut().for_each(|c| noise.whiten(c, &rows.starts));
         noise.whiten(&mut y, &rows.starts);
-        let fit = crate::lsq::fit_shrunk(&x, &y, &self.columns.prior, &self.columns.names).ok()?;
+        let fit = crate::numeric::lsq::fit_shrunk(&x, &y, &self.columns.prior, &self.columns.names).ok()?;
         if weights == Weights::Noise {
             return Some(fit.covariance);
         }

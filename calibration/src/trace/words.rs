@@ -2,21 +2,9 @@
 
 use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
 use super::Class;
-use crate::cards::class_of;
+use crate::list;
+use crate::trace::cards::class_of;
 use std::fmt::Write as _;
-
-/// "a, b and c".
-#[must_use]
-pub fn list<S: AsRef<str>>(names: &[S]) -> String {
-    match names {
-        [] => "nothing".into(),
-        [one] => one.as_ref().into(),
-        [rest @ .., last] => {
-            let rest: Vec<&str> = rest.iter().map(AsRef::as_ref).collect();
-            format!("{} and {}", rest.join(", "), last.as_ref())
-        }
-    }
-}
 
 /// An effect with its parameter and the axes that have it.
 fn called(e: &Found, there: usize) -> String {

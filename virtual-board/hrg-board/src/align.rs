@@ -6,7 +6,7 @@ use crate::wires::WireFaults;
 use anyhow::{Context, Result};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::{study, Recording};
-use hrg_cal::run::Steps;
+use hrg_cal::recording::steps::Steps;
 use hrg_core::alignment::session::{Command, Report};
 use hrg_core::alignment::{wrap, ARCMIN, DEGREE};
 use hrg_core::calibration::Calibration;

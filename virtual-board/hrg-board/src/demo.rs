@@ -2,14 +2,15 @@
 
 use crate::replay::{self, Options, Outcome, Second};
 use anyhow::{Context, Result};
+use hrg_cal::image_file;
+use hrg_cal::numeric::stats::block_means;
 use hrg_cal::plot::{svg, Panel, Series};
-use hrg_cal::points::{self, Points};
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
 use hrg_cal::simulate::{EffectSpec, Plan, Profile, Simulated};
-use hrg_cal::stats::block_means;
+use hrg_cal::thermometer::points::{self, Points};
 use hrg_cal::trace::trace;
-use hrg_cal::{file, AXIS_NAMES};
+use hrg_cal::AXIS_NAMES;
 use hrg_core::calibration::Calibration;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -153,8 +154,8 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     let t = trace(&[train_file], &verify_file)?;
     hrg_cal::write_file(&to("report.json"), hrg_cal::trace::json(&t.report).as_bytes())?;
     hrg_cal::write_file(&to("report.html"), hrg_cal::trace::html(&t)?.as_bytes())?;
-    file::save(&to("baseline.toml"), &t.baseline)?;
-    file::save(&to("extended.toml"), &t.image)?;
+    image_file::save(&to("baseline.toml"), &t.baseline)?;
+    image_file::save(&to("extended.toml"), &t.image)?;
     say!(told, "   {}", t.report.verdict);
 
     say!(told, "3. Both blocks burnt into virtual boards, the verify run through the ELF with each");

@@ -10,11 +10,12 @@
 
 use crate::replay::{self, Options};
 use anyhow::{Context, Result};
+use hrg_cal::fit::correct;
+use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
-use hrg_cal::methods::identify;
-use hrg_cal::run::Steps;
+use hrg_cal::image_file;
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::simulate::{Kind, Plan, Profile};
-use hrg_cal::{correct, file};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use std::fmt::Write as _;
@@ -55,7 +56,7 @@ pub fn fingerprints(elf: &[u8]) -> Result<String> {
         let mut calibration = identify(prepared, method, 1)?.calibration;
         calibration.created_unix_s = CREATED_UNIX_S;
         line(&mut out, &format!("image, {method}"), &calibration.to_bytes().context("fits an image")?);
-        line(&mut out, &format!("calibration file, {method}"), file::to_text(&calibration).as_bytes());
+        line(&mut out, &format!("calibration file, {method}"), image_file::to_text(&calibration).as_bytes());
         let options = Options { seconds: Some(SECONDS), ..Options::default() };
         let outcome = replay::run(elf, Some(&calibration), &Steps::new(&hrg)?, &options, |_| {})?;
         let received = &outcome.received;

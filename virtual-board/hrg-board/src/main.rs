@@ -4,10 +4,12 @@ use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
 use hrg_board::{bench, faults, serve, weigh};
+use hrg_cal::image_file;
+use hrg_cal::recording::facts;
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
 use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::{facts, file, BadInput, AXIS_NAMES};
+use hrg_cal::{BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -344,7 +346,7 @@ fn play(arguments: RunArguments) -> Result<()> {
 /// A calibration for a recording: of its unit and its scale factor.
 fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibration>> {
     let Some(path) = path else { return Ok(None) };
-    let c = file::load(&path)?;
+    let c = image_file::load(&path)?;
     let notes = facts::fits(&c, source, false).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
     notes.iter().for_each(|n| eprintln!("{}: {n}", path.display()));
     Ok(Some(c))
@@ -353,7 +355,8 @@ fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibrat
 /// A recording of raw rates, as the unit measures them: with the earth's rate left in.
 fn load_raw(path: &std::path::Path) -> Result<Recording> {
     let mut source = hrg_cal::load_recording(path)?;
-    hrg_cal::thermometer::require_resonators(&source).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+    hrg_cal::recording::format::require_resonators(&source)
+        .map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
     source.restore_earth_rate();
     if source.corrected() {
         return Err(BadInput::new(format!(

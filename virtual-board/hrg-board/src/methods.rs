@@ -4,11 +4,12 @@
 use crate::replay::{self, Options};
 use crate::weigh;
 use anyhow::{Context, Result};
-use hrg_cal::file;
-use hrg_cal::independence::Units;
-use hrg_cal::methods::{compare, NAMES};
+use hrg_cal::compare;
+use hrg_cal::fit::independence::Units;
+use hrg_cal::fit::methods::NAMES;
+use hrg_cal::image_file;
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
 use hrg_cal::simulate::{EffectSpec, Kind, Plan, Profile};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -89,7 +90,7 @@ struct Flight {
 }
 
 fn fly(elf: &[u8], calibration: &Path, run: &Recording, seconds: Option<u64>) -> Result<Flight> {
-    let c = file::load(calibration)?;
+    let c = image_file::load(calibration)?;
     let outcome = replay::run(elf, Some(&c), &Steps::new(run)?, &Options { seconds, ..Options::default() }, |_| {})?;
     let (raw, corrected) = replay::three_sigma(&outcome.seconds_of_frames());
     Ok(Flight {

@@ -3,11 +3,11 @@
 use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
-use hrg_cal::correct;
-use hrg_cal::log::Decoder;
+use hrg_cal::fit::correct;
+use hrg_cal::numeric::stats::{block_means, std_dev};
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
-use hrg_cal::run::Steps;
-use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::unit::log::Decoder;
 use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::status::UnitStatus;

@@ -3,8 +3,8 @@
 use crate::replay::{CALIBRATION_A, CALIBRATION_B};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
-use hrg_cal::log::Decoder;
-use hrg_cal::run::Steps;
+use hrg_cal::recording::steps::Steps;
+use hrg_cal::unit::log::Decoder;
 use hrg_core::calibration::Calibration;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};

@@ -3,7 +3,7 @@
 //! The same `hrg_core`, compiled for the desktop. Every frame that the ELF sends must equal, byte for byte, the one
 //! that comes out here.
 
-use hrg_cal::correct::{Model, Stepped};
+use hrg_cal::fit::correct::{Model, Stepped};
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
 use hrg_core::alignment::session::{AlignMode, Session};

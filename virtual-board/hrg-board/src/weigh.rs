@@ -3,9 +3,9 @@
 use crate::replay::{self, Options};
 use crate::symbol;
 use anyhow::{Context, Result};
-use hrg_cal::file;
-use hrg_cal::methods::Weight;
-use hrg_cal::run::Steps;
+use hrg_cal::fit::methods::Weight;
+use hrg_cal::image_file;
+use hrg_cal::recording::steps::Steps;
 use hrg_core::bias::Coefficients;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// A calibration that cannot be read, a firmware that the board cannot run.
 pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Weight> {
-    let c = file::load(calibration)?;
+    let c = image_file::load(calibration)?;
     let options = Options {
         seconds: Some(seconds),
         count: vec![symbol::UPDATE, symbol::BIAS, symbol::LAW],

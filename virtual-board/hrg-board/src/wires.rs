@@ -1,8 +1,8 @@
 //! What is on the wires of the board while a recording is played: resonator edges, converter codes, the link.
 
 use crate::twin::Twin;
-use hrg_cal::log::Decoder;
-use hrg_cal::run::Steps;
+use hrg_cal::recording::steps::Steps;
+use hrg_cal::unit::log::Decoder;
 use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;

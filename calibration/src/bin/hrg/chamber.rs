@@ -4,14 +4,17 @@ use crate::facts::Place;
 use anyhow::{Context, Result};
 use clap::Args;
 use crossterm::event::{KeyCode, KeyModifiers};
-use hrg_cal::log::Decoder;
-use hrg_cal::metadata::{same_scale, scale_factor, scale_text};
-use hrg_cal::monitor::State;
-use hrg_cal::record::{unit_in_log, Recorder, Second};
-use hrg_cal::sensors::Sensors;
+use hrg_cal::image_file;
+use hrg_cal::recording::metadata::{same_scale, scale_factor, scale_text};
+use hrg_cal::recording::names;
 use hrg_cal::simulate::Profile;
-use hrg_cal::unit::{agreed_name, name_of, Burn, NameError, Unit};
-use hrg_cal::{file, monitor, names, BadInput};
+use hrg_cal::unit::log::Decoder;
+use hrg_cal::unit::monitor;
+use hrg_cal::unit::monitor::State;
+use hrg_cal::unit::port::{agreed_name, name_of, Burn, NameError, Unit};
+use hrg_cal::unit::record::{unit_in_log, Recorder, Second};
+use hrg_cal::unit::sensors::Sensors;
+use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Housekeeping, Identity, Message};
 use std::io::{BufRead, IsTerminal, Read};
@@ -284,7 +287,7 @@ const HELD_WITHIN: Duration = Duration::from_secs(15);
 /// `hrg burn`.
 pub fn burn(arguments: &BurnArguments) -> Result<()> {
     let BurnArguments { calibration, port, unit: said, new_scale_factor } = arguments;
-    let c = file::load(calibration)?;
+    let c = image_file::load(calibration)?;
     let mut unit = Unit::open(port)?;
     let named = match said {
         Some(said) => Some(said.clone()),
@@ -375,7 +378,7 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     }
     match (out, running) {
         (Some(out), Some(c)) => {
-            file::save(out, &c)?;
+            image_file::save(out, &c)?;
             println!("{}: the block in use", out.display());
             Ok(())
         }

@@ -2,8 +2,11 @@
 
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::fit::correct;
+use hrg_cal::image_file;
+use hrg_cal::recording::facts;
 use hrg_cal::recording::Recording;
-use hrg_cal::{correct, facts, file, BadInput};
+use hrg_cal::BadInput;
 use hrg_core::status::AxisStatus;
 use std::path::PathBuf;
 
@@ -26,7 +29,7 @@ pub struct Arguments {
 /// Corrects a recording as a unit does.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { recording, calibration, different_units, out } = arguments;
-    let c = file::load(calibration)?;
+    let c = image_file::load(calibration)?;
     let here = |e: BadInput| BadInput::new(format!("{}: {e}", recording.display()));
     let bytes = hrg_cal::read_file(recording, hrg_cal::MOST_RECORDING, true)?;
     let r = Recording::parse(&bytes).map_err(here)?;

@@ -2,10 +2,12 @@
 
 use anyhow::Result;
 use clap::Args;
-use hrg_cal::facts::Facts;
-use hrg_cal::metadata::{scale_factor, Attitude};
+use hrg_cal::image_file;
+use hrg_cal::recording::facts::Facts;
+use hrg_cal::recording::metadata::{scale_factor, Attitude};
+use hrg_cal::recording::names;
 use hrg_cal::recording::Recording;
-use hrg_cal::{file, load_recording_with, names, BadInput};
+use hrg_cal::{load_recording_with, BadInput};
 use std::path::PathBuf;
 
 /// Where the unit stands.
@@ -49,7 +51,7 @@ impl FactsArguments {
             unit: self.unit.as_ref().map(checked).transpose().map_err(BadInput::from)?,
             attitude: self.place.attitude()?,
             scale_factor: self.scale_factor.as_deref().map(scale_factor).transpose().map_err(BadInput::from)?,
-            base: self.base.as_deref().map(file::load).transpose()?,
+            base: self.base.as_deref().map(image_file::load).transpose()?,
         })
     }
 

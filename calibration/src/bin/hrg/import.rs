@@ -1,10 +1,11 @@
 //! `hrg import`.
 
 use anyhow::Result;
-use hrg_cal::import::map::{Map, BUILT_IN};
+use hrg_cal::recording::format::{named, Thermometer};
+use hrg_cal::recording::import;
+use hrg_cal::recording::import::map::{Map, BUILT_IN};
 use hrg_cal::recording::Recording;
-use hrg_cal::thermometer::{named, Thermometer};
-use hrg_cal::{import, BadInput};
+use hrg_cal::BadInput;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]

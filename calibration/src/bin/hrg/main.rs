@@ -10,14 +10,20 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
-use hrg_cal::independence::Units;
-use hrg_cal::methods::{self, compare};
+use hrg_cal::compare;
+use hrg_cal::fit::evidence;
+use hrg_cal::fit::independence::Units;
+use hrg_cal::fit::methods;
+use hrg_cal::image_file;
+use hrg_cal::numeric::allan;
+use hrg_cal::numeric::stats::{block_means, std_dev};
+use hrg_cal::recording::steps::{Run, Steps};
 use hrg_cal::recording::Recording;
-use hrg_cal::run::{Run, Steps};
 use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, ATTITUDE, PROFILES};
-use hrg_cal::stats::{block_means, std_dev};
+use hrg_cal::thermometer::lag;
+use hrg_cal::thermometer::points;
 use hrg_cal::trace::separable::{self, WANTED};
-use hrg_cal::{align, allan, evidence, file, fit, lag, load_recording, points, trace, BadInput, AXIS_NAMES};
+use hrg_cal::{align, fit, load_recording, trace, BadInput, AXIS_NAMES};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -403,9 +409,9 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Trace { train, verify, split, out, html, calibration, in_use, different_units, facts } => {
             let (train, verify) = runs_of_trace(&train, verify, split, &facts)?;
-            let in_use = in_use.map(|p| file::load(&p)).transpose()?;
+            let in_use = in_use.map(|p| image_file::load(&p)).transpose()?;
             if let Some(c) = &in_use {
-                hrg_cal::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
+                hrg_cal::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
             }
             let options = trace::Options { units: units(different_units), in_use };
             let mut t = trace::trace_with(&train, &verify, &options)?;
@@ -420,7 +426,7 @@ fn run(command: Command) -> Result<()> {
                 }
                 Some(path) => {
                     t.image.created_unix_s = now();
-                    file::save(&path, &t.image)?;
+                    image_file::save(&path, &t.image)?;
                     let kind = if t.report.image == trace::Image::Extended { "extended" } else { "baseline" };
                     println!("{}: the {kind} image", path.display());
                 }
@@ -447,7 +453,7 @@ fn run(command: Command) -> Result<()> {
             for &a in &present {
                 found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
             }
-            file::save(&out, &found.calibration)?;
+            image_file::save(&out, &found.calibration)?;
             println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
             for a in present {
                 let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
@@ -599,7 +605,7 @@ fn compare_methods(
         .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
         .filter(|p| board.is_none() && p.is_file());
     match board.or(beside) {
-        Some(_) if hrg_cal::thermometer::require_resonators(&unseen[0]).is_err() => eprintln!(
+        Some(_) if hrg_cal::recording::format::require_resonators(&unseen[0]).is_err() => eprintln!(
             "the firmware reads three resonators and this recording has none: what the blocks cost on the unit is not weighed"
         ),
         Some(board) => {
@@ -735,7 +741,7 @@ fn thermal_lag(
 ) -> Result<()> {
     let recording = load_recording(path)?;
     let laws = match calibration {
-        Some(p) => file::load(p)?.axes.map(|a| a.law),
+        Some(p) => image_file::load(p)?.axes.map(|a| a.law),
         None => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.law),
     };
     let run = Run::new(Steps::new(&recording)?, laws);

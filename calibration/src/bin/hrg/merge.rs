@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use clap::Args;
-use hrg_cal::merge::{merge, Wanted};
+use hrg_cal::recording::merge::{merge, Wanted};
 use hrg_cal::{BadInput, MOST_RECORDING};
 use std::path::{Path, PathBuf};
 

@@ -1,0 +1,227 @@
+//! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
+//! ([`correct()`]). Between the two stand [`crate::fit::methods`] and [`crate::trace`].
+
+pub mod correct;
+pub mod evidence;
+pub mod independence;
+pub mod methods;
+pub mod minimax;
+pub mod network;
+pub mod swarm;
+
+use crate::recording::facts;
+use crate::recording::format::named;
+use crate::recording::names;
+use crate::recording::steps::{Run, Steps};
+use crate::recording::Recording;
+use crate::thermometer::curve;
+use crate::BadInput;
+use hrg_core::bias::{regressors, Scaling, TERMS};
+use hrg_core::calibration::Calibration;
+use hrg_core::AXES;
+use independence::Units;
+
+/// Seconds of a mean: the field's figure is three sigma of 100 s means.
+pub const MEAN_S: usize = 100;
+
+/// Temperatures that span less are called narrow, C.
+const NARROW_C: f32 = 20.0;
+
+/// Names of the regressors of eq 7.
+pub const NAMES: [&str; TERMS] = ["1", "T", "T^2", "dT/dt", "(dT/dt)^2", "T dT/dt"];
+
+/// Runs made ready for a fit.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The runs through the unit's thermometer.
+    pub runs: Vec<Run>,
+    /// Laws, scaling and ranges; no bias yet.
+    pub calibration: Calibration,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// Time constant by which each resonator follows its sensor, s (0: not identified).
+    pub lag_s: [f64; AXES],
+    /// Fastest cooling (negative) and heating of the first axis that is there, C per minute: 0 where there is none.
+    pub fastest: [f32; 2],
+}
+
+/// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature laws.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
+    prepare_for(recordings, Units::Same)
+}
+
+/// As [`prepare`], perhaps of different units.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
+    let mut notes = Vec::new();
+    let mut steps = Vec::new();
+    for r in recordings {
+        if r.corrected() {
+            return Err(BadInput::new(format!(
+                "the recording of {} holds corrected rates; a fit on them would be applied on top of another one: use the raw recording",
+                r.unit()
+            )));
+        }
+        steps.push(Steps::new(r)?);
+    }
+    let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
+    let all: Vec<&Recording> = recordings.iter().collect();
+    notes.extend(independence::same_unit(&all, units)?);
+    let agreed = facts::agree(&all)?;
+    if let Some(r) = recordings.iter().find(|r| r.absent != first.absent) {
+        return Err(BadInput::new(format!(
+            "one recording has the axes {}, another {}; give recordings of the same axes",
+            named(first.absent.map(|a| !a)),
+            named(r.absent.map(|a| !a))
+        )));
+    }
+    independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
+    let curve::Identified { laws, reference, lag_s } = curve::from_steps(&steps)?;
+    match reference {
+        curve::Reference::Sensor => notes.push(if first.thermometer.parts_axes() {
+            "temperatures are those of the sensors temp_?_c".into()
+        } else {
+            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
+        }),
+        curve::Reference::Narrow => notes.push(
+            "too little temperature for a frequency-temperature law: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        ),
+        curve::Reference::Case => notes.push(format!(
+            "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
+            lag_s[0], lag_s[1], lag_s[2]
+        )),
+        curve::Reference::Chamber => notes.push("no case sensor: temperatures are referred to the chamber".into()),
+        curve::Reference::Implausible => notes.push(
+            "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        ),
+        curve::Reference::Shape => {
+            notes.push("no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into());
+        }
+    }
+    let mut calibration = Calibration::uncalibrated();
+    if first.unit() != names::NONE {
+        let kept = names::kept(first.unit());
+        if kept != first.unit() {
+            notes.push(format!("the unit's name {} does not fit: the calibration calls it {kept}", first.unit()));
+        }
+        calibration.set_unit_name(&kept);
+    }
+    calibration.calibrated = true;
+    calibration.data_hash = data_hash(recordings);
+    let present: Vec<usize> = first.present().collect();
+    for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
+        axis.law = law;
+        axis.scale_factor_dph_per_code = scale;
+    }
+    notes.extend(agreed.notes);
+    let (low, high) = present
+        .iter()
+        .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| (l.min(laws[a].min_c), h.max(laws[a].max_c)));
+    if high - low < NARROW_C {
+        notes.push(format!(
+            "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
+            high - low
+        ));
+    }
+    calibration.scaling = Scaling {
+        t_ref_c: (0.5 * (low + high)).round(),
+        t_scale_c: (0.5 * (high - low)).max(5.0).round(),
+        // The polynomial is trusted a little beyond the data and continued straight from there.
+        t_linear_c: [low - 5.0, high + 5.0],
+        r_linear: 10.0,
+        blend_band: 0.1,
+    };
+    let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
+    for (run, r) in runs.iter().zip(recordings) {
+        let name = if r.source.is_empty() { "the run" } else { &r.source };
+        evidence::require(run, name)?;
+        notes.extend(evidence::few(run, name));
+    }
+    let mut fastest = [0.0; 2];
+    for &a in &present {
+        let axis = &mut calibration.axes[a];
+        let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();
+        let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
+        let hot = ranges.iter().map(|r| r.1).fold(0.0, f32::max);
+        // A tenth beyond the ramps seen is still called inside.
+        axis.rate_range_c_per_min = [cold * 1.1 - 0.02, hot * 1.1 + 0.02];
+        if a == present[0] {
+            fastest = [cold, hot];
+            for (slowest, missing) in [(cold > -0.1, "cooling"), (hot < 0.1, "heating")] {
+                if slowest {
+                    notes.push(format!("there is no {missing} ramp in the data: what differs between heating and cooling cannot be seen"));
+                }
+            }
+        }
+    }
+    let r_most = calibration.axes.iter().flat_map(|a| a.rate_range_c_per_min).fold(0.0f32, |m, r| m.max(r.abs()));
+    calibration.scaling.r_linear = (1.2 * r_most).max(0.1);
+    Ok(Prepared { runs, calibration, notes, lag_s, fastest })
+}
+
+/// CRC-32 of the data that made a calibration.
+#[must_use]
+pub fn data_hash(recordings: &[Recording]) -> u32 {
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    let mut d = crc.digest();
+    for r in recordings {
+        for column in r.present().map(|a| &r.frequency_hz[a]).chain(r.present().map(|a| &r.rate_dph[a])) {
+            for v in column {
+                d.update(&v.to_le_bytes());
+            }
+        }
+    }
+    d.finalize()
+}
+
+/// The regressor columns of the baseline for an axis over a run, one per coefficient.
+#[must_use]
+pub fn baseline_columns(run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
+    let mut columns = vec![Vec::new(); TERMS];
+    for k in 0..run.steps.len() {
+        let row = run.state(k, a).map(|(t, r)| regressors(scaling, t, r));
+        for (j, column) in columns.iter_mut().enumerate() {
+            column.push(row.map_or(f64::NAN, |x| f64::from(x[j])));
+        }
+    }
+    columns
+}
+
+/// Corrects a run with a calibration as the unit does: corrected rate of each step, under the bias that held in it
+/// ([`mod@crate::fit::correct`]). NaN in the first, which had none yet.
+#[must_use]
+pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
+    let seconds = correct::correct(calibration, steps);
+    [0, 1, 2].map(|a: usize| {
+        seconds.iter().enumerate().map(|(k, s)| if k == 0 { f64::NAN } else { f64::from(s.corrected_dph[a]) }).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Plan, Profile};
+
+    fn run(profile: &str, seed: u64) -> Recording {
+        Plan::of(Profile::parse(profile).expect("named"), 21, seed).simulate().recording
+    }
+
+    #[test]
+    fn corrected_rates_are_not_fitted_again() {
+        let mut r = run("fast", 1);
+        r.meta.retain(|(k, _)| k != "rates");
+        r.meta.push(("rates".into(), "corrected".into()));
+        assert!(prepare(&[r]).expect_err("refused").0.contains("on top of another"));
+    }
+
+    #[test]
+    fn a_missing_direction_is_said() {
+        let p = prepare(&[run("up", 1)]).expect("prepares");
+        assert!(p.notes.iter().any(|n| n.contains("no cooling ramp")), "{:?}", p.notes);
+    }
+}

@@ -1,0 +1,356 @@
+//! Overlapping Allan deviation with confidence bars, and what is read off it: angle random walk, bias instability, rate
+//! random walk.
+
+use crate::numeric::stats::mean;
+use crate::plot::{self, Panel, Series};
+use crate::{BadInput, AXIS_NAMES};
+use serde::Serialize;
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// One point of the curve.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Point {
+    /// Averaging time, s.
+    pub tau_s: f64,
+    /// Deviation, in the unit of the values.
+    pub deviation: f64,
+    /// The true value lies above this with 84 %.
+    pub low: f64,
+    /// And below this with 84 %: the bar is one sigma.
+    pub high: f64,
+    /// Differences that the point is the mean of.
+    pub pairs: usize,
+}
+
+/// Samples that are summed up before the carry is looked after, in so many parts.
+const BLOCK: usize = 256;
+const PARTS: usize = 4;
+
+/// Running sums of `(values - m) step_s`, from 0. Sums of blocks are added to the sum of the blocks before with its rounding
+/// carried along: a day of samples loses nothing. Within a block four parts are summed up side by side, so that no addition waits
+/// for the one before.
+fn angles(values: &[f64], m: f64, step_s: f64) -> Vec<f64> {
+    let rate = |v: f64| (if v.is_finite() { v - m } else { 0.0 }) * step_s;
+    let mut angle = vec![0.0; values.len() + 1];
+    let (mut sum, mut carry) = (0.0f64, 0.0f64);
+    for (from, to) in values.chunks(BLOCK).zip(angle[1..].chunks_mut(BLOCK)) {
+        let mut offset = 0.0 - carry;
+        if from.len() == BLOCK {
+            const PART: usize = BLOCK / PARTS;
+            let mut local = [0.0; PARTS];
+            for i in 0..PART {
+                for (p, local) in local.iter_mut().enumerate() {
+                    *local += rate(from[p * PART + i]);
+                    to[p * PART + i] = *local;
+                }
+            }
+            for (to, local) in to.chunks_exact_mut(PART).zip(local) {
+                to.iter_mut().for_each(|a| *a = sum + (offset + *a));
+                offset += local;
+            }
+        } else {
+            for (v, to) in from.iter().zip(to) {
+                offset += rate(*v);
+                *to = sum + offset;
+            }
+        }
+        let next = sum + offset;
+        carry = (next - sum) - offset;
+        sum = next;
+    }
+    angle
+}
+
+/// Sum of the squares of `c - 2 b + a`. In sixteen sums, so that no addition waits for the one before, and the same on every
+/// processor.
+// Compiled for wider vectors, too, where there are any; the sums are the same ones.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn second_differences(a: &[f64], b: &[f64], c: &[f64]) -> f64 {
+    const LANES: usize = 16;
+    let mut sums = [0.0f64; LANES];
+    let (a, b, c) = (a.chunks_exact(LANES), b.chunks_exact(LANES), c.chunks_exact(LANES));
+    let rest = a.remainder().iter().zip(b.remainder()).zip(c.remainder());
+    let rest: f64 = rest.map(|((a, b), c)| (c - 2.0 * b + a) * (c - 2.0 * b + a)).sum();
+    for ((a, b), c) in a.zip(b).zip(c) {
+        for k in 0..LANES {
+            let d = c[k] - 2.0 * b[k] + a[k];
+            sums[k] += d * d;
+        }
+    }
+    sums.iter().sum::<f64>() + rest
+}
+
+/// Overlapping Allan deviation of rates `step_s` apart at averaging times of so many steps. Missing values are bridged with
+/// the mean. Times beyond a third of the data are left out.
+#[must_use]
+pub fn overlapping(values: &[f64], step_s: f64, steps: &[usize]) -> Vec<Point> {
+    let m = mean(values);
+    let angle = angles(values, m, step_s);
+    let deviation = |n: usize| -> (f64, usize) {
+        let count = angle.len() - 2 * n;
+        let squares = second_differences(&angle[..count], &angle[n..n + count], &angle[2 * n..]);
+        ((squares / (2.0 * count as f64)).sqrt() / (n as f64 * step_s), count)
+    };
+    let mut out: Vec<Point> = Vec::new();
+    for &n in steps.iter().filter(|n| **n > 0 && 3 * **n <= values.len()) {
+        let (d, pairs) = deviation(n);
+        let tau_s = n as f64 * step_s;
+        out.push(Point { tau_s, deviation: d, low: d, high: d, pairs });
+    }
+    for k in 0..out.len() {
+        let n = (out[k].tau_s / step_s).round();
+        let edf = freedom(slope(&out, k), values.len() as f64, n).max(1.0);
+        out[k].low = out[k].deviation * (edf / chi_squared(edf, true)).sqrt();
+        out[k].high = out[k].deviation * (edf / chi_squared(edf, false)).sqrt();
+    }
+    out
+}
+
+/// The value below which a chi-squared variable lies with 84 % (`upper`) or 16 %: one sigma of a normal one.
+fn chi_squared(freedom: f64, upper: bool) -> f64 {
+    let p = if upper { 0.8413 } else { 0.1587 };
+    ChiSquared::new(freedom).map_or(f64::NAN, |chi| chi.inverse_cdf(p))
+}
+
+/// Averaging times in octaves, as steps: quick.
+#[must_use]
+pub fn octaves(values: usize) -> Vec<usize> {
+    (0..).map(|k| 1usize << k).take_while(|n| 3 * n <= values).collect()
+}
+
+/// Averaging times for a curve: about ten a decade, as steps.
+#[must_use]
+pub fn decades(values: usize) -> Vec<usize> {
+    let mut out: Vec<usize> =
+        (0..).map(|k| 10f64.powf(f64::from(k) / 10.0).round() as usize).take_while(|n| 3 * n <= values).collect();
+    out.dedup();
+    out
+}
+
+/// Local slope of the curve in logarithms, over the neighbours of a point.
+fn slope(points: &[Point], k: usize) -> f64 {
+    let a = &points[k.saturating_sub(2)];
+    let b = &points[(k + 2).min(points.len() - 1)];
+    if b.tau_s > a.tau_s && a.deviation > 0.0 {
+        (b.deviation / a.deviation).ln() / (b.tau_s / a.tau_s).ln()
+    } else {
+        -0.5
+    }
+}
+
+/// Equivalent degrees of freedom of a point over `n` of `count` samples, by the kind of noise that the local slope tells
+/// (NIST SP 1065, table 5).
+fn freedom(slope: f64, count: f64, n: f64) -> f64 {
+    let c = count + 1.0;
+    if slope < -0.25 {
+        // White rate noise.
+        (3.0 * (c - 1.0) / (2.0 * n) - 2.0 * (c - 2.0) / c) * 4.0 * n * n / (4.0 * n * n + 5.0)
+    } else if slope < 0.25 {
+        // Flicker.
+        if n < 1.5 {
+            2.0 * (c - 2.0) * (c - 2.0) / (2.3 * c - 4.9)
+        } else {
+            5.0 * c * c / (4.0 * n * (c + 3.0 * n))
+        }
+    } else {
+        // Random walk of rate.
+        (c - 2.0) / n * ((c - 1.0).powi(2) - 3.0 * n * (c - 1.0) + 4.0 * n * n) / (c - 3.0).powi(2)
+    }
+}
+
+/// What is read off a curve of rates in deg/h; `None` where the curve does not show it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Readings {
+    /// Angle random walk, deg per root hour, where the curve falls with slope -1/2.
+    pub angle_random_walk_deg_per_root_h: Option<f64>,
+    /// Bias instability, deg/h: the least deviation over 0.664.
+    pub bias_instability_dph: Option<f64>,
+    /// At this averaging time, s.
+    pub bias_instability_at_s: Option<f64>,
+    /// Whether the curve has turned up again: if not, the bias instability is an upper bound.
+    pub bias_instability_reached: bool,
+    /// Rate random walk, deg/h per root hour, where the curve rises with slope +1/2.
+    pub rate_random_walk_dph_per_root_h: Option<f64>,
+}
+
+/// Flicker of coefficient `B` has a deviation of `0.664 B`: the square root of 2 ln 2 / pi.
+pub const FLICKER: f64 = 0.664;
+/// A slope within this of the wanted one counts.
+const NEAR: f64 = 0.12;
+
+/// Reads a curve. A quantity is the mean (by logarithms) of what the points with the right slope say.
+#[must_use]
+pub fn read(points: &[Point]) -> Readings {
+    let mean_of = |wanted: f64, value: &dyn Fn(&Point) -> f64| -> Option<f64> {
+        let logs: Vec<f64> = (0..points.len())
+            .filter(|&k| points.len() > 4 && (slope(points, k) - wanted).abs() < NEAR && points[k].pairs > 20)
+            .map(|k| value(&points[k]).ln())
+            .collect();
+        (logs.len() >= 3).then(|| mean(&logs).exp())
+    };
+    let least = points.iter().min_by(|a, b| a.deviation.total_cmp(&b.deviation));
+    let reached = least.is_some_and(|l| points.iter().any(|p| p.tau_s > l.tau_s && p.low > l.deviation));
+    Readings {
+        angle_random_walk_deg_per_root_h: mean_of(-0.5, &|p| p.deviation * (p.tau_s / 3600.0).sqrt()),
+        bias_instability_dph: least.map(|p| p.deviation / FLICKER),
+        bias_instability_at_s: least.map(|p| p.tau_s),
+        bias_instability_reached: reached,
+        rate_random_walk_dph_per_root_h: mean_of(0.5, &|p| p.deviation * (3.0 * 3600.0 / p.tau_s).sqrt()),
+    }
+}
+
+/// The report of `hrg allan` for one axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct Axis {
+    /// Its name.
+    pub axis: &'static str,
+    /// Values used, and values missing.
+    pub values: usize,
+    /// Bridged with the mean.
+    pub missing: usize,
+    /// What is read off.
+    pub readings: Readings,
+    /// The curve.
+    pub curve: Vec<Point>,
+}
+
+/// Reports of axes by their numbers.
+///
+/// # Errors
+/// Where there is too little, or much is missing.
+pub fn report(rates: &[(usize, &[f64])], step_s: f64) -> Result<Vec<Axis>, BadInput> {
+    let mut out = Vec::new();
+    for &(a, values) in rates {
+        let missing = values.iter().filter(|v| !v.is_finite()).count();
+        if values.len() < 100 || 10 * missing > values.len() {
+            return Err(BadInput::new(format!(
+                "axis {}: {} values, {missing} of them missing; an Allan deviation needs a hundred at the least, and nine of ten there",
+                AXIS_NAMES[a],
+                values.len()
+            )));
+        }
+        let curve = overlapping(values, step_s, &decades(values.len()));
+        out.push(Axis { axis: AXIS_NAMES[a], values: values.len(), missing, readings: read(&curve), curve });
+    }
+    Ok(out)
+}
+
+/// The curves with their bars.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn picture(axes: &[Axis], title: &str) -> anyhow::Result<String> {
+    let mut series = Vec::new();
+    for (a, axis) in axes.iter().enumerate() {
+        let points = |f: &dyn Fn(&Point) -> f64| axis.curve.iter().map(|p| (p.tau_s, f(p))).collect();
+        series.push(Series { label: axis.axis.into(), points: points(&|p| p.deviation), colour: a + 1, dots: false });
+        // The bars: from low to high at each time, parted by nothing.
+        let bars =
+            axis.curve.iter().flat_map(|p| [(p.tau_s, p.low), (p.tau_s, p.high), (f64::NAN, f64::NAN)]).collect();
+        series.push(Series { label: String::new(), points: bars, colour: a + 1, dots: false });
+    }
+    let panel = Panel {
+        title: title.into(),
+        x: "averaging time [s]".into(),
+        y: "Allan deviation [deg/h]".into(),
+        log: true,
+        series,
+    };
+    plot::svg(&[panel], 1, 900, 520)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quantiles_of_chi_squared() {
+        // Degrees of freedom, quantiles of 0.8413 and 0.1587; computed by scipy.stats.chi2.ppf.
+        for (freedom, upper, lower) in [
+            (1.0, 1.9865698, 0.0400924142),
+            (1.5, 2.87012419, 0.160706836),
+            (4.0, 6.59831819, 1.41662744),
+            (10.0, 14.3244535, 5.6811827),
+            (60.0, 70.8917751, 49.108727),
+            (256.7259503382658, 279.351683, 234.099956),
+            (2000.0, 2063.22309, 1936.77645),
+            (600000.0, 601095.242, 598904.758),
+        ] {
+            for (wanted, got) in [(upper, chi_squared(freedom, true)), (lower, chi_squared(freedom, false))] {
+                assert!((got / wanted - 1.0).abs() < 1e-3, "{freedom}: {got} for {wanted}");
+            }
+        }
+    }
+
+    fn next(x: &mut u64) -> f64 {
+        *x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (*x >> 33) as f64 / 2f64.powi(31) - 0.5
+    }
+
+    /// The data of host-tests/reference/allan.py.
+    fn data(n: usize) -> Vec<f64> {
+        let (mut x, mut walk, mut slow) = (1u64, 0.0, 0.0);
+        (0..n)
+            .map(|_| {
+                let white = next(&mut x);
+                let step = next(&mut x);
+                walk += 0.002 * step;
+                slow = 0.99 * slow + 0.05 * step;
+                3.0 + white + slow + walk
+            })
+            .collect()
+    }
+
+    #[test]
+    fn as_allantools() {
+        let reference = include_str!("../../../host-tests/reference/allan.csv");
+        let values = data(10_000);
+        let mut compared = 0;
+        for line in reference.lines().skip(2) {
+            let cells: Vec<f64> = line.split(',').map(|c| c.parse().expect("a number")).collect();
+            let p = overlapping(&values, 0.5, &[(cells[0] * 2.0) as usize])[0];
+            assert!((p.deviation / cells[1] - 1.0).abs() < 1e-9, "{line}: {}", p.deviation);
+            assert_eq!(p.pairs, cells[2] as usize);
+            compared += 1;
+        }
+        assert!(compared >= 12, "{compared} points");
+    }
+
+    #[test]
+    fn what_was_put_in_is_read_off() {
+        // White noise of 2 deg/h a second: 2 / 60 deg per root hour.
+        let mut x = 5u64;
+        let root12 = 12f64.sqrt();
+        let white: Vec<f64> = (0..40_000).map(|_| 2.0 * root12 * next(&mut x)).collect();
+        let r = read(&overlapping(&white, 1.0, &decades(white.len())));
+        let arw = r.angle_random_walk_deg_per_root_h.expect("white noise shows");
+        assert!((arw * 60.0 / 2.0 - 1.0).abs() < 0.05, "{arw}");
+        assert!(r.rate_random_walk_dph_per_root_h.is_none());
+        // A random walk of 0.1 deg/h a root second: 6 deg/h per root hour.
+        let mut sum = 0.0;
+        let walk: Vec<f64> = (0..40_000)
+            .map(|_| {
+                sum += 0.1 * root12 * next(&mut x);
+                sum
+            })
+            .collect();
+        let r = read(&overlapping(&walk, 1.0, &decades(walk.len())));
+        let rrw = r.rate_random_walk_dph_per_root_h.expect("a walk shows");
+        assert!((rrw / 6.0 - 1.0).abs() < 0.25, "{rrw}");
+    }
+
+    #[test]
+    fn bars_hold_the_truth_two_times_of_three() {
+        let (mut inside, mut all) = (0, 0);
+        for seed in 1..200u64 {
+            let mut x = seed;
+            let white: Vec<f64> = (0..600).map(|_| next(&mut x) * 12f64.sqrt()).collect();
+            for p in overlapping(&white, 1.0, &[1, 3, 10, 30, 100]) {
+                all += 1;
+                inside += usize::from((p.low..p.high).contains(&(1.0 / p.tau_s.sqrt())));
+            }
+        }
+        let share = f64::from(inside as u32) / f64::from(all as u32);
+        assert!((0.6..0.76).contains(&share), "{share}");
+    }
+}

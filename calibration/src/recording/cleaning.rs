@@ -1,0 +1,404 @@
+//! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
+
+use super::format::Thermometer;
+use super::Recording;
+use crate::numeric::stats::median;
+use crate::{BadInput, AXIS_NAMES};
+
+/// Why a value was taken out of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Defect {
+    /// The cell is empty or NaN.
+    Missing,
+    /// The row's time is missing, repeats, goes back or is far ahead: the whole row is left out.
+    BadTime,
+    /// The same value, to the last digit, for longer than this channel's resolution explains.
+    Stuck,
+    /// Far from its neighbours, by the scatter that the channel has at that time.
+    Spike,
+}
+
+impl Defect {
+    /// The name that stands in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Missing => "missing",
+            Self::BadTime => "bad-time",
+            Self::Stuck => "stuck",
+            Self::Spike => "spike",
+        }
+    }
+}
+
+/// Values of one column that were taken out for one reason.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cleaned {
+    /// Column, as the header names it.
+    pub column: String,
+    /// Why.
+    pub defect: Defect,
+    /// How many values.
+    pub count: usize,
+}
+
+impl Recording {
+    /// Takes out rows whose time is missing, repeats, goes back or is far ahead, and notes it.
+    ///
+    /// # Errors
+    /// Where more than half of the rows would have to go, or fewer than two are left.
+    pub fn order(&mut self) -> Result<(), BadInput> {
+        let rows = self.time_s.len();
+        // Rows whose time is missing, repeats or goes back.
+        let mut keep = vec![true; rows];
+        let mut last = f64::NEG_INFINITY;
+        let (mut bad_times, mut first_bad) = (0usize, None);
+        let mut ahead = 0usize;
+        for k in 0..rows {
+            let t = self.time_s[k];
+            if t > last {
+                // A single time far ahead of its neighbours would throw all later rows out.
+                let jumps_ahead =
+                    k + 1 < rows && self.time_s[k + 1] <= t && self.time_s[k + 1] > last && t - last > 10.0;
+                if jumps_ahead {
+                    ahead += 1;
+                } else {
+                    last = t;
+                    continue;
+                }
+            }
+            keep[k] = false;
+            bad_times += 1;
+            first_bad.get_or_insert(k + 1);
+        }
+        if let Some(first) = first_bad {
+            self.cleaned.push(Cleaned { column: "time_s".into(), defect: Defect::BadTime, count: bad_times });
+            self.notes.push(format!(
+                "{bad_times} rows have a time that is missing, repeats, goes back or is far ahead ({ahead}), the first is row {first} of the data: left out"
+            ));
+        }
+        if bad_times * 2 > rows || rows - bad_times < 2 {
+            return Err(BadInput(format!(
+                "column time_s: {bad_times} of {rows} rows have a time that does not increase, the first is row {} of the data; one recording is one power-on, in order of time",
+                first_bad.unwrap_or(1)
+            )));
+        }
+        if bad_times > 0 {
+            let mut k = 0;
+            let flags = keep.clone();
+            self.time_s.retain(|_| {
+                k += 1;
+                flags[k - 1]
+            });
+            for column in self.columns_mut() {
+                let mut k = 0;
+                column.retain(|_| {
+                    k += 1;
+                    keep[k - 1]
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes out what cannot be true, and notes it.
+    ///
+    /// # Errors
+    /// As [`Recording::order`]; and where more than half of the values of a channel would have to go.
+    pub fn clean(&mut self) -> Result<(), BadInput> {
+        self.order()?;
+        let step = self.step_s();
+        let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
+        if gaps > 0 {
+            let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
+        }
+        let mut counts = Vec::new();
+        let axes: Vec<usize> = self.present().collect();
+        for &a in &axes {
+            let readings = &mut self.frequency_hz[a];
+            let (stuck, spikes) = match self.thermometer {
+                Thermometer::None => (0, 0),
+                Thermometer::Frequency => (remove_stuck(readings, step), remove_spikes(readings, 8.0, 5e-4)),
+                // As any coarse sensor.
+                _ => (0, remove_spikes(readings, 12.0, 0.01)),
+            };
+            if self.thermometer.parts_axes() || a == axes[0] {
+                counts.push((self.thermometer.column(a), stuck, spikes));
+            }
+            let stuck = remove_stuck(&mut self.rate_dph[a], step);
+            let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
+            counts.push((format!("rate_{}_dph", AXIS_NAMES[a]), stuck, spikes));
+        }
+        for (name, values) in &mut self.optional {
+            // Coarse sensors stand still for long by nature: spikes only.
+            let spikes = remove_spikes(values, 12.0, 0.01);
+            counts.push(((*name).to_string(), 0, spikes));
+        }
+        for (column, stuck, spikes) in counts {
+            if stuck > 0 {
+                self.notes
+                    .push(format!("column {column}: {stuck} values stand still exactly (a stuck value): left out"));
+                self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Stuck, count: stuck });
+            }
+            if spikes > 0 {
+                self.notes.push(format!("column {column}: {spikes} spikes: left out"));
+                self.cleaned.push(Cleaned { column, defect: Defect::Spike, count: spikes });
+            }
+        }
+        for a in axes {
+            let rate = format!("rate_{}_dph", AXIS_NAMES[a]);
+            let own =
+                (self.thermometer != Thermometer::None).then(|| (self.thermometer.column(a), &self.frequency_hz[a]));
+            for (name, column) in own.into_iter().chain([(rate, &self.rate_dph[a])]) {
+                let good = column.iter().filter(|v| v.is_finite()).count();
+                if good * 2 < column.len() {
+                    return Err(BadInput(format!(
+                        "column {name}: only {good} of {} values can be used; check that channel",
+                        column.len()
+                    )));
+                }
+            }
+        }
+        self.remove_earth_rate()
+    }
+}
+
+/// Runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. What counts
+/// as long depends on how often this channel repeats by its resolution alone.
+fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
+    let pairs = values.len().saturating_sub(1).max(1);
+    let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
+    // With a share p of natural repeats a run of n has odds p^n; ask for one in 1e9, and for 8 rows at least.
+    let share = (repeats as f64 / pairs as f64).clamp(0.01, 0.999);
+    let natural = (1e-9f64.ln() / share.ln()).ceil();
+    let longest = natural.max(8.0).max(10.0 / step_s.max(1e-3)).min(1e9) as usize;
+    let (mut start, mut removed) = (0, 0);
+    for k in 1..=values.len() {
+        if k < values.len() && values[k] == values[start] {
+            continue;
+        }
+        if k - start > longest {
+            values[start + 1..k].fill(f64::NAN);
+            removed += k - start - 1;
+        }
+        start = k;
+    }
+    removed
+}
+
+/// Half the neighbours of a value in [`remove_spikes`], without itself.
+const HALF: usize = 5;
+
+/// Values that share one estimate of the scatter in [`remove_spikes`]: some minutes at 1 Hz.
+const SCATTER_ROWS: usize = 512;
+
+/// Median of the finite values among a value and its ten nearest neighbours; NaN where none is finite.
+fn running_median(values: &[f64], k: usize) -> f64 {
+    let from = k.saturating_sub(HALF).min(values.len() - 2 * HALF - 1);
+    let mut w = [0.0; 2 * HALF + 1];
+    let mut m = 0;
+    for v in &values[from..=from + 2 * HALF] {
+        if v.is_finite() {
+            w[m] = *v;
+            m += 1;
+        }
+    }
+    // Eleven values: sorting by insertion beats selection.
+    for i in 1..m {
+        let v = w[i];
+        let mut j = i;
+        while j > 0 && w[j - 1] > v {
+            w[j] = w[j - 1];
+            j -= 1;
+        }
+        w[j] = v;
+    }
+    if m > 0 {
+        w[m / 2]
+    } else {
+        f64::NAN
+    }
+}
+
+/// Robust scatter of the values about their running median, at even places along the column: noise may grow with
+/// temperature, so one scatter for the whole column would take true samples of its loud part for spikes.
+struct Scatter {
+    places: Vec<f64>,
+    length: f64,
+}
+
+impl Scatter {
+    /// `None` where the column has no scatter at all. Deviations below `harmless` count as that.
+    fn of(values: &[f64], harmless: f64) -> Option<Self> {
+        let n = values.len();
+        let count = (n / SCATTER_ROWS).clamp(1, 64);
+        let stride = (n / (count * 250)).max(1);
+        let off: Vec<f64> = (0..n)
+            .step_by(stride)
+            .map(|k| (values[k] - running_median(values, k)).abs())
+            .filter(|d| d.is_finite())
+            .collect();
+        if off.is_empty() {
+            return None;
+        }
+        // Quantised columns may have no spread at all at their median: then one step of resolution counts.
+        let resolution = off.iter().copied().filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min);
+        let least = if resolution.is_finite() { resolution.max(harmless) } else { harmless };
+        if least <= 0.0 {
+            return None;
+        }
+        let per_place = off.len().div_ceil(count).max(1);
+        let own: Vec<f64> = off.chunks(per_place).map(|c| 1.4826 * median(&mut c.to_vec()).unwrap_or(0.0)).collect();
+        // A place is as loud as the louder of its neighbours: the change from one to the next is not sharp.
+        let places = (0..own.len())
+            .map(|k| own[k.saturating_sub(1)..(k + 2).min(own.len())].iter().fold(least, |m, v| m.max(*v)))
+            .collect();
+        Some(Self { places, length: n as f64 })
+    }
+
+    fn at(&self, k: usize) -> f64 {
+        self.places[((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1)]
+    }
+}
+
+/// Hampel filter: values further than `limit` times the scatter from the median of 11 neighbours. Deviations
+/// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK).
+///
+/// A spike is rare. Where more than [`MOST_SPIKES`] of the values are that far off, the scatter is not what makes them so (a coarse
+/// resolution hides it, or the channel moves fast): the limit is doubled until it is.
+fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
+    if values.len() < 2 * HALF + 1 {
+        return 0;
+    }
+    let Some(scatter) = Scatter::of(values, harmless) else { return 0 };
+    let most = (MOST_SPIKES * values.len() as f64) as usize;
+    let mut spikes = spikes(values, limit, &scatter);
+    let mut wider = limit;
+    while spikes.len() > most.max(8) {
+        wider *= 2.0;
+        spikes = self::spikes(values, wider, &scatter);
+    }
+    let removed = spikes.len();
+    spikes.into_iter().for_each(|k| values[k] = f64::NAN);
+    removed
+}
+
+/// Share of a column that may be spikes.
+const MOST_SPIKES: f64 = 0.02;
+
+/// Places of the values further than `limit` times the scatter from the median of their neighbours.
+fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
+    let n = values.len();
+    let mut spikes = Vec::new();
+    for k in 0..n {
+        let v = values[k];
+        let near = limit * scatter.at(k);
+        if (HALF..n - HALF).contains(&k) {
+            // More than half of the neighbours (itself among them) are near: then so is their median, and it need not be found.
+            let close: usize = values[k - HALF..=k + HALF].iter().map(|w| usize::from((w - v).abs() <= near)).sum();
+            if close > HALF {
+                continue;
+            }
+        }
+        // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
+        let ramp = if k < HALF {
+            3.0 * (running_median(values, HALF) - running_median(values, (3 * HALF).min(n - 1))).abs()
+        } else if k >= n - HALF {
+            3.0 * (running_median(values, n - 1 - HALF) - running_median(values, (n - 1).saturating_sub(3 * HALF)))
+                .abs()
+        } else {
+            0.0
+        };
+        if (v - running_median(values, k)).abs() > near + ramp {
+            spikes.push(k);
+        }
+    }
+    spikes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::samples::{rows, HEAD};
+    use super::*;
+
+    #[test]
+    fn dirt_is_counted_and_taken_out() {
+        let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
+        lines[50] = lines[49].clone(); // repeated time
+        lines[100] = "98,4900.01,4890.01,4700,900,2,3".into(); // spike
+        lines[120] = "118,,4890.01,4700,1,2,3".into(); // missing
+        for (k, line) in lines.iter_mut().enumerate().take(250).skip(200) {
+            *line = format!("{},4900.05,4890.05,4699.9,1.5,1.9,3.1", k - 2); // stuck
+        }
+        let mut r = Recording::parse(lines.join("\r\n").as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        let notes = r.notes.join("\n");
+        for word in ["1 values are missing, the first at line 121, column 2 (fx_hz)", "repeats", "spikes", "stuck"] {
+            assert!(notes.contains(word), "{word} not in {notes}");
+        }
+        assert_eq!(r.time_s.len(), 299);
+    }
+
+    #[test]
+    fn a_column_without_a_value_has_no_spikes() {
+        assert_eq!(remove_spikes(&mut [f64::NAN; 50], 8.0, 5e-4), 0);
+        let mut r = Recording::parse(rows(50).replace(",4900", ",nan,4900").as_bytes());
+        assert!(r.is_err(), "the cells no longer fit the header");
+        r = Recording::parse((HEAD.to_string() + &"1,,2,3,4,5,6\n".repeat(50)).as_bytes());
+        assert!(r.expect("readable").clean().is_err());
+    }
+
+    #[test]
+    fn noise_that_grows_is_not_taken_for_spikes() {
+        use rand::SeedableRng;
+        use rand_distr::{Distribution, StandardNormal};
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let n = 20_000;
+        // Twenty times as loud at one end as at the other.
+        let mut v: Vec<f64> = (0..n)
+            .map(|k| {
+                let x: f64 = StandardNormal.sample(&mut rng);
+                x * (1.0 + 19.0 * k as f64 / n as f64)
+            })
+            .collect();
+        for k in (50..n).step_by(500) {
+            v[k] = 400.0;
+        }
+        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        assert!((50..n).step_by(500).all(|k| v[k].is_nan()), "the spikes are found");
+        assert!(removed <= 40 + n / 1000, "{removed} removed");
+    }
+
+    #[test]
+    fn a_coarse_channel_that_moves_is_not_taken_for_spikes() {
+        // It stands still for most of the time, so that its scatter is that of its resolution, and moves in one row of five.
+        let mut level = 0;
+        let mut v: Vec<f64> = (0..5000u64)
+            .map(|k| {
+                let x = k.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+                level += if x % 5 == 0 { [-6, 6, -4, 4][(x / 5 % 4) as usize] } else { 0 };
+                f64::from(level) * 0.1
+            })
+            .collect();
+        v[1000] += 60.0;
+        v[3000] -= 60.0;
+        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        assert!(v[1000].is_nan() && v[3000].is_nan());
+        assert!(removed <= 100, "{removed} removed");
+    }
+
+    #[test]
+    fn what_was_taken_out_is_counted_by_column_and_kind() {
+        let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
+        lines[100] = "98,4900.01,4890.01,4700,900,2,3".into();
+        lines[120] = "118,,4890.01,4700,1,2,3".into();
+        let mut r = Recording::parse(lines.join("\n").as_bytes()).expect("readable");
+        r.clean().expect("usable");
+        let of = |column: &str, defect: Defect| {
+            r.cleaned.iter().find(|c| c.column == column && c.defect == defect).map_or(0, |c| c.count)
+        };
+        assert_eq!((of("fx_hz", Defect::Missing), of("rate_x_dph", Defect::Spike)), (1, 1), "{:?}", r.cleaned);
+        assert_eq!(r.cleaned.len(), 2, "{:?}", r.cleaned);
+    }
+}

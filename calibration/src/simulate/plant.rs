@@ -1,0 +1,130 @@
+//! The thermal plant: chamber, case, resonator and board; and what only a recording has.
+
+use super::noise::wander;
+use hrg_core::bias::State;
+use hrg_core::effects::Recorded;
+use hrg_core::thermal::{AxisThermal, Thermal};
+use hrg_core::AXES;
+use rand_chacha::ChaCha8Rng;
+
+/// Thermal lag of the resonators behind the case, s (zhao2022: 694 s; the axes of one unit differ a little).
+const RESONATOR_LAG_S: [f64; AXES] = [694.0, 655.0, 741.0];
+
+/// Lag of the cases behind the chamber, s.
+const CASE_LAG_S: [f64; AXES] = [420.0, 380.0, 450.0];
+
+/// Lag of the board behind the chamber, s.
+const BOARD_LAG_S: f64 = 1500.0;
+
+/// Case above chamber in equilibrium, C: dong2023 Table 1 at mid-range.
+const CASE_RISE_C: [f64; AXES] = [5.8, 4.4, 4.5];
+
+/// Resonator above case in equilibrium, C.
+const SELF_HEATING_C: [f64; AXES] = [0.9, 1.1, 0.8];
+
+/// Time in which self-heating builds up after power-on, s.
+const HEATING_TAU_S: f64 = 1800.0;
+
+/// Temperatures of the plant each second.
+pub(super) struct Plant {
+    pub(super) case_c: [Vec<f64>; AXES],
+    pub(super) resonator_c: [Vec<f64>; AXES],
+    pub(super) slope_c_per_min: [Vec<f64>; AXES],
+    pub(super) board_c: Vec<f64>,
+}
+
+fn lag(input: &[f64], tau: f64) -> Vec<f64> {
+    let share = 1.0 - (-1.0 / tau).exp();
+    let mut y = input.first().copied().unwrap_or(0.0);
+    input
+        .iter()
+        .map(|x| {
+            y += share * (x - y);
+            y
+        })
+        .collect()
+}
+
+impl Plant {
+    /// The plant at a step, for effects: its frequencies are proportional to temperature.
+    pub(super) fn thermal(&self, k: usize) -> Thermal {
+        let axes = [0, 1, 2].map(|a| {
+            let temperature_c = self.resonator_c[a][k] as f32;
+            let rate_c_per_min = self.slope_c_per_min[a][k] as f32;
+            let state = State {
+                temperature_c,
+                rate_c_per_min,
+                difference_c_per_min: rate_c_per_min,
+                frequency_u: (temperature_c - 10.0) / 45.0,
+                frequency_u_per_min: rate_c_per_min / 45.0,
+            };
+            AxisThermal { state, known: true, age: 0, settled: true }
+        });
+        Thermal { axes, time_s: (k + 1) as f32 }
+    }
+
+    pub(super) fn new(chamber: &[f64]) -> Self {
+        let heating: Vec<f64> = (0..chamber.len()).map(|k| 1.0 - (-(k as f64) / HEATING_TAU_S).exp()).collect();
+        let case_c = [0, 1, 2].map(|a| {
+            let mut s = lag(chamber, CASE_LAG_S[a]);
+            s.iter_mut().zip(&heating).for_each(|(s, h)| *s += CASE_RISE_C[a] * (0.4 + 0.6 * h));
+            s
+        });
+        let resonator_c = [0, 1, 2].map(|a| {
+            let mut r = lag(&case_c[a], RESONATOR_LAG_S[a]);
+            r.iter_mut().zip(&heating).for_each(|(r, h)| *r += SELF_HEATING_C[a] * h);
+            r
+        });
+        let slope_c_per_min = [0, 1, 2].map(|a| {
+            let r = &resonator_c[a];
+            (0..r.len()).map(|k| if k == 0 { 0.0 } else { (r[k] - r[k - 1]) * 60.0 }).collect()
+        });
+        Self {
+            board_c: lag(chamber, BOARD_LAG_S).iter().map(|b| b + 9.0).collect(),
+            case_c,
+            resonator_c,
+            slope_c_per_min,
+        }
+    }
+}
+
+/// The quantities of a run that only a recording has.
+pub(super) struct Monitors {
+    pub(super) board_c: Vec<f64>,
+    pub(super) supply_v: Vec<f64>,
+    pub(super) drive_v: [Vec<f64>; AXES],
+    pub(super) quad_v: [Vec<f64>; AXES],
+    pub(super) clock_ppm: Vec<f64>,
+}
+
+impl Monitors {
+    /// Each follows temperature and wanders by itself.
+    pub(super) fn new(plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
+        let n = plant.board_c.len();
+        Self {
+            board_c: plant.board_c.iter().zip(wander(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect(),
+            supply_v: wander(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect(),
+            drive_v: [0, 1, 2].map(|a: usize| {
+                let w = wander(n, 6000.0, rng);
+                (0..n).map(|k| 1.2 + 0.002 * (plant.resonator_c[a][k] - 10.0) + 0.02 * w[k]).collect()
+            }),
+            quad_v: [0, 1, 2].map(|a: usize| {
+                let w = wander(n, 8000.0, rng);
+                (0..n).map(|k| 0.1 - 0.001 * plant.resonator_c[a][k] + 0.03 * w[k]).collect()
+            }),
+            clock_ppm: wander(n, 7000.0, rng),
+        }
+    }
+
+    pub(super) fn recorded(&self, plant: &Plant) -> Vec<Recorded> {
+        (0..plant.board_c.len())
+            .map(|k| Recorded {
+                case_c: [0, 1, 2].map(|b: usize| plant.case_c[b][k] as f32),
+                board_c: self.board_c[k] as f32,
+                supply_v: self.supply_v[k] as f32,
+                drive_v: self.drive_v.each_ref().map(|v| v[k] as f32),
+                quad_v: self.quad_v.each_ref().map(|v| v[k] as f32),
+            })
+            .collect()
+    }
+}

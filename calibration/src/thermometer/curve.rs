@@ -1,0 +1,320 @@
+//! Frequency to temperature from a chamber run.
+
+use crate::numeric::lsq;
+use crate::numeric::stats::quantile;
+use crate::recording::format::Thermometer;
+use crate::recording::steps::Steps;
+use crate::BadInput;
+use hrg_core::calibration::Calibration;
+use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
+use hrg_core::AXES;
+
+/// Where the laws come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reference {
+    /// Case sensors of the recording.
+    Case,
+    /// The chamber's sensor.
+    Chamber,
+    /// No sensor was recorded: the laws of dong2023's Table 1, shifted so that the mean frequency of the run
+    /// is at its middle. Temperatures are then a scale of frequency, not degrees of a thermometer.
+    Shape,
+    /// A sensor was recorded but does not follow the resonators; as [`Reference::Shape`] where it does not.
+    Implausible,
+    /// A sensor was recorded, over too little temperature for a law: as [`Reference::Shape`].
+    Narrow,
+    /// The thermometers are sensors: no law is needed.
+    Sensor,
+}
+
+/// Centred cubic `T(f)` by least squares.
+///
+/// # Errors
+/// Too few points, or no span.
+pub fn fit_inverse(
+    frequency_hz: &[f64],
+    temperature_c: &[f64],
+    weights: Option<&[f64]>,
+    degree: usize,
+) -> Result<TemperatureLaw, BadInput> {
+    let good: Vec<usize> =
+        (0..frequency_hz.len()).filter(|&k| frequency_hz[k].is_finite() && temperature_c[k].is_finite()).collect();
+    let f: Vec<f64> = good.iter().map(|&k| frequency_hz[k]).collect();
+    let t: Vec<f64> = good.iter().map(|&k| temperature_c[k]).collect();
+    let w: Option<Vec<f64>> = weights.map(|w| good.iter().map(|&k| w[k]).collect());
+    let (low, high) = f.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    // The scale is stored in f32: what the unit divides by is what is fitted with.
+    let scale_hz = (0.5 * (high - low)) as f32;
+    let span = t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t.iter().copied().fold(f64::INFINITY, f64::min);
+    if f.len() < degree + 2 || !(span > 5.0) || !(scale_hz > 0.0) {
+        return Err(BadInput::new(format!(
+            "the temperatures span {:.1} C; a frequency-temperature law needs a run over tens of degrees",
+            if span.is_finite() { span } else { 0.0 }
+        )));
+    }
+    let f0_hz = 0.5 * (high + low);
+    let u: Vec<f64> = f.iter().map(|x| (x - f0_hz) / f64::from(scale_hz)).collect();
+    let fit = lsq::fit(&lsq::powers(&u, degree), &t, w.as_deref(), &["1", "u", "u^2", "u^3"])?;
+    let mut c = [0.0f32; 4];
+    for (to, from) in c.iter_mut().zip(&fit.coefficients) {
+        *to = *from as f32;
+    }
+    let (min_c, max_c) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    Ok(TemperatureLaw { f0_hz, scale_hz, c, min_c: min_c as f32, max_c: max_c as f32 })
+}
+
+/// Centred cubic `f(T)` by least squares (dong2023 eq 1 and 2).
+///
+/// # Errors
+/// As [`fit_inverse`].
+pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -> Result<ForwardLaw, BadInput> {
+    let (low, high) = temperature_c.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    if !(high - low > 5.0) {
+        return Err(BadInput::new("the temperatures span less than 5 C"));
+    }
+    let (t0_c, scale_c) = (0.5 * (low + high), 0.5 * (high - low));
+    let v: Vec<f64> = temperature_c.iter().map(|t| (t - t0_c) / scale_c).collect();
+    let f0 = frequency_hz.iter().sum::<f64>() / frequency_hz.len() as f64;
+    let y: Vec<f64> = frequency_hz.iter().map(|f| f - f0).collect();
+    let fit = lsq::fit(&lsq::powers(&v, degree), &y, None, &["1", "v", "v^2", "v^3"])?;
+    let mut c = [0.0; 4];
+    for (to, from) in c.iter_mut().zip(&fit.coefficients) {
+        *to = *from;
+    }
+    c[0] += f0;
+    Ok(ForwardLaw { t0_c, scale_c, c })
+}
+
+/// A resonator that has moved less than this, about 10 C, says nothing of its law, Hz.
+const NARROWEST_HZ: f64 = 5.0;
+
+/// A reading that has moved less than this says nothing of what depends on temperature: C of a sensor, and of a resonator about
+/// as much.
+const LEAST_SPAN_C: f64 = 0.5;
+
+/// Hz of a resonator for a degree, about.
+const HZ_PER_C: f64 = 0.47;
+
+/// Whether a law is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
+fn plausible(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> bool {
+    (0..=20).all(|k| {
+        let f = low_hz + (high_hz - low_hz) * f64::from(k) / 20.0;
+        let ppm_per_c = 1e6 / (f * f64::from(law.slope_c_per_hz(f)));
+        (60.0..150.0).contains(&ppm_per_c)
+    })
+}
+
+/// Longest thermal lag between sensor and resonator that is looked for, s.
+const LONGEST_LAG_S: f64 = 4000.0;
+
+/// What was identified from the sensors.
+#[derive(Debug, Clone, Copy)]
+pub struct Identified {
+    /// The laws.
+    pub laws: [TemperatureLaw; AXES],
+    /// What they are referred to.
+    pub reference: Reference,
+    /// Time constant by which each resonator follows its sensor, s (0 where there is no sensor).
+    pub lag_s: [f64; AXES],
+}
+
+/// The three laws from the sensors of one or several runs.
+///
+/// A resonator follows its case through a first-order lag (zhao2022: 694 s), so on a ramp of 1 C per minute it
+/// is 11 C behind. Fitting `T(f)` to the sensor as it stands would bend the law. So the sensor is lagged first, by
+/// the time constant that leaves the least residual. Rows are weighted evenly over temperature (bins of two
+/// degrees), so that a soak does not outweigh the ramps.
+///
+/// # Errors
+/// Where the run spans too little temperature.
+pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
+    if runs.iter().any(|s| s.thermometer == Thermometer::None) {
+        return Err(BadInput::new(
+            "the recording has no thermometer: what depends on temperature cannot be found in it (hrg allan and hrg report take it)",
+        ));
+    }
+    if runs.iter().any(|s| s.thermometer.is_sensor()) {
+        return sensors(runs);
+    }
+    let has = |v: &[f32]| v.iter().filter(|x| x.is_finite()).count() > 100;
+    let present: Vec<usize> = (0..AXES).filter(|&a| runs.iter().any(|s| !s.absent[a])).collect();
+    let reference = if runs.iter().all(|s| present.iter().all(|&a| has(&s.case_c[a]))) {
+        Reference::Case
+    } else if runs.iter().all(|s| has(&s.chamber_c)) {
+        Reference::Chamber
+    } else {
+        Reference::Shape
+    };
+    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    let mut lag_s = [0.0; AXES];
+    let (mut implausible, mut narrow) = (false, false);
+    for a in present {
+        let law = &mut laws[a];
+        let (low, high) = span(runs, a, LEAST_SPAN_C * HZ_PER_C)?;
+        if high - low < NARROWEST_HZ {
+            narrow = true;
+            *law = shifted(law, low, high);
+        } else if reference == Reference::Shape {
+            *law = shifted(law, low, high);
+        } else {
+            let sensor = |s: &Steps| -> Vec<f32> {
+                if reference == Reference::Case {
+                    s.case_c[a].clone()
+                } else {
+                    s.chamber_c.clone()
+                }
+            };
+            let sensors: Vec<Vec<f32>> = runs.iter().map(sensor).collect();
+            let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
+            lag_s[a] = least(error, LONGEST_LAG_S);
+            let fitted = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
+            if plausible(&fitted, low, high) {
+                *law = fitted;
+            } else {
+                // The sensor does not follow this resonator: better a law of the right shape than a wrong one.
+                implausible = true;
+                *law = shifted(law, low, high);
+            }
+        }
+        // The range is that of the frequencies seen, in the law's own degrees.
+        let ends = [law.temperature_c(low), law.temperature_c(high)];
+        law.min_c = ends[0].min(ends[1]);
+        law.max_c = ends[0].max(ends[1]);
+    }
+    let reference = match (implausible, narrow) {
+        (true, _) => Reference::Implausible,
+        (_, true) if reference != Reference::Shape => Reference::Narrow,
+        _ => return Ok(Identified { laws, reference, lag_s }),
+    };
+    Ok(Identified { laws, reference, lag_s: [0.0; AXES] })
+}
+
+/// Lowest and highest reading of an axis.
+fn span(runs: &[Steps], a: usize, least: f64) -> Result<(f64, f64), BadInput> {
+    let readings: Vec<f64> = runs.iter().flat_map(|s| s.frequency_hz[a].iter().copied()).collect();
+    let (low, high) = (quantile(&readings, 0.0), quantile(&readings, 1.0));
+    if high - low >= least {
+        return Ok((low, high));
+    }
+    let thermometer = runs.first().map_or_else(Thermometer::default, |s| s.thermometer);
+    let spans = if thermometer.is_sensor() {
+        format!("{:.2} C", high - low)
+    } else {
+        format!("{:.3} Hz, about {:.2} C", high - low, (high - low) / HZ_PER_C)
+    };
+    Err(BadInput::new(format!(
+        "column {} spans {spans}; what depends on temperature does not show in it: a calibration needs a run over tens of degrees (hrg allan and hrg report take a run at one temperature)",
+        thermometer.column(a)
+    )))
+}
+
+/// The laws of sensors.
+fn sensors(runs: &[Steps]) -> Result<Identified, BadInput> {
+    if runs.iter().any(|s| !s.thermometer.is_sensor()) {
+        return Err(BadInput::new(
+            "some of the recordings have resonators for thermometers and others sensors; give recordings of one kind",
+        ));
+    }
+    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    for a in 0..AXES {
+        if runs.iter().any(|s| !s.absent[a]) {
+            let (low, high) = span(runs, a, LEAST_SPAN_C)?;
+            laws[a] = sensor_law(low, high);
+        }
+    }
+    Ok(Identified { laws, reference: Reference::Sensor, lag_s: [0.0; AXES] })
+}
+
+/// A law of Table 1 moved to the middle of the frequencies seen.
+fn shifted(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> TemperatureLaw {
+    let middle = 0.5 * (low_hz + high_hz);
+    TemperatureLaw { f0_hz: middle, scale_hz: (f64::from(law.scale_hz) * middle / law.f0_hz) as f32, ..*law }
+}
+
+/// Where a function of one lag time is least: a coarse look, then halving the step.
+fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
+    let mut step = longest / 16.0;
+    let (mut at, mut best) = (0.0, f(0.0));
+    for k in 1..=16 {
+        let value = f(f64::from(k) * step);
+        if value < best {
+            (at, best) = (f64::from(k) * step, value);
+        }
+    }
+    while step > 2.0 {
+        step *= 0.5;
+        for x in [at - step, at + step] {
+            if x >= 0.0 {
+                let value = f(x);
+                if value < best {
+                    (at, best) = (x, value);
+                }
+            }
+        }
+    }
+    at
+}
+
+/// The law fitted to a lagged sensor, and its weighted residual.
+fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureLaw, f64), BadInput> {
+    let share = crate::thermometer::lag::share(tau);
+    let (mut f, mut t) = (Vec::new(), Vec::new());
+    for (s, sensor) in runs.iter().zip(sensors) {
+        let settle = (sensor.len() / 8).min(600);
+        let mut state = f64::NAN;
+        for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
+            let x = f64::from(*x);
+            if x.is_finite() {
+                state = if state.is_nan() { x } else { state + share * (x - state) };
+            }
+            // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
+            if k % 20 == 0 && k > settle && state.is_finite() && hz.is_finite() && x.is_finite() {
+                f.push(*hz);
+                t.push(state);
+            }
+        }
+    }
+    let bin = |f: f64| f.floor() as i64;
+    let mut count = std::collections::BTreeMap::<i64, f64>::new();
+    for f in &f {
+        *count.entry(bin(*f)).or_default() += 1.0;
+    }
+    let weights: Vec<f64> = f.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
+    let law = fit_inverse(&f, &t, Some(&weights), 3)?;
+    let error: f64 =
+        f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(law.temperature_c(*f)) - t).powi(2)).sum();
+    Ok((law, error))
+}
+
+/// The law of a sensor that has read from `low_c` to `high_c`: a reading is a temperature.
+#[must_use]
+pub fn sensor_law(low_c: f64, high_c: f64) -> TemperatureLaw {
+    // The centre is a number that single precision holds, so that the law gives back what it is given.
+    let centre = (0.5 * (low_c + high_c)).round() as f32;
+    let scale = (0.5 * (high_c - low_c)).ceil().max(1.0) as f32;
+    TemperatureLaw {
+        f0_hz: f64::from(centre),
+        scale_hz: scale,
+        c: [centre, scale, 0.0, 0.0],
+        min_c: low_c as f32,
+        max_c: high_c as f32,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_law_of_a_sensor_gives_back_what_it_reads() {
+        let law = sensor_law(-17.63, 74.1);
+        assert!(law.is_of_sensor() && (law.min_c, law.max_c) == (-17.63, 74.1));
+        for k in 0..=1000 {
+            let t = -17.63 + 0.0917 * f64::from(k);
+            assert!((f64::from(law.temperature_c(t)) - t).abs() < 1e-5, "{t}");
+        }
+        assert!((law.slope_c_per_hz(20.0) - 1.0).abs() < 1e-6);
+        let resonator = hrg_core::calibration::Calibration::uncalibrated().axes[0].law;
+        assert!(!resonator.is_of_sensor());
+    }
+}

@@ -1,0 +1,8 @@
+//! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
+//! ([`monitor`]), and sensors beside it ([`sensors`]).
+
+pub mod log;
+pub mod monitor;
+pub mod port;
+pub mod record;
+pub mod sensors;

@@ -1,0 +1,518 @@
+//! A unit on a serial port (or the virtual board's pseudo-terminal): messages in, commands out, a calibration burnt and
+//! read back.
+
+use crate::recording::metadata::{same_scale, scale_text};
+use crate::recording::names;
+use crate::BadInput;
+use anyhow::{Context, Result};
+use hrg_core::calibration::{BlockError, Calibration, MAX_BYTES};
+use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
+use hrg_core::sectors::{newest, Sector};
+use serialport::SerialPort;
+use std::io::{Read, Write};
+use std::time::{Duration, Instant};
+
+/// Baud rate of the link.
+pub const BAUD: u32 = 921_600;
+/// A read that finds nothing comes back after this.
+const POLL: Duration = Duration::from_millis(20);
+/// An answer comes within this; the erase of a sector takes 2 s at most.
+const ANSWER: Duration = Duration::from_secs(6);
+/// A command whose answer was lost is sent again.
+const TRIES: usize = 3;
+
+/// A port that is gone is looked for again after this.
+const AGAIN: Duration = Duration::from_millis(250);
+
+/// Whose name an image gets that is to be burnt.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NameError {
+    /// The unit takes the name of its first image: somebody must say that it is this one's.
+    #[error("the unit on this port has no name yet and would take that of the calibration, {image}; if it is that unit, say so with --unit {image}")]
+    UnitUnnamed {
+        /// The image's name.
+        image: String,
+    },
+    /// Neither has a name.
+    #[error("neither the unit on this port nor the calibration has a name; give the unit its own with --unit NAME")]
+    BothUnnamed,
+    /// The image names nobody.
+    #[error("the calibration names no unit, the unit on this port is {unit}; if the calibration is that unit's, say so with --unit {unit}")]
+    ImageUnnamed {
+        /// The unit's name.
+        unit: String,
+    },
+    /// The image is another unit's.
+    #[error("the calibration is of unit {image}, the unit on this port is {unit}; nothing was written")]
+    Other {
+        /// The image's name.
+        image: String,
+        /// The unit's name.
+        unit: String,
+    },
+    /// What was said is neither's name.
+    #[error("--unit says {said}, the {what} on hand is {named}; nothing was written")]
+    Said {
+        /// What was said.
+        said: String,
+        /// The unit or the calibration.
+        what: &'static str,
+        /// Its name.
+        named: String,
+    },
+    /// What was said cannot be a name.
+    #[error(transparent)]
+    Unfit(#[from] names::NameError),
+}
+
+impl From<NameError> for BadInput {
+    fn from(e: NameError) -> Self {
+        Self(e.to_string())
+    }
+}
+
+/// The name under which an image may go into a unit. `unit`, `image`: their names, where they have one; `said`: what the user says.
+/// Nothing without a name is ever taken for the right one without the user's word.
+///
+/// # Errors
+/// [`NameError`].
+pub fn agreed_name(unit: Option<&str>, image: Option<&str>, said: Option<&str>) -> Result<String, NameError> {
+    let own = String::from;
+    if let Some(said) = said {
+        names::check(said)?;
+        for (what, named) in [("unit", unit), ("calibration", image)] {
+            if let Some(named) = named.filter(|n| *n != said) {
+                return Err(NameError::Said { said: own(said), what, named: own(named) });
+            }
+        }
+        return Ok(own(said));
+    }
+    match (unit, image) {
+        (Some(unit), Some(image)) if unit == image => Ok(own(unit)),
+        (Some(unit), Some(image)) => Err(NameError::Other { image: own(image), unit: own(unit) }),
+        (None, Some(image)) => Err(NameError::UnitUnnamed { image: own(image) }),
+        (Some(unit), None) => Err(NameError::ImageUnnamed { unit: own(unit) }),
+        (None, None) => Err(NameError::BothUnnamed),
+    }
+}
+
+/// The name of a unit; `None` where it has none yet.
+#[must_use]
+pub fn name_of(identity: &Identity) -> Option<&str> {
+    Some(identity.unit_name()).filter(|n| !names::is_unnamed(n))
+}
+
+/// What a unit computes with.
+#[derive(Debug, Clone, PartialEq)]
+pub enum InUse {
+    /// What it was built with: its flash holds no valid image.
+    Default,
+    /// The image in its flash.
+    Image(Box<Calibration>),
+    /// It does not let anybody read it: its firmware is built without maintenance mode.
+    Locked,
+}
+
+impl InUse {
+    /// The scale factor that makes its rates, deg/h per code; `None` where it cannot be read.
+    #[must_use]
+    pub fn scale_factor(&self) -> Option<[f32; 3]> {
+        match self {
+            Self::Default => Some(Calibration::uncalibrated().scale_factors_dph_per_code()),
+            Self::Image(c) => Some(c.scale_factors_dph_per_code()),
+            Self::Locked => None,
+        }
+    }
+}
+
+/// What a unit says that it holds.
+#[derive(Debug, Clone)]
+pub struct Held {
+    /// Who it is, and what it runs.
+    pub identity: Identity,
+    /// Its two sectors; `None` where it does not let anybody read them.
+    pub sectors: Option<[Vec<u8>; 2]>,
+}
+
+impl std::fmt::Display for Held {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let i = &self.identity;
+        match i.calibration {
+            0 => write!(f, "asked now, the unit runs the default it was built with")?,
+            c => write!(f, "asked now, unit {} runs image {c:08x}, number {}", i.unit_name(), i.sequence)?,
+        }
+        let Some([a, b]) = &self.sectors else {
+            return write!(f, "; it does not let its sectors be read");
+        };
+        for (name, bytes) in [("A", a), ("B", b)] {
+            match Calibration::from_bytes(bytes) {
+                Ok(c) => write!(f, "; sector {name} holds image {:08x}, number {}", c.checksum(), c.sequence)?,
+                Err(BlockError::NoBlock) => write!(f, "; sector {name} is empty")?,
+                Err(e) => write!(f, "; sector {name} holds no valid image ({e})")?,
+            }
+        }
+        match newest(a, b).newest {
+            Some((c, _)) if c.checksum() != i.calibration => {
+                write!(f, "; from its next start on it runs image {:08x} of unit {}", c.checksum(), c.unit_name())
+            }
+            None if i.calibration != 0 => write!(f, "; from its next start on it runs the default"),
+            _ => write!(f, "; a restart changes nothing"),
+        }
+    }
+}
+
+/// A burn that failed.
+#[derive(Debug)]
+pub struct BurnError {
+    /// Why.
+    pub why: anyhow::Error,
+    /// Whether the unit's flash may have been written to. Then [`Unit::held`] tells what is there.
+    pub begun: bool,
+}
+
+impl BurnError {
+    fn before(why: impl Into<anyhow::Error>) -> Self {
+        Self { why: why.into(), begun: false }
+    }
+
+    fn after(why: anyhow::Error) -> Self {
+        Self { why, begun: true }
+    }
+}
+
+/// What the user says of a burn.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Burn {
+    /// The unit's name.
+    pub unit: Option<String>,
+    /// The scale factor in the unit is to be replaced by another.
+    pub new_scale_factor: bool,
+}
+
+/// The link of a unit.
+pub struct Unit {
+    path: String,
+    port: Box<dyn SerialPort>,
+    deframer: Deframer,
+    buffer: [u8; 4096],
+    filled: usize,
+    at: usize,
+    /// Frames that could not be read.
+    pub bad_frames: u64,
+}
+
+impl std::fmt::Debug for Unit {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "Unit({:?})", self.port.name())
+    }
+}
+
+impl Unit {
+    /// Opens a port.
+    ///
+    /// # Errors
+    /// One sentence, where it cannot be opened.
+    pub fn open(path: &str) -> Result<Self, BadInput> {
+        let port = serialport::new(path, BAUD).timeout(POLL).open().map_err(|e| {
+            BadInput::new(format!("cannot open the port {path}: {e}; check the cable, and who else has it open"))
+        })?;
+        Ok(Self {
+            path: path.into(),
+            port,
+            deframer: Deframer::default(),
+            buffer: [0; 4096],
+            filled: 0,
+            at: 0,
+            bad_frames: 0,
+        })
+    }
+
+    /// The next message within a time; `None` if there is none.
+    ///
+    /// # Errors
+    /// Where the port is gone.
+    pub fn next(&mut self, within: Duration) -> std::io::Result<Option<Message>> {
+        let until = Instant::now() + within;
+        loop {
+            while self.at < self.filled {
+                let byte = self.buffer[self.at];
+                self.at += 1;
+                match self.deframer.push(byte) {
+                    None => {}
+                    Some(Ok(message)) => return Ok(Some(message)),
+                    Some(Err(_)) => self.bad_frames += 1,
+                }
+            }
+            if Instant::now() >= until {
+                return Ok(None);
+            }
+            (self.at, self.filled) = (0, 0);
+            match self.port.read(&mut self.buffer) {
+                Ok(0) => return Err(std::io::ErrorKind::UnexpectedEof.into()),
+                Ok(n) => self.filled = n,
+                Err(e) if matches!(e.kind(), std::io::ErrorKind::TimedOut | std::io::ErrorKind::Interrupted) => {}
+                Err(e) => return Err(e),
+            }
+        }
+    }
+
+    /// Sends a message.
+    ///
+    /// # Errors
+    /// Where the port is gone.
+    pub fn send(&mut self, message: &Message) -> std::io::Result<()> {
+        // A zero first: whatever garbage came before ends there.
+        self.port.write_all(&[0])?;
+        self.port.write_all(&message.encode())?;
+        self.port.flush()
+    }
+
+    fn ask<T>(&mut self, message: &Message, within: Duration, pick: impl Fn(&Message) -> Option<T>) -> Result<T> {
+        for _ in 0..TRIES {
+            self.send(message).context("the port is gone")?;
+            let until = Instant::now() + within;
+            while let Some(left) = until.checked_duration_since(Instant::now()) {
+                match self.next(left).context("the port is gone")? {
+                    Some(m) => {
+                        if let Some(t) = pick(&m) {
+                            return Ok(t);
+                        }
+                    }
+                    None => break,
+                }
+            }
+        }
+        Err(BadInput::new("the unit does not answer; check that the port is the unit's link, and its power").into())
+    }
+
+    /// Who is there.
+    ///
+    /// # Errors
+    /// Where nobody answers.
+    pub fn identity(&mut self) -> Result<Identity> {
+        self.ask(&Message::Identify, Duration::from_secs(2), |m| match m {
+            Message::Identity(i) => Some(*i),
+            _ => None,
+        })
+    }
+
+    fn maintain(&mut self, command: Command) -> Result<Reply> {
+        self.ask(&Message::Maintain(command), ANSWER, |m| match m {
+            Message::Maintained(reply) => Some(*reply),
+            _ => None,
+        })
+    }
+
+    /// A command that must be done; gives the number that came with the answer.
+    fn done(&mut self, command: Command, what: &str) -> Result<u32> {
+        match self.maintain(command)? {
+            Reply::Answer(Answer::Done, value) => Ok(value),
+            Reply::Answer(answer, _) => Err(BadInput::new(format!("{what}: the unit says: {answer}")).into()),
+            Reply::Data { .. } => anyhow::bail!("{what}: the unit answered with data"),
+        }
+    }
+
+    /// A sector as it lies in flash, as far as a block reaches.
+    fn sector(&mut self, sector: Sector) -> Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(MAX_BYTES);
+        while bytes.len() < MAX_BYTES {
+            let offset = bytes.len() as u16;
+            match self.maintain(Command::Read { sector, offset })? {
+                Reply::Data { sector: s, offset: o, data } if (s, o) == (sector, offset) => {
+                    bytes.extend_from_slice(&data);
+                }
+                Reply::Data { .. } => {}
+                Reply::Answer(answer, _) => {
+                    return Err(
+                        BadInput::new(format!("sector {sector:?} cannot be read; the unit says: {answer}")).into()
+                    )
+                }
+            }
+        }
+        Ok(bytes)
+    }
+
+    /// Asks who is there, for as long as `within`; the port is opened anew where that is possible.
+    ///
+    /// # Errors
+    /// Where the port does not come back, or nobody answers on it.
+    pub fn reconnect(&mut self, within: Duration) -> Result<Identity> {
+        let until = Instant::now() + within;
+        loop {
+            let answer = self.identity();
+            if answer.is_ok() || Instant::now() >= until {
+                return answer;
+            }
+            std::thread::sleep(AGAIN);
+            // (A port that is still there is ours, and is not opened twice.)
+            if let Ok(again) = Self::open(&self.path) {
+                *self = Self { bad_frames: self.bad_frames, ..again };
+            }
+        }
+    }
+
+    /// Who it is and what its sectors hold, asked from the unit; first it is looked for, for as long as `within`.
+    ///
+    /// # Errors
+    /// Where it does not answer.
+    pub fn held(&mut self, within: Duration) -> Result<Held> {
+        let identity = self.reconnect(within)?;
+        let sectors = match self.maintain(Command::Open(identity.unit))? {
+            Reply::Answer(Answer::Done, _) => {
+                let sectors = self.sector(Sector::A).and_then(|a| Ok([a, self.sector(Sector::B)?]));
+                self.done(Command::Close, "maintenance mode")?;
+                Some(sectors?)
+            }
+            _ => None,
+        };
+        Ok(Held { identity, sectors })
+    }
+
+    /// What a unit computes with.
+    ///
+    /// # Errors
+    /// Where it does not answer.
+    pub fn in_use(&mut self, identity: &Identity) -> Result<InUse> {
+        if identity.calibration == 0 {
+            return Ok(InUse::Default);
+        }
+        match self.maintain(Command::Open(identity.unit))? {
+            Reply::Answer(Answer::Done, _) => {}
+            Reply::Answer(Answer::Locked, _) => return Ok(InUse::Locked),
+            other => return Err(BadInput::new(format!("maintenance mode: the unit says: {other:?}")).into()),
+        }
+        let found = self.image(identity.calibration);
+        self.done(Command::Close, "maintenance mode")?;
+        found.map(|c| c.map_or(InUse::Locked, |c| InUse::Image(Box::new(c))))
+    }
+
+    /// The image with a checksum, in maintenance mode.
+    fn image(&mut self, checksum: u32) -> Result<Option<Calibration>> {
+        for sector in [Sector::A, Sector::B] {
+            let image = Calibration::from_bytes(&self.sector(sector)?).ok();
+            if let Some(image) = image.filter(|c| c.checksum() == checksum) {
+                return Ok(Some(image));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Both sectors: the block in each, or why there is none.
+    ///
+    /// # Errors
+    /// Where the unit refuses, or does not answer.
+    pub fn read(&mut self) -> Result<(Identity, [Result<Calibration, BlockError>; 2])> {
+        let identity = self.identity()?;
+        self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let a = self.sector(Sector::A);
+        let b = self.sector(Sector::B);
+        self.done(Command::Close, "maintenance mode")?;
+        Ok((identity, [Calibration::from_bytes(&a?), Calibration::from_bytes(&b?)]))
+    }
+
+    /// Burns a calibration: writes it, has the unit check it, reads it back, restarts the unit and sees that it runs it.
+    /// Gives the identity of the unit afterwards. `progress` is told the share done.
+    ///
+    /// # Errors
+    /// [`BurnError`]: before the flash was touched (names, scale factors, an empty image), or in the middle of it.
+    pub fn burn(
+        &mut self,
+        calibration: &Calibration,
+        said: &Burn,
+        progress: impl Fn(f64),
+    ) -> Result<Identity, BurnError> {
+        if !calibration.calibrated {
+            let empty = "the file holds no calibration, but the default of an uncalibrated unit; nothing was written";
+            return Err(BurnError::before(BadInput::new(empty)));
+        }
+        let identity = self.identity().map_err(BurnError::before)?;
+        let name = agreed_name(name_of(&identity), names::of(calibration), said.unit.as_deref())
+            .map_err(|e| BurnError::before(BadInput::from(e)))?;
+        let mut image = calibration.clone();
+        image.set_unit_name(&name);
+        image.sequence = identity.sequence.wrapping_add(1);
+        let bytes = image.to_bytes().context("the calibration does not fit an image").map_err(BurnError::before)?;
+        if !said.new_scale_factor {
+            self.same_scale(&identity, &image).map_err(BurnError::before)?;
+        }
+        self.done(Command::Open(identity.unit), "maintenance mode").map_err(BurnError::before)?;
+        self.write(&bytes, image.checksum(), progress).map_err(BurnError::after)
+    }
+
+    /// An image of another scale factor would change every rate of the unit: its recording was made with another one.
+    fn same_scale(&mut self, identity: &Identity, image: &Calibration) -> Result<()> {
+        let InUse::Image(own) = self.in_use(identity)? else { return Ok(()) };
+        let (own, new) = (own.scale_factors_dph_per_code(), image.scale_factors_dph_per_code());
+        anyhow::ensure!(
+            same_scale(&own, &new),
+            BadInput::new(format!(
+                "the unit's scale factor is {} deg/h per code (x y z), the calibration's {}: it was made from rates of another scale; fit it with --scale-factor or --base, or give --new-scale-factor if the unit's is to change; nothing was written",
+                scale_text(&own),
+                scale_text(&new)
+            ))
+        );
+        Ok(())
+    }
+
+    /// Writes an image, in maintenance mode.
+    fn write(&mut self, bytes: &[u8], checksum: u32, progress: impl Fn(f64)) -> Result<Identity> {
+        self.done(Command::Begin(bytes.len() as u16), "erasing")?;
+        for (k, chunk) in chunks(bytes).enumerate() {
+            self.done(chunk, "writing")?;
+            progress((((k + 1) * CHUNK) as f64 / bytes.len() as f64).min(1.0));
+        }
+        let told = self.done(Command::End, "checking")?;
+        anyhow::ensure!(
+            told == checksum,
+            "the unit's checksum is {told:08x}, the image's {checksum:08x}; burn it again"
+        );
+        let back = [self.sector(Sector::A)?, self.sector(Sector::B)?];
+        anyhow::ensure!(
+            back.iter().any(|s| s.starts_with(bytes)),
+            "what was read back is not what was written; burn it again"
+        );
+        self.done(Command::Restart, "restarting")?;
+        std::thread::sleep(Duration::from_millis(300));
+        let after = self.identity()?;
+        anyhow::ensure!(
+            after.calibration == checksum,
+            "the unit runs image {:08x} after its restart, not {checksum:08x}",
+            after.calibration
+        );
+        Ok(after)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_without_a_name_is_taken_for_the_right_one() {
+        let (a, b) = (Some("HRG-7"), Some("HRG-8"));
+        for (unit, image, said, wanted) in [
+            (a, a, None, Ok("HRG-7")),
+            (a, a, a, Ok("HRG-7")),
+            (None, a, a, Ok("HRG-7")),
+            (a, None, a, Ok("HRG-7")),
+            (None, None, a, Ok("HRG-7")),
+            (None, a, None, Err("--unit HRG-7")),
+            (a, None, None, Err("--unit HRG-7")),
+            (None, None, None, Err("--unit NAME")),
+            (a, b, None, Err("the calibration is of unit HRG-8, the unit on this port is HRG-7; nothing was written")),
+            (a, b, a, Err("the calibration on hand is HRG-8")),
+            (a, b, b, Err("the unit on hand is HRG-7")),
+            (None, a, b, Err("the calibration on hand is HRG-7")),
+            (a, None, b, Err("the unit on hand is HRG-7")),
+            (None, None, Some("default"), Err("without a name")),
+            (None, None, Some("HRG 7"), Err("no blanks")),
+        ] {
+            match (agreed_name(unit, image, said), wanted) {
+                (Ok(name), Ok(wanted)) => assert_eq!(name, wanted),
+                (Err(e), Err(wanted)) => assert!(e.to_string().contains(wanted), "{unit:?} {image:?} {said:?}: {e}"),
+                (other, _) => panic!("{unit:?} {image:?} {said:?}: {other:?}"),
+            }
+        }
+    }
+}

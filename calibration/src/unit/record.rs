@@ -1,0 +1,364 @@
+//! A recording from a unit as it runs: from housekeeping on the link, or from the log alone. Both give the same rows.
+
+use crate::recording::metadata::{scale_text, Attitude, SCALE_FACTOR};
+use crate::recording::names;
+use crate::unit::sensors::{self, Sensors};
+use crate::{BadInput, AXIS_NAMES};
+use anyhow::{Context, Result};
+use hrg_core::link::Housekeeping;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What one second of a recording is made of.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Second {
+    /// Time since power-on, ms.
+    pub time_ms: u32,
+    /// Frequencies, Hz.
+    pub frequency_hz: [f64; 3],
+    /// Mean raw rates, deg/h.
+    pub raw_dph: [f32; 3],
+    /// Temperatures, C.
+    pub temperature_c: [f32; 3],
+    /// Biases, deg/h.
+    pub bias_dph: [f32; 3],
+    /// Their standard uncertainties, deg/h; NaN where the unit does not state them (a log never does).
+    pub bias_std_dph: [f32; 3],
+    /// Status of the axes and the unit.
+    pub status: [u8; 4],
+    /// Checksum of the calibration in use.
+    pub calibration: u32,
+}
+
+impl From<&Housekeeping> for Second {
+    fn from(h: &Housekeeping) -> Self {
+        Self {
+            time_ms: h.time_ms,
+            frequency_hz: h.frequency_hz,
+            raw_dph: h.raw_dph,
+            temperature_c: h.temperature_c,
+            bias_dph: h.bias_dph,
+            bias_std_dph: h.bias_std_dph,
+            status: [h.axis_status[0].bits(), h.axis_status[1].bits(), h.axis_status[2].bits(), h.unit_status.bits()],
+            calibration: h.calibration,
+        }
+    }
+}
+
+impl Second {
+    /// Reads a log line, whatever a terminal or `defmt-print` has put before it; `None` if it is not one of a second.
+    #[must_use]
+    pub fn from_log(line: &str) -> Option<Self> {
+        let at = line.find("t=").filter(|at| *at == 0 || line[..*at].ends_with(' '))?;
+        let mut out = Self {
+            time_ms: 0,
+            frequency_hz: [f64::NAN; 3],
+            raw_dph: [f32::NAN; 3],
+            temperature_c: [f32::NAN; 3],
+            bias_dph: [f32::NAN; 3],
+            bias_std_dph: [f32::NAN; 3],
+            status: [0; 4],
+            calibration: 0,
+        };
+        fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
+            let values: Vec<T> = text.split(',').map(str::parse).collect::<Result<_, _>>().ok()?;
+            values.try_into().ok()
+        }
+        let mut seen = 0;
+        for token in line[at..].split_whitespace() {
+            let (key, value) = token.split_once('=')?;
+            match key {
+                "t" => out.time_ms = value.parse().ok()?,
+                "f" => out.frequency_hz = three(value)?,
+                "T" => out.temperature_c = three(value)?,
+                "b" => out.bias_dph = three(value)?,
+                "raw" => out.raw_dph = three(value)?,
+                "status" => {
+                    for (to, text) in out.status.iter_mut().zip(value.split(',')) {
+                        *to = u8::from_str_radix(text, 16).ok()?;
+                    }
+                }
+                "cal" => out.calibration = u32::from_str_radix(value, 16).ok()?,
+                _ => continue,
+            }
+            seen += 1;
+        }
+        (seen == 7).then_some(out)
+    }
+}
+
+/// The unit's name in its first log line.
+#[must_use]
+pub fn unit_in_log(line: &str) -> Option<&str> {
+    line.split_once("hrg firmware ")?.1.split_once("unit ")?.1.split(',').next()
+}
+
+/// Milliseconds that have gone back are a wrap of their 32 bits if so few have passed: an hour.
+const WRAP_MS: u64 = 3_600_000;
+
+/// Seconds without a row that are called a gap.
+const GAP_MS: u32 = 2500;
+
+/// What a recording says of the unit.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Head {
+    /// Its name; empty where it has none.
+    pub unit: String,
+    /// How it stands.
+    pub attitude: Option<Attitude>,
+    /// The scale factor that makes its rates, deg/h per code.
+    pub scale_factor: Option<[f32; 3]>,
+    /// The rows come as the unit makes them: this machine's clock tells when it was powered on.
+    pub live: bool,
+}
+
+impl Head {
+    /// The metadata lines.
+    fn text(&self, first: &Second) -> String {
+        let mut s = String::new();
+        let unit = if self.unit.is_empty() { names::NONE } else { &self.unit };
+        let _ = writeln!(s, "# hrg-recording: 1\n# unit: {unit}\n# run: recorded from the unit");
+        let _ =
+            writeln!(s, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0", first.calibration);
+        let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+        if self.live {
+            let _ = writeln!(s, "# power_on_unix_s: {:.3}", now.as_secs_f64() - f64::from(first.time_ms) / 1000.0);
+        }
+        if let Some(attitude) = &self.attitude {
+            let _ = writeln!(s, "# latitude_deg: {}\n# axes: {}", attitude.latitude_deg, attitude.axes_text());
+        }
+        if let Some(scale) = &self.scale_factor {
+            let _ = writeln!(s, "# {SCALE_FACTOR}: {}", scale_text(scale));
+        }
+        s
+    }
+}
+
+/// Writes a recording row by row: the file is whole at any moment.
+#[derive(Debug)]
+pub struct Recorder {
+    base: PathBuf,
+    /// What the next file's head says.
+    pub head: Head,
+    /// Sensors beside the unit.
+    pub sensors: Option<Sensors>,
+    file: Option<(std::fs::File, PathBuf)>,
+    /// Bytes in it.
+    length: u64,
+    last: Option<Second>,
+    /// What the unit's 32-bit milliseconds have wrapped over, ms.
+    wrapped_ms: u64,
+    power_ons: u32,
+    /// Rows written since the start.
+    pub rows: u64,
+    /// Gaps marked since the start.
+    pub gaps: u64,
+}
+
+impl Recorder {
+    /// Will write to `path`; a unit that is powered on again goes on in `NAME-2.csv` and so on, because a recording is one
+    /// power-on.
+    #[must_use]
+    pub fn new(path: &Path, unit: &str) -> Self {
+        Self {
+            base: path.to_path_buf(),
+            head: Head { unit: unit.into(), ..Head::default() },
+            sensors: None,
+            file: None,
+            length: 0,
+            last: None,
+            wrapped_ms: 0,
+            power_ons: 0,
+            rows: 0,
+            gaps: 0,
+        }
+    }
+
+    /// The file being written.
+    #[must_use]
+    pub fn path(&self) -> Option<&Path> {
+        self.file.as_ref().map(|(_, p)| p.as_path())
+    }
+
+    fn open(&mut self, second: &Second) -> Result<()> {
+        self.power_ons += 1;
+        let path = if self.power_ons == 1 {
+            self.base.clone()
+        } else {
+            let stem = self.base.file_stem().unwrap_or_default().to_string_lossy();
+            self.base.with_file_name(format!("{stem}-{}.csv", self.power_ons))
+        };
+        let file = std::fs::File::options().write(true).create_new(true).open(&path).map_err(|e| {
+            BadInput::new(match e.kind() {
+                std::io::ErrorKind::AlreadyExists => {
+                    format!(
+                        "{} is there already; move it, or give another name: nothing is overwritten",
+                        path.display()
+                    )
+                }
+                _ => format!("cannot write {}: {e}", path.display()),
+            })
+        })?;
+        let mut head = self.head.text(second);
+        head.push_str("time_s");
+        for (before, after) in [
+            ("f", "_hz"),
+            ("rate_", "_dph"),
+            ("temperature_", "_c"),
+            ("bias_", "_dph"),
+            ("bias_std_", "_dph"),
+            ("status_", ""),
+        ] {
+            for a in AXIS_NAMES {
+                let _ = write!(head, ",{before}{a}{after}");
+            }
+        }
+        head.push_str(",status_unit");
+        if self.sensors.is_some() {
+            sensors::COLUMNS.iter().for_each(|c| head.extend([",", c]));
+        }
+        head.push('\n');
+        self.file = Some((file, path));
+        self.length = 0;
+        self.append(&head)
+    }
+
+    /// Adds text to the file whole, or not at all: what a full disk has cut short is taken off again.
+    fn append(&mut self, text: &str) -> Result<()> {
+        let Some((file, path)) = &mut self.file else { return Ok(()) };
+        if let Err(e) = file.write_all(text.as_bytes()) {
+            let _ = file.set_len(self.length);
+            return Err(e).with_context(|| {
+                format!("cannot write {}; its {} rows so far stay; make room and record on", path.display(), self.rows)
+            });
+        }
+        self.length += text.len() as u64;
+        Ok(())
+    }
+
+    /// Takes a second. Rates are the raw ones, whatever block the unit runs.
+    ///
+    /// # Errors
+    /// Where the file cannot be written (a full disk): what is in it stays.
+    pub fn push(&mut self, second: &Second) -> Result<()> {
+        let before = self.last;
+        if let Some(last) = before {
+            if second.time_ms == last.time_ms {
+                return Ok(());
+            }
+            if second.time_ms < last.time_ms {
+                // After 49.7 days the milliseconds begin again; before that, it is another power-on.
+                if u64::from(second.time_ms) + (1 << 32) - u64::from(last.time_ms) <= WRAP_MS {
+                    self.wrapped_ms += 1 << 32;
+                } else {
+                    self.wrapped_ms = 0;
+                    self.file = None;
+                }
+            }
+        }
+        if self.file.is_none() {
+            self.open(second)?;
+        }
+        let mut row = String::new();
+        let now_s = (self.wrapped_ms + u64::from(second.time_ms)) as f64 / 1000.0;
+        if let Some(last) = before.filter(|l| second.time_ms > l.time_ms && second.time_ms - l.time_ms > GAP_MS) {
+            self.gaps += 1;
+            let last_s = (self.wrapped_ms + u64::from(last.time_ms)) as f64 / 1000.0;
+            let _ = writeln!(row, "# gap: no data from {last_s} to {now_s} s");
+        }
+        let _ = write!(row, "{now_s}");
+        let cell = |row: &mut String, v: &dyn std::fmt::Display, there: bool| {
+            let _ = if there { write!(row, ",{v}") } else { write!(row, ",") };
+        };
+        for f in second.frequency_hz {
+            cell(&mut row, &f, f.is_finite());
+        }
+        for v in second.raw_dph.iter().chain(&second.temperature_c).chain(&second.bias_dph).chain(&second.bias_std_dph)
+        {
+            cell(&mut row, v, v.is_finite());
+        }
+        for s in second.status {
+            let _ = write!(row, ",{s}");
+        }
+        for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
+            cell(&mut row, v, v.is_finite());
+        }
+        row.push('\n');
+        self.append(&row)?;
+        self.rows += 1;
+        self.last = Some(*second);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn second(time_ms: u32) -> Second {
+        Second {
+            time_ms,
+            frequency_hz: [4898.626, f64::NAN, 4702.343],
+            raw_dph: [1.5, -2.25, f32::NAN],
+            temperature_c: [6.3, 4.9, 5.0],
+            bias_dph: [0.125, 0.0, -1.0],
+            bias_std_dph: [f32::NAN; 3],
+            status: [0, 8, 0, 1],
+            calibration: 0xDEAD_BEEF,
+        }
+    }
+
+    #[test]
+    fn a_log_line_is_the_second_that_it_says() {
+        let text = "0.98 INFO  t=78000 f=4898.626,NaN,4702.343 T=6.3,4.9,5 dT=0,1,-1 b=0.125,0,-1 raw=1.5,-2.25,NaN status=00,08,00,01 cal=deadbeef no=3 made=0 mode=0";
+        let s = Second::from_log(text).expect("a second");
+        assert_eq!(format!("{s:?}"), format!("{:?}", second(78_000)));
+        for broken in ["", "boot", &text[..80], "t=abc f=1,2,3", &text.replace("f=", "g=")] {
+            assert!(Second::from_log(broken).is_none(), "{broken}");
+        }
+        let boot = "INFO  hrg firmware 0.1.0: unit HRG-7, calibration deadbeef no. 3, status 00";
+        assert_eq!(unit_in_log(boot), Some("HRG-7"));
+    }
+
+    #[test]
+    fn fifty_days_are_one_recording() {
+        let folder = std::env::temp_dir().join(format!("hrg-record-wrap-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let mut r = Recorder::new(&folder.join("run.csv"), "HRG-7");
+        for k in 0..10u32 {
+            r.push(&second((u32::MAX - 4_500).wrapping_add(k * 1000))).expect("written");
+        }
+        assert!(!folder.join("run-2.csv").exists());
+        let text = std::fs::read_to_string(folder.join("run.csv")).expect("there");
+        let again = crate::recording::Recording::parse(text.as_bytes()).expect("a recording");
+        assert_eq!(again.time_s.len(), 10);
+        assert!(again.time_s.windows(2).all(|w| (w[1] - w[0] - 1.0).abs() < 1e-6), "{:?}", again.time_s);
+    }
+
+    #[test]
+    fn gaps_are_marked_power_ons_parted_and_nothing_overwritten() {
+        let folder = std::env::temp_dir().join(format!("hrg-record-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a folder");
+        let path = folder.join("run.csv");
+        let mut r = Recorder::new(&path, "HRG-7");
+        for k in (1..200).chain(260..400) {
+            r.push(&second(k * 1000)).expect("written");
+        }
+        r.push(&second(399_000)).expect("a repeated second is one");
+        for k in 1..200 {
+            r.push(&second(k * 1000)).expect("written");
+        }
+        assert_eq!((r.rows, r.gaps), (199 + 140 + 199, 1));
+        let text = std::fs::read_to_string(&path).expect("there");
+        assert!(text.contains("# gap: no data from 199 to 260 s"));
+        let again = crate::recording::Recording::parse(text.as_bytes()).expect("a recording");
+        assert_eq!((again.time_s.len(), again.unit()), (339, "HRG-7"));
+        assert!(again.notes.iter().all(|n| n.contains("missing")), "{:?}", again.notes);
+        assert!(folder.join("run-2.csv").exists());
+        let e = Recorder::new(&path, "HRG-7").push(&second(1000)).expect_err("refused");
+        assert!(e.to_string().contains("is there already"), "{e}");
+    }
+}
