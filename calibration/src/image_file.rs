@@ -92,6 +92,9 @@ struct FileFourParameter {
 struct FileEffect {
     name: String,
     parameters: BTreeMap<String, f32>,
+    /// Where it stands when the unit begins: 1 and -1 the branches, 0 the middle.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    start: f32,
     gain_dph: BTreeMap<String, Vec<f32>>,
     gain_std_dph: BTreeMap<String, Vec<f32>>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -177,6 +180,7 @@ pub fn to_text(c: &Calibration) -> String {
             .map(|(e, f)| FileEffect {
                 name: f.name.to_string(),
                 parameters: f.parameters.iter().zip(e.parameters).map(|(n, v)| ((*n).to_string(), v)).collect(),
+                start: e.start,
                 gain_dph: by_axis(&|a| e.gains[a][..f.outputs].to_vec()),
                 gain_std_dph: by_axis(&|a| e.gain_std[a][..f.outputs].to_vec()),
                 uncertainty_directions_dph: if stated {
@@ -195,6 +199,12 @@ pub fn to_text(c: &Calibration) -> String {
          # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.\n\
          # block_crc32 is the checksum of the binary block: a number changed by hand no longer matches.\n{body}"
     )
+}
+
+// (The signature is serde's.)
+#[allow(clippy::trivially_copy_pass_by_ref)]
+fn is_zero(v: &f32) -> bool {
+    *v == 0.0
 }
 
 /// The directions that a file states, and empty ones for the others.
@@ -292,6 +302,7 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
         let facts = by_name(&e.name)
             .ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
         let mut term = EffectTerm::new(facts.id, [0.0; MAX_PARAMETERS]);
+        term.start = e.start;
         for (to, name) in term.parameters.iter_mut().zip(facts.parameters) {
             *to = *e
                 .parameters

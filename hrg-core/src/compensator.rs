@@ -74,7 +74,7 @@ impl Compensator {
         let mut running = Vec::new();
         for term in &calibration.effects {
             // `Calibration::check` has refused what no unit knows.
-            let Some(one) = OnUnit::new(term.id, &term.parameters, MODEL_STEP_S) else { break };
+            let Some(one) = OnUnit::new(term.id, &term.parameters, term.start, MODEL_STEP_S) else { break };
             let _ = running.push(one);
         }
         Self {

@@ -309,10 +309,14 @@ impl Run {
         &self,
         id: u16,
         parameters: &[f32; MAX_PARAMETERS],
+        start: f32,
         scaling: &Scaling,
         a: usize,
     ) -> Vec<[f32; MAX_OUTPUTS]> {
         let mut running = Running::new(id, parameters, MODEL_STEP_S);
+        if let Some(r) = &mut running {
+            r.start_on(start);
+        }
         (0..self.thermal.len())
             .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k)), &mut running) {
                 (Some(i), Some(r)) => r.step(&i),

@@ -76,6 +76,8 @@ pub struct Card {
     pub refine: Refine,
     /// Whether a model may hold it more than once.
     pub repeats: bool,
+    /// Whether it remembers the path of the temperature, so that where it begins belongs to the run.
+    pub starts: bool,
     /// Values of the inner parameters to begin with.
     pub grid: Grid,
 }
@@ -158,8 +160,6 @@ pub fn card(effect: EffectId) -> Card {
         E::PlayLadder => {
             (Class::Hysteresis, Family, Refine::No, |x| vec![[(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()]])
         }
-        // Offered with the plays, of which it is the beginning.
-        E::PlayStart => (Class::Hysteresis, Idle, Refine::No, nowhere),
         E::PlayCurve => (Class::Hysteresis, Searched, Refine::No, |x| {
             [0.02, 0.04, 0.08, 0.15, 0.25].map(|s| [s * x.span_c(), 0.0]).to_vec()
         }),
@@ -184,7 +184,8 @@ pub fn card(effect: EffectId) -> Card {
         E::Periodic => (Class::Event, Proposed, Refine::Period, nowhere),
     };
     let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
-    Card { class, kind, refine, repeats, grid }
+    let starts = matches!(effect, E::Hysteresis | E::PlayLadder | E::PlayCurve | E::Relay);
+    Card { class, kind, refine, repeats, starts, grid }
 }
 
 /// Effects that are offered together, with one variance for all their gains.
@@ -201,8 +202,8 @@ pub struct Bundle {
 
 /// The bundles.
 pub const BUNDLES: &[Bundle] = &[
-    Bundle { families: &[EffectId::PlayLadder], start: Some(EffectId::PlayStart), in_ramp: false },
-    Bundle { families: &[EffectId::PlayCurve], start: Some(EffectId::PlayStart), in_ramp: false },
+    Bundle { families: &[EffectId::PlayCurve], start: None, in_ramp: false },
+    Bundle { families: &[EffectId::PlayCurve, EffectId::TemperatureSpline], start: None, in_ramp: false },
     Bundle { families: &[EffectId::LagLadder, EffectId::LagLadderByTemperature], start: None, in_ramp: false },
     Bundle { families: &[EffectId::LagLadder], start: Some(EffectId::PowerOnLadder), in_ramp: true },
     Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], start: None, in_ramp: false },
@@ -211,10 +212,8 @@ pub const BUNDLES: &[Bundle] = &[
 /// Parameters of what a run owes to its beginning.
 #[must_use]
 pub fn start_parameters(start: EffectId, x: &Extent) -> Parameters {
-    match start {
-        EffectId::PlayStart => [(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()],
-        _ => [120.0, slowest(x)],
-    }
+    debug_assert!(start == EffectId::PowerOnLadder);
+    [120.0, slowest(x)]
 }
 
 /// The class of an effect by its name; `None` for a name that is not in the list.

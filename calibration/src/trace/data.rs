@@ -16,12 +16,73 @@ pub struct Candidate {
     pub parameters: [f32; MAX_PARAMETERS],
     /// The run it happens in; `None`: all.
     pub run: Option<usize>,
+    /// Where it stands when a run begins, if it remembers the path of the temperature.
+    pub starts: Starts,
+}
+
+/// Where an effect that remembers the path of the temperature stands when each run begins ([`hrg_core::effects::Effect::start_on`]): on
+/// either branch, or in the middle. It belongs to the run and not to the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Starts {
+    /// Two bits for each of the first runs: 0 the middle, 1 and 2 the branches.
+    codes: u64,
+    runs: u8,
+    unseen: u8,
+}
+
+impl Starts {
+    /// The branches there are.
+    pub const BRANCHES: [f32; 3] = [0.0, 1.0, -1.0];
+
+    /// The same in so many runs.
+    pub fn all(runs: usize, branch: usize) -> Self {
+        let runs = runs.min(32);
+        let codes = (0..runs).fold(0, |codes, k| codes | (branch as u64) << (2 * k));
+        Self { codes, runs: runs as u8, unseen: branch as u8 }
+    }
+
+    /// With another branch (its number in [`Self::BRANCHES`]) in one run. A run that is not among the train runs has what they have in
+    /// common.
+    pub fn with(self, run: usize, branch: usize) -> Self {
+        if run >= usize::from(self.runs) {
+            return self;
+        }
+        let codes = self.codes & !(3 << (2 * run)) | (branch as u64) << (2 * run);
+        let first = (codes & 3) as usize;
+        let common = Self::all(usize::from(self.runs), first).codes == codes;
+        Self { codes, unseen: if common { first as u8 } else { 0 }, ..self }
+    }
+
+    /// With another branch in a run that is not among the train runs.
+    pub fn with_unseen(self, branch: usize) -> Self {
+        Self { unseen: branch as u8, ..self }
+    }
+
+    /// Where it stands in a train run, or in another one.
+    pub fn of(self, run: Option<usize>) -> f32 {
+        let code = run.map_or(u64::from(self.unseen), |r| if r < 32 { self.codes >> (2 * r) & 3 } else { 0 });
+        Self::BRANCHES[code as usize % 3]
+    }
+
+    /// Where the train runs have it in common; else the middle.
+    pub fn common(self) -> f32 {
+        self.with(0, (self.codes & 3) as usize).of(None)
+    }
+
+    /// Where a unit begins: where all runs have it in common, the verify run included; else the middle.
+    pub fn on_unit(self) -> f32 {
+        if self.of(None) == self.common() {
+            self.common()
+        } else {
+            0.0
+        }
+    }
 }
 
 impl Candidate {
     /// A candidate by name, everywhere. `None` if there is no such effect.
     pub fn new(name: &str, parameters: [f32; MAX_PARAMETERS]) -> Option<Self> {
-        by_name(name).map(|facts| Self { facts, parameters, run: None })
+        by_name(name).map(|facts| Self { facts, parameters, run: None, starts: Starts::default() })
     }
 }
 
@@ -67,11 +128,11 @@ pub fn day_column(day: usize, run: usize) -> f64 {
 }
 
 impl<'a> Data<'a> {
-    /// Cuts runs into blocks: about 600 in all, of 20 to 100 s.
+    /// Cuts runs into blocks: about 600 in all, of 21 to 99 s.
     pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
         let total: usize = runs.iter().map(|r| r.steps.len()).sum();
-        let coarse_s = (total / 3000).clamp(2, 20);
-        let block_s = 5 * coarse_s;
+        let coarse_s = (total / 1800).clamp(7, 33);
+        let block_s = 3 * coarse_s;
         let blocks: Vec<usize> = runs.iter().map(|r| r.steps.len() / block_s).collect();
         let axes = [0, 1, 2].map(|a| {
             let mut rows =
@@ -121,6 +182,7 @@ impl<'a> Data<'a> {
                 continue;
             }
             let mut running = Running::new(c.facts.id, &c.parameters, every as f32 * MODEL_STEP_S)?;
+            running.start_on(c.starts.of(Some(number)));
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
@@ -196,13 +258,14 @@ impl<'a> Data<'a> {
     }
 
     /// The library: every effect with the values of its parameters, and how many values each is one of.
-    pub fn library(&self) -> Vec<(Candidate, f64)> {
+    pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
         let extent = self.extent();
         cards::all()
             .flat_map(|(facts, card)| {
                 let grid = (card.grid)(&extent);
                 let tries = grid.len() as f64;
-                grid.into_iter().map(move |parameters| (Candidate { facts, parameters, run: None }, tries))
+                let starts = if card.starts { starts } else { Starts::default() };
+                grid.into_iter().map(move |parameters| (Candidate { facts, parameters, run: None, starts }, tries))
             })
             // What an effect needs from another axis must be there.
             .filter(|(c, _)| self.runs.iter().all(|r| r.offers(c.facts.name)))
@@ -210,16 +273,18 @@ impl<'a> Data<'a> {
     }
 
     /// Effects that are offered together, with one variance for all their gains: the first gives the name.
-    pub fn bundles(&self) -> Vec<Vec<Candidate>> {
+    pub fn bundles(&self, starts: Starts) -> Vec<Vec<Candidate>> {
         let extent = self.extent();
         let parts = |effect: EffectId| -> Vec<Candidate> {
-            let of = |parameters| Candidate { facts: effect.facts(), parameters, run: None };
-            (cards::card(effect).grid)(&extent).into_iter().map(of).collect()
+            let card = cards::card(effect);
+            let starts = if card.starts { starts } else { Starts::default() };
+            let of = |parameters| Candidate { facts: effect.facts(), parameters, run: None, starts };
+            (card.grid)(&extent).into_iter().map(of).collect()
         };
         let in_ramp: Vec<bool> = self.runs.iter().map(begins_in_ramp).collect();
         let start = |effect: EffectId| -> Vec<Candidate> {
             let parameters = cards::start_parameters(effect, &extent);
-            let of = |n| Candidate { facts: effect.facts(), parameters, run: Some(n) };
+            let of = |n| Candidate { facts: effect.facts(), parameters, run: Some(n), starts: Starts::default() };
             (0..self.runs.len()).map(of).collect()
         };
         cards::BUNDLES

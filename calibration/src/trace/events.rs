@@ -33,7 +33,7 @@ pub fn refit(
         done.push(c.facts.name);
         let Some((parameters, gains)) = best(t, run, scaling, &rest) else { continue };
         for (a, rest) in rest.iter_mut().enumerate() {
-            let x = run.effect(c.facts.id, &parameters, scaling, a);
+            let x = run.effect(c.facts.id, &parameters, 0.0, scaling, a);
             for (r, x) in rest.iter_mut().zip(x) {
                 *r -= gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
             }
@@ -92,7 +92,7 @@ fn gains_of(
         let t = |k: usize| run.thermal[(k * MEAN_S + MEAN_S / 2).min(run.thermal.len() - 1)].time_s;
         columns.push((0..y.len()).map(|k| if t(k) < parameters[0] { 0.0 } else { 1.0 }).collect());
     } else {
-        let x = run.effect(c.facts.id, parameters, scaling, a);
+        let x = run.effect(c.facts.id, parameters, 0.0, scaling, a);
         for j in 0..c.facts.outputs {
             let column: Vec<f64> = x.iter().map(|v| f64::from(v[j])).collect();
             columns.push(Means::of(&column).series().to_vec());

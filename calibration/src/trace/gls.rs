@@ -53,6 +53,28 @@ impl Colour {
         }
     }
 
+    /// A column whitened by every model of [`COLOURS`]: as [`whiten`](Self::whiten) does it, side by side.
+    pub fn whiten_by_all(x: &[f64], starts: &[usize]) -> [Vec<f64>; COLOURS.len()] {
+        let phi = COLOURS.map(|c| c.phi);
+        let theta = COLOURS.map(|c| c.theta);
+        let first = COLOURS.map(|c| if c == COLOURS[0] { 1.0 } else { c.first_factor() });
+        let mut out = [(); COLOURS.len()].map(|()| Vec::with_capacity(x.len()));
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let (mut past, mut e) = (0.0, [0.0; COLOURS.len()]);
+            for (j, &now) in x[from..to].iter().enumerate() {
+                for s in 0..COLOURS.len() {
+                    e[s] = if j == 0 { now * first[s] } else { now - phi[s] * past + theta[s] * e[s] };
+                }
+                past = now;
+                for (o, e) in out.iter_mut().zip(e) {
+                    o.push(e);
+                }
+            }
+        }
+        out
+    }
+
     /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
     pub fn colour(&self, e: &mut [f64], starts: &[usize]) {
         for (k, &from) in starts.iter().enumerate() {
@@ -68,16 +90,24 @@ impl Colour {
     }
 }
 
-/// Takes out of `x` what orthonormal columns span (twice, for rounding).
+/// Takes out of `x` what orthonormal columns span; a second time where so little is left that rounding shows.
 #[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
 fn reduce(columns: &[Vec<f64>], x: &mut [f64]) {
-    for _ in 0..2 {
+    let before = sum_of_products(x, x);
+    for q in columns {
+        let d = sum_of_products(q, x);
+        take_off(x, d, q);
+    }
+    if sum_of_products(x, x) < SMALL * before {
         for q in columns {
             let d = sum_of_products(q, x);
             take_off(x, d, q);
         }
     }
 }
+
+/// Share of a column's squares below which what is left of it is cleaned of rounding.
+const SMALL: f64 = 1e-4;
 
 /// An orthonormal basis that grows.
 #[derive(Debug, Clone, Default)]
@@ -87,7 +117,7 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// Takes out of `x` what the basis spans (twice, for rounding).
+    /// Takes out of `x` what the basis spans.
     pub fn reduce(&self, x: &mut [f64]) {
         reduce(&self.columns, x);
     }

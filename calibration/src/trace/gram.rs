@@ -9,7 +9,6 @@ use super::data::AxisRows;
 use super::gls::{Basis, Colour, COLOURS};
 use crate::numeric::stats::{dot, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
-use std::ops::Range;
 
 /// Contiguous parts of the rows for cross-validation.
 const FOLDS: usize = 6;
@@ -73,16 +72,21 @@ impl View {
     /// A column whitened and free of the baseline.
     fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
         self.colour.whiten(&mut c, &rows.starts);
-        let before = dot(&c, &c);
-        self.base.reduce(&mut c);
-        if dot(&c, &c) < 1e-9 * before {
-            c.fill(0.0);
-        }
+        self.take_off_baseline(&mut c);
         c
     }
 
-    fn push(&mut self, rows: &AxisRows, column: &[f64]) {
-        let c = self.free_of_baseline(rows, column.to_vec());
+    fn take_off_baseline(&self, c: &mut [f64]) {
+        let before = dot(c, c);
+        self.base.reduce(c);
+        if dot(c, c) < 1e-9 * before {
+            c.fill(0.0);
+        }
+    }
+
+    /// Adds a whitened column.
+    fn push(&mut self, mut c: Vec<f64>) {
+        self.take_off_baseline(&mut c);
         self.b.push(dot(&c, &self.y));
         self.columns.push(c);
         self.products.push(Vec::new());
@@ -142,7 +146,7 @@ pub struct Axis<'d> {
     rows: &'d AxisRows,
     views: Vec<View>,
     /// Columns of each group; `None` where the axis does not have what the group needs.
-    groups: Vec<Option<Range<usize>>>,
+    groups: Vec<Option<Vec<usize>>>,
     /// Deviation of each column before it was scaled.
     pub scale: Vec<f64>,
     /// Variance of what the baseline leaves, (deg/h)^2.
@@ -157,28 +161,31 @@ impl<'d> Axis<'d> {
         Self { rows, views, groups: vec![], scale: vec![], limit }
     }
 
-    /// Adds a group; `None` where it is missing.
+    /// Adds a group of new columns; `None` where it is missing.
     pub fn push(&mut self, columns: Option<Vec<Vec<f64>>>) {
-        let Some(columns) = columns else {
-            self.groups.push(None);
-            for v in &mut self.views {
-                v.own.push(DMatrix::zeros(0, 0));
-            }
-            return;
-        };
+        let group = columns.map(|c| self.add_columns(c));
+        self.push_group(group);
+    }
+
+    /// Adds columns that no group has yet; gives their numbers.
+    pub fn add_columns(&mut self, columns: Vec<Vec<f64>>) -> Vec<usize> {
         let from = self.scale.len();
         for mut c in columns {
             self.scale.push(to_unit_deviation(&mut c));
-            for v in &mut self.views {
-                v.push(self.rows, &c);
+            for (v, c) in self.views.iter_mut().zip(Colour::whiten_by_all(&c, &self.rows.starts)) {
+                v.push(c);
             }
         }
-        let group = from..self.scale.len();
+        (from..self.scale.len()).collect()
+    }
+
+    /// Adds a group of columns that are there; `None` where it is missing.
+    pub fn push_group(&mut self, group: Option<Vec<usize>>) {
         for v in &mut self.views {
-            let x = &v.columns[group.clone()];
-            v.own.push(symmetric(x.len(), |i, j| dot(&x[i], &x[j])));
+            let x = group.as_deref().unwrap_or_default();
+            v.own.push(symmetric(x.len(), |i, j| dot(&v.columns[x[i]], &v.columns[x[j]])));
         }
-        self.groups.push(Some(group));
+        self.groups.push(group);
     }
 
     /// Takes back all groups from number `count` on.
@@ -186,11 +193,8 @@ impl<'d> Axis<'d> {
         for v in &mut self.views {
             v.own.truncate(count);
         }
-        let Some(columns) = self.groups[count..].iter().flatten().map(|r| r.start).min() else {
-            self.groups.truncate(count);
-            return;
-        };
         self.groups.truncate(count);
+        let columns = self.groups.iter().flatten().flatten().max().map_or(0, |k| k + 1);
         self.scale.truncate(columns);
         for v in &mut self.views {
             v.columns.truncate(columns);
@@ -201,16 +205,16 @@ impl<'d> Axis<'d> {
     }
 
     /// Columns of a group.
-    pub fn columns_of(&self, group: usize) -> Option<Range<usize>> {
-        self.groups[group].clone()
+    pub fn columns_of(&self, group: usize) -> Option<&[usize]> {
+        self.groups[group].as_deref()
     }
 
     fn expand(&self, shares: &[Share]) -> (Vec<usize>, Vec<f64>) {
         let (mut columns, mut root) = (Vec::new(), Vec::new());
         for s in shares {
-            let own = self.groups[s.group].clone().unwrap_or_default();
+            let own = self.columns_of(s.group).unwrap_or_default();
             root.extend(std::iter::repeat_n(s.variance.sqrt(), own.len()));
-            columns.extend(own);
+            columns.extend_from_slice(own);
         }
         (columns, root)
     }
@@ -251,7 +255,7 @@ impl<'d> Axis<'d> {
             let inverse = f.inverse();
             let mut at = 0;
             for share in shares.iter_mut() {
-                let own = at..at + self.groups[share.group].as_ref().map_or(0, ExactSizeIterator::len);
+                let own = at..at + self.groups[share.group].as_ref().map_or(0, Vec::len);
                 at = own.end;
                 let determined: f64 = own.clone().map(|k| 1.0 - inverse[(k, k)]).sum();
                 let squares: f64 = own.map(|k| (root[k] * z[k]).powi(2)).sum();
@@ -305,8 +309,8 @@ impl<'d> Axis<'d> {
             let Some(base) = self.base(s, &model.shares) else { continue };
             let most = self.most(base.left / self.views[s].free);
             for (k, best) in out.iter_mut().enumerate() {
-                let Some(group) = self.groups[k].clone() else { continue };
-                let spectrum = self.spectrum(s, &base, k, &group);
+                let Some(group) = &self.groups[k] else { continue };
+                let spectrum = self.spectrum(s, &base, k, group);
                 let (gain, variance) =
                     best_gain(&spectrum.values, &spectrum.along, self.views[s].free, base.left, most);
                 let evidence = base.evidence + gain;
@@ -319,12 +323,12 @@ impl<'d> Axis<'d> {
     }
 
     /// A group free of what the model explains, along its principal directions.
-    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &Range<usize>) -> Spectrum {
+    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &[usize]) -> Spectrum {
         let v = &self.views[s];
         let m = group.len();
-        let half = base.half.columns(group.start, m);
-        let g = symmetric(m, |i, j| v.own[number][(i, j)] - half.column(i).dot(&half.column(j)));
-        let b = DVector::from_fn(m, |i, _| v.b[group.start + i] - half.column(i).dot(&base.rates));
+        let half = |i: usize| base.half.column(group[i]);
+        let g = symmetric(m, |i, j| v.own[number][(i, j)] - half(i).dot(&half(j)));
+        let b = DVector::from_fn(m, |i, _| v.b[group[i]] - half(i).dot(&base.rates));
         if m == 1 {
             return Spectrum { values: vec![g[(0, 0)].max(0.0)], along: vec![b[0]], turn: None };
         }
@@ -455,9 +459,7 @@ impl<'d> Axis<'d> {
             .iter()
             .map(|s| {
                 let Some((group, spectrum)) = s else { return f64::NEG_INFINITY };
-                let free = DVector::from_fn(group.len(), |i, _| {
-                    b[group.start + i] - base.half.column(group.start + i).dot(&rates)
-                });
+                let free = DVector::from_fn(group.len(), |i, _| b[group[i]] - base.half.column(group[i]).dot(&rates));
                 let along = spectrum.turn.as_ref().map_or_else(|| free.clone(), |t| t.transpose() * &free);
                 best_gain(&spectrum.values, along.as_slice(), v.free, left, bench.most).0
             })
@@ -483,6 +485,13 @@ fn best_gain(values: &[f64], along: &[f64], free: f64, left: f64, most: f64) -> 
         }
         -0.5 * (determinant + free * (1.0 - explained / left).max(1e-12).ln())
     };
+    if let (&[d], &[c]) = (values, along) {
+        // Of one column: the share q = variance d / (1 + variance d) at which the derivative is zero.
+        let share = c * c / (d * left);
+        let q = (free * share - 1.0) / (share * (free - 1.0));
+        let variance = if q > 0.0 { (q / ((1.0 - q).max(1e-12) * d)).min(most) } else { 1e-9 * most };
+        return (gain(variance), variance);
+    }
     let top = most.max(1e-300).ln();
     let (mut best, mut at) = (f64::NEG_INFINITY, top);
     for k in 0..14 {
@@ -523,7 +532,7 @@ fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
 /// See [`Axis::bench`].
 pub struct Bench {
     base: Base,
-    spectra: Vec<Option<(Range<usize>, Spectrum)>>,
+    spectra: Vec<Option<(Vec<usize>, Spectrum)>>,
     most: f64,
     colour: usize,
 }

@@ -60,6 +60,8 @@ pub struct Options {
     pub units: Units,
     /// The image that the unit has in use: a new one must beat it.
     pub in_use: Option<Calibration>,
+    /// Processors to use; 0 counts as 1.
+    pub jobs: usize,
 }
 
 /// Everything that came of a trace.
@@ -96,20 +98,43 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run) = ready(train, verify, options)?;
+    let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
+    std::thread::scope(|scope| {
+        let witness = (long && options.jobs > 1).then(|| scope.spawn(|| second_search(verify)));
+        let witness = || match witness {
+            Some(running) => running.join().unwrap_or_default(),
+            None if long => second_search(verify),
+            None => None,
+        };
+        closed(train, verify, options, prepared, verify_run, witness)
+    })
+}
+
+/// The loop on recordings that may be used. `witness`: what [`second_search`] finds.
+fn closed(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+    prepared: Prepared,
+    verify_run: Run,
+    witness: impl FnOnce() -> Option<Vec<Candidate>>,
+) -> Result<Trace, BadInput> {
     let Prepared { runs, mut calibration, mut notes, lag_s, .. } = prepared;
     let scaling = calibration.scaling;
     calibration.sequence = 1;
     let data = Data::new(&runs, scaling, lag_s.iter().sum::<f64>() / AXES as f64);
     let mut search = Search::new(&data, SEED);
-    let learnt = Learnt::new(&mut search);
+    let mut learnt = Learnt::new(&mut search);
     let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
-    let fitted = Fitted::new(&data, &learnt.terms, learnt.model.colours)?;
+    let mut fitted = Fitted::new(&data, &learnt.terms, learnt.model.colours)?;
 
     let before_train: Vec<_> = residuals_of(&baseline_fit, &runs, &scaling);
     let after_train: Vec<_> = residuals_of(&fitted, &runs, &scaling);
     let before_verify = baseline_fit.residuals(&verify_run, None, &scaling, &|_| true);
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(&verify_run, c, &scaling);
+    notes.extend(start_verify_run(&mut fitted, &verify_run, &scaling, &known));
+    learnt.terms.clone_from(&fitted.terms);
     let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
     for t in &learnt.terms {
         let c = t.lead();
@@ -158,7 +183,7 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     {
         left.push(format!("on the verify run ({ratio})"));
     }
-    let exchanged = exchange(train, verify, &effects, &verify_run);
+    let exchanged = witness().map(|found| exchanged(&found, &effects));
     let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
     let mut report = Report {
         version: report::VERSION,
@@ -207,6 +232,51 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
         train: runs,
     })
 }
+
+/// Gives what remembers the path of the temperature the start of the verify run, which its own rates tell: it belongs to that run and
+/// not to the unit. A unit does not know it: its image has what the train runs have in common. A sentence where the two differ.
+fn start_verify_run(
+    fitted: &mut Fitted,
+    run: &Run,
+    scaling: &Scaling,
+    known: &dyn Fn(&Candidate) -> bool,
+) -> Option<String> {
+    let remembers = |t: &Term| card(t.lead().facts.effect).starts;
+    let name = fitted.terms.iter().find(|t| remembers(t))?.lead().facts.name;
+    let common = fitted.terms.iter().find(|t| remembers(t))?.lead().starts.common();
+    let misfit = |f: &Fitted| -> f64 {
+        let left = f.residuals(run, None, scaling, known);
+        let each = run.steps.present().map(|a| {
+            let m = Means::of(&left[a]);
+            0.5 * m.count() as f64 * m.deviation().max(1e-12).powi(2).ln()
+        });
+        each.sum()
+    };
+    let mut best = (misfit(fitted), None);
+    for branch in 0..data::Starts::BRANCHES.len() {
+        let mut other = fitted.clone();
+        for part in other.terms.iter_mut().flat_map(|t| &mut t.parts) {
+            if card(part.facts.effect).starts {
+                part.starts = part.starts.with_unseen(branch);
+            }
+        }
+        let m = misfit(&other);
+        if m < best.0 - START {
+            best = (m, Some((branch, other)));
+        }
+    }
+    let (branch, other) = best.1?;
+    *fitted = other;
+    let on = |b: f32| ["the lower branch", "the middle", "the upper branch"][(b + 1.0) as usize];
+    Some(format!(
+        "{name} begins on {} in the verify run and on {} in the train runs: that belongs to the run, and a unit does not know it until the temperature has swept the width of the loop",
+        on(data::Starts::BRANCHES[branch]),
+        on(common)
+    ))
+}
+
+/// Log-likelihood that another start of the verify run must bring (its noise is not white).
+const START: f64 = 20.0;
 
 /// Recordings that may be learnt from and judged on.
 fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run), BadInput> {
@@ -309,7 +379,10 @@ impl OnVerifyRun<'_> {
                 ByAxis::new()
             };
             let rank = &learnt.ranks[k];
-            let own = rank.iter().find(|r| r.candidate == *c).map_or(0.0, |r| r.evidence);
+            let own = rank
+                .iter()
+                .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
+                .map_or(0.0, |r| r.evidence);
             // A family spans its simple members: they are no rivals.
             let family = |r: &Rival| card(r.candidate.facts.effect).kind != Kind::Simple;
             let class = card(c.facts.effect).class;
@@ -497,20 +570,25 @@ fn conclude(
     }
 }
 
-/// The second witness: the search with the verify run as train run. `None` where it is too short or cannot be used so.
-fn exchange(train: &[Recording], verify: &Recording, effects: &[Found], run: &Run) -> Option<Exchanged> {
-    let shortest = run.steps.present().map(|a| evidence::means(run, a).0).min()?;
-    if shortest < LEAST_EXCHANGED || train.is_empty() {
-        return None;
-    }
+/// Means of the axis of a run that has fewest.
+fn shortest(run: &Run) -> usize {
+    run.steps.present().map(|a| evidence::means(run, a).0).min().unwrap_or(0)
+}
+
+/// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
+fn second_search(verify: &Recording) -> Option<Vec<Candidate>> {
     let Prepared { runs, calibration, lag_s, .. } = fit::prepare(std::slice::from_ref(verify)).ok()?;
     let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
     let mut search = Search::new(&data, SEED);
-    let found: Vec<Candidate> = search.run().effects().copied().collect();
+    Some(search.run().effects().copied().collect())
+}
+
+/// What the second witness found, beside the effects of the report.
+fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
     let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
     let classes: BTreeSet<Class> = found.iter().map(|c| card(c.facts.effect).class).collect();
     let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
-    Some(Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names })
+    Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
 }
 
 /// Classes of the report that the exchanged search does not find. What happens once need not happen again.
@@ -538,7 +616,7 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
 fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
     c.facts.reach == Reach::Unit
         || run.steps.present().all(|a| {
-            let values = run.effect(c.facts.id, &c.parameters, scaling, a);
+            let values = run.effect(c.facts.id, &c.parameters, 0.0, scaling, a);
             values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
         })
 }

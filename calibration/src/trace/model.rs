@@ -42,7 +42,7 @@ impl Term {
                 if c.run.is_some() && c.run != number {
                     return vec![vec![0.0; run.steps.len()]; c.facts.outputs];
                 }
-                let x = run.effect(c.facts.id, &c.parameters, scaling, a);
+                let x = run.effect(c.facts.id, &c.parameters, c.starts.of(number), scaling, a);
                 (0..c.facts.outputs).map(|j| x.iter().map(|v| f64::from(v[j])).collect()).collect()
             })
             .collect()
@@ -256,6 +256,7 @@ impl Fitted {
                     continue;
                 }
                 let mut term = EffectTerm::new(part.facts.id, part.parameters);
+                term.start = part.starts.on_unit();
                 for a in 0..AXES {
                     let own = self.gains(e, a).into_iter().flatten().skip(from).take(part.facts.outputs);
                     for (j, at) in own.enumerate() {

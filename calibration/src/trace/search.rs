@@ -6,7 +6,7 @@
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
 //! surrogates as well.
 
-use super::data::{Candidate, Data};
+use super::data::{Candidate, Data, Starts};
 use super::gls::{Basis, COLOURS};
 use super::gram::{Axis, AxisModel, Share};
 use super::proposals::{self, Left};
@@ -14,7 +14,7 @@ use super::report::Class;
 use super::surrogate;
 use crate::numeric::stats::dot;
 use crate::trace::cards::{card, Card, Kind, Refine};
-use hrg_core::effects::Reach;
+use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 
 /// Most effects of a model.
@@ -39,8 +39,16 @@ const P_VALUE: f64 = 2e-3;
 const SIMPLE: f64 = 3.0;
 /// An effect that brings less is taken out again.
 const KEEP: f64 = 4.0;
+/// Evidence that a start on a branch must bring.
+const BRANCH: f64 = 2.0;
+/// Runs whose starts are searched.
+const MOST_STARTS: usize = 6;
+/// Further effects that are begun with where several were found.
+const BEGUN: usize = 4;
 /// How many of the best candidates are tried in full.
 const TRIED: usize = 5;
+/// How many candidates are looked at for them.
+const LOOKS: usize = 12;
 
 /// An effect of a model with the axes that have it.
 #[derive(Debug, Clone, PartialEq)]
@@ -124,26 +132,81 @@ impl<'a> Search<'a> {
     pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
         let mut s = Self { data, axes, candidates: vec![], tries: vec![], seed };
-        for (c, tries) in data.library() {
-            s.push(vec![c], tries);
+        let starts = s.starts();
+        for (c, tries) in data.library(starts) {
+            if !s.candidates.iter().any(|k| k[..] == [c]) {
+                s.push(vec![c], tries);
+            }
         }
-        for bundle in data.bundles() {
+        for bundle in data.bundles(starts) {
             s.push(bundle, 1.0);
         }
         s
     }
 
-    /// Adds a candidate; gives its number.
-    fn push(&mut self, c: Vec<Candidate>, tries: f64) -> usize {
-        let mut known: Option<Vec<Vec<f64>>> = None;
-        let common = c.iter().all(|c| c.facts.common);
-        for a in 0..AXES {
-            let same = a > 0 && common && self.data.axes[a].keep == self.data.axes[a - 1].keep;
-            if !same {
-                let parts: Option<Vec<_>> = c.iter().map(|c| self.data.columns(c, a, false)).collect();
-                known = parts.map(|p| p.concat());
+    /// Where the plays stand when the runs begin, as far as the rates tell beside the baseline: the middle unless a branch has evidence.
+    /// (What is tried here stays among the candidates.)
+    fn starts(&mut self) -> Starts {
+        let runs = self.data.runs.len();
+        let extent = self.data.extent();
+        let grid = (card(EffectId::PlayLadder).grid)(&extent);
+        let Some(&parameters) = grid.first() else { return Starts::default() };
+        let nothing = self.nothing();
+        let mut worth = |starts: Starts| {
+            let c = Candidate { facts: EffectId::PlayLadder.facts(), parameters, run: None, starts };
+            let group = match self.candidates.iter().position(|k| k[..] == [c]) {
+                Some(group) => group,
+                None => self.push(vec![c], Starts::BRANCHES.len() as f64),
+            };
+            let all = self.extensions(&nothing);
+            all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
+        };
+        let middle = Starts::all(runs, 0);
+        let mut best = (worth(middle) + BRANCH, middle);
+        for branch in 1..Starts::BRANCHES.len() {
+            let starts = Starts::all(runs, branch);
+            let w = worth(starts);
+            if w > best.0 {
+                best = (w, starts);
             }
-            self.axes[a].push(known.clone());
+        }
+        for run in 0..if runs > 1 { runs.min(MOST_STARTS) } else { 0 } {
+            for branch in 0..Starts::BRANCHES.len() {
+                let starts = best.1.with(run, branch);
+                let w = worth(starts);
+                if w > best.0 {
+                    best = (w, starts);
+                }
+            }
+        }
+        best.1
+    }
+
+    /// Adds a candidate; gives its number. Parts that are candidates by themselves lend it their columns.
+    fn push(&mut self, c: Vec<Candidate>, tries: f64) -> usize {
+        let alone: Vec<Option<usize>> =
+            c.iter().map(|part| self.candidates.iter().position(|k| k[..] == [*part])).collect();
+        // Of each new part: the columns of the axis before.
+        let mut known: Vec<Option<Vec<Vec<f64>>>> = vec![None; c.len()];
+        for a in 0..AXES {
+            let same = a > 0 && self.data.axes[a].keep == self.data.axes[a - 1].keep;
+            let mut group = Some(Vec::new());
+            for ((part, alone), known) in c.iter().zip(&alone).zip(&mut known) {
+                let own = match alone {
+                    Some(k) => self.axes[a].columns_of(*k).map(<[usize]>::to_vec),
+                    None => {
+                        if !(same && part.facts.common) {
+                            *known = self.data.columns(part, a, false);
+                        }
+                        known.clone().map(|columns| self.axes[a].add_columns(columns))
+                    }
+                };
+                group = group.zip(own).map(|(mut group, own)| {
+                    group.extend(own);
+                    group
+                });
+            }
+            self.axes[a].push_group(group);
         }
         self.candidates.push(c);
         self.tries.push(tries);
@@ -166,7 +229,9 @@ impl<'a> Search<'a> {
     fn price(&self, group: usize, model: &[usize]) -> f64 {
         let class = self.card(group).class;
         let new = !model.iter().any(|m| self.card(*m).class == class);
-        let once = if class == Class::Event { EVENT_PRICE } else { 0.0 };
+        // What happens again and again is rather something that comes back.
+        let events = model.iter().filter(|m| self.card(**m).class == Class::Event).count();
+        let once = if class == Class::Event { EVENT_PRICE * (1 + events) as f64 } else { 0.0 };
         PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
     }
 
@@ -228,7 +293,8 @@ impl<'a> Search<'a> {
     /// The same, with the group's inner parameter refined.
     fn with_refined(&mut self, state: &State, group: usize, on: &[Option<f64>; AXES]) -> State {
         let next = self.with(state, group, on);
-        self.refine(next, state.groups.len())
+        let next = self.refine(next, state.groups.len());
+        self.refine_starts(next, state.groups.len())
     }
 
     /// A model without its effect number `k`.
@@ -260,7 +326,39 @@ impl<'a> Search<'a> {
 
     /// The best model.
     pub fn run(&mut self) -> Model {
-        let mut state = self.nothing();
+        let nothing = self.nothing();
+        let mut best = self.grow(nothing.clone());
+        // Several effects may stand for one that was not begun with: those that explain most alone each get their turn.
+        if best.groups.len() > 1 {
+            let mut tried = vec![self.lead(best.groups[0]).facts.effect];
+            let ranked = self.extensions(&nothing);
+            for (gain, group, on) in &ranked {
+                let effect = self.lead(*group).facts.effect;
+                if tried.contains(&effect) || *gain < LEAST.max(0.2 * ranked[0].0) || tried.len() > BEGUN {
+                    continue;
+                }
+                tried.push(effect);
+                let begun = self.with_refined(&nothing, *group, on);
+                let grown = self.grow(begun);
+                // By evidence and by held-out error together.
+                let worth = |s: &State| self.total(s) + self.held_out(s);
+                if worth(&grown) > worth(&best) {
+                    best = grown;
+                }
+            }
+        }
+        let state = self.simplify(best);
+        self.model(state)
+    }
+
+    /// Evidence of a model less all that its effects pay.
+    fn total(&self, state: &State) -> f64 {
+        let price = |k: usize| self.price(state.groups[k], &state.groups[..k]);
+        state.net() - (0..state.groups.len()).map(price).sum::<f64>()
+    }
+
+    /// Adds effects until none pays.
+    fn grow(&mut self, mut state: State) -> State {
         while state.groups.len() < MOST {
             self.propose(&state);
             let Some((score, mut next)) = self.step(&state) else { break };
@@ -275,8 +373,7 @@ impl<'a> Search<'a> {
             }
             state = self.prune(next);
         }
-        let state = self.simplify(state);
-        self.model(state)
+        state
     }
 
     /// Adds what the residual of a model proposes.
@@ -309,19 +406,29 @@ impl<'a> Search<'a> {
     fn step(&mut self, state: &State) -> Option<(f64, State)> {
         let ranked = self.extensions(state);
         let mut tried: Vec<(f64, State)> = Vec::new();
+        let (mut effects, mut best, mut looks) = (Vec::new(), f64::NEG_INFINITY, 0);
         for (gain, group, on) in ranked.iter().filter(|e| e.0 > LEAST - 3.0) {
-            let simple = self.card(*group).kind == Kind::Simple;
+            let kind = self.card(*group).kind;
             // The best of all, and the best simple ones, as far as they come close.
-            let of_kind = tried.iter().filter(|t| (self.card(t.1.last()).kind == Kind::Simple) == simple).count();
-            if of_kind >= TRIED.div_ceil(2) || *gain < ranked[0].0 - 30.0 {
+            let alike = |t: &(f64, State)| (self.card(t.1.last()).kind == Kind::Simple) == (kind == Kind::Simple);
+            if tried.iter().filter(|t| alike(t)).count() >= TRIED.div_ceil(2) || *gain < best - 30.0 || looks >= LOOKS {
                 continue;
             }
-            if tried.iter().any(|t| self.same_effect(&t.1, *group)) && self.card(*group).kind != Kind::Proposed {
+            let own = (self.lead(*group).facts.effect, self.candidates[*group].len());
+            if effects.contains(&own) && kind != Kind::Proposed {
                 continue;
             }
+            effects.push(own);
+            looks += 1;
             let next = self.with_refined(state, *group, on);
             let score = next.net() - state.net() - self.price(next.last(), &state.groups);
-            tried.push((score, next));
+            // What predicts held-out parts worse is not there, but for what happens once.
+            let event = self.card(next.last()).class == Class::Event;
+            let least = if event { LEAST_EVENT } else { LEAST };
+            if score > least && (event || self.held_out(&next) > self.held_out_under(state, &next)) {
+                best = best.max(score);
+                tried.push((score, next));
+            }
         }
         tried.sort_by(|x, y| y.0.total_cmp(&x.0));
         let best = tried.first()?.0;
@@ -336,17 +443,7 @@ impl<'a> Search<'a> {
             let fits = |k: &usize| self.held_out_under(&tried[*k].1, top) > held_out - SIMPLE;
             as_good.into_iter().find(fits).unwrap_or(0)
         };
-        let (score, next) = tried.swap_remove(k);
-        let event = self.card(next.last()).class == Class::Event;
-        let least = if event { LEAST_EVENT } else { LEAST };
-        // What predicts held-out parts worse is not there, but for what happens once.
-        (score > least && (event || self.held_out(&next) > self.held_out_under(state, &next))).then_some((score, next))
-    }
-
-    fn same_effect(&self, state: &State, group: usize) -> bool {
-        let last = state.last();
-        self.candidates[last][0].facts.effect == self.lead(group).facts.effect
-            && self.candidates[last].len() == self.candidates[group].len()
+        Some(tried.swap_remove(k))
     }
 
     /// Log likelihood of rows that the model did not see.
@@ -423,6 +520,7 @@ impl<'a> Search<'a> {
         }
         for k in 0..state.groups.len() {
             state = self.refine(state, k);
+            state = self.refine_starts(state, k);
         }
         state
     }
@@ -447,7 +545,7 @@ impl<'a> Search<'a> {
         };
         let by_factor = matches!(how, Refine::Scale | Refine::Cycle);
         let places = if matches!(how, Refine::Places(_)) { 2 } else { 1 };
-        let mut best = (self.trial(&state, k, &start), start);
+        let mut best = (self.trial(&state, k, &[start]), start);
         for _ in 0..6 {
             for place in 0..places {
                 for sign in [-1.0, 1.0] {
@@ -457,7 +555,7 @@ impl<'a> Search<'a> {
                     if places == 2 && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
-                    let worth = self.trial(&state, k, &c);
+                    let worth = self.trial(&state, k, &[c]);
                     if worth > best.0 {
                         best = (worth, c);
                     }
@@ -468,7 +566,38 @@ impl<'a> Search<'a> {
         if best.1 == start {
             return state;
         }
-        let group = self.push(vec![best.1], self.tries[state.groups[k]]);
+        self.exchanged(state, k, vec![best.1])
+    }
+
+    /// The same of where it stands when each run begins.
+    fn refine_starts(&mut self, state: State, k: usize) -> State {
+        let parts = self.candidates[state.groups[k]].clone();
+        if !card(parts[0].facts.effect).starts {
+            return state;
+        }
+        let mut best = (self.trial(&state, k, &parts) + BRANCH, parts.clone());
+        for run in 0..self.data.runs.len().min(MOST_STARTS) {
+            for branch in 0..Starts::BRANCHES.len() {
+                let starts = best.1[0].starts.with(run, branch);
+                if starts == best.1[0].starts {
+                    continue;
+                }
+                let moved: Vec<Candidate> = best.1.iter().map(|c| Candidate { starts, ..*c }).collect();
+                let worth = self.trial(&state, k, &moved);
+                if worth > best.0 {
+                    best = (worth, moved);
+                }
+            }
+        }
+        if best.1 == parts {
+            return state;
+        }
+        self.exchanged(state, k, best.1)
+    }
+
+    /// The model with other parts in the place of effect `k`, if they are better.
+    fn exchanged(&mut self, state: State, k: usize, parts: Vec<Candidate>) -> State {
+        let group = self.push(parts, self.tries[state.groups[k]]);
         let moved = self.instead(&state, k, group);
         if moved.evidence() > state.evidence() {
             moved
@@ -477,9 +606,10 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Evidence with a candidate in the place of effect `k`, variances and noise models as they are.
-    fn trial(&self, state: &State, k: usize, c: &Candidate) -> f64 {
+    /// Evidence with other parts in the place of effect `k`, variances and noise models as they are.
+    fn trial(&self, state: &State, k: usize, parts: &[Candidate]) -> f64 {
         let group = state.groups[k];
+        let common = parts.iter().all(|c| c.facts.common);
         let mut known: Option<(usize, Option<Vec<Vec<f64>>>)> = None;
         let mut sum = 0.0;
         for a in 0..AXES {
@@ -488,10 +618,13 @@ impl<'a> Search<'a> {
                 sum += m.evidence;
                 continue;
             }
-            let same = |of: usize| c.facts.common && self.data.axes[a].keep == self.data.axes[of].keep;
+            let same = |of: usize| common && self.data.axes[a].keep == self.data.axes[of].keep;
             let columns = match known.take() {
                 Some((of, columns)) if same(of) => columns,
-                _ => self.data.columns(c, a, false),
+                _ => {
+                    let each: Option<Vec<_>> = parts.iter().map(|c| self.data.columns(c, a, false)).collect();
+                    each.map(|e| e.concat())
+                }
             };
             sum += columns.clone().map_or(f64::NEG_INFINITY, |v| self.axes[a].evidence_with(m, group, v));
             known = Some((a, columns));
@@ -534,7 +667,7 @@ impl<'a> Search<'a> {
     fn prior(&self, state: &State, group: usize, a: usize) -> Vec<f64> {
         let Some(share) = state.axes[a].shares.iter().find(|s| s.group == group) else { return vec![] };
         let columns = self.axes[a].columns_of(group).unwrap_or_default();
-        columns.map(|c| share.variance / self.axes[a].scale[c].powi(2)).collect()
+        columns.iter().map(|c| share.variance / self.axes[a].scale[*c].powi(2)).collect()
     }
 
     /// What could stand in the place of one effect: the best of each name with the evidence it brings, best first. The effect
@@ -575,7 +708,7 @@ impl<'a> Search<'a> {
     fn basis(&self, groups: &[usize], a: usize, colour: usize) -> Basis {
         let mut basis = Basis::default();
         for c in groups.iter().flat_map(|g| self.axes[a].columns_of(*g).unwrap_or_default()) {
-            basis.add(self.axes[a].column(colour, c).to_vec());
+            basis.add(self.axes[a].column(colour, *c).to_vec());
         }
         basis
     }

@@ -68,6 +68,7 @@ impl Calibration {
         }
         for e in &self.effects {
             finite(&e.parameters)?;
+            possible(e.start.abs() <= 1.0, "start of an effect")?;
             for (g, d) in e.gains.iter().zip(&e.gain_std) {
                 finite(g)?;
                 finite(d)?;

@@ -24,7 +24,7 @@ impl Calibration {
         w.u16(0);
         self.write_payload(&mut w);
         if self.version() >= 2 {
-            self.write_uncertainty(&mut w);
+            self.write_since_2(&mut w);
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -70,7 +70,7 @@ impl Calibration {
         let mut calibration = Self::uncalibrated();
         calibration.read_payload(&mut payload).ok_or(BlockError::Length(length))??;
         if version >= 2 {
-            calibration.read_uncertainty(&mut payload).ok_or(BlockError::Length(length))??;
+            calibration.read_since_2(&mut payload).ok_or(BlockError::Length(length))??;
         }
         if payload.remaining() != 0 {
             return Err(BlockError::Length(length));
@@ -146,7 +146,8 @@ impl Calibration {
 
     /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
     fn version(&self) -> u16 {
-        if self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
+        let started = self.effects.iter().any(|e| e.start != 0.0);
+        if started || self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
             VERSION
         } else {
             1
@@ -163,7 +164,10 @@ impl Calibration {
         (0..DIRECTIONS).rev().find(|k| any(*k)).map_or(0, |k| k + 1)
     }
 
-    fn write_uncertainty(&self, w: &mut Writer<'_>) {
+    fn write_since_2(&self, w: &mut Writer<'_>) {
+        for e in &self.effects {
+            w.f32(e.start);
+        }
         w.f32s(&self.axes.each_ref().map(|a| a.uncertainty.rest_dph2));
         let count = self.directions();
         w.u8(count as u8);
@@ -180,7 +184,10 @@ impl Calibration {
 
     /// Since version 2.
     #[inline(never)]
-    fn read_uncertainty(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+    fn read_since_2(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+        for e in &mut self.effects {
+            e.start = r.f32()?;
+        }
         let rest: [f32; AXES] = r.f32s()?;
         for (a, rest_dph2) in self.axes.iter_mut().zip(rest) {
             a.uncertainty = Uncertainty { rest_dph2, ..Uncertainty::default() };
@@ -247,13 +254,7 @@ impl Calibration {
             if usize::from(r.u8()?) != outputs {
                 return Some(Err(BlockError::Absurd("number of gains of an effect")));
             }
-            let mut e = EffectTerm {
-                id,
-                parameters: r.f32s()?,
-                gains: [[0.0; MAX_OUTPUTS]; AXES],
-                gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-                directions: [[[0.0; MAX_OUTPUTS]; AXES]; DIRECTIONS],
-            };
+            let mut e = EffectTerm::new(id, r.f32s()?);
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
                 r.fill(&mut gains[..outputs])?;
                 r.fill(&mut std[..outputs])?;

@@ -27,7 +27,8 @@ use heapless::Vec;
 
 /// First bytes of every block.
 pub const MAGIC: [u8; 4] = *b"HRGC";
-/// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`Uncertainty`].
+/// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
+/// [`Uncertainty`].
 pub const VERSION: u16 = 2;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
@@ -79,6 +80,8 @@ pub struct EffectTerm {
     pub id: u16,
     /// Inner parameters, common to the axes.
     pub parameters: [f32; MAX_PARAMETERS],
+    /// Where it stands when the unit begins, if it remembers the path of the temperature: see [`crate::effects::Effect::start_on`].
+    pub start: f32,
     /// Gain of each regressor on each axis, deg/h per unit of the regressor.
     pub gains: [[f32; MAX_OUTPUTS]; AXES],
     /// Standard deviations of the gains.
@@ -94,6 +97,7 @@ impl EffectTerm {
         Self {
             id,
             parameters,
+            start: 0.0,
             gains: [[0.0; MAX_OUTPUTS]; AXES],
             gain_std: [[0.0; MAX_OUTPUTS]; AXES],
             directions: [[[0.0; MAX_OUTPUTS]; AXES]; DIRECTIONS],

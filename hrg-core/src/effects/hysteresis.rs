@@ -9,6 +9,7 @@ use crate::bias::clamp;
 #[derive(Debug, Clone)]
 pub struct Hysteresis {
     half_c: f32,
+    start: f32,
     state_c: f32,
 }
 
@@ -21,14 +22,18 @@ impl Effect for Hysteresis {
     type Regressors = [f32; 1];
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: 0.5 * parameters[0], state_c: f32::NAN }
+        Self { half_c: 0.5 * parameters[0], start: 0.0, state_c: f32::NAN }
+    }
+
+    fn start_on(&mut self, branch: f32) {
+        self.start = branch;
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();
         if self.state_c.is_nan() {
-            self.state_c = t;
+            self.state_c = t + self.start * self.half_c;
         }
         self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
         [self.state_c - t]

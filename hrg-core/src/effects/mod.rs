@@ -105,6 +105,9 @@ pub trait Effect: Sized {
     type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
     fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self;
+    /// Tells an effect that remembers the path of the temperature where it stands when it begins: 1 as after cooling from far above, -1
+    /// as after heating from far below, 0 in the middle. Before the first step.
+    fn start_on(&mut self, _branch: f32) {}
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
@@ -259,6 +262,10 @@ macro_rules! effects {
                     _ => None,
                 }
             }
+            /// See [`Effect::start_on`].
+            pub fn start_on(&mut self, branch: f32) {
+                match self { $(Self::$name(e) => e.start_on(branch)),+ }
+            }
             /// Advances by one step and gives the regressors.
             #[inline]
             pub fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
@@ -273,10 +280,11 @@ macro_rules! effects {
         impl OnUnit {
             /// Starts the effect with number `id`; `None` if there is no such number, or no unit can compute it.
             #[must_use]
-            pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Option<Self> {
+            pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], start: f32, step_s: f32) -> Option<Self> {
                 match id {
                     $(<$name as Effect>::ID if matches!(<$name as Effect>::REACH, Reach::Unit) => {
-                        let one = <$name as Effect>::new(parameters, step_s);
+                        let mut one = <$name as Effect>::new(parameters, step_s);
+                        one.start_on(start);
                         Some(Self::$name([one.clone(), one.clone(), one]))
                     })+
                     _ => None,
@@ -331,7 +339,6 @@ effects! {
     extremes::{Extremes},
     recorded_quantity::{RecordedQuantity},
     thermometer_error::{ThermometerError},
-    play_start::{PlayStart},
 }
 
 impl EffectId {

@@ -13,6 +13,7 @@ const KNOTS: usize = 8;
 #[derive(Debug, Clone)]
 pub struct PlayCurve {
     half_c: f32,
+    start: f32,
     state_c: f32,
 }
 
@@ -25,14 +26,18 @@ impl Effect for PlayCurve {
     type Regressors = [f32; KNOTS];
 
     fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: 0.5 * p[0], state_c: f32::NAN }
+        Self { half_c: 0.5 * p[0], start: 0.0, state_c: f32::NAN }
+    }
+
+    fn start_on(&mut self, branch: f32) {
+        self.start = branch;
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
         let t = inputs.own_c();
         if self.state_c.is_nan() {
-            self.state_c = t;
+            self.state_c = t + self.start * self.half_c;
         }
         self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
         let [low, high] = inputs.scaling.t_linear_c;

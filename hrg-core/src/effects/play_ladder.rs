@@ -12,6 +12,7 @@ const RUNGS: usize = 10;
 #[derive(Debug, Clone)]
 pub struct PlayLadder {
     half_c: [f32; RUNGS],
+    start: f32,
     state_c: [f32; RUNGS],
 }
 
@@ -24,14 +25,18 @@ impl Effect for PlayLadder {
     type Regressors = [f32; RUNGS];
 
     fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: core::array::from_fn(|k| 0.5 * rung(p[0], p[1], k, RUNGS)), state_c: [f32::NAN; RUNGS] }
+        Self { half_c: core::array::from_fn(|k| 0.5 * rung(p[0], p[1], k, RUNGS)), start: 0.0, state_c: [f32::NAN; RUNGS] }
+    }
+
+    fn start_on(&mut self, branch: f32) {
+        self.start = branch;
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();
         if self.state_c[0].is_nan() {
-            self.state_c = [t; RUNGS];
+            self.state_c = self.half_c.map(|half| t + self.start * half);
         }
         let mut out = [0.0; RUNGS];
         for k in 0..RUNGS {

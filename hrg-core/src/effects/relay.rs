@@ -8,6 +8,7 @@ use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 pub struct Relay {
     on_c: f32,
     off_c: f32,
+    start: f32,
     state: f32,
 }
 
@@ -20,14 +21,20 @@ impl Effect for Relay {
     type Regressors = [f32; 1];
 
     fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { on_c: p[0], off_c: p[1], state: f32::NAN }
+        Self { on_c: p[0], off_c: p[1], start: 0.0, state: f32::NAN }
+    }
+
+    fn start_on(&mut self, branch: f32) {
+        self.start = branch;
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();
         if self.state.is_nan() {
-            self.state = if t > 0.5 * (self.on_c + self.off_c) { 1.0 } else { 0.0 };
+            // In the middle: as it would be at most temperatures on that side.
+            let above = t > 0.5 * (self.on_c + self.off_c);
+            self.state = if self.start > 0.0 || (self.start == 0.0 && above) { 1.0 } else { 0.0 };
         }
         if t > self.on_c {
             self.state = 1.0;

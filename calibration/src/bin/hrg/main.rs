@@ -284,6 +284,9 @@ enum Command {
         /// The image that the unit has in use: the new one must beat it before it is recommended.
         #[arg(long)]
         in_use: Option<PathBuf>,
+        /// Processors to use; all where it is left out
+        #[arg(long)]
+        jobs: Option<usize>,
         /// Allow recordings of different units.
         #[arg(long)]
         different_units: bool,
@@ -407,13 +410,17 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Trace { train, verify, split, out, html, calibration, in_use, different_units, facts } => {
+        Command::Trace { train, verify, split, out, html, calibration, in_use, jobs, different_units, facts } => {
             let (train, verify) = runs_of_trace(&train, verify, split, &facts)?;
             let in_use = in_use.map(|p| image_file::load(&p)).transpose()?;
             if let Some(c) = &in_use {
                 hrg_cal::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
             }
-            let options = trace::Options { units: units(different_units), in_use };
+            let options = trace::Options {
+                units: units(different_units),
+                in_use,
+                jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+            };
             let mut t = trace::trace_with(&train, &verify, &options)?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
             if let Some(path) = html {
