@@ -5,7 +5,7 @@ use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{direct, network, Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm};
-use hrg_core::effects::{by_id, by_name, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{by_id, EffectId, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureLaw;
 use hrg_core::AXES;
 use serde::{Deserialize, Serialize};
@@ -258,7 +258,8 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
         };
     }
     for e in &f.effect {
-        let facts = by_name(&e.name)
+        let facts = EffectId::by_name(&e.name)
+            .map(EffectId::facts)
             .ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
         let mut term = EffectTerm {
             id: facts.id,

@@ -12,7 +12,7 @@ use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::unit::record::{Recorder, Second};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::by_name;
+use hrg_core::effects::EffectId;
 use hrg_core::status::AxisStatus;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -315,7 +315,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
         [("thermal-lag", [900.0, 0.0], 0.3), ("hysteresis", [4.0, 0.0], 0.2), ("warm-up", [500.0, 0.0], 2.0)]
     {
         let mut term = EffectTerm {
-            id: by_name(name).expect("known").id,
+            id: EffectId::by_name(name).expect("known").facts().id,
             parameters,
             gains: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],
             gain_std: [[0.0; hrg_core::effects::MAX_OUTPUTS]; 3],

@@ -33,7 +33,7 @@ use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::{by_name, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -154,7 +154,7 @@ impl Form {
             Self::Polynomial => {
                 let std3 = std.get(3).map_or(0.0, |x| *x as f32);
                 axis.coefficient_std[0][3] = 0.0;
-                let cubic = by_name("cubic").ok_or_else(|| BadInput::new("the library lacks the effect cubic"))?;
+                let cubic = EffectId::Cubic.facts();
                 if c.effects.is_empty() {
                     let none = [[0.0; MAX_OUTPUTS]; AXES];
                     let term =

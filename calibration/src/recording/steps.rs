@@ -289,20 +289,6 @@ impl Run {
         Some(Inputs { scaling, thermal, axis: a, recorded })
     }
 
-    /// Whether the recording has what an effect asks of the other axes: temperatures that can differ from axis to axis, and for a
-    /// timebase all three frequencies.
-    #[must_use]
-    pub fn offers(&self, effect: &str) -> bool {
-        let axes = self.steps.present().count();
-        match effect {
-            "axis-gradient" | "neighbour-lags" => axes == AXES && self.steps.thermometer.parts_axes(),
-            "timebase" => axes == AXES && !self.steps.thermometer.is_sensor(),
-            "thermometer-error" => !self.steps.thermometer.is_sensor(),
-            "frequency-direct" => !self.steps.thermometer.is_sensor(),
-            _ => true,
-        }
-    }
-
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
     #[must_use]
     pub fn effect(

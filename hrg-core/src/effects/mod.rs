@@ -325,18 +325,24 @@ impl EffectId {
         // The list and the type come from one macro: an effect's place is its number in the type.
         &ALL[self as usize]
     }
+
+    /// The name that stands in reports and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.facts().name
+    }
+
+    /// The effect with a name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        ALL.iter().find(|f| f.name == name).map(|f| f.effect)
+    }
 }
 
 /// Facts about the effect with a number.
 #[must_use]
 pub fn by_id(id: u16) -> Option<&'static Facts> {
     ALL.iter().find(|f| f.id == id)
-}
-
-/// Facts about the effect with a name.
-#[must_use]
-pub fn by_name(name: &str) -> Option<&'static Facts> {
-    ALL.iter().find(|f| f.name == name)
 }
 
 #[cfg(test)]
@@ -364,7 +370,7 @@ mod tests {
     }
 
     fn run(name: &str, parameter: f32, at: impl Fn(u16) -> f32, steps: u16) -> f32 {
-        let facts = by_name(name).expect("in the list");
+        let facts = EffectId::by_name(name).expect("in the list").facts();
         let mut effect = Running::new(facts.id, &[parameter, 0.0], 1.0).expect("in the list");
         let mut last = f32::NAN;
         for k in 0..steps {

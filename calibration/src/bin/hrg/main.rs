@@ -22,8 +22,10 @@ use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Kind, Leg, Noise, Plan, Profile, ATTITUDE, PROFILES};
 use hrg_cal::thermometer::lag;
 use hrg_cal::thermometer::points;
-use hrg_cal::trace::separable::{self, WANTED};
+use hrg_cal::trace::cards::parted;
+use hrg_cal::trace::separable;
 use hrg_cal::{align, fit, load_recording, trace, BadInput, AXIS_NAMES};
+use hrg_core::effects::EffectId;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -639,21 +641,15 @@ fn compare_methods(
 }
 
 fn chamber_profile(wanted: &[String], check: &[PathBuf], profile: Option<&str>) -> Result<()> {
-    let wanted: Vec<&'static str> = if wanted.is_empty() {
-        WANTED.to_vec()
-    } else {
-        wanted
-            .iter()
-            .map(|w| {
-                WANTED.iter().copied().find(|k| k == w).ok_or_else(|| {
-                    BadInput::new(format!(
-                        "effect \"{w}\" is not one that a profile parts; there are {}",
-                        WANTED.join(", ")
-                    ))
-                })
-            })
-            .collect::<Result<_, _>>()?
+    let known = parted();
+    let one = |w: &String| {
+        EffectId::by_name(w).filter(|e| known.contains(e)).ok_or_else(|| {
+            let names: Vec<&str> = known.iter().map(|e| e.name()).collect();
+            BadInput::new(format!("effect \"{w}\" is not one that a profile parts; there are {}", names.join(", ")))
+        })
     };
+    let wanted: Vec<EffectId> =
+        if wanted.is_empty() { known.clone() } else { wanted.iter().map(one).collect::<Result<_, _>>()? };
     let say = |verdicts: &[separable::Verdict]| {
         println!("{:<20} {:>22}   taken for", "effect", "left by the baseline");
         for v in verdicts {

@@ -27,7 +27,7 @@ use hrg_cal::fit::prepare;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::{by_name, MAX_OUTPUTS};
+use hrg_core::effects::{EffectId, MAX_OUTPUTS};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::AxisStatus;
 use rand::SeedableRng;
@@ -71,13 +71,13 @@ impl Scene {
         let prepared = prepare(std::slice::from_ref(&recording))?;
         let mut calibration = identify(&prepared, "lsq", seed)?.calibration;
         calibration.set_unit_name("HRG-21");
-        for (name, parameters, gain) in [
-            ("cubic", [0.0; 2], 0.05),
-            ("thermal-lag", [900.0, 0.0], 0.1),
-            ("hysteresis", [4.0, 0.0], 0.05),
-            ("warm-up", [1500.0, 0.0], 0.2),
+        for (effect, parameters, gain) in [
+            (EffectId::Cubic, [0.0; 2], 0.05),
+            (EffectId::ThermalLag, [900.0, 0.0], 0.1),
+            (EffectId::Hysteresis, [4.0, 0.0], 0.05),
+            (EffectId::WarmUp, [1500.0, 0.0], 0.2),
         ] {
-            let facts = by_name(name).context("an effect of the list")?;
+            let facts = effect.facts();
             let mut term = EffectTerm {
                 id: facts.id,
                 parameters,
