@@ -4,7 +4,7 @@ use hrg_board::align::align;
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AxisFault, ConverterFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
-use hrg_cal::align::Start;
+use hrg_cal::align::{FilterKind, Start};
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::numeric::stats;
@@ -328,7 +328,7 @@ fn the_unit_aligns_as_the_desktop_and_hands_its_drifts_on() {
     let error = wrap(f64::from(last.azimuth_deg) * DEGREE - truth.azimuth) / ARCMIN;
     assert!(error.abs() < 3.0 * f64::from(last.azimuth_std_arcmin), "{error}'");
     // The desktop's tool on the recording itself: readings differ by the rounding to codes only.
-    let desktop = hrg_cal::align::align(&recording, "linear", Start::default()).expect("aligns");
+    let desktop = hrg_cal::align::align(&recording, FilterKind::Linear, Start::default()).expect("aligns");
     assert!((desktop.azimuth_deg - f64::from(last.azimuth_deg)).abs() * 60.0 < 0.5);
     // Before the turn there was no azimuth to be had.
     assert!(a.reports.iter().filter(|r| r.stage < 3).all(|r| r.refusal != 0 && r.azimuth_deg.is_nan()));

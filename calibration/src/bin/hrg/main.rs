@@ -10,6 +10,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
+use hrg_cal::align::FilterKind;
 use hrg_cal::compare;
 use hrg_cal::fit::evidence;
 use hrg_cal::fit::independence::Units;
@@ -230,8 +231,8 @@ enum Command {
         #[arg(long)]
         recording: PathBuf,
         /// Filter.
-        #[arg(long, default_value = "linear", value_parser = align::FILTERS)]
-        filter: String,
+        #[arg(long, default_value = "linear")]
+        filter: FilterKind,
         /// First azimuth of the EKF, degrees.
         #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
         first_azimuth: f64,
@@ -541,7 +542,7 @@ fn run(command: Command) -> Result<()> {
             let r = align::Recording::load(&recording)?;
             let start = align::Start { azimuth_deg: first_azimuth, seed, ..align::Start::default() };
             let report =
-                align::align(&r, &filter, start).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+                align::align(&r, filter, start).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
             hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
             println!("azimuth  {:>9.4} deg    +- {:.2}'", report.azimuth_deg, report.azimuth_std_arcmin);
             let [t1, t2] = report.tilt_std_arcmin;
