@@ -6,6 +6,7 @@ use hrg_board::serve;
 use hrg_board::wires::{AxisFault, WireFaults};
 use hrg_cal::fit;
 use hrg_cal::fit::correct;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
@@ -310,7 +311,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
     let recording = Plan::of(Profile::parse("20,40@5,2m,25@5,1m").expect("fine"), 11, 12).simulate().recording;
     let train = Plan::of(Profile::parse("cycle").expect("named"), 11, 13).simulate().recording;
     let prepared = fit::prepare(&[train]).expect("prepares");
-    let mut c = methods::identify(&prepared, "lsq", 1).expect("fits").calibration;
+    let mut c = methods::identify(&prepared, Method::Lsq, 1).expect("fits").calibration;
     for (name, parameters, gain) in
         [("thermal-lag", [900.0, 0.0], 0.3), ("hysteresis", [4.0, 0.0], 0.2), ("warm-up", [500.0, 0.0], 2.0)]
     {

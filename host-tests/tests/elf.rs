@@ -5,6 +5,7 @@ use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AxisFault, ConverterFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::{FilterKind, Start};
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::numeric::stats;
@@ -34,7 +35,7 @@ fn calibration() -> Calibration {
     ONCE.get_or_init(|| {
         let plan = Plan::of(Profile::parse("cycle").expect("named"), 11, 12);
         let prepared = prepare(&[plan.simulate().recording]).expect("prepares");
-        identify(&prepared, "lsq", 1).expect("fits").calibration
+        identify(&prepared, Method::Lsq, 1).expect("fits").calibration
     })
     .clone()
 }
@@ -297,12 +298,12 @@ fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
     };
     let (hrg, fog) = (cycle(Kind::Hrg, "cycle"), cycle(Kind::Fog, "wu"));
     let models = [
-        ("two-sets", &hrg),
-        ("fog-lsq", &fog),
-        ("fog-literal", &fog),
-        ("polynomial", &hrg),
-        ("ga-bp", &hrg),
-        ("direct", &hrg),
+        (Method::TwoSets, &hrg),
+        (Method::FogLsq, &fog),
+        (Method::FogLiteral, &fog),
+        (Method::Polynomial, &hrg),
+        (Method::GaBp, &hrg),
+        (Method::Direct, &hrg),
     ];
     for (method, prepared) in models {
         let calibration = identify(prepared, method, 1).expect("identifies").calibration;

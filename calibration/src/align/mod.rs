@@ -68,7 +68,6 @@ impl FilterKind {
     }
 
     /// Runs it over a recording.
-    #[must_use]
     pub fn run(self, recording: &Recording, config: &Config, start: Start) -> Ran {
         fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
             let (aligner, history) = run(recording, config, filter);

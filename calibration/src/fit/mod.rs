@@ -3,10 +3,14 @@
 
 pub mod correct;
 pub mod evidence;
+mod form;
+mod four_parameter;
 pub mod independence;
+pub mod method;
 pub mod methods;
 pub mod minimax;
 pub mod network;
+pub mod search;
 pub mod swarm;
 
 use crate::recording::facts;

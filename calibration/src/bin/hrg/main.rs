@@ -11,9 +11,10 @@ use clap::{Parser, Subcommand};
 use facts::{FactsArguments, Place};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::FilterKind;
-use hrg_cal::compare;
+use hrg_cal::compare::{self, Contender};
 use hrg_cal::fit::evidence;
 use hrg_cal::fit::independence::Units;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
 use hrg_cal::image_file;
 use hrg_cal::numeric::allan;
@@ -93,8 +94,8 @@ enum Command {
         #[arg(required = true)]
         recordings: Vec<PathBuf>,
         /// How: see docs/methods.md
-        #[arg(long, default_value = "lsq", value_parser = methods::NAMES)]
-        method: String,
+        #[arg(long, default_value = "lsq")]
+        method: Method,
         /// Seed of swarms and genetic searches: the same seed gives the same block.
         #[arg(long, default_value_t = 1)]
         seed: u64,
@@ -440,7 +441,7 @@ fn run(command: Command) -> Result<()> {
         Command::Fit { recordings, method, seed, uniform, different_units, facts, out } => {
             let recordings = facts.load(&recordings)?;
             let prepared = fit::prepare_for(&recordings, units(different_units))?;
-            let mut found = methods::identify_weighed(&prepared, &method, seed, uniform)?;
+            let mut found = methods::identify_weighted(&prepared, method, seed, uniform)?;
             found.calibration.created_unix_s = now();
             found.calibration.sequence = 1;
             // Three sigma of 100 s means over all runs together.
@@ -470,7 +471,7 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Compare { recordings, verify, methods, seed, out, board, different_units } => {
-            compare_methods(&recordings, &verify, methods, seed, units(different_units), &out, board)
+            compare_methods(&recordings, &verify, &methods, seed, units(different_units), &out, board)
         }
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
@@ -579,27 +580,22 @@ fn run(command: Command) -> Result<()> {
 fn compare_methods(
     recordings: &[PathBuf],
     verify: &[PathBuf],
-    mut methods: Vec<String>,
+    methods: &[String],
     seed: u64,
     units: Units,
     out: &Path,
     board: Option<PathBuf>,
 ) -> Result<()> {
-    if methods.is_empty() {
-        methods = methods::NAMES.iter().map(ToString::to_string).chain(["trace".to_string()]).collect();
-    }
-    if let Some(m) = methods.iter().find(|m| m.as_str() != "trace" && !methods::NAMES.contains(&m.as_str())) {
-        return Err(BadInput::new(format!(
-            "method \"{m}\" is not known; there are {} and trace",
-            methods::NAMES.join(", ")
-        ))
-        .into());
-    }
+    let contenders = if methods.is_empty() {
+        Contender::all()
+    } else {
+        methods.iter().map(|m| Contender::by_name(m)).collect::<Result<_, _>>()?
+    };
     std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
     let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let bar = indicatif::ProgressBar::new_spinner();
-    let mut c = compare::compare(&train, &unseen, &methods, seed, units, out, |m| {
+    let mut c = compare::compare(&train, &unseen, &contenders, seed, units, out, |m| {
         bar.set_message(format!("identifying by {m}"));
         bar.tick();
     })?;

@@ -22,6 +22,7 @@ pub mod time;
 use crate::replay::CALIBRATION_A;
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::recording::steps::Steps;
@@ -69,7 +70,7 @@ impl Scene {
     pub fn new(elf: &[u8], seed: u64) -> Result<Self> {
         let recording = Plan::of(Profile::parse("cycle")?, 21, seed).simulate().recording;
         let prepared = prepare(std::slice::from_ref(&recording))?;
-        let mut calibration = identify(&prepared, "lsq", seed)?.calibration;
+        let mut calibration = identify(&prepared, Method::Lsq, seed)?.calibration;
         calibration.set_unit_name("HRG-21");
         for (effect, parameters, gain) in [
             (EffectId::Cubic, [0.0; 2], 0.05),
