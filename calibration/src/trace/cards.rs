@@ -218,6 +218,9 @@ pub fn card(effect: EffectId) -> Card {
         E::Relay => (Class::Hysteresis, Simple, Refine::Places(0.04), thresholds),
         E::Extremes => (Class::Hysteresis, Family, Refine::No, once),
         E::CoolingHeating => (Class::Rate, Simple, Refine::No, once),
+        E::RateSaturation => {
+            (Class::Rate, Simple, Refine::Scale, |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10))
+        }
         E::RateCurve | E::RateCurveByTemperature => (Class::Rate, Family, Refine::No, ramps),
         E::RampByShape | E::HeatingByShape => (Class::Rate, Family, Refine::No, once),
         E::WarmUp => (Class::PowerOn, Simple, Refine::Scale, |x| log(150.0, x.longest_s / 3.0, 12)),
@@ -280,6 +283,7 @@ fn needs(effect: EffectId) -> Needs {
         | E::PowerOnLadderByStart
         | E::Extremes
         | E::RecordedQuantity
+        | E::RateSaturation
         | E::PlayStart => Needs::Nothing,
     }
 }
@@ -312,6 +316,7 @@ fn generator(effect: EffectId) -> Generator {
         E::PlayCurve => of([8.0, 0.0]),
         E::Relay => of([30.0, -10.0]),
         E::RateCurve | E::RateCurveByTemperature => of([1.5, 0.0]),
+        E::RateSaturation => of([0.3, 0.0]),
         E::FrequencyDirect | E::CoolingHeating | E::NeighbourLags | E::RampByShape | E::HeatingByShape => of([0.0; 2]),
         E::Extremes | E::RecordedQuantity => of([0.0; 2]),
     }
@@ -352,6 +357,7 @@ fn parted_by_profile(effect: EffectId) -> bool {
         | E::Extremes
         | E::RecordedQuantity
         | E::ThermometerError
+        | E::RateSaturation
         | E::PlayStart => false,
     }
 }
@@ -409,6 +415,7 @@ fn mend(effect: EffectId) -> Option<Mend> {
         | E::Extremes
         | E::RecordedQuantity
         | E::ThermometerError
+        | E::RateSaturation
         | E::PlayStart => return None,
     })
 }

@@ -316,6 +316,7 @@ effects! {
     recorded_quantity::{RecordedQuantity},
     thermometer_error::{ThermometerError},
     play_start::{PlayStart},
+    rate_saturation::{RateSaturation},
 }
 
 impl EffectId {
