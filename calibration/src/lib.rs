@@ -14,6 +14,7 @@
 //! | [`compare`] | every method on the same data, the trace beside them |
 //! | [`measured`] | the loop on measured data |
 //! | [`report`] | figures of a data sheet from recordings alone |
+//! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -26,6 +27,7 @@ pub mod image_file;
 pub mod measured;
 pub mod numeric;
 pub mod plot;
+pub mod profiles;
 pub mod recording;
 pub mod report;
 pub mod simulate;
