@@ -7,6 +7,7 @@
 //! | [`fit`] | coefficients by the methods of the sources, enough data behind them, what a unit sends |
 //! | [`trace`] | what the model lacks; the cards of the effects |
 //! | [`image_file`] | the calibration image as a text file |
+//! | [`formats`] | the tables of bytes that the docs print |
 //! | [`align`] | self-alignment |
 //! | [`simulate`] | a chamber run from a plant model |
 //! | [`mod@unit`] | a unit on a port: recordings from it, its log, its screen, sensors beside it |
@@ -23,6 +24,7 @@
 pub mod align;
 pub mod compare;
 pub mod fit;
+pub mod formats;
 pub mod image_file;
 pub mod measured;
 pub mod numeric;

@@ -96,7 +96,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
 fn the_comparison_can_fail() {
     // The twin is given another calibration than the unit: every housekeeping must differ.
     let (mine, mut other) = (calibration(), calibration());
-    other.axes[0].law.c[0] += 1e-3;
+    other.axes[0].law.temperature_coefficients_c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = mine.scale_factors_dph_per_code();
     let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), false);
@@ -168,14 +168,11 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
     let o = run(Some(&calibration()), 20, faults, false);
     assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
     let silent: Vec<_> =
-        o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::CONVERTER_FAULT)).collect();
+        o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::ADC_FAULT)).collect();
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
     assert!(silent.iter().all(|h| h.frequency_hz.iter().all(|f| f.is_finite())), "temperatures go on");
     let after = o.received.rates.iter().find(|r| r.tick > 6 * 90_000_000).expect("rates come back");
-    assert!(
-        after.unit_status.contains(UnitStatus::CONVERTER_FAULT),
-        "the first frame after says that samples were lost"
-    );
+    assert!(after.unit_status.contains(UnitStatus::ADC_FAULT), "the first frame after says that samples were lost");
     assert!(o.received.rates.last().is_some_and(|r| r.unit_status.is_empty()));
 }
 
@@ -184,8 +181,8 @@ fn spoilt_converter_frames_are_refused() {
     let o = run(Some(&calibration()), 20, WireFaults { spoil_every: Some(100), ..WireFaults::default() }, true);
     assert_eq!(o.received.differing, 0, "{:?}", o.received.first_difference);
     let h = o.received.housekeeping[10];
-    assert_eq!((h.samples, h.converter_errors), (990, 10));
-    assert!(h.unit_status.contains(UnitStatus::CONVERTER_FAULT));
+    assert_eq!((h.samples, h.adc_errors), (990, 10));
+    assert!(h.unit_status.contains(UnitStatus::ADC_FAULT));
 }
 
 #[test]
@@ -200,7 +197,7 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
         t += byte_time;
     }
     link_in.push((t + byte_time, 0));
-    for (k, b) in Message::Identify.encode().into_iter().chain(Message::SetDivider(10).encode()).enumerate() {
+    for (k, b) in Message::Identify.encode().into_iter().chain(Message::SetDecimation(10).encode()).enumerate() {
         link_in.push((4.0 + k as f64 * byte_time, b));
     }
     let c = calibration();
@@ -216,7 +213,7 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
     });
     assert_eq!(identity.map(|i| i.calibration), Some(c.checksum()));
     let late: Vec<_> = o.received.rates.iter().filter(|r| r.tick > 8 * 90_000_000).collect();
-    assert!(late.windows(2).all(|w| w[1].sample - w[0].sample == 10), "the divider was set");
+    assert!(late.windows(2).all(|w| w[1].sample - w[0].sample == 10), "the decimation was set");
     assert!(o.received.rates.windows(2).all(|w| w[1].sample - w[0].sample <= 10), "no frame was lost");
 }
 

@@ -19,7 +19,7 @@ pub struct Output {
     /// Temperatures, C (NaN before the first frequency).
     pub temperature_c: [f32; AXES],
     /// Rates of change, C per minute.
-    pub rate_c_per_min: [f32; AXES],
+    pub ramp_c_per_min: [f32; AXES],
     /// Biases to subtract, deg/h. Always finite.
     pub bias_dph: [f32; AXES],
     /// Status bits ([`AxisStatus`]).
@@ -33,7 +33,7 @@ impl Output {
         let equal = |a: &[f32; AXES], b: &[f32; AXES]| a.iter().zip(b).all(|(x, y)| x.to_bits() == y.to_bits());
         equal(&self.bias_dph, &other.bias_dph)
             && equal(&self.temperature_c, &other.temperature_c)
-            && equal(&self.rate_c_per_min, &other.rate_c_per_min)
+            && equal(&self.ramp_c_per_min, &other.ramp_c_per_min)
             && self.status == other.status
     }
 }
@@ -122,7 +122,7 @@ impl Compensator {
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
-            rate_c_per_min: [x.state.rate_c_per_min, y.state.rate_c_per_min, z.state.rate_c_per_min],
+            ramp_c_per_min: [x.state.ramp_c_per_min, y.state.ramp_c_per_min, z.state.ramp_c_per_min],
             bias_dph,
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
@@ -165,11 +165,11 @@ impl Axis {
         if !now.known {
             return s;
         }
-        let (t, r) = (now.state.temperature_c, now.state.rate_c_per_min);
-        if t < self.law.min_c || t > self.law.max_c {
+        let (t, r) = (now.state.temperature_c, now.state.ramp_c_per_min);
+        if t < self.law.valid_from_c || t > self.law.valid_to_c {
             s |= AxisStatus::TEMPERATURE_RANGE;
         }
-        let [slowest, fastest] = self.rate_range_c_per_min;
+        let (slowest, fastest) = (self.valid_from_c_per_min, self.valid_to_c_per_min);
         let beyond = |r: f32| r < slowest || r > fastest;
         // The slope takes seconds to show a ramp; a step of twice the range shows at once, and makes the slope invalid for as
         // long as it is in the window. (An outage may hide the way back: then the time counts from its end.)
@@ -262,7 +262,7 @@ mod tests {
                 "step {k}: {:?}",
                 out.status[0]
             );
-            assert!(out.rate_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
+            assert!(out.ramp_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
         }
         // One wild second changes nothing but its own flag.
         let (mut a, mut b) = (c.clone(), c);
@@ -279,7 +279,7 @@ mod tests {
         // A frequency that runs away and comes back, and one that was away for long: as long as the slope is not that of the
         // resonator, it is flagged.
         let mut block = calibrated();
-        block.axes.iter_mut().for_each(|a| a.rate_range_c_per_min = [-1.0, 1.0]);
+        block.axes.iter_mut().for_each(|a| (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-1.0, 1.0));
         for lost in [0, 3, 8, 12, 40] {
             for off in [0.1, 0.3, 1.0, 2.0] {
                 let mut c = Compensator::new(block.clone(), 0.0);
@@ -288,7 +288,7 @@ mod tests {
                     let f = F[0].map(|f| f + 0.006 * f64::from(k) + if away { off } else { 0.0 });
                     let out = c.step(&[f.filter(|_| !(55..55 + lost).contains(&k)), F[1], F[2]]);
                     // 0.006 Hz/s: about 0.9 C/min.
-                    let error = (out.rate_c_per_min[0] - 0.9).abs();
+                    let error = (out.ramp_c_per_min[0] - 0.9).abs();
                     assert!(
                         error < 0.2 || !out.status[0].is_empty(),
                         "lost {lost}, off {off}, step {k}: {error} C/min unsaid"

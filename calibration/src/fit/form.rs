@@ -49,7 +49,7 @@ impl Form {
 
     /// The regressors of one step, by the unit's own code.
     pub(super) fn row(self, scaling: &Scaling, s: &State, out: &mut [f64]) {
-        let (t, r) = (s.temperature_c, s.rate_c_per_min);
+        let (t, r) = (s.temperature_c, s.ramp_c_per_min);
         let mut fill = |values: &[f32]| out.iter_mut().zip(values).for_each(|(o, v)| *o = f64::from(*v));
         match self {
             Self::Baseline => fill(&regressors(scaling, t, r)),
@@ -76,13 +76,13 @@ impl Form {
             std::array::from_fn(|j| k.get(at + j).map_or(0.0, |x| *x as f32))
         }
         let axis = &mut c.axes[a];
-        axis.coefficient_std = [take(std, 0), take(std, TERMS)];
+        axis.bias_std_dph = [take(std, 0), take(std, TERMS)];
         axis.coefficients = match self {
             Self::Baseline => Coefficients::One(take(k, 0)),
             Self::TwoSets => Coefficients::CoolingHeating(take(k, 0), take(k, TERMS)),
             Self::Polynomial => {
                 let std3 = std.get(3).map_or(0.0, |x| *x as f32);
-                axis.coefficient_std[0][3] = 0.0;
+                axis.bias_std_dph[0][3] = 0.0;
                 let cubic = EffectId::Cubic.facts();
                 if c.effects.is_empty() {
                     let none = [[0.0; MAX_OUTPUTS]; AXES];
@@ -95,9 +95,11 @@ impl Form {
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
             Self::Direct => Coefficients::Direct(take(k, 0)),
-            Self::Four { breakpoint_c, origin_c } => {
-                Coefficients::FourParameter(FourParameter { k: take(k, 0), breakpoint_c, origin_c })
-            }
+            Self::Four { breakpoint_c, origin_c } => Coefficients::FourParameter(FourParameter {
+                constant_cooling_heating_low_high: take(k, 0),
+                breakpoint_c,
+                origin_c,
+            }),
         };
     }
 }

@@ -57,7 +57,7 @@ pub(super) fn four_parameters(
     }
     note(format!("breakpoint {b:.0} C"));
     Ok(FourParameter {
-        k: std::array::from_fn(|j| k[j] as f32),
+        constant_cooling_heating_low_high: std::array::from_fn(|j| k[j] as f32),
         breakpoint_c: b,
         origin_c: if literal { 0.0 } else { b },
     })

@@ -88,16 +88,16 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         calibration.set_unit_name(&kept);
     }
     calibration.calibrated = true;
-    calibration.data_hash = data_hash(recordings);
+    calibration.data_crc32 = data_crc32(recordings);
     let present: Vec<usize> = first.present().collect();
     for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
         axis.law = law;
         axis.scale_factor_dph_per_code = scale;
     }
     notes.extend(agreed.notes);
-    let (low, high) = present
-        .iter()
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| (l.min(laws[a].min_c), h.max(laws[a].max_c)));
+    let (low, high) = present.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| {
+        (l.min(laws[a].valid_from_c), h.max(laws[a].valid_to_c))
+    });
     if high - low < NARROW_C {
         notes.push(format!(
             "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
@@ -108,9 +108,10 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         t_ref_c: (0.5 * (low + high)).round(),
         t_scale_c: (0.5 * (high - low)).max(5.0).round(),
         // The polynomial is trusted a little beyond the data and continued straight from there.
-        t_linear_c: [low - 5.0, high + 5.0],
-        r_linear: 10.0,
-        blend_band: 0.1,
+        linear_below_c: low - 5.0,
+        linear_above_c: high + 5.0,
+        linear_beyond_c_per_min: 10.0,
+        blend_band_c_per_min: 0.1,
     };
     let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
     for (run, r) in runs.iter().zip(recordings) {
@@ -119,8 +120,12 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         notes.extend(evidence::few(run, name));
     }
     let fastest = ramps(&mut calibration, &runs, &present, &mut notes);
-    let r_most = calibration.axes.iter().flat_map(|a| a.rate_range_c_per_min).fold(0.0f32, |m, r| m.max(r.abs()));
-    calibration.scaling.r_linear = (1.2 * r_most).max(0.1);
+    let r_most = calibration
+        .axes
+        .iter()
+        .flat_map(|a| [a.valid_from_c_per_min, a.valid_to_c_per_min])
+        .fold(0.0f32, |m, r| m.max(r.abs()));
+    calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
     Ok(Prepared { runs, calibration, notes, lag_s, fastest })
 }
 
@@ -163,7 +168,8 @@ fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: 
         let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
         let hot = ranges.iter().map(|r| r.1).fold(0.0, f32::max);
         // A tenth beyond the ramps seen is still called inside.
-        calibration.axes[a].rate_range_c_per_min = [cold * 1.1 - 0.02, hot * 1.1 + 0.02];
+        let axis = &mut calibration.axes[a];
+        (axis.valid_from_c_per_min, axis.valid_to_c_per_min) = (cold * 1.1 - 0.02, hot * 1.1 + 0.02);
         if a == present[0] {
             fastest = [cold, hot];
             for (slowest, missing) in [(cold > -0.1, "cooling"), (hot < 0.1, "heating")] {
@@ -178,7 +184,7 @@ fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: 
 
 /// CRC-32 of the data that made a calibration.
 #[must_use]
-pub fn data_hash(recordings: &[Recording]) -> u32 {
+pub fn data_crc32(recordings: &[Recording]) -> u32 {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut d = crc.digest();
     for r in recordings {

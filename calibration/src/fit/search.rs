@@ -149,7 +149,7 @@ pub(super) fn literal_swarm(
         for k in 0..run.steps.len() {
             let (t, r) = run
                 .bias_state(k, a)
-                .map_or((f64::NAN, f64::NAN), |s| (f64::from(s.temperature_c), f64::from(s.rate_c_per_min)));
+                .map_or((f64::NAN, f64::NAN), |s| (f64::from(s.temperature_c), f64::from(s.ramp_c_per_min)));
             for (c, v) in columns.iter_mut().zip([1.0, t, t * t, r, r * r, t * r]) {
                 c.push(if t.is_nan() { f64::NAN } else { v });
             }

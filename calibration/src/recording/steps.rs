@@ -271,7 +271,7 @@ impl Run {
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
     #[must_use]
     pub fn state(&self, k: usize, a: usize) -> Option<(f32, f32)> {
-        self.bias_state(k, a).map(|s| (s.temperature_c, s.rate_c_per_min))
+        self.bias_state(k, a).map(|s| (s.temperature_c, s.ramp_c_per_min))
     }
 
     /// All that a bias model may look at, at a step; `None` while the frequency is lost.

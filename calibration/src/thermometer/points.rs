@@ -165,7 +165,7 @@ pub struct PolyFit {
     /// Root mean square of the residuals, C.
     pub rms_c: f64,
     /// Largest residual, C.
-    pub max_c: f64,
+    pub valid_to_c: f64,
     /// Root mean square of what each point is missed by when it is left out, C.
     pub leave_one_out_rms_c: f64,
 }
@@ -310,7 +310,7 @@ fn poly_fit(x: &[f64], y: &[f64], degree: usize, to_c: f64) -> Result<PolyFit, B
         degree,
         coefficients,
         rms_c: rms(&e),
-        max_c: largest(&e),
+        valid_to_c: largest(&e),
         leave_one_out_rms_c: rms(&left_out),
         residuals_c: e,
     })
@@ -322,12 +322,12 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
     let forward_law = crate::thermometer::curve::fit_forward(temperature_c, frequency_hz, 3)?;
     let inverse_law = crate::thermometer::curve::fit_inverse(frequency_hz, temperature_c, None, 3)?;
     let inverse_f32_c: Vec<f64> = frequency_hz.iter().map(|f| f64::from(inverse_law.temperature_c(*f))).collect();
-    let c = inverse_law.c.map(f64::from);
+    let c = inverse_law.temperature_coefficients_c.map(f64::from);
     let f32_error_c = frequency_hz
         .iter()
         .zip(&inverse_f32_c)
         .map(|(f, t)| {
-            let u = (f - inverse_law.f0_hz) / f64::from(inverse_law.scale_hz);
+            let u = (f - inverse_law.frequency_centre_hz) / f64::from(inverse_law.frequency_scale_hz);
             (((c[3] * u + c[2]) * u + c[1]) * u + c[0] - t).abs()
         })
         .fold(0.0, f64::max);
@@ -348,8 +348,8 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
         root_c,
         inverse_f32_c,
         f32_error_c,
-        centre_hz: inverse_law.f0_hz,
-        scale_hz: f64::from(inverse_law.scale_hz),
+        centre_hz: inverse_law.frequency_centre_hz,
+        scale_hz: f64::from(inverse_law.frequency_scale_hz),
     })
 }
 

@@ -351,15 +351,21 @@ mod tests {
     use super::*;
     use crate::thermal::AxisThermal;
 
-    const SCALING: Scaling =
-        Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-45.0, 65.0], r_linear: 6.0, blend_band: 0.2 };
+    const SCALING: Scaling = Scaling {
+        t_ref_c: 10.0,
+        t_scale_c: 45.0,
+        linear_below_c: -45.0,
+        linear_above_c: 65.0,
+        linear_beyond_c_per_min: 6.0,
+        blend_band_c_per_min: 0.2,
+    };
 
     /// Steps an effect of axis 0 with axes that are apart.
     fn step(effect: &mut Running, t: f32, time_s: f32) -> [f32; MAX_OUTPUTS] {
         let axis = |temperature_c| {
             let state = State {
                 temperature_c,
-                rate_c_per_min: 0.5,
+                ramp_c_per_min: 0.5,
                 difference_c_per_min: 0.5,
                 frequency_u: 0.1,
                 frequency_u_per_min: 0.01,

@@ -24,7 +24,7 @@ impl Effect for RateSaturation {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [libm::tanhf(inputs.own().rate_c_per_min * self.per_ramp)]
+        [libm::tanhf(inputs.own().ramp_c_per_min * self.per_ramp)]
     }
 }
 
@@ -36,13 +36,13 @@ mod tests {
     use crate::thermal::{AxisThermal, Thermal};
     use crate::AXES;
 
-    fn at(rate_c_per_min: f32) -> f32 {
+    fn at(ramp_c_per_min: f32) -> f32 {
         let scaling =
-            Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-45.0, 65.0], r_linear: 6.0, blend_band: 0.2 };
+            Scaling { t_ref_c: 10.0, t_scale_c: 45.0, linear_below_c: -45.0, linear_above_c: 65.0, linear_beyond_c_per_min: 6.0, blend_band_c_per_min: 0.2 };
         let state = State {
             temperature_c: 20.0,
-            rate_c_per_min,
-            difference_c_per_min: rate_c_per_min,
+            ramp_c_per_min,
+            difference_c_per_min: ramp_c_per_min,
             frequency_u: 0.0,
             frequency_u_per_min: 0.0,
         };

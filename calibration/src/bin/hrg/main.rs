@@ -136,6 +136,14 @@ enum Command {
         #[arg(default_value = "host-tests/recordings/measured")]
         folder: PathBuf,
     },
+    /// Print the bytes of calibration images and of the link's messages, with formats of Python's struct.
+    ///
+    /// Example: hrg formats
+    Formats {
+        /// Page whose tables, between their marks, are written anew.
+        #[arg(long)]
+        page: Option<PathBuf>,
+    },
     /// Correct a recording as the unit does, on the desktop: row for row what it would send.
     ///
     /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
@@ -168,6 +176,14 @@ fn run(command: Command) -> Result<()> {
             println!("{}", hrg_cal::measured::gpsdo(&folder)?);
             print!("{}", hrg_cal::measured::uberclock(&folder)?);
             Ok(())
+        }
+        Command::Formats { page: None } => {
+            println!("{}\n{}", hrg_cal::formats::image(), hrg_cal::formats::link());
+            Ok(())
+        }
+        Command::Formats { page: Some(page) } => {
+            hrg_cal::splice(&page, "image", &hrg_cal::formats::image())?;
+            hrg_cal::splice(&page, "link", &hrg_cal::formats::link())
         }
         Command::Import(arguments) => import::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
