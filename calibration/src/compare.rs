@@ -2,7 +2,8 @@
 
 use crate::fit::evidence;
 use crate::fit::independence::{self, Units};
-use crate::fit::methods::{identify, Identified, Weight};
+use crate::fit::method::Method;
+use crate::fit::methods::{identify, Identified};
 use crate::fit::{self, MEAN_S};
 use crate::image_file;
 use crate::numeric::allan;
@@ -20,6 +21,62 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+/// What a block costs on the unit, as `hrg-board weigh` counts it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Cost {
+    /// The calibration.
+    pub calibration: String,
+    /// Mean instructions of one update: three axes, frequencies to biases, windows and states included.
+    pub update_instructions: f64,
+    /// Mean instructions of the bias model of one axis alone.
+    pub bias_instructions: f64,
+    /// Mean instructions of turning one frequency into a temperature and a slope; zero where the model needs neither.
+    pub law_instructions: f64,
+    /// Length of the block.
+    pub bytes: usize,
+    /// Frames that the ELF sent.
+    pub frames: usize,
+    /// Frames that differ from hrg-core on the desktop.
+    pub differing: usize,
+}
+
+/// What is compared: a method, or the traced model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contender {
+    /// A method.
+    Method(Method),
+    /// What [`crate::trace`] finds.
+    Trace,
+}
+
+impl Contender {
+    /// Every method, and the traced model.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        Method::ALL.into_iter().map(Self::Method).chain([Self::Trace]).collect()
+    }
+
+    /// The name in commands and tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Method(method) => method.name(),
+            Self::Trace => "trace",
+        }
+    }
+
+    /// The one with a name.
+    ///
+    /// # Errors
+    /// A sentence with the names that there are.
+    pub fn by_name(name: &str) -> Result<Self, BadInput> {
+        Self::all().into_iter().find(|c| c.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Method::ALL.into_iter().map(Method::name).collect();
+            BadInput::new(format!("method \"{name}\" is not known; there are {} and trace", names.join(", ")))
+        })
+    }
+}
+
 /// A method in the comparison.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Row {
@@ -36,7 +93,8 @@ pub struct Row {
     /// How long the identification took, s.
     pub identification_s: f64,
     /// What it costs on the unit; missing where `hrg-board` was not at hand.
-    pub weight: Option<Weight>,
+    #[serde(rename = "weight")]
+    pub cost: Option<Cost>,
     /// What the search reached.
     pub notes: Vec<String>,
 }
@@ -86,14 +144,40 @@ fn bias_instability(v: &[f64]) -> f64 {
     points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
 }
 
-/// Compares `methods` (those of [`crate::fit::methods::NAMES`], and `trace`). Calibrations go to `out` as `METHOD.toml`.
+/// The image of the traced model.
+fn traced(train: &[Recording], verify: &Recording, units: Units) -> Result<Identified, BadInput> {
+    let start = Instant::now();
+    let options = trace::Options { units, ..trace::Options::default() };
+    trace::trace_with(train, verify, &options).map(|t| {
+        let names: Vec<String> = t.report.effects.iter().map(|e| e.name.clone()).collect();
+        let gains: usize = t
+            .image
+            .effects
+            .iter()
+            .filter_map(|e| hrg_core::effects::by_id(e.id))
+            .map(|f| f.outputs + f.parameters.len())
+            .sum();
+        Identified {
+            parameters: hrg_core::bias::TERMS + gains,
+            seconds: start.elapsed().as_secs_f64(),
+            notes: vec![if names.is_empty() {
+                "no effect beyond eq 7 is warranted".to_string()
+            } else {
+                format!("found {}", names.join(", "))
+            }],
+            calibration: t.image,
+        }
+    })
+}
+
+/// Compares methods, the traced model among them. Calibrations go to `out` as `METHOD.toml`.
 ///
 /// # Errors
 /// Recordings that cannot be used; a method that cannot is listed in [`Comparison::left_out`].
 pub fn compare(
     train: &[Recording],
     verify: &[Recording],
-    methods: &[String],
+    methods: &[Contender],
     seed: u64,
     units: Units,
     out: &Path,
@@ -106,33 +190,12 @@ pub fn compare(
     let raw: Vec<[Vec<f64>; AXES]> = steps.iter().map(|s| s.rate_dph.clone()).collect();
     let mut rows = Vec::new();
     let mut left_out = Vec::new();
-    for method in methods {
+    for contender in methods {
+        let method = contender.name();
         progress(method);
-        let found = if method == "trace" {
-            let start = Instant::now();
-            let options = trace::Options { units, ..trace::Options::default() };
-            trace::trace_with(train, first, &options).map(|t| {
-                let names: Vec<String> = t.report.effects.iter().map(|e| e.name.clone()).collect();
-                let gains: usize = t
-                    .image
-                    .effects
-                    .iter()
-                    .filter_map(|e| hrg_core::effects::by_id(e.id))
-                    .map(|f| f.outputs + f.parameters.len())
-                    .sum();
-                Identified {
-                    parameters: hrg_core::bias::TERMS + gains,
-                    seconds: start.elapsed().as_secs_f64(),
-                    notes: vec![if names.is_empty() {
-                        "no effect beyond eq 7 is warranted".to_string()
-                    } else {
-                        format!("found {}", names.join(", "))
-                    }],
-                    calibration: t.image,
-                }
-            })
-        } else {
-            identify(&prepared, method, seed)
+        let found = match contender {
+            Contender::Trace => traced(train, first, units),
+            Contender::Method(m) => identify(&prepared, *m, seed),
         };
         let found = match found {
             Ok(f) => f,
@@ -154,13 +217,13 @@ pub fn compare(
         }
         image_file::save(&path, &calibration)?;
         rows.push(Row {
-            method: method.clone(),
+            method: method.to_string(),
             parameters: found.parameters,
             train_3sigma_dph: t,
             verify_3sigma_dph: v,
             bias_instability_dph: over_runs(&on_verify, bias_instability),
             identification_s: found.seconds,
-            weight: None,
+            cost: None,
             notes: found.notes,
         });
     }
@@ -219,11 +282,11 @@ pub fn weigh(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, sec
         ))
         .into());
     }
-    let weights: Vec<Weight> = serde_json::from_slice(&output.stdout).map_err(|_| {
+    let costs: Vec<Cost> = serde_json::from_slice(&output.stdout).map_err(|_| {
         BadInput::new(format!("{} does not answer as hrg-board does; give the right one", board.display()))
     })?;
-    for (row, w) in c.rows.iter_mut().zip(weights) {
-        row.weight = Some(w);
+    for (row, w) in c.rows.iter_mut().zip(costs) {
+        row.cost = Some(w);
     }
     Ok(())
 }
@@ -262,7 +325,7 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
         .collect(),
     );
     for r in &c.rows {
-        let w = r.weight.as_ref();
+        let w = r.cost.as_ref();
         lines.push(vec![
             r.method.clone(),
             r.parameters.to_string(),
@@ -366,4 +429,17 @@ pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Resu
         });
     }
     plot::svg(&panels, 3, 420, 260)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_method_is_refused_with_those_there_are() {
+        assert_eq!(Contender::by_name("trace"), Ok(Contender::Trace));
+        assert_eq!(Contender::by_name("ga-bp"), Ok(Contender::Method(Method::GaBp)));
+        let e = Contender::by_name("guess").expect_err("refused").0;
+        assert!(e.contains("guess") && e.contains("polynomial, ga-bp, direct and trace"), "{e}");
+    }
 }

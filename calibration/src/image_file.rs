@@ -2,221 +2,367 @@
 //! and back without loss. The checksum is that of the block, so a number changed by hand is noticed.
 
 use crate::{BadInput, AXIS_NAMES};
-use hrg_core::bias::four_parameter::{self, FourParameter};
-use hrg_core::bias::{direct, network, Coefficients, Scaling, TERMS};
+use hrg_core::bias::four_parameter::FourParameter;
+use hrg_core::bias::Coefficients;
+use hrg_core::bias::TERMS;
+use hrg_core::calibration::layouts::{Channel, MODELS};
 use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
-use hrg_core::effects::{by_id, by_name, MAX_PARAMETERS};
-use hrg_core::temperature::TemperatureLaw;
-use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
+use hrg_core::effects::{by_id, EffectId, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::schema::{Field, Format, Layout, Number};
+use hrg_core::AXES;
+use serde::ser::{SerializeMap, SerializeSeq};
+use serde::{Serialize, Serializer};
 use std::path::Path;
+use toml::{Table, Value};
 
 /// Version of the file.
 const VERSION: u32 = 1;
 
-#[derive(Debug, Serialize, Deserialize)]
-struct File {
-    hrg_calibration: u32,
-    unit: String,
-    created_unix_s: u32,
-    sequence: u32,
-    data_crc32: String,
-    calibrated: bool,
-    /// CRC-32 of the binary block.
-    block_crc32: String,
-    scaling: FileScaling,
-    axis: BTreeMap<String, FileAxis>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    effect: Vec<FileEffect>,
+/// Names that files of older programs have.
+const FORMER: [(&str, &str); 1] = [("scale_factor_dph_per_code", "rate_scale_dph_per_code")];
+
+/// What the centre and scale of a thermometer are called where it is a sensor.
+const SENSOR: [(&str, &str); 2] =
+    [("frequency_centre_hz", "sensor_centre_c"), ("frequency_scale_hz", "sensor_scale_c")];
+
+/// Lines that the file begins with.
+const HEAD: &str = "\
+# Calibration of an HRG unit. corrected = raw - bias.
+# bias = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r, u = (T - t_ref_c) / t_scale_c, r = dT/dt in C per minute,
+# plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.
+# block_crc32 is the checksum of the binary block: a number changed by hand no longer matches.
+";
+
+/// A value of the file, in the order in which it is written. Singles stay singles: they are written with no more digits than they
+/// have.
+enum Item {
+    Number(Number),
+    Truth(bool),
+    Text(String),
+    Row(Vec<Item>),
+    Table(Vec<(String, Item)>),
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-struct FileScaling {
-    t_ref_c: f32,
-    t_scale_c: f32,
-    linear_below_c: f32,
-    linear_above_c: f32,
-    linear_beyond_c_per_min: f32,
-    blend_band_c_per_min: f32,
+impl Serialize for Item {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Number(Number::Whole(v)) => s.serialize_u32(*v),
+            Self::Number(Number::Single(v)) => s.serialize_f32(*v),
+            Self::Number(Number::Double(v)) => s.serialize_f64(*v),
+            Self::Truth(v) => s.serialize_bool(*v),
+            Self::Text(v) => s.serialize_str(v),
+            Self::Row(items) => {
+                let mut row = s.serialize_seq(Some(items.len()))?;
+                items.iter().try_for_each(|i| row.serialize_element(i))?;
+                row.end()
+            }
+            Self::Table(entries) => {
+                let mut table = s.serialize_map(Some(entries.len()))?;
+                entries.iter().try_for_each(|(name, item)| table.serialize_entry(name, item))?;
+                table.end()
+            }
+        }
+    }
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-struct FileAxis {
-    #[serde(skip_serializing_if = "Option::is_none")]
-    frequency_centre_hz: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    frequency_scale_hz: Option<f32>,
-    /// In the place of the two above, where the thermometer is a sensor.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sensor_centre_c: Option<f64>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sensor_scale_c: Option<f32>,
-    temperature_coefficients_c: [f32; 4],
-    valid_from_c: f32,
-    valid_to_c: f32,
-    valid_from_c_per_min: f32,
-    valid_to_c_per_min: f32,
-    /// (`rate_scale_dph_per_code` in files of older programs.)
-    #[serde(alias = "rate_scale_dph_per_code")]
-    scale_factor_dph_per_code: f32,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bias_dph: Option<[f32; TERMS]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bias_cooling_dph: Option<[f32; TERMS]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bias_heating_dph: Option<[f32; TERMS]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    four_parameter_dph: Option<FileFourParameter>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    bias_of_frequency_dph: Option<[f32; direct::TERMS]>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    network_dph: Option<[f32; network::WEIGHTS]>,
-    bias_std_dph: [[f32; TERMS]; 2],
-    /// How uncertain the bias is: [`hrg_core::calibration::Uncertainty`].
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    uncertainty_rest_dph2: Option<f32>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    uncertainty_directions_dph: Vec<[f32; TERMS]>,
-    train_rms_dph: f32,
-    verify_rms_dph: f32,
+fn singles(values: &[f32]) -> Item {
+    Item::Row(values.iter().map(|v| Item::Number(Number::Single(*v))).collect())
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-struct FileFourParameter {
-    constant_cooling_heating_low_high: [f32; four_parameter::TERMS],
-    breakpoint_c: f32,
-    origin_c: f32,
+/// The fields of a part of the image, by their names.
+fn entries(part: &impl Layout) -> Vec<(String, Item)> {
+    fields_of(part).map(|(at, field)| (field.name.to_string(), item(part, at, field))).collect()
 }
 
-#[derive(Debug, Serialize, Deserialize)]
-struct FileEffect {
-    name: String,
-    parameters: BTreeMap<String, f32>,
-    /// Where it stands when the unit begins: 1 and -1 the branches, 0 the middle.
-    #[serde(default, skip_serializing_if = "is_zero")]
-    start: f32,
-    gain_dph: BTreeMap<String, Vec<f32>>,
-    gain_std_dph: BTreeMap<String, Vec<f32>>,
-    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    uncertainty_directions_dph: BTreeMap<String, Vec<Vec<f32>>>,
+fn fields_of<L: Layout>(_: &L) -> impl Iterator<Item = (usize, &'static Field)> {
+    L::FIELDS.iter().enumerate()
+}
+
+fn item<L: Layout>(part: &L, at: usize, field: &Field) -> Item {
+    let numbers: Vec<Number> = (0..field.count).filter_map(|k| part.number(at, k)).collect();
+    let whole = |n: &Number| if let Number::Whole(v) = n { *v } else { 0 };
+    match (field.format, field.row) {
+        (Format::Byte, _) => {
+            let bytes: Vec<u8> = numbers.iter().map(|n| whole(n) as u8).take_while(|b| *b != 0).collect();
+            Item::Text(String::from_utf8_lossy(&bytes).into_owned())
+        }
+        (Format::Bool, 0) => Item::Truth(numbers.first().is_some_and(|n| whole(n) != 0)),
+        (Format::U32, 0) if is_checksum(field.name) => Item::Text(format!("{:08x}", numbers.first().map_or(0, whole))),
+        (_, 0) => Item::Number(numbers.first().copied().unwrap_or(Number::Whole(0))),
+        (_, row) => {
+            let mut rows: Vec<Item> =
+                numbers.chunks(row).map(|r| Item::Row(r.iter().map(|n| Item::Number(*n)).collect())).collect();
+            if rows.len() == 1 {
+                rows.remove(0)
+            } else {
+                Item::Row(rows)
+            }
+        }
+    }
+}
+
+/// Checksums are written in hexadecimal.
+fn is_checksum(name: &str) -> bool {
+    name.ends_with("_crc32")
+}
+
+fn renamed(entries: Vec<(String, Item)>, names: &[(&str, &str)]) -> Vec<(String, Item)> {
+    let new = |name: String| names.iter().find(|(from, _)| *from == name).map_or(name, |(_, to)| (*to).to_string());
+    entries.into_iter().map(|(name, item)| (new(name), item)).collect()
+}
+
+/// The names of the models' fields, as [`MODELS`] has them.
+fn model_entries(c: &Coefficients) -> Vec<(String, Item)> {
+    let names: Vec<&str> = MODELS.iter().filter(|m| m.0 == c.kind()).flat_map(|m| m.1).map(|f| f.name).collect();
+    let rows: Vec<Item> = match c {
+        Coefficients::FourParameter(m) => return vec![(FOUR_PARAMETER.to_string(), Item::Table(entries(m)))],
+        Coefficients::One(k) => vec![singles(k)],
+        Coefficients::CoolingHeating(cooling, heating) => vec![singles(cooling), singles(heating)],
+        Coefficients::Direct(k) => vec![singles(k)],
+        Coefficients::Network(k) => vec![singles(k)],
+    };
+    names.into_iter().map(String::from).zip(rows).collect()
+}
+
+/// The table of the four-parameter model.
+const FOUR_PARAMETER: &str = "four_parameter_dph";
+
+fn axis_item(a: &Axis) -> Item {
+    let names: &[(&str, &str)] = if a.law.is_of_sensor() { &SENSOR } else { &[] };
+    let mut out = renamed(entries(&a.law), names);
+    let channel = entries(&Channel::of(a));
+    // The ranges stand together.
+    let (scale, ranges): (Vec<_>, Vec<_>) = channel.into_iter().partition(|(n, _)| n == "scale_factor_dph_per_code");
+    out.extend(ranges);
+    out.extend(scale);
+    out.extend(model_entries(&a.coefficients));
+    out.extend(entries(a));
+    out.extend(uncertainty_entries(&a.uncertainty));
+    Item::Table(tables_last(out))
+}
+
+/// TOML wants what is not a table before what is one.
+fn tables_last(entries: Vec<(String, Item)>) -> Vec<(String, Item)> {
+    let (tables, mut out): (Vec<_>, Vec<_>) = entries.into_iter().partition(|(_, i)| matches!(i, Item::Table(_)));
+    out.extend(tables);
+    out
+}
+
+fn effect_item(e: &EffectTerm) -> Option<Item> {
+    let facts = by_id(e.id)?;
+    let by_axis = |values: &[[f32; MAX_OUTPUTS]; AXES]| {
+        Item::Table(
+            AXIS_NAMES.iter().zip(values).map(|(n, v)| ((*n).to_string(), singles(&v[..facts.outputs]))).collect(),
+        )
+    };
+    let parameters = facts.parameters.iter().zip(e.parameters);
+    let mut out: Vec<(String, Item)> = vec![("name".into(), Item::Text(facts.name.into()))];
+    if e.start != 0.0 {
+        out.push((START.into(), Item::Number(Number::Single(e.start))));
+    }
+    out.extend(vec![
+        (
+            "parameters".into(),
+            Item::Table(parameters.map(|(n, v)| ((*n).to_string(), Item::Number(Number::Single(v)))).collect()),
+        ),
+        ("gain_dph".into(), by_axis(&e.gains)),
+        ("gain_std_dph".into(), by_axis(&e.gain_std)),
+    ]);
+    if e.directions.iter().flatten().flatten().any(|g| *g != 0.0) {
+        let of = |a: usize| Item::Row(e.directions.iter().map(|d| singles(&d[a][..facts.outputs])).collect());
+        let each = AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), of(a))).collect();
+        out.push((DIRECTIONS_KEY.into(), Item::Table(each)));
+    }
+    Some(Item::Table(out))
 }
 
 /// The file's text.
 #[must_use]
 pub fn to_text(c: &Calibration) -> String {
-    let s = &c.scaling;
-    let by_axis = |f: &dyn Fn(usize) -> Vec<f32>| {
-        AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), f(a))).collect::<BTreeMap<_, _>>()
-    };
-    let stated = c.axes.iter().any(|a| a.uncertainty != Uncertainty::default());
-    let file = File {
-        hrg_calibration: VERSION,
-        unit: c.unit_name().to_string(),
-        created_unix_s: c.created_unix_s,
-        sequence: c.sequence,
-        data_crc32: format!("{:08x}", c.data_hash),
-        calibrated: c.calibrated,
-        block_crc32: format!("{:08x}", c.checksum()),
-        scaling: FileScaling {
-            t_ref_c: s.t_ref_c,
-            t_scale_c: s.t_scale_c,
-            linear_below_c: s.t_linear_c[0],
-            linear_above_c: s.t_linear_c[1],
-            linear_beyond_c_per_min: s.r_linear,
-            blend_band_c_per_min: s.blend_band,
-        },
-        axis: c
-            .axes
-            .iter()
-            .zip(AXIS_NAMES)
-            .map(|(a, n)| {
-                let sensor = a.law.is_of_sensor();
-                let mut axis = FileAxis {
-                    frequency_centre_hz: (!sensor).then_some(a.law.f0_hz),
-                    frequency_scale_hz: (!sensor).then_some(a.law.scale_hz),
-                    sensor_centre_c: sensor.then_some(a.law.f0_hz),
-                    sensor_scale_c: sensor.then_some(a.law.scale_hz),
-                    temperature_coefficients_c: a.law.c,
-                    valid_from_c: a.law.min_c,
-                    valid_to_c: a.law.max_c,
-                    valid_from_c_per_min: a.rate_range_c_per_min[0],
-                    valid_to_c_per_min: a.rate_range_c_per_min[1],
-                    scale_factor_dph_per_code: a.scale_factor_dph_per_code,
-                    bias_dph: None,
-                    bias_cooling_dph: None,
-                    bias_heating_dph: None,
-                    four_parameter_dph: None,
-                    bias_of_frequency_dph: None,
-                    network_dph: None,
-                    bias_std_dph: a.coefficient_std,
-                    uncertainty_rest_dph2: stated.then_some(a.uncertainty.rest_dph2),
-                    uncertainty_directions_dph: if stated { a.uncertainty.baseline.to_vec() } else { vec![] },
-                    train_rms_dph: a.train_rms_dph,
-                    verify_rms_dph: a.verify_rms_dph,
-                };
-                match a.coefficients {
-                    Coefficients::One(k) => axis.bias_dph = Some(k),
-                    Coefficients::CoolingHeating(c, h) => {
-                        axis.bias_cooling_dph = Some(c);
-                        axis.bias_heating_dph = Some(h);
-                    }
-                    Coefficients::FourParameter(m) => {
-                        axis.four_parameter_dph = Some(FileFourParameter {
-                            constant_cooling_heating_low_high: m.k,
-                            breakpoint_c: m.breakpoint_c,
-                            origin_c: m.origin_c,
-                        });
-                    }
-                    Coefficients::Direct(k) => axis.bias_of_frequency_dph = Some(k),
-                    Coefficients::Network(w) => axis.network_dph = Some(w),
-                }
-                (n.to_string(), axis)
-            })
-            .collect(),
-        effect: c
-            .effects
-            .iter()
-            .filter_map(|e| by_id(e.id).map(|f| (e, f)))
-            .map(|(e, f)| FileEffect {
-                name: f.name.to_string(),
-                parameters: f.parameters.iter().zip(e.parameters).map(|(n, v)| ((*n).to_string(), v)).collect(),
-                start: e.start,
-                gain_dph: by_axis(&|a| e.gains[a][..f.outputs].to_vec()),
-                gain_std_dph: by_axis(&|a| e.gain_std[a][..f.outputs].to_vec()),
-                uncertainty_directions_dph: if stated {
-                    let of = |a: usize| e.directions.iter().map(|d| d[a][..f.outputs].to_vec()).collect();
-                    AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), of(a))).collect()
-                } else {
-                    BTreeMap::new()
-                },
-            })
-            .collect(),
-    };
-    let body = toml::to_string(&file).unwrap_or_else(|e| format!("# cannot be written: {e}\n"));
-    format!(
-        "# Calibration of an HRG unit. corrected = raw - bias.\n\
-         # bias = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r, u = (T - t_ref_c) / t_scale_c, r = dT/dt in C per minute,\n\
-         # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.\n\
-         # block_crc32 is the checksum of the binary block: a number changed by hand no longer matches.\n{body}"
-    )
-}
-
-// (The signature is serde's.)
-#[allow(clippy::trivially_copy_pass_by_ref)]
-fn is_zero(v: &f32) -> bool {
-    *v == 0.0
-}
-
-/// The directions that a file states, and empty ones for the others.
-fn directions<T: Default + Clone>(stated: &[T], of: impl Fn() -> String) -> Result<[T; DIRECTIONS], BadInput> {
-    if stated.len() > DIRECTIONS {
-        return Err(BadInput::new(format!(
-            "{} has {} directions of its uncertainty; an image holds {DIRECTIONS}",
-            of(),
-            stated.len()
-        )));
+    let mut file = vec![("hrg_calibration".to_string(), Item::Number(Number::Whole(VERSION)))];
+    file.extend(entries(c));
+    file.push(("block_crc32".into(), Item::Text(format!("{:08x}", c.checksum()))));
+    file.push(("scaling".into(), Item::Table(entries(&c.scaling))));
+    let axes = c.axes.iter().zip(AXIS_NAMES).map(|(a, n)| (n.to_string(), axis_item(a))).collect();
+    file.push(("axis".into(), Item::Table(axes)));
+    let effects: Vec<Item> = c.effects.iter().filter_map(effect_item).collect();
+    if !effects.is_empty() {
+        file.push(("effect".into(), Item::Row(effects)));
     }
-    Ok(std::array::from_fn(|k| stated.get(k).cloned().unwrap_or_default()))
+    let body = toml::to_string(&Item::Table(file)).unwrap_or_else(|e| format!("# cannot be written: {e}\n"));
+    format!("{HEAD}{body}")
+}
+
+/// A value by its name, or by one that older files have.
+fn value<'a>(table: &'a Table, name: &str) -> Option<&'a Value> {
+    let other = FORMER.iter().chain(&SENSOR).filter(|(today, _)| *today == name);
+    table.get(name).or_else(|| other.filter_map(|(_, n)| table.get(*n)).next())
+}
+
+/// The numbers of a value, rows after each other; `None` where something else is among them.
+fn numbers(value: &Value) -> Option<Vec<Number>> {
+    Some(match value {
+        Value::Integer(v) => vec![Number::Whole(u32::try_from(*v).ok()?)],
+        Value::Float(v) => vec![Number::Double(*v)],
+        Value::Boolean(v) => vec![Number::Whole((*v).into())],
+        Value::Array(items) => items.iter().map(numbers).collect::<Option<Vec<_>>>()?.concat(),
+        _ => return None,
+    })
+}
+
+/// Reads the fields of a part from the table that has them.
+fn fill<L: Layout>(part: &mut L, table: &Table, place: &str) -> Result<(), BadInput> {
+    for (at, field) in L::FIELDS.iter().enumerate() {
+        let given = value(table, field.name).ok_or_else(|| {
+            let sensor = SENSOR.iter().find(|(today, _)| *today == field.name);
+            let or = sensor.map_or(String::new(), |(_, other)| format!(" (for a sensor {other})"));
+            BadInput::new(format!("{place} lacks {}{or}", field.name))
+        })?;
+        let wrong = || BadInput::new(format!("{place}: {} cannot be {given}", field.name));
+        let numbers = match given {
+            Value::String(text) if is_checksum(field.name) => vec![Number::Whole(hexadecimal(text, field.name)?)],
+            Value::String(text) if field.format == Format::Byte => {
+                let bytes = text.bytes().filter(u8::is_ascii_graphic).chain(std::iter::repeat(0));
+                bytes.take(field.count).map(|b| Number::Whole(b.into())).collect()
+            }
+            other => numbers(other).ok_or_else(wrong)?,
+        };
+        let all_set = numbers.iter().enumerate().all(|(k, n)| k < field.count && part.set_number(at, k, *n));
+        if numbers.len() != field.count || !all_set {
+            return Err(wrong());
+        }
+    }
+    Ok(())
+}
+
+fn hexadecimal(text: &str, what: &str) -> Result<u32, BadInput> {
+    u32::from_str_radix(text, 16).map_err(|_| BadInput::new(format!("{what} \"{text}\" is not a hexadecimal number")))
+}
+
+fn single(n: Number) -> f32 {
+    match n {
+        Number::Whole(v) => v as f32,
+        Number::Single(v) => v,
+        Number::Double(v) => v as f32,
+    }
+}
+
+/// A row of singles of exactly so many numbers.
+fn row<const N: usize>(table: &Table, name: &str, place: &str) -> Result<Option<[f32; N]>, BadInput> {
+    let Some(given) = table.get(name) else { return Ok(None) };
+    let values: Vec<f32> = numbers(given).unwrap_or_default().into_iter().map(single).collect();
+    let Ok(row) = values.try_into() else {
+        return Err(BadInput::new(format!("{place}: {name} must be {N} numbers")));
+    };
+    Ok(Some(row))
+}
+
+fn read_model(table: &Table, place: &str) -> Result<Coefficients, BadInput> {
+    let [one, cooling, heating, direct, network] =
+        ["bias_dph", "bias_cooling_dph", "bias_heating_dph", "bias_of_frequency_dph", "network_dph"];
+    let two_sets = row(table, cooling, place)?.zip(row(table, heating, place)?);
+    let four = match table.get(FOUR_PARAMETER).and_then(Value::as_table) {
+        Some(t) => {
+            let mut m = FourParameter::default();
+            fill(&mut m, t, &format!("{place}, {FOUR_PARAMETER},"))?;
+            Some(m)
+        }
+        None => None,
+    };
+    let models = [
+        row(table, one, place)?.map(Coefficients::One),
+        two_sets.map(|(c, h)| Coefficients::CoolingHeating(c, h)),
+        four.map(Coefficients::FourParameter),
+        row(table, direct, place)?.map(Coefficients::Direct),
+        row(table, network, place)?.map(Coefficients::Network),
+    ];
+    let mut given = models.into_iter().flatten();
+    match (given.next(), given.next()) {
+        (Some(model), None) => Ok(model),
+        _ => Err(BadInput::new(format!(
+            "{place} must have one bias model: {one}, or {cooling} with {heating}, or {FOUR_PARAMETER}, {direct} or {network}"
+        ))),
+    }
+}
+
+/// At most so many rows of so many singles each; none where nothing is given.
+fn rows(given: Option<&Value>, most: usize, width: usize, place: &str) -> Result<Vec<Vec<f32>>, BadInput> {
+    let Some(given) = given.and_then(Value::as_array) else { return Ok(Vec::new()) };
+    let rows: Vec<Vec<f32>> =
+        given.iter().map(|r| numbers(r).unwrap_or_default().into_iter().map(single).collect()).collect();
+    if rows.len() > most || rows.iter().any(|r: &Vec<f32>| r.len() != width) {
+        return Err(BadInput::new(format!("{place}: {DIRECTIONS_KEY} must be at most {most} rows of {width} numbers")));
+    }
+    Ok(rows)
+}
+
+/// What states how uncertain the bias is.
+const REST: &str = "uncertainty_rest_dph2";
+/// The directions of that uncertainty.
+const DIRECTIONS_KEY: &str = "uncertainty_directions_dph";
+/// Where an effect stands when the unit begins.
+const START: &str = "start";
+
+fn uncertainty_entries(u: &Uncertainty) -> Vec<(String, Item)> {
+    if *u == Uncertainty::default() {
+        return Vec::new();
+    }
+    vec![
+        (REST.into(), Item::Number(Number::Single(u.rest_dph2))),
+        (DIRECTIONS_KEY.into(), Item::Row(u.baseline.iter().map(|d| singles(d)).collect())),
+    ]
+}
+
+fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, BadInput> {
+    let mut u = Uncertainty::default();
+    if let Some(rest) = table.get(REST).and_then(numbers).filter(|v| v.len() == 1) {
+        u.rest_dph2 = single(rest[0]);
+    }
+    for (to, from) in u.baseline.iter_mut().zip(rows(table.get(DIRECTIONS_KEY), DIRECTIONS, TERMS, place)?) {
+        to.copy_from_slice(&from);
+    }
+    Ok(u)
+}
+
+fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), BadInput> {
+    fill(&mut axis.law, table, place)?;
+    let mut channel = Channel::default();
+    fill(&mut channel, table, place)?;
+    channel.store(axis);
+    axis.coefficients = read_model(table, place)?;
+    axis.uncertainty = read_uncertainty(table, place)?;
+    fill(axis, table, place)
+}
+
+fn read_effect(table: &Table) -> Result<EffectTerm, BadInput> {
+    let name = table.get("name").and_then(Value::as_str).unwrap_or("");
+    let facts = EffectId::by_name(name)
+        .map(EffectId::facts)
+        .ok_or_else(|| BadInput::new(format!("effect \"{name}\" is not known to this program")))?;
+    let place = format!("effect {name}");
+    let mut term = EffectTerm::new(facts.id, [0.0; MAX_PARAMETERS]);
+    let empty = Table::new();
+    let part = |key: &str| table.get(key).and_then(Value::as_table).unwrap_or(&empty);
+    for (to, parameter) in term.parameters.iter_mut().zip(facts.parameters) {
+        let given = part("parameters").get(*parameter).and_then(numbers).filter(|v| v.len() == 1);
+        let given = given.ok_or_else(|| BadInput::new(format!("{place} lacks the parameter {parameter}")))?;
+        *to = single(given[0]);
+    }
+    if let Some(start) = table.get(START).and_then(numbers).filter(|v| v.len() == 1) {
+        term.start = single(start[0]);
+    }
+    for (a, n) in AXIS_NAMES.iter().enumerate() {
+        for (k, row) in rows(part(DIRECTIONS_KEY).get(*n), DIRECTIONS, facts.outputs, &place)?.iter().enumerate() {
+            term.directions[k][a][..facts.outputs].copy_from_slice(row);
+        }
+        for (to, key) in [(&mut term.gains[a], "gain_dph"), (&mut term.gain_std[a], "gain_std_dph")] {
+            let given = part(key).get(*n).and_then(numbers).filter(|v| v.len() == facts.outputs);
+            let given =
+                given.ok_or_else(|| BadInput::new(format!("{place}: axis {n} needs {} gains", facts.outputs)))?;
+            to.iter_mut().zip(given).for_each(|(to, n)| *to = single(n));
+        }
+    }
+    Ok(term)
 }
 
 /// Reads the file's text.
@@ -224,117 +370,36 @@ fn directions<T: Default + Clone>(stated: &[T], of: impl Fn() -> String) -> Resu
 /// # Errors
 /// One sentence.
 pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
-    let f: File = toml::from_str(text)
-        .map_err(|e| BadInput::new(format!("this is not a calibration file: {}", e.to_string().replace('\n', " "))))?;
-    if f.hrg_calibration != VERSION {
+    let not_one = |why: &str| BadInput::new(format!("this is not a calibration file: {}", why.replace('\n', " ")));
+    let file: Table = toml::from_str(text).map_err(|e| not_one(&e.to_string()))?;
+    let version = file.get("hrg_calibration").ok_or_else(|| not_one("hrg_calibration is missing"))?;
+    if *version != Value::Integer(VERSION.into()) {
         return Err(BadInput::new(format!(
-            "the calibration file is of version {}, this program reads version {VERSION}",
-            f.hrg_calibration
+            "the calibration file is of version {version}, this program reads version {VERSION}"
         )));
     }
-    let hex = |s: &str, what: &str| {
-        u32::from_str_radix(s, 16).map_err(|_| BadInput::new(format!("{what} \"{s}\" is not a hexadecimal number")))
+    let table = |within: &Table, name: &str, place: &str| {
+        let found = within.get(name).and_then(Value::as_table).cloned();
+        found.ok_or_else(|| BadInput::new(format!("the calibration file lacks [{place}]")))
     };
     let mut c = Calibration::uncalibrated();
-    c.set_unit_name(&f.unit);
-    c.created_unix_s = f.created_unix_s;
-    c.sequence = f.sequence;
-    c.data_hash = hex(&f.data_crc32, "data_crc32")?;
-    c.calibrated = f.calibrated;
-    let s = &f.scaling;
-    c.scaling = Scaling {
-        t_ref_c: s.t_ref_c,
-        t_scale_c: s.t_scale_c,
-        t_linear_c: [s.linear_below_c, s.linear_above_c],
-        r_linear: s.linear_beyond_c_per_min,
-        blend_band: s.blend_band_c_per_min,
-    };
-    for (a, n) in AXIS_NAMES.iter().enumerate() {
-        let x = f.axis.get(*n).ok_or_else(|| BadInput::new(format!("the calibration file lacks [axis.{n}]")))?;
-        let two_sets = x.bias_cooling_dph.zip(x.bias_heating_dph);
-        let models = [
-            x.bias_dph.map(Coefficients::One),
-            two_sets.map(|(c, h)| Coefficients::CoolingHeating(c, h)),
-            x.four_parameter_dph.as_ref().map(|m| {
-                Coefficients::FourParameter(FourParameter {
-                    k: m.constant_cooling_heating_low_high,
-                    breakpoint_c: m.breakpoint_c,
-                    origin_c: m.origin_c,
-                })
-            }),
-            x.bias_of_frequency_dph.map(Coefficients::Direct),
-            x.network_dph.map(Coefficients::Network),
-        ];
-        let mut given = models.into_iter().flatten();
-        let (Some(coefficients), None) = (given.next(), given.next()) else {
-            return Err(BadInput::new(format!(
-                "[axis.{n}] must have one bias model: bias_dph, or bias_cooling_dph with bias_heating_dph, or four_parameter_dph, bias_of_frequency_dph or network_dph"
-            )));
-        };
-        let (Some(f0_hz), Some(scale_hz)) =
-            (x.frequency_centre_hz.or(x.sensor_centre_c), x.frequency_scale_hz.or(x.sensor_scale_c))
-        else {
-            return Err(BadInput::new(format!(
-                "[axis.{n}] must have frequency_centre_hz with frequency_scale_hz, or for a sensor sensor_centre_c with sensor_scale_c"
-            )));
-        };
-        c.axes[a] = Axis {
-            law: TemperatureLaw {
-                f0_hz,
-                scale_hz,
-                c: x.temperature_coefficients_c,
-                min_c: x.valid_from_c,
-                max_c: x.valid_to_c,
-            },
-            scale_factor_dph_per_code: x.scale_factor_dph_per_code,
-            rate_range_c_per_min: [x.valid_from_c_per_min, x.valid_to_c_per_min],
-            coefficients,
-            coefficient_std: x.bias_std_dph,
-            uncertainty: Uncertainty {
-                rest_dph2: x.uncertainty_rest_dph2.unwrap_or(0.0),
-                baseline: directions(&x.uncertainty_directions_dph, || format!("[axis.{n}]"))?,
-            },
-            train_rms_dph: x.train_rms_dph,
-            verify_rms_dph: x.verify_rms_dph,
-        };
+    fill(&mut c, &file, "the calibration file")?;
+    fill(&mut c.scaling, &table(&file, "scaling", "scaling")?, "[scaling]")?;
+    let axes = table(&file, "axis", "axis")?;
+    for (axis, n) in c.axes.iter_mut().zip(AXIS_NAMES) {
+        let place = format!("axis.{n}");
+        read_axis(axis, &table(&axes, n, &place)?, &format!("[{place}]"))?;
     }
-    for e in &f.effect {
-        let facts = by_name(&e.name)
-            .ok_or_else(|| BadInput::new(format!("effect \"{}\" is not known to this program", e.name)))?;
-        let mut term = EffectTerm::new(facts.id, [0.0; MAX_PARAMETERS]);
-        term.start = e.start;
-        for (to, name) in term.parameters.iter_mut().zip(facts.parameters) {
-            *to = *e
-                .parameters
-                .get(*name)
-                .ok_or_else(|| BadInput::new(format!("effect {} lacks the parameter {name}", e.name)))?;
-        }
-        for (a, n) in AXIS_NAMES.iter().enumerate() {
-            for (to, from) in [(&mut term.gains[a], &e.gain_dph), (&mut term.gain_std[a], &e.gain_std_dph)] {
-                let values = from.get(*n).filter(|v| v.len() == facts.outputs).ok_or_else(|| {
-                    BadInput::new(format!("effect {}: axis {n} needs {} gains", e.name, facts.outputs))
-                })?;
-                to[..facts.outputs].copy_from_slice(values);
-            }
-            let Some(stated) = e.uncertainty_directions_dph.get(*n) else { continue };
-            for (k, values) in directions(stated, || format!("effect {}, axis {n}", e.name))?.iter().enumerate() {
-                if values.len() > facts.outputs {
-                    return Err(BadInput::new(format!(
-                        "effect {}: axis {n} has {} gains in a direction of its uncertainty, not {}",
-                        e.name,
-                        values.len(),
-                        facts.outputs
-                    )));
-                }
-                term.directions[k][a][..values.len()].copy_from_slice(values);
-            }
-        }
+    let effects = file.get("effect").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for e in effects.iter().filter_map(Value::as_table) {
         c.effects
-            .push(term)
+            .push(read_effect(e)?)
             .map_err(|_| BadInput::new("the calibration file has more effects than a block can hold"))?;
     }
     c.check().map_err(|e| BadInput::new(format!("the calibration file cannot be used: {e}")))?;
-    let stated = hex(&f.block_crc32, "block_crc32")?;
+    let stated = file.get("block_crc32").and_then(Value::as_str);
+    let stated = stated.ok_or_else(|| BadInput::new("the calibration file lacks block_crc32"))?;
+    let stated = hexadecimal(stated, "block_crc32")?;
     if stated != c.checksum() {
         return Err(BadInput::new(format!(
             "the calibration file's checksum is {stated:08x}, its content gives {:08x}: it was changed by hand or damaged; make it anew, or set block_crc32 if the change is meant",
@@ -392,18 +457,18 @@ mod tests {
             c.set_unit_name("HRG-7");
             c.axes[0].coefficients = Coefficients::One(k);
             c.axes[1].coefficients = Coefficients::CoolingHeating(k, [g; 6]);
-            c.axes[2].law.f0_hz = f0;
+            c.axes[2].law.frequency_centre_hz = f0;
             c.axes[1].law = crate::thermometer::curve::sensor_law(g.into(), f64::from(g) + 40.0);
             let rest = if g < -3.0 {
                 Coefficients::Network(std::array::from_fn(|j| k[j % 6] + j as f32))
             } else if g < 3.0 {
                 Coefficients::Direct(std::array::from_fn(|j| k[j % 6]))
             } else {
-                let m = FourParameter { k: [g; 5], breakpoint_c: g, origin_c: k[0] };
+                let m = FourParameter { constant_cooling_heating_low_high: [g; 5], breakpoint_c: g, origin_c: k[0] };
                 Coefficients::FourParameter(m)
             };
             c.axes[2].coefficients = rest;
-            let mut e = EffectTerm::new(7, [0.0; 2]);
+            let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; MAX_OUTPUTS]; 3], gain_std: [[0.0; MAX_OUTPUTS]; 3] };
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");
             let again = from_text(&to_text(&c)).expect("readable");

@@ -7,6 +7,7 @@
 //! | [`fit`] | coefficients by the methods of the sources, enough data behind them, what a unit sends |
 //! | [`trace`] | what the model lacks; the cards of the effects |
 //! | [`image_file`] | the calibration image as a text file |
+//! | [`formats`] | the tables of bytes that the docs print |
 //! | [`align`] | self-alignment |
 //! | [`simulate`] | a chamber run from a plant model |
 //! | [`mod@unit`] | a unit on a port: recordings from it, its log, its screen, sensors beside it |
@@ -14,6 +15,7 @@
 //! | [`compare`] | every method on the same data, the trace beside them |
 //! | [`measured`] | the loop on measured data |
 //! | [`report`] | figures of a data sheet from recordings alone |
+//! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
@@ -22,10 +24,12 @@
 pub mod align;
 pub mod compare;
 pub mod fit;
+pub mod formats;
 pub mod image_file;
 pub mod measured;
 pub mod numeric;
 pub mod plot;
+pub mod profiles;
 pub mod recording;
 pub mod report;
 pub mod simulate;

@@ -2,6 +2,7 @@
 //!
 //! What is known of these files, and what the figures mean, is in docs/measured.md. Nothing here is tuned to them.
 
+use crate::fit::method::Method;
 use crate::fit::methods;
 use crate::fit::{self, MEAN_S};
 use crate::numeric::stats::{block_means, mean, std_dev};
@@ -82,11 +83,11 @@ pub fn rows(train: &Recording, verify: &Recording) -> Result<(Vec<Row>, Vec<Stri
     let constant = [0, 1, 2].map(|a: usize| mean(&prepared.runs[0].steps.rate_dph[a]));
     let mut rows = vec![Row { method: "raw".into(), axes: by_axis(&steps.rate_dph, constant) }];
     let mut left_out = Vec::new();
-    for method in methods::NAMES {
+    for method in Method::ALL {
         match methods::identify(&prepared, method, 1) {
             Ok(found) => {
                 let axes = by_axis(&fit::correct(&found.calibration, &steps), [0.0; AXES]);
-                rows.push(Row { method: method.into(), axes });
+                rows.push(Row { method: method.name().into(), axes });
             }
             Err(e) => left_out.push(format!("{method}: {e}")),
         }

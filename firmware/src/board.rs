@@ -7,8 +7,8 @@
 //! | converter SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
 //! | link out, in | PA9, PA10 | USART1 |
 
+use crate::adc::{self, Adc, Wiring};
 use crate::capture::{self, Clock, Rings};
-use crate::converter::{self, Converter, Wiring};
 use crate::halt::once;
 use crate::maintain::Sectors;
 use crate::params;
@@ -40,13 +40,13 @@ bind_interrupts!(struct Irqs {
 /// The ADC's frame is to be fetched.
 #[interrupt]
 fn EXTI9_5() {
-    converter::data_ready();
+    adc::data_ready();
 }
 
 /// The ADC's frame is in.
 #[interrupt]
 fn DMA2_STREAM0() {
-    converter::transferred();
+    adc::transferred();
 }
 
 /// The ADC's wiring, as numbers in registers.
@@ -104,8 +104,8 @@ pub struct Board {
     pub rings: Rings,
     /// The timer.
     pub clock: Clock,
-    /// The rate converter.
-    pub converter: Converter,
+    /// The rate ADC.
+    pub adc: Adc,
     /// Frames out.
     pub link_out: UartTx<'static, Async>,
     /// Commands in.
@@ -158,7 +158,7 @@ impl Board {
         );
 
         let out = AfType::output(OutputType::PushPull, Speed::High);
-        let converter = Converter::new(Wiring {
+        let adc = Adc::new(Wiring {
             spi: p.SPI1,
             bus: [
                 alternate_function(Flex::new(p.PA5), SPI1_FUNCTION, out),
@@ -186,7 +186,7 @@ impl Board {
         Self {
             rings,
             clock,
-            converter,
+            adc,
             link_out,
             link_in: link_in.into_ring_buffered(once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
             watchdog,

@@ -52,4 +52,4 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 /// Maintenance to telemetry: whether a calibration may be written.
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
-pub static DIVIDER: Signal<Mutex, u16> = Signal::new();
+pub static DECIMATION: Signal<Mutex, u16> = Signal::new();

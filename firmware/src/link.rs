@@ -1,6 +1,6 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DIVIDER, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
+use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
 use crate::halt::halt;
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
@@ -46,7 +46,7 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, identity: Identity) 
             match deframer.push_command(byte) {
                 None => {}
                 Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(identity)),
-                Some(Ok(Message::SetDivider(divider))) => DIVIDER.signal(divider),
+                Some(Ok(Message::SetDecimation(decimation))) => DECIMATION.signal(decimation),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
                 // The host waits for each answer, so there is room.

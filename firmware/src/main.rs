@@ -20,10 +20,10 @@
 #![no_std]
 #![no_main]
 
+mod adc;
 mod board;
 mod capture;
 mod channels;
-mod converter;
 mod halt;
 mod link;
 mod maintain;
@@ -110,7 +110,7 @@ fn start(spawner: Spawner) -> Watchdog {
         identity.sequence,
         status.bits()
     );
-    let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DIVIDER);
+    let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
@@ -127,7 +127,7 @@ fn start(spawner: Spawner) -> Watchdog {
     interrupt::UART4.set_priority(Priority::P8);
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
-    spawned(rate::task(board.converter, output), |t| rate_spawner.spawn(t));
+    spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
     spawned(model::task(board.rings, board.clock, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity), |t| model_spawner.spawn(t));

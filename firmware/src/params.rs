@@ -30,7 +30,7 @@ pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// Divider of the converter's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
 /// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
-pub const CONVERTER_SPI_DIVIDER: u8 = 0b010;
+pub const ADC_SPI_PRESCALER: u8 = 0b010;
 
 /// Link rate, baud. A rate frame is 35 bytes of 10 bits on the wire: 350 kbit/s at 1 kHz; RS-422 carries 921600 over tens of metres.
 pub const LINK_BAUD: u32 = 921_600;

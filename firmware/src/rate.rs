@@ -2,8 +2,8 @@
 //! nothing but its inputs: queues that are full drop, and the drop is flagged. What is decided is in
 //! [`hrg_core::rate_output`].
 
-use crate::channels::{BIAS, DIVIDER, FRAMES, RATE_ALIVE, SECONDS, TICK};
-use crate::converter::Converter;
+use crate::adc::Adc;
+use crate::channels::{BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
 use crate::halt::halt;
 use embassy_futures::select::{select, Either};
 use hrg_core::rate_output::RateOutput;
@@ -15,15 +15,15 @@ fn send(frame: RateFrame) -> bool {
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut converter: Converter, output: &'static mut RateOutput) {
-    converter.start();
+pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
+    adc.start();
     loop {
-        let input = select(converter.sample(), TICK.wait()).await;
+        let input = select(adc.sample(), TICK.wait()).await;
         if let Some(bias) = BIAS.try_take() {
             output.set_bias(bias);
         }
-        if let Some(divider) = DIVIDER.try_take() {
-            output.set_divider(divider);
+        if let Some(decimation) = DECIMATION.try_take() {
+            output.set_decimation(decimation);
         }
         let second = match input {
             Either::First((tick, codes)) => output.sample(tick, codes, send),

@@ -49,7 +49,7 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
 pub async fn log() {
     loop {
         let h = LOG.wait().await;
-        let (f, t, r, b, w) = (h.frequency_hz, h.temperature_c, h.rate_c_per_min, h.bias_dph, h.raw_dph);
+        let (f, t, r, b, w) = (h.frequency_hz, h.temperature_c, h.ramp_c_per_min, h.bias_dph, h.raw_dph);
         let status = h.axis_status;
         defmt::info!(
             "t={=u32} f={=f64},{=f64},{=f64} T={=f32},{=f32},{=f32} dT={=f32},{=f32},{=f32} b={=f32},{=f32},{=f32} raw={=f32},{=f32},{=f32} status={=u8:02x},{=u8:02x},{=u8:02x},{=u8:02x} cal={=u32:08x} no={=u32} made={=u32} mode={=u8}",

@@ -3,7 +3,7 @@
 
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
-use hrg_core::converter::{decode, Fault, WORDS};
+use hrg_core::adc::{decode, Fault, WORDS};
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 use hrg_core::rate_output::{Corruption, RateOutput, DROPS_IN_A_ROW};
 use hrg_core::rate_path::{PendingBias, RateFrame, RatePath, CHANNELS};

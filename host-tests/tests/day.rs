@@ -6,13 +6,14 @@ use hrg_board::serve;
 use hrg_board::wires::{AxisFault, WireFaults};
 use hrg_cal::fit;
 use hrg_cal::fit::correct;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::unit::record::{Recorder, Second};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::by_name;
+use hrg_core::effects::EffectId;
 use hrg_core::status::AxisStatus;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -310,11 +311,11 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
     let recording = Plan::of(Profile::parse("20,40@5,2m,25@5,1m").expect("fine"), 11, 12).simulate().recording;
     let train = Plan::of(Profile::parse("cycle").expect("named"), 11, 13).simulate().recording;
     let prepared = fit::prepare(&[train]).expect("prepares");
-    let mut c = methods::identify(&prepared, "lsq", 1).expect("fits").calibration;
+    let mut c = methods::identify(&prepared, Method::Lsq, 1).expect("fits").calibration;
     for (name, parameters, gain) in
         [("thermal-lag", [900.0, 0.0], 0.3), ("hysteresis", [4.0, 0.0], 0.2), ("warm-up", [500.0, 0.0], 2.0)]
     {
-        let mut term = EffectTerm::new(by_name(name).expect("known").id, parameters);
+        let mut term = EffectTerm::new(EffectId::by_name(name).expect("known").facts().id, parameters);
         term.gains.iter_mut().for_each(|g| g[0] = gain);
         c.effects.push(term).expect("room");
     }

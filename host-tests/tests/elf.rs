@@ -4,7 +4,8 @@ use hrg_board::align::align;
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AxisFault, ConverterFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
-use hrg_cal::align::Start;
+use hrg_cal::align::{FilterKind, Start};
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::numeric::stats;
@@ -34,7 +35,7 @@ fn calibration() -> Calibration {
     ONCE.get_or_init(|| {
         let plan = Plan::of(Profile::parse("cycle").expect("named"), 11, 12);
         let prepared = prepare(&[plan.simulate().recording]).expect("prepares");
-        identify(&prepared, "lsq", 1).expect("fits").calibration
+        identify(&prepared, Method::Lsq, 1).expect("fits").calibration
     })
     .clone()
 }
@@ -95,7 +96,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
 fn the_comparison_can_fail() {
     // The twin is given another calibration than the unit: every housekeeping must differ.
     let (mine, mut other) = (calibration(), calibration());
-    other.axes[0].law.c[0] += 1e-3;
+    other.axes[0].law.temperature_coefficients_c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = mine.scale_factors_dph_per_code();
     let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), false);
@@ -167,14 +168,11 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
     let o = run(Some(&calibration()), 20, faults, false);
     assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
     let silent: Vec<_> =
-        o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::CONVERTER_FAULT)).collect();
+        o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::ADC_FAULT)).collect();
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
     assert!(silent.iter().all(|h| h.frequency_hz.iter().all(|f| f.is_finite())), "temperatures go on");
     let after = o.received.rates.iter().find(|r| r.tick > 6 * 90_000_000).expect("rates come back");
-    assert!(
-        after.unit_status.contains(UnitStatus::CONVERTER_FAULT),
-        "the first frame after says that samples were lost"
-    );
+    assert!(after.unit_status.contains(UnitStatus::ADC_FAULT), "the first frame after says that samples were lost");
     assert!(o.received.rates.last().is_some_and(|r| r.unit_status.is_empty()));
 }
 
@@ -183,8 +181,8 @@ fn spoilt_converter_frames_are_refused() {
     let o = run(Some(&calibration()), 20, WireFaults { spoil_every: Some(100), ..WireFaults::default() }, true);
     assert_eq!(o.received.differing, 0, "{:?}", o.received.first_difference);
     let h = o.received.housekeeping[10];
-    assert_eq!((h.samples, h.converter_errors), (990, 10));
-    assert!(h.unit_status.contains(UnitStatus::CONVERTER_FAULT));
+    assert_eq!((h.samples, h.adc_errors), (990, 10));
+    assert!(h.unit_status.contains(UnitStatus::ADC_FAULT));
 }
 
 #[test]
@@ -199,7 +197,7 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
         t += byte_time;
     }
     link_in.push((t + byte_time, 0));
-    for (k, b) in Message::Identify.encode().into_iter().chain(Message::SetDivider(10).encode()).enumerate() {
+    for (k, b) in Message::Identify.encode().into_iter().chain(Message::SetDecimation(10).encode()).enumerate() {
         link_in.push((4.0 + k as f64 * byte_time, b));
     }
     let c = calibration();
@@ -215,7 +213,7 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
     });
     assert_eq!(identity.map(|i| i.calibration), Some(c.checksum()));
     let late: Vec<_> = o.received.rates.iter().filter(|r| r.tick > 8 * 90_000_000).collect();
-    assert!(late.windows(2).all(|w| w[1].sample - w[0].sample == 10), "the divider was set");
+    assert!(late.windows(2).all(|w| w[1].sample - w[0].sample == 10), "the decimation was set");
     assert!(o.received.rates.windows(2).all(|w| w[1].sample - w[0].sample <= 10), "no frame was lost");
 }
 
@@ -297,12 +295,12 @@ fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
     };
     let (hrg, fog) = (cycle(Kind::Hrg, "cycle"), cycle(Kind::Fog, "wu"));
     let models = [
-        ("two-sets", &hrg),
-        ("fog-lsq", &fog),
-        ("fog-literal", &fog),
-        ("polynomial", &hrg),
-        ("ga-bp", &hrg),
-        ("direct", &hrg),
+        (Method::TwoSets, &hrg),
+        (Method::FogLsq, &fog),
+        (Method::FogLiteral, &fog),
+        (Method::Polynomial, &hrg),
+        (Method::GaBp, &hrg),
+        (Method::Direct, &hrg),
     ];
     for (method, prepared) in models {
         let calibration = identify(prepared, method, 1).expect("identifies").calibration;
@@ -328,7 +326,7 @@ fn the_unit_aligns_as_the_desktop_and_hands_its_drifts_on() {
     let error = wrap(f64::from(last.azimuth_deg) * DEGREE - truth.azimuth) / ARCMIN;
     assert!(error.abs() < 3.0 * f64::from(last.azimuth_std_arcmin), "{error}'");
     // The desktop's tool on the recording itself: readings differ by the rounding to codes only.
-    let desktop = hrg_cal::align::align(&recording, "linear", Start::default()).expect("aligns");
+    let desktop = hrg_cal::align::align(&recording, FilterKind::Linear, Start::default()).expect("aligns");
     assert!((desktop.azimuth_deg - f64::from(last.azimuth_deg)).abs() * 60.0 < 0.5);
     // Before the turn there was no azimuth to be had.
     assert!(a.reports.iter().filter(|r| r.stage < 3).all(|r| r.refusal != 0 && r.azimuth_deg.is_nan()));

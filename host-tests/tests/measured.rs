@@ -2,6 +2,7 @@
 
 use host_tests::program;
 use hrg_cal::fit;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
 use hrg_cal::measured::{self, Figure};
 use hrg_cal::recording::steps::Steps;
@@ -54,7 +55,7 @@ fn eq_7_on_the_imu_is_what_others_find() {
     let whole = measured::load(Path::new(FOLDER), "imu_raw_data").expect("there");
     let (train, verify) = whole.split(measured::IMU_TRAIN_S).expect("within");
     let prepared = fit::prepare(&[train]).expect("usable");
-    let found = methods::identify(&prepared, "lsq", 1).expect("fits");
+    let found = methods::identify(&prepared, Method::Lsq, 1).expect("fits");
     let steps = Steps::new(&verify).expect("long enough");
     let corrected = fit::correct(&found.calibration, &steps);
     for (a, wanted) in [504.0, 193.0, 242.0].into_iter().enumerate() {

@@ -41,11 +41,11 @@ fn single_precision_is_enough_when_centred() {
     let p = table();
     for a in 0..3 {
         let law = fit_inverse(&p.frequency_hz[a], &p.shell_c[a], None, 3).expect("fits");
-        let c = law.c.map(f64::from);
+        let c = law.temperature_coefficients_c.map(f64::from);
         let (low, high) = (p.frequency_hz[a][0], p.frequency_hz[a][9]);
         for k in 0..=10_000 {
             let f = low + (high - low) * f64::from(k) / 10_000.0;
-            let u = (f - law.f0_hz) / f64::from(law.scale_hz);
+            let u = (f - law.frequency_centre_hz) / f64::from(law.frequency_scale_hz);
             let exact = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
             let error = (f64::from(law.temperature_c(f)) - exact).abs();
             assert!(error < 2e-5, "axis {a} at {f} Hz: {error} C");

@@ -20,7 +20,7 @@ pub struct Output {
     /// Temperatures, C (NaN before the first frequency).
     pub temperature_c: [f32; AXES],
     /// Rates of change, C per minute.
-    pub rate_c_per_min: [f32; AXES],
+    pub ramp_c_per_min: [f32; AXES],
     /// Biases to subtract, deg/h. Always finite.
     pub bias_dph: [f32; AXES],
     /// Their standard uncertainties, deg/h, as the calibration states them ([`crate::calibration::Uncertainty`]); NaN where it does
@@ -38,7 +38,7 @@ impl Output {
         equal(&self.bias_dph, &other.bias_dph)
             && equal(&self.bias_std_dph, &other.bias_std_dph)
             && equal(&self.temperature_c, &other.temperature_c)
-            && equal(&self.rate_c_per_min, &other.rate_c_per_min)
+            && equal(&self.ramp_c_per_min, &other.ramp_c_per_min)
             && self.status == other.status
     }
 }
@@ -136,7 +136,7 @@ impl Compensator {
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
-            rate_c_per_min: [x.state.rate_c_per_min, y.state.rate_c_per_min, z.state.rate_c_per_min],
+            ramp_c_per_min: [x.state.ramp_c_per_min, y.state.ramp_c_per_min, z.state.ramp_c_per_min],
             bias_dph,
             bias_std_dph: [f32::NAN; AXES],
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
@@ -173,7 +173,7 @@ impl Axis {
         if u.rest_dph2 <= 0.0 {
             return f32::NAN;
         }
-        let x = bias::regressors(scaling, state.temperature_c, state.rate_c_per_min);
+        let x = bias::regressors(scaling, state.temperature_c, state.ramp_c_per_min);
         let mut variance = u.rest_dph2;
         for (k, effects) in u.baseline.iter().zip(along_dph) {
             let d = bias::dot(k, &x) + effects;
@@ -199,11 +199,11 @@ impl Axis {
         if !now.known {
             return s;
         }
-        let (t, r) = (now.state.temperature_c, now.state.rate_c_per_min);
-        if t < self.law.min_c || t > self.law.max_c {
+        let (t, r) = (now.state.temperature_c, now.state.ramp_c_per_min);
+        if t < self.law.valid_from_c || t > self.law.valid_to_c {
             s |= AxisStatus::TEMPERATURE_RANGE;
         }
-        let [slowest, fastest] = self.rate_range_c_per_min;
+        let (slowest, fastest) = (self.valid_from_c_per_min, self.valid_to_c_per_min);
         let beyond = |r: f32| r < slowest || r > fastest;
         // The slope takes seconds to show a ramp; a step of twice the range shows at once, and makes the slope invalid for as
         // long as it is in the window. (An outage may hide the way back: then the time counts from its end.)
@@ -267,7 +267,7 @@ mod tests {
         assert!(out.bias_std_dph[0].is_nan() && out.bias_std_dph[2].is_nan());
         // By the definition: the regressors of the effect from its own code, those of the baseline from theirs.
         let state = c.thermometer.now().axes[1].state;
-        let x = bias::regressors(&block.scaling, state.temperature_c, state.rate_c_per_min);
+        let x = bias::regressors(&block.scaling, state.temperature_c, state.ramp_c_per_min);
         let mut one = crate::effects::Running::new(shape.id, &[-40.0, 60.0], MODEL_STEP_S).expect("in the list");
         let inputs = crate::effects::Inputs {
             scaling: &block.scaling,
@@ -329,7 +329,7 @@ mod tests {
                 "step {k}: {:?}",
                 out.status[0]
             );
-            assert!(out.rate_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
+            assert!(out.ramp_c_per_min[0].abs() < 1e-6, "the jump is no rate of change");
         }
         // One wild second changes nothing but its own flag.
         let (mut a, mut b) = (c.clone(), c);
@@ -346,7 +346,7 @@ mod tests {
         // A frequency that runs away and comes back, and one that was away for long: as long as the slope is not that of the
         // resonator, it is flagged.
         let mut block = calibrated();
-        block.axes.iter_mut().for_each(|a| a.rate_range_c_per_min = [-1.0, 1.0]);
+        block.axes.iter_mut().for_each(|a| (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-1.0, 1.0));
         for lost in [0, 3, 8, 12, 40] {
             for off in [0.1, 0.3, 1.0, 2.0] {
                 let mut c = Compensator::new(block.clone(), 0.0);
@@ -355,7 +355,7 @@ mod tests {
                     let f = F[0].map(|f| f + 0.006 * f64::from(k) + if away { off } else { 0.0 });
                     let out = c.step(&[f.filter(|_| !(55..55 + lost).contains(&k)), F[1], F[2]]);
                     // 0.006 Hz/s: about 0.9 C/min.
-                    let error = (out.rate_c_per_min[0] - 0.9).abs();
+                    let error = (out.ramp_c_per_min[0] - 0.9).abs();
                     assert!(
                         error < 0.2 || !out.status[0].is_empty(),
                         "lost {lost}, off {off}, step {k}: {error} C/min unsaid"

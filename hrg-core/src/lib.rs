@@ -33,12 +33,12 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod adc;
 pub mod alignment;
 pub mod bias;
 pub mod bytes;
 pub mod calibration;
 pub mod compensator;
-pub mod converter;
 pub mod effects;
 pub mod frequency;
 pub mod link;
@@ -47,6 +47,7 @@ pub mod math;
 pub mod rate_of_change;
 pub mod rate_output;
 pub mod rate_path;
+pub mod schema;
 pub mod sectors;
 pub mod status;
 pub mod supervision;

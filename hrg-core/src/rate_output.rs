@@ -3,7 +3,7 @@
 //! The firmware's rate task, the desktop twin and the fuzz target drive this type alike: a bias and a decimation in, samples and
 //! looks at the time in, frames and the means of a second out.
 
-use crate::converter::Fault;
+use crate::adc::Fault;
 use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};
 use crate::status::UnitStatus;
 
@@ -44,7 +44,7 @@ pub struct RateOutput {
     drops_in_a_row: u16,
     looks_without_sample: u8,
     /// A decimation to be used from the next second on.
-    divider: Option<u16>,
+    decimation: Option<u16>,
 }
 
 impl RateOutput {
@@ -58,7 +58,7 @@ impl RateOutput {
             flag_drop: false,
             drops_in_a_row: 0,
             looks_without_sample: 0,
-            divider: None,
+            decimation: None,
         }
     }
 
@@ -68,8 +68,8 @@ impl RateOutput {
     }
 
     /// Samples per frame from the end of this second on.
-    pub fn set_divider(&mut self, divider: u16) {
-        self.divider = Some(divider);
+    pub fn set_decimation(&mut self, decimation: u16) {
+        self.decimation = Some(decimation);
     }
 
     /// A frame of the ADC has come: the timer's tick at its data-ready edge, and its codes or what is wrong with it. `send` puts a
@@ -126,8 +126,8 @@ impl RateOutput {
             }
         }
         Ok(summary.map(|summary| {
-            if let Some(divider) = self.divider.take() {
-                self.path.set_divider(divider);
+            if let Some(decimation) = self.decimation.take() {
+                self.path.set_decimation(decimation);
             }
             RateSecond { summary, dropped: self.dropped }
         }))
@@ -144,8 +144,8 @@ mod tests {
 
     const MS: u32 = Timebase::REFERENCE.ms(1);
 
-    fn output(divider: u16) -> RateOutput {
-        let path = RatePath::new(Timebase::REFERENCE, [0.01; 3], divider);
+    fn output(decimation: u16) -> RateOutput {
+        let path = RatePath::new(Timebase::REFERENCE, [0.01; 3], decimation);
         RateOutput::new(path, UnitStatus::WATCHDOG_RESET)
     }
 
@@ -200,7 +200,7 @@ mod tests {
         assert_eq!(out.look(10 * MS, |_| true), Ok(None));
         assert_eq!(out.look(20 * MS, |_| true), Ok(None));
         let second = out.look(30 * MS, |_| true).expect("intact").expect("the bias is due");
-        assert_eq!((second.summary.samples, second.summary.converter_errors), (1, 2));
+        assert_eq!((second.summary.samples, second.summary.adc_errors), (1, 2));
         // The next frame says that samples were missing.
         let mut status = UnitStatus::empty();
         let take = |f: RateFrame| {
@@ -208,13 +208,13 @@ mod tests {
             true
         };
         assert_eq!(out.sample(31 * MS, codes(1), take), Ok(None));
-        assert!(status.contains(UnitStatus::CONVERTER_FAULT));
+        assert!(status.contains(UnitStatus::ADC_FAULT));
     }
 
     #[test]
     fn the_decimation_changes_with_the_second() {
         let mut out = output(1);
-        out.set_divider(5);
+        out.set_decimation(5);
         let mut samples = Vec::new();
         for k in 0..40u32 {
             if k == 10 {

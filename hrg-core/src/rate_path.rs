@@ -19,7 +19,7 @@ pub const CHANNELS: usize = AXES + 2;
 pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
 
 /// Samples per rate frame at start: 1 kHz / 5 = 200 Hz. Settable over the link.
-pub const DIVIDER: u16 = 5;
+pub const DECIMATION: u16 = 5;
 
 /// Samples of a frame at most: one a second.
 pub const MOST_SAMPLES: u16 = 1000;
@@ -58,7 +58,7 @@ pub fn corrected_dph(raw_dph: f32, bias_dph: f32) -> f32 {
 }
 
 /// A channel that gives the same code for so many samples (2 s) is stuck: a working ADC of 24 bits never repeats a code that
-/// long. Flagged [`UnitStatus::CONVERTER_FAULT`].
+/// long. Flagged [`UnitStatus::ADC_FAULT`].
 pub const STUCK_SAMPLES: u16 = 2000;
 
 impl PendingBias {
@@ -89,8 +89,8 @@ impl PendingBias {
     }
 }
 
-fn settings_integrity(scale_dph: &[f32; AXES], dividers: [u16; 2], stale_ticks: u32, late_ticks: i32) -> u32 {
-    let [now, next] = dividers.map(u32::from);
+fn settings_integrity(scale_dph: &[f32; AXES], decimations: [u16; 2], stale_ticks: u32, late_ticks: i32) -> u32 {
+    let [now, next] = decimations.map(u32::from);
     fold(scale_dph.map(f32::to_bits)).wrapping_add(now << 16 | next) ^ fold([stale_ticks, late_ticks as u32, 0])
 }
 
@@ -99,8 +99,8 @@ fn fold([a, b, c]: [u32; 3]) -> u32 {
     !(a ^ b.rotate_left(11) ^ c.rotate_left(22))
 }
 
-/// One frame of corrected rates: the mean of `divider` samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// One frame of corrected rates: the mean of `decimation` samples.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RateFrame {
     /// Number of the last sample in it, since start.
     pub sample: u32,
@@ -155,7 +155,7 @@ pub struct Summary {
     /// Mean corrected rate, deg/h; NaN without samples.
     pub corrected_dph: [f32; AXES],
     /// Samples missing or refused in that time.
-    pub converter_errors: u16,
+    pub adc_errors: u16,
     /// Sums of the codes of the accelerometers along axes 1 and 2.
     pub accelerometer_codes: [i64; 2],
     /// One of those was at its end of scale.
@@ -182,7 +182,7 @@ pub struct RatePath {
     scale_dph: [f32; AXES],
     /// Integrity word over all settings.
     settings_integrity: u32,
-    divider: u16,
+    decimation: u16,
     current: PendingBias,
     /// The current bias is older than [`STALE_MS`].
     stale: bool,
@@ -198,7 +198,7 @@ pub struct RatePath {
     /// The same two again: what is being summed has no integrity word.
     mirror: (u16, [f32; AXES]),
     /// Samples per frame from the next frame on.
-    next_divider: u16,
+    next_decimation: u16,
     axis_status: [AxisStatus; AXES],
     unit_status: UnitStatus,
     // The summary being filled.
@@ -209,17 +209,17 @@ pub struct RatePath {
 }
 
 impl RatePath {
-    /// `timebase`: the timer of the ticks; `scale_dph`: deg/h per code of each axis; `divider`: samples per frame, 1 to 1000.
+    /// `timebase`: the timer of the ticks; `scale_dph`: deg/h per code of each axis; `decimation`: samples per frame, 1 to 1000.
     #[must_use]
-    pub fn new(timebase: Timebase, scale_dph: [f32; AXES], divider: u16) -> Self {
-        let divider = divider.clamp(1, MOST_SAMPLES);
+    pub fn new(timebase: Timebase, scale_dph: [f32; AXES], decimation: u16) -> Self {
+        let decimation = decimation.clamp(1, MOST_SAMPLES);
         let (stale_ticks, late_ticks) = (timebase.ms(STALE_MS), timebase.ms(LATE_MS) as i32);
         Self {
             stale_ticks,
             late_ticks,
             scale_dph,
-            settings_integrity: settings_integrity(&scale_dph, [divider, divider], stale_ticks, late_ticks),
-            divider,
+            settings_integrity: settings_integrity(&scale_dph, [decimation, decimation], stale_ticks, late_ticks),
+            decimation,
             current: PendingBias::at(
                 0,
                 u32::MAX,
@@ -235,7 +235,7 @@ impl RatePath {
             in_frame: 0,
             sum_dph: [0.0; AXES],
             mirror: (0, [0.0; AXES]),
-            next_divider: divider,
+            next_decimation: decimation,
             axis_status: [AxisStatus::empty(); AXES],
             unit_status: UnitStatus::empty(),
             code_sum: [0; CHANNELS],
@@ -246,16 +246,16 @@ impl RatePath {
     }
 
     /// Samples per frame from the next frame on.
-    pub fn set_divider(&mut self, divider: u16) {
+    pub fn set_decimation(&mut self, decimation: u16) {
         let intact = self.settings_intact();
-        self.next_divider = divider.clamp(1, MOST_SAMPLES);
+        self.next_decimation = decimation.clamp(1, MOST_SAMPLES);
         if intact {
             self.settings_integrity = self.settings_now();
         }
     }
 
     fn settings_now(&self) -> u32 {
-        settings_integrity(&self.scale_dph, [self.divider, self.next_divider], self.stale_ticks, self.late_ticks)
+        settings_integrity(&self.scale_dph, [self.decimation, self.next_decimation], self.stale_ticks, self.late_ticks)
     }
 
     fn settings_intact(&self) -> bool {
@@ -294,13 +294,13 @@ impl RatePath {
         self.in_summary = self.in_summary.saturating_add(1);
         self.in_frame += 1;
         self.mirror.0 += 1;
-        if self.in_frame < self.divider {
+        if self.in_frame < self.decimation {
             // Its integrity word is checked when a frame is complete, which would take long.
-            event.corrupted = self.divider > MOST_SAMPLES;
+            event.corrupted = self.decimation > MOST_SAMPLES;
             return event;
         }
-        let unequal = self.in_frame != self.divider
-            || self.mirror.0 != self.divider
+        let unequal = self.in_frame != self.decimation
+            || self.mirror.0 != self.decimation
             || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
         event.corrupted = unequal || !self.current.intact() || !self.settings_intact();
         // An old bias is flagged from then on, whatever the timer, which wraps every 48 s, makes of its age later.
@@ -316,10 +316,10 @@ impl RatePath {
     }
 
     /// A sample was missing or refused at about `tick`. A frame whose samples all are missing is
-    /// not sent; the next one carries [`UnitStatus::CONVERTER_FAULT`].
+    /// not sent; the next one carries [`UnitStatus::ADC_FAULT`].
     pub fn missing(&mut self, tick: u32) -> Event {
         self.errors = self.errors.saturating_add(1);
-        self.unit_status |= UnitStatus::CONVERTER_FAULT;
+        self.unit_status |= UnitStatus::ADC_FAULT;
         Event { frame: None, summary: self.turn(tick), corrupted: false }
     }
 
@@ -367,7 +367,7 @@ impl RatePath {
             samples: self.in_summary,
             raw_dph,
             corrected_dph,
-            converter_errors: self.errors,
+            adc_errors: self.errors,
             accelerometer_codes: [self.code_sum[AXES], self.code_sum[AXES + 1]],
             accelerometer_saturated: self.accelerometer_saturated,
         };
@@ -385,7 +385,7 @@ impl RatePath {
             let moved = core::mem::take(&mut self.changed[k]) != 0;
             self.unchanged[k] = if moved { 0 } else { self.unchanged[k].saturating_add(self.in_frame) };
             if self.unchanged[k] >= STUCK_SAMPLES {
-                self.unit_status |= UnitStatus::CONVERTER_FAULT;
+                self.unit_status |= UnitStatus::ADC_FAULT;
             }
         }
         for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
@@ -406,8 +406,8 @@ impl RatePath {
         self.in_frame = 0;
         self.sum_dph = [0.0; AXES];
         self.mirror = (0, [0.0; AXES]);
-        if self.next_divider != self.divider {
-            self.divider = self.next_divider;
+        if self.next_decimation != self.decimation {
+            self.decimation = self.next_decimation;
             self.settings_integrity = self.settings_now();
         }
         self.axis_status = [AxisStatus::empty(); AXES];
@@ -444,14 +444,14 @@ mod tests {
     #[test]
     fn a_frame_that_would_never_end_is_noticed() {
         let corruptions: [fn(&mut RatePath); 6] = [
-            |p| p.divider ^= 1,
-            |p| p.divider ^= 1 << 9,
-            |p| p.divider ^= 1 << 10,
-            |p| p.divider ^= 1 << 15,
-            |p| p.next_divider ^= 1 << 12,
+            |p| p.decimation ^= 1,
+            |p| p.decimation ^= 1 << 9,
+            |p| p.decimation ^= 1 << 10,
+            |p| p.decimation ^= 1 << 15,
+            |p| p.next_decimation ^= 1 << 12,
             |p| {
                 p.scale_dph[1] = 1.0;
-                p.set_divider(7);
+                p.set_decimation(7);
             },
         ];
         for (k, corrupt) in corruptions.iter().enumerate() {
@@ -477,7 +477,7 @@ mod tests {
         assert_eq!(stale, 2501);
         assert!(said[stale..].iter().all(|s| s.0 == [AxisStatus::TEMPERATURE_STALE; 3]));
         let stuck = said.iter().position(|s| !s.1.is_empty()).expect("said") + 1;
-        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::CONVERTER_FAULT));
+        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::ADC_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {
             for word in 0..9 {
@@ -492,7 +492,7 @@ mod tests {
                         let _ = r.sample(0, [1; CHANNELS]);
                         match bit {
                             0..16 => r.in_frame ^= 1 << bit,
-                            _ => r.divider ^= 1 << (bit - 16),
+                            _ => r.decimation ^= 1 << (bit - 16),
                         }
                         let said = (1..2000).find_map(|k| {
                             let e = r.sample(k * 90_000, [1; CHANNELS]);
@@ -590,10 +590,10 @@ mod tests {
         let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 2);
         p.set_bias(PendingBias::at(0, 1, [0.0; 3], [GOOD; 3]));
         let e = p.missing(200_000);
-        assert_eq!(e.summary.map(|s| s.converter_errors), Some(1));
+        assert_eq!(e.summary.map(|s| s.adc_errors), Some(1));
         let _ = p.sample(290_000, [0; CHANNELS]);
         let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0]).frame.expect("second sample");
-        assert_eq!(f.unit_status, UnitStatus::CONVERTER_FAULT | UnitStatus::BIAS_LATE);
+        assert_eq!(f.unit_status, UnitStatus::ADC_FAULT | UnitStatus::BIAS_LATE);
         assert_eq!(f.axis_status, [GOOD, AxisStatus::OVER_RANGE, GOOD]);
     }
 }

@@ -37,7 +37,7 @@ bitflags! {
     pub struct UnitStatus: u8 {
         /// The ADC sent nothing, or a frame with a wrong checksum, since the last frame out; or a rate channel has given the same
         /// code for [`crate::rate_path::STUCK_SAMPLES`].
-        const CONVERTER_FAULT = 1 << 0;
+        const ADC_FAULT = 1 << 0;
         /// A bias arrived after the sample at which it was due.
         const BIAS_LATE = 1 << 1;
         /// Garbage was seen on the link in the last second.
@@ -70,7 +70,7 @@ impl AxisStatus {
 impl UnitStatus {
     /// Name of each bit in files and on screens, bit 0 first.
     pub const NAMES: [&str; 8] = [
-        "converter-fault",
+        "adc-fault",
         "bias-late",
         "link-errors",
         "frames-dropped",

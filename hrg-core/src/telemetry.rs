@@ -120,7 +120,7 @@ mod tests {
     };
     const OUTPUT: Output = Output {
         temperature_c: [20.0; 3],
-        rate_c_per_min: [0.0; 3],
+        ramp_c_per_min: [0.0; 3],
         bias_dph: [1.0; 3],
         bias_std_dph: [0.1; 3],
         status: [AxisStatus::empty(); 3],
@@ -132,7 +132,7 @@ mod tests {
             samples,
             raw_dph: [5.0; 3],
             corrected_dph: [4.0; 3],
-            converter_errors: 0,
+            adc_errors: 0,
             accelerometer_codes: [0; 2],
             accelerometer_saturated: false,
         };
@@ -149,7 +149,7 @@ mod tests {
         assert!(h.frequency_hz[1].is_nan());
         // A rate path that says nothing is an ADC fault, and what was dropped stays counted.
         let (h, _) = t.second(&STEP, &OUTPUT, None);
-        assert_eq!(h.unit_status, UnitStatus::WATCHDOG_RESET | UnitStatus::CONVERTER_FAULT);
+        assert_eq!(h.unit_status, UnitStatus::WATCHDOG_RESET | UnitStatus::ADC_FAULT);
         assert_eq!((h.samples, h.dropped), (0, 4));
     }
 

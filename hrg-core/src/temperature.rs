@@ -10,15 +10,15 @@
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TemperatureLaw {
     /// Centre `f0`, Hz. Subtracted without rounding.
-    pub f0_hz: f64,
+    pub frequency_centre_hz: f64,
     /// Half-width of the fitted range, Hz.
-    pub scale_hz: f32,
+    pub frequency_scale_hz: f32,
     /// Coefficients of `u^0..u^3`, C.
-    pub c: [f32; 4],
+    pub temperature_coefficients_c: [f32; 4],
     /// Lowest temperature of the fit, C.
-    pub min_c: f32,
+    pub valid_from_c: f32,
     /// Highest temperature of the fit, C.
-    pub max_c: f32,
+    pub valid_to_c: f32,
 }
 
 impl TemperatureLaw {
@@ -26,20 +26,20 @@ impl TemperatureLaw {
     /// readings that it is given.
     #[must_use]
     pub fn is_of_sensor(&self) -> bool {
-        self.c == [self.f0_hz as f32, self.scale_hz, 0.0, 0.0]
+        self.temperature_coefficients_c == [self.frequency_centre_hz as f32, self.frequency_scale_hz, 0.0, 0.0]
     }
 
     /// Centred and scaled frequency, about -1 to 1 inside the fitted range.
     #[inline]
     #[must_use]
     pub fn normalised(&self, frequency_hz: f64) -> f32 {
-        (frequency_hz - self.f0_hz) as f32 / self.scale_hz
+        (frequency_hz - self.frequency_centre_hz) as f32 / self.frequency_scale_hz
     }
 
     /// Temperature in C of a frequency in Hz.
     ///
     /// Good to 2e-5 C against the same polynomial in f64 (test `table1`). Not clamped: compare with
-    /// [`min_c`](Self::min_c) and [`max_c`](Self::max_c).
+    /// [`valid_from_c`](Self::valid_from_c) and [`valid_to_c`](Self::valid_to_c).
     #[inline]
     #[must_use]
     pub fn temperature_c(&self, frequency_hz: f64) -> f32 {
@@ -50,14 +50,18 @@ impl TemperatureLaw {
     #[inline]
     #[must_use]
     pub fn at_c(&self, u: f32) -> f32 {
-        ((self.c[3] * u + self.c[2]) * u + self.c[1]) * u + self.c[0]
+        ((self.temperature_coefficients_c[3] * u + self.temperature_coefficients_c[2]) * u
+            + self.temperature_coefficients_c[1])
+            * u
+            + self.temperature_coefficients_c[0]
     }
 
     /// Slope dT/du in C at a normalised frequency.
     #[inline]
     #[must_use]
     pub fn slope_c(&self, u: f32) -> f32 {
-        (3.0 * self.c[3] * u + 2.0 * self.c[2]) * u + self.c[1]
+        (3.0 * self.temperature_coefficients_c[3] * u + 2.0 * self.temperature_coefficients_c[2]) * u
+            + self.temperature_coefficients_c[1]
     }
 
     /// Temperature in C and its slope dT/du in C at a normalised frequency: what a model step needs.
@@ -71,7 +75,7 @@ impl TemperatureLaw {
     /// Slope dT/df in C per Hz at a frequency.
     #[must_use]
     pub fn slope_c_per_hz(&self, frequency_hz: f64) -> f32 {
-        self.slope_c(self.normalised(frequency_hz)) / self.scale_hz
+        self.slope_c(self.normalised(frequency_hz)) / self.frequency_scale_hz
     }
 
     /// The frequency in Hz at a temperature in C: Newton's method on this law, f64.
@@ -79,7 +83,7 @@ impl TemperatureLaw {
     /// For simulation and checks; `None` if it does not converge (far outside the range).
     #[must_use]
     pub fn frequency_hz(&self, temperature_c: f64) -> Option<f64> {
-        let c = self.c.map(f64::from);
+        let c = self.temperature_coefficients_c.map(f64::from);
         let mut u = (temperature_c - c[0]) / c[1];
         for _ in 0..30 {
             let value = ((c[3] * u + c[2]) * u + c[1]) * u + c[0] - temperature_c;
@@ -93,7 +97,7 @@ impl TemperatureLaw {
                 break;
             }
         }
-        Some(self.f0_hz + u * f64::from(self.scale_hz))
+        Some(self.frequency_centre_hz + u * f64::from(self.frequency_scale_hz))
     }
 }
 
@@ -145,8 +149,13 @@ mod tests {
 
     #[test]
     fn inverse_and_root_agree() {
-        let law =
-            TemperatureLaw { f0_hz: 4900.0, scale_hz: 22.0, c: [9.6, 45.0, 0.4, -0.2], min_c: -36.0, max_c: 55.0 };
+        let law = TemperatureLaw {
+            frequency_centre_hz: 4900.0,
+            frequency_scale_hz: 22.0,
+            temperature_coefficients_c: [9.6, 45.0, 0.4, -0.2],
+            valid_from_c: -36.0,
+            valid_to_c: 55.0,
+        };
         for t in [-35.0, -10.0, 0.0, 33.3, 55.0] {
             let f = law.frequency_hz(t).expect("converges");
             assert!((f64::from(law.temperature_c(f)) - t).abs() < 2e-5);

@@ -37,7 +37,7 @@ impl AxisThermal {
     const UNKNOWN: Self = Self {
         state: State {
             temperature_c: f32::NAN,
-            rate_c_per_min: 0.0,
+            ramp_c_per_min: 0.0,
             difference_c_per_min: 0.0,
             frequency_u: 0.0,
             frequency_u_per_min: 0.0,
@@ -84,8 +84,8 @@ struct Channel {
 impl Channel {
     fn new(law: TemperatureLaw) -> Self {
         Self {
-            middle_c: 0.5 * (law.min_c + law.max_c),
-            reach_c: 0.5 * (law.max_c - law.min_c) + BEYOND_C,
+            middle_c: 0.5 * (law.valid_from_c + law.valid_to_c),
+            reach_c: 0.5 * (law.valid_to_c - law.valid_from_c) + BEYOND_C,
             law,
             window: SlopeWindow::default(),
             difference: Difference::default(),
@@ -158,7 +158,7 @@ impl Channel {
         if now.known {
             let state = &mut now.state;
             state.frequency_u_per_min = u_per_min;
-            state.rate_c_per_min = u_per_min * self.slope_c;
+            state.ramp_c_per_min = u_per_min * self.slope_c;
             state.difference_c_per_min = self.difference.push(state.temperature_c);
         }
     }

@@ -4,6 +4,12 @@
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct UnitName([u8; 16]);
 
+impl Default for UnitName {
+    fn default() -> Self {
+        Self::UNNAMED
+    }
+}
+
 impl UnitName {
     /// What stands for the name of a unit that has none yet: its flash holds no valid calibration image.
     pub const UNNAMED: Self = Self(*b"default\0\0\0\0\0\0\0\0\0");

@@ -18,14 +18,18 @@ fn read(image: &[u8]) -> Calibration {
 fn version_1_holds_what_was_put_into_it() {
     let d = read(DEFAULT);
     assert_eq!((d.unit_name(), d.sequence, d.calibrated), ("default", 0, false));
-    assert_eq!((d.axes[0].law.f0_hz, d.axes[2].law.c[1]), (4900.0, 44.658_787));
+    assert_eq!((d.axes[0].law.frequency_centre_hz, d.axes[2].law.temperature_coefficients_c[1]), (4900.0, 44.658_787));
     let e = read(EFFECTS);
     assert_eq!((e.unit_name(), e.sequence), ("HRG-101", 7));
     assert_eq!(e.axes[1].coefficients, Coefficients::CoolingHeating([1.5; 6], [-2.5e-3; 6]));
     let effects: Vec<(u16, f32, f32)> = e.effects.iter().map(|t| (t.id, t.parameters[0], t.gains[2][0])).collect();
     assert_eq!(effects, [(4, 600.0, 0.125), (6, 600.0, 0.125), (3, 600.0, 0.125)]);
     let m = read(MODELS);
-    let four = FourParameter { k: [1.0, 2.0, 3.0, 4.0, 5.0], breakpoint_c: 12.5, origin_c: -3.0 };
+    let four = FourParameter {
+        constant_cooling_heating_low_high: [1.0, 2.0, 3.0, 4.0, 5.0],
+        breakpoint_c: 12.5,
+        origin_c: -3.0,
+    };
     assert_eq!(m.axes[0].coefficients, Coefficients::FourParameter(four));
     assert_eq!(m.axes[1].coefficients, Coefficients::Direct([0.5; 7]));
     assert_eq!(m.axes[2].coefficients, Coefficients::Network([-1.25; 16]));

@@ -67,23 +67,23 @@ fn calibration() -> impl Strategy<Value = Calibration> {
                 0 => Coefficients::One(six),
                 1 => Coefficients::CoolingHeating(six, std::array::from_fn(|k| n[6 + k])),
                 2 => Coefficients::FourParameter(FourParameter {
-                    k: std::array::from_fn(|k| n[k]),
+                    constant_cooling_heating_low_high: std::array::from_fn(|k| n[k]),
                     breakpoint_c: n[12],
                     origin_c: n[13],
                 }),
                 3 => Coefficients::Direct(std::array::from_fn(|k| n[k])),
                 _ => Coefficients::Network(std::array::from_fn(|k| n[k % 64])),
             };
-            a.law.scale_hz = n[14].abs();
-            a.law.c = std::array::from_fn(|k| n[15 + k]);
+            a.law.frequency_scale_hz = n[14].abs();
+            a.law.temperature_coefficients_c = std::array::from_fn(|k| n[15 + k]);
             a.scale_factor_dph_per_code = n[19];
-            a.rate_range_c_per_min = [-n[20].abs(), n[20].abs()];
+            (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-n[20].abs(), n[20].abs());
         }
         c.scaling.t_ref_c = n[21].clamp(-300.0, 300.0);
         c.scaling.t_scale_c = n[22].abs().clamp(0.1, 1000.0);
-        c.scaling.t_linear_c = [-n[23].abs(), n[24].abs()];
-        c.scaling.r_linear = n[25].abs();
-        c.scaling.blend_band = n[26].abs();
+        (c.scaling.linear_below_c, c.scaling.linear_above_c) = (-n[23].abs(), n[24].abs());
+        c.scaling.linear_beyond_c_per_min = n[25].abs();
+        c.scaling.blend_band_c_per_min = n[26].abs();
         for e in effects.into_iter().filter(|e| ALL[*e].reach == Reach::Unit) {
             let gains = std::array::from_fn(|a| std::array::from_fn(|k| n[27 + (a * MAX_OUTPUTS + k) % 30]));
             let _ = c.effects.push(EffectTerm { gains, gain_std: gains, ..EffectTerm::new(ALL[e].id, [n[57], n[58]]) });
@@ -127,16 +127,16 @@ proptest! {
         ),
     ) {
         let scaling =
-            Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-60.0, 80.0], r_linear: 10.0, blend_band: 0.1 };
+            Scaling { t_ref_c: 10.0, t_scale_c: 45.0, linear_below_c: -60.0, linear_above_c: 80.0, linear_beyond_c_per_min: 10.0, blend_band_c_per_min: 0.1 };
         let mut effect = Running::new(ALL[which].id, &p, step_s).expect("in the list");
-        for (temperatures, rate_c_per_min, frequency_u, time_s, o) in inputs {
+        for (temperatures, ramp_c_per_min, frequency_u, time_s, o) in inputs {
             let axes = temperatures.map(|temperature_c| {
                 let state = State {
                     temperature_c,
-                    rate_c_per_min,
-                    difference_c_per_min: rate_c_per_min,
+                    ramp_c_per_min,
+                    difference_c_per_min: ramp_c_per_min,
                     frequency_u,
-                    frequency_u_per_min: rate_c_per_min,
+                    frequency_u_per_min: ramp_c_per_min,
                 };
                 AxisThermal { state, known: o[1] > 0.0, age: 0, settled: true }
             });
@@ -153,7 +153,7 @@ proptest! {
     fn bias_models_and_laws_with_any_numbers_do_not_panic(c in calibration(), n in [single(), single(), single(), single(), single()]) {
         let state = State {
             temperature_c: n[0],
-            rate_c_per_min: n[1],
+            ramp_c_per_min: n[1],
             difference_c_per_min: n[2],
             frequency_u: n[3],
             frequency_u_per_min: n[4],
@@ -180,9 +180,9 @@ proptest! {
         scale in prop_oneof![-1e7f32..1e7, -1f32..1.0],
         bias in [single(), single(), single()],
         codes in proptest::collection::vec(any::<[i32; 5]>(), 1..40),
-        divider in prop_oneof![0u16..8, any::<u16>()],
+        decimation in prop_oneof![0u16..8, any::<u16>()],
     ) {
-        let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], divider);
+        let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], decimation);
         // What the compensator stages is finite: see above.
         p.set_bias(PendingBias::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [AxisStatus::empty(); 3]));
         for (k, c) in codes.into_iter().enumerate() {
@@ -225,7 +225,7 @@ proptest! {
                 samples,
                 raw_dph: [0.0; 3],
                 corrected_dph: [0.0; 3],
-                converter_errors: 0,
+                adc_errors: 0,
                 accelerometer_codes: c.map(|c| c >> 20),
                 accelerometer_saturated: false,
             };

@@ -149,8 +149,8 @@ mod tests {
                 "_ZN8hrg_core4link5codec41_$LT$impl$u20$hrg_core..link..Message$GT$6encode17h0123456789abcdefE",
                 "hrg_core::link::Message::encode",
             ),
-            ("_ZN8hrg_core9converter6decode17h0123456789abcdefE", "hrg_core::converter::decode"),
-            ("_RNvNtCs1234_8hrg_core9converter6decode", "hrg_core::converter::decode"),
+            ("_ZN8hrg_core3adc6decode17h0123456789abcdefE", "hrg_core::adc::decode"),
+            ("_RNvNtCs1234_8hrg_core3adc6decode", "hrg_core::adc::decode"),
             ("_SEGGER_RTT", "_SEGGER_RTT"),
         ] {
             assert_eq!(path(mangled), expected);

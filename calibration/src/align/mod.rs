@@ -32,8 +32,70 @@ pub struct Recording {
     pub rows: Vec<(f64, u8, [f64; 2])>,
 }
 
-/// Names of the filters.
-pub const FILTERS: [&str; 4] = ["linear", "upf", "upf-literal", "ekf"];
+/// A filter of `hrg_core::alignment`, with its precision.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FilterKind {
+    /// The linear filter, double precision.
+    Linear,
+    /// The linear filter as a unit runs it, single precision.
+    LinearSingle,
+    /// The particle filter in kernel form, double precision.
+    Upf,
+    /// The particle filter in kernel form, single precision.
+    UpfSingle,
+    /// The particle filter as chen2015 writes it.
+    UpfLiteral,
+    /// The extended Kalman filter.
+    Ekf,
+}
+
+impl FilterKind {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Linear, Self::LinearSingle, Self::Upf, Self::UpfSingle, Self::UpfLiteral, Self::Ekf];
+
+    /// The name in commands and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::LinearSingle => "linear-f32",
+            Self::Upf => "upf",
+            Self::UpfSingle => "upf-f32",
+            Self::UpfLiteral => "upf-literal",
+            Self::Ekf => "ekf",
+        }
+    }
+
+    /// Runs it over a recording.
+    pub fn run(self, recording: &Recording, config: &Config, start: Start) -> Ran {
+        fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
+            let (aligner, history) = run(recording, config, filter);
+            (aligner.outcome(), aligner.converged_at_s(), history)
+        }
+        match self {
+            Self::Linear => of(recording, config, Linear::<f64>::new(*config)),
+            Self::LinearSingle => of(recording, config, Linear::<f32>::new(*config)),
+            Self::Upf => of(recording, config, Kernels::<f64, CHEN>::new(*config)),
+            Self::UpfSingle => of(recording, config, Kernels::<f32, CHEN>::new(*config)),
+            Self::UpfLiteral => of(recording, config, Literal::<f64, CHEN>::new(*config, start.seed)),
+            Self::Ekf => {
+                let (azimuth, std) = (start.azimuth_deg * DEGREE, start.azimuth_std_deg * DEGREE);
+                of(recording, config, Ekf::<f64>::new(*config, azimuth, std))
+            }
+        }
+    }
+}
+
+impl clap::ValueEnum for FilterKind {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        Some(self.name().into())
+    }
+}
 
 const COLUMNS: [&str; 4] = ["time_s", "position", "v1_mps", "v2_mps"];
 
@@ -299,17 +361,17 @@ impl Default for Start {
     }
 }
 
-/// Runs a filter by name, in double precision.
+/// Runs a filter.
 ///
 /// # Errors
-/// A [`Refusal`] in words, or a filter that is not known.
-pub fn align(recording: &Recording, filter: &str, start: Start) -> Result<Report, BadInput> {
+/// A [`Refusal`] in words.
+pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<Report, BadInput> {
     let refused = |r: Refusal| BadInput::new(format!("no azimuth: {r}"));
     let config = recording.config().map_err(refused)?;
-    let (outcome, converged_at_s, history) = by_name(recording, &config, filter, start)?;
+    let (outcome, converged_at_s, history) = filter.run(recording, &config, start);
     let e = outcome.map_err(refused)?;
     Ok(Report {
-        filter: filter.into(),
+        filter: filter.name().into(),
         azimuth_deg: e.azimuth / DEGREE,
         azimuth_std_arcmin: e.azimuth_std / ARCMIN,
         tilt1_arcmin: e.tilt[0] / ARCMIN,
@@ -327,30 +389,6 @@ pub fn align(recording: &Recording, filter: &str, start: Start) -> Result<Report
 /// What a run gives: the outcome, when it converged, and what was believed each second.
 pub type Ran = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
 
-/// Runs a filter by name.
-///
-/// # Errors
-/// A name that is not one of [`FILTERS`].
-pub fn by_name(recording: &Recording, config: &Config, filter: &str, start: Start) -> Result<Ran, BadInput> {
-    fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
-        let (aligner, history) = run(recording, config, filter);
-        (aligner.outcome(), aligner.converged_at_s(), history)
-    }
-    Ok(match filter {
-        "linear" => of(recording, config, Linear::<f64>::new(*config)),
-        "linear-f32" => of(recording, config, Linear::<f32>::new(*config)),
-        "upf" => of(recording, config, Kernels::<f64, CHEN>::new(*config)),
-        "upf-f32" => of(recording, config, Kernels::<f32, CHEN>::new(*config)),
-        "upf-literal" => of(recording, config, Literal::<f64, CHEN>::new(*config, start.seed)),
-        "ekf" => {
-            of(recording, config, Ekf::<f64>::new(*config, start.azimuth_deg * DEGREE, start.azimuth_std_deg * DEGREE))
-        }
-        other => {
-            return Err(BadInput::new(format!("filter \"{other}\" is not known; there are {}", FILTERS.join(", "))))
-        }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::plant::Plant;
@@ -358,16 +396,16 @@ mod tests {
     use crate::numeric::stats::quantile;
     use hrg_core::alignment::wrap;
 
-    fn error_arcmin(plant: &Plant, filter: &str) -> f64 {
+    fn error_arcmin(plant: &Plant, filter: FilterKind) -> f64 {
         let (recording, truth) = plant.play();
         let config = recording.config().expect("a site");
-        let (outcome, _, history) = by_name(&recording, &config, filter, Start::default()).expect("known");
+        let (outcome, _, history) = filter.run(&recording, &config, Start::default());
         let _ = outcome;
         history.last().map_or(f64::INFINITY, |(_, _, e)| wrap(e.azimuth - truth.azimuth).abs() / ARCMIN)
     }
 
     /// Errors of azimuth over a campaign, arc minutes, of every run that gave one; and how many gave none.
-    fn campaign(runs: u64, filter: &str) -> (Vec<f64>, usize) {
+    fn campaign(runs: u64, filter: FilterKind) -> (Vec<f64>, usize) {
         let errors: Vec<f64> = (1..=runs).map(|s| error_arcmin(&Plant::drawn(s), filter)).collect();
         let given: Vec<f64> = errors.iter().copied().filter(|e| e.is_finite()).collect();
         let none = errors.len() - given.len();
@@ -376,18 +414,18 @@ mod tests {
 
     #[test]
     fn the_linear_filter_is_within_its_figures_in_either_precision() {
-        for filter in ["linear", "linear-f32"] {
+        for filter in [FilterKind::Linear, FilterKind::LinearSingle] {
             let (errors, none) = campaign(400, filter);
             let (median, p95, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95), quantile(&errors, 1.0));
-            assert!(median <= 2.0 && p95 <= 7.0 && most <= 60.0, "{filter}: {median} {p95} {most}");
+            assert!(median <= 2.0 && p95 <= 7.0 && most <= 60.0, "{filter:?}: {median} {p95} {most}");
             // The check of the positions is wrong once in a thousand.
-            assert!(none <= 3, "{filter}: {none} without an azimuth");
+            assert!(none <= 3, "{filter:?}: {none} without an azimuth");
         }
     }
 
     #[test]
     fn the_kernels_are_within_their_figures() {
-        let (errors, none) = campaign(200, "upf");
+        let (errors, none) = campaign(200, FilterKind::Upf);
         let (median, p95, most) = (quantile(&errors, 0.5), quantile(&errors, 0.95), quantile(&errors, 1.0));
         assert!(median <= 2.0 && p95 <= 6.0 && most <= 60.0 && none == 0, "{median} {p95} {most} {none}");
     }
@@ -403,7 +441,7 @@ mod tests {
             let mut config = recording.config().expect("a site");
             // Without accelerometer biases a turn adds no tilt.
             config.turn_tilt = 1e-7;
-            let (_, _, history) = by_name(&recording, &config, "linear", Start::default()).expect("known");
+            let (_, _, history) = FilterKind::Linear.run(&recording, &config, Start::default());
             let e = history.last().expect("many").2;
             let errors = [
                 wrap(e.azimuth - truth.azimuth) / e.azimuth_std,
@@ -429,7 +467,7 @@ mod tests {
             let (recording, _) = Plant { seconds: [200, 0, 0], ..drawn }.play();
             let mut config = recording.config().expect("a site");
             config.drift = 0.1 * DPH;
-            let (outcome, _, history) = by_name(&recording, &config, "linear", Start::default()).expect("known");
+            let (outcome, _, history) = FilterKind::Linear.run(&recording, &config, Start::default());
             assert_eq!(outcome, Err(Refusal::OnePosition));
             for (t, _, e) in &history {
                 assert!(e.azimuth_std > 30.0 * ARCMIN, "{} arc minutes at {t} s", e.azimuth_std / ARCMIN);
@@ -443,18 +481,18 @@ mod tests {
         let refusal = |edit: &dyn Fn(&mut Recording)| {
             let mut r = good.clone();
             edit(&mut r);
-            let e = align(&r, "linear", Start::default()).expect_err("refused").0;
+            let e = align(&r, FilterKind::Linear, Start::default()).expect_err("refused").0;
             assert!(e.starts_with("no azimuth: "), "{e}");
             e
         };
-        assert!(align(&good, "linear", Start::default()).is_ok());
+        assert!(align(&good, FilterKind::Linear, Start::default()).is_ok());
         assert!(refusal(&|r| r.latitude_deg = None).contains("latitude is missing"));
         assert!(refusal(&|r| r.latitude_deg = Some(90.0)).contains("beyond 80"));
         assert!(refusal(&|r| r.latitude_deg = Some(f64::NAN)).contains("latitude is missing"));
         assert!(refusal(&|r| r.gravity_mps2 = Some(1.6)).contains("gravity"));
         assert!(refusal(&|r| r.rows.retain(|x| x.1 == 1)).contains("no turn"));
         let hardly = Plant { turn: 3.0 * DEGREE, ..Plant::chen(1) }.play().0;
-        let e = align(&hardly, "linear", Start::default()).expect_err("refused").0;
+        let e = align(&hardly, FilterKind::Linear, Start::default()).expect_err("refused").0;
         assert!(e.contains("too near to a whole one"), "{e}");
         // A turn that was not the one stated.
         refusal(&|r| r.turn_deg = 60.0);
@@ -478,17 +516,21 @@ mod tests {
             let second = late.rows.iter().position(|x| x.1 == 2).expect("two positions");
             late.rows.drain(second..second + skip);
             late.rows.drain(..skip);
-            let (a, b) = (align(&good, "linear", Start::default()), align(&late, "linear", Start::default()));
+            let (a, b) = (
+                align(&good, FilterKind::Linear, Start::default()),
+                align(&late, FilterKind::Linear, Start::default()),
+            );
             let (a, b) = (a.expect("aligns"), b.expect("aligns"));
             assert!((a.azimuth_deg - b.azimuth_deg).abs() * 60.0 < 2.0, "{} {}", a.azimuth_deg, b.azimuth_deg);
         }
         let mut holes = good.clone();
         holes.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
-        let (a, b) = (align(&good, "linear", Start::default()), align(&holes, "linear", Start::default()));
+        let (a, b) =
+            (align(&good, FilterKind::Linear, Start::default()), align(&holes, FilterKind::Linear, Start::default()));
         assert!((a.expect("aligns").azimuth_deg - b.expect("aligns").azimuth_deg).abs() * 60.0 < 2.0);
         // A drift that comes with the turn, large enough to be told from noise.
         let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;
-        let e = align(&moved, "linear", Start::default()).expect_err("refused").0;
+        let e = align(&moved, FilterKind::Linear, Start::default()).expect_err("refused").0;
         assert!(e.contains("contradict each other"), "{e}");
     }
 
@@ -531,7 +573,7 @@ mod tests {
             })
             .chain(r.rows.last().copied())
             .collect();
-        let azimuth = |r: &Recording| align(r, "linear", Start::default()).expect("aligns").azimuth_deg;
+        let azimuth = |r: &Recording| align(r, FilterKind::Linear, Start::default()).expect("aligns").azimuth_deg;
         assert!((azimuth(&r) - azimuth(&twice)).abs() < 1e-9);
     }
 }

@@ -1,7 +1,7 @@
 //! The seeded campaigns behind `docs/alignment.md`. Everything simulated.
 
 use super::plant::Plant;
-use super::{by_name, Start};
+use super::{FilterKind, Start};
 use crate::numeric::stats::quantile;
 use crate::plot::{self, Panel, Series};
 use hrg_core::alignment::aligner::INTEGRITY_LIMIT;
@@ -26,13 +26,13 @@ pub struct Row {
 /// A failure: an error beyond this, arc minutes.
 const FAILED: f64 = 60.0;
 
-fn campaign(name: &str, filter: &str, plants: &[Plant], start: impl Fn(u64) -> Start) -> Row {
+fn campaign(name: &str, filter: FilterKind, plants: &[Plant], start: impl Fn(u64) -> Start) -> Row {
     let mut row = Row { name: name.into(), errors: vec![], convergence_s: vec![], normalised: 0.0, refused: 0 };
     let mut squares = Vec::new();
     for (k, plant) in plants.iter().enumerate() {
         let (recording, truth) = plant.play();
         let Ok(config) = recording.config() else { continue };
-        let Ok((outcome, _, history)) = by_name(&recording, &config, filter, start(k as u64)) else { continue };
+        let (outcome, _, history) = filter.run(&recording, &config, start(k as u64));
         row.refused += usize::from(outcome.is_err());
         let Some((_, _, last)) = history.last() else {
             row.errors.push(f64::INFINITY);
@@ -73,26 +73,36 @@ pub fn campaigns(runs: u64, seed: u64) -> Vec<Row> {
     let rough = with(&|p| Plant { velocity_noise: 1e-3, angle_walk: 1e-3 * DEGREE / 60.0, ..p });
     let signed = |p: &Plant, size: f64| if p.seed.is_multiple_of(2) { size } else { -size };
     vec![
-        campaign("linear", "linear", &drawn, seeded),
-        campaign("linear, single precision", "linear-f32", &drawn, seeded),
-        campaign("upf, kernel form", "upf", &drawn, seeded),
-        campaign("upf, literal", "upf-literal", &drawn, seeded),
-        campaign("ekf from any first azimuth", "ekf", &drawn, anywhere),
-        campaign("linear, noise of 1 mm/s and 0.001 deg/sqrt(h)", "linear", &rough, seeded),
-        campaign("linear, turn of 180 deg", "linear", &with(&|p| Plant { turn: 180.0 * DEGREE, ..p }), seeded),
+        campaign("linear", FilterKind::Linear, &drawn, seeded),
+        campaign("linear, single precision", FilterKind::LinearSingle, &drawn, seeded),
+        campaign("upf, kernel form", FilterKind::Upf, &drawn, seeded),
+        campaign("upf, literal", FilterKind::UpfLiteral, &drawn, seeded),
+        campaign("ekf from any first azimuth", FilterKind::Ekf, &drawn, anywhere),
+        campaign("linear, noise of 1 mm/s and 0.001 deg/sqrt(h)", FilterKind::Linear, &rough, seeded),
+        campaign(
+            "linear, turn of 180 deg",
+            FilterKind::Linear,
+            &with(&|p| Plant { turn: 180.0 * DEGREE, ..p }),
+            seeded,
+        ),
         campaign(
             "linear, turn wrong by 6'",
-            "linear",
+            FilterKind::Linear,
             &with(&|p| Plant { turn_error: signed(&p, 6.0 * ARCMIN), ..p }),
             seeded,
         ),
         campaign(
             "linear, 0.02 deg/h of drift come with the turn",
-            "linear",
+            FilterKind::Linear,
             &with(&|p| Plant { heading_drift: [signed(&p, 0.02 * DPH), 0.0], ..p }),
             seeded,
         ),
-        campaign("linear, one position of 200 s", "linear", &with(&|p| Plant { seconds: [200, 0, 0], ..p }), seeded),
+        campaign(
+            "linear, one position of 200 s",
+            FilterKind::Linear,
+            &with(&|p| Plant { seconds: [200, 0, 0], ..p }),
+            seeded,
+        ),
     ]
 }
 
@@ -133,7 +143,7 @@ pub fn turn_error_seen(runs: u64, seed: u64, errors_arcmin: &[f64]) -> Vec<(f64,
                 let plant = Plant { turn_error: size * ARCMIN, ..Plant::drawn(seed * 100_000 + k) };
                 let (recording, _) = plant.play();
                 let Ok(config) = recording.config() else { continue };
-                let Ok((_, _, history)) = by_name(&recording, &config, "linear", Start::default()) else { continue };
+                let (_, _, history) = FilterKind::Linear.run(&recording, &config, Start::default());
                 let check = history.last().and_then(|h| h.2.integrity).unwrap_or(0.0);
                 seen += usize::from(check > 3.84);
                 refused += usize::from(check > INTEGRITY_LIMIT);
@@ -154,15 +164,15 @@ pub fn curves(seed: u64) -> anyhow::Result<String> {
     let mut tilt = Vec::new();
     let mut drift = Vec::new();
     let cases = [
-        ("linear", "linear", two, 1),
-        ("UPF, kernel form", "upf", two, 2),
-        ("EKF from 0 deg", "ekf", two, 3),
-        ("linear, one position", "linear", one, 0),
+        ("linear", FilterKind::Linear, two, 1),
+        ("UPF, kernel form", FilterKind::Upf, two, 2),
+        ("EKF from 0 deg", FilterKind::Ekf, two, 3),
+        ("linear, one position", FilterKind::Linear, one, 0),
     ];
     for (label, filter, plant, colour) in cases {
         let (recording, truth) = plant.play();
         let Ok(config) = recording.config() else { continue };
-        let (_, _, history) = by_name(&recording, &config, filter, Start { seed, ..Start::default() })?;
+        let (_, _, history) = filter.run(&recording, &config, Start { seed, ..Start::default() });
         let series = |f: &dyn Fn(&hrg_core::alignment::Estimate) -> f64| Series {
             label: label.into(),
             points: history.iter().map(|(t, _, e)| (*t, f(e))).collect(),
@@ -203,15 +213,19 @@ pub fn chen(seed: u64) -> String {
         "| | azimuth [deg] | error ['] | tilt 1 ['] | error | tilt 2 ['] | error | drift 1 [deg/h] | error | drift 2 [deg/h] | error |\n|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|\n",
     );
     let Ok(config) = recording.config() else { return s };
-    for filter in super::FILTERS {
-        let Ok((_, _, history)) = by_name(&recording, &config, filter, Start { seed, ..Start::default() }) else {
-            continue;
-        };
+    for filter in [FilterKind::Linear, FilterKind::Upf, FilterKind::UpfLiteral, FilterKind::Ekf] {
+        let (_, _, history) = filter.run(&recording, &config, Start { seed, ..Start::default() });
         let Some((_, _, e)) = history.last() else {
-            let _ = writeln!(s, "| {filter} | broke down |");
+            let _ = writeln!(s, "| {} | broke down |", filter.name());
             continue;
         };
-        let _ = write!(s, "| {filter} | {:.3} | {:.2} ", e.azimuth / DEGREE, wrap(e.azimuth - truth.azimuth) / ARCMIN);
+        let _ = write!(
+            s,
+            "| {} | {:.3} | {:.2} ",
+            filter.name(),
+            e.azimuth / DEGREE,
+            wrap(e.azimuth - truth.azimuth) / ARCMIN
+        );
         for k in 0..2 {
             let _ = write!(s, "| {:.3} | {:.3} ", e.tilt[k] / ARCMIN, (e.tilt[k] - truth.tilt[k]) / ARCMIN);
         }
@@ -237,7 +251,7 @@ pub fn one_position(runs: u64, seed: u64, known_dph: &[f64]) -> Vec<(f64, f64, f
                 let (recording, truth) = Plant { drift, seconds: [200, 0, 0], ..drawn }.play();
                 let Ok(mut config) = recording.config() else { continue };
                 config.drift = known * DPH;
-                let Ok((_, _, history)) = by_name(&recording, &config, "linear", Start::default()) else { continue };
+                let (_, _, history) = FilterKind::Linear.run(&recording, &config, Start::default());
                 if let Some((_, _, e)) = history.last() {
                     errors.push((wrap(e.azimuth - truth.azimuth) / ARCMIN).powi(2));
                     stds.push(e.azimuth_std / ARCMIN);

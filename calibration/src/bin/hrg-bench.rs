@@ -5,7 +5,9 @@
 
 use anyhow::{Context, Result};
 use clap::Parser;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
+use hrg_cal::fit::search;
 use hrg_cal::numeric::allan;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Plan, Profile};
@@ -106,7 +108,7 @@ fn child(arguments: &[String]) -> Result<()> {
             let r = load(1)?;
             let start = Instant::now();
             let prepared = fit::prepare(std::slice::from_ref(&r))?;
-            std::hint::black_box(methods::identify(&prepared, "lsq", 1)?);
+            std::hint::black_box(methods::identify(&prepared, Method::Lsq, 1)?);
             start.elapsed()
         }
         "allan" => {
@@ -177,7 +179,7 @@ fn peer(what: &str, path: &Path) -> Result<()> {
             serde_json::json!({"seconds": seconds, "coefficients": fit?.coefficients})
         }
         "peer-pso" => {
-            let (seconds, found) = best(3, || methods::swarm_on(columns.clone(), y.clone(), 1));
+            let (seconds, found) = best(3, || search::swarm_on(columns.clone(), y.clone(), 1));
             let constants = fit::swarm::DONG;
             serde_json::json!({"seconds": seconds, "above": found?.1, "particles": constants.particles, "iterations": constants.iterations})
         }

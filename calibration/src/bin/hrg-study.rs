@@ -4,10 +4,11 @@
 use anyhow::Result;
 use clap::Parser;
 use hrg_cal::numeric::stats::quantile;
-use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, OUTSIDERS};
+use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, Source, Unmodelled};
+use hrg_cal::trace::cards;
 use hrg_cal::trace::{trace, Class, Trace, VerdictKind};
 use hrg_cal::AXIS_NAMES;
-use hrg_core::effects::Reach;
+use hrg_core::effects::EffectId;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
@@ -41,33 +42,19 @@ struct Arguments {
     only: Option<String>,
 }
 
-const SINGLES: [&str; 15] = [
-    "cubic",
-    "kink",
-    "temperature-shape",
-    "thermal-lag",
-    "second-derivative",
-    "hysteresis",
-    "axis-gradient",
-    "case-gradient",
-    "warm-up",
-    "aging",
-    "step",
-    "periodic",
-    "drive-amplitude",
-    "quadrature",
-    "board",
+const PAIRS: [(EffectId, EffectId); 8] = [
+    (EffectId::Kink, EffectId::WarmUp),
+    (EffectId::Hysteresis, EffectId::Periodic),
+    (EffectId::ThermalLag, EffectId::Step),
+    (EffectId::Cubic, EffectId::Hysteresis),
+    (EffectId::WarmUp, EffectId::Step),
+    (EffectId::ThermalLag, EffectId::Kink),
+    (EffectId::AxisGradient, EffectId::Cubic),
+    (EffectId::DriveAmplitude, EffectId::Hysteresis),
 ];
-const PAIRS: [(&str, &str); 8] = [
-    ("kink", "warm-up"),
-    ("hysteresis", "periodic"),
-    ("thermal-lag", "step"),
-    ("cubic", "hysteresis"),
-    ("warm-up", "step"),
-    ("thermal-lag", "kink"),
-    ("axis-gradient", "cubic"),
-    ("drive-amplitude", "hysteresis"),
-];
+/// Effects of the files with and without defects.
+const IN_FILES: [EffectId; 5] =
+    [EffectId::Hysteresis, EffectId::Kink, EffectId::ThermalLag, EffectId::WarmUp, EffectId::Cubic];
 const SIZES: [f64; 5] = [0.5, 1.0, 2.0, 3.0, 5.0];
 const TRAINS: [&str; 3] = ["dong", "cycle", "stairs"];
 
@@ -162,7 +149,11 @@ fn run(trial: &Trial) -> Result<Outcome> {
     let report = traced.report;
     let found: Vec<String> = report.effects.iter().map(|e| e.name.clone()).collect();
     let twins: Vec<String> = report.effects.iter().flat_map(|e| e.indistinguishable_from.clone()).collect();
-    let named = trial.effects.iter().filter(|e| found.contains(&e.name) || twins.contains(&e.name)).count();
+    let named = trial
+        .effects
+        .iter()
+        .filter(|e| [&found, &twins].iter().any(|names| names.iter().any(|n| n == e.source.name())))
+        .count();
     let after = mean3(|a| report.r#final[AXIS_NAMES[a]].verify_rms_dph);
     let image = |a: usize| {
         let name = AXIS_NAMES[a];
@@ -216,10 +207,10 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
     for _ in 0..a.clean {
         add("clean", vec![], false, &mut rng);
     }
-    for name in SINGLES {
+    for effect in cards::all().filter(|(_, c)| c.generator.study).map(|(f, _)| f.effect) {
         for size in SIZES {
             for _ in 0..a.runs {
-                let e = EffectSpec::drawn(name, size, &mut rng);
+                let e = EffectSpec::drawn(Source::Library(effect), size, &mut rng);
                 add("single", vec![e], false, &mut rng);
             }
         }
@@ -227,20 +218,23 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
     for (x, y) in PAIRS {
         for _ in 0..a.runs {
             let sizes = [rng.random_range(2.0..4.0), rng.random_range(2.0..4.0)];
-            let e = vec![EffectSpec::drawn(x, sizes[0], &mut rng), EffectSpec::drawn(y, sizes[1], &mut rng)];
+            let e = vec![
+                EffectSpec::drawn(Source::Library(x), sizes[0], &mut rng),
+                EffectSpec::drawn(Source::Library(y), sizes[1], &mut rng),
+            ];
             add("pair", e, false, &mut rng);
         }
     }
-    for name in OUTSIDERS {
+    for effect in Unmodelled::ALL {
         for _ in 0..2 * a.runs {
             let size = rng.random_range(2.0..5.0);
-            let e = EffectSpec::drawn(name, size, &mut rng);
+            let e = EffectSpec::drawn(Source::Unmodelled(effect), size, &mut rng);
             add("outsider", vec![e], false, &mut rng);
         }
     }
-    for name in ["hysteresis", "kink", "thermal-lag", "warm-up", "cubic"] {
+    for effect in IN_FILES {
         for _ in 0..a.runs {
-            let e = EffectSpec::drawn(name, 3.0, &mut rng);
+            let e = EffectSpec::drawn(Source::Library(effect), 3.0, &mut rng);
             add("clean file", vec![e.clone()], false, &mut rng);
             // The same unit and noise, with dirt.
             add("dirty file", vec![e], true, &mut rng);
@@ -301,9 +295,9 @@ fn main() -> Result<()> {
                 o.trial.kind,
                 o.trial.profile,
                 o.trial.unit,
-                join(&|e| e.name.clone()),
+                join(&|e| e.source.name().to_string()),
                 join(&|e| format!("{:.2}", e.size)),
-                join(&|e| format!("{:.1}", e.parameter)),
+                join(&|e| format!("{:.1}", e.parameters[0])),
                 o.found.join("+"),
                 o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
                 o.verdict,
@@ -348,7 +342,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let _ = writeln!(s, "| effect | size 0.5 | 1 | 2 | 3 | 5 |\n|---|---|---|---|---|---|");
     let mut by_name: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     for o in all.iter().filter(|o| o.trial.kind == "single") {
-        by_name.entry(o.trial.effects[0].name.as_str()).or_default().push(o);
+        by_name.entry(o.trial.effects[0].source.name()).or_default().push(o);
     }
     for (name, outcomes) in &by_name {
         let cells: Vec<String> = SIZES
@@ -365,20 +359,15 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let large: Vec<&Outcome> =
         all.iter().filter(|o| o.trial.kind == "single" && o.trial.effects[0].size >= 2.0).collect();
     let named = large.iter().filter(|o| o.named == 1).count();
-    let exact = large.iter().filter(|o| o.found.len() == 1 && o.found[0] == o.trial.effects[0].name).count();
+    let exact = large.iter().filter(|o| o.found.len() == 1 && o.found[0] == o.trial.effects[0].source.name()).count();
     let extra = large.iter().filter(|o| o.found.len() > 1).count();
     let invented = clean.iter().filter(|o| !o.found.is_empty()).count();
     let cried = clean.iter().filter(|o| o.unexplained).count();
     let both = pairs.iter().filter(|o| o.named == 2).count();
-    let caught = |o: &&&Outcome| o.unexplained || o.found.iter().any(|f| f == "temperature-shape");
+    let caught = |o: &&&Outcome| o.unexplained || o.found.iter().any(|f| f == EffectId::TemperatureShape.name());
     let ratios: Vec<f64> = all
         .iter()
-        .filter(|o| {
-            o.trial.kind != "outsider"
-                && o.trial.effects.iter().all(|e| {
-                    e.size >= 2.0 && hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit)
-                })
-        })
+        .filter(|o| o.trial.kind != "outsider" && o.trial.effects.iter().all(|e| e.size >= 2.0 && e.source.on_unit()))
         .map(|o| o.after_over_floor)
         .collect();
     let floors: Vec<f64> =
@@ -395,12 +384,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let burnable = clean.iter().filter(|o| o.burn).count();
     let _ =
         writeln!(s, "| clean units: an extended image recommended | at most 1 % | {} |", share(burnable, clean.len()));
-    let compensable = |o: &&&Outcome| {
-        o.trial
-            .effects
-            .iter()
-            .all(|e| e.size >= 2.0 && hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit))
-    };
+    let compensable = |o: &&&Outcome| o.trial.effects.iter().all(|e| e.size >= 2.0 && e.source.on_unit());
     let named_large: Vec<&&Outcome> = large.iter().chain(&pairs).filter(compensable).collect();
     let confirmed = named_large.iter().filter(|o| o.verdict == VerdictKind::Confirmed && o.burn).count();
     let _ = writeln!(
@@ -429,10 +413,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let stated: Vec<Coverage> = all
         .iter()
         .filter(|o| matches!(o.trial.kind, "clean" | "single" | "pair") && !o.unexplained)
-        .filter(|o| {
-            let unit = |e: &EffectSpec| hrg_core::effects::by_name(&e.name).is_some_and(|f| f.reach == Reach::Unit);
-            o.trial.effects.iter().all(unit)
-        })
+        .filter(|o| o.trial.effects.iter().all(|e| e.source.on_unit()))
         .flat_map(|o| o.coverage.iter().copied())
         .collect();
     let mean = |f: &dyn Fn(&Coverage) -> f64| stated.iter().map(f).sum::<f64>() / stated.len() as f64;

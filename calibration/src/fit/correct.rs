@@ -115,7 +115,7 @@ impl From<&Housekeeping> for Second {
 const COUNTED: u8 = AxisStatus::EDGE_ERRORS.bits();
 
 /// Those of the unit.
-const COUNTED_BY_UNIT: u8 = UnitStatus::CONVERTER_FAULT
+const COUNTED_BY_UNIT: u8 = UnitStatus::ADC_FAULT
     .union(UnitStatus::BIAS_LATE)
     .union(UnitStatus::LINK_ERRORS)
     .union(UnitStatus::FRAMES_DROPPED)
@@ -150,7 +150,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
                 bias_dph: output.bias_dph,
                 bias_std_dph: output.bias_std_dph,
                 temperature_c: output.temperature_c,
-                status: [x, y, z, if silent { UnitStatus::CONVERTER_FAULT.bits() } else { 0 }],
+                status: [x, y, z, if silent { UnitStatus::ADC_FAULT.bits() } else { 0 }],
             }
         })
         .collect()
@@ -329,7 +329,7 @@ mod tests {
             assert_eq!(s.time_s, r.time_s[k]);
             assert_eq!(s.status[1] & AxisStatus::FREQUENCY_LOST.bits() != 0, (100..105).contains(&k), "row {k}");
             assert_eq!(s.status[0] & AxisStatus::FREQUENCY_LOST.bits(), 0);
-            assert_eq!(s.status[3] & UnitStatus::CONVERTER_FAULT.bits() != 0, k == 120);
+            assert_eq!(s.status[3] & UnitStatus::ADC_FAULT.bits() != 0, k == 120);
         }
         assert!(c.notes.iter().any(|n| n.starts_with("10 seconds have no row")), "{:?}", c.notes);
         // Written and read, it is a recording of corrected rates, and is not corrected twice.

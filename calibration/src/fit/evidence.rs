@@ -81,7 +81,7 @@ fn reason(run: &Run, a: usize, name: &str) -> String {
     }
     if 2 * known < steps {
         let median = crate::numeric::stats::median(&mut frequencies).unwrap_or(f64::NAN);
-        let centre = run.laws[a].f0_hz;
+        let centre = run.laws[a].frequency_centre_hz;
         let guess = if (0.9..1.1).contains(&(median * 1000.0 / centre)) {
             "they look like kHz; convert them to Hz"
         } else {

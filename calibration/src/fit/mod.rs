@@ -3,12 +3,17 @@
 
 pub mod correct;
 pub mod evidence;
+mod form;
+mod four_parameter;
 pub mod independence;
+pub mod method;
 pub mod methods;
 pub mod minimax;
 pub mod network;
+pub mod search;
 pub mod swarm;
 
+use crate::numeric::stats::{block_means, std_dev};
 use crate::recording::facts;
 use crate::recording::format::named;
 use crate::recording::names;
@@ -59,16 +64,7 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
 /// One sentence.
 pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
-    let mut steps = Vec::new();
-    for r in recordings {
-        if r.corrected() {
-            return Err(BadInput::new(format!(
-                "the recording of {} holds corrected rates; a fit on them would be applied on top of another one: use the raw recording",
-                r.unit()
-            )));
-        }
-        steps.push(Steps::new(r)?);
-    }
+    let steps = recordings.iter().map(raw_steps).collect::<Result<Vec<_>, _>>()?;
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
     let all: Vec<&Recording> = recordings.iter().collect();
     notes.extend(independence::same_unit(&all, units)?);
@@ -82,27 +78,7 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     }
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
     let curve::Identified { laws, reference, lag_s } = curve::from_steps(&steps)?;
-    match reference {
-        curve::Reference::Sensor => notes.push(if first.thermometer.parts_axes() {
-            "temperatures are those of the sensors temp_?_c".into()
-        } else {
-            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
-        }),
-        curve::Reference::Narrow => notes.push(
-            "too little temperature for a frequency-temperature law: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
-        ),
-        curve::Reference::Case => notes.push(format!(
-            "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
-            lag_s[0], lag_s[1], lag_s[2]
-        )),
-        curve::Reference::Chamber => notes.push("no case sensor: temperatures are referred to the chamber".into()),
-        curve::Reference::Implausible => notes.push(
-            "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
-        ),
-        curve::Reference::Shape => {
-            notes.push("no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into());
-        }
-    }
+    notes.push(about_reference(reference, first, lag_s));
     let mut calibration = Calibration::uncalibrated();
     if first.unit() != names::NONE {
         let kept = names::kept(first.unit());
@@ -112,16 +88,16 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         calibration.set_unit_name(&kept);
     }
     calibration.calibrated = true;
-    calibration.data_hash = data_hash(recordings);
+    calibration.data_crc32 = data_crc32(recordings);
     let present: Vec<usize> = first.present().collect();
     for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
         axis.law = law;
         axis.scale_factor_dph_per_code = scale;
     }
     notes.extend(agreed.notes);
-    let (low, high) = present
-        .iter()
-        .fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| (l.min(laws[a].min_c), h.max(laws[a].max_c)));
+    let (low, high) = present.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| {
+        (l.min(laws[a].valid_from_c), h.max(laws[a].valid_to_c))
+    });
     if high - low < NARROW_C {
         notes.push(format!(
             "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
@@ -132,9 +108,10 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         t_ref_c: (0.5 * (low + high)).round(),
         t_scale_c: (0.5 * (high - low)).max(5.0).round(),
         // The polynomial is trusted a little beyond the data and continued straight from there.
-        t_linear_c: [low - 5.0, high + 5.0],
-        r_linear: 10.0,
-        blend_band: 0.1,
+        linear_below_c: low - 5.0,
+        linear_above_c: high + 5.0,
+        linear_beyond_c_per_min: 10.0,
+        blend_band_c_per_min: 0.1,
     };
     let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
     for (run, r) in runs.iter().zip(recordings) {
@@ -142,14 +119,57 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         evidence::require(run, name)?;
         notes.extend(evidence::few(run, name));
     }
+    let fastest = ramps(&mut calibration, &runs, &present, &mut notes);
+    let r_most = calibration
+        .axes
+        .iter()
+        .flat_map(|a| [a.valid_from_c_per_min, a.valid_to_c_per_min])
+        .fold(0.0f32, |m, r| m.max(r.abs()));
+    calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
+    Ok(Prepared { runs, calibration, notes, lag_s, fastest })
+}
+
+/// A recording on the unit's grid; one that is corrected already is refused.
+fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
+    if r.corrected() {
+        return Err(BadInput::new(format!(
+            "the recording of {} holds corrected rates; a fit on them would be applied on top of another one: use the raw recording",
+            r.unit()
+        )));
+    }
+    Steps::new(r)
+}
+
+/// What the temperatures are referred to, in words.
+fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; AXES]) -> String {
+    match reference {
+        curve::Reference::Sensor if first.thermometer.parts_axes() => {
+            "temperatures are those of the sensors temp_?_c".into()
+        }
+        curve::Reference::Sensor => {
+            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
+        }
+        curve::Reference::Narrow => "too little temperature for a frequency-temperature law: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Case => format!(
+            "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
+            lag_s[0], lag_s[1], lag_s[2]
+        ),
+        curve::Reference::Chamber => "no case sensor: temperatures are referred to the chamber".into(),
+        curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+    }
+}
+
+/// Writes the range of ramps into each axis; gives the fastest cooling and heating of the first.
+fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: &mut Vec<String>) -> [f32; 2] {
     let mut fastest = [0.0; 2];
-    for &a in &present {
-        let axis = &mut calibration.axes[a];
+    for &a in present {
         let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();
         let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
         let hot = ranges.iter().map(|r| r.1).fold(0.0, f32::max);
         // A tenth beyond the ramps seen is still called inside.
-        axis.rate_range_c_per_min = [cold * 1.1 - 0.02, hot * 1.1 + 0.02];
+        let axis = &mut calibration.axes[a];
+        (axis.valid_from_c_per_min, axis.valid_to_c_per_min) = (cold * 1.1 - 0.02, hot * 1.1 + 0.02);
         if a == present[0] {
             fastest = [cold, hot];
             for (slowest, missing) in [(cold > -0.1, "cooling"), (hot < 0.1, "heating")] {
@@ -159,14 +179,12 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
             }
         }
     }
-    let r_most = calibration.axes.iter().flat_map(|a| a.rate_range_c_per_min).fold(0.0f32, |m, r| m.max(r.abs()));
-    calibration.scaling.r_linear = (1.2 * r_most).max(0.1);
-    Ok(Prepared { runs, calibration, notes, lag_s, fastest })
+    fastest
 }
 
 /// CRC-32 of the data that made a calibration.
 #[must_use]
-pub fn data_hash(recordings: &[Recording]) -> u32 {
+pub fn data_crc32(recordings: &[Recording]) -> u32 {
     let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
     let mut d = crc.digest();
     for r in recordings {
@@ -200,6 +218,16 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
     [0, 1, 2].map(|a: usize| {
         seconds.iter().enumerate().map(|(k, s)| if k == 0 { f64::NAN } else { f64::from(s.corrected_dph[a]) }).collect()
     })
+}
+
+/// Standard deviation of the 100 s means of several runs together, per axis, deg/h.
+#[must_use]
+pub fn spread<'a>(rates_dph: impl IntoIterator<Item = &'a [Vec<f64>; AXES]>) -> [f64; AXES] {
+    let mut means: [Vec<f64>; AXES] = Default::default();
+    for rates in rates_dph {
+        means.iter_mut().zip(rates).for_each(|(m, r)| m.extend(block_means(r, MEAN_S)));
+    }
+    means.map(|m| std_dev(&m))
 }
 
 #[cfg(test)]

@@ -271,7 +271,7 @@ impl Run {
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
     #[must_use]
     pub fn state(&self, k: usize, a: usize) -> Option<(f32, f32)> {
-        self.bias_state(k, a).map(|s| (s.temperature_c, s.rate_c_per_min))
+        self.bias_state(k, a).map(|s| (s.temperature_c, s.ramp_c_per_min))
     }
 
     /// All that a bias model may look at, at a step; `None` while the frequency is lost.
@@ -287,20 +287,6 @@ impl Run {
         let thermal = &self.thermal[k];
         thermal.state(a)?;
         Some(Inputs { scaling, thermal, axis: a, recorded })
-    }
-
-    /// Whether the recording has what an effect asks of the other axes: temperatures that can differ from axis to axis, and for a
-    /// timebase all three frequencies.
-    #[must_use]
-    pub fn offers(&self, effect: &str) -> bool {
-        let axes = self.steps.present().count();
-        match effect {
-            "axis-gradient" | "neighbour-lags" => axes == AXES && self.steps.thermometer.parts_axes(),
-            "timebase" => axes == AXES && !self.steps.thermometer.is_sensor(),
-            "thermometer-error" => !self.steps.thermometer.is_sensor(),
-            "frequency-direct" => !self.steps.thermometer.is_sensor(),
-            _ => true,
-        }
     }
 
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.

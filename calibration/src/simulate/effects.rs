@@ -3,79 +3,179 @@
 use super::plant::Plant;
 use crate::numeric::lsq;
 use crate::numeric::stats::{block_means, std_dev};
+use crate::trace::cards::{self, card};
 use crate::BadInput;
 use hrg_core::bias::{regressors, Scaling, TERMS};
-use hrg_core::effects::{by_name, Inputs, Recorded, Running, ALL, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Inputs, Reach, Recorded, Running, ALL, MAX_PARAMETERS};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
-/// An effect to put in: name, parameters, size.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// An effect that the library does not have: what the tool should call unexplained (or a shape of temperature).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Unmodelled {
+    /// Interference ripple in temperature, with a period in C.
+    Ripple,
+    /// A mode crossing: a bump over a few degrees.
+    Bump,
+    /// Sloshing that starts with the second hour and dies out, with a period in s.
+    WaveTrain,
+    /// The rate of change acts only when cold.
+    Product,
+    /// A relay with temperature memory: switches at 30 C rising and at -10 C falling.
+    Relay,
+    /// Two bursts that come and go.
+    DriftBurst,
+}
+
+impl Unmodelled {
+    /// All of them.
+    pub const ALL: [Self; 6] =
+        [Self::Ripple, Self::Bump, Self::WaveTrain, Self::Product, Self::Relay, Self::DriftBurst];
+
+    /// The name in commands and tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ripple => "outsider-ripple",
+            Self::Bump => "outsider-bump",
+            Self::WaveTrain => "outsider-wave-train",
+            Self::Product => "outsider-product",
+            Self::Relay => "outsider-relay",
+            Self::DriftBurst => "outsider-drift-burst",
+        }
+    }
+
+    fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|u| u.name() == name)
+    }
+
+    /// Its parameter unless told otherwise, and the range from which it is drawn.
+    fn parameter(self) -> (f64, Option<[f64; 2]>) {
+        match self {
+            Self::Ripple => (14.0, Some([9.0, 16.0])),
+            Self::Bump => (5.0, Some([3.0, 7.0])),
+            Self::WaveTrain => (1500.0, Some([700.0, 2000.0])),
+            Self::Product | Self::Relay | Self::DriftBurst => (0.0, None),
+        }
+    }
+
+    /// Its bias with gain one, from temperatures (C) and their slopes (C per minute) each second.
+    fn bias(self, t: &[f64], r: &[f64], p: f64) -> Vec<f64> {
+        let mut relay = 0.0;
+        (0..t.len())
+            .map(|k| {
+                let s = k as f64;
+                match self {
+                    Self::Ripple => (std::f64::consts::TAU * t[k] / p).sin(),
+                    Self::Bump => (-((t[k] - 12.0) / p).powi(2)).exp(),
+                    Self::WaveTrain => {
+                        let x = s - 7000.0;
+                        if x < 0.0 {
+                            0.0
+                        } else {
+                            (std::f64::consts::TAU * x / p).sin() * (-x / 5000.0).exp()
+                        }
+                    }
+                    Self::Product => r[k] * (-(t[k] + 25.0) / 12.0).exp().min(3.0),
+                    Self::Relay => {
+                        if t[k] > 30.0 {
+                            relay = 1.0;
+                        } else if t[k] < -10.0 {
+                            relay = 0.0;
+                        }
+                        relay
+                    }
+                    Self::DriftBurst => {
+                        let burst = |c: f64, w: f64| (-((s - c) / w).powi(2)).exp();
+                        burst(6000.0, 900.0) - 0.8 * burst(17_000.0, 1400.0)
+                    }
+                }
+            })
+            .collect()
+    }
+}
+
+/// What can be put in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// An effect of the library.
+    Library(EffectId),
+    /// One that the library does not have.
+    Unmodelled(Unmodelled),
+}
+
+impl Source {
+    /// The name in commands and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Library(effect) => effect.name(),
+            Self::Unmodelled(effect) => effect.name(),
+        }
+    }
+
+    /// The inner parameters unless told otherwise, and the range from which the first is drawn.
+    fn parameters(self) -> ([f64; MAX_PARAMETERS], Option<[f64; 2]>) {
+        match self {
+            Self::Library(effect) => {
+                let generator = card(effect).generator;
+                (generator.usual, generator.range)
+            }
+            Self::Unmodelled(effect) => {
+                let (usual, range) = effect.parameter();
+                ([usual, 0.0], range)
+            }
+        }
+    }
+
+    /// Whether a unit can compensate it.
+    #[must_use]
+    pub fn on_unit(self) -> bool {
+        matches!(self, Self::Library(effect) if effect.facts().reach == Reach::Unit)
+    }
+}
+
+/// An effect to put in: which, its parameters, its size.
+#[derive(Debug, Clone, PartialEq)]
 pub struct EffectSpec {
-    /// Name, from the library or an outsider's.
-    pub name: String,
-    /// Inner parameter, in its unit.
-    pub parameter: f64,
+    /// Which effect.
+    pub source: Source,
+    /// Inner parameters, in their units.
+    pub parameters: [f64; MAX_PARAMETERS],
     /// What it leaves after the baseline fit, RMS of 100 s means, in noise floors.
     pub size: f64,
 }
 
-/// Effects that the library does not have; what the tool should call unexplained (or a shape of temperature).
-pub const OUTSIDERS: [&str; 6] = [
-    "outsider-ripple",
-    "outsider-bump",
-    "outsider-wave-train",
-    "outsider-product",
-    "outsider-relay",
-    "outsider-drift-burst",
-];
-
-/// The inner parameter where a specification names none.
-fn default_parameter(name: &str) -> f64 {
-    match name {
-        "kink" => 8.0,
-        "thermal-lag" => 2400.0,
-        "hysteresis" => 12.0,
-        "warm-up" => 1800.0,
-        "step" => 9000.0,
-        "periodic" => 900.0,
-        "timebase" => 694.0,
-        "outsider-ripple" => 14.0,
-        "outsider-bump" => 5.0,
-        "outsider-wave-train" => 1500.0,
-        _ => 0.0,
-    }
-}
-
 impl EffectSpec {
-    /// `NAME[:key=value,...]` with the keys `size` and the effect's own parameter (`tau_s`, `width_c`, ...).
+    /// `NAME[:key=value,...]` with the keys `size` and the effect's own parameters (`tau_s`, `width_c`, ...).
     ///
     /// # Errors
     /// A sentence that names what is wrong.
     pub fn parse(text: &str) -> Result<Self, BadInput> {
         let (name, rest) = text.split_once(':').unwrap_or((text, ""));
-        if by_name(name).is_none() && !OUTSIDERS.contains(&name) {
+        let known = EffectId::by_name(name).map(Source::Library);
+        let Some(source) = known.or_else(|| Unmodelled::by_name(name).map(Source::Unmodelled)) else {
             return Err(BadInput::new(format!(
                 "effect \"{name}\" is not known; there are {}, {} and secret:SEED",
                 ALL.iter().map(|f| f.name).collect::<Vec<_>>().join(", "),
-                OUTSIDERS.join(", ")
+                Unmodelled::ALL.map(Unmodelled::name).join(", ")
             )));
-        }
-        let mut spec = Self { name: name.into(), parameter: default_parameter(name), size: 2.0 };
+        };
+        let names = match source {
+            Source::Library(effect) => effect.facts().parameters,
+            Source::Unmodelled(_) => &["p"],
+        };
+        let mut spec = Self { source, parameters: source.parameters().0, size: 2.0 };
         for item in rest.split(',').filter(|s| !s.is_empty()) {
             let value = item.split_once('=').and_then(|(k, v)| v.parse::<f64>().ok().map(|v| (k, v)));
-            match value {
-                Some(("size", v)) => spec.size = v,
-                Some((key, v))
-                    if by_name(name).is_some_and(|f| f.parameters.contains(&key)) || OUTSIDERS.contains(&name) =>
-                {
-                    spec.parameter = v;
-                }
+            let place = value.and_then(|(key, v)| names.iter().position(|n| *n == key).map(|at| (at, v)));
+            match (value, place) {
+                (Some(("size", v)), _) => spec.size = v,
+                (_, Some((at, v))) => spec.parameters[at] = v,
                 _ => {
                     return Err(BadInput::new(format!(
-                        "effect {name}: \"{item}\" is not one of size=..., {}",
-                        by_name(name).map_or("p=...".to_string(), |f| f.parameters.join("=..., "))
+                        "effect {name}: \"{item}\" is not one of size=...{}",
+                        names.iter().map(|n| format!(", {n}=...")).collect::<String>()
                     )))
                 }
             }
@@ -83,36 +183,27 @@ impl EffectSpec {
         Ok(spec)
     }
 
-    /// Effect, parameter and size drawn by a seed; one in five from outside the library.
+    /// Effect, parameter and size drawn by a seed; one in five is not modelled.
     #[must_use]
     pub fn secret(seed: u64) -> Self {
         let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x5EC2_E75E_C2E7);
-        let inside = ["cubic", "kink", "thermal-lag", "hysteresis", "axis-gradient", "warm-up", "step", "periodic"];
-        let name = if rng.random_bool(0.2) {
-            OUTSIDERS[rng.random_range(0..OUTSIDERS.len())]
+        let inside: Vec<EffectId> = cards::all().filter(|(_, c)| c.generator.secret).map(|(f, _)| f.effect).collect();
+        let source = if rng.random_bool(0.2) {
+            Source::Unmodelled(Unmodelled::ALL[rng.random_range(0..Unmodelled::ALL.len())])
         } else {
-            inside[rng.random_range(0..inside.len())]
+            Source::Library(inside[rng.random_range(0..inside.len())])
         };
-        Self::drawn(name, rng.random_range(2.0..5.0), &mut rng)
+        Self::drawn(source, rng.random_range(2.0..5.0), &mut rng)
     }
 
-    /// A named effect of a size with its parameter drawn within what the physics allows.
+    /// An effect of a size with its parameter drawn within what the physics allows.
     #[must_use]
-    pub fn drawn(name: &str, size: f64, rng: &mut ChaCha8Rng) -> Self {
-        let mut range = |low: f64, high: f64| rng.random_range(low..high);
-        let parameter = match name {
-            "kink" => range(-18.0, 32.0),
-            "thermal-lag" => range(1200.0, 6000.0),
-            "hysteresis" => range(5.0, 25.0),
-            "warm-up" => range(700.0, 4000.0),
-            "step" => range(4000.0, 20_000.0),
-            "periodic" => range(400.0, 3000.0),
-            "outsider-ripple" => range(9.0, 16.0),
-            "outsider-bump" => range(3.0, 7.0),
-            "outsider-wave-train" => range(700.0, 2000.0),
-            _ => 0.0,
-        };
-        Self { name: name.into(), parameter, size }
+    pub fn drawn(source: Source, size: f64, rng: &mut ChaCha8Rng) -> Self {
+        let (mut parameters, range) = source.parameters();
+        if let Some([low, high]) = range {
+            parameters[0] = rng.random_range(low..high);
+        }
+        Self { source, parameters, size }
     }
 }
 
@@ -126,63 +217,22 @@ pub(super) fn effect_bias(
     mix: f64,
 ) -> Vec<f64> {
     let n = plant.board_c.len();
-    if let Some(facts) = by_name(&spec.name) {
-        let mut p = [spec.parameter as f32, 0.0];
-        if spec.name == "temperature-shape" {
-            p = [-38.0, 60.0];
+    let effect = match spec.source {
+        Source::Library(effect) => effect.facts(),
+        Source::Unmodelled(effect) => {
+            return effect.bias(&plant.resonator_c[a], &plant.slope_c_per_min[a], spec.parameters[0])
         }
-        let p: [f32; MAX_PARAMETERS] = p;
-        let Some(mut running) = Running::new(facts.id, &p, 1.0) else {
-            return vec![0.0; n];
-        };
-        // Effects with several regressors: a fixed mix.
-        let weights = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
-        return (0..n)
-            .map(|k| {
-                let thermal = plant.thermal(k);
-                let inputs = Inputs { scaling, thermal: &thermal, axis: a, recorded: recorded[k] };
-                running.step(&inputs).iter().take(facts.outputs).zip(weights).map(|(x, w)| f64::from(*x) * w).sum()
-            })
-            .collect();
-    }
-    let t = &plant.resonator_c[a];
-    let r = &plant.slope_c_per_min[a];
-    let p = spec.parameter;
-    let mut relay = 0.0;
+    };
+    let Some(mut running) = Running::new(effect.id, &spec.parameters.map(|p| p as f32), 1.0) else {
+        return vec![0.0; n];
+    };
+    // Effects with several regressors: a fixed mix.
+    let weights = [1.0, mix, 0.5, -0.6, 0.4, 0.3, -0.3, 0.2];
     (0..n)
         .map(|k| {
-            let s = k as f64;
-            match spec.name.as_str() {
-                // Interference ripple in temperature.
-                "outsider-ripple" => (std::f64::consts::TAU * t[k] / p).sin(),
-                // A mode crossing: a bump over a few degrees.
-                "outsider-bump" => (-((t[k] - 12.0) / p).powi(2)).exp(),
-                // Sloshing that starts with the second hour and dies out.
-                "outsider-wave-train" => {
-                    let x = s - 7000.0;
-                    if x < 0.0 {
-                        0.0
-                    } else {
-                        (std::f64::consts::TAU * x / p).sin() * (-x / 5000.0).exp()
-                    }
-                }
-                // Rate of change acts only when cold.
-                "outsider-product" => r[k] * (-(t[k] + 25.0) / 12.0).exp().min(3.0),
-                // A relay with temperature memory: switches at 30 C rising and at -10 C falling.
-                "outsider-relay" => {
-                    if t[k] > 30.0 {
-                        relay = 1.0;
-                    } else if t[k] < -10.0 {
-                        relay = 0.0;
-                    }
-                    relay
-                }
-                // Two bursts that come and go.
-                _ => {
-                    let burst = |c: f64, w: f64| (-((s - c) / w).powi(2)).exp();
-                    burst(6000.0, 900.0) - 0.8 * burst(17_000.0, 1400.0)
-                }
-            }
+            let thermal = plant.thermal(k);
+            let inputs = Inputs { scaling, thermal: &thermal, axis: a, recorded: recorded[k] };
+            running.step(&inputs).iter().take(effect.outputs).zip(weights).map(|(x, w)| f64::from(*x) * w).sum()
         })
         .collect()
 }

@@ -12,7 +12,7 @@ pub mod profile;
 mod units;
 
 pub use defects::soil;
-pub use effects::{EffectSpec, OUTSIDERS};
+pub use effects::{EffectSpec, Source, Unmodelled};
 pub use noise::Noise;
 pub use profile::{Leg, Profile, PROFILES};
 pub use units::Kind;
@@ -22,12 +22,12 @@ use crate::recording::metadata::{self, Attitude, Direction};
 use crate::recording::Recording;
 use effects::{effect_bias, left_after_baseline};
 use hrg_core::calibration::Calibration;
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use noise::{normal, rate_noise};
 use plant::{Monitors, Plant};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde::{Deserialize, Serialize};
 
 /// A run to simulate. The same `unit_seed` is the same unit; `seed` is the noise of this run.
 #[derive(Debug, Clone)]
@@ -56,7 +56,7 @@ pub const ATTITUDE: Attitude =
     Attitude { latitude_deg: 28.2, axes: [Direction::North, Direction::East, Direction::Down] };
 
 /// What the simulator knows and the recording does not tell.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone)]
 pub struct Truth {
     /// Effects.
     pub effects: Vec<EffectSpec>,
@@ -136,7 +136,7 @@ impl Plan {
         let default = Calibration::uncalibrated();
         let scaling = &default.scaling;
         let monitors = Monitors::new(&plant, &mut rng);
-        let has_clock_wander = self.effects.iter().any(|e| e.name == "timebase");
+        let has_clock_wander = self.effects.iter().any(|e| e.source == Source::Library(EffectId::Timebase));
         let quantised: [Vec<f64>; AXES] =
             [0, 1, 2].map(|a| plant.case_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
         let noise = [0; AXES].map(|_| rate_noise(n, &self.noise, &mut rng));

@@ -50,13 +50,13 @@ impl Plant {
     pub(super) fn thermal(&self, k: usize) -> Thermal {
         let axes = [0, 1, 2].map(|a| {
             let temperature_c = self.resonator_c[a][k] as f32;
-            let rate_c_per_min = self.slope_c_per_min[a][k] as f32;
+            let ramp_c_per_min = self.slope_c_per_min[a][k] as f32;
             let state = State {
                 temperature_c,
-                rate_c_per_min,
-                difference_c_per_min: rate_c_per_min,
+                ramp_c_per_min,
+                difference_c_per_min: ramp_c_per_min,
                 frequency_u: (temperature_c - 10.0) / 45.0,
-                frequency_u_per_min: rate_c_per_min / 45.0,
+                frequency_u_per_min: ramp_c_per_min / 45.0,
             };
             AxisThermal { state, known: true, age: 0, settled: true }
         });

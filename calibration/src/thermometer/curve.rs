@@ -44,23 +44,30 @@ pub fn fit_inverse(
     let w: Option<Vec<f64>> = weights.map(|w| good.iter().map(|&k| w[k]).collect());
     let (low, high) = f.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     // The scale is stored in f32: what the unit divides by is what is fitted with.
-    let scale_hz = (0.5 * (high - low)) as f32;
+    let frequency_scale_hz = (0.5 * (high - low)) as f32;
     let span = t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t.iter().copied().fold(f64::INFINITY, f64::min);
-    if f.len() < degree + 2 || !(span > 5.0) || !(scale_hz > 0.0) {
+    if f.len() < degree + 2 || !(span > 5.0) || !(frequency_scale_hz > 0.0) {
         return Err(BadInput::new(format!(
             "the temperatures span {:.1} C; a frequency-temperature law needs a run over tens of degrees",
             if span.is_finite() { span } else { 0.0 }
         )));
     }
-    let f0_hz = 0.5 * (high + low);
-    let u: Vec<f64> = f.iter().map(|x| (x - f0_hz) / f64::from(scale_hz)).collect();
+    let frequency_centre_hz = 0.5 * (high + low);
+    let u: Vec<f64> = f.iter().map(|x| (x - frequency_centre_hz) / f64::from(frequency_scale_hz)).collect();
     let fit = lsq::fit(&lsq::powers(&u, degree), &t, w.as_deref(), &["1", "u", "u^2", "u^3"])?;
     let mut c = [0.0f32; 4];
     for (to, from) in c.iter_mut().zip(&fit.coefficients) {
         *to = *from as f32;
     }
-    let (min_c, max_c) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
-    Ok(TemperatureLaw { f0_hz, scale_hz, c, min_c: min_c as f32, max_c: max_c as f32 })
+    let (valid_from_c, valid_to_c) =
+        t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
+    Ok(TemperatureLaw {
+        frequency_centre_hz,
+        frequency_scale_hz,
+        temperature_coefficients_c: c,
+        valid_from_c: valid_from_c as f32,
+        valid_to_c: valid_to_c as f32,
+    })
 }
 
 /// Centred cubic `f(T)` by least squares (dong2023 eq 1 and 2).
@@ -178,8 +185,8 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
         }
         // The range is that of the frequencies seen, in the law's own degrees.
         let ends = [law.temperature_c(low), law.temperature_c(high)];
-        law.min_c = ends[0].min(ends[1]);
-        law.max_c = ends[0].max(ends[1]);
+        law.valid_from_c = ends[0].min(ends[1]);
+        law.valid_to_c = ends[0].max(ends[1]);
     }
     let reference = match (implausible, narrow) {
         (true, _) => Reference::Implausible,
@@ -228,7 +235,11 @@ fn sensors(runs: &[Steps]) -> Result<Identified, BadInput> {
 /// A law of Table 1 moved to the middle of the frequencies seen.
 fn shifted(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> TemperatureLaw {
     let middle = 0.5 * (low_hz + high_hz);
-    TemperatureLaw { f0_hz: middle, scale_hz: (f64::from(law.scale_hz) * middle / law.f0_hz) as f32, ..*law }
+    TemperatureLaw {
+        frequency_centre_hz: middle,
+        frequency_scale_hz: (f64::from(law.frequency_scale_hz) * middle / law.frequency_centre_hz) as f32,
+        ..*law
+    }
 }
 
 /// Where a function of one lag time is least: a coarse look, then halving the step.
@@ -293,11 +304,11 @@ pub fn sensor_law(low_c: f64, high_c: f64) -> TemperatureLaw {
     let centre = (0.5 * (low_c + high_c)).round() as f32;
     let scale = (0.5 * (high_c - low_c)).ceil().max(1.0) as f32;
     TemperatureLaw {
-        f0_hz: f64::from(centre),
-        scale_hz: scale,
-        c: [centre, scale, 0.0, 0.0],
-        min_c: low_c as f32,
-        max_c: high_c as f32,
+        frequency_centre_hz: f64::from(centre),
+        frequency_scale_hz: scale,
+        temperature_coefficients_c: [centre, scale, 0.0, 0.0],
+        valid_from_c: low_c as f32,
+        valid_to_c: high_c as f32,
     }
 }
 
@@ -308,7 +319,7 @@ mod tests {
     #[test]
     fn the_law_of_a_sensor_gives_back_what_it_reads() {
         let law = sensor_law(-17.63, 74.1);
-        assert!(law.is_of_sensor() && (law.min_c, law.max_c) == (-17.63, 74.1));
+        assert!(law.is_of_sensor() && (law.valid_from_c, law.valid_to_c) == (-17.63, 74.1));
         for k in 0..=1000 {
             let t = -17.63 + 0.0917 * f64::from(k);
             assert!((f64::from(law.temperature_c(t)) - t).abs() < 1e-5, "{t}");

@@ -10,6 +10,7 @@
 use crate::list;
 use crate::numeric::lsq::powers;
 use crate::{BadInput, AXIS_NAMES};
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
@@ -164,7 +165,7 @@ pub struct PolyFit {
     /// Root mean square of the residuals, C.
     pub rms_c: f64,
     /// Largest residual, C.
-    pub max_c: f64,
+    pub valid_to_c: f64,
     /// Root mean square of what each point is missed by when it is left out, C.
     pub leave_one_out_rms_c: f64,
 }
@@ -309,7 +310,7 @@ fn poly_fit(x: &[f64], y: &[f64], degree: usize, to_c: f64) -> Result<PolyFit, B
         degree,
         coefficients,
         rms_c: rms(&e),
-        max_c: largest(&e),
+        valid_to_c: largest(&e),
         leave_one_out_rms_c: rms(&left_out),
         residuals_c: e,
     })
@@ -321,12 +322,12 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
     let forward_law = crate::thermometer::curve::fit_forward(temperature_c, frequency_hz, 3)?;
     let inverse_law = crate::thermometer::curve::fit_inverse(frequency_hz, temperature_c, None, 3)?;
     let inverse_f32_c: Vec<f64> = frequency_hz.iter().map(|f| f64::from(inverse_law.temperature_c(*f))).collect();
-    let c = inverse_law.c.map(f64::from);
+    let c = inverse_law.temperature_coefficients_c.map(f64::from);
     let f32_error_c = frequency_hz
         .iter()
         .zip(&inverse_f32_c)
         .map(|(f, t)| {
-            let u = (f - inverse_law.f0_hz) / f64::from(inverse_law.scale_hz);
+            let u = (f - inverse_law.frequency_centre_hz) / f64::from(inverse_law.frequency_scale_hz);
             (((c[3] * u + c[2]) * u + c[1]) * u + c[0] - t).abs()
         })
         .fold(0.0, f64::max);
@@ -347,8 +348,8 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
         root_c,
         inverse_f32_c,
         f32_error_c,
-        centre_hz: inverse_law.f0_hz,
-        scale_hz: f64::from(inverse_law.scale_hz),
+        centre_hz: inverse_law.frequency_centre_hz,
+        scale_hz: f64::from(inverse_law.frequency_scale_hz),
     })
 }
 
@@ -383,12 +384,12 @@ pub fn report(p: &Points) -> Result<Report, BadInput> {
     }
     let each_other = each_other(p);
     for e in &effects {
-        if e.name == "step" {
+        if e.name == EffectId::Step.name() {
             advice.push(
                 "Refer the gyros to their shell sensors, not to the chamber: the step is between chamber and shell, all three gyros and all three shell sensors see it. Check the chamber's sensor (range switch, calibration points) across the step.".into(),
             );
         }
-        if e.name == "timebase" {
+        if e.name == EffectId::Timebase.name() {
             advice.push(
                 "Log the counter's clock against a reference and one independent thermometer beside the gyros: only that parts a shared timebase from a shared thermal state.".into(),
             );
@@ -501,7 +502,7 @@ fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
     for (a, name) in AXIS_NAMES.iter().enumerate() {
         let columns = with_step(a, place);
         let gain =
-            crate::numeric::lsq::fit(&columns, &p.chamber_c, None, &["1", "u", "u^2", "u^3", "step"])?.coefficients[4];
+            crate::numeric::lsq::fit(&columns, &p.chamber_c, None, &["1", "u", "u^2", "u^3", "jump"])?.coefficients[4];
         let (e0, l0) = residuals(&cubic_columns(p, a), &p.chamber_c);
         let (e1, _) = residuals(&columns, &p.chamber_c);
         let l1: Vec<f64> = (0..n).map(|k| missed_by(p, a, k)).collect();
@@ -509,7 +510,7 @@ fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
     }
     let (from, to) = (p.chamber_c[place], p.chamber_c[place + 1]);
     Ok(Some(LeftOver {
-        name: "step".into(),
+        name: EffectId::Step.name().into(),
         reference: "chamber".into(),
         finding: format!(
             "between {from} and {to} C the chamber's temperature jumps against all three gyros, by {:.2} C on the mean",
@@ -542,7 +543,7 @@ fn missed_by(p: &Points, a: usize, left_out: usize) -> f64 {
     };
     let fit = |a: usize, after: usize| {
         let rows: Vec<Vec<f64>> = columns(a, after).iter().map(|c| others.iter().map(|&k| c[k]).collect()).collect();
-        crate::numeric::lsq::fit(&rows, &y, None, &["1", "u", "u^2", "u^3", "step"]).ok()
+        crate::numeric::lsq::fit(&rows, &y, None, &["1", "u", "u^2", "u^3", "jump"]).ok()
     };
     let place = (1..y.len() - 2)
         .filter_map(|s| Some((s, (0..AXES).map(|a| fit(a, s).map(|f| f.squares)).sum::<Option<f64>>()?)))
@@ -627,7 +628,7 @@ fn common_shape(p: &Points) -> Option<LeftOver> {
         axes.insert((*name).to_string(), figures);
     }
     Some(LeftOver {
-        name: "timebase".into(),
+        name: EffectId::Timebase.name().into(),
         reference: "shell".into(),
         finding: format!(
             "what the three cubics leave has the same shape in all three gyros (mean correlation {seen:.3}); with what the other two predict taken off, the residual {}, its leave-one-out error {}",
@@ -638,7 +639,7 @@ fn common_shape(p: &Points) -> Option<LeftOver> {
         axes,
         p_value,
         statistic: "mean pairwise correlation of the residuals of three cubics; noise independent on the three".into(),
-        indistinguishable_from: vec!["board".into(), "case-gradient".into()],
+        indistinguishable_from: vec![EffectId::Board.name().into(), EffectId::CaseGradient.name().into()],
     })
 }
 

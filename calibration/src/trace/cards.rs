@@ -1,7 +1,9 @@
 //! One card for each effect: what the desktop must know of it beyond its equation. The compiler asks for a card of every effect.
 
+use crate::recording::steps::Run;
 use crate::trace::report::Class;
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
+use hrg_core::AXES;
 
 /// Inner parameters of an effect.
 pub type Parameters = [f32; MAX_PARAMETERS];
@@ -80,7 +82,59 @@ pub struct Card {
     pub starts: bool,
     /// Values of the inner parameters to begin with.
     pub grid: Grid,
+    /// What a recording must have for it.
+    pub needs: Needs,
+    /// How the simulator puts it into a run.
+    pub generator: Generator,
+    /// Whether a chamber profile is judged by how well it parts this effect from the others.
+    pub parted_by_profile: bool,
+    /// What to mend where a unit cannot compensate it.
+    pub mend: Option<Mend>,
 }
+
+/// What a recording must have for an effect, beside what the effect itself shows by NaN.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing.
+    Nothing,
+    /// Temperatures of three axes that can differ.
+    OtherAxes,
+    /// A resonator as the thermometer.
+    Resonator,
+    /// Resonators on all three axes.
+    ThreeResonators,
+}
+
+impl Needs {
+    /// Whether a run has it.
+    #[must_use]
+    pub fn met_by(self, run: &Run) -> bool {
+        let thermometer = run.steps.thermometer;
+        let three = run.steps.present().count() == AXES;
+        match self {
+            Self::Nothing => true,
+            Self::OtherAxes => three && thermometer.parts_axes(),
+            Self::Resonator => !thermometer.is_sensor(),
+            Self::ThreeResonators => three && !thermometer.is_sensor(),
+        }
+    }
+}
+
+/// How the simulator puts an effect into a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Generator {
+    /// Inner parameters unless told otherwise.
+    pub usual: [f64; MAX_PARAMETERS],
+    /// Range from which the first one is drawn; `None`: as usual.
+    pub range: Option<[f64; 2]>,
+    /// Whether `secret:SEED` may draw it.
+    pub secret: bool,
+    /// Whether the study of single effects has it.
+    pub study: bool,
+}
+
+/// What to mend, from the inner parameters by name.
+pub type Mend = fn(&dyn Fn(&str) -> f64) -> String;
 
 fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
     (0..n).map(|k| [from * (to / from).powf(k as f32 / (n - 1) as f32), 0.0]).collect()
@@ -166,6 +220,9 @@ pub fn card(effect: EffectId) -> Card {
         E::Relay => (Class::Hysteresis, Simple, Refine::Places(0.04), thresholds),
         E::Extremes => (Class::Hysteresis, Family, Refine::No, once),
         E::CoolingHeating => (Class::Rate, Simple, Refine::No, once),
+        E::RateSaturation => {
+            (Class::Rate, Simple, Refine::Scale, |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10))
+        }
         E::RateCurve | E::RateCurveByTemperature => (Class::Rate, Family, Refine::No, ramps),
         E::RampByShape | E::HeatingByShape => (Class::Rate, Family, Refine::No, once),
         E::WarmUp => (Class::PowerOn, Simple, Refine::Scale, |x| log(150.0, x.longest_s / 3.0, 12)),
@@ -185,7 +242,216 @@ pub fn card(effect: EffectId) -> Card {
     };
     let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
     let starts = matches!(effect, E::Hysteresis | E::PlayLadder | E::PlayCurve | E::Relay);
-    Card { class, kind, refine, repeats, starts, grid }
+    let (needs, generator, parted_by_profile, mend) =
+        (needs(effect), generator(effect), parted_by_profile(effect), mend(effect));
+    Card { class, kind, refine, repeats, starts, grid, needs, generator, parted_by_profile, mend }
+}
+
+fn needs(effect: EffectId) -> Needs {
+    use EffectId as E;
+    match effect {
+        E::AxisGradient | E::NeighbourLags => Needs::OtherAxes,
+        E::Timebase => Needs::ThreeResonators,
+        E::ThermometerError | E::FrequencyDirect => Needs::Resonator,
+        E::Cubic
+        | E::Kink
+        | E::TemperatureShape
+        | E::ThermalLag
+        | E::SecondDerivative
+        | E::Hysteresis
+        | E::CaseGradient
+        | E::WarmUp
+        | E::Aging
+        | E::Step
+        | E::Periodic
+        | E::DriveAmplitude
+        | E::Quadrature
+        | E::Board
+        | E::CoolingHeating
+        | E::LagLadder
+        | E::LagLadderByTemperature
+        | E::HeatingLags
+        | E::ArrheniusLadder
+        | E::PlayLadder
+        | E::PlayCurve
+        | E::Relay
+        | E::TemperatureSpline
+        | E::Ripple
+        | E::RateCurve
+        | E::RateCurveByTemperature
+        | E::RampByShape
+        | E::HeatingByShape
+        | E::PowerOnLadder
+        | E::PowerOnLadderByTemperature
+        | E::PowerOnLadderByStart
+        | E::Extremes
+        | E::RecordedQuantity
+        | E::RateSaturation => Needs::Nothing,
+    }
+}
+
+fn generator(effect: EffectId) -> Generator {
+    use EffectId as E;
+    let of = |usual| Generator { usual, range: None, secret: false, study: false };
+    let studied = |usual| Generator { study: true, ..of(usual) };
+    let drawn = |usual, low, high| Generator { range: Some([low, high]), secret: true, ..studied([usual, 0.0]) };
+    match effect {
+        E::Cubic | E::AxisGradient => Generator { secret: true, ..studied([0.0; 2]) },
+        E::Kink => drawn(8.0, -18.0, 32.0),
+        E::ThermalLag => drawn(2400.0, 1200.0, 6000.0),
+        E::Hysteresis => drawn(12.0, 5.0, 25.0),
+        E::WarmUp => drawn(1800.0, 700.0, 4000.0),
+        E::Step => drawn(9000.0, 4000.0, 20_000.0),
+        E::Periodic => drawn(900.0, 400.0, 3000.0),
+        E::TemperatureShape => studied([-38.0, 60.0]),
+        E::SecondDerivative | E::CaseGradient | E::Aging => studied([0.0; 2]),
+        E::DriveAmplitude | E::Quadrature | E::Board => studied([0.0; 2]),
+        E::Timebase | E::ThermometerError => of([694.0, 0.0]),
+        E::TemperatureSpline => of([-38.0, 60.0]),
+        E::Ripple => of([14.0, 0.0]),
+        E::LagLadder | E::LagLadderByTemperature => of([60.0, 6000.0]),
+        E::HeatingLags | E::PowerOnLadder | E::PowerOnLadderByTemperature | E::PowerOnLadderByStart => {
+            of([120.0, 6000.0])
+        }
+        E::ArrheniusLadder => of([0.02, 6000.0]),
+        E::PlayLadder => of([1.0, 60.0]),
+        E::PlayCurve => of([8.0, 0.0]),
+        E::Relay => of([30.0, -10.0]),
+        E::RateCurve | E::RateCurveByTemperature => of([1.5, 0.0]),
+        E::RateSaturation => of([0.3, 0.0]),
+        E::FrequencyDirect | E::CoolingHeating | E::NeighbourLags | E::RampByShape | E::HeatingByShape => of([0.0; 2]),
+        E::Extremes | E::RecordedQuantity => of([0.0; 2]),
+    }
+}
+
+/// Those that a unit can compensate with what it measures itself, one name for each thing that a chamber can tell.
+fn parted_by_profile(effect: EffectId) -> bool {
+    use EffectId as E;
+    match effect {
+        E::Cubic | E::Kink | E::ThermalLag | E::SecondDerivative | E::Hysteresis => true,
+        E::AxisGradient | E::WarmUp | E::Aging | E::CoolingHeating => true,
+        E::TemperatureShape
+        | E::CaseGradient
+        | E::Step
+        | E::Periodic
+        | E::Timebase
+        | E::DriveAmplitude
+        | E::Quadrature
+        | E::Board
+        | E::FrequencyDirect
+        | E::LagLadder
+        | E::LagLadderByTemperature
+        | E::HeatingLags
+        | E::ArrheniusLadder
+        | E::NeighbourLags
+        | E::PlayLadder
+        | E::PlayCurve
+        | E::Relay
+        | E::TemperatureSpline
+        | E::Ripple
+        | E::RateCurve
+        | E::RateCurveByTemperature
+        | E::RampByShape
+        | E::HeatingByShape
+        | E::PowerOnLadder
+        | E::PowerOnLadderByTemperature
+        | E::PowerOnLadderByStart
+        | E::Extremes
+        | E::RecordedQuantity
+        | E::ThermometerError
+        | E::RateSaturation => false,
+    }
+}
+
+fn mend(effect: EffectId) -> Option<Mend> {
+    use EffectId as E;
+    Some(match effect {
+        E::Step => |p| {
+            format!(
+                "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+                p(E::Step.facts().parameters[0])
+            )
+        },
+        E::Periodic => |p| {
+            format!(
+                "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
+                p(E::Periodic.facts().parameters[0])
+            )
+        },
+        E::Aging => |_| {
+            "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
+        },
+        E::CaseGradient => |_| needs_case_sensors(E::CaseGradient),
+        E::Timebase => |_| needs_case_sensors(E::Timebase),
+        E::DriveAmplitude => |_| needs_voltage(E::DriveAmplitude),
+        E::Quadrature => |_| needs_voltage(E::Quadrature),
+        E::Board => |_| needs_voltage(E::Board),
+        E::Cubic
+        | E::Kink
+        | E::TemperatureShape
+        | E::ThermalLag
+        | E::SecondDerivative
+        | E::Hysteresis
+        | E::AxisGradient
+        | E::WarmUp
+        | E::FrequencyDirect
+        | E::CoolingHeating
+        | E::LagLadder
+        | E::LagLadderByTemperature
+        | E::HeatingLags
+        | E::ArrheniusLadder
+        | E::NeighbourLags
+        | E::PlayLadder
+        | E::PlayCurve
+        | E::Relay
+        | E::TemperatureSpline
+        | E::Ripple
+        | E::RateCurve
+        | E::RateCurveByTemperature
+        | E::RampByShape
+        | E::HeatingByShape
+        | E::PowerOnLadder
+        | E::PowerOnLadderByTemperature
+        | E::PowerOnLadderByStart
+        | E::Extremes
+        | E::RecordedQuantity
+        | E::ThermometerError
+        | E::RateSaturation => return None,
+    })
+}
+
+fn needs_case_sensors(effect: EffectId) -> String {
+    format!(
+        "{} needs the case sensors, which the unit does not read: wire them to the unit, or give the case time to settle",
+        effect.name()
+    )
+}
+
+fn needs_voltage(effect: EffectId) -> String {
+    format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", effect.name())
+}
+
+/// Which profile parts two effects.
+#[must_use]
+pub fn parting(a: EffectId, b: EffectId) -> &'static str {
+    let classes = [card(a).class, card(b).class];
+    let both = |wanted: &[Class]| classes.iter().all(|c| wanted.contains(c));
+    let either = |wanted: &[Class]| classes.iter().any(|c| wanted.contains(c));
+    if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
+        "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither"
+    } else if both(&[Class::Shape]) {
+        "a run that reaches further on both ends, with soaks each 10 C, parts them"
+    } else if either(&[Class::PowerOn, Class::Event]) {
+        "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature"
+    } else {
+        "a run that passes the same temperatures in both directions and at two speeds parts them"
+    }
+}
+
+/// Effects that a chamber profile should part.
+#[must_use]
+pub fn parted() -> Vec<EffectId> {
+    all().filter(|(_, c)| c.parted_by_profile).map(|(f, _)| f.effect).collect()
 }
 
 /// Effects that are offered together, with one variance for all their gains.
@@ -219,7 +485,7 @@ pub fn start_parameters(start: EffectId, x: &Extent) -> Parameters {
 /// The class of an effect by its name; `None` for a name that is not in the list.
 #[must_use]
 pub fn class_of(name: &str) -> Option<Class> {
-    ALL.iter().find(|f| f.name == name).map(|f| card(f.effect).class)
+    EffectId::by_name(name).map(|e| card(e).class)
 }
 
 /// Every effect with its card.

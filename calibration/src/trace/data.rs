@@ -4,7 +4,7 @@ use crate::fit::baseline_columns;
 use crate::recording::steps::Run;
 use crate::trace::cards::{self, Extent};
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{by_name, EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -81,8 +81,8 @@ impl Starts {
 
 impl Candidate {
     /// A candidate by name, everywhere. `None` if there is no such effect.
-    pub fn new(name: &str, parameters: [f32; MAX_PARAMETERS]) -> Option<Self> {
-        by_name(name).map(|facts| Self { facts, parameters, run: None, starts: Starts::default() })
+    pub fn new(effect: EffectId, parameters: [f32; MAX_PARAMETERS]) -> Self {
+        Self { facts: effect.facts(), parameters, run: None, starts: Starts::default() }
     }
 }
 
@@ -265,10 +265,12 @@ impl<'a> Data<'a> {
                 let grid = (card.grid)(&extent);
                 let tries = grid.len() as f64;
                 let starts = if card.starts { starts } else { Starts::default() };
-                grid.into_iter().map(move |parameters| (Candidate { facts, parameters, run: None, starts }, tries))
+                // What an effect needs from another axis must be there.
+                let offered = self.runs.iter().all(|r| card.needs.met_by(r));
+                grid.into_iter()
+                    .filter(move |_| offered)
+                    .map(move |parameters| (Candidate { facts, parameters, run: None, starts }, tries))
             })
-            // What an effect needs from another axis must be there.
-            .filter(|(c, _)| self.runs.iter().all(|r| r.offers(c.facts.name)))
             .collect()
     }
 

@@ -10,7 +10,7 @@ use crate::numeric::lsq;
 use crate::recording::steps::Run;
 use crate::AXIS_NAMES;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{Reach, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Reach, MAX_PARAMETERS};
 use hrg_core::AXES;
 use std::collections::BTreeMap;
 
@@ -57,7 +57,7 @@ type Gains = [Vec<f64>; AXES];
 /// Parameters and gains that leave least. A step is looked for at every mean, anything else keeps its parameters.
 fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Option<([f32; MAX_PARAMETERS], Gains)> {
     let c = t.lead();
-    let tries: Vec<[f32; MAX_PARAMETERS]> = if c.facts.name == "step" {
+    let tries: Vec<[f32; MAX_PARAMETERS]> = if c.facts.effect == EffectId::Step {
         let means = run.thermal.len() / MEAN_S;
         (2..means.saturating_sub(2)).map(|k| [run.thermal[k * MEAN_S].time_s, 0.0]).collect()
     } else {
@@ -88,7 +88,7 @@ fn gains_of(
     y: &[f64],
 ) -> Option<(Vec<f64>, f64)> {
     let mut columns = vec![vec![1.0; y.len()]];
-    if c.facts.name == "step" {
+    if c.facts.effect == EffectId::Step {
         let t = |k: usize| run.thermal[(k * MEAN_S + MEAN_S / 2).min(run.thermal.len() - 1)].time_s;
         columns.push((0..y.len()).map(|k| if t(k) < parameters[0] { 0.0 } else { 1.0 }).collect());
     } else {

@@ -46,7 +46,7 @@ fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
         for b in 0..n {
             let k = b * data.block_s + data.block_s / 2;
             let now = &run.thermal[k];
-            let (t, r) = now.state(a).map_or((0.0, 0.0), |s| (s.temperature_c, s.rate_c_per_min));
+            let (t, r) = now.state(a).map_or((0.0, 0.0), |s| (s.temperature_c, s.ramp_c_per_min));
             state.push((f64::from(t), f64::from(r)));
             clock.push(b as f64 / n as f64 * 2.0 - 1.0);
         }

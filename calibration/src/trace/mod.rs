@@ -482,7 +482,7 @@ impl OnVerifyRun<'_> {
                 AxisModel::Constant => {
                     take_axis(&mut image, &baseline, a);
                     image.axes[a].coefficients = constant(&self.data.axes[a].y);
-                    image.axes[a].coefficient_std = [[0.0; TERMS]; 2];
+                    image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
                     image.axes[a].uncertainty = Uncertainty::default();
                 }
             }
@@ -604,10 +604,11 @@ const LEAST_EXCHANGED: usize = 108;
 fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
     let share = |a: usize| {
         let axis = &calibration.axes[a];
-        let [slowest, fastest] = axis.rate_range_c_per_min;
+        let (slowest, fastest) = (axis.valid_from_c_per_min, axis.valid_to_c_per_min);
         let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
-        let inside =
-            |&(t, r): &(f32, f32)| (axis.law.min_c..=axis.law.max_c).contains(&t) && (slowest..=fastest).contains(&r);
+        let inside = |&(t, r): &(f32, f32)| {
+            (axis.law.valid_from_c..=axis.law.valid_to_c).contains(&t) && (slowest..=fastest).contains(&r)
+        };
         1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64
     };
     run.steps.present().map(share).fold(0.0, f64::max)

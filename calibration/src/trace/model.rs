@@ -239,7 +239,7 @@ impl Fitted {
         for a in 0..AXES {
             let fit = &self.axes[a];
             c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fit.coefficients[j] as f32));
-            c.axes[a].coefficient_std = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
+            c.axes[a].bias_std_dph = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
             c.axes[a].uncertainty = Uncertainty::default();
             if let Some(s) = &stated[a] {
                 c.axes[a].uncertainty.rest_dph2 = s.rest_dph2 as f32;
@@ -281,7 +281,7 @@ impl Fitted {
 /// Gives one axis of an image the coefficients of another image, without effects.
 pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
     image.axes[a].coefficients = from.axes[a].coefficients;
-    image.axes[a].coefficient_std = from.axes[a].coefficient_std;
+    image.axes[a].bias_std_dph = from.axes[a].bias_std_dph;
     image.axes[a].uncertainty = from.axes[a].uncertainty;
     for term in &mut image.effects {
         term.gains[a] = [0.0; MAX_OUTPUTS];

@@ -4,6 +4,7 @@
 use super::data::{Candidate, Data};
 use super::gls::{Basis, Colour};
 use crate::numeric::stats::dot;
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 
 /// As many jumps, and as many periods, are proposed from one view.
@@ -42,7 +43,7 @@ pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     peaks
         .into_iter()
         .take(EACH)
-        .filter_map(|k| Candidate::new("periodic", [(1.0 / frequency(k)) as f32, 0.0]))
+        .map(|k| Candidate::new(EffectId::Periodic, [(1.0 / frequency(k)) as f32, 0.0]))
         .collect()
 }
 
@@ -92,7 +93,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
         best.sort_by(|x, y| score[*y].total_cmp(&score[*x]));
         for k in best.into_iter().take(EACH) {
             let t = run.thermal[k * data.block_s].time_s;
-            out.extend(Candidate::new("step", [t, 0.0]).map(|c| Candidate { run: Some(number), ..c }));
+            out.push(Candidate { run: Some(number), ..Candidate::new(EffectId::Step, [t, 0.0]) });
         }
         first_block += blocks;
     }

@@ -109,11 +109,11 @@ impl State {
 #[derive(Debug, Clone)]
 pub struct Overlap {
     /// The effect.
-    pub name: &'static str,
+    pub effect: EffectId,
     /// Share of its size that the baseline leaves.
     pub left: f64,
     /// Shares of what is left that other effects explain.
-    pub shares: Vec<(&'static str, f64)>,
+    pub shares: Vec<(EffectId, f64)>,
 }
 
 /// The search on one data set.
@@ -753,10 +753,10 @@ impl<'a> Search<'a> {
 
     /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
     /// white and under coloured noise.
-    pub fn overlaps(&self, wanted: &[&'static str]) -> Vec<Overlap> {
-        let of = |name: &str| -> Vec<usize> {
+    pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
+        let of = |effect: EffectId| -> Vec<usize> {
             (0..self.candidates.len())
-                .filter(|k| self.lead(*k).facts.name == name && self.candidates[*k].len() == 1)
+                .filter(|k| self.lead(*k).facts.effect == effect && self.candidates[*k].len() == 1)
                 .collect()
         };
         // Under white noise, and under noise with some colour.
@@ -772,25 +772,25 @@ impl<'a> Search<'a> {
         };
         wanted
             .iter()
-            .map(|&name| {
-                let own = of(name);
+            .map(|&effect| {
+                let own = of(effect);
                 let some = [own.len() / 4, own.len() / 2, 3 * own.len() / 4];
-                let mut shares: Vec<(&'static str, f64)> = Vec::new();
+                let mut shares: Vec<(EffectId, f64)> = Vec::new();
                 let mut left = 0.0f64;
                 for target in some.iter().filter_map(|k| own.get(*k)) {
                     left = left.max(self.left_by_baseline(&self.lead(*target)));
-                    for other in wanted.iter().filter(|o| **o != name) {
-                        let most = of(other)
+                    for other in wanted.iter().filter(|o| **o != effect) {
+                        let most = of(*other)
                             .iter()
                             .map(|k| share(*target, *k, 0).max(share(*target, *k, COLOURS.len() / 2)))
                             .fold(0.0, f64::max);
                         match shares.iter_mut().find(|(n, _)| n == other) {
                             Some((_, s)) => *s = s.max(most),
-                            None => shares.push((other, most)),
+                            None => shares.push((*other, most)),
                         }
                     }
                 }
-                Overlap { name, left, shares }
+                Overlap { effect, left, shares }
             })
             .collect()
     }

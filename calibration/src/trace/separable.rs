@@ -10,24 +10,12 @@ use super::INDISTINGUISHABLE;
 use crate::fit::{prepare, Prepared};
 use crate::recording::Recording;
 use crate::BadInput;
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use serde::Serialize;
 
 /// Size at which effects are to be told apart, noise floors (RMS of 100 s means after the baseline fit).
 pub const SIZE: f64 = 2.0;
-
-/// Effects that a profile should part, those that a unit can compensate and that need no other sensor.
-pub const WANTED: [&str; 9] = [
-    "cubic",
-    "kink",
-    "thermal-lag",
-    "second-derivative",
-    "hysteresis",
-    "axis-gradient",
-    "warm-up",
-    "aging",
-    "cooling-heating",
-];
 
 /// What a run says of one effect.
 #[derive(Debug, Clone, Serialize)]
@@ -47,7 +35,7 @@ pub const SEEN: f64 = 0.02;
 ///
 /// # Errors
 /// A recording that cannot be used.
-pub fn judge(recordings: &[Recording], wanted: &[&'static str]) -> Result<Vec<Verdict>, BadInput> {
+pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdict>, BadInput> {
     let Prepared { runs, calibration, lag_s, .. } = prepare(recordings)?;
     let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
     let rows = data.axes.iter().map(|a| a.y.len()).min().unwrap_or(0);
@@ -63,9 +51,14 @@ pub fn judge(recordings: &[Recording], wanted: &[&'static str]) -> Result<Vec<Ve
         .overlaps(wanted)
         .into_iter()
         .map(|o| Verdict {
-            name: o.name.to_string(),
+            name: o.effect.name().to_string(),
             left_by_baseline: o.left,
-            taken_for: o.shares.into_iter().filter(|(_, s)| *s > limit).map(|(n, s)| (n.to_string(), s)).collect(),
+            taken_for: o
+                .shares
+                .into_iter()
+                .filter(|(_, s)| *s > limit)
+                .map(|(n, s)| (n.name().to_string(), s))
+                .collect(),
         })
         .collect())
 }
@@ -85,12 +78,13 @@ pub fn not_told(verdicts: &[Verdict]) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::cards::parted;
     use super::*;
     use crate::simulate::{Plan, Profile};
 
     fn verdicts(profile: &str) -> Vec<Verdict> {
         let r = Plan::of(Profile::parse(profile).expect("fine"), 1, 1).simulate().recording;
-        judge(&[r], &WANTED).expect("usable")
+        judge(&[r], &parted()).expect("usable")
     }
 
     #[test]

@@ -3,12 +3,13 @@
 use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
 use super::Class;
 use crate::list;
-use crate::trace::cards::class_of;
+use crate::trace::cards::{card, parting};
+use hrg_core::effects::EffectId;
 use std::fmt::Write as _;
 
 /// An effect with its parameter and the axes that have it.
 fn called(e: &Found, there: usize) -> String {
-    let parameter = match e.parameters.iter().next().filter(|_| e.name != "temperature-shape") {
+    let parameter = match e.parameters.iter().next().filter(|_| e.name != EffectId::TemperatureShape.name()) {
         Some((n, v)) => format!(" ({n} {v:.0})"),
         None => String::new(),
     };
@@ -164,9 +165,12 @@ pub fn advice(r: &Report) -> Vec<String> {
     let mut out = Vec::new();
     for e in &r.effects {
         for other in &e.indistinguishable_from {
-            out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(&e.name, other)));
+            if let (Some(a), Some(b)) = (EffectId::by_name(&e.name), EffectId::by_name(other)) {
+                out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(a, b)));
+            }
         }
-        out.extend(mend(e));
+        let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
+        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).mend).map(|mend| mend(&parameter)));
         if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
             out.push(format!(
                 "{} is named on the train run, and the verify run does not bear it out beyond its uncertainty on every axis: take another run before you rely on it",
@@ -211,38 +215,4 @@ pub fn advice(r: &Report) -> Vec<String> {
         out.push("a longer verify run, or a second train run, makes the uncertainty smaller".into());
     }
     out
-}
-
-/// What to mend for an effect that the unit cannot compensate.
-fn mend(e: &Found) -> Option<String> {
-    Some(match e.name.as_str() {
-        "step" => format!(
-            "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
-            e.parameters.get("time_s").copied().unwrap_or(f64::NAN)
-        ),
-        "periodic" => format!(
-            "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
-            e.parameters.get("period_s").copied().unwrap_or(f64::NAN)
-        ),
-        "aging" => "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into(),
-        "case-gradient" | "timebase" => format!("{} needs the case sensors, which the unit does not read: wire them to the unit, or give the case time to settle", e.name),
-        "drive-amplitude" | "quadrature" | "board" => format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", e.name),
-        _ => return None,
-    })
-}
-
-/// Which profile parts two effects.
-fn parting(a: &str, b: &str) -> &'static str {
-    let classes = [class_of(a), class_of(b)];
-    let both = |wanted: &[Class]| classes.iter().all(|c| c.is_some_and(|c| wanted.contains(&c)));
-    let either = |wanted: &[Class]| classes.iter().any(|c| c.is_some_and(|c| wanted.contains(&c)));
-    if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
-        "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither"
-    } else if both(&[Class::Shape]) {
-        "a run that reaches further on both ends, with soaks each 10 C, parts them"
-    } else if either(&[Class::PowerOn, Class::Event]) {
-        "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature"
-    } else {
-        "a run that passes the same temperatures in both directions and at two speeds parts them"
-    }
 }

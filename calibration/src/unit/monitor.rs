@@ -64,7 +64,7 @@ impl State {
         }
         let known = h.temperature_c.iter().all(|t| t.is_finite());
         let settling = h.axis_status.iter().any(|s| s.contains(AxisStatus::SETTLING));
-        let stable = known && !settling && h.rate_c_per_min.iter().all(|r| r.abs() < STABLE_C_PER_MIN);
+        let stable = known && !settling && h.ramp_c_per_min.iter().all(|r| r.abs() < STABLE_C_PER_MIN);
         self.stable_since = if stable { self.stable_since.or(Some(h.time_ms)) } else { None };
         self.last = Some(*h);
     }
@@ -145,7 +145,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
             Span::raw(AXIS_NAMES[a]),
             Span::raw(format!("{:.4}", h.frequency_hz[a])),
             Span::raw(format!("{:.3}", h.temperature_c[a])),
-            Span::raw(format!("{:+.3}", h.rate_c_per_min[a])),
+            Span::raw(format!("{:+.3}", h.ramp_c_per_min[a])),
             Span::raw(format!("{:+.3}", h.raw_dph[a])),
             Span::raw(if h.bias_std_dph[a].is_finite() {
                 format!("{:+.3} \u{b1}{:.3}", h.bias_dph[a], h.bias_std_dph[a])
@@ -190,7 +190,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     let unit = words(h.unit_status.bits(), &UnitStatus::NAMES);
     let link = format!(
         "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} converter errors",
-        state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.converter_errors
+        state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.adc_errors
     );
     let unit_style = if h.unit_status.is_empty() { Style::default() } else { bad };
     let mut text = vec![
@@ -256,13 +256,13 @@ mod tests {
             time_ms,
             frequency_hz: [4898.626, 4890.667, 4702.343],
             temperature_c: [6.314, 4.875, 4.934],
-            rate_c_per_min: [slope, 0.0, 0.0],
+            ramp_c_per_min: [slope, 0.0, 0.0],
             bias_dph: [1.0, 2.0, 3.0],
             bias_std_dph: [0.05, 0.05, f32::NAN],
             raw_dph: [4.0 + (time_ms % 7000) as f32 / 7000.0, 5.0, f32::NAN],
             corrected_dph: [3.0, 3.0, f32::NAN],
             samples: 1000,
-            converter_errors: 0,
+            adc_errors: 0,
             axis_status: [AxisStatus::empty(), AxisStatus::empty(), AxisStatus::FREQUENCY_LOST],
             unit_status: UnitStatus::empty(),
             rejected: [0; 3],

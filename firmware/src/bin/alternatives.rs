@@ -22,11 +22,11 @@ const METHODS: usize = 8;
 static RESULTS: [[AtomicU32; POINTS]; METHODS] = [const { [const { AtomicU32::new(0) }; POINTS] }; METHODS];
 
 const LAW: TemperatureLaw = TemperatureLaw {
-    f0_hz: 4900.0,
-    scale_hz: 21.152,
-    c: [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72],
-    min_c: -34.374,
-    max_c: 55.128,
+    frequency_centre_hz: 4900.0,
+    frequency_scale_hz: 21.152,
+    temperature_coefficients_c: [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72],
+    valid_from_c: -34.374,
+    valid_to_c: 55.128,
 };
 /// The same in powers of f.
 const UNCENTRED: [f64; 4] =

@@ -56,7 +56,7 @@ pub enum Stage {
 }
 
 /// Each second of an alignment.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Report {
     /// Number of the second, from the start of the alignment.
     pub second: u32,
@@ -226,13 +226,13 @@ impl<F: Begin> Session<F> {
                 self.codes = [0.0; 2];
                 self.stage = Stage::Second;
             }
-        } else if summary.samples == 0 || summary.converter_errors > MOST_MISSING {
+        } else if summary.samples == 0 || summary.adc_errors > MOST_MISSING {
             aligner.refuse(Refusal::DataMissing);
         } else {
             if summary.accelerometer_saturated {
                 aligner.refuse(Refusal::Saturated);
             }
-            let filled = 1.0 + f64::from(summary.converter_errors) / f64::from(summary.samples);
+            let filled = 1.0 + f64::from(summary.adc_errors) / f64::from(summary.samples);
             let mut velocity = [0.0; 2];
             for k in 0..2 {
                 self.codes[k] += summary.accelerometer_codes[k] as f64 * filled;

@@ -13,11 +13,11 @@
 pub const TERMS: usize = 5;
 
 /// Coefficients and the two temperatures.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct FourParameter {
     /// `k0` in deg/h; cooling and heating in deg/h per (C per minute); low and high in deg/h per C.
-    pub k: [f32; TERMS],
+    pub constant_cooling_heating_low_high: [f32; TERMS],
     /// Breakpoint (wu2023: div_a), C.
     pub breakpoint_c: f32,
     /// Where temperature counts from, C.

@@ -22,7 +22,7 @@ pub struct State {
     /// Temperature, C.
     pub temperature_c: f32,
     /// Its rate of change, C per minute ([`crate::rate_of_change::SlopeWindow`]).
-    pub rate_c_per_min: f32,
+    pub ramp_c_per_min: f32,
     /// Its change over the last 60 s, C per minute ([`crate::rate_of_change::Difference`]).
     pub difference_c_per_min: f32,
     /// Normalised frequency.
@@ -42,12 +42,14 @@ pub struct Scaling {
     pub t_ref_c: f32,
     /// Temperature difference of `u = 1`, C.
     pub t_scale_c: f32,
-    /// Beyond these temperatures every power of `u` is continued linearly, C.
-    pub t_linear_c: [f32; 2],
+    /// Below this temperature, and above the next, every power of `u` is continued linearly, C.
+    pub linear_below_c: f32,
+    /// The other end of that range, C.
+    pub linear_above_c: f32,
     /// Beyond this magnitude `r^2` is continued linearly, C per minute.
-    pub r_linear: f32,
+    pub linear_beyond_c_per_min: f32,
     /// Half-width of the blend between cooling and heating set, C per minute.
-    pub blend_band: f32,
+    pub blend_band_c_per_min: f32,
 }
 
 impl Scaling {
@@ -61,7 +63,7 @@ impl Scaling {
     /// Whether powers of the normalised temperature are powers there, and not continued along their tangents.
     #[inline]
     fn polynomial(&self, temperature_c: f32) -> bool {
-        let [low, high] = self.t_linear_c;
+        let (low, high) = (self.linear_below_c, self.linear_above_c);
         temperature_c >= low && temperature_c <= high
     }
 
@@ -82,14 +84,14 @@ impl Scaling {
     #[inline]
     #[must_use]
     pub fn w_linear(&self) -> f32 {
-        self.r_linear / self.t_scale_c
+        self.linear_beyond_c_per_min / self.t_scale_c
     }
 
     /// `u` and the point of the calibrated range nearest to it.
     #[inline]
     #[must_use]
     pub fn u_and_inside(&self, temperature_c: f32) -> (f32, f32) {
-        let [low, high] = self.t_linear_c;
+        let (low, high) = (self.linear_below_c, self.linear_above_c);
         (self.u(temperature_c), self.u(clamp(temperature_c, low, high)))
     }
 }
@@ -124,19 +126,19 @@ pub fn cube_or_tangent(x: f32, inside: f32) -> f32 {
 /// The six regressors of eq 7 at a temperature (C) and its rate of change (C per minute).
 #[inline]
 #[must_use]
-pub fn regressors(scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> [f32; TERMS] {
+pub fn regressors(scaling: &Scaling, temperature_c: f32, ramp_c_per_min: f32) -> [f32; TERMS] {
     let (u, inside) = scaling.u_and_inside(temperature_c);
-    let r = rate_c_per_min;
-    let r_inside = clamp(r, -scaling.r_linear, scaling.r_linear);
+    let r = ramp_c_per_min;
+    let r_inside = clamp(r, -scaling.linear_beyond_c_per_min, scaling.linear_beyond_c_per_min);
     [1.0, u, square_or_tangent(u, inside), r, square_or_tangent(r, r_inside), u * r]
 }
 
 /// Eq 7 at a temperature (C) and its rate of change (C per minute): the sum of coefficient times [`regressors`], nested, which
 /// takes half the instructions.
 #[inline]
-fn evaluate(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> f32 {
-    let (t, r) = (temperature_c, rate_c_per_min);
-    if !scaling.polynomial(t) || r.abs() > scaling.r_linear {
+fn evaluate(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, ramp_c_per_min: f32) -> f32 {
+    let (t, r) = (temperature_c, ramp_c_per_min);
+    if !scaling.polynomial(t) || r.abs() > scaling.linear_beyond_c_per_min {
         return continued(k, scaling, t, r);
     }
     let u = scaling.u(t);
@@ -146,17 +148,17 @@ fn evaluate(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, rate_c_per_
 /// The same beyond the calibrated range.
 #[cold]
 #[inline(never)]
-fn continued(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, rate_c_per_min: f32) -> f32 {
-    dot(k, &regressors(scaling, temperature_c, rate_c_per_min))
+fn continued(k: &[f32; TERMS], scaling: &Scaling, temperature_c: f32, ramp_c_per_min: f32) -> f32 {
+    dot(k, &regressors(scaling, temperature_c, ramp_c_per_min))
 }
 
 /// Weight of the heating set, 0 to 1.
 #[inline]
 #[must_use]
-pub fn heating_weight(scaling: &Scaling, rate_c_per_min: f32) -> f32 {
-    if scaling.blend_band > 0.0 {
-        clamp(0.5 + 0.5 * rate_c_per_min / scaling.blend_band, 0.0, 1.0)
-    } else if rate_c_per_min > 0.0 {
+pub fn heating_weight(scaling: &Scaling, ramp_c_per_min: f32) -> f32 {
+    if scaling.blend_band_c_per_min > 0.0 {
+        clamp(0.5 + 0.5 * ramp_c_per_min / scaling.blend_band_c_per_min, 0.0, 1.0)
+    } else if ramp_c_per_min > 0.0 {
         1.0
     } else {
         0.0
@@ -169,7 +171,7 @@ pub fn heating_weight(scaling: &Scaling, rate_c_per_min: f32) -> f32 {
 pub enum Coefficients {
     /// One set for every sign of the rate of change.
     One([f32; TERMS]),
-    /// A cooling and a heating set, blended over [`Scaling::blend_band`].
+    /// A cooling and a heating set, blended over [`Scaling::blend_band_c_per_min`].
     CoolingHeating([f32; TERMS], [f32; TERMS]),
     /// wu2023's piecewise model.
     FourParameter(FourParameter),
@@ -192,16 +194,17 @@ impl Coefficients {
     #[inline(never)]
     #[must_use]
     pub fn bias_dph(&self, scaling: &Scaling, state: &State) -> f32 {
-        let (t, r) = (state.temperature_c, state.rate_c_per_min);
+        let (t, r) = (state.temperature_c, state.ramp_c_per_min);
         match self {
             Self::One(k) => evaluate(k, scaling, t, r),
             Self::CoolingHeating(cooling, heating) => {
                 let w = heating_weight(scaling, r);
                 (1.0 - w) * evaluate(cooling, scaling, t, r) + w * evaluate(heating, scaling, t, r)
             }
-            Self::FourParameter(m) => {
-                dot(&m.k, &four_parameter::regressors(m.breakpoint_c, m.origin_c, t, state.difference_c_per_min))
-            }
+            Self::FourParameter(m) => dot(
+                &m.constant_cooling_heating_low_high,
+                &four_parameter::regressors(m.breakpoint_c, m.origin_c, t, state.difference_c_per_min),
+            ),
             Self::Direct(k) => direct::evaluate(k, state.frequency_u, state.frequency_u_per_min, scaling.w_linear()),
             Self::Network(w) => network::evaluate(w, network::input(scaling, t)),
         }
@@ -212,36 +215,50 @@ impl Coefficients {
 mod tests {
     use super::*;
 
-    const S: Scaling =
-        Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-40.0, 60.0], r_linear: 2.0, blend_band: 0.2 };
+    const S: Scaling = Scaling {
+        t_ref_c: 10.0,
+        t_scale_c: 45.0,
+        linear_below_c: -40.0,
+        linear_above_c: 60.0,
+        linear_beyond_c_per_min: 2.0,
+        blend_band_c_per_min: 0.2,
+    };
 
-    fn at(temperature_c: f32, rate_c_per_min: f32) -> State {
+    fn at(temperature_c: f32, ramp_c_per_min: f32) -> State {
         let u = S.u(temperature_c);
         State {
             temperature_c,
-            rate_c_per_min,
-            difference_c_per_min: rate_c_per_min,
+            ramp_c_per_min,
+            difference_c_per_min: ramp_c_per_min,
             frequency_u: u,
-            frequency_u_per_min: rate_c_per_min / 45.0,
+            frequency_u_per_min: ramp_c_per_min / 45.0,
         }
     }
 
     #[test]
     fn the_four_parameters_step_only_where_their_source_does() {
         let bias = |origin_c, t| {
-            let m = FourParameter { k: [1.0, -2.0, 3.0, 0.5, -0.25], breakpoint_c: 20.0, origin_c };
+            let m = FourParameter {
+                constant_cooling_heating_low_high: [1.0, -2.0, 3.0, 0.5, -0.25],
+                breakpoint_c: 20.0,
+                origin_c,
+            };
             Coefficients::FourParameter(m).bias_dph(&S, &at(t, 0.0))
         };
         assert!((bias(20.0, 20.0) - bias(20.0, 19.999)).abs() < 1e-3);
         assert!((bias(0.0, 20.0) - bias(0.0, 19.999) + 15.0).abs() < 1e-2, "the jump of the literal form");
-        let m = FourParameter { k: [0.0, -2.0, 3.0, 0.0, 0.0], breakpoint_c: 0.0, origin_c: 0.0 };
+        let m = FourParameter {
+            constant_cooling_heating_low_high: [0.0, -2.0, 3.0, 0.0, 0.0],
+            breakpoint_c: 0.0,
+            origin_c: 0.0,
+        };
         let b = |d| Coefficients::FourParameter(m).bias_dph(&S, &at(10.0, d));
         assert_eq!((b(-1.0), b(2.0), b(0.0)), (2.0, 6.0, 0.0));
     }
 
     #[test]
     fn no_model_runs_away_outside_its_range() {
-        let m = FourParameter { k: [1.0; 5], breakpoint_c: 20.0, origin_c: 20.0 };
+        let m = FourParameter { constant_cooling_heating_low_high: [1.0; 5], breakpoint_c: 20.0, origin_c: 20.0 };
         let models = [
             Coefficients::One([1.0; 6]),
             Coefficients::FourParameter(m),

@@ -14,7 +14,14 @@ impl Calibration {
     /// The first defect found.
     pub fn check(&self) -> Result<(), BlockError> {
         let s = &self.scaling;
-        finite(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band])?;
+        finite(&[
+            s.t_ref_c,
+            s.t_scale_c,
+            s.linear_below_c,
+            s.linear_above_c,
+            s.linear_beyond_c_per_min,
+            s.blend_band_c_per_min,
+        ])?;
         let possible = |ok: bool, what| {
             if ok {
                 Ok(())
@@ -24,25 +31,25 @@ impl Calibration {
         };
         possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
         possible((0.1..=1000.0).contains(&s.t_scale_c), "temperature scale")?;
-        possible(s.t_linear_c[0] < s.t_linear_c[1], "temperature range")?;
-        possible(s.r_linear > 0.0, "range of the rate of change")?;
-        possible(s.blend_band >= 0.0, "blend band")?;
+        possible(s.linear_below_c < s.linear_above_c, "temperature range")?;
+        possible(s.linear_beyond_c_per_min > 0.0, "range of the rate of change")?;
+        possible(s.blend_band_c_per_min >= 0.0, "blend band")?;
         for a in &self.axes {
-            if !a.law.f0_hz.is_finite() {
+            if !a.law.frequency_centre_hz.is_finite() {
                 return Err(BlockError::NotFinite);
             }
-            finite(&a.law.c)?;
+            finite(&a.law.temperature_coefficients_c)?;
             finite(&[
-                a.law.scale_hz,
-                a.law.min_c,
-                a.law.max_c,
+                a.law.frequency_scale_hz,
+                a.law.valid_from_c,
+                a.law.valid_to_c,
                 a.scale_factor_dph_per_code,
                 a.train_rms_dph,
                 a.verify_rms_dph,
             ])?;
-            finite(&a.rate_range_c_per_min)?;
-            finite(&a.coefficient_std[0])?;
-            finite(&a.coefficient_std[1])?;
+            finite(&[a.valid_from_c_per_min, a.valid_to_c_per_min])?;
+            finite(&a.bias_std_dph[0])?;
+            finite(&a.bias_std_dph[1])?;
             finite(&[a.uncertainty.rest_dph2])?;
             finite(a.uncertainty.baseline.as_flattened())?;
             possible(a.uncertainty.rest_dph2 >= 0.0, "variance")?;
@@ -53,18 +60,21 @@ impl Calibration {
                     finite(h)?;
                 }
                 Coefficients::FourParameter(m) => {
-                    finite(&m.k)?;
+                    finite(&m.constant_cooling_heating_low_high)?;
                     finite(&[m.breakpoint_c, m.origin_c])?;
                 }
                 Coefficients::Direct(k) => finite(k)?,
                 Coefficients::Network(w) => finite(w)?,
             }
             let centres = if a.law.is_of_sensor() { -273.15..=500.0 } else { 100.0..=100_000.0 };
-            possible(centres.contains(&a.law.f0_hz), "centre frequency")?;
-            possible((1e-3..=1e4).contains(&a.law.scale_hz), "frequency scale")?;
-            possible(a.law.min_c < a.law.max_c && a.law.min_c >= -273.15 && a.law.max_c <= 500.0, "temperature range")?;
+            possible(centres.contains(&a.law.frequency_centre_hz), "centre frequency")?;
+            possible((1e-3..=1e4).contains(&a.law.frequency_scale_hz), "frequency scale")?;
+            possible(
+                a.law.valid_from_c < a.law.valid_to_c && a.law.valid_from_c >= -273.15 && a.law.valid_to_c <= 500.0,
+                "temperature range",
+            )?;
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
-            possible(a.rate_range_c_per_min[0] <= a.rate_range_c_per_min[1], "range of the rate of change")?;
+            possible(a.valid_from_c_per_min <= a.valid_to_c_per_min, "range of the rate of change")?;
         }
         for e in &self.effects {
             finite(&e.parameters)?;

@@ -1,17 +1,16 @@
 //! A calibration to the bytes that lie in flash, and back.
 
+use super::layouts::{Channel, EffectHead, Header};
 use super::{BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
-use crate::bias::four_parameter::FourParameter;
-use crate::bias::{Coefficients, Scaling};
+use crate::bias::Coefficients;
 use crate::bytes::{crc32, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
-use crate::temperature::TemperatureLaw;
-use crate::unit_name::UnitName;
+use crate::schema::{size, take, Layout, Wire};
 use crate::AXES;
 use heapless::Vec;
 
 /// Bytes before the payload.
-const HEADER: usize = 8;
+const HEADER: usize = size(Header::FIELDS);
 
 impl Calibration {
     /// The block, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
@@ -19,9 +18,7 @@ impl Calibration {
     pub fn to_bytes(&self) -> Option<Vec<u8, MAX_BYTES>> {
         let mut buffer = [0u8; MAX_BYTES];
         let mut w = Writer::new(&mut buffer);
-        w.bytes(&MAGIC);
-        w.u16(self.version());
-        w.u16(0);
+        Header { magic: MAGIC, version: self.version(), length: 0 }.put_fields(&mut w);
         self.write_payload(&mut w);
         if self.version() >= 2 {
             self.write_since_2(&mut w);
@@ -47,14 +44,12 @@ impl Calibration {
 
     /// The same by a program whose newest version is this.
     pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, BlockError> {
-        let mut header = Reader::new(bytes);
-        if header.array::<4>() != Some(MAGIC) {
+        if !bytes.starts_with(&MAGIC) {
             // An erased sector holds no fault; a block whose first bytes are upset does.
             let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
             return Err(if erased { BlockError::NoBlock } else { BlockError::Foreign });
         }
-        let version = header.u16().ok_or(BlockError::Length(0))?;
-        let length = header.u16().ok_or(BlockError::Length(0))?;
+        let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(BlockError::Length(0))?;
         if !(OLDEST..=newest).contains(&version) {
             return Err(BlockError::Version(version));
         }
@@ -90,53 +85,25 @@ impl Calibration {
     }
 
     fn write_payload(&self, w: &mut Writer<'_>) {
-        w.bytes(self.unit.bytes());
-        w.u32(self.created_unix_s);
-        w.u32(self.sequence);
-        w.u32(self.data_hash);
-        w.u8(u8::from(self.calibrated));
-        let s = &self.scaling;
-        w.f32s(&[s.t_ref_c, s.t_scale_c, s.t_linear_c[0], s.t_linear_c[1], s.r_linear, s.blend_band]);
+        self.put_fields(w);
+        self.scaling.put_fields(w);
         for a in &self.axes {
-            w.f64(a.law.f0_hz);
-            w.f32(a.law.scale_hz);
-            w.f32s(&a.law.c);
-            w.f32s(&[a.law.min_c, a.law.max_c, a.scale_factor_dph_per_code]);
-            w.f32s(&a.rate_range_c_per_min);
+            a.law.put_fields(w);
+            Channel::of(a).put_fields(w);
+            w.u8(a.coefficients.kind());
             match &a.coefficients {
-                Coefficients::One(k) => {
-                    w.u8(1);
-                    w.f32s(k);
-                }
-                Coefficients::CoolingHeating(cooling, heating) => {
-                    w.u8(2);
-                    w.f32s(cooling);
-                    w.f32s(heating);
-                }
-                Coefficients::FourParameter(m) => {
-                    w.u8(3);
-                    w.f32s(&m.k);
-                    w.f32s(&[m.breakpoint_c, m.origin_c]);
-                }
-                Coefficients::Direct(k) => {
-                    w.u8(4);
-                    w.f32s(k);
-                }
-                Coefficients::Network(weights) => {
-                    w.u8(5);
-                    w.f32s(weights);
-                }
+                Coefficients::One(k) => k.put(w),
+                Coefficients::CoolingHeating(cooling, heating) => [*cooling, *heating].put(w),
+                Coefficients::FourParameter(m) => m.put_fields(w),
+                Coefficients::Direct(k) => k.put(w),
+                Coefficients::Network(weights) => weights.put(w),
             }
-            w.f32s(&a.coefficient_std[0]);
-            w.f32s(&a.coefficient_std[1]);
-            w.f32s(&[a.train_rms_dph, a.verify_rms_dph]);
+            a.put_fields(w);
         }
         w.u8(self.effects.len() as u8);
         for e in &self.effects {
             let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-            w.u16(e.id);
-            w.u8(outputs as u8);
-            w.f32s(&e.parameters);
+            EffectHead { id: e.id, outputs: outputs as u8, parameters: e.parameters }.put_fields(w);
             for (g, s) in e.gains.iter().zip(&e.gain_std) {
                 w.f32s(&g[..outputs]);
                 w.f32s(&s[..outputs]);
@@ -211,50 +178,34 @@ impl Calibration {
     /// Reads what a block of version 1 holds; `None` where it is too short.
     #[inline(never)]
     fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
-        self.unit = UnitName::from_bytes(r.array()?);
-        self.created_unix_s = r.u32()?;
-        self.sequence = r.u32()?;
-        self.data_hash = r.u32()?;
-        self.calibrated = r.u8()? != 0;
-        let s: [f32; 6] = r.f32s()?;
-        self.scaling =
-            Scaling { t_ref_c: s[0], t_scale_c: s[1], t_linear_c: [s[2], s[3]], r_linear: s[4], blend_band: s[5] };
+        self.take_fields(r)?;
+        self.scaling.take_fields(r)?;
         for a in &mut self.axes {
-            let f0_hz = r.f64()?;
-            let scale_hz = r.f32()?;
-            let c = r.f32s()?;
-            let [min_c, max_c, scale_factor_dph_per_code] = r.f32s()?;
-            a.law = TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
-            a.scale_factor_dph_per_code = scale_factor_dph_per_code;
-            a.rate_range_c_per_min = r.f32s()?;
+            a.law.take_fields(r)?;
+            take::<Channel>(r)?.store(a);
             a.coefficients = match r.u8()? {
-                1 => Coefficients::One(r.f32s()?),
+                1 => Coefficients::One(Wire::take(r)?),
                 2 => {
-                    let cooling = r.f32s()?;
-                    Coefficients::CoolingHeating(cooling, r.f32s()?)
+                    let [cooling, heating] = Wire::take(r)?;
+                    Coefficients::CoolingHeating(cooling, heating)
                 }
-                3 => {
-                    let k = r.f32s()?;
-                    let [breakpoint_c, origin_c] = r.f32s()?;
-                    Coefficients::FourParameter(FourParameter { k, breakpoint_c, origin_c })
-                }
-                4 => Coefficients::Direct(r.f32s()?),
-                5 => Coefficients::Network(r.f32s()?),
+                3 => Coefficients::FourParameter(take(r)?),
+                4 => Coefficients::Direct(Wire::take(r)?),
+                5 => Coefficients::Network(Wire::take(r)?),
                 kind => return Some(Err(BlockError::UnknownModel(kind))),
             };
-            a.coefficient_std = [r.f32s()?, r.f32s()?];
-            [a.train_rms_dph, a.verify_rms_dph] = r.f32s()?;
+            a.take_fields(r)?;
         }
         self.effects.clear();
         for _ in 0..r.u8()? {
-            let id = r.u16()?;
+            let EffectHead { id, outputs: stated, parameters } = take(r)?;
             let Some(Shape { outputs, .. }) = shape(id) else {
                 return Some(Err(BlockError::UnknownEffect(id)));
             };
-            if usize::from(r.u8()?) != outputs {
+            if usize::from(stated) != outputs {
                 return Some(Err(BlockError::Absurd("number of gains of an effect")));
             }
-            let mut e = EffectTerm::new(id, r.f32s()?);
+            let mut e = EffectTerm::new(id, parameters);
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
                 r.fill(&mut gains[..outputs])?;
                 r.fill(&mut std[..outputs])?;

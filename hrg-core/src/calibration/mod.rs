@@ -17,6 +17,7 @@
 
 mod check;
 mod image;
+pub mod layouts;
 
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
@@ -58,13 +59,15 @@ pub struct Axis {
     pub law: TemperatureLaw,
     /// Scale factor of the rate channel, deg/h per code of the ADC; its sign is that of the channel.
     pub scale_factor_dph_per_code: f32,
-    /// Range of dT/dt in the data of the fit, C per minute.
-    pub rate_range_c_per_min: [f32; 2],
+    /// Fastest cooling in the data of the fit, C per minute.
+    pub valid_from_c_per_min: f32,
+    /// Fastest heating in the data of the fit, C per minute.
+    pub valid_to_c_per_min: f32,
     /// The baseline model.
     pub coefficients: Coefficients,
     /// Standard deviation of each coefficient, row after row: cooling then heating set, or the linear coefficients of
     /// another model in their order (zeros: not stated).
-    pub coefficient_std: [[f32; TERMS]; 2],
+    pub bias_std_dph: [[f32; TERMS]; 2],
     /// How uncertain the bias is.
     pub uncertainty: Uncertainty,
     /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
@@ -115,7 +118,7 @@ pub struct Calibration {
     /// Counts up with each block burnt; the newest valid block wins.
     pub sequence: u32,
     /// CRC-32 of the recordings that made it.
-    pub data_hash: u32,
+    pub data_crc32: u32,
     /// False for the compiled-in default: rates are flagged uncalibrated.
     pub calibrated: bool,
     /// Centre and scale of the bias model.
@@ -184,7 +187,15 @@ impl Calibration {
     /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.
     #[must_use]
     pub fn uncalibrated() -> Self {
-        let law = |f0_hz, scale_hz, c, min_c, max_c| TemperatureLaw { f0_hz, scale_hz, c, min_c, max_c };
+        let law = |frequency_centre_hz, frequency_scale_hz, temperature_coefficients_c, valid_from_c, valid_to_c| {
+            TemperatureLaw {
+                frequency_centre_hz,
+                frequency_scale_hz,
+                temperature_coefficients_c,
+                valid_from_c,
+                valid_to_c,
+            }
+        };
         let laws = [
             law(4900.0, 21.152, [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72], -34.374, 55.128),
             law(4891.9745, 20.227_5, [7.768_591_4, 44.597_454, 1.129_869, 0.170_522_93], -35.865, 53.673),
@@ -194,21 +205,23 @@ impl Calibration {
             unit: UnitName::UNNAMED,
             created_unix_s: 0,
             sequence: 0,
-            data_hash: 0,
+            data_crc32: 0,
             calibrated: false,
             scaling: Scaling {
                 t_ref_c: 10.0,
                 t_scale_c: 45.0,
-                t_linear_c: [-45.0, 65.0],
-                r_linear: 10.0,
-                blend_band: 0.1,
+                linear_below_c: -45.0,
+                linear_above_c: 65.0,
+                linear_beyond_c_per_min: 10.0,
+                blend_band_c_per_min: 0.1,
             },
             axes: laws.map(|law| Axis {
                 law,
                 scale_factor_dph_per_code: DEFAULT_SCALE_FACTOR,
-                rate_range_c_per_min: [-10.0, 10.0],
+                valid_from_c_per_min: -10.0,
+                valid_to_c_per_min: 10.0,
                 coefficients: Coefficients::One([0.0; TERMS]),
-                coefficient_std: [[0.0; TERMS]; 2],
+                bias_std_dph: [[0.0; TERMS]; 2],
                 uncertainty: Uncertainty::default(),
                 train_rms_dph: 0.0,
                 verify_rms_dph: 0.0,
@@ -278,7 +291,11 @@ pub(crate) mod tests {
 
     fn others() -> Calibration {
         let mut c = full();
-        let m = FourParameter { k: [1.0, 2.0, 3.0, 4.0, 5.0], breakpoint_c: 12.5, origin_c: -3.0 };
+        let m = FourParameter {
+            constant_cooling_heating_low_high: [1.0, 2.0, 3.0, 4.0, 5.0],
+            breakpoint_c: 12.5,
+            origin_c: -3.0,
+        };
         c.axes[0].coefficients = Coefficients::FourParameter(m);
         c.axes[1].coefficients = Coefficients::Direct([0.5; 7]);
         c.axes[2].coefficients = Coefficients::Network([-1.25; 16]);
@@ -334,14 +351,14 @@ pub(crate) mod tests {
             Calibration::from_bytes(&c.to_bytes().expect("fits")).expect_err("must be refused")
         };
         assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), BlockError::NotFinite);
-        assert_eq!(refused(&|c| c.axes[2].law.f0_hz = f64::INFINITY), BlockError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[2].law.frequency_centre_hz = f64::INFINITY), BlockError::NotFinite);
         assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
-        assert_eq!(refused(&|c| c.axes[0].law.f0_hz = 3.0), BlockError::Absurd("centre frequency"));
+        assert_eq!(refused(&|c| c.axes[0].law.frequency_centre_hz = 3.0), BlockError::Absurd("centre frequency"));
         let sensor = |c: &mut Calibration, centre: f32| {
             c.axes[0].law = TemperatureLaw {
-                f0_hz: f64::from(centre),
-                scale_hz: 46.0,
-                c: [centre, 46.0, 0.0, 0.0],
+                frequency_centre_hz: f64::from(centre),
+                frequency_scale_hz: 46.0,
+                temperature_coefficients_c: [centre, 46.0, 0.0, 0.0],
                 ..c.axes[0].law
             };
         };

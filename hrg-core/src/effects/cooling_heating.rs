@@ -23,9 +23,9 @@ impl Effect for CoolingHeating {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; TERMS] {
-        let w = heating_weight(inputs.scaling, inputs.own().rate_c_per_min) - 0.5;
+        let w = heating_weight(inputs.scaling, inputs.own().ramp_c_per_min) - 0.5;
         let mut out = [0.0; TERMS];
-        for (o, x) in out.iter_mut().zip(regressors(inputs.scaling, inputs.own_c(), inputs.own().rate_c_per_min)) {
+        for (o, x) in out.iter_mut().zip(regressors(inputs.scaling, inputs.own_c(), inputs.own().ramp_c_per_min)) {
             *o = w * x;
         }
         out

@@ -32,7 +32,7 @@ impl Effect for HeatingLags {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
-        let rate = inputs.own().rate_c_per_min;
+        let rate = inputs.own().ramp_c_per_min;
         let risen = if rate > 0.0 { rate * self.step_min } else { 0.0 };
         for k in 0..RUNGS {
             self.sum_c[k] += risen - self.share[k] * self.sum_c[k];

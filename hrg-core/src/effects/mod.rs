@@ -339,6 +339,7 @@ effects! {
     extremes::{Extremes},
     recorded_quantity::{RecordedQuantity},
     thermometer_error::{ThermometerError},
+    rate_saturation::{RateSaturation},
 }
 
 impl EffectId {
@@ -348,6 +349,18 @@ impl EffectId {
         // The list and the type come from one macro: an effect's place is its number in the type.
         &ALL[self as usize]
     }
+
+    /// The name that stands in reports and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        self.facts().name
+    }
+
+    /// The effect with a name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        ALL.iter().find(|f| f.name == name).map(|f| f.effect)
+    }
 }
 
 /// Facts about the effect with a number.
@@ -356,26 +369,26 @@ pub fn by_id(id: u16) -> Option<&'static Facts> {
     ALL.iter().find(|f| f.id == id)
 }
 
-/// Facts about the effect with a name.
-#[must_use]
-pub fn by_name(name: &str) -> Option<&'static Facts> {
-    ALL.iter().find(|f| f.name == name)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::thermal::AxisThermal;
 
-    const SCALING: Scaling =
-        Scaling { t_ref_c: 10.0, t_scale_c: 45.0, t_linear_c: [-45.0, 65.0], r_linear: 6.0, blend_band: 0.2 };
+    const SCALING: Scaling = Scaling {
+        t_ref_c: 10.0,
+        t_scale_c: 45.0,
+        linear_below_c: -45.0,
+        linear_above_c: 65.0,
+        linear_beyond_c_per_min: 6.0,
+        blend_band_c_per_min: 0.2,
+    };
 
     /// Steps an effect of axis 0 with axes that are apart.
     fn step(effect: &mut Running, t: f32, time_s: f32) -> [f32; MAX_OUTPUTS] {
         let axis = |temperature_c| {
             let state = State {
                 temperature_c,
-                rate_c_per_min: 0.5,
+                ramp_c_per_min: 0.5,
                 difference_c_per_min: 0.5,
                 frequency_u: 0.1,
                 frequency_u_per_min: 0.01,
@@ -387,7 +400,7 @@ mod tests {
     }
 
     fn run(name: &str, parameter: f32, at: impl Fn(u16) -> f32, steps: u16) -> f32 {
-        let facts = by_name(name).expect("in the list");
+        let facts = EffectId::by_name(name).expect("in the list").facts();
         let mut effect = Running::new(facts.id, &[parameter, 0.0], 1.0).expect("in the list");
         let mut last = f32::NAN;
         for k in 0..steps {

@@ -40,7 +40,7 @@ impl Effect for PlayCurve {
             self.state_c = t + self.start * self.half_c;
         }
         self.state_c = clamp(self.state_c, t - self.half_c, t + self.half_c);
-        let [low, high] = inputs.scaling.t_linear_c;
+        let (low, high) = (inputs.scaling.linear_below_c, inputs.scaling.linear_above_c);
         let mut out: [f32; KNOTS] = hats(self.state_c, low, high);
         let direct: [f32; KNOTS] = hats(t, low, high);
         for k in 0..KNOTS {

@@ -7,7 +7,7 @@ use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 const KNOTS: usize = 9;
 
 fn weights(inputs: &Inputs<'_>, rate: f32) -> [f32; KNOTS] {
-    let [low, high] = inputs.scaling.t_linear_c;
+    let (low, high) = (inputs.scaling.linear_below_c, inputs.scaling.linear_above_c);
     let out: [f32; KNOTS] = hats(inputs.own_c(), low, high);
     out.map(|x| rate * x)
 }
@@ -30,7 +30,7 @@ impl Effect for RampByShape {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
-        weights(inputs, inputs.own().rate_c_per_min)
+        weights(inputs, inputs.own().ramp_c_per_min)
     }
 }
 
@@ -52,7 +52,7 @@ impl Effect for HeatingByShape {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
-        let r = inputs.own().rate_c_per_min;
+        let r = inputs.own().ramp_c_per_min;
         weights(inputs, if r > 0.0 { r } else { 0.0 })
     }
 }

@@ -14,8 +14,8 @@ pub struct RateCurve {
 impl RateCurve {
     /// At a ramp, C per minute.
     #[inline]
-    fn weights(&self, rate_c_per_min: f32) -> [f32; 13] {
-        let x = clamp(rate_c_per_min * self.per_ramp, -1.0, 1.0);
+    fn weights(&self, ramp_c_per_min: f32) -> [f32; 13] {
+        let x = clamp(ramp_c_per_min * self.per_ramp, -1.0, 1.0);
         let root = libm::sqrtf(if x < 0.0 { -x } else { x });
         hats(if x < 0.0 { -root } else { root }, -1.0, 1.0)
     }
@@ -35,7 +35,7 @@ impl Effect for RateCurve {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 13] {
-        self.weights(inputs.own().rate_c_per_min)
+        self.weights(inputs.own().ramp_c_per_min)
     }
 }
 

@@ -27,7 +27,7 @@ impl Effect for SecondDerivative {
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        let r = inputs.own().rate_c_per_min;
+        let r = inputs.own().ramp_c_per_min;
         if self.state.is_nan() {
             self.state = r;
         }

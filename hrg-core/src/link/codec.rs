@@ -1,18 +1,16 @@
 //! Messages to bytes and back.
 
-use super::{Housekeeping, Identity, LinkError, Message, MAX_FRAME, MAX_PAYLOAD};
-use crate::alignment::session::{self, Command};
+use super::{layouts, Housekeeping, LinkError, Message, MAX_FRAME, MAX_PAYLOAD};
+use crate::alignment::session::Command;
 use crate::bytes::{crc32, Reader, Writer};
-use crate::maintenance;
+use crate::maintenance::{self, Reply};
 use crate::rate_path::RateFrame;
-use crate::sectors::Sector;
-use crate::status::{AxisStatus, UnitStatus};
-use crate::unit_name::UnitName;
+use crate::schema::{size, take, Layout};
 use crate::AXES;
 use heapless::Vec;
 
-/// A rate frame before framing: type, three numbers, four status bytes, three rates, checksum.
-const RATE_PAYLOAD: usize = 1 + 12 + 4 + 12 + 4;
+/// A rate frame before framing: type, fields, checksum.
+const RATE_PAYLOAD: usize = 1 + size(RateFrame::FIELDS) + 4;
 
 impl Message {
     /// The frame on the wire, with its zero.
@@ -44,187 +42,34 @@ impl Message {
 
     fn write(&self, w: &mut Writer<'_>) {
         match self {
-            Self::Rate(r) => {
-                w.u8(0x01);
-                w.u32(r.sample);
-                w.u32(r.tick);
-                w.u32(r.step);
-                w.bytes(&r.axis_status.map(|s| s.bits()));
-                w.u8(r.unit_status.bits());
-                w.f32s(&r.rate_dph);
-            }
-            Self::Housekeeping(h) => {
-                w.u8(0x02);
-                w.u32(h.step);
-                w.u32(h.time_ms);
-                for f in h.frequency_hz {
-                    w.f64(f);
-                }
-                for v in [&h.temperature_c, &h.rate_c_per_min, &h.bias_dph, &h.raw_dph, &h.corrected_dph] {
-                    w.f32s(v);
-                }
-                w.u16(h.samples);
-                w.u16(h.converter_errors);
-                w.bytes(&h.axis_status.map(|s| s.bits()));
-                w.u8(h.unit_status.bits());
-                for v in h.rejected.iter().chain(&h.missing) {
-                    w.u16(*v);
-                }
-                w.u16(h.dropped);
-                w.u16(h.link_errors);
-                w.u32(h.calibration);
-                w.u32(h.sequence);
-                w.u32(h.created_unix_s);
-                w.u8(h.mode);
-                w.f32s(&h.bias_std_dph);
-            }
-            Self::Identity(i) => {
-                w.u8(0x03);
-                w.bytes(i.unit.bytes());
-                w.u32(i.calibration);
-                w.u32(i.created_unix_s);
-                w.u32(i.sequence);
-            }
-            Self::Alignment(a) => {
-                w.u8(0x04);
-                w.u32(a.second);
-                w.u8(a.stage);
-                w.u8(a.refusal);
-                w.f32s(&[a.azimuth_deg, a.azimuth_std_arcmin]);
-                for pair in [&a.tilt_arcmin, &a.drift_dph, &a.drift_std_dph] {
-                    w.f32s(pair);
-                }
-                w.f32(a.integrity);
-            }
+            Self::Rate(r) => put(w, &[0x01], r),
+            Self::Housekeeping(h) => put(w, &[0x02], h),
+            Self::Identity(i) => put(w, &[0x03], i),
+            Self::Alignment(a) => put(w, &[0x04], a),
             Self::Identify => w.u8(0x80),
-            Self::SetDivider(d) => {
-                w.u8(0x81);
-                w.u16(*d);
-            }
-            Self::Align(command) => {
-                w.u8(0x82);
-                let (kind, a, b, c) = match *command {
-                    Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps } => {
-                        (0, latitude_deg, gravity_mps2, velocity_noise_mps)
-                    }
-                    Command::TurnBegins => (1, 0.0, 0.0, 0.0),
-                    Command::TurnEnded { angle_deg } => (2, angle_deg, 0.0, 0.0),
-                    Command::Accept => (3, 0.0, 0.0, 0.0),
-                    Command::Abandon => (4, 0.0, 0.0, 0.0),
-                };
-                w.u8(kind);
-                w.f32s(&[a, b, c]);
-            }
-            Self::Maintain(command) => {
-                use maintenance::Command as C;
-                w.u8(0x83);
-                match command {
-                    C::Open(name) => {
-                        w.u8(0);
-                        w.bytes(name.bytes());
-                    }
-                    C::Close => w.u8(1),
-                    C::Begin(length) => {
-                        w.u8(2);
-                        w.u16(*length);
-                    }
-                    C::Chunk { offset, length, data } => {
-                        w.u8(3);
-                        w.u16(*offset);
-                        w.u8(*length);
-                        w.bytes(data);
-                    }
-                    C::End => w.u8(4),
-                    C::Read { sector, offset } => {
-                        w.u8(5);
-                        w.u8(sector.number());
-                        w.u16(*offset);
-                    }
-                    C::Restart => w.u8(6),
-                }
-            }
-            Self::Maintained(reply) => {
-                w.u8(0x05);
-                match reply {
-                    maintenance::Reply::Answer(answer, value) => {
-                        w.u8(0);
-                        w.u8(*answer as u8);
-                        w.u32(*value);
-                    }
-                    maintenance::Reply::Data { sector, offset, data } => {
-                        w.u8(1);
-                        w.u8(sector.number());
-                        w.u16(*offset);
-                        w.bytes(data);
-                    }
-                }
-            }
+            Self::SetDecimation(decimation) => put(w, &[0x81], &layouts::Decimation { decimation: *decimation }),
+            Self::Align(command) => put(w, &[0x82], &layouts::Align::of(*command)),
+            Self::Maintain(command) => write_command(command, w),
+            Self::Maintained(reply) => write_reply(reply, w),
         }
     }
 
     /// What a unit says.
     fn read_report(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
-            0x01 => Self::Rate(
-                RateFrame {
-                    sample: r.u32()?,
-                    tick: r.u32()?,
-                    step: r.u32()?,
-                    axis_status: r.array::<AXES>()?.map(AxisStatus::from_bits_retain),
-                    unit_status: UnitStatus::from_bits_retain(r.u8()?),
-                    rate_dph: r.f32s()?,
-                    integrity: 0,
-                }
-                .sealed(),
-            ),
-            0x02 => Self::Housekeeping(Housekeeping {
-                step: r.u32()?,
-                time_ms: r.u32()?,
-                frequency_hz: [r.f64()?, r.f64()?, r.f64()?],
-                temperature_c: r.f32s()?,
-                rate_c_per_min: r.f32s()?,
-                bias_dph: r.f32s()?,
-                raw_dph: r.f32s()?,
-                corrected_dph: r.f32s()?,
-                samples: r.u16()?,
-                converter_errors: r.u16()?,
-                axis_status: r.array::<AXES>()?.map(AxisStatus::from_bits_retain),
-                unit_status: UnitStatus::from_bits_retain(r.u8()?),
-                rejected: [r.u16()?, r.u16()?, r.u16()?],
-                missing: [r.u16()?, r.u16()?, r.u16()?],
-                dropped: r.u16()?,
-                link_errors: r.u16()?,
-                calibration: r.u32()?,
-                sequence: r.u32()?,
-                created_unix_s: r.u32()?,
-                mode: r.u8()?,
-                // A unit of an older firmware does not send it.
-                bias_std_dph: if r.remaining() == 0 { [f32::NAN; AXES] } else { r.f32s()? },
-            }),
-            0x03 => Self::Identity(Identity {
-                unit: UnitName::from_bytes(r.array()?),
-                calibration: r.u32()?,
-                created_unix_s: r.u32()?,
-                sequence: r.u32()?,
-            }),
-            0x04 => Self::Alignment(session::Report {
-                second: r.u32()?,
-                stage: r.u8()?,
-                refusal: r.u8()?,
-                azimuth_deg: r.f32()?,
-                azimuth_std_arcmin: r.f32()?,
-                tilt_arcmin: r.f32s()?,
-                drift_dph: r.f32s()?,
-                drift_std_dph: r.f32s()?,
-                integrity: r.f32()?,
-            }),
+            0x01 => Self::Rate(take::<RateFrame>(r)?.sealed()),
+            0x02 => Self::Housekeeping(take_housekeeping(r)?),
+            0x03 => Self::Identity(take(r)?),
+            0x04 => Self::Alignment(take(r)?),
             0x05 => Self::Maintained(match r.u8()? {
-                0 => maintenance::Reply::Answer(maintenance::Answer::from_number(r.u8()?)?, r.u32()?),
-                1 => maintenance::Reply::Data {
-                    sector: Sector::from_number(r.u8()?)?,
-                    offset: r.u16()?,
-                    data: r.array()?,
-                },
+                0 => {
+                    let a: layouts::Answer = take(r)?;
+                    Reply::Answer(maintenance::Answer::from_number(a.answer)?, a.value)
+                }
+                1 => {
+                    let layouts::Data { sector, offset, data } = take(r)?;
+                    Reply::Data { sector, offset, data }
+                }
                 _ => return None,
             }),
             _ => return None,
@@ -233,34 +78,27 @@ impl Message {
 
     /// What a unit is told.
     pub(super) fn read_command(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
+        use maintenance::Command as C;
         Some(match kind {
-            0x83 => {
-                use maintenance::Command as C;
-                Self::Maintain(match r.u8()? {
-                    0 => C::Open(UnitName::from_bytes(r.array()?)),
-                    1 => C::Close,
-                    2 => C::Begin(r.u16()?),
-                    3 => C::Chunk { offset: r.u16()?, length: r.u8()?, data: r.array()? },
-                    4 => C::End,
-                    5 => C::Read { sector: Sector::from_number(r.u8()?)?, offset: r.u16()? },
-                    6 => C::Restart,
-                    _ => return None,
-                })
-            }
             0x80 => Self::Identify,
-            0x81 => Self::SetDivider(r.u16()?),
-            0x82 => {
-                let kind = r.u8()?;
-                let [a, b, c] = r.f32s()?;
-                Self::Align(match kind {
-                    0 => Command::Begin { latitude_deg: a, gravity_mps2: b, velocity_noise_mps: c },
-                    1 => Command::TurnBegins,
-                    2 => Command::TurnEnded { angle_deg: a },
-                    3 => Command::Accept,
-                    4 => Command::Abandon,
-                    _ => return None,
-                })
-            }
+            0x81 => Self::SetDecimation(take::<layouts::Decimation>(r)?.decimation),
+            0x82 => Self::Align(take::<layouts::Align>(r)?.command()?),
+            0x83 => Self::Maintain(match r.u8()? {
+                0 => C::Open(take::<layouts::Open>(r)?.unit),
+                1 => C::Close,
+                2 => C::Begin(take::<layouts::Begin>(r)?.length),
+                3 => {
+                    let layouts::Chunk { offset, length, data } = take(r)?;
+                    C::Chunk { offset, length, data }
+                }
+                4 => C::End,
+                5 => {
+                    let layouts::Read { sector, offset } = take(r)?;
+                    C::Read { sector, offset }
+                }
+                6 => C::Restart,
+                _ => return None,
+            }),
             _ => return None,
         })
     }
@@ -304,4 +142,71 @@ impl Message {
             Some(_) => Err(LinkError::Length(kind)),
         }
     }
+}
+
+/// Appends a type (and kind) and the fields behind it.
+#[inline]
+fn put(w: &mut Writer<'_>, lead: &[u8], fields: &impl Layout) {
+    w.bytes(lead);
+    fields.put_fields(w);
+}
+
+fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
+    use maintenance::Command as C;
+    match *command {
+        C::Open(unit) => put(w, &[0x83, 0], &layouts::Open { unit }),
+        C::Close => w.bytes(&[0x83, 1]),
+        C::Begin(length) => put(w, &[0x83, 2], &layouts::Begin { length }),
+        C::Chunk { offset, length, data } => put(w, &[0x83, 3], &layouts::Chunk { offset, length, data }),
+        C::End => w.bytes(&[0x83, 4]),
+        C::Read { sector, offset } => put(w, &[0x83, 5], &layouts::Read { sector, offset }),
+        C::Restart => w.bytes(&[0x83, 6]),
+    }
+}
+
+fn write_reply(reply: &Reply, w: &mut Writer<'_>) {
+    match *reply {
+        Reply::Answer(answer, value) => put(w, &[0x05, 0], &layouts::Answer { answer: answer as u8, value }),
+        Reply::Data { sector, offset, data } => put(w, &[0x05, 1], &layouts::Data { sector, offset, data }),
+    }
+}
+
+impl layouts::Align {
+    fn of(command: Command) -> Self {
+        let (kind, values) = match command {
+            Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps } => {
+                (0, [latitude_deg, gravity_mps2, velocity_noise_mps])
+            }
+            Command::TurnBegins => (1, [0.0; 3]),
+            Command::TurnEnded { angle_deg } => (2, [angle_deg, 0.0, 0.0]),
+            Command::Accept => (3, [0.0; 3]),
+            Command::Abandon => (4, [0.0; 3]),
+        };
+        Self { kind, values }
+    }
+
+    fn command(&self) -> Option<Command> {
+        let [a, b, c] = self.values;
+        Some(match self.kind {
+            0 => Command::Begin { latitude_deg: a, gravity_mps2: b, velocity_noise_mps: c },
+            1 => Command::TurnBegins,
+            2 => Command::TurnEnded { angle_deg: a },
+            3 => Command::Accept,
+            4 => Command::Abandon,
+            _ => return None,
+        })
+    }
+}
+
+/// A unit whose firmware does not know uncertainties ends before them.
+fn take_housekeeping(r: &mut Reader<'_>) -> Option<Housekeeping> {
+    const LONG: usize = size(Housekeeping::FIELDS);
+    const SHORT: usize = LONG - AXES * 4;
+    if r.remaining() != SHORT {
+        return take(r);
+    }
+    // All ones are NaN.
+    let mut bytes = [0xFF; LONG];
+    bytes[..SHORT].copy_from_slice(&r.array::<SHORT>()?);
+    take(&mut Reader::new(&bytes))
 }

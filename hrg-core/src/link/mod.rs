@@ -1,11 +1,12 @@
 //! The RS-422 link: typed messages, a CRC-32, COBS framing with a zero after each frame.
 //!
 //! Frame: `COBS(type u8, fields little-endian, CRC-32)` `0x00`. A receiver that joins late or sees garbage is in
-//! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (divider settable) and
+//! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (decimation settable) and
 //! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
 
 mod codec;
 mod deframe;
+pub mod layouts;
 
 pub use deframe::Deframer;
 
@@ -25,7 +26,7 @@ pub const MAX_PAYLOAD: usize = 224;
 pub const MAX_FRAME: usize = MAX_PAYLOAD + 4;
 
 /// Once a second: what the unit measured and how it feels.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Housekeeping {
     /// Number of the model step, from start.
     pub step: u32,
@@ -36,7 +37,7 @@ pub struct Housekeeping {
     /// Temperatures, C; NaN before the first.
     pub temperature_c: [f32; AXES],
     /// Their rates of change, C per minute.
-    pub rate_c_per_min: [f32; AXES],
+    pub ramp_c_per_min: [f32; AXES],
     /// Biases in use after this step, deg/h.
     pub bias_dph: [f32; AXES],
     /// Their standard uncertainties, deg/h; NaN where the calibration does not state them.
@@ -48,7 +49,7 @@ pub struct Housekeeping {
     /// Samples in those means.
     pub samples: u16,
     /// Samples missing or refused meanwhile.
-    pub converter_errors: u16,
+    pub adc_errors: u16,
     /// Status of each axis.
     pub axis_status: [AxisStatus; AXES],
     /// Status of the unit.
@@ -89,25 +90,21 @@ impl Housekeeping {
     #[must_use]
     pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, timebase: Timebase) -> Self {
         let samples = summary.map_or(0, |s| s.samples);
-        let converter_errors = summary.map_or(0, |s| s.converter_errors);
+        let adc_errors = summary.map_or(0, |s| s.adc_errors);
         Self {
             step: step.step,
             time_ms: timebase.to_ms(step.end_ticks),
             frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
             temperature_c: output.temperature_c,
-            rate_c_per_min: output.rate_c_per_min,
+            ramp_c_per_min: output.ramp_c_per_min,
             bias_dph: output.bias_dph,
             bias_std_dph: output.bias_std_dph,
             raw_dph: summary.map_or([f32::NAN; AXES], |s| s.raw_dph),
             corrected_dph: summary.map_or([f32::NAN; AXES], |s| s.corrected_dph),
             samples,
-            converter_errors,
+            adc_errors,
             axis_status: output.status,
-            unit_status: if samples == 0 || converter_errors > 0 {
-                UnitStatus::CONVERTER_FAULT
-            } else {
-                UnitStatus::empty()
-            },
+            unit_status: if samples == 0 || adc_errors > 0 { UnitStatus::ADC_FAULT } else { UnitStatus::empty() },
             rejected: step.rejected.map(|n| n.min(0xFFFF) as u16),
             missing: step.missing.map(|n| n.min(0xFFFF) as u16),
             dropped: 0,
@@ -121,7 +118,7 @@ impl Housekeeping {
 }
 
 /// Who is there.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Identity {
     /// The unit's name in its calibration.
     pub unit: UnitName,
@@ -155,7 +152,7 @@ pub enum Message {
     /// Host to unit: who are you?
     Identify,
     /// Host to unit: samples per rate frame, 1 to 1000.
-    SetDivider(u16),
+    SetDecimation(u16),
     /// Host to unit: of an alignment.
     Align(session::Command),
     /// Host to unit: of maintenance.
@@ -193,13 +190,13 @@ mod tests {
             time_ms: 78_050,
             frequency_hz: [4898.626, 4890.667, 4702.343],
             temperature_c: [6.3, 4.9, 5.0],
-            rate_c_per_min: [0.0, 1.0, -1.0],
+            ramp_c_per_min: [0.0, 1.0, -1.0],
             bias_dph: [1.0, 2.0, 3.0],
             bias_std_dph: [0.125, 0.25, 0.5],
             raw_dph: [4.0; 3],
             corrected_dph: [3.0, 2.0, 1.0],
             samples: 1000,
-            converter_errors: 1,
+            adc_errors: 1,
             axis_status: [0, 1, 2].map(AxisStatus::from_bits_retain),
             unit_status: UnitStatus::LINK_ERRORS,
             rejected: [0, 0, 3],
@@ -235,7 +232,7 @@ mod tests {
                 sequence: 3,
             }),
             Message::Identify,
-            Message::SetDivider(5),
+            Message::SetDecimation(5),
             Message::Alignment(session::Report {
                 second: 9,
                 stage: 3,

@@ -92,7 +92,7 @@ fn align_with(
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let seconds = end as usize + 5;
     let constant = |value: f64| vec![value; seconds.max(200)];
-    let frequency = |a: usize| used.axes[a].law.frequency_hz(25.0).unwrap_or(used.axes[a].law.f0_hz);
+    let frequency = |a: usize| used.axes[a].law.frequency_hz(25.0).unwrap_or(used.axes[a].law.frequency_centre_hz);
     let steps = Steps {
         start_s: 1.0,
         power_on_s: 0.0,

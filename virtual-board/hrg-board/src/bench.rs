@@ -165,8 +165,8 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
             let mut bytes = [0; 4];
             board.read_memory(results + 4 * (k * POINTS + p) as u32, &mut bytes)?;
             let f = 4878.0 + 0.22 * p as f64;
-            let c = law.c.map(f64::from);
-            let u = (f - law.f0_hz) / f64::from(law.scale_hz);
+            let c = law.temperature_coefficients_c.map(f64::from);
+            let u = (f - law.frequency_centre_hz) / f64::from(law.frequency_scale_hz);
             let mut truth = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
             if what.starts_with("root") {
                 truth = forward.root_c(f, truth).context("no root")?;
@@ -256,7 +256,7 @@ pub fn limits() -> Vec<Limit> {
         let (reached, bound) = frequency(jitter_ns * 1e-9, 3000);
         let what = format!("frequency in a 1 s gate, {jitter_ns} ns of jitter");
         out.push(Limit { what, reached: reached * 1e6, bound: bound * 1e6, unit: "uHz" });
-        let c_per_hz = f64::from(default_law().slope_c_per_hz(default_law().f0_hz));
+        let c_per_hz = f64::from(default_law().slope_c_per_hz(default_law().frequency_centre_hz));
         let what = format!("temperature that it gives, {jitter_ns} ns of jitter");
         out.push(Limit { what, reached: reached * c_per_hz * 1e6, bound: bound * c_per_hz * 1e6, unit: "uC" });
     }

@@ -214,8 +214,8 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
         say!(
             told,
             "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
-            e.name,
-            e.parameter,
+            e.source.name(),
+            e.parameters[0],
             e.size
         );
     }

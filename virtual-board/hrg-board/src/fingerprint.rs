@@ -11,6 +11,7 @@
 use crate::replay::{self, Options};
 use anyhow::{Context, Result};
 use hrg_cal::fit::correct;
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::image_file;
@@ -50,9 +51,13 @@ pub fn fingerprints(elf: &[u8]) -> Result<String> {
     line(&mut out, "recording, simulated", hrg.to_csv().as_bytes());
     line(&mut out, "image, default", &Calibration::uncalibrated().to_bytes().context("fits an image")?);
     let (hrg_fit, fog_fit) = (prepare(std::slice::from_ref(&hrg))?, prepare(&[fog])?);
-    for (method, prepared) in
-        [("lsq", &hrg_fit), ("two-sets", &hrg_fit), ("fog-lsq", &fog_fit), ("direct", &hrg_fit), ("ga-bp", &hrg_fit)]
-    {
+    for (method, prepared) in [
+        (Method::Lsq, &hrg_fit),
+        (Method::TwoSets, &hrg_fit),
+        (Method::FogLsq, &fog_fit),
+        (Method::Direct, &hrg_fit),
+        (Method::GaBp, &hrg_fit),
+    ] {
         let mut calibration = identify(prepared, method, 1)?.calibration;
         calibration.created_unix_s = CREATED_UNIX_S;
         line(&mut out, &format!("image, {method}"), &calibration.to_bytes().context("fits an image")?);

@@ -32,7 +32,7 @@ pub mod symbol {
     /// The temperature law.
     pub const LAW: &str = "hrg_core::temperature::TemperatureLaw::value_and_slope";
     /// A converter frame.
-    pub const DECODE: &str = "hrg_core::converter::decode";
+    pub const DECODE: &str = "hrg_core::adc::decode";
     /// A sample corrected.
     pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";
     /// A message made into a frame.

@@ -4,9 +4,8 @@
 use crate::replay::{self, Options};
 use crate::weigh;
 use anyhow::{Context, Result};
-use hrg_cal::compare;
+use hrg_cal::compare::{self, Contender};
 use hrg_cal::fit::independence::Units;
-use hrg_cal::fit::methods::NAMES;
 use hrg_cal::image_file;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
@@ -107,7 +106,6 @@ fn fly(elf: &[u8], calibration: &Path, run: &Recording, seconds: Option<u64>) ->
 /// # Errors
 /// Where a step fails.
 pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: Option<&Path>) -> Result<()> {
-    let names: Vec<String> = NAMES.iter().map(ToString::to_string).chain(["trace".to_string()]).collect();
     let mut text = String::from(
         "# Identification methods side by side\n\nPrinted by `cargo xtask methods`; everything here is simulated, save the column \"theirs\": what the papers print for\n*their* units (as three sigma), which are other units than these.\n\nColumns: numbers identified per axis; three sigma of 100 s means (deg/h, RMS of the axes) on the training run and on\nruns that no method saw; bias instability (least Allan deviation / 0.664, deg/h); identification time on this machine (s);\ninstructions on the unit from one frequency to its bias, and of a whole update of three axes; bytes of the block; frames of\ntwo minutes of the ELF that are not those of the desktop.\n",
     );
@@ -124,11 +122,11 @@ pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: O
             hrg_cal::write_file(&folder.join(format!("verify-{}.csv", k + 1)), v.to_csv().as_bytes())?;
         }
         hrg_cal::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
-        let mut c = compare::compare(&[train], &verify, &names, seed, Units::Same, &folder, |_| {})?;
+        let mut c = compare::compare(&[train], &verify, &Contender::all(), seed, Units::Same, &folder, |_| {})?;
         let steps = Steps::new(&verify[0])?;
         let blocks: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
-        let weights = weigh::weigh_all(elf, &blocks, &steps, 120)?;
-        c.rows.iter_mut().zip(weights).for_each(|(row, w)| row.weight = Some(w));
+        let costs = weigh::weigh_all(elf, &blocks, &steps, 120)?;
+        c.rows.iter_mut().zip(costs).for_each(|(row, w)| row.cost = Some(w));
         hrg_cal::write_file(&folder.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
         let picture = compare::picture(&c)?;
         hrg_cal::write_file(&folder.join("compare.svg"), picture.as_bytes())?;

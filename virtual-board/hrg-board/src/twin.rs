@@ -4,16 +4,16 @@
 //! that comes out here.
 
 use hrg_cal::fit::correct::{Model, Stepped};
+use hrg_core::adc::Fault;
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
 use hrg_core::alignment::session::{AlignMode, Session};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
-use hrg_core::converter::Fault;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::rate_output::RateOutput;
-use hrg_core::rate_path::{RatePath, DIVIDER};
+use hrg_core::rate_path::{RatePath, DECIMATION};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
@@ -48,7 +48,7 @@ impl Twin {
         } else {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
-        let path = RatePath::new(Timebase::REFERENCE, calibration.scale_factors_dph_per_code(), DIVIDER);
+        let path = RatePath::new(Timebase::REFERENCE, calibration.scale_factors_dph_per_code(), DECIMATION);
         let default = start_status.contains(UnitStatus::DEFAULT_CALIBRATION);
         let identity = Identity {
             unit: calibration.unit,

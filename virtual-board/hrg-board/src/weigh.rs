@@ -3,7 +3,7 @@
 use crate::replay::{self, Options};
 use crate::symbol;
 use anyhow::{Context, Result};
-use hrg_cal::fit::methods::Weight;
+use hrg_cal::compare::Cost;
 use hrg_cal::image_file;
 use hrg_cal::recording::steps::Steps;
 use hrg_core::bias::Coefficients;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// A calibration that cannot be read, a firmware that the board cannot run.
-pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Weight> {
+pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Cost> {
     let c = image_file::load(calibration)?;
     let options = Options {
         seconds: Some(seconds),
@@ -22,7 +22,7 @@ pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Res
     };
     let outcome = replay::run(elf, Some(&c), steps, &options, |_| {})?;
     let [update, bias, law] = &outcome.calls[..] else { anyhow::bail!("the functions were not counted") };
-    Ok(Weight {
+    Ok(Cost {
         calibration: calibration.display().to_string(),
         update_instructions: update.mean().context("no update was counted")?,
         bias_instructions: bias.mean().context("no evaluation was counted")?,
@@ -40,11 +40,11 @@ pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Res
 ///
 /// # Errors
 /// As [`weigh`].
-pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u64) -> Result<Vec<Weight>> {
+pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u64) -> Result<Vec<Cost>> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let mut out = Vec::new();
     for some in calibrations.chunks(cores) {
-        let weights: Vec<Result<Weight>> = std::thread::scope(|s| {
+        let weights: Vec<Result<Cost>> = std::thread::scope(|s| {
             let running: Vec<_> = some.iter().map(|p| s.spawn(move || weigh(elf, p, steps, seconds))).collect();
             running
                 .into_iter()
@@ -59,7 +59,7 @@ pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u
 }
 
 /// As a table.
-pub fn print(weights: &[Weight]) {
+pub fn print(weights: &[Cost]) {
     println!(
         "{:>14} {:>14} {:>7} {:>8} {:>10}   calibration",
         "f to bias", "whole update", "bytes", "frames", "differing"

@@ -23,7 +23,7 @@ pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
     let mut board = scene.off(wires, &scene.calibration)?;
     let probe = board.count_calls(symbol::SAMPLE)?;
     run(&mut board, CPU_HZ)?;
-    board.world.hear(&Message::SetDivider(1).encode());
+    board.world.hear(&Message::SetDecimation(1).encode());
     board.poll_link();
     run(&mut board, 3 * CPU_HZ)?;
     board.world.received = Received::default();
@@ -48,7 +48,7 @@ pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
                 missing += u64::from(f.sample.wrapping_sub(before).wrapping_sub(1));
             }
         }
-        errors += r.housekeeping.iter().map(|h| u64::from(h.converter_errors)).sum::<u64>();
+        errors += r.housekeeping.iter().map(|h| u64::from(h.adc_errors)).sum::<u64>();
         dropped = r.housekeeping.last().map_or(dropped, |h| h.dropped);
     }
     let share = (board.instructions() - instructions) as f64 / (extent.load_s * CPU_HZ) as f64;

@@ -22,12 +22,13 @@ pub mod time;
 use crate::replay::CALIBRATION_A;
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
+use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::{by_name, MAX_OUTPUTS};
+use hrg_core::effects::EffectId;
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::AxisStatus;
 use rand::SeedableRng;
@@ -69,15 +70,15 @@ impl Scene {
     pub fn new(elf: &[u8], seed: u64) -> Result<Self> {
         let recording = Plan::of(Profile::parse("cycle")?, 21, seed).simulate().recording;
         let prepared = prepare(std::slice::from_ref(&recording))?;
-        let mut calibration = identify(&prepared, "lsq", seed)?.calibration;
+        let mut calibration = identify(&prepared, Method::Lsq, seed)?.calibration;
         calibration.set_unit_name("HRG-21");
-        for (name, parameters, gain) in [
-            ("cubic", [0.0; 2], 0.05),
-            ("thermal-lag", [900.0, 0.0], 0.1),
-            ("hysteresis", [4.0, 0.0], 0.05),
-            ("warm-up", [1500.0, 0.0], 0.2),
+        for (effect, parameters, gain) in [
+            (EffectId::Cubic, [0.0; 2], 0.05),
+            (EffectId::ThermalLag, [900.0, 0.0], 0.1),
+            (EffectId::Hysteresis, [4.0, 0.0], 0.05),
+            (EffectId::WarmUp, [1500.0, 0.0], 0.2),
         ] {
-            let facts = by_name(name).context("an effect of the list")?;
+            let facts = effect.facts();
             let mut term = EffectTerm::new(facts.id, parameters);
             for gains in &mut term.gains {
                 gains[..facts.outputs].fill(gain);

@@ -12,7 +12,7 @@ use virtual_board::{Board, Snapshot, CPU_HZ};
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Axis(usize, AxisFault),
-    Converter(ConverterFault),
+    Adc(ConverterFault),
 }
 
 /// A fault with the flags that must follow (any of them), and within what time, s.
@@ -62,7 +62,7 @@ fn cases() -> Vec<Case> {
         axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
         cases.push(Case {
             name: format!("{} saturated", hrg_cal::AXIS_NAMES[a]),
-            fault: Fault::Converter(ConverterFault::Saturated(a)),
+            fault: Fault::Adc(ConverterFault::Saturated(a)),
             flags: Flags::Axis(a, AxisStatus::OVER_RANGE),
             within_s: 0.01,
         });
@@ -72,13 +72,8 @@ fn cases() -> Vec<Case> {
         ("converter stuck", ConverterFault::Stuck),
         ("converter checksum errors", ConverterFault::Checksum),
     ] {
-        let fault = Fault::Converter(fault);
-        cases.push(Case {
-            name: name.into(),
-            fault,
-            flags: Flags::Unit(UnitStatus::CONVERTER_FAULT),
-            within_s: NEXT_STEP_S,
-        });
+        let fault = Fault::Adc(fault);
+        cases.push(Case { name: name.into(), fault, flags: Flags::Unit(UnitStatus::ADC_FAULT), within_s: NEXT_STEP_S });
     }
     cases
 }
@@ -88,8 +83,8 @@ fn untouched(faults: &[&Case]) -> Vec<usize> {
     let mut left: Vec<usize> = (0..3).collect();
     for c in faults {
         match c.fault {
-            Fault::Axis(a, _) | Fault::Converter(ConverterFault::Saturated(a)) => left.retain(|k| *k != a),
-            Fault::Converter(_) => left.clear(),
+            Fault::Axis(a, _) | Fault::Adc(ConverterFault::Saturated(a)) => left.retain(|k| *k != a),
+            Fault::Adc(_) => left.clear(),
         }
     }
     left
@@ -121,7 +116,7 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
     for c in faults {
         match c.fault {
             Fault::Axis(a, f) => wires.axis.push((a, f, window.clone())),
-            Fault::Converter(f) => wires.converter.push((f, window.clone())),
+            Fault::Adc(f) => wires.converter.push((f, window.clone())),
         }
     }
     board.world.set_faults(wires);
@@ -253,7 +248,7 @@ fn kept(o: &Outcome) -> bool {
 fn said(a: &Case, b: &Case, o: &Outcome) -> bool {
     let in_time = [o.flagged_s[0] <= a.within_s, o.flagged_s[1] <= b.within_s];
     let hides = |c: &Case| {
-        matches!(c.fault, Fault::Converter(ConverterFault::Silent | ConverterFault::Stuck | ConverterFault::Checksum))
+        matches!(c.fault, Fault::Adc(ConverterFault::Silent | ConverterFault::Stuck | ConverterFault::Checksum))
     };
     let one_resonator = matches!((a.fault, b.fault), (Fault::Axis(x, _), Fault::Axis(y, _)) if x == y);
     match (hides(a), hides(b)) {

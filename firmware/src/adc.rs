@@ -24,7 +24,7 @@ use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH3, EXTI7, SPI1};
 use embassy_stm32::{rcc, Peri};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use hrg_core::converter::{decode, Fault, FRAME, WORDS};
+use hrg_core::adc::{decode, Fault, FRAME, WORDS};
 use hrg_core::rate_path::CHANNELS;
 
 /// WREG of CLOCK (0x03): all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
@@ -59,7 +59,7 @@ pub struct Wiring {
 }
 
 /// The ADC on its bus.
-pub struct Converter {
+pub struct Adc {
     settings_sent: u8,
     _wiring: Wiring,
 }
@@ -99,7 +99,7 @@ pub fn transferred() {
     FETCHED.signal(pac::TIM2.ccr(3).read());
 }
 
-impl Converter {
+impl Adc {
     /// Sets up the bus and the streams; the ADC itself is set up by [`sample`](Self::sample).
     pub fn new(wiring: Wiring) -> Self {
         rcc::enable_and_reset::<SPI1>();
@@ -114,7 +114,7 @@ impl Converter {
             w.set_ssi(true);
             // Mode 1: clock idles low, data on its falling edge.
             w.set_cpha(Cpha::SECOND_EDGE);
-            w.set_br(Br::from_bits(params::CONVERTER_SPI_DIVIDER));
+            w.set_br(Br::from_bits(params::ADC_SPI_PRESCALER));
             w.set_spe(true);
         });
         for (stream, dir, buffer) in

@@ -1,0 +1,104 @@
+//! `hrg compare`: every method on the same data.
+
+use crate::units;
+use anyhow::Result;
+use clap::Args;
+use hrg_cal::compare::{self, Contender};
+use hrg_cal::fit::independence::Units;
+use hrg_cal::{load_recording, BadInput};
+use std::path::{Path, PathBuf};
+
+/// What `hrg compare` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recordings to learn from.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Recording that is only evaluated. Several may be given.
+    #[arg(long, required = true)]
+    verify: Vec<PathBuf>,
+    /// Methods, separated by commas; by default all, and trace.
+    #[arg(long, value_delimiter = ',')]
+    methods: Vec<String>,
+    /// Seed of swarms and genetic searches.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Folder for the blocks, the table (JSON and Markdown) and the pictures.
+    #[arg(long, default_value = "out/compare")]
+    out: PathBuf,
+    /// hrg-board, which weighs the blocks on the virtual board; by default the one beside this program.
+    #[arg(long)]
+    board: Option<PathBuf>,
+    /// Allow recordings of different units.
+    #[arg(long)]
+    different_units: bool,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { recordings, verify, methods, seed, out, board, different_units } = arguments;
+    compare_methods(&recordings, &verify, &methods, seed, units(different_units), &out, board)
+}
+
+fn compare_methods(
+    recordings: &[PathBuf],
+    verify: &[PathBuf],
+    methods: &[String],
+    seed: u64,
+    units: Units,
+    out: &Path,
+    board: Option<PathBuf>,
+) -> Result<()> {
+    let contenders = if methods.is_empty() {
+        Contender::all()
+    } else {
+        methods.iter().map(|m| Contender::by_name(m)).collect::<Result<_, _>>()?
+    };
+    std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
+    let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let bar = indicatif::ProgressBar::new_spinner();
+    let mut c = compare::compare(&train, &unseen, &contenders, seed, units, out, |m| {
+        bar.set_message(format!("identifying by {m}"));
+        bar.tick();
+    })?;
+    let beside = std::env::current_exe()
+        .ok()
+        .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
+        .filter(|p| board.is_none() && p.is_file());
+    match board.or(beside) {
+        Some(_) if hrg_cal::recording::format::require_resonators(&unseen[0]).is_err() => eprintln!(
+            "the firmware reads three resonators and this recording has none: what the blocks cost on the unit is not weighed"
+        ),
+        Some(board) => {
+            bar.set_message("weighing the blocks on the virtual board");
+            bar.tick();
+            compare::weigh(&mut c, &board, out, &verify[0], 120)?;
+        }
+        None => eprintln!(
+            "hrg-board is not beside this program: what the blocks cost on the unit is not weighed (--board PATH)"
+        ),
+    }
+    bar.finish_and_clear();
+    hrg_cal::write_file(&out.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
+    hrg_cal::write_file(&out.join("compare.md"), compare::table(&c, true, None).as_bytes())?;
+    hrg_cal::write_file(&out.join("compare.svg"), compare::picture(&c)?.as_bytes())?;
+    hrg_cal::write_file(&out.join("residuals.svg"), compare::residuals(&c, &unseen[0], out)?.as_bytes())?;
+    print!("{}", compare::table(&c, false, None));
+    println!("3s: three sigma of 100 s means; instability: least Allan deviation / 0.664; deg/h, RMS of the axes");
+    println!("instructions on the unit: f to bias, of one axis' temperature law and bias model; update, of all three axes with");
+    println!(
+        "slopes, states and checks; ELF differs: frames of two minutes that are not those of hrg-core on this machine"
+    );
+    for r in &c.rows {
+        println!("{}: {}", r.method, r.notes.join("; "));
+    }
+    for l in &c.left_out {
+        println!("left out, {l}");
+    }
+    println!("{}: blocks, compare.json, compare.md, compare.svg, residuals.svg", out.display());
+    Ok(())
+}

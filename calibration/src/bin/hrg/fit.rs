@@ -1,0 +1,67 @@
+//! `hrg fit`: coefficients of a bias model.
+
+use crate::facts::FactsArguments;
+use crate::{now, units};
+use anyhow::Result;
+use clap::Args;
+use hrg_cal::fit::method::Method;
+use hrg_cal::fit::{self, evidence, methods};
+use hrg_cal::{image_file, AXIS_NAMES};
+use std::path::PathBuf;
+
+/// What `hrg fit` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recordings of one unit.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// How: see docs/methods.md
+    #[arg(long, default_value = "lsq")]
+    method: Method,
+    /// Seed of swarms and genetic searches: the same seed gives the same block.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Weigh every degree alike instead of every second.
+    #[arg(long)]
+    uniform: bool,
+    /// Allow recordings of different units.
+    #[arg(long)]
+    different_units: bool,
+    #[command(flatten)]
+    facts: FactsArguments,
+    /// Where the calibration goes: text, or the binary block if it ends in .bin
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { recordings, method, seed, uniform, different_units, facts, out } = arguments;
+    let recordings = facts.load(&recordings)?;
+    let prepared = fit::prepare_for(&recordings, units(different_units))?;
+    let mut found = methods::identify_weighted(&prepared, method, seed, uniform)?;
+    found.calibration.created_unix_s = now();
+    found.calibration.sequence = 1;
+    let raw = fit::spread(prepared.runs.iter().map(|r| &r.steps.rate_dph));
+    let corrected: Vec<_> = prepared.runs.iter().map(|r| fit::correct(&found.calibration, &r.steps)).collect();
+    let fitted = fit::spread(&corrected);
+    let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+    for &a in &present {
+        found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
+    }
+    image_file::save(&out, &found.calibration)?;
+    println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
+    for a in present {
+        let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
+        println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
+    }
+    println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");
+    for n in found.notes.iter().chain(&prepared.notes) {
+        println!("note: {n}");
+    }
+    println!("{}: {method}, block {:08x}", out.display(), found.calibration.checksum());
+    Ok(())
+}

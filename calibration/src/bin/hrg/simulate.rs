@@ -1,0 +1,82 @@
+//! `hrg simulate`: a chamber run from the plant model.
+
+use crate::facts::Place;
+use anyhow::Result;
+use clap::Args;
+use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
+use hrg_cal::BadInput;
+use std::path::PathBuf;
+
+/// What `hrg simulate` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag) or one like 20,-40@1,2h,50@1,2h
+    #[arg(long, default_value = "dong")]
+    profile: String,
+    /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
+    #[arg(long)]
+    effect: Vec<String>,
+    /// Seed of this run's noise: another seed is another run of the same unit.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Which unit: its bias coefficients and how it feels an effect.
+    #[arg(long, default_value_t = 1)]
+    unit: u64,
+    /// Kind of unit: hrg (like dong2023's), fog (like wu2023's) or zhao (like zhao2022's)
+    #[arg(long, default_value = "hrg")]
+    kind: String,
+    /// White noise: standard deviation of 100 s means, deg/h; by default that of the kind
+    #[arg(long)]
+    noise: Option<f64>,
+    /// Put spikes, gaps, missing, stuck values and repeated times in.
+    #[arg(long)]
+    dirty: bool,
+    /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
+    #[command(flatten)]
+    place: Place,
+    /// Leave latitude and axes out of the file: a fit then finds the earth's rate in the constants.
+    #[arg(long)]
+    no_attitude: bool,
+    /// Where the recording goes.
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { profile, effect, seed, unit, kind, noise, dirty, place, no_attitude, out } = arguments;
+    let kind = Kind::parse(&kind)?;
+    let usual = kind.noise();
+    let effects = effect
+        .iter()
+        .map(|e| match e.strip_prefix("secret:") {
+            Some(s) => s
+                .parse()
+                .map(EffectSpec::secret)
+                .map_err(|_| BadInput::new(format!("\"{e}\": secret: takes a whole number as seed"))),
+            None => EffectSpec::parse(e),
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
+    let attitude = place.attitude()?.unwrap_or(ATTITUDE);
+    let plan = Plan { kind, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
+    let mut simulated = plan.simulate();
+    if dirty {
+        hrg_cal::simulate::soil(&mut simulated.recording, seed);
+    }
+    if no_attitude {
+        simulated.recording.restore_earth_rate();
+        simulated.recording.meta.retain(|(k, _)| k != "latitude_deg" && k != "axes");
+    }
+    hrg_cal::write_file(&out, simulated.recording.to_csv().as_bytes())?;
+    println!(
+        "{}: {} rows, simulated (unit SIM-{}, seed {seed})",
+        out.display(),
+        simulated.recording.time_s.len(),
+        plan.unit_seed
+    );
+    Ok(())
+}

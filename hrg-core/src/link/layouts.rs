@@ -1,0 +1,186 @@
+//! The fields of each message, in the order in which they lie in a frame.
+
+use super::{Housekeeping, Identity};
+use crate::alignment::session;
+use crate::maintenance::CHUNK;
+use crate::rate_path::RateFrame;
+use crate::schema::{layout, Field, Layout};
+use crate::sectors::Sector;
+use crate::status::{AxisStatus, UnitStatus};
+use crate::unit_name::UnitName;
+use crate::AXES;
+
+layout! { RateFrame {
+    sample: u32, "number of the last sample in it, since start";
+    tick: u32, "timer tick of that sample's data-ready edge";
+    step: u32, "number of the model step whose bias was taken off";
+    axis_status: [AxisStatus; AXES], "status of each axis, worst over the samples";
+    unit_status: UnitStatus, "status of the unit";
+    rate_dph: [f32; AXES], "corrected rates, deg/h";
+} }
+
+layout! { Housekeeping {
+    step: u32, "number of the model step";
+    time_ms: u32, "time since power-on at its end, ms";
+    frequency_hz: [f64; AXES], "frequencies, Hz; NaN where lost";
+    temperature_c: [f32; AXES], "temperatures, C; NaN before the first";
+    ramp_c_per_min: [f32; AXES], "their rates of change, C per minute";
+    bias_dph: [f32; AXES], "biases in use after this step, deg/h";
+    raw_dph: [f32; AXES], "mean raw rates over the bias before, deg/h";
+    corrected_dph: [f32; AXES], "mean corrected rates of the same samples, deg/h";
+    samples: u16, "samples in those means";
+    adc_errors: u16, "samples missing or refused meanwhile";
+    axis_status: [AxisStatus; AXES], "status of each axis";
+    unit_status: UnitStatus, "status of the unit";
+    rejected: [u16; AXES], "rejected edges in this step";
+    missing: [u16; AXES], "missing edges in this step";
+    dropped: u16, "frames out dropped since start";
+    link_errors: u16, "bad frames in since start";
+    calibration: u32, "checksum of the image in use; 0: the compiled-in default";
+    sequence: u32, "its sequence number";
+    created_unix_s: u32, "when it was made, seconds since 1970";
+    mode: u8, "0 navigate, 1 align, 2 maintenance";
+    bias_std_dph: [f32; AXES], "standard uncertainties of the biases, deg/h; NaN where the image does not state them";
+} }
+
+layout! { Identity {
+    unit: UnitName, "name in the image in use";
+    calibration: u32, "checksum of the image in use; 0: the compiled-in default";
+    created_unix_s: u32, "when it was made, seconds since 1970";
+    sequence: u32, "its sequence number";
+} }
+
+layout! { session::Report {
+    second: u32, "number of the second, from the start of the alignment";
+    stage: u8, "stage";
+    refusal: u8, "why there is no result; 0: the numbers are a result";
+    azimuth_deg: f32, "azimuth, degrees";
+    azimuth_std_arcmin: f32, "its standard deviation, arc minutes";
+    tilt_arcmin: [f32; 2], "tilts, arc minutes";
+    drift_dph: [f32; 2], "drifts, deg/h";
+    drift_std_dph: [f32; 2], "their standard deviations, deg/h";
+    integrity: f32, "check of the two positions, chi-square; NaN: none";
+} }
+
+/// Fields of [`super::Message::SetDecimation`].
+#[derive(Default)]
+pub(super) struct Decimation {
+    pub(super) decimation: u16,
+}
+layout! { Decimation { decimation: u16, "samples per rate frame, 1 to 1000"; } }
+
+/// Fields of [`super::Message::Align`].
+#[derive(Default)]
+pub(super) struct Align {
+    pub(super) kind: u8,
+    pub(super) values: [f32; 3],
+}
+layout! { Align {
+    kind: u8, "0 begin, 1 turn begins, 2 turn ended, 3 accept, 4 abandon";
+    values: [f32; 3], "0: latitude (deg), gravity (m/s^2), velocity noise (m/s); 2: angle (deg), 0, 0; else zeros";
+} }
+
+/// Fields of [`crate::maintenance::Command::Open`].
+#[derive(Default)]
+pub(super) struct Open {
+    pub(super) unit: UnitName,
+}
+layout! { Open { unit: UnitName, "name of the unit that is meant"; } }
+
+/// Fields of [`crate::maintenance::Command::Begin`].
+#[derive(Default)]
+pub(super) struct Begin {
+    pub(super) length: u16,
+}
+layout! { Begin { length: u16, "bytes of the image that follows"; } }
+
+/// Fields of [`crate::maintenance::Command::Chunk`].
+pub(super) struct Chunk {
+    pub(super) offset: u16,
+    pub(super) length: u8,
+    pub(super) data: [u8; CHUNK],
+}
+layout! { Chunk {
+    offset: u16, "place in the image";
+    length: u8, "bytes of it that count";
+    data: [u8; CHUNK], "the bytes";
+} }
+impl Default for Chunk {
+    fn default() -> Self {
+        Self { offset: 0, length: 0, data: [0; CHUNK] }
+    }
+}
+
+/// Fields of [`crate::maintenance::Command::Read`].
+pub(super) struct Read {
+    pub(super) sector: Sector,
+    pub(super) offset: u16,
+}
+layout! { Read {
+    sector: Sector, "0 or 1";
+    offset: u16, "place in it";
+} }
+impl Default for Read {
+    fn default() -> Self {
+        Self { sector: Sector::A, offset: 0 }
+    }
+}
+
+/// Fields of [`crate::maintenance::Reply::Answer`].
+#[derive(Default)]
+pub(super) struct Answer {
+    pub(super) answer: u8,
+    pub(super) value: u32,
+}
+layout! { Answer {
+    answer: u8, "number of the answer";
+    value: u32, "what it is about: a checksum, a sequence number, a place";
+} }
+
+/// Fields of [`crate::maintenance::Reply::Data`].
+pub(super) struct Data {
+    pub(super) sector: Sector,
+    pub(super) offset: u16,
+    pub(super) data: [u8; CHUNK],
+}
+layout! { Data {
+    sector: Sector, "0 or 1";
+    offset: u16, "place in it";
+    data: [u8; CHUNK], "the bytes there";
+} }
+impl Default for Data {
+    fn default() -> Self {
+        Self { sector: Sector::A, offset: 0, data: [0; CHUNK] }
+    }
+}
+
+/// A message as it lies in a frame, for tables and other programs.
+#[derive(Debug, Clone, Copy)]
+pub struct Table {
+    /// What it is.
+    pub name: &'static str,
+    /// Its type, and the kind within the type where there are several: the bytes that stand before the fields.
+    pub lead: &'static [u8],
+    /// The fields.
+    pub fields: &'static [Field],
+}
+
+/// Every message.
+pub const MESSAGES: &[Table] = &[
+    Table { name: "rate", lead: &[0x01], fields: RateFrame::FIELDS },
+    Table { name: "housekeeping", lead: &[0x02], fields: Housekeeping::FIELDS },
+    Table { name: "identity", lead: &[0x03], fields: Identity::FIELDS },
+    Table { name: "alignment", lead: &[0x04], fields: session::Report::FIELDS },
+    Table { name: "maintained: answer", lead: &[0x05, 0], fields: Answer::FIELDS },
+    Table { name: "maintained: data", lead: &[0x05, 1], fields: Data::FIELDS },
+    Table { name: "identify", lead: &[0x80], fields: &[] },
+    Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
+    Table { name: "align", lead: &[0x82], fields: Align::FIELDS },
+    Table { name: "maintain: open", lead: &[0x83, 0], fields: Open::FIELDS },
+    Table { name: "maintain: close", lead: &[0x83, 1], fields: &[] },
+    Table { name: "maintain: begin", lead: &[0x83, 2], fields: Begin::FIELDS },
+    Table { name: "maintain: chunk", lead: &[0x83, 3], fields: Chunk::FIELDS },
+    Table { name: "maintain: end", lead: &[0x83, 4], fields: &[] },
+    Table { name: "maintain: read", lead: &[0x83, 5], fields: Read::FIELDS },
+    Table { name: "maintain: restart", lead: &[0x83, 6], fields: &[] },
+];
