@@ -468,7 +468,11 @@ mod tests {
                 Coefficients::FourParameter(m)
             };
             c.axes[2].coefficients = rest;
-            let mut e = EffectTerm { id: 7, parameters: [0.0; 2], gains: [[0.0; MAX_OUTPUTS]; 3], gain_std: [[0.0; MAX_OUTPUTS]; 3] };
+            let mut e = EffectTerm::new(7, [0.0; 2]);
+            e.start = -1.0;
+            e.directions[2][0][0] = g;
+            c.axes[2].uncertainty.rest_dph2 = g.abs();
+            c.axes[2].uncertainty.baseline[1][3] = -g;
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");
             let again = from_text(&to_text(&c)).expect("readable");
