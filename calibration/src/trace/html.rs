@@ -184,9 +184,10 @@ fn cleaned(r: &Report) -> String {
     format!("<table><tr><th>file</th><th>column</th><th>kind</th><th>values</th></tr>{rows}</table>")
 }
 
-fn ranking(r: &Report) -> String {
+fn ranking(t: &Trace) -> anyhow::Result<String> {
+    let r = &t.report;
     let mut s = String::new();
-    for e in &r.effects {
+    for (e, shapes) in r.effects.iter().zip(&t.shapes) {
         let _ = write!(
             s,
             "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
@@ -201,7 +202,8 @@ fn ranking(r: &Report) -> String {
             },
             if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
         );
-        s += "<table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
+        s += &svg(shapes, 2, 460, 300)?;
+        s += "<br><table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
         for (n, g) in &e.axes {
             let share =
                 e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
@@ -226,7 +228,7 @@ fn ranking(r: &Report) -> String {
     if r.effects.is_empty() {
         s += "<p>The data warrant no effect.</p>";
     }
-    s
+    Ok(s)
 }
 
 /// The page.
@@ -247,7 +249,7 @@ pub fn html(t: &Trace) -> anyhow::Result<String> {
         unit = escape(&r.unit),
         verdict = escape(&r.verdict),
         figures = figures(r),
-        ranking = ranking(r)
+        ranking = ranking(t)?
     );
     if !r.advice.is_empty() {
         s += "<h2>Advice</h2><ul>";

@@ -18,6 +18,7 @@ mod proposals;
 pub mod report;
 pub mod search;
 pub mod separable;
+mod shapes;
 mod surrogate;
 mod uncertainty;
 mod words;
@@ -81,6 +82,8 @@ pub struct Trace {
     pub verify_residuals: [[Vec<f64>; AXES]; 2],
     /// The train runs.
     pub train: Vec<Run>,
+    /// Pictures of what each effect stands for.
+    pub shapes: Vec<Vec<crate::plot::Panel>>,
 }
 
 /// Traces what the baseline lacks.
@@ -229,6 +232,7 @@ fn closed(
         verify: verify_run,
         train_residuals: [before_train, after_train],
         verify_residuals: [before_verify, after_verify],
+        shapes: shapes::of(&data, &fitted),
         train: runs,
     })
 }

@@ -215,6 +215,8 @@ fn add_bias_dph<E: Effect, const N: usize>(
 
 mod bank;
 
+pub use bank::rung;
+
 macro_rules! effects {
     ($($module:ident :: {$($name:ident),+}),+ $(,)?) => {
         $(mod $module; $(pub use $module::$name;)+)+

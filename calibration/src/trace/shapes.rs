@@ -1,0 +1,87 @@
+//! The curve or the loop that each effect found stands for, so that a person recognises it.
+
+use super::cards::card;
+use super::data::Data;
+use super::model::{columns, Fitted};
+use super::report::Class;
+use crate::plot::{Panel, Series};
+use crate::AXIS_NAMES;
+use hrg_core::effects::{rung, EffectId};
+use hrg_core::AXES;
+
+/// Pictures of each effect of a model on its train runs, in the order of the model.
+pub fn of(data: &Data<'_>, fitted: &Fitted) -> Vec<Vec<Panel>> {
+    let each_axis: Vec<Vec<Vec<f64>>> = (0..AXES)
+        .map(|a| if data.axes[a].y.is_empty() { vec![] } else { columns(data, &fitted.terms, a).values })
+        .collect();
+    fitted
+        .terms
+        .iter()
+        .enumerate()
+        .map(|(e, t)| {
+            let class = card(t.lead().facts.effect).class;
+            let mut panel = Panel {
+                title: format!("{}: what it adds to the bias, train runs", t.lead().facts.name),
+                x: abscissa(class).into(),
+                y: "deg/h".into(),
+                log: false,
+                series: vec![],
+            };
+            let mut gains = Panel {
+                title: format!("{}: gain of each time constant", t.lead().facts.name),
+                x: "time constant, power of ten of seconds".into(),
+                y: "deg/h per C".into(),
+                ..Panel::default()
+            };
+            for a in 0..AXES {
+                let Some(range) = fitted.gains(e, a).filter(|_| !each_axis[a].is_empty()) else { continue };
+                let own = &fitted.axes[a].coefficients[range.clone()];
+                let sum = |k: usize| range.clone().zip(own).map(|(j, g)| g * each_axis[a][j][k]).sum::<f64>();
+                let at = places(data, a, class);
+                let points = at.iter().enumerate().map(|(k, x)| (*x, sum(k))).collect();
+                panel.series.push(line(a, points, class != Class::Hysteresis && !in_time(class)));
+                let c = t.lead();
+                if c.facts.effect == EffectId::LagLadder {
+                    let n = c.facts.outputs;
+                    let tau = |k: usize| f64::from(rung(c.parameters[0], c.parameters[1], k, n)).log10();
+                    gains.series.push(line(a, (0..n).map(|k| (tau(k), own[k])).collect(), false));
+                }
+            }
+            [panel, gains].into_iter().filter(|p| !p.series.is_empty()).collect()
+        })
+        .collect()
+}
+
+fn line(a: usize, points: Vec<(f64, f64)>, dots: bool) -> Series {
+    Series { label: AXIS_NAMES[a].into(), points, colour: a, dots }
+}
+
+/// Whether an effect of a class is recognised in its course.
+fn in_time(class: Class) -> bool {
+    matches!(class, Class::Memory | Class::PowerOn | Class::Input | Class::Thermometer | Class::Event)
+}
+
+fn abscissa(class: Class) -> &'static str {
+    match class {
+        Class::Rate => "dT/dt [C/min]",
+        Class::Shape | Class::Hysteresis => "resonator temperature [C]",
+        _ => "time, one run after the other [h]",
+    }
+}
+
+/// What an effect of a class is drawn against, on the blocks of an axis.
+fn places(data: &Data<'_>, a: usize, class: Class) -> Vec<f64> {
+    let mut all = Vec::new();
+    for (run, &n) in data.runs.iter().zip(&data.blocks) {
+        for b in 0..n {
+            let (t, r) = run.state(b * data.block_s + data.block_s / 2, a).unwrap_or((f32::NAN, f32::NAN));
+            let hours = all.len() as f64 * data.block_s as f64 / 3600.0;
+            all.push(match class {
+                Class::Rate => f64::from(r),
+                Class::Shape | Class::Hysteresis => f64::from(t),
+                _ => hours,
+            });
+        }
+    }
+    data.axes[a].keep.iter().map(|&k| all[k]).collect()
+}
