@@ -68,8 +68,8 @@ impl FilterKind {
     }
 
     /// Runs it over a recording.
-    pub fn run(self, recording: &Recording, config: &Config, start: Start) -> Ran {
-        fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
+    pub fn run(self, recording: &Recording, config: &Config, start: Start) -> FilterRun {
+        fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> FilterRun {
             let (aligner, history) = run(recording, config, filter);
             (aligner.outcome(), aligner.converged_at_s(), history)
         }
@@ -234,7 +234,7 @@ impl Recording {
         let mut config = Config::new(latitude, gravity, self.velocity_noise_mps.unwrap_or(1e-3))?;
         let possible = |v: &f64| (1e-6..1e3).contains(v);
         if let Some(walk) = self.angle_walk_deg_per_root_h {
-            config.angle_walk = Some(walk).filter(possible).ok_or(Refusal::Site)? * DEGREE / 60.0;
+            config.angle_random_walk = Some(walk).filter(possible).ok_or(Refusal::Site)? * DEGREE / 60.0;
         }
         if let Some(noise) = self.accelerometer_ug_per_root_hz {
             config.velocity_walk = Some(noise).filter(possible).ok_or(Refusal::Site)? * 1e-6 * gravity;
@@ -320,7 +320,7 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
             (at, position) = (t, p);
             continue;
         }
-        // Faster rows are thinned to steps, the one nearest to its step counting; over a hole of
+        // Faster rows are thinned to steps, the one nearest to its step counting; over a gap of
         // some seconds time goes on without readings; a longer one is named.
         let due = ((t - at + tolerance) / step).floor();
         if due < 1.0 {
@@ -387,7 +387,7 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
 }
 
 /// What a run gives: the outcome, when it converged, and what was believed each second.
-pub type Ran = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
+pub type FilterRun = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
 
 #[cfg(test)]
 mod tests {
@@ -523,10 +523,10 @@ mod tests {
             let (a, b) = (a.expect("aligns"), b.expect("aligns"));
             assert!((a.azimuth_deg - b.azimuth_deg).abs() * 60.0 < 2.0, "{} {}", a.azimuth_deg, b.azimuth_deg);
         }
-        let mut holes = good.clone();
-        holes.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
+        let mut gaps = good.clone();
+        gaps.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
         let (a, b) =
-            (align(&good, FilterKind::Linear, Start::default()), align(&holes, FilterKind::Linear, Start::default()));
+            (align(&good, FilterKind::Linear, Start::default()), align(&gaps, FilterKind::Linear, Start::default()));
         assert!((a.expect("aligns").azimuth_deg - b.expect("aligns").azimuth_deg).abs() * 60.0 < 2.0);
         // A drift that comes with the turn, large enough to be told from noise.
         let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;
