@@ -99,6 +99,18 @@ impl clap::ValueEnum for FilterKind {
 
 const COLUMNS: [&str; 4] = ["time_s", "position", "v1_mps", "v2_mps"];
 
+/// Where the columns stand in a header.
+fn places_of(cells: &[&str], n: usize) -> Result<[usize; 4], BadInput> {
+    let mut found = [0; 4];
+    for (to, name) in found.iter_mut().zip(COLUMNS) {
+        *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
+            let columns = COLUMNS.join(",");
+            BadInput::new(format!("line {n}: the column {name} is missing; an alignment has {columns}"))
+        })?;
+    }
+    Ok(found)
+}
+
 impl Recording {
     /// Reads a file.
     ///
@@ -109,6 +121,26 @@ impl Recording {
         let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let text = std::str::from_utf8(&bytes).map_err(|_| here("it is not UTF-8 text".into()))?;
         Self::parse(text).map_err(|e| here(e.0))
+    }
+
+    /// Takes what stands behind a `#`.
+    fn take_metadata(&mut self, n: usize, meta: &str) -> Result<(), BadInput> {
+        let Some((key, value)) = meta.split_once(':') else { return Ok(()) };
+        let (key, value) = (key.trim(), value.trim());
+        let number = || {
+            let bad = |_| BadInput::new(format!("line {n}: {key}: \"{value}\" is not a number"));
+            value.parse::<f64>().map_err(bad)
+        };
+        match key {
+            "latitude_deg" => self.latitude_deg = Some(number()?),
+            "gravity_mps2" => self.gravity_mps2 = Some(number()?),
+            "velocity_noise_mps" => self.velocity_noise_mps = Some(number()?),
+            "angle_walk_deg_per_root_h" => self.angle_walk_deg_per_root_h = Some(number()?),
+            "accelerometer_ug_per_root_hz" => self.accelerometer_ug_per_root_hz = Some(number()?),
+            "turn_deg" => self.turn_deg = number()?,
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Reads the text of a file.
@@ -132,35 +164,12 @@ impl Recording {
                 continue;
             }
             if let Some(meta) = line.strip_prefix('#') {
-                let Some((key, value)) = meta.split_once(':') else { continue };
-                let number = || {
-                    value.trim().parse::<f64>().map_err(|_| {
-                        BadInput::new(format!("line {n}: {}: \"{}\" is not a number", key.trim(), value.trim()))
-                    })
-                };
-                match key.trim() {
-                    "latitude_deg" => out.latitude_deg = Some(number()?),
-                    "gravity_mps2" => out.gravity_mps2 = Some(number()?),
-                    "velocity_noise_mps" => out.velocity_noise_mps = Some(number()?),
-                    "angle_walk_deg_per_root_h" => out.angle_walk_deg_per_root_h = Some(number()?),
-                    "accelerometer_ug_per_root_hz" => out.accelerometer_ug_per_root_hz = Some(number()?),
-                    "turn_deg" => out.turn_deg = number()?,
-                    _ => {}
-                }
+                out.take_metadata(n, meta)?;
                 continue;
             }
             let cells: Vec<&str> = line.split(',').map(str::trim).collect();
             let Some(at) = places else {
-                let mut found = [0; 4];
-                for (to, name) in found.iter_mut().zip(COLUMNS) {
-                    *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
-                        BadInput::new(format!(
-                            "line {n}: the column {name} is missing; an alignment has {}",
-                            COLUMNS.join(",")
-                        ))
-                    })?;
-                }
-                places = Some(found);
+                places = Some(places_of(&cells, n)?);
                 continue;
             };
             let number = |k: usize| -> Result<f64, BadInput> {

@@ -246,37 +246,7 @@ fn main() -> Result<()> {
     outcomes.sort_by_key(|o| o.0);
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
     if let Some(path) = &a.out {
-        let mut s = String::from(
-            "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
-        );
-        for o in &outcomes {
-            let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
-            let _ = writeln!(
-                s,
-                "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
-                o.trial.kind,
-                o.trial.profile,
-                o.trial.unit,
-                join(&|e| e.source.name().to_string()),
-                join(&|e| format!("{:.2}", e.size)),
-                join(&|e| format!("{:.1}", e.parameters[0])),
-                o.found.join("+"),
-                o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
-                o.verdict,
-                o.burn,
-                o.exchanged_same,
-                o.twins.join("+"),
-                o.unexplained,
-                o.left,
-                o.before_over_floor,
-                o.after_over_floor,
-                o.image_over_floor,
-                o.image_over_baseline,
-                o.floor_over_truth,
-                o.seconds
-            );
-        }
-        hrg_cal::write_file(path, s.as_bytes())?;
+        hrg_cal::write_file(path, every_trial(&outcomes).as_bytes())?;
     }
     let table = summary(&outcomes, a.seed);
     print!("{table}");
@@ -291,6 +261,41 @@ fn main() -> Result<()> {
     Ok(())
 }
 
+/// Every trial as a row of CSV.
+fn every_trial(outcomes: &[Outcome]) -> String {
+    let mut s = String::from(
+        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
+    );
+    for o in outcomes {
+        let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
+        let _ = writeln!(
+            s,
+            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
+            o.trial.kind,
+            o.trial.profile,
+            o.trial.unit,
+            join(&|e| e.source.name().to_string()),
+            join(&|e| format!("{:.2}", e.size)),
+            join(&|e| format!("{:.1}", e.parameters[0])),
+            o.found.join("+"),
+            o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
+            o.verdict,
+            o.burn,
+            o.exchanged_same,
+            o.twins.join("+"),
+            o.unexplained,
+            o.left,
+            o.before_over_floor,
+            o.after_over_floor,
+            o.image_over_floor,
+            o.image_over_baseline,
+            o.floor_over_truth,
+            o.seconds
+        );
+    }
+    s
+}
+
 fn share(part: usize, of: usize) -> String {
     if of == 0 {
         "-".into()
@@ -299,8 +304,8 @@ fn share(part: usize, of: usize) -> String {
     }
 }
 
-fn summary(all: &[Outcome], seed: u64) -> String {
-    let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
+/// How often each effect of each size is named.
+fn by_effect(s: &mut String, all: &[Outcome]) {
     let _ = writeln!(s, "| effect | size 0.5 | 1 | 2 | 3 | 5 |\n|---|---|---|---|---|---|");
     let mut by_name: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     for o in all.iter().filter(|o| o.trial.kind == "single") {
@@ -316,6 +321,23 @@ fn summary(all: &[Outcome], seed: u64) -> String {
             .collect();
         let _ = writeln!(s, "| {name} | {} |", cells.join(" | "));
     }
+}
+
+/// What defects in a file change.
+fn with_defects(s: &mut String, all: &[Outcome]) {
+    let (mut same_name, mut same_error, mut files) = (0, 0, 0);
+    for w in all.windows(2).filter(|w| w[0].trial.kind == "clean file" && w[1].trial.kind == "defective file") {
+        files += 1;
+        same_name += usize::from(w[0].found == w[1].found);
+        same_error += usize::from((w[1].after_dph / w[0].after_dph - 1.0).abs() <= 0.05);
+    }
+    let _ = writeln!(s, "| defective files: same names as the clean twin | all | {} |", share(same_name, files));
+    let _ = writeln!(s, "| defective files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
+}
+
+fn summary(all: &[Outcome], seed: u64) -> String {
+    let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
+    by_effect(&mut s, all);
     let of = |kind: &str| all.iter().filter(|o| o.trial.kind == kind).collect::<Vec<_>>();
     let (clean, pairs, unmodelled) = (of("clean"), of("pair"), of("unmodelled"));
     let large: Vec<&Outcome> =
@@ -384,14 +406,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         quantile(&ratios, 0.95)
     );
     let _ = writeln!(s, "| estimate of the floor within 15 % | - | {} |", share(within, floors.len()));
-    let (mut same_name, mut same_error, mut files) = (0, 0, 0);
-    for w in all.windows(2).filter(|w| w[0].trial.kind == "clean file" && w[1].trial.kind == "defective file") {
-        files += 1;
-        same_name += usize::from(w[0].found == w[1].found);
-        same_error += usize::from((w[1].after_dph / w[0].after_dph - 1.0).abs() <= 0.05);
-    }
-    let _ = writeln!(s, "| defective files: same names as the clean twin | all | {} |", share(same_name, files));
-    let _ = writeln!(s, "| defective files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
+    with_defects(&mut s, all);
     let _ = writeln!(s, "| time of a trace, this machine, median (s) | 0.5 | {:.2} |", quantile(&seconds, 0.5));
     s
 }

@@ -124,6 +124,21 @@ impl Plan {
             .collect()
     }
 
+    fn metadata(&self, default: &Calibration) -> Vec<(String, String)> {
+        let meta = [
+            ("hrg-recording", "1".to_string()),
+            ("unit", format!("SIM-{}", self.unit_seed)),
+            ("run", format!("simulated-{}", self.seed)),
+            ("rate_unit", "deg/h".to_string()),
+            ("rates", "raw".to_string()),
+            ("power_on_s", "0".to_string()),
+            ("latitude_deg", self.attitude.latitude_deg.to_string()),
+            ("axes", self.attitude.axes_text()),
+            (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
+        ];
+        meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect()
+    }
+
     /// Simulates the run.
     #[must_use]
     pub fn simulate(&self) -> Simulated {
@@ -185,20 +200,9 @@ impl Plan {
         ]) {
             optional.push((name, values));
         }
-        let meta = [
-            ("hrg-recording", "1".to_string()),
-            ("unit", format!("SIM-{}", self.unit_seed)),
-            ("run", format!("simulated-{}", self.seed)),
-            ("rate_unit", "deg/h".to_string()),
-            ("rates", "raw".to_string()),
-            ("power_on_s", "0".to_string()),
-            ("latitude_deg", self.attitude.latitude_deg.to_string()),
-            ("axes", self.attitude.axes_text()),
-            (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
-        ];
         Simulated {
             recording: Recording {
-                meta: meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
+                meta: self.metadata(&default),
                 time_s: (0..n).map(|k| (k + 1) as f64).collect(),
                 frequency_hz,
                 rate_dph: rate,
