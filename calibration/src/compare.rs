@@ -246,7 +246,7 @@ fn unseen_steps(
     let all: Vec<&Recording> = train.iter().chain(verify).collect();
     independence::same_unit(&all, units)?;
     facts::agree(&all).map_err(BadInput::from)?;
-    let laws = prepared.calibration.axes.each_ref().map(|a| a.law);
+    let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
     verify
         .iter()
         .map(|r| {
@@ -256,7 +256,7 @@ fn unseen_steps(
             for t in train {
                 independence::require(&[(t, "train"), (r, "verify")])?;
             }
-            let run = Run::new(Steps::new(r)?, laws);
+            let run = Run::new(Steps::new(r)?, curves);
             evidence::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
             Ok(run.steps)
         })

@@ -4,7 +4,7 @@ use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
 use hrg_core::schema::{size, Field, Format, Layout};
-use hrg_core::temperature::TemperatureLaw;
+use hrg_core::temperature::TemperatureCurve;
 use std::fmt::Write as _;
 
 /// The format of Python's `struct` for fields, little-endian.
@@ -57,14 +57,14 @@ fn part(name: &str, fields: &[Field]) -> String {
 #[must_use]
 pub fn image() -> String {
     let mut s = String::from(
-        "Little-endian, without gaps: header; identity; scaling; three axes, each of temperature law, channel, number of the model (u8), \
+        "Little-endian, without gaps: header; identity; scaling; three axes, each of temperature curve, channel, number of the model (u8), \
          model, and what the fit left; number of effects (u8); the effects; CRC-32 (ISO-HDLC, u32) of all before it. Bytes count from \
          the beginning of each part; the format behind its name is one of Python's `struct`.\n",
     );
     s += &part("Header", Header::FIELDS);
     s += &part("Identity", Calibration::FIELDS);
     s += &part("Scaling", hrg_core::bias::Scaling::FIELDS);
-    s += &part("Temperature law of an axis", TemperatureLaw::FIELDS);
+    s += &part("Temperature law of an axis", TemperatureCurve::FIELDS);
     s += &part("Channel of an axis", Channel::FIELDS);
     for (number, fields) in MODELS {
         s += &part(&format!("Bias model {number}"), fields);

@@ -6,7 +6,7 @@ use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::bias::TERMS;
 use hrg_core::calibration::layouts::{Channel, MODELS};
-use hrg_core::calibration::{Axis, BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
+use hrg_core::calibration::{Axis, Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS};
 use hrg_core::effects::{by_id, EffectId, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::schema::{Field, Format, Layout, Number};
 use hrg_core::AXES;
@@ -128,8 +128,8 @@ fn model_entries(c: &Coefficients) -> Vec<(String, Item)> {
 const FOUR_PARAMETER: &str = "four_parameter_dph";
 
 fn axis_item(a: &Axis) -> Item {
-    let names: &[(&str, &str)] = if a.law.is_of_sensor() { &SENSOR } else { &[] };
-    let mut out = renamed(entries(&a.law), names);
+    let names: &[(&str, &str)] = if a.curve.is_of_sensor() { &SENSOR } else { &[] };
+    let mut out = renamed(entries(&a.curve), names);
     let channel = entries(&Channel::of(a));
     // The ranges stand together.
     let (scale, ranges): (Vec<_>, Vec<_>) = channel.into_iter().partition(|(n, _)| n == "scale_factor_dph_per_code");
@@ -325,7 +325,7 @@ fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, BadInput>
 }
 
 fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), BadInput> {
-    fill(&mut axis.law, table, place)?;
+    fill(&mut axis.curve, table, place)?;
     let mut channel = Channel::default();
     fill(&mut channel, table, place)?;
     channel.store(axis);
@@ -417,7 +417,7 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
     let bytes = crate::read_file(path, crate::MOST_CALIBRATION, false)?;
     let here = |e: String| BadInput::new(format!("{}: {e}", path.display()));
     if bytes.starts_with(&hrg_core::calibration::MAGIC) {
-        return Ok(Calibration::from_bytes(&bytes).map_err(|e: BlockError| here(e.to_string()))?);
+        return Ok(Calibration::from_bytes(&bytes).map_err(|e: ImageError| here(e.to_string()))?);
     }
     let text = std::str::from_utf8(&bytes).map_err(|_| here("it is neither a calibration file nor a block".into()))?;
     Ok(from_text(text).map_err(|e| here(e.0))?)
@@ -457,8 +457,8 @@ mod tests {
             c.set_unit_name("HRG-7");
             c.axes[0].coefficients = Coefficients::One(k);
             c.axes[1].coefficients = Coefficients::CoolingHeating(k, [g; 6]);
-            c.axes[2].law.frequency_centre_hz = f0;
-            c.axes[1].law = crate::thermometer::curve::sensor_law(g.into(), f64::from(g) + 40.0);
+            c.axes[2].curve.frequency_centre_hz = f0;
+            c.axes[1].curve = crate::thermometer::curve::sensor_curve(g.into(), f64::from(g) + 40.0);
             let rest = if g < -3.0 {
                 Coefficients::Network(std::array::from_fn(|j| k[j % 6] + j as f32))
             } else if g < 3.0 {

@@ -162,7 +162,7 @@ pub fn report(recordings: &[Recording]) -> Result<Report, BadInput> {
     }
     let steps = recordings.iter().map(Steps::new).collect::<Result<Vec<_>, _>>()?;
     let runs: Option<Vec<Run>> = match curve::from_steps(&steps) {
-        Ok(found) => Some(steps.iter().map(|s| Run::new(s.clone(), found.laws)).collect()),
+        Ok(found) => Some(steps.iter().map(|s| Run::new(s.clone(), found.curves)).collect()),
         Err(e) => {
             notes.push(format!("no temperatures: {e}"));
             None

@@ -321,7 +321,7 @@ fn a_chambers_own_log_is_merged_by_time() {
         let off = merged.iter().zip(truth).map(|(a, b)| (a - b).abs()).filter(|d| d.is_finite()).fold(0.0, f64::max);
         assert!(off < 0.1, "{name}: off by {off} C");
     }
-    // With it the temperatures are those of the cases; without, of a law that was shifted.
+    // With it the temperatures are those of the cases; without, of a curve that was shifted.
     assert!(ok(&d, "fit m.csv --out m.toml").contains("follow their cases"));
     assert!(ok(&d, "fit bare.csv --out b.toml").contains("no temperature sensor"));
     assert!(refused(&d, &arguments.replace("bare.csv", "m.csv")).contains("values in chamber_c already"));

@@ -12,8 +12,8 @@ use hrg_core::AXES;
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut rings: Rings, clock: Clock, lanes: [&'static mut Compensator; 2]) {
-    let [first, second] = lanes;
+pub async fn task(mut rings: Rings, clock: Clock, redundant: [&'static mut Compensator; 2]) {
+    let [first, second] = redundant;
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {

@@ -1,4 +1,4 @@
-//! The unit's own path: converter frames, time stamps, frequencies and codes as they please.
+//! The unit's own path: ADC frames, time stamps, frequencies and codes as they please.
 #![no_main]
 
 use hrg_core::calibration::Calibration;

@@ -69,10 +69,11 @@ fn steps() -> Steps {
     let mut recording = plan.simulate().recording;
     recording.restore_earth_rate();
     let mut steps = Steps::new(&recording).expect("long enough");
-    for (a, law) in Calibration::uncalibrated().axes.map(|a| a.law).iter().enumerate() {
+    for (a, curve) in Calibration::uncalibrated().axes.map(|a| a.curve).iter().enumerate() {
         for (k, f) in steps.frequency_hz[a].iter_mut().enumerate() {
             let at = (k % 240) as f64;
-            *f = law.frequency_hz(5.0 + 0.2 * at.min(240.0 - at)).expect("in range") + 1e-4 * ((k * 7919) % 11) as f64;
+            *f =
+                curve.frequency_hz(5.0 + 0.2 * at.min(240.0 - at)).expect("in range") + 1e-4 * ((k * 7919) % 11) as f64;
         }
     }
     steps

@@ -2,12 +2,13 @@
 
 use hrg_board::align::align;
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
-use hrg_board::wires::{AxisFault, ConverterFault, WireFaults, Wires};
+use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::{FilterKind, Start};
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
+use hrg_cal::numeric::draws::Draws;
 use hrg_cal::numeric::stats;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
@@ -65,11 +66,8 @@ fn every_frame_equals_the_desktop_bit_for_bit() {
 #[test]
 fn a_broken_elf_is_refused_and_not_panicked_on() {
     let good = elf();
-    let mut x = 99u64;
-    let mut draw = |n: usize| {
-        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (x >> 33) as usize % n
-    };
+    let mut draws = Draws::new(99);
+    let mut draw = |n: usize| draws.below(n);
     let (mut refused, mut loaded) = (0, 0);
     for k in 0..60 {
         let mut bad = good.clone();
@@ -79,7 +77,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
             1 => (0..4).for_each(|_| bad[draw(400)] ^= 1 << draw(8)),
             _ => (0..4).for_each(|_| bad[good.len() - 1 - draw(2000)] ^= 1 << draw(8)),
         }
-        match Board::new(&bad, virtual_board::Silence) {
+        match Board::new(&bad, virtual_board::NothingConnected) {
             Ok(_) => loaded += 1,
             Err(e) => {
                 assert!(!e.to_string().is_empty());
@@ -89,14 +87,14 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
         let _ = Decoder::new(&bad);
     }
     assert!(refused > 10 && loaded > 0, "{refused} refused, {loaded} loaded");
-    assert!(Board::new(&[], virtual_board::Silence).is_err());
+    assert!(Board::new(&[], virtual_board::NothingConnected).is_err());
 }
 
 #[test]
 fn the_comparison_can_fail() {
     // The twin is given another calibration than the unit: every housekeeping must differ.
     let (mine, mut other) = (calibration(), calibration());
-    other.axes[0].law.temperature_coefficients_c[0] += 1e-3;
+    other.axes[0].curve.temperature_coefficients_c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = mine.scale_factors_dph_per_code();
     let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), false);
@@ -164,7 +162,7 @@ fn glitches_are_counted_and_harmless() {
 
 #[test]
 fn a_silent_converter_is_said_and_the_unit_runs_on() {
-    let faults = WireFaults { converter: vec![(ConverterFault::Silent, 5.0..12.0)], ..WireFaults::default() };
+    let faults = WireFaults { adc: vec![(AdcFault::Silent, 5.0..12.0)], ..WireFaults::default() };
     let o = run(Some(&calibration()), 20, faults, false);
     assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
     let silent: Vec<_> =
@@ -178,7 +176,7 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
 
 #[test]
 fn spoilt_converter_frames_are_refused() {
-    let o = run(Some(&calibration()), 20, WireFaults { spoil_every: Some(100), ..WireFaults::default() }, true);
+    let o = run(Some(&calibration()), 20, WireFaults { invalidate_every: Some(100), ..WireFaults::default() }, true);
     assert_eq!(o.received.differing, 0, "{:?}", o.received.first_difference);
     let h = o.received.housekeeping[10];
     assert_eq!((h.samples, h.adc_errors), (990, 10));
@@ -271,11 +269,10 @@ fn a_power_cut_at_any_instruction_is_survived() {
     let mut board = Board::new(&elf, Wires::new(steps, [0.01; 3], 20e-9, 1, None, None)).expect("runs");
     let c = calibration();
     board.write_flash(CALIBRATION_A, &c.to_bytes().expect("fits")).expect("in flash");
-    let mut state = 12345u64;
+    let mut draws = Draws::new(12345);
     for _ in 0..20 {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         // Somewhere in start-up or in the first second.
-        board.stop_at_instruction(board.instructions() + (state >> 33) % 2_000_000);
+        board.stop_at_instruction(board.instructions() + draws.below(2_000_000) as u64);
         assert_eq!(board.run_until(board.now() + 2 * CPU_HZ).expect("runs"), Stop::Instruction);
         board.power_cut().expect("restarts");
         board.world.received.housekeeping.clear();

@@ -1,4 +1,4 @@
-//! dong2023's Table 1 (measured): what the printed columns say of our laws.
+//! dong2023's Table 1 (measured): what the printed columns say of our curves.
 
 use hrg_cal::thermometer::curve::{fit_forward, fit_inverse};
 use hrg_cal::thermometer::points::{report, Points};
@@ -15,8 +15,8 @@ const T3_X: [f64; 10] = [-34.367, -24.696, -15.005, -4.994, 6.330, 16.125, 25.75
 #[test]
 fn roots_of_the_forward_cubic_are_the_printed_ones() {
     let p = table();
-    let forward = fit_forward(&p.shell_c[0], &p.frequency_hz[0], 3).expect("fits");
-    let inverse = fit_inverse(&p.frequency_hz[0], &p.shell_c[0], None, 3).expect("fits");
+    let forward = fit_forward(&p.case_c[0], &p.frequency_hz[0], 3).expect("fits");
+    let inverse = fit_inverse(&p.frequency_hz[0], &p.case_c[0], None, 3).expect("fits");
     for (f, printed) in p.frequency_hz[0].iter().zip(T3_X) {
         let t = forward.root_c(*f, f64::from(inverse.temperature_c(*f))).expect("converges");
         assert!((t - printed).abs() < 0.003, "{t} is not the printed {printed}");
@@ -27,9 +27,9 @@ fn roots_of_the_forward_cubic_are_the_printed_ones() {
 fn the_centred_inverse_has_no_common_offset() {
     let p = table();
     for a in 0..3 {
-        let law = fit_inverse(&p.frequency_hz[a], &p.shell_c[a], None, 3).expect("fits");
+        let curve = fit_inverse(&p.frequency_hz[a], &p.case_c[a], None, 3).expect("fits");
         let errors: Vec<f64> =
-            p.frequency_hz[a].iter().zip(&p.shell_c[a]).map(|(f, t)| f64::from(law.temperature_c(*f)) - t).collect();
+            p.frequency_hz[a].iter().zip(&p.case_c[a]).map(|(f, t)| f64::from(curve.temperature_c(*f)) - t).collect();
         assert!(errors.iter().all(|e| e.abs() < 0.035), "axis {a}: {errors:?}");
         let mean = errors.iter().sum::<f64>() / 10.0;
         assert!(mean.abs() < 0.001, "axis {a}: a common offset of {mean} C (the printed T4 has -0.022)");
@@ -40,14 +40,14 @@ fn the_centred_inverse_has_no_common_offset() {
 fn single_precision_is_enough_when_centred() {
     let p = table();
     for a in 0..3 {
-        let law = fit_inverse(&p.frequency_hz[a], &p.shell_c[a], None, 3).expect("fits");
-        let c = law.temperature_coefficients_c.map(f64::from);
+        let curve = fit_inverse(&p.frequency_hz[a], &p.case_c[a], None, 3).expect("fits");
+        let c = curve.temperature_coefficients_c.map(f64::from);
         let (low, high) = (p.frequency_hz[a][0], p.frequency_hz[a][9]);
         for k in 0..=10_000 {
             let f = low + (high - low) * f64::from(k) / 10_000.0;
-            let u = (f - law.frequency_centre_hz) / f64::from(law.frequency_scale_hz);
+            let u = (f - curve.frequency_centre_hz) / f64::from(curve.frequency_scale_hz);
             let exact = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
-            let error = (f64::from(law.temperature_c(f)) - exact).abs();
+            let error = (f64::from(curve.temperature_c(f)) - exact).abs();
             assert!(error < 2e-5, "axis {a} at {f} Hz: {error} C");
         }
     }
@@ -57,9 +57,9 @@ fn single_precision_is_enough_when_centred() {
 fn the_compiled_in_laws_are_these_fits() {
     let p = table();
     for (a, axis) in Calibration::uncalibrated().axes.iter().enumerate() {
-        let law = fit_inverse(&p.frequency_hz[a], &p.shell_c[a], None, 3).expect("fits");
+        let curve = fit_inverse(&p.frequency_hz[a], &p.case_c[a], None, 3).expect("fits");
         for f in &p.frequency_hz[a] {
-            let (ours, fitted) = (axis.law.temperature_c(*f), law.temperature_c(*f));
+            let (ours, fitted) = (axis.curve.temperature_c(*f), curve.temperature_c(*f));
             assert!((ours - fitted).abs() < 2e-5, "axis {a} at {f}: {ours} and {fitted}");
         }
     }

@@ -120,8 +120,7 @@ impl<'a> Reader<'a> {
     }
     /// Takes a double.
     pub fn f64(&mut self) -> Option<f64> {
-        let (low, high) = (self.u32()?, self.u32()?);
-        Some(f64::from_bits(u64::from(high) << 32 | u64::from(low)))
+        self.array().map(f64::from_le_bytes)
     }
 }
 

@@ -70,7 +70,7 @@ impl Compensator {
     #[inline]
     #[must_use]
     pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
-        let laws = [calibration.axes[0].law, calibration.axes[1].law, calibration.axes[2].law];
+        let curves = [calibration.axes[0].curve, calibration.axes[1].curve, calibration.axes[2].curve];
         let mut running = Vec::new();
         for term in &calibration.effects {
             // `Calibration::check` has refused what no unit knows.
@@ -79,7 +79,7 @@ impl Compensator {
         }
         Self {
             calibration,
-            thermometer: Thermometer::new(laws, power_on_s),
+            thermometer: Thermometer::new(curves, power_on_s),
             running,
             invalid_steps: [0; AXES],
             bias_dph: [0.0; AXES],
@@ -200,7 +200,7 @@ impl Axis {
             return s;
         }
         let (t, r) = (now.state.temperature_c, now.state.ramp_c_per_min);
-        if t < self.law.valid_from_c || t > self.law.valid_to_c {
+        if t < self.curve.valid_from_c || t > self.curve.valid_to_c {
             s |= AxisStatus::TEMPERATURE_RANGE;
         }
         let (slowest, fastest) = (self.valid_from_c_per_min, self.valid_to_c_per_min);

@@ -45,7 +45,7 @@ pub struct SlopeWindow {
     settled: bool,
     /// Sum of the values that are there.
     sum: i64,
-    /// Of a window without holes, the sum of (mean age - age) times value, times [`WINDOW`]: the slope, but for a factor.
+    /// Of a window without gaps, the sum of (mean age - age) times value, times [`WINDOW`]: the slope, but for a factor.
     moment: i64,
 }
 

@@ -114,7 +114,7 @@ impl RateOutput {
             if self.flag_drop {
                 frame.unit_status |= UnitStatus::FRAMES_DROPPED;
             }
-            self.flag_drop = !send(frame.sealed());
+            self.flag_drop = !send(frame.with_integrity());
             if self.flag_drop {
                 self.dropped = self.dropped.saturating_add(1);
                 self.drops_in_a_row += 1;

@@ -114,19 +114,19 @@ pub struct RateFrame {
     pub unit_status: UnitStatus,
     /// Corrected rate of each axis, deg/h.
     pub rate_dph: [f32; AXES],
-    /// Integrity word over the rest, from [`sealed`](Self::sealed) to [`intact`](Self::intact); not sent.
+    /// Integrity word over the rest, from [`with_integrity`](Self::with_integrity) to [`intact`](Self::intact); not sent.
     pub(crate) integrity: u32,
 }
 
 impl RateFrame {
     /// With its integrity word computed: after the last change.
     #[must_use]
-    pub fn sealed(mut self) -> Self {
+    pub fn with_integrity(mut self) -> Self {
         self.integrity = self.fold();
         self
     }
 
-    /// Whether it is as it was when it was sealed: a queue in corrupted memory may hand out anything.
+    /// Whether it is as when its integrity word was computed: a queue in corrupted memory may hand out anything.
     #[must_use]
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
@@ -519,11 +519,11 @@ mod tests {
     #[test]
     fn a_frame_that_has_changed_in_a_queue_is_not_intact() {
         let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
-        let sealed = p.sample(7, [1, -2, 3, 0, 0]).frame.expect("one a sample").sealed();
-        assert!(sealed.intact());
+        let frame = p.sample(7, [1, -2, 3, 0, 0]).frame.expect("one a sample").with_integrity();
+        assert!(frame.intact());
         for bit in 0..32 {
             for word in 0..8 {
-                let mut f = sealed;
+                let mut f = frame;
                 match word {
                     0 => f.sample ^= 1 << bit,
                     1 => f.tick ^= 1 << bit,

@@ -1,6 +1,6 @@
 //! The two flash sectors that hold calibration images: the newest valid one is used.
 
-use crate::calibration::{BlockError, Calibration};
+use crate::calibration::{Calibration, ImageError};
 
 /// One of the two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,7 +58,7 @@ pub struct Found {
     /// Why a sector's content was refused that is no valid block and not erased either: a block whose memory has changed, or
     /// one whose writing was cut short. The unit says so ([`crate::status::UnitStatus::BLOCK_REFUSED`]), for the one in use may be
     /// the older.
-    pub refused: Option<BlockError>,
+    pub refused: Option<ImageError>,
 }
 
 /// Looks at both sectors.
@@ -68,7 +68,7 @@ pub fn newest(a: &[u8], b: &[u8]) -> Found {
     // A block is large, and the unit's stack small: one at a time, and the one that is used is read once more.
     let number = |bytes| Calibration::from_bytes(bytes).map(|c| c.sequence);
     let (x, y) = (number(a), number(b));
-    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != BlockError::NoBlock);
+    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != ImageError::NoBlock);
     let sector = match (x, y) {
         // Sequence numbers compare across their wrap.
         (Ok(x), Ok(y)) if y.wrapping_sub(x) as i32 > 0 => Some(Sector::B),
@@ -111,7 +111,7 @@ mod tests {
         let (bx, mut by) = (x.to_bytes().expect("fits"), y.to_bytes().expect("fits"));
         assert_eq!(newest(&bx, &by), Found { newest: Some((y, Sector::B)), refused: None });
         by[20] ^= 4;
-        let refused = Some(BlockError::Checksum);
+        let refused = Some(ImageError::Checksum);
         assert_eq!(
             newest(&bx, &by),
             Found { newest: Some((x, Sector::A)), refused },

@@ -2,13 +2,13 @@
 //!
 //! The unit evaluates `T(f)` directly: a cubic in `u = (f - f0) / scale`, so that every term is of order one
 //! and f32 suffices. dong2023 prints the same cubic uncentred, with terms of 2e6 that cancel to 50: evaluated
-//! so, its temperatures sit 0.022 C low. The forward law `f(T)` with its root by Newton's method is kept as
+//! so, its temperatures sit 0.022 C low. The forward curve `f(T)` with its root by Newton's method is kept as
 //! the reference that the inverse replaces.
 
 /// `T(f)`: a cubic about a centre. What the unit evaluates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct TemperatureLaw {
+pub struct TemperatureCurve {
     /// Centre `f0`, Hz. Subtracted without rounding.
     pub frequency_centre_hz: f64,
     /// Half-width of the fitted range, Hz.
@@ -21,8 +21,8 @@ pub struct TemperatureLaw {
     pub valid_to_c: f32,
 }
 
-impl TemperatureLaw {
-    /// Whether this is the law of a temperature sensor: `T = T`. Its centre and scale are then temperatures in C, and so are the
+impl TemperatureCurve {
+    /// Whether this is the curve of a temperature sensor: `T = T`. Its centre and scale are then temperatures in C, and so are the
     /// readings that it is given.
     #[must_use]
     pub fn is_of_sensor(&self) -> bool {
@@ -78,7 +78,7 @@ impl TemperatureLaw {
         self.slope_c(self.normalised(frequency_hz)) / self.frequency_scale_hz
     }
 
-    /// The frequency in Hz at a temperature in C: Newton's method on this law, f64.
+    /// The frequency in Hz at a temperature in C: Newton's method on this curve, f64.
     ///
     /// For simulation and checks; `None` if it does not converge (far outside the range).
     #[must_use]
@@ -103,7 +103,7 @@ impl TemperatureLaw {
 
 /// `f(T)`: the forward cubic (dong2023 eq 1 and 2), in f64.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ForwardLaw {
+pub struct ForwardCurve {
     /// Centre, C.
     pub t0_c: f64,
     /// Half-width of the fitted range, C.
@@ -112,7 +112,7 @@ pub struct ForwardLaw {
     pub c: [f64; 4],
 }
 
-impl ForwardLaw {
+impl ForwardCurve {
     /// Frequency in Hz at a temperature in C.
     #[must_use]
     pub fn frequency_hz(&self, temperature_c: f64) -> f64 {
@@ -120,7 +120,7 @@ impl ForwardLaw {
         ((self.c[3] * v + self.c[2]) * v + self.c[1]) * v + self.c[0]
     }
 
-    /// Root in C of `f(T) = frequency`, by Newton's method from `guess_c` (take the inverse law's value).
+    /// Root in C of `f(T) = frequency`, by Newton's method from `guess_c` (take the inverse curve's value).
     ///
     /// `None` if 30 steps do not converge.
     #[must_use]
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn inverse_and_root_agree() {
-        let law = TemperatureLaw {
+        let curve = TemperatureCurve {
             frequency_centre_hz: 4900.0,
             frequency_scale_hz: 22.0,
             temperature_coefficients_c: [9.6, 45.0, 0.4, -0.2],
@@ -157,9 +157,9 @@ mod tests {
             valid_to_c: 55.0,
         };
         for t in [-35.0, -10.0, 0.0, 33.3, 55.0] {
-            let f = law.frequency_hz(t).expect("converges");
-            assert!((f64::from(law.temperature_c(f)) - t).abs() < 2e-5);
+            let f = curve.frequency_hz(t).expect("converges");
+            assert!((f64::from(curve.temperature_c(f)) - t).abs() < 2e-5);
         }
-        assert!(law.frequency_hz(f64::NAN).is_none());
+        assert!(curve.frequency_hz(f64::NAN).is_none());
     }
 }

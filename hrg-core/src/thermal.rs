@@ -5,7 +5,7 @@
 
 use crate::bias::State;
 use crate::rate_of_change::{Difference, SlopeWindow};
-use crate::temperature::TemperatureLaw;
+use crate::temperature::TemperatureCurve;
 use crate::{AXES, MODEL_STEP_S};
 
 /// A frequency whose temperature lies further than this outside the calibrated range, C, is implausible and treated as
@@ -66,8 +66,8 @@ pub struct Thermal {
 /// One resonator as a thermometer.
 #[derive(Debug, Clone)]
 struct Channel {
-    law: TemperatureLaw,
-    /// No resonator is further from the middle of its law's range than this, C.
+    curve: TemperatureCurve,
+    /// No resonator is further from the middle of its curve's range than this, C.
     middle_c: f32,
     reach_c: f32,
     window: SlopeWindow,
@@ -82,11 +82,11 @@ struct Channel {
 }
 
 impl Channel {
-    fn new(law: TemperatureLaw) -> Self {
+    fn new(curve: TemperatureCurve) -> Self {
         Self {
-            middle_c: 0.5 * (law.valid_from_c + law.valid_to_c),
-            reach_c: 0.5 * (law.valid_to_c - law.valid_from_c) + BEYOND_C,
-            law,
+            middle_c: 0.5 * (curve.valid_from_c + curve.valid_to_c),
+            reach_c: 0.5 * (curve.valid_to_c - curve.valid_from_c) + BEYOND_C,
+            curve,
             window: SlopeWindow::default(),
             difference: Difference::default(),
             slope_c: 0.0,
@@ -99,8 +99,8 @@ impl Channel {
     /// A frequency that may be one, normalised, and its temperature with the slope there.
     #[inline]
     fn plausible(&self, frequency_hz: Option<f64>) -> Option<(f32, (f32, f32))> {
-        let u = self.law.normalised(frequency_hz?);
-        let (t, slope) = self.law.value_and_slope(u);
+        let u = self.curve.normalised(frequency_hz?);
+        let (t, slope) = self.curve.value_and_slope(u);
         // (No comparison with a NaN is true.)
         ((t - self.middle_c).abs() <= self.reach_c).then_some((u, (t, slope)))
     }
@@ -176,9 +176,9 @@ pub struct Thermometer {
 impl Thermometer {
     /// `power_on_s`: age of the power-on at the first step (0 on the unit; a recording may begin later).
     #[must_use]
-    pub fn new(laws: [TemperatureLaw; AXES], power_on_s: f32) -> Self {
+    pub fn new(curves: [TemperatureCurve; AXES], power_on_s: f32) -> Self {
         let now = Thermal { axes: [AxisThermal::UNKNOWN; AXES], time_s: power_on_s };
-        Self { channels: laws.map(Channel::new), now, steps: 0, power_on_s }
+        Self { channels: curves.map(Channel::new), now, steps: 0, power_on_s }
     }
 
     /// One model step.

@@ -2,7 +2,7 @@
 
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
-use hrg_core::calibration::{BlockError, Calibration, Uncertainty, VERSION};
+use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
 use hrg_core::sectors::{newest, Found, Sector};
 
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
@@ -18,7 +18,10 @@ fn read(image: &[u8]) -> Calibration {
 fn version_1_holds_what_was_put_into_it() {
     let d = read(DEFAULT);
     assert_eq!((d.unit_name(), d.sequence, d.calibrated), ("default", 0, false));
-    assert_eq!((d.axes[0].law.frequency_centre_hz, d.axes[2].law.temperature_coefficients_c[1]), (4900.0, 44.658_787));
+    assert_eq!(
+        (d.axes[0].curve.frequency_centre_hz, d.axes[2].curve.temperature_coefficients_c[1]),
+        (4900.0, 44.658_787)
+    );
     let e = read(EFFECTS);
     assert_eq!((e.unit_name(), e.sequence), ("HRG-101", 7));
     assert_eq!(e.axes[1].coefficients, Coefficients::CoolingHeating([1.5; 6], [-2.5e-3; 6]));
@@ -65,6 +68,6 @@ fn a_newer_image_is_refused_and_the_older_one_used() {
     let crc = hrg_core::bytes::crc32(&newer[..end]).to_le_bytes();
     newer[end..].copy_from_slice(&crc);
     let found = newest(MODELS, &newer);
-    let refused = Some(BlockError::Version(VERSION + 1));
+    let refused = Some(ImageError::Version(VERSION + 1));
     assert_eq!(found, Found { newest: Some((read(MODELS), Sector::A)), refused });
 }

@@ -74,8 +74,8 @@ fn calibration() -> impl Strategy<Value = Calibration> {
                 3 => Coefficients::Direct(std::array::from_fn(|k| n[k])),
                 _ => Coefficients::Network(std::array::from_fn(|k| n[k % 64])),
             };
-            a.law.frequency_scale_hz = n[14].abs();
-            a.law.temperature_coefficients_c = std::array::from_fn(|k| n[15 + k]);
+            a.curve.frequency_scale_hz = n[14].abs();
+            a.curve.temperature_coefficients_c = std::array::from_fn(|k| n[15 + k]);
             a.scale_factor_dph_per_code = n[19];
             (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-n[20].abs(), n[20].abs());
         }
@@ -160,7 +160,7 @@ proptest! {
         };
         for a in &c.axes {
             let _ = a.coefficients.bias_dph(&c.scaling, &state);
-            let _ = (a.law.value_and_slope(n[0]), a.law.normalised(f64::from(n[1])), a.law.frequency_hz(f64::from(n[2])));
+            let _ = (a.curve.value_and_slope(n[0]), a.curve.normalised(f64::from(n[1])), a.curve.frequency_hz(f64::from(n[2])));
         }
     }
 

@@ -1,4 +1,4 @@
-//! The ADS131M08 converter as its SPI master sees it (data sheet SBAS950).
+//! The ADS131M08 ADC as its SPI master sees it (data sheet SBAS950).
 //!
 //! Frames of ten 24-bit words. What goes out is latched when chip select falls: the answer to the last command,
 //! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is obeyed when the frame ends.
@@ -10,7 +10,7 @@ const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 /// Master clock of the modulator's divider, Hz.
 const CLKIN_HZ: u64 = 8_192_000;
 
-/// The converter.
+/// The ADC.
 #[derive(Debug, Clone)]
 pub struct Ads131m08 {
     registers: [u16; 64],

@@ -52,7 +52,7 @@ pub struct Board<W: World> {
     pub(crate) stop_at_operation: u64,
     pub(crate) torn: bool,
     pub(crate) as_on_chip: bool,
-    upsets: u64,
+    mishaps: u64,
     hardware_watchdog: bool,
 }
 
@@ -113,7 +113,7 @@ impl<W: World> Board<W> {
             stop_at_operation: u64::MAX,
             torn: false,
             as_on_chip: false,
-            upsets: 0,
+            mishaps: 0,
             hardware_watchdog: false,
         };
         for channel in 0..3 {
@@ -254,7 +254,7 @@ impl<W: World> Board<W> {
     /// Faults taken since then.
     #[must_use]
     pub fn faults(&self) -> u64 {
-        self.upsets
+        self.mishaps
     }
 
     /// The board as it is, world and all.
@@ -300,16 +300,16 @@ impl<W: World> Board<W> {
         self.stop_at = u64::MAX;
         self.stop_at_operation = u64::MAX;
         self.torn = false;
-        self.upsets = 0;
+        self.mishaps = 0;
         self.open_or_close_flash()
     }
 
     /// The firmware did something that it should not.
-    fn upset(&mut self, what: RunError) -> Result<(), RunError> {
+    fn mishap(&mut self, what: RunError) -> Result<(), RunError> {
         if !self.as_on_chip {
             return Err(what);
         }
-        self.upsets += 1;
+        self.mishaps += 1;
         const HARD_FAULT: u16 = 3;
         let within = self.cpu.get_data().nvic.stack.contains(&HARD_FAULT);
         if within || self.enter_exception(HARD_FAULT).is_err() {
@@ -446,7 +446,7 @@ impl<W: World> Board<W> {
                 }
             }
             if let Err(e) = self.interrupts() {
-                self.upset(e)?;
+                self.mishap(e)?;
                 continue;
             }
             let next = self.next_event().min(cycles);
@@ -465,16 +465,16 @@ impl<W: World> Board<W> {
             let error = chip.error.take();
             let returning = std::mem::take(&mut chip.returning);
             if let Err(e) = ran {
-                self.upset(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() })?;
+                self.mishap(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() })?;
                 continue;
             }
             if let Some(what) = error {
-                self.upset(RunError::NotModelled { what, pc: self.pc() })?;
+                self.mishap(RunError::NotModelled { what, pc: self.pc() })?;
                 continue;
             }
             if returning {
                 if let Err(e) = self.leave_exception() {
-                    self.upset(e)?;
+                    self.mishap(e)?;
                 }
             }
             self.open_or_close_flash()?;

@@ -160,7 +160,7 @@ pub struct Chip {
     pub asleep: bool,
     /// A fault within a fault: the CPU stands until a reset.
     pub locked_up: bool,
-    /// When the converter was last ready: cycles, instructions.
+    /// When the ADC was last ready: cycles, instructions.
     pub ready: (u64, u64),
     /// The event register of WFE.
     pub event: bool,
@@ -180,10 +180,10 @@ pub struct Chip {
     pub dma: [Dma; 2],
     pub spi1: Spi,
     pub usart1: Usart,
-    pub converter: Ads131m08,
-    /// Chip select of the converter: port and pin.
+    pub adc: Ads131m08,
+    /// Chip select of the ADC: port and pin.
     pub converter_select: (usize, usize),
-    /// The next converter frame is spoilt.
+    /// The next ADC frame is invalid.
     pub spoil: bool,
     dbgmcu: u32,
     /// When the running SPI transfer ends.
@@ -226,7 +226,7 @@ impl Chip {
             dma: Default::default(),
             spi1: Spi::default(),
             usart1: Usart::default(),
-            converter: Ads131m08::default(),
+            adc: Ads131m08::default(),
             converter_select: (1, 6),
             spoil: false,
             dbgmcu: 0,
@@ -285,7 +285,7 @@ impl Chip {
                 let (p, pin) = self.converter_select;
                 if p == port {
                     let selected = !self.ports[p].driven(pin);
-                    self.converter.select(selected, self.spoil);
+                    self.adc.select(selected, self.spoil);
                 }
                 return self.finish(done, address);
             }

@@ -2,7 +2,7 @@
 //!
 //! The CPU is Unicorn; this library adds what Unicorn has not (interrupt controller, exception entry and
 //! return, sleep) and the peripherals that the firmware uses, down to their registers. It knows the chip, the
-//! converter on its SPI and the wires; it knows nothing of gyros. What happens on the wires comes from a
+//! ADC on its SPI and the wires; it knows nothing of gyros. What happens on the wires comes from a
 //! [`World`].
 //!
 //! # Time
@@ -32,7 +32,7 @@
 //! | `gpio` | ports, SYSCFG, EXTI |
 //! | `serial` | SPI1, USART1 |
 //! | `system` | RCC, PWR, FLASH, IWDG, DBGMCU |
-//! | `ads131m08` | the converter's protocol |
+//! | `ads131m08` | the ADC's protocol |
 //! | `probe` | instructions of a function's calls |
 
 pub mod ads131m08;
@@ -76,19 +76,19 @@ pub const RAM_SIZE: u32 = 128 * 1024;
 pub trait World {
     /// Time of the next rising edge at capture input `channel` (0 to 2), or `None` if there will be none.
     fn next_edge(&mut self, channel: usize) -> Option<u64>;
-    /// The eight codes that the converter finishes at `cycles`, or `None` if it is silent.
+    /// The eight codes that the ADC finishes at `cycles`, or `None` if it is silent.
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]>;
     /// The next byte that the other end of the link sends: when it has arrived, and the byte.
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
         None
     }
-    /// Whether the frame that the converter sends now is spoilt on the wire.
+    /// Whether the frame that the ADC sends now is invalid on the wire.
     fn spoil_converter_frame(&mut self) -> bool {
         false
     }
     /// An edge was captured: the channel and the timer's reading.
     fn captured(&mut self, _channel: usize, _stamp: u32) {}
-    /// The firmware has fetched a whole converter frame: reading of the timer at its data-ready edge, the codes
+    /// The firmware has fetched a whole ADC frame: reading of the timer at its data-ready edge, the codes
     /// of the frame, and whether it went over the wire unspoilt.
     fn fetched(&mut self, _stamp: u32, _codes: [i32; 8], _good: bool) {}
     /// Bytes that the firmware has sent over the link, at the end of a DMA transfer.
@@ -99,9 +99,9 @@ pub trait World {
 
 /// Nothing on any wire.
 #[derive(Debug)]
-pub struct Silence;
+pub struct NothingConnected;
 
-impl World for Silence {
+impl World for NothingConnected {
     fn next_edge(&mut self, _: usize) -> Option<u64> {
         None
     }

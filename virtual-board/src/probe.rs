@@ -1,6 +1,6 @@
 //! Counts the instructions of a function's calls, in the ELF as it is.
 
-/// How long after the converter was ready a function came back.
+/// How long after the ADC was ready a function came back.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Latency {
     /// Calls.
@@ -33,7 +33,7 @@ impl Probe {
         Self { entry, ..Self::default() }
     }
 
-    /// A block of code at `address` begins at `now` (cycles, instructions); the converter was `ready` at the other.
+    /// A block of code at `address` begins at `now` (cycles, instructions); the ADC was `ready` at the other.
     pub(crate) fn block(&mut self, address: u32, now: (u64, u64), ready: (u64, u64), link: impl FnOnce() -> u32) {
         if address == self.entry {
             let back = link() & !1;

@@ -26,7 +26,7 @@ impl<W: World> Board<W> {
 
     pub(crate) fn sample(&mut self) {
         let at = self.wires.next_sample;
-        self.wires.next_sample = at + self.cpu.get_data().converter.period(CPU_HZ).max(1);
+        self.wires.next_sample = at + self.cpu.get_data().adc.period(CPU_HZ).max(1);
         let Some(codes) = self.world.convert(at) else {
             return;
         };
@@ -34,7 +34,7 @@ impl<W: World> Board<W> {
         let chip = self.cpu.get_data_mut();
         chip.ready = (at.min(chip.now), chip.instructions);
         chip.spoil = self.wires.invalid;
-        chip.converter.convert(codes);
+        chip.adc.convert(codes);
         // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
         if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
             self.wires.ready_stamp = stamp;
@@ -57,16 +57,16 @@ impl<W: World> Board<W> {
         self.moved_by_dma(done)?;
         let chip = self.cpu.get_data_mut();
         for b in &mut bytes {
-            *b = chip.converter.exchange(*b);
+            *b = chip.adc.exchange(*b);
         }
         chip.moved(rx, n);
         chip.moved(tx, n);
-        let (codes, good) = chip.converter.sent();
+        let (codes, good) = chip.adc.sent();
         let done = self.put(to, &bytes);
         self.moved_by_dma(done)?;
         self.wires.fetch_stamp = stamp;
         if n == 30 {
-            // With the reset flag of the converter in its status, the codes are not to be used.
+            // With the reset flag of the ADC in its status, the codes are not to be used.
             let good = good && bytes[0] & 0x04 == 0;
             self.world.fetched(self.wires.fetch_stamp, codes, good);
         }

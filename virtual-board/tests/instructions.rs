@@ -1,6 +1,6 @@
 //! Instructions that the emulator alone would execute wrongly.
 
-use virtual_board::{Board, Silence, CPU_HZ};
+use virtual_board::{Board, NothingConnected, CPU_HZ};
 
 /// An ELF with one segment, at the start of the flash.
 fn elf(code: &[u8]) -> Vec<u8> {
@@ -32,7 +32,7 @@ fn a_store_to_a_new_page_within_an_it_block_leaves_nothing_behind() {
         [0x23, 0x60, 0xFE, 0xE7],     // str r3, [r4]; b .
         0x2001_0000u32.to_le_bytes(),
     ];
-    let mut board = Board::new(&elf(code.as_flattened()), Silence).expect("a board");
+    let mut board = Board::new(&elf(code.as_flattened()), NothingConnected).expect("a board");
     board.run_until(CPU_HZ / 1_000_000).expect("runs");
     let (mut stored, mut sum) = ([0; 4], [0; 4]);
     board.read_memory(0x2001_0000, &mut stored).expect("RAM");

@@ -68,8 +68,8 @@ impl FilterKind {
     }
 
     /// Runs it over a recording.
-    pub fn run(self, recording: &Recording, config: &Config, start: Start) -> Ran {
-        fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> Ran {
+    pub fn run(self, recording: &Recording, config: &Config, start: Start) -> FilterRun {
+        fn of<F: Filter>(recording: &Recording, config: &Config, filter: F) -> FilterRun {
             let (aligner, history) = run(recording, config, filter);
             (aligner.outcome(), aligner.converged_at_s(), history)
         }
@@ -99,6 +99,18 @@ impl clap::ValueEnum for FilterKind {
 
 const COLUMNS: [&str; 4] = ["time_s", "position", "v1_mps", "v2_mps"];
 
+/// Where the columns stand in a header.
+fn places_of(cells: &[&str], n: usize) -> Result<[usize; 4], BadInput> {
+    let mut found = [0; 4];
+    for (to, name) in found.iter_mut().zip(COLUMNS) {
+        *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
+            let columns = COLUMNS.join(",");
+            BadInput::new(format!("line {n}: the column {name} is missing; an alignment has {columns}"))
+        })?;
+    }
+    Ok(found)
+}
+
 impl Recording {
     /// Reads a file.
     ///
@@ -109,6 +121,26 @@ impl Recording {
         let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let text = std::str::from_utf8(&bytes).map_err(|_| here("it is not UTF-8 text".into()))?;
         Self::parse(text).map_err(|e| here(e.0))
+    }
+
+    /// Takes what stands behind a `#`.
+    fn take_metadata(&mut self, n: usize, meta: &str) -> Result<(), BadInput> {
+        let Some((key, value)) = meta.split_once(':') else { return Ok(()) };
+        let (key, value) = (key.trim(), value.trim());
+        let number = || {
+            let bad = |_| BadInput::new(format!("line {n}: {key}: \"{value}\" is not a number"));
+            value.parse::<f64>().map_err(bad)
+        };
+        match key {
+            "latitude_deg" => self.latitude_deg = Some(number()?),
+            "gravity_mps2" => self.gravity_mps2 = Some(number()?),
+            "velocity_noise_mps" => self.velocity_noise_mps = Some(number()?),
+            "angle_walk_deg_per_root_h" => self.angle_walk_deg_per_root_h = Some(number()?),
+            "accelerometer_ug_per_root_hz" => self.accelerometer_ug_per_root_hz = Some(number()?),
+            "turn_deg" => self.turn_deg = number()?,
+            _ => {}
+        }
+        Ok(())
     }
 
     /// Reads the text of a file.
@@ -132,35 +164,12 @@ impl Recording {
                 continue;
             }
             if let Some(meta) = line.strip_prefix('#') {
-                let Some((key, value)) = meta.split_once(':') else { continue };
-                let number = || {
-                    value.trim().parse::<f64>().map_err(|_| {
-                        BadInput::new(format!("line {n}: {}: \"{}\" is not a number", key.trim(), value.trim()))
-                    })
-                };
-                match key.trim() {
-                    "latitude_deg" => out.latitude_deg = Some(number()?),
-                    "gravity_mps2" => out.gravity_mps2 = Some(number()?),
-                    "velocity_noise_mps" => out.velocity_noise_mps = Some(number()?),
-                    "angle_walk_deg_per_root_h" => out.angle_walk_deg_per_root_h = Some(number()?),
-                    "accelerometer_ug_per_root_hz" => out.accelerometer_ug_per_root_hz = Some(number()?),
-                    "turn_deg" => out.turn_deg = number()?,
-                    _ => {}
-                }
+                out.take_metadata(n, meta)?;
                 continue;
             }
             let cells: Vec<&str> = line.split(',').map(str::trim).collect();
             let Some(at) = places else {
-                let mut found = [0; 4];
-                for (to, name) in found.iter_mut().zip(COLUMNS) {
-                    *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
-                        BadInput::new(format!(
-                            "line {n}: the column {name} is missing; an alignment has {}",
-                            COLUMNS.join(",")
-                        ))
-                    })?;
-                }
-                places = Some(found);
+                places = Some(places_of(&cells, n)?);
                 continue;
             };
             let number = |k: usize| -> Result<f64, BadInput> {
@@ -234,7 +243,7 @@ impl Recording {
         let mut config = Config::new(latitude, gravity, self.velocity_noise_mps.unwrap_or(1e-3))?;
         let possible = |v: &f64| (1e-6..1e3).contains(v);
         if let Some(walk) = self.angle_walk_deg_per_root_h {
-            config.angle_walk = Some(walk).filter(possible).ok_or(Refusal::Site)? * DEGREE / 60.0;
+            config.angle_random_walk = Some(walk).filter(possible).ok_or(Refusal::Site)? * DEGREE / 60.0;
         }
         if let Some(noise) = self.accelerometer_ug_per_root_hz {
             config.velocity_walk = Some(noise).filter(possible).ok_or(Refusal::Site)? * 1e-6 * gravity;
@@ -320,7 +329,7 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
             (at, position) = (t, p);
             continue;
         }
-        // Faster rows are thinned to steps, the one nearest to its step counting; over a hole of
+        // Faster rows are thinned to steps, the one nearest to its step counting; over a gap of
         // some seconds time goes on without readings; a longer one is named.
         let due = ((t - at + tolerance) / step).floor();
         if due < 1.0 {
@@ -387,7 +396,7 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
 }
 
 /// What a run gives: the outcome, when it converged, and what was believed each second.
-pub type Ran = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
+pub type FilterRun = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
 
 #[cfg(test)]
 mod tests {
@@ -523,10 +532,10 @@ mod tests {
             let (a, b) = (a.expect("aligns"), b.expect("aligns"));
             assert!((a.azimuth_deg - b.azimuth_deg).abs() * 60.0 < 2.0, "{} {}", a.azimuth_deg, b.azimuth_deg);
         }
-        let mut holes = good.clone();
-        holes.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
+        let mut gaps = good.clone();
+        gaps.rows.retain(|x| x.0 % 20.0 > 1.5 || x.0 < 1.0 || x.0 > 80.0);
         let (a, b) =
-            (align(&good, FilterKind::Linear, Start::default()), align(&holes, FilterKind::Linear, Start::default()));
+            (align(&good, FilterKind::Linear, Start::default()), align(&gaps, FilterKind::Linear, Start::default()));
         assert!((a.expect("aligns").azimuth_deg - b.expect("aligns").azimuth_deg).abs() * 60.0 < 2.0);
         // A drift that comes with the turn, large enough to be told from noise.
         let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;

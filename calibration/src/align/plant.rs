@@ -21,7 +21,7 @@ pub struct Plant {
     /// Drift that comes with the turn, rad/s: a gyro that feels its heading.
     pub heading_drift: [f64; 2],
     /// Gyro random walk, rad per root second.
-    pub angle_walk: f64,
+    pub angle_random_walk: f64,
     /// Accelerometer biases, m/s^2.
     pub bias: [f64; 2],
     /// Accelerometer white noise, m/s per root second.
@@ -71,7 +71,7 @@ impl Plant {
             tilt: [3.0 * ARCMIN; 2],
             drift: [c * north + s * east, -s * north + c * east, 0.2 * DPH],
             heading_drift: [0.0; 2],
-            angle_walk: 5e-4 * DEGREE / 60.0,
+            angle_random_walk: 5e-4 * DEGREE / 60.0,
             bias: [1e-5 * g; 2],
             velocity_walk: 5e-6 * g,
             velocity_noise: 3e-4,
@@ -133,7 +133,7 @@ impl Plant {
             }
             let past_turn = k >= first + between;
             for _ in 0..STEPS {
-                let walk = self.angle_walk / dt.sqrt();
+                let walk = self.angle_random_walk / dt.sqrt();
                 let drift = |a: usize| self.drift[a] + if past_turn && a < 2 { self.heading_drift[a] } else { 0.0 };
                 let inertial = Vector3::new(
                     drift(0) + walk * normal(),
@@ -169,7 +169,7 @@ impl Plant {
             gravity_mps2: Some(g),
             // What the reading is uncertain by: noise, and the pulse.
             velocity_noise_mps: Some((self.velocity_noise.powi(2) + self.pulse.powi(2) / 12.0).sqrt()),
-            angle_walk_deg_per_root_h: Some(self.angle_walk * 60.0 / DEGREE),
+            angle_walk_deg_per_root_h: Some(self.angle_random_walk * 60.0 / DEGREE),
             accelerometer_ug_per_root_hz: Some(self.velocity_walk / g * 1e6),
             turn_deg: self.turn / DEGREE,
             rows,

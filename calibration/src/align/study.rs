@@ -70,7 +70,7 @@ pub fn campaigns(runs: u64, seed: u64) -> Vec<Row> {
     // The EKF's first azimuth: anywhere, and believed.
     let anywhere =
         |k: u64| Start { azimuth_deg: (k as f64 * 137.507_764) % 360.0 - 180.0, azimuth_std_deg: 60.0, seed: k };
-    let rough = with(&|p| Plant { velocity_noise: 1e-3, angle_walk: 1e-3 * DEGREE / 60.0, ..p });
+    let rough = with(&|p| Plant { velocity_noise: 1e-3, angle_random_walk: 1e-3 * DEGREE / 60.0, ..p });
     let signed = |p: &Plant, size: f64| if p.seed.is_multiple_of(2) { size } else { -size };
     vec![
         campaign("linear", FilterKind::Linear, &drawn, seeded),

@@ -9,6 +9,7 @@ use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods;
 use hrg_cal::fit::search;
 use hrg_cal::numeric::allan;
+use hrg_cal::numeric::draws::Draws;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Plan, Profile};
 use hrg_cal::{fit, trace};
@@ -60,13 +61,12 @@ fn make(path: &Path, hours: usize, hz: usize) -> Result<()> {
         v.truncate(n);
         if hz > 1 {
             // Between the seconds a straight line, and a little noise that is the same for every run.
-            let mut x = 1u64;
+            let mut draws = Draws::new(1);
             let seconds = std::mem::take(v);
             v.reserve(seconds.len() * hz);
             for w in seconds.windows(2).chain([[seconds[n - 1], seconds[n - 1]].as_slice()]) {
                 for k in 0..hz {
-                    x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                    let noise = ((x >> 40) as f64 / (1u64 << 24) as f64 - 0.5) * 1e-4;
+                    let noise = ((draws.bits() >> 40) as f64 / (1u64 << 24) as f64 - 0.5) * 1e-4;
                     v.push(w[0] + (w[1] - w[0]) * k as f64 / hz as f64 + noise);
                 }
             }

@@ -37,7 +37,7 @@ struct Arguments {
     /// Page whose table of figures, between its marks, is written anew.
     #[arg(long)]
     page: Option<PathBuf>,
-    /// Only this kind: single, pair, clean, outsider, dirty.
+    /// Only this kind: single, pair, clean, unmodelled, defective.
     #[arg(long)]
     only: Option<String>,
 }
@@ -66,7 +66,7 @@ struct Trial {
     profile: &'static str,
     unit: u64,
     noise: Noise,
-    dirty: bool,
+    defective: bool,
 }
 
 struct Outcome {
@@ -138,8 +138,8 @@ fn run(trial: &Trial) -> Result<Outcome> {
     };
     let mut train = plan(trial.profile, trial.unit * 2 + 1).simulate();
     let verify = plan("verify", trial.unit * 2 + 2).simulate();
-    if trial.dirty {
-        hrg_cal::simulate::soil(&mut train.recording, trial.unit);
+    if trial.defective {
+        hrg_cal::simulate::inject_defects(&mut train.recording, trial.unit);
         train.recording.clean()?;
     }
     let start = std::time::Instant::now();
@@ -194,7 +194,7 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
     let mut rng = ChaCha8Rng::seed_from_u64(a.seed);
     let mut unit = a.seed * 100_000;
     let mut out = Vec::new();
-    let mut add = |kind: &'static str, effects: Vec<EffectSpec>, dirty: bool, rng: &mut ChaCha8Rng| {
+    let mut add = |kind: &'static str, effects: Vec<EffectSpec>, defective: bool, rng: &mut ChaCha8Rng| {
         unit += 1;
         let noise = Noise {
             white_100s_dph: rng.random_range(0.1..0.4),
@@ -202,7 +202,7 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
             walk_per_root_h_dph: rng.random_range(0.0..0.03),
             ..Noise::default()
         };
-        out.push(Trial { kind, effects, profile: TRAINS[unit as usize % TRAINS.len()], unit, noise, dirty });
+        out.push(Trial { kind, effects, profile: TRAINS[unit as usize % TRAINS.len()], unit, noise, defective });
     };
     for _ in 0..a.clean {
         add("clean", vec![], false, &mut rng);
@@ -229,7 +229,7 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
         for _ in 0..2 * a.runs {
             let size = rng.random_range(2.0..5.0);
             let e = EffectSpec::drawn(Source::Unmodelled(effect), size, &mut rng);
-            add("outsider", vec![e], false, &mut rng);
+            add("unmodelled", vec![e], false, &mut rng);
         }
     }
     for effect in IN_FILES {
@@ -237,7 +237,7 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
             let e = EffectSpec::drawn(Source::Library(effect), 3.0, &mut rng);
             add("clean file", vec![e.clone()], false, &mut rng);
             // The same unit and noise, with dirt.
-            add("dirty file", vec![e], true, &mut rng);
+            add("defective file", vec![e], true, &mut rng);
         }
     }
     out
@@ -246,16 +246,16 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
 fn main() -> Result<()> {
     let a = Arguments::parse();
     let mut trials = campaign(&a);
-    // A dirty file is compared with its clean twin: same unit, same noise.
+    // A defective file is compared with its clean twin: same unit, same noise.
     for k in 1..trials.len() {
-        if trials[k].kind == "dirty file" {
+        if trials[k].kind == "defective file" {
             trials[k].unit = trials[k - 1].unit;
             trials[k].noise = trials[k - 1].noise;
             trials[k].profile = trials[k - 1].profile;
         }
     }
     if let Some(only) = &a.only {
-        trials.retain(|t| t.kind.contains(only.as_str()) || (only == "dirty" && t.kind == "clean file"));
+        trials.retain(|t| t.kind.contains(only.as_str()) || (only == "defective" && t.kind == "clean file"));
     }
     let bar = indicatif::ProgressBar::new(trials.len() as u64);
     let next = AtomicUsize::new(0);
@@ -284,37 +284,7 @@ fn main() -> Result<()> {
     outcomes.sort_by_key(|o| o.0);
     let outcomes: Vec<Outcome> = outcomes.into_iter().map(|o| o.1).collect();
     if let Some(path) = &a.out {
-        let mut s = String::from(
-            "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
-        );
-        for o in &outcomes {
-            let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
-            let _ = writeln!(
-                s,
-                "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
-                o.trial.kind,
-                o.trial.profile,
-                o.trial.unit,
-                join(&|e| e.source.name().to_string()),
-                join(&|e| format!("{:.2}", e.size)),
-                join(&|e| format!("{:.1}", e.parameters[0])),
-                o.found.join("+"),
-                o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
-                o.verdict,
-                o.burn,
-                o.exchanged_same,
-                o.twins.join("+"),
-                o.unexplained,
-                o.left,
-                o.before_over_floor,
-                o.after_over_floor,
-                o.image_over_floor,
-                o.image_over_baseline,
-                o.floor_over_truth,
-                o.seconds
-            );
-        }
-        hrg_cal::write_file(path, s.as_bytes())?;
+        hrg_cal::write_file(path, every_trial(&outcomes).as_bytes())?;
     }
     let table = summary(&outcomes, a.seed);
     print!("{table}");
@@ -329,6 +299,41 @@ fn main() -> Result<()> {
     Ok(())
 }
 
+/// Every trial as a row of CSV.
+fn every_trial(outcomes: &[Outcome]) -> String {
+    let mut s = String::from(
+        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
+    );
+    for o in outcomes {
+        let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
+        let _ = writeln!(
+            s,
+            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
+            o.trial.kind,
+            o.trial.profile,
+            o.trial.unit,
+            join(&|e| e.source.name().to_string()),
+            join(&|e| format!("{:.2}", e.size)),
+            join(&|e| format!("{:.1}", e.parameters[0])),
+            o.found.join("+"),
+            o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
+            o.verdict,
+            o.burn,
+            o.exchanged_same,
+            o.twins.join("+"),
+            o.unexplained,
+            o.left,
+            o.before_over_floor,
+            o.after_over_floor,
+            o.image_over_floor,
+            o.image_over_baseline,
+            o.floor_over_truth,
+            o.seconds
+        );
+    }
+    s
+}
+
 fn share(part: usize, of: usize) -> String {
     if of == 0 {
         "-".into()
@@ -337,8 +342,8 @@ fn share(part: usize, of: usize) -> String {
     }
 }
 
-fn summary(all: &[Outcome], seed: u64) -> String {
-    let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
+/// How often each effect of each size is named.
+fn by_effect(s: &mut String, all: &[Outcome]) {
     let _ = writeln!(s, "| effect | size 0.5 | 1 | 2 | 3 | 5 |\n|---|---|---|---|---|---|");
     let mut by_name: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     for o in all.iter().filter(|o| o.trial.kind == "single") {
@@ -354,8 +359,25 @@ fn summary(all: &[Outcome], seed: u64) -> String {
             .collect();
         let _ = writeln!(s, "| {name} | {} |", cells.join(" | "));
     }
+}
+
+/// What defects in a file change.
+fn with_defects(s: &mut String, all: &[Outcome]) {
+    let (mut same_name, mut same_error, mut files) = (0, 0, 0);
+    for w in all.windows(2).filter(|w| w[0].trial.kind == "clean file" && w[1].trial.kind == "defective file") {
+        files += 1;
+        same_name += usize::from(w[0].found == w[1].found);
+        same_error += usize::from((w[1].after_dph / w[0].after_dph - 1.0).abs() <= 0.05);
+    }
+    let _ = writeln!(s, "| defective files: same names as the clean twin | all | {} |", share(same_name, files));
+    let _ = writeln!(s, "| defective files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
+}
+
+fn summary(all: &[Outcome], seed: u64) -> String {
+    let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
+    by_effect(&mut s, all);
     let of = |kind: &str| all.iter().filter(|o| o.trial.kind == kind).collect::<Vec<_>>();
-    let (clean, pairs, outsiders) = (of("clean"), of("pair"), of("outsider"));
+    let (clean, pairs, unmodelled) = (of("clean"), of("pair"), of("unmodelled"));
     let large: Vec<&Outcome> =
         all.iter().filter(|o| o.trial.kind == "single" && o.trial.effects[0].size >= 2.0).collect();
     let named = large.iter().filter(|o| o.named == 1).count();
@@ -367,11 +389,11 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let caught = |o: &&&Outcome| o.unexplained || o.found.iter().any(|f| f == EffectId::TemperatureShape.name());
     let ratios: Vec<f64> = all
         .iter()
-        .filter(|o| o.trial.kind != "outsider" && o.trial.effects.iter().all(|e| e.size >= 2.0 && e.source.on_unit()))
+        .filter(|o| o.trial.kind != "unmodelled" && o.trial.effects.iter().all(|e| e.size >= 2.0 && e.source.on_unit()))
         .map(|o| o.after_over_floor)
         .collect();
     let floors: Vec<f64> =
-        all.iter().filter(|o| o.trial.kind != "outsider").map(|o| (o.floor_over_truth - 1.0).abs()).collect();
+        all.iter().filter(|o| o.trial.kind != "unmodelled").map(|o| (o.floor_over_truth - 1.0).abs()).collect();
     let within = floors.iter().filter(|f| **f <= 0.15).count();
     let seconds: Vec<f64> = all.iter().map(|o| o.seconds).collect();
     let _ = writeln!(s, "\n| figure | wanted | reached |\n|---|---|---|");
@@ -433,8 +455,8 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     );
     let _ = writeln!(
         s,
-        "| outsiders: unexplained or temperature-shape | 90 % | {} |",
-        share(outsiders.iter().filter(caught).count(), outsiders.len())
+        "| unmodelled effects: unexplained or temperature-shape | 90 % | {} |",
+        share(unmodelled.iter().filter(caught).count(), unmodelled.len())
     );
     let _ = writeln!(
         s,
@@ -443,14 +465,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         quantile(&ratios, 0.95)
     );
     let _ = writeln!(s, "| estimate of the floor within 15 % | - | {} |", share(within, floors.len()));
-    let (mut same_name, mut same_error, mut files) = (0, 0, 0);
-    for w in all.windows(2).filter(|w| w[0].trial.kind == "clean file" && w[1].trial.kind == "dirty file") {
-        files += 1;
-        same_name += usize::from(w[0].found == w[1].found);
-        same_error += usize::from((w[1].after_dph / w[0].after_dph - 1.0).abs() <= 0.05);
-    }
-    let _ = writeln!(s, "| dirty files: same names as the clean twin | all | {} |", share(same_name, files));
-    let _ = writeln!(s, "| dirty files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
+    with_defects(&mut s, all);
     let _ = writeln!(s, "| time of a trace, this machine, median (s) | 0.5 | {:.2} |", quantile(&seconds, 0.5));
     s
 }

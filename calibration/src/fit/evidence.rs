@@ -81,7 +81,7 @@ fn reason(run: &Run, a: usize, name: &str) -> String {
     }
     if 2 * known < steps {
         let median = crate::numeric::stats::median(&mut frequencies).unwrap_or(f64::NAN);
-        let centre = run.laws[a].frequency_centre_hz;
+        let centre = run.curves[a].frequency_centre_hz;
         let guess = if (0.9..1.1).contains(&(median * 1000.0 / centre)) {
             "they look like kHz; convert them to Hz"
         } else {
@@ -109,8 +109,8 @@ mod tests {
     #[test]
     fn each_reason_has_its_sentence() {
         let train = run("fast", 1);
-        let laws = prepare(std::slice::from_ref(&train)).expect("prepares").calibration.axes.map(|a| a.law);
-        let judge = |r: &Recording| require(&Run::new(Steps::new(r).expect("steps"), laws), "the run");
+        let curves = prepare(std::slice::from_ref(&train)).expect("prepares").calibration.axes.map(|a| a.curve);
+        let judge = |r: &Recording| require(&Run::new(Steps::new(r).expect("steps"), curves), "the run");
         assert!(judge(&train).is_ok());
         let says = |r: &Recording, words: &str| {
             let e = judge(r).expect_err("refused").0;

@@ -50,7 +50,7 @@ pub struct Prepared {
     pub fastest: [f32; 2],
 }
 
-/// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature laws.
+/// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature curves.
 ///
 /// # Errors
 /// One sentence.
@@ -77,7 +77,7 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         )));
     }
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
-    let curve::Identified { laws, reference, lag_s } = curve::from_steps(&steps)?;
+    let curve::Identified { curves, reference, lag_s } = curve::from_steps(&steps)?;
     notes.push(about_reference(reference, first, lag_s));
     let mut calibration = Calibration::uncalibrated();
     if first.unit() != names::NONE {
@@ -90,13 +90,13 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     calibration.calibrated = true;
     calibration.data_crc32 = data_crc32(recordings);
     let present: Vec<usize> = first.present().collect();
-    for ((axis, law), scale) in calibration.axes.iter_mut().zip(laws).zip(agreed.scale_factor) {
-        axis.law = law;
+    for ((axis, curve), scale) in calibration.axes.iter_mut().zip(curves).zip(agreed.scale_factor) {
+        axis.curve = curve;
         axis.scale_factor_dph_per_code = scale;
     }
     notes.extend(agreed.notes);
     let (low, high) = present.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| {
-        (l.min(laws[a].valid_from_c), h.max(laws[a].valid_to_c))
+        (l.min(curves[a].valid_from_c), h.max(curves[a].valid_to_c))
     });
     if high - low < NARROW_C {
         notes.push(format!(
@@ -113,7 +113,7 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         linear_beyond_c_per_min: 10.0,
         blend_band_c_per_min: 0.1,
     };
-    let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, laws)).collect();
+    let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
     for (run, r) in runs.iter().zip(recordings) {
         let name = if r.source.is_empty() { "the run" } else { &r.source };
         evidence::require(run, name)?;

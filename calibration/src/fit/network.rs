@@ -82,24 +82,24 @@ fn error(w: &[f64], u: &[f64], y: &[f64]) -> f64 {
 
 /// Breeds starting weights: tournaments, blended crossover, mutation, the two best kept. Best first.
 fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
-    let mut herd: Vec<(f64, Vec<f64>)> = (0..POPULATION)
+    let mut population: Vec<(f64, Vec<f64>)> = (0..POPULATION)
         .map(|_| {
             let w: Vec<f64> = (0..WEIGHTS).map(|_| rng.random_range(-SPAN..SPAN)).collect();
             (error(&w, u, y), w)
         })
         .collect();
     for generation in 0..GENERATIONS {
-        herd.sort_by(|a, b| a.0.total_cmp(&b.0));
+        population.sort_by(|a, b| a.0.total_cmp(&b.0));
         let spread = SPAN * 0.2 * (1.0 - generation as f64 / GENERATIONS as f64);
-        let mut next: Vec<(f64, Vec<f64>)> = herd[..2].to_vec();
+        let mut next: Vec<(f64, Vec<f64>)> = population[..2].to_vec();
         while next.len() < POPULATION {
-            // Of three drawn, the best (the herd is sorted).
+            // Of three drawn, the best (the population is sorted).
             let mut parent = || (0..3).map(|_| rng.random_range(0..POPULATION)).min().unwrap_or(0);
             let (a, b) = (parent(), parent());
-            let child: Vec<f64> = herd[a]
+            let child: Vec<f64> = population[a]
                 .1
                 .iter()
-                .zip(&herd[b].1)
+                .zip(&population[b].1)
                 .map(|(x, y)| {
                     let mixed = x + rng.random_range(-0.25..1.25) * (y - x);
                     let jolt: f64 = StandardNormal.sample(rng);
@@ -112,10 +112,10 @@ fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
                 .collect();
             next.push((error(&child, u, y), child));
         }
-        herd = next;
+        population = next;
     }
-    herd.sort_by(|a, b| a.0.total_cmp(&b.0));
-    herd.into_iter().map(|(_, w)| w).collect()
+    population.sort_by(|a, b| a.0.total_cmp(&b.0));
+    population.into_iter().map(|(_, w)| w).collect()
 }
 
 /// Trains on inputs `u` (about -1 to 1) and biases `y` (deg/h); gives the weights for

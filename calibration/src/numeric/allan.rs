@@ -261,6 +261,7 @@ pub fn picture(axes: &[Axis], title: &str) -> anyhow::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::draws::Draws;
     use super::*;
 
     #[test]
@@ -282,18 +283,13 @@ mod tests {
         }
     }
 
-    fn next(x: &mut u64) -> f64 {
-        *x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (*x >> 33) as f64 / 2f64.powi(31) - 0.5
-    }
-
     /// The data of host-tests/reference/allan.py.
     fn data(n: usize) -> Vec<f64> {
-        let (mut x, mut walk, mut slow) = (1u64, 0.0, 0.0);
+        let (mut x, mut walk, mut slow) = (Draws::new(1), 0.0, 0.0);
         (0..n)
             .map(|_| {
-                let white = next(&mut x);
-                let step = next(&mut x);
+                let white = x.centred();
+                let step = x.centred();
                 walk += 0.002 * step;
                 slow = 0.99 * slow + 0.05 * step;
                 3.0 + white + slow + walk
@@ -319,9 +315,9 @@ mod tests {
     #[test]
     fn what_was_put_in_is_read_off() {
         // White noise of 2 deg/h a second: 2 / 60 deg per root hour.
-        let mut x = 5u64;
+        let mut x = Draws::new(5);
         let root12 = 12f64.sqrt();
-        let white: Vec<f64> = (0..40_000).map(|_| 2.0 * root12 * next(&mut x)).collect();
+        let white: Vec<f64> = (0..40_000).map(|_| 2.0 * root12 * x.centred()).collect();
         let r = read(&overlapping(&white, 1.0, &decades(white.len())));
         let arw = r.angle_random_walk_deg_per_root_h.expect("white noise shows");
         assert!((arw * 60.0 / 2.0 - 1.0).abs() < 0.05, "{arw}");
@@ -330,7 +326,7 @@ mod tests {
         let mut sum = 0.0;
         let walk: Vec<f64> = (0..40_000)
             .map(|_| {
-                sum += 0.1 * root12 * next(&mut x);
+                sum += 0.1 * root12 * x.centred();
                 sum
             })
             .collect();
@@ -343,8 +339,8 @@ mod tests {
     fn bars_hold_the_truth_two_times_of_three() {
         let (mut inside, mut all) = (0, 0);
         for seed in 1..200u64 {
-            let mut x = seed;
-            let white: Vec<f64> = (0..600).map(|_| next(&mut x) * 12f64.sqrt()).collect();
+            let mut x = Draws::new(seed);
+            let white: Vec<f64> = (0..600).map(|_| x.centred() * 12f64.sqrt()).collect();
             for p in overlapping(&white, 1.0, &[1, 3, 10, 30, 100]) {
                 all += 1;
                 inside += usize::from((p.low..p.high).contains(&(1.0 / p.tau_s.sqrt())));

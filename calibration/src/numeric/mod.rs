@@ -1,5 +1,7 @@
-//! Numbers: least squares ([`lsq`]), means and quantiles ([`stats`]), Allan deviation ([`allan`]).
+//! Numbers: least squares ([`lsq`]), means and quantiles ([`stats`]), Allan deviation ([`allan`]), repeatable draws
+//! ([`draws`]).
 
 pub mod allan;
+pub mod draws;
 pub mod lsq;
 pub mod stats;

@@ -189,8 +189,8 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
 pub fn fits(c: &Calibration, r: &Recording, different_units: bool) -> Result<Vec<String>, Disagreement> {
     let mut notes = Vec::new();
     let kind = |sensor: bool| if sensor { "sensors" } else { "resonators" };
-    if let Some(a) = r.present().find(|&a| c.axes[a].law.is_of_sensor() != r.thermometer.is_sensor()) {
-        let image = kind(c.axes[a].law.is_of_sensor());
+    if let Some(a) = r.present().find(|&a| c.axes[a].curve.is_of_sensor() != r.thermometer.is_sensor()) {
+        let image = kind(c.axes[a].curve.is_of_sensor());
         return Err(Disagreement::Thermometer { recording: kind(r.thermometer.is_sensor()), image });
     }
     match names::of(c) {

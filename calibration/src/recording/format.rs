@@ -1,7 +1,7 @@
 //! The columns of a recording: their names, and what the axes read their temperature from (their resonators, or sensors).
 //!
-//! A resonator needs a law from frequency to temperature. A sensor gives the temperature itself; the unit's code then runs with
-//! the law `T = T`, so that a unit with sensors is calibrated, corrected and judged by the same code as one with resonators.
+//! A resonator needs a curve from frequency to temperature. A sensor gives the temperature itself; the unit's code then runs with
+//! the curve `T = T`, so that a unit with sensors is calibrated, corrected and judged by the same code as one with resonators.
 
 use crate::AXIS_NAMES;
 use hrg_core::AXES;

@@ -4,7 +4,7 @@ use crate::recording::Recording;
 use crate::BadInput;
 use hrg_core::bias::{Scaling, State};
 use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
-use hrg_core::temperature::TemperatureLaw;
+use hrg_core::temperature::TemperatureCurve;
 use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
 
@@ -42,7 +42,7 @@ pub struct Steps {
     pub quad_v: [Vec<f32>; AXES],
 }
 
-/// Longest hole that is bridged by a straight line, s. A hole in a recording is none in the unit's life: its lags and
+/// Longest gap that is bridged by a straight line, s. The unit kept running during a gap in its recording: its lags and
 /// plays went on, and a straight line is nearer to what they saw than a temperature that stands still. (Rates are not
 /// bridged.) Longer than that, the temperature is held, as the unit does when a frequency is lost.
 pub const BRIDGE_S: f64 = 900.0;
@@ -188,7 +188,7 @@ fn spread(values: &mut [f64], half: usize) {
     }
 }
 
-/// Fills holes of at most [`BRIDGE_S`] by straight lines.
+/// Fills gaps of at most [`BRIDGE_S`] by straight lines.
 fn bridge(values: &mut [f64]) {
     let mut last: Option<usize> = None;
     for k in 0..values.len() {
@@ -253,19 +253,19 @@ pub struct Run {
     pub steps: Steps,
     /// The thermal state of every step.
     pub thermal: Vec<Thermal>,
-    /// The laws by which the temperatures were made.
-    pub laws: [TemperatureLaw; AXES],
+    /// The curves by which the temperatures were made.
+    pub curves: [TemperatureCurve; AXES],
 }
 
 impl Run {
     /// Runs the unit's thermometer over the steps.
     #[must_use]
-    pub fn new(steps: Steps, laws: [TemperatureLaw; AXES]) -> Self {
+    pub fn new(steps: Steps, curves: [TemperatureCurve; AXES]) -> Self {
         // The thermometer's clock is ahead by one step: time at the end of a step.
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
-        let mut thermometer = Thermometer::new(laws, offset as f32);
+        let mut thermometer = Thermometer::new(curves, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal, laws }
+        Self { steps, thermal, curves }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.

@@ -6,7 +6,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Adds what real files have: spikes, missing values, gaps, stuck values, repeated times.
-pub fn soil(recording: &mut Recording, seed: u64) {
+pub fn inject_defects(recording: &mut Recording, seed: u64) {
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0xD127);
     let n = recording.time_s.len();
     for a in 0..AXES {

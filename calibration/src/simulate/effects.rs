@@ -36,17 +36,19 @@ impl Unmodelled {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Ripple => "outsider-ripple",
-            Self::Bump => "outsider-bump",
-            Self::WaveTrain => "outsider-wave-train",
-            Self::Product => "outsider-product",
-            Self::Relay => "outsider-relay",
-            Self::DriftBurst => "outsider-drift-burst",
+            Self::Ripple => "unmodelled-ripple",
+            Self::Bump => "unmodelled-bump",
+            Self::WaveTrain => "unmodelled-wave-train",
+            Self::Product => "unmodelled-product",
+            Self::Relay => "unmodelled-relay",
+            Self::DriftBurst => "unmodelled-drift-burst",
         }
     }
 
+    /// The one with a name; `outsider-NAME` is a former one.
     fn by_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|u| u.name() == name)
+        let kind = name.strip_prefix("unmodelled-").or_else(|| name.strip_prefix("outsider-"))?;
+        Self::ALL.into_iter().find(|u| u.name().strip_prefix("unmodelled-") == Some(kind))
     }
 
     /// Its parameter unless told otherwise, and the range from which it is drawn.
@@ -253,4 +255,28 @@ pub(super) fn left_after_baseline(series: &[f64], plant: &Plant, scaling: &Scali
         .collect();
     let y = block_means(series, 100);
     lsq::fit(&columns, &y, None, &[]).map_or_else(|_| std_dev(&y), |f| (f.squares / f.rows as f64).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_back_and_former_ones_are_read() {
+        for u in Unmodelled::ALL {
+            let former = u.name().replace("unmodelled-", "outsider-");
+            for name in [u.name(), former.as_str()] {
+                assert_eq!(EffectSpec::parse(name).expect("known").source, Source::Unmodelled(u), "{name}");
+            }
+        }
+        assert!(EffectSpec::parse("ripple").is_ok_and(|s| s.source == Source::Library(EffectId::Ripple)));
+        assert!(EffectSpec::parse("bump").is_err());
+    }
+
+    #[test]
+    fn each_parameter_is_set_by_its_name() {
+        let s = EffectSpec::parse("relay:off_c=-5,size=3").expect("known");
+        assert_eq!((s.parameters, s.size), ([30.0, -5.0], 3.0));
+        assert!(EffectSpec::parse("relay:width_c=1").expect_err("refused").0.contains("on_c=..., off_c=..."));
+    }
 }

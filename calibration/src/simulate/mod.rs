@@ -1,7 +1,7 @@
 //! A chamber run from a plant model: everything in it is simulated, and known.
 //!
 //! Chamber profile -> case (first-order lag) -> resonator (first-order lag of 694 s, zhao2022) with self-heating
-//! -> frequency by the laws of dong2023's Table 1 -> bias by eq 7, plus effects -> rate with white, flicker and
+//! -> frequency by the curves of dong2023's Table 1 -> bias by eq 7, plus effects -> rate with white, flicker and
 //! random-walk noise, and the earth's rate of the attitude. The case sensor has the steps of a DS18B20 (0.0625 C).
 
 mod defects;
@@ -11,7 +11,7 @@ mod plant;
 pub mod profile;
 mod units;
 
-pub use defects::soil;
+pub use defects::inject_defects;
 pub use effects::{EffectSpec, Source, Unmodelled};
 pub use noise::Noise;
 pub use profile::{Leg, Profile, PROFILES};
@@ -126,6 +126,21 @@ impl Plan {
             .collect()
     }
 
+    fn metadata(&self, default: &Calibration) -> Vec<(String, String)> {
+        let meta = [
+            ("hrg-recording", "1".to_string()),
+            ("unit", format!("SIM-{}", self.unit_seed)),
+            ("run", format!("simulated-{}", self.seed)),
+            ("rate_unit", "deg/h".to_string()),
+            ("rates", "raw".to_string()),
+            ("power_on_s", "0".to_string()),
+            ("latitude_deg", self.attitude.latitude_deg.to_string()),
+            ("axes", self.attitude.axes_text()),
+            (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
+        ];
+        meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect()
+    }
+
     /// Simulates the run.
     #[must_use]
     pub fn simulate(&self) -> Simulated {
@@ -158,10 +173,10 @@ impl Plan {
         }
         let raw_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&rate[a], 100)));
         let frequency_hz = [0, 1, 2].map(|a: usize| -> Vec<f64> {
-            let law = &default.axes[a].law;
+            let curve = &default.axes[a].curve;
             (0..n)
                 .map(|k| {
-                    let f = law.frequency_hz(plant.resonator_c[a][k]).unwrap_or(f64::NAN);
+                    let f = curve.frequency_hz(plant.resonator_c[a][k]).unwrap_or(f64::NAN);
                     let clock = if has_clock_wander { 1.0 + 1e-6 * monitors.clock_ppm[k] } else { 1.0 };
                     f * clock + self.noise.frequency_hz * normal(&mut rng)
                 })
@@ -187,20 +202,9 @@ impl Plan {
         ]) {
             optional.push((name, values));
         }
-        let meta = [
-            ("hrg-recording", "1".to_string()),
-            ("unit", format!("SIM-{}", self.unit_seed)),
-            ("run", format!("simulated-{}", self.seed)),
-            ("rate_unit", "deg/h".to_string()),
-            ("rates", "raw".to_string()),
-            ("power_on_s", "0".to_string()),
-            ("latitude_deg", self.attitude.latitude_deg.to_string()),
-            ("axes", self.attitude.axes_text()),
-            (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
-        ];
         Simulated {
             recording: Recording {
-                meta: meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect(),
+                meta: self.metadata(&default),
                 time_s: (0..n).map(|k| (k + 1) as f64).collect(),
                 frequency_hz,
                 rate_dph: rate,

@@ -6,24 +6,24 @@ use crate::recording::format::Thermometer;
 use crate::recording::steps::Steps;
 use crate::BadInput;
 use hrg_core::calibration::Calibration;
-use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
+use hrg_core::temperature::{ForwardCurve, TemperatureCurve};
 use hrg_core::AXES;
 
-/// Where the laws come from.
+/// Where the curves come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
     /// Case sensors of the recording.
     Case,
     /// The chamber's sensor.
     Chamber,
-    /// No sensor was recorded: the laws of dong2023's Table 1, shifted so that the mean frequency of the run
+    /// No sensor was recorded: the curves of dong2023's Table 1, shifted so that the mean frequency of the run
     /// is at its middle. Temperatures are then a scale of frequency, not degrees of a thermometer.
     Shape,
     /// A sensor was recorded but does not follow the resonators; as [`Reference::Shape`] where it does not.
     Implausible,
-    /// A sensor was recorded, over too little temperature for a law: as [`Reference::Shape`].
+    /// A sensor was recorded, over too little temperature for a curve: as [`Reference::Shape`].
     Narrow,
-    /// The thermometers are sensors: no law is needed.
+    /// The thermometers are sensors: no curve is needed.
     Sensor,
 }
 
@@ -36,7 +36,7 @@ pub fn fit_inverse(
     temperature_c: &[f64],
     weights: Option<&[f64]>,
     degree: usize,
-) -> Result<TemperatureLaw, BadInput> {
+) -> Result<TemperatureCurve, BadInput> {
     let good: Vec<usize> =
         (0..frequency_hz.len()).filter(|&k| frequency_hz[k].is_finite() && temperature_c[k].is_finite()).collect();
     let f: Vec<f64> = good.iter().map(|&k| frequency_hz[k]).collect();
@@ -61,7 +61,7 @@ pub fn fit_inverse(
     }
     let (valid_from_c, valid_to_c) =
         t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
-    Ok(TemperatureLaw {
+    Ok(TemperatureCurve {
         frequency_centre_hz,
         frequency_scale_hz,
         temperature_coefficients_c: c,
@@ -74,7 +74,7 @@ pub fn fit_inverse(
 ///
 /// # Errors
 /// As [`fit_inverse`].
-pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -> Result<ForwardLaw, BadInput> {
+pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -> Result<ForwardCurve, BadInput> {
     let (low, high) = temperature_c.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(*x), b.max(*x)));
     if !(high - low > 5.0) {
         return Err(BadInput::new("the temperatures span less than 5 C"));
@@ -89,10 +89,10 @@ pub fn fit_forward(temperature_c: &[f64], frequency_hz: &[f64], degree: usize) -
         *to = *from;
     }
     c[0] += f0;
-    Ok(ForwardLaw { t0_c, scale_c, c })
+    Ok(ForwardCurve { t0_c, scale_c, c })
 }
 
-/// A resonator that has moved less than this, about 10 C, says nothing of its law, Hz.
+/// A resonator that has moved less than this, about 10 C, says nothing of its curve, Hz.
 const NARROWEST_HZ: f64 = 5.0;
 
 /// A reading that has moved less than this says nothing of what depends on temperature: C of a sensor, and of a resonator about
@@ -102,11 +102,11 @@ const LEAST_SPAN_C: f64 = 0.5;
 /// Hz of a resonator for a degree, about.
 const HZ_PER_C: f64 = 0.47;
 
-/// Whether a law is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
-fn plausible(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> bool {
+/// Whether a curve is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
+fn plausible(curve: &TemperatureCurve, low_hz: f64, high_hz: f64) -> bool {
     (0..=20).all(|k| {
         let f = low_hz + (high_hz - low_hz) * f64::from(k) / 20.0;
-        let ppm_per_c = 1e6 / (f * f64::from(law.slope_c_per_hz(f)));
+        let ppm_per_c = 1e6 / (f * f64::from(curve.slope_c_per_hz(f)));
         (60.0..150.0).contains(&ppm_per_c)
     })
 }
@@ -117,18 +117,18 @@ const LONGEST_LAG_S: f64 = 4000.0;
 /// What was identified from the sensors.
 #[derive(Debug, Clone, Copy)]
 pub struct Identified {
-    /// The laws.
-    pub laws: [TemperatureLaw; AXES],
+    /// The curves.
+    pub curves: [TemperatureCurve; AXES],
     /// What they are referred to.
     pub reference: Reference,
     /// Time constant by which each resonator follows its sensor, s (0 where there is no sensor).
     pub lag_s: [f64; AXES],
 }
 
-/// The three laws from the sensors of one or several runs.
+/// The three curves from the sensors of one or several runs.
 ///
 /// A resonator follows its case through a first-order lag (zhao2022: 694 s), so on a ramp of 1 C per minute it
-/// is 11 C behind. Fitting `T(f)` to the sensor as it stands would bend the law. So the sensor is lagged first, by
+/// is 11 C behind. Fitting `T(f)` to the sensor as it stands would bend the curve. So the sensor is lagged first, by
 /// the time constant that leaves the least residual. Rows are weighted evenly over temperature (bins of two
 /// degrees), so that a soak does not outweigh the ramps.
 ///
@@ -152,17 +152,17 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     } else {
         Reference::Shape
     };
-    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    let mut curves = Calibration::uncalibrated().axes.map(|a| a.curve);
     let mut lag_s = [0.0; AXES];
     let (mut implausible, mut narrow) = (false, false);
     for a in present {
-        let law = &mut laws[a];
+        let curve = &mut curves[a];
         let (low, high) = span(runs, a, LEAST_SPAN_C * HZ_PER_C)?;
         if high - low < NARROWEST_HZ {
             narrow = true;
-            *law = shifted(law, low, high);
+            *curve = shifted(curve, low, high);
         } else if reference == Reference::Shape {
-            *law = shifted(law, low, high);
+            *curve = shifted(curve, low, high);
         } else {
             let sensor = |s: &Steps| -> Vec<f32> {
                 if reference == Reference::Case {
@@ -176,24 +176,24 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
             lag_s[a] = least(error, LONGEST_LAG_S);
             let fitted = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
             if plausible(&fitted, low, high) {
-                *law = fitted;
+                *curve = fitted;
             } else {
-                // The sensor does not follow this resonator: better a law of the right shape than a wrong one.
+                // The sensor does not follow this resonator: better a curve of the right shape than a wrong one.
                 implausible = true;
-                *law = shifted(law, low, high);
+                *curve = shifted(curve, low, high);
             }
         }
-        // The range is that of the frequencies seen, in the law's own degrees.
-        let ends = [law.temperature_c(low), law.temperature_c(high)];
-        law.valid_from_c = ends[0].min(ends[1]);
-        law.valid_to_c = ends[0].max(ends[1]);
+        // The range is that of the frequencies seen, in the curve's own degrees.
+        let ends = [curve.temperature_c(low), curve.temperature_c(high)];
+        curve.valid_from_c = ends[0].min(ends[1]);
+        curve.valid_to_c = ends[0].max(ends[1]);
     }
     let reference = match (implausible, narrow) {
         (true, _) => Reference::Implausible,
         (_, true) if reference != Reference::Shape => Reference::Narrow,
-        _ => return Ok(Identified { laws, reference, lag_s }),
+        _ => return Ok(Identified { curves, reference, lag_s }),
     };
-    Ok(Identified { laws, reference, lag_s: [0.0; AXES] })
+    Ok(Identified { curves, reference, lag_s: [0.0; AXES] })
 }
 
 /// Lowest and highest reading of an axis.
@@ -215,30 +215,30 @@ fn span(runs: &[Steps], a: usize, least: f64) -> Result<(f64, f64), BadInput> {
     )))
 }
 
-/// The laws of sensors.
+/// The curves of sensors.
 fn sensors(runs: &[Steps]) -> Result<Identified, BadInput> {
     if runs.iter().any(|s| !s.thermometer.is_sensor()) {
         return Err(BadInput::new(
             "some of the recordings have resonators for thermometers and others sensors; give recordings of one kind",
         ));
     }
-    let mut laws = Calibration::uncalibrated().axes.map(|a| a.law);
+    let mut curves = Calibration::uncalibrated().axes.map(|a| a.curve);
     for a in 0..AXES {
         if runs.iter().any(|s| !s.absent[a]) {
             let (low, high) = span(runs, a, LEAST_SPAN_C)?;
-            laws[a] = sensor_law(low, high);
+            curves[a] = sensor_curve(low, high);
         }
     }
-    Ok(Identified { laws, reference: Reference::Sensor, lag_s: [0.0; AXES] })
+    Ok(Identified { curves, reference: Reference::Sensor, lag_s: [0.0; AXES] })
 }
 
-/// A law of Table 1 moved to the middle of the frequencies seen.
-fn shifted(law: &TemperatureLaw, low_hz: f64, high_hz: f64) -> TemperatureLaw {
+/// A curve of Table 1 moved to the middle of the frequencies seen.
+fn shifted(curve: &TemperatureCurve, low_hz: f64, high_hz: f64) -> TemperatureCurve {
     let middle = 0.5 * (low_hz + high_hz);
-    TemperatureLaw {
+    TemperatureCurve {
         frequency_centre_hz: middle,
-        frequency_scale_hz: (f64::from(law.frequency_scale_hz) * middle / law.frequency_centre_hz) as f32,
-        ..*law
+        frequency_scale_hz: (f64::from(curve.frequency_scale_hz) * middle / curve.frequency_centre_hz) as f32,
+        ..*curve
     }
 }
 
@@ -266,8 +266,8 @@ fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
     at
 }
 
-/// The law fitted to a lagged sensor, and its weighted residual.
-fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureLaw, f64), BadInput> {
+/// The curve fitted to a lagged sensor, and its weighted residual.
+fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureCurve, f64), BadInput> {
     let share = crate::thermometer::lag::share(tau);
     let (mut f, mut t) = (Vec::new(), Vec::new());
     for (s, sensor) in runs.iter().zip(sensors) {
@@ -291,19 +291,19 @@ fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Resul
         *count.entry(bin(*f)).or_default() += 1.0;
     }
     let weights: Vec<f64> = f.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
-    let law = fit_inverse(&f, &t, Some(&weights), 3)?;
+    let curve = fit_inverse(&f, &t, Some(&weights), 3)?;
     let error: f64 =
-        f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(law.temperature_c(*f)) - t).powi(2)).sum();
-    Ok((law, error))
+        f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(curve.temperature_c(*f)) - t).powi(2)).sum();
+    Ok((curve, error))
 }
 
-/// The law of a sensor that has read from `low_c` to `high_c`: a reading is a temperature.
+/// The curve of a sensor that has read from `low_c` to `high_c`: a reading is a temperature.
 #[must_use]
-pub fn sensor_law(low_c: f64, high_c: f64) -> TemperatureLaw {
-    // The centre is a number that single precision holds, so that the law gives back what it is given.
+pub fn sensor_curve(low_c: f64, high_c: f64) -> TemperatureCurve {
+    // The centre is a number that single precision holds, so that the curve gives back what it is given.
     let centre = (0.5 * (low_c + high_c)).round() as f32;
     let scale = (0.5 * (high_c - low_c)).ceil().max(1.0) as f32;
-    TemperatureLaw {
+    TemperatureCurve {
         frequency_centre_hz: f64::from(centre),
         frequency_scale_hz: scale,
         temperature_coefficients_c: [centre, scale, 0.0, 0.0],
@@ -318,14 +318,14 @@ mod tests {
 
     #[test]
     fn the_law_of_a_sensor_gives_back_what_it_reads() {
-        let law = sensor_law(-17.63, 74.1);
-        assert!(law.is_of_sensor() && (law.valid_from_c, law.valid_to_c) == (-17.63, 74.1));
+        let curve = sensor_curve(-17.63, 74.1);
+        assert!(curve.is_of_sensor() && (curve.valid_from_c, curve.valid_to_c) == (-17.63, 74.1));
         for k in 0..=1000 {
             let t = -17.63 + 0.0917 * f64::from(k);
-            assert!((f64::from(law.temperature_c(t)) - t).abs() < 1e-5, "{t}");
+            assert!((f64::from(curve.temperature_c(t)) - t).abs() < 1e-5, "{t}");
         }
-        assert!((law.slope_c_per_hz(20.0) - 1.0).abs() < 1e-6);
-        let resonator = hrg_core::calibration::Calibration::uncalibrated().axes[0].law;
+        assert!((curve.slope_c_per_hz(20.0) - 1.0).abs() < 1e-6);
+        let resonator = hrg_core::calibration::Calibration::uncalibrated().axes[0].curve;
         assert!(!resonator.is_of_sensor());
     }
 }

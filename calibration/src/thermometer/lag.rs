@@ -265,11 +265,11 @@ mod tests {
 
     #[test]
     fn the_time_constants_put_in_come_out() {
-        // The laws of this run are found from a cycle, whose temperatures span enough.
+        // The curves of this run are found from a cycle, whose temperatures span enough.
         let cycle = Plan::of(Profile::parse("cycle").expect("named"), 3, 4).simulate().recording;
-        let laws = prepare(&[cycle]).expect("prepares").calibration.axes.map(|a| a.law);
+        let curves = prepare(&[cycle]).expect("prepares").calibration.axes.map(|a| a.curve);
         let step = Plan::of(Profile::parse("lag").expect("named"), 3, 5).simulate().recording;
-        let run = Run::new(crate::recording::steps::Steps::new(&step).expect("long enough"), laws);
+        let run = Run::new(crate::recording::steps::Steps::new(&step).expect("long enough"), curves);
         let case = identify(&run, Input::Case).expect("a step");
         for (r, tau) in case.iter().zip([694.0, 655.0, 741.0]) {
             // Self-heating, which builds up in the first hour, is not part of the model.

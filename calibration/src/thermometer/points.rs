@@ -43,7 +43,7 @@ pub struct Points {
     /// Frequencies, Hz.
     pub frequency_hz: [Vec<f64>; AXES],
     /// Shell sensors, C.
-    pub shell_c: [Vec<f64>; AXES],
+    pub case_c: [Vec<f64>; AXES],
 }
 
 impl Points {
@@ -79,10 +79,10 @@ impl Points {
                 match slot {
                     Slot::Chamber => out.chamber_c.push(value),
                     Slot::Frequency(a) => out.frequency_hz[*a].push(value),
-                    Slot::Case(a) => out.shell_c[*a].push(value),
+                    Slot::Case(a) => out.case_c[*a].push(value),
                 }
             }
-            for column in out.frequency_hz.iter_mut().chain(&mut out.shell_c).chain([&mut out.chamber_c]) {
+            for column in out.frequency_hz.iter_mut().chain(&mut out.case_c).chain([&mut out.chamber_c]) {
                 column.resize(rows, f64::NAN);
             }
         }
@@ -140,13 +140,13 @@ impl Points {
             rows: rows.len(),
             chamber_c: pick(&self.chamber_c),
             frequency_hz: self.frequency_hz.each_ref().map(|v| pick(v)),
-            shell_c: self.shell_c.each_ref().map(|v| pick(v)),
+            case_c: self.case_c.each_ref().map(|v| pick(v)),
         })
     }
 
     fn temperatures(&self, reference: &str, a: usize) -> &[f64] {
         if reference == "shell" {
-            &self.shell_c[a]
+            &self.case_c[a]
         } else {
             &self.chamber_c
         }
@@ -319,15 +319,15 @@ fn poly_fit(x: &[f64], y: &[f64], degree: usize, to_c: f64) -> Result<PolyFit, B
 fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, BadInput> {
     let n = temperature_c.len();
     let hz_per_c = (frequency_hz[n - 1] - frequency_hz[0]) / (temperature_c[n - 1] - temperature_c[0]);
-    let forward_law = crate::thermometer::curve::fit_forward(temperature_c, frequency_hz, 3)?;
-    let inverse_law = crate::thermometer::curve::fit_inverse(frequency_hz, temperature_c, None, 3)?;
-    let inverse_f32_c: Vec<f64> = frequency_hz.iter().map(|f| f64::from(inverse_law.temperature_c(*f))).collect();
-    let c = inverse_law.temperature_coefficients_c.map(f64::from);
+    let forward_curve = crate::thermometer::curve::fit_forward(temperature_c, frequency_hz, 3)?;
+    let inverse_curve = crate::thermometer::curve::fit_inverse(frequency_hz, temperature_c, None, 3)?;
+    let inverse_f32_c: Vec<f64> = frequency_hz.iter().map(|f| f64::from(inverse_curve.temperature_c(*f))).collect();
+    let c = inverse_curve.temperature_coefficients_c.map(f64::from);
     let f32_error_c = frequency_hz
         .iter()
         .zip(&inverse_f32_c)
         .map(|(f, t)| {
-            let u = (f - inverse_law.frequency_centre_hz) / f64::from(inverse_law.frequency_scale_hz);
+            let u = (f - inverse_curve.frequency_centre_hz) / f64::from(inverse_curve.frequency_scale_hz);
             (((c[3] * u + c[2]) * u + c[1]) * u + c[0] - t).abs()
         })
         .fold(0.0, f64::max);
@@ -335,7 +335,7 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
         .iter()
         .zip(&inverse_f32_c)
         .map(|(f, guess)| {
-            forward_law
+            forward_curve
                 .root_c(*f, *guess)
                 .ok_or_else(|| BadInput::new(format!("the forward cubic has no root at {f} Hz")))
         })
@@ -348,8 +348,8 @@ fn axis_fits(temperature_c: &[f64], frequency_hz: &[f64]) -> Result<AxisFits, Ba
         root_c,
         inverse_f32_c,
         f32_error_c,
-        centre_hz: inverse_law.frequency_centre_hz,
-        scale_hz: f64::from(inverse_law.frequency_scale_hz),
+        centre_hz: inverse_curve.frequency_centre_hz,
+        scale_hz: f64::from(inverse_curve.frequency_scale_hz),
     })
 }
 
@@ -597,7 +597,7 @@ fn common_shape(p: &Points) -> Option<LeftOver> {
         let r = |a: usize, b: usize| e[a].dot(&e[b]) / (e[a].norm() * e[b].norm());
         (r(0, 1) + r(1, 2) + r(0, 2)) / 3.0
     };
-    let e: Vec<DVector<f64>> = (0..AXES).map(|a| &makers[a] * DVector::from_column_slice(&p.shell_c[a])).collect();
+    let e: Vec<DVector<f64>> = (0..AXES).map(|a| &makers[a] * DVector::from_column_slice(&p.case_c[a])).collect();
     let seen = mean_correlation(&e);
     let mut rng = ChaCha8Rng::seed_from_u64(2024);
     let mut as_good = 0usize;
@@ -611,7 +611,7 @@ fn common_shape(p: &Points) -> Option<LeftOver> {
         return None;
     }
     let (residual, left_out): (Vec<Vec<f64>>, Vec<Vec<f64>>) =
-        (0..AXES).map(|a| residuals(&cubic_columns(p, a), &p.shell_c[a])).unzip();
+        (0..AXES).map(|a| residuals(&cubic_columns(p, a), &p.case_c[a])).unzip();
     let residual: [Vec<f64>; AXES] = residual.try_into().ok()?;
     let own = own_variances(&residual);
     let mut axes = BTreeMap::new();
@@ -658,7 +658,7 @@ mod tests {
             for a in 0..AXES {
                 p.frequency_hz[a].push(4900.0 + 0.47 * t);
                 let noise: f64 = StandardNormal.sample(&mut rng);
-                p.shell_c[a].push(t + shared + own_c[a] * noise);
+                p.case_c[a].push(t + shared + own_c[a] * noise);
             }
         }
         p
@@ -667,7 +667,7 @@ mod tests {
     #[test]
     fn a_noisy_neighbour_counts_for_little() {
         let p = table(0.02, [0.002, 0.002, 0.05], 0.0);
-        let residual: Vec<Vec<f64>> = (0..AXES).map(|a| residuals(&cubic_columns(&p, a), &p.shell_c[a]).0).collect();
+        let residual: Vec<Vec<f64>> = (0..AXES).map(|a| residuals(&cubic_columns(&p, a), &p.case_c[a]).0).collect();
         let residual: [Vec<f64>; AXES] = residual.try_into().expect("three");
         let own = own_variances(&residual);
         assert!(own[2] > 20.0 * own[0] && own[2] > 20.0 * own[1], "{own:?}");

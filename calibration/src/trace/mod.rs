@@ -99,6 +99,8 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// # Errors
 /// One sentence: recordings that cannot be used, that share data, are of different units, hold too little data, or cannot hold
 /// the baseline down.
+// The loop in its order: what each step leaves is what the next one takes.
+#[allow(clippy::too_many_lines)]
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run) = ready(train, verify, options)?;
     let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
@@ -301,8 +303,8 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     for r in train {
         independence::require(&[(r, "train"), (verify, "verify")])?;
     }
-    let laws = prepared.calibration.axes.each_ref().map(|a| a.law);
-    let run = Run::new(Steps::new(verify)?, laws);
+    let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
+    let run = Run::new(Steps::new(verify)?, curves);
     let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
     evidence::require(&run, &format!("the verify run{name}"))?;
     prepared.notes.extend(evidence::few(&run, "the verify run"));
@@ -611,7 +613,7 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
         let (slowest, fastest) = (axis.valid_from_c_per_min, axis.valid_to_c_per_min);
         let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
         let inside = |&(t, r): &(f32, f32)| {
-            (axis.law.valid_from_c..=axis.law.valid_to_c).contains(&t) && (slowest..=fastest).contains(&r)
+            (axis.curve.valid_from_c..=axis.curve.valid_to_c).contains(&t) && (slowest..=fastest).contains(&r)
         };
         1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64
     };
@@ -629,7 +631,7 @@ fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::{soil, EffectSpec, Plan, Profile};
+    use crate::simulate::{inject_defects, EffectSpec, Plan, Profile};
 
     fn plan(profile: &str, effects: &[&str], unit: u64, seed: u64) -> Recording {
         let plan = Plan {
@@ -759,9 +761,9 @@ mod tests {
         assert!(r.unexplained.values().all(|u| !u), "{:?}", r.left_over);
         assert!(r.burn && r.verdict.contains("on x"), "{}", r.verdict);
         assert!(t.image.effects[0].gains[1..].iter().flatten().all(|g| *g == 0.0));
-        // An outsider on x alone: y and z are not called unexplained.
+        // An unmodelled effect on x alone: y and z are not called unexplained.
         let clean = plan("verify", &[], 35, 72);
-        let odd = only_x(&plan("verify", &["outsider-product:size=6"], 35, 72), &clean);
+        let odd = only_x(&plan("verify", &["unmodelled-product:size=6"], 35, 72), &clean);
         let r = trace(&[plan("cycle", &[], 35, 71)], &odd).expect("traces").report;
         assert!(r.unexplained["x"] && !r.unexplained["y"] && !r.unexplained["z"], "{:?}", r.left_over);
     }
@@ -822,7 +824,7 @@ mod tests {
 
     #[test]
     fn what_the_library_lacks_is_called_so() {
-        for (k, name) in ["outsider-product", "outsider-drift-burst", "outsider-ripple"].into_iter().enumerate() {
+        for (k, name) in ["unmodelled-product", "unmodelled-drift-burst", "unmodelled-ripple"].into_iter().enumerate() {
             let r = traced(&[&format!("{name}:size=4")], 95 + k as u64);
             let flagged = r.unexplained.values().any(|u| *u) || r.verdict_kind != VerdictKind::Confirmed;
             // A family may span what no named effect does: then the unit compensates it.
@@ -836,7 +838,7 @@ mod tests {
         let effects = ["thermal-lag:size=3"];
         let (train, verify) = (plan("cycle", &effects, 7, 15), plan("verify", &effects, 7, 16));
         let mut dirty = train.clone();
-        soil(&mut dirty, 3);
+        inject_defects(&mut dirty, 3);
         dirty.clean().expect("usable");
         assert!(dirty.notes.len() >= 10, "{:?}", dirty.notes);
         let clean = trace(&[train], &verify).expect("traces").report;

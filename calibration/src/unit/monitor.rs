@@ -138,6 +138,25 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         ]),
         head,
     );
+    axes_table(frame, table, &h);
+    let third = Layout::vertical([Constraint::Ratio(1, 3); 3]).split(lines);
+    for a in 0..3 {
+        let [left, right] =
+            Layout::horizontal([Constraint::Percentage(50), Constraint::Percentage(50)]).areas(third[a]);
+        sparkline(frame, left, &state.raw[a], &format!("{} raw", AXIS_NAMES[a]), Color::Gray);
+        sparkline(frame, right, &state.corrected[a], &format!("{} corrected", AXIS_NAMES[a]), Color::Blue);
+    }
+    let text = foot_lines(state, &h);
+    frame.render_widget(
+        Paragraph::new(text).wrap(ratatui::widgets::Wrap { trim: true }).block(Block::default().borders(Borders::TOP)),
+        foot,
+    );
+}
+
+/// One row an axis.
+fn axes_table(frame: &mut Frame<'_>, area: Rect, h: &Housekeeping) {
+    let bad = Style::default().fg(Color::Red);
+    let bold = Style::default().add_modifier(Modifier::BOLD);
     let rows = (0..3).map(|a| {
         let status = words(h.axis_status[a].bits(), &AxisStatus::NAMES);
         let style = if h.axis_status[a].is_empty() { Style::default() } else { bad };
@@ -169,15 +188,13 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     let header = Row::new(["", "f [Hz]", "T [C]", "C/min", "raw deg/h", "bias", "corrected", "status"]).style(bold);
     frame.render_widget(
         Table::new(rows, widths).header(header).block(Block::default().borders(Borders::TOP | Borders::BOTTOM)),
-        table,
+        area,
     );
-    let third = Layout::vertical([Constraint::Ratio(1, 3); 3]).split(lines);
-    for a in 0..3 {
-        let [left, right] =
-            Layout::horizontal([Constraint::Percentage(50), Constraint::Percentage(50)]).areas(third[a]);
-        sparkline(frame, left, &state.raw[a], &format!("{} raw", AXIS_NAMES[a]), Color::Gray);
-        sparkline(frame, right, &state.corrected[a], &format!("{} corrected", AXIS_NAMES[a]), Color::Blue);
-    }
+}
+
+/// Soak, profile, status of the unit and link.
+fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
+    let bad = Style::default().fg(Color::Red);
     let soak = match state.stable_min() {
         Some(min) => format!("soak: stable to {STABLE_C_PER_MIN} C/min for {min:.0} min"),
         None => format!("soak: not stable (some resonator changes by {STABLE_C_PER_MIN} C/min or more)"),
@@ -189,7 +206,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     };
     let unit = words(h.unit_status.bits(), &UnitStatus::NAMES);
     let link = format!(
-        "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} converter errors",
+        "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} ADC errors",
         state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.adc_errors
     );
     let unit_style = if h.unit_status.is_empty() { Style::default() } else { bad };
@@ -202,10 +219,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
     if let Some(e) = &state.port_error {
         text.insert(0, Line::from(Span::styled(e.clone(), bad)));
     }
-    frame.render_widget(
-        Paragraph::new(text).wrap(ratatui::widgets::Wrap { trim: true }).block(Block::default().borders(Borders::TOP)),
-        foot,
-    );
+    text
 }
 
 /// The screen as text, 80 by 24.

@@ -5,7 +5,7 @@ use crate::recording::metadata::{same_scale, scale_text};
 use crate::recording::names;
 use crate::BadInput;
 use anyhow::{Context, Result};
-use hrg_core::calibration::{BlockError, Calibration, MAX_BYTES};
+use hrg_core::calibration::{Calibration, ImageError, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
 use hrg_core::sectors::{newest, Sector};
@@ -148,7 +148,7 @@ impl std::fmt::Display for Held {
         for (name, bytes) in [("A", a), ("B", b)] {
             match Calibration::from_bytes(bytes) {
                 Ok(c) => write!(f, "; sector {name} holds image {:08x}, number {}", c.checksum(), c.sequence)?,
-                Err(BlockError::NoBlock) => write!(f, "; sector {name} is empty")?,
+                Err(ImageError::NoBlock) => write!(f, "; sector {name} is empty")?,
                 Err(e) => write!(f, "; sector {name} holds no valid image ({e})")?,
             }
         }
@@ -402,7 +402,7 @@ impl Unit {
     ///
     /// # Errors
     /// Where the unit refuses, or does not answer.
-    pub fn read(&mut self) -> Result<(Identity, [Result<Calibration, BlockError>; 2])> {
+    pub fn read(&mut self) -> Result<(Identity, [Result<Calibration, ImageError>; 2])> {
         let identity = self.identity()?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
         let a = self.sector(Sector::A);

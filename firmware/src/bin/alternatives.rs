@@ -1,7 +1,7 @@
 //! Frequency to temperature as others would write it, beside ours: each is called with the same frequencies, the virtual board
 //! counts the instructions of the calls and reads the results (`hrg-board bench`). Nothing here touches a peripheral.
 //!
-//! All are of one and the same law: the default's for axis x, given as cubic `T(u)`, uncentred, as forward cubic `f(T)`, as table
+//! All are of one and the same curve: the default's for axis x, given as cubic `T(u)`, uncentred, as forward cubic `f(T)`, as table
 //! and as network trained on it (the numbers are printed by `bench/alternatives.py`).
 #![no_std]
 #![no_main]
@@ -10,9 +10,9 @@ use core::hint::black_box;
 use core::sync::atomic::{AtomicU32, Ordering};
 use defmt_rtt as _;
 use embassy_stm32 as _;
-use hrg_core::temperature::TemperatureLaw;
+use hrg_core::temperature::TemperatureCurve;
 
-/// Frequencies tried: evenly over the range of the law and a little beyond.
+/// Frequencies tried: evenly over the range of the curve and a little beyond.
 const POINTS: usize = 200;
 const LOWEST_HZ: f64 = 4878.0;
 const STEP_HZ: f64 = 0.22;
@@ -21,7 +21,7 @@ const METHODS: usize = 8;
 /// Results, as bits of f32, method by method.
 static RESULTS: [[AtomicU32; POINTS]; METHODS] = [const { [const { AtomicU32::new(0) }; POINTS] }; METHODS];
 
-const LAW: TemperatureLaw = TemperatureLaw {
+const LAW: TemperatureCurve = TemperatureCurve {
     frequency_centre_hz: 4900.0,
     frequency_scale_hz: 21.152,
     temperature_coefficients_c: [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72],

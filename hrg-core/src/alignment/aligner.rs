@@ -185,7 +185,7 @@ impl<F: Filter> Aligner<F> {
         self.missed = 0;
     }
 
-    /// Something outside the filter has spoilt the alignment; the first such thing is kept.
+    /// Something outside the filter has made the alignment invalid; the first such thing is kept.
     pub fn refuse(&mut self, refusal: Refusal) {
         self.refusal.get_or_insert(refusal);
     }

@@ -91,7 +91,7 @@ impl<T: Real> Model<T> {
 pub(super) fn walk<T: Real>(p: &mut Matrix<T, STATES>, config: &Config, seconds: f64) {
     let of = |v: f64| T::of(v * v * seconds);
     for k in 0..2 {
-        p[TH + k][TH + k] += of(config.angle_walk);
+        p[TH + k][TH + k] += of(config.angle_random_walk);
         p[D + k][D + k] += of(DRIFT_WALK);
         p[V + k][V + k] += of(config.velocity_walk);
     }

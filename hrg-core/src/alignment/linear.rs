@@ -79,7 +79,7 @@ impl<T: Real> Linear<T> {
         self.p = congruence(phi, &self.p);
         let walk = |v: f64| T::of(v * v * seconds);
         for k in 0..2 {
-            self.p[TH + k][TH + k] += walk(self.config.angle_walk);
+            self.p[TH + k][TH + k] += walk(self.config.angle_random_walk);
             self.p[V + k][V + k] += walk(self.config.velocity_walk);
         }
     }

@@ -111,7 +111,7 @@ impl core::fmt::Display for Refusal {
             Self::Saturated => "an accelerometer is at its end of scale or stuck; level the platform coarsely, or check its channel",
             Self::Inconsistent => "the two positions contradict each other; check the angle of the turn and whether base or drift moved, and repeat",
             Self::Breakdown => "the filter broke down; start it again",
-            Self::DataMissing => "samples were missing for too long; check the converter, and repeat",
+            Self::DataMissing => "samples were missing for too long; check the ADC, and repeat",
         })
     }
 }
@@ -132,7 +132,7 @@ pub struct Config {
     /// Drifts, rad/s.
     pub drift: f64,
     /// Angle random walk of the gyros, rad per root second.
-    pub angle_walk: f64,
+    pub angle_random_walk: f64,
     /// White noise of the accelerometers, m/s per root second.
     pub velocity_walk: f64,
     /// Tilt that the turn may add, rad: accelerometer biases do not turn with the tilt.
@@ -149,7 +149,7 @@ impl Config {
         velocity_noise: 0.0,
         tilt: 0.0,
         drift: 0.0,
-        angle_walk: 0.0,
+        angle_random_walk: 0.0,
         velocity_walk: 0.0,
         turn_tilt: 0.0,
         step: 0.0,
@@ -177,7 +177,7 @@ impl Config {
             velocity_noise: if velocity_noise > 1e-5 { velocity_noise } else { 1e-5 },
             tilt: 10.0 * ARCMIN,
             drift: 0.2 * DPH,
-            angle_walk: 5e-4 * DEGREE / 60.0,
+            angle_random_walk: 5e-4 * DEGREE / 60.0,
             velocity_walk: 5e-6 * gravity,
             turn_tilt: 1e-4,
             step: 1.0,

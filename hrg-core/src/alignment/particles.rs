@@ -342,9 +342,9 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
 
 /// Pseudo-random numbers: xorshift64* (Vigna), which is all that drawing states needs, on the unit as on the desktop.
 #[derive(Debug, Clone)]
-struct Dice(u64);
+struct Random(u64);
 
-impl Dice {
+impl Random {
     fn new(seed: u64) -> Self {
         // Zero is the one state that it cannot leave.
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
@@ -369,12 +369,12 @@ impl Dice {
 #[derive(Debug, Clone)]
 pub struct Literal<T, const N: usize> {
     cloud: Cloud<T, N>,
-    dice: Dice,
+    random: Random,
 }
 
 impl<T: Real, const N: usize> Literal<T, N> {
     /// Before its start.
-    pub const IDLE: Self = Self { cloud: Cloud::IDLE, dice: Dice(1) };
+    pub const IDLE: Self = Self { cloud: Cloud::IDLE, random: Random(1) };
 
     /// Nothing known of the azimuth; `seed` of the draws.
     #[must_use]
@@ -387,11 +387,11 @@ impl<T: Real, const N: usize> Literal<T, N> {
     /// Starts (anew) where it lies.
     pub fn begin(&mut self, config: Config, seed: u64) {
         self.cloud.begin(config);
-        self.dice = Dice::new(seed);
+        self.random = Random::new(seed);
         // Particles are states: drawn from the priors, but for the azimuth, which is even round the circle.
         for q in &mut self.cloud.particles {
             for (k, std) in [(TH, config.tilt), (TH + 1, config.tilt), (D, config.drift), (D + 1, config.drift)] {
-                q.x[k] = T::of(std * self.dice.normal());
+                q.x[k] = T::of(std * self.random.normal());
             }
         }
     }
@@ -416,7 +416,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
     // A function of its own in the ELF, so that the virtual board can count what it costs.
     #[inline(never)]
     fn step(&mut self, velocity: [f64; 2]) -> Option<[f64; 2]> {
-        let Self { cloud, dice } = self;
+        let Self { cloud, random } = self;
         let model = Model::<T>::new(&cloud.config, cloud.turned);
         let readings = velocity.map(T::of);
         let mut q_root = zeros::<T, STATES>();
@@ -435,7 +435,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
             // The draw from the proposal.
             let mut d = [T::zero(); STATES];
             for i in 0..STATES {
-                let step = T::of(dice.normal());
+                let step = T::of(random.normal());
                 for k in i..STATES {
                     d[k] += root[k][i] * step;
                 }
@@ -453,7 +453,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
             q.weight += likelihood + log_density(&from_prior, &q_root) - log_density(&d, &root);
         }
         let shares = cloud.shares();
-        cloud.renew(&shares, || dice.uniform(), |parent, _, _| Particle { weight: T::zero(), ..*parent });
+        cloud.renew(&shares, || random.uniform(), |parent, _, _| Particle { weight: T::zero(), ..*parent });
         // Drawn states miss the reading by more than their filters would: nothing can be said of the base.
         (!cloud.broken).then_some([1.0; 2])
     }

@@ -2,7 +2,7 @@
 //! change `w` in place of temperature, and a cubic term for the curve that `T(f)` would have brought in.
 //!
 //! `B = k0 + k1 v + k2 v^2 + k3 v^3 + k4 w + k5 w^2 + k6 v w`, `v` about -1 to 1 over the calibrated range, `w` its
-//! change per minute. No temperature law and no sensor is needed to identify or to evaluate it.
+//! change per minute. No temperature curve and no sensor is needed to identify or to evaluate it.
 
 use super::{clamp, cube_or_tangent, square_or_tangent};
 

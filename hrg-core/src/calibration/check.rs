@@ -1,6 +1,6 @@
 //! Whether the numbers of a calibration are those of a gyro.
 
-use super::{BlockError, Calibration};
+use super::{Calibration, ImageError};
 use crate::bias::Coefficients;
 use crate::effects::shape;
 
@@ -12,7 +12,7 @@ impl Calibration {
     ///
     /// # Errors
     /// The first defect found.
-    pub fn check(&self) -> Result<(), BlockError> {
+    pub fn check(&self) -> Result<(), ImageError> {
         let s = &self.scaling;
         finite(&[
             s.t_ref_c,
@@ -26,7 +26,7 @@ impl Calibration {
             if ok {
                 Ok(())
             } else {
-                Err(BlockError::Absurd(what))
+                Err(ImageError::Absurd(what))
             }
         };
         possible(s.t_ref_c.abs() <= 300.0, "reference temperature")?;
@@ -35,14 +35,14 @@ impl Calibration {
         possible(s.linear_beyond_c_per_min > 0.0, "range of the rate of change")?;
         possible(s.blend_band_c_per_min >= 0.0, "blend band")?;
         for a in &self.axes {
-            if !a.law.frequency_centre_hz.is_finite() {
-                return Err(BlockError::NotFinite);
+            if !a.curve.frequency_centre_hz.is_finite() {
+                return Err(ImageError::NotFinite);
             }
-            finite(&a.law.temperature_coefficients_c)?;
+            finite(&a.curve.temperature_coefficients_c)?;
             finite(&[
-                a.law.frequency_scale_hz,
-                a.law.valid_from_c,
-                a.law.valid_to_c,
+                a.curve.frequency_scale_hz,
+                a.curve.valid_from_c,
+                a.curve.valid_to_c,
                 a.scale_factor_dph_per_code,
                 a.train_rms_dph,
                 a.verify_rms_dph,
@@ -66,11 +66,13 @@ impl Calibration {
                 Coefficients::Direct(k) => finite(k)?,
                 Coefficients::Network(w) => finite(w)?,
             }
-            let centres = if a.law.is_of_sensor() { -273.15..=500.0 } else { 100.0..=100_000.0 };
-            possible(centres.contains(&a.law.frequency_centre_hz), "centre frequency")?;
-            possible((1e-3..=1e4).contains(&a.law.frequency_scale_hz), "frequency scale")?;
+            let centres = if a.curve.is_of_sensor() { -273.15..=500.0 } else { 100.0..=100_000.0 };
+            possible(centres.contains(&a.curve.frequency_centre_hz), "centre frequency")?;
+            possible((1e-3..=1e4).contains(&a.curve.frequency_scale_hz), "frequency scale")?;
             possible(
-                a.law.valid_from_c < a.law.valid_to_c && a.law.valid_from_c >= -273.15 && a.law.valid_to_c <= 500.0,
+                a.curve.valid_from_c < a.curve.valid_to_c
+                    && a.curve.valid_from_c >= -273.15
+                    && a.curve.valid_to_c <= 500.0,
                 "temperature range",
             )?;
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
@@ -85,8 +87,8 @@ impl Calibration {
             }
             finite(e.directions.as_flattened().as_flattened())?;
             match shape(e.id) {
-                None => return Err(BlockError::UnknownEffect(e.id)),
-                Some(s) if !s.on_unit => return Err(BlockError::NotOnUnit(e.id)),
+                None => return Err(ImageError::UnknownEffect(e.id)),
+                Some(s) if !s.on_unit => return Err(ImageError::NotOnUnit(e.id)),
                 Some(_) => {}
             }
         }
@@ -94,13 +96,13 @@ impl Calibration {
     }
 }
 
-fn finite(values: &[f32]) -> Result<(), BlockError> {
+fn finite(values: &[f32]) -> Result<(), ImageError> {
     for v in values {
         if !v.is_finite() {
-            return Err(BlockError::NotFinite);
+            return Err(ImageError::NotFinite);
         }
         if v.abs() > ABSURD {
-            return Err(BlockError::Absurd("coefficient"));
+            return Err(ImageError::Absurd("coefficient"));
         }
     }
     Ok(())

@@ -1,7 +1,7 @@
 //! A calibration to the bytes that lie in flash, and back.
 
 use super::layouts::{Channel, EffectHead, Header};
-use super::{BlockError, Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
+use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
@@ -37,38 +37,38 @@ impl Calibration {
     /// Reads a block; `bytes` may be longer than the block (a whole flash sector).
     ///
     /// # Errors
-    /// Each defect has its own [`BlockError`].
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, BlockError> {
+    /// Each defect has its own [`ImageError`].
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, ImageError> {
         Self::from_bytes_up_to(VERSION, bytes)
     }
 
     /// The same by a program whose newest version is this.
-    pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, BlockError> {
+    pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
         if !bytes.starts_with(&MAGIC) {
             // An erased sector holds no fault; a block whose first bytes are upset does.
             let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
-            return Err(if erased { BlockError::NoBlock } else { BlockError::Foreign });
+            return Err(if erased { ImageError::NoBlock } else { ImageError::Foreign });
         }
-        let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(BlockError::Length(0))?;
+        let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(ImageError::Length(0))?;
         if !(OLDEST..=newest).contains(&version) {
-            return Err(BlockError::Version(version));
+            return Err(ImageError::Version(version));
         }
         let n = usize::from(length);
         if !(HEADER + 4..=MAX_BYTES).contains(&n) || n > bytes.len() {
-            return Err(BlockError::Length(length));
+            return Err(ImageError::Length(length));
         }
         let (content, crc) = bytes[..n].split_at(n - 4);
         if crc != crc32(content).to_le_bytes() {
-            return Err(BlockError::Checksum);
+            return Err(ImageError::Checksum);
         }
         let mut payload = Reader::new(&content[HEADER..]);
         let mut calibration = Self::uncalibrated();
-        calibration.read_payload(&mut payload).ok_or(BlockError::Length(length))??;
+        calibration.read_payload(&mut payload).ok_or(ImageError::Length(length))??;
         if version >= 2 {
-            calibration.read_since_2(&mut payload).ok_or(BlockError::Length(length))??;
+            calibration.read_since_2(&mut payload).ok_or(ImageError::Length(length))??;
         }
         if payload.remaining() != 0 {
-            return Err(BlockError::Length(length));
+            return Err(ImageError::Length(length));
         }
         calibration.check()?;
         Ok(calibration)
@@ -88,7 +88,7 @@ impl Calibration {
         self.put_fields(w);
         self.scaling.put_fields(w);
         for a in &self.axes {
-            a.law.put_fields(w);
+            a.curve.put_fields(w);
             Channel::of(a).put_fields(w);
             w.u8(a.coefficients.kind());
             match &a.coefficients {
@@ -151,7 +151,7 @@ impl Calibration {
 
     /// Since version 2.
     #[inline(never)]
-    fn read_since_2(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+    fn read_since_2(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
         for e in &mut self.effects {
             e.start = r.f32()?;
         }
@@ -161,7 +161,7 @@ impl Calibration {
         }
         let count = usize::from(r.u8()?);
         if count > DIRECTIONS {
-            return Some(Err(BlockError::Absurd("number of directions")));
+            return Some(Err(ImageError::Absurd("number of directions")));
         }
         for k in 0..count {
             for (number, axis) in self.axes.iter_mut().enumerate() {
@@ -177,11 +177,11 @@ impl Calibration {
 
     /// Reads what a block of version 1 holds; `None` where it is too short.
     #[inline(never)]
-    fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), BlockError>> {
+    fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
         self.take_fields(r)?;
         self.scaling.take_fields(r)?;
         for a in &mut self.axes {
-            a.law.take_fields(r)?;
+            a.curve.take_fields(r)?;
             take::<Channel>(r)?.store(a);
             a.coefficients = match r.u8()? {
                 1 => Coefficients::One(Wire::take(r)?),
@@ -192,7 +192,7 @@ impl Calibration {
                 3 => Coefficients::FourParameter(take(r)?),
                 4 => Coefficients::Direct(Wire::take(r)?),
                 5 => Coefficients::Network(Wire::take(r)?),
-                kind => return Some(Err(BlockError::UnknownModel(kind))),
+                kind => return Some(Err(ImageError::UnknownModel(kind))),
             };
             a.take_fields(r)?;
         }
@@ -200,10 +200,10 @@ impl Calibration {
         for _ in 0..r.u8()? {
             let EffectHead { id, outputs: stated, parameters } = take(r)?;
             let Some(Shape { outputs, .. }) = shape(id) else {
-                return Some(Err(BlockError::UnknownEffect(id)));
+                return Some(Err(ImageError::UnknownEffect(id)));
             };
             if usize::from(stated) != outputs {
-                return Some(Err(BlockError::Absurd("number of gains of an effect")));
+                return Some(Err(ImageError::Absurd("number of gains of an effect")));
             }
             let mut e = EffectTerm::new(id, parameters);
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
@@ -211,7 +211,7 @@ impl Calibration {
                 r.fill(&mut std[..outputs])?;
             }
             if self.effects.push(e).is_err() {
-                return Some(Err(BlockError::Absurd("number of effects")));
+                return Some(Err(ImageError::Absurd("number of effects")));
             }
         }
         Some(Ok(()))

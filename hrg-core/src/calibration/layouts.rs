@@ -5,7 +5,7 @@ use crate::bias::four_parameter::{self, FourParameter};
 use crate::bias::{direct, network, Coefficients, Scaling, TERMS};
 use crate::effects::MAX_PARAMETERS;
 use crate::schema::{layout, Field, Layout, Wire};
-use crate::temperature::TemperatureLaw;
+use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 
 /// What stands before the payload.
@@ -41,7 +41,7 @@ layout! { Scaling {
     blend_band_c_per_min: f32, "half-width of the blend of cooling and heating set, C per minute";
 } }
 
-layout! { TemperatureLaw {
+layout! { TemperatureCurve {
     frequency_centre_hz: f64, "centre of the frequency, Hz (of a sensor: C)";
     frequency_scale_hz: f32, "half-width of the fitted range, Hz (of a sensor: C)";
     temperature_coefficients_c: [f32; 4], "temperature by powers of the scaled frequency, C";

@@ -9,7 +9,7 @@
 //! # Versions
 //! A new version only appends fields to the payload: none is removed, moved or given another meaning, and each has a value that
 //! means what images without it meant. So a firmware reads its own version and all older ones, the appended fields keeping those
-//! values; an older firmware refuses a newer image ([`BlockError::Version`]), flags it, and uses the other sector or the default.
+//! values; an older firmware refuses a newer image ([`ImageError::Version`]), flags it, and uses the other sector or the default.
 //! Images of each version are stored in `hrg-core/tests/images` and read by every test run.
 //!
 //! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
@@ -21,7 +21,7 @@ pub mod layouts;
 
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
-use crate::temperature::TemperatureLaw;
+use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::AXES;
 use heapless::Vec;
@@ -56,7 +56,7 @@ pub struct Uncertainty {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
     /// Frequency to temperature.
-    pub law: TemperatureLaw,
+    pub curve: TemperatureCurve,
     /// Scale factor of the rate channel, deg/h per code of the ADC; its sign is that of the channel.
     pub scale_factor_dph_per_code: f32,
     /// Fastest cooling in the data of the fit, C per minute.
@@ -132,7 +132,7 @@ pub struct Calibration {
 /// Why a block was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum BlockError {
+pub enum ImageError {
     /// The flash is erased (or there is nothing at all).
     NoBlock,
     /// It does not begin as a block does, and is not erased either.
@@ -155,7 +155,7 @@ pub enum BlockError {
     NotOnUnit(u16),
 }
 
-impl core::fmt::Display for BlockError {
+impl core::fmt::Display for ImageError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
             Self::NoBlock => write!(f, "there is no calibration block"),
@@ -178,17 +178,17 @@ impl core::fmt::Display for BlockError {
     }
 }
 
-impl core::error::Error for BlockError {}
+impl core::error::Error for ImageError {}
 
 impl Calibration {
-    /// What a unit runs that was never calibrated: the frequency laws of dong2023's Table 1 and no bias.
+    /// What a unit runs that was never calibrated: the frequency curves of dong2023's Table 1 and no bias.
     ///
-    /// The laws are the centred cubic fits of that table on its shell sensors; `hrg points
+    /// The curves are the centred cubic fits of that table on its shell sensors; `hrg points
     /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.
     #[must_use]
     pub fn uncalibrated() -> Self {
-        let law = |frequency_centre_hz, frequency_scale_hz, temperature_coefficients_c, valid_from_c, valid_to_c| {
-            TemperatureLaw {
+        let curve = |frequency_centre_hz, frequency_scale_hz, temperature_coefficients_c, valid_from_c, valid_to_c| {
+            TemperatureCurve {
                 frequency_centre_hz,
                 frequency_scale_hz,
                 temperature_coefficients_c,
@@ -196,10 +196,10 @@ impl Calibration {
                 valid_to_c,
             }
         };
-        let laws = [
-            law(4900.0, 21.152, [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72], -34.374, 55.128),
-            law(4891.9745, 20.227_5, [7.768_591_4, 44.597_454, 1.129_869, 0.170_522_93], -35.865, 53.673),
-            law(4703.596, 19.444, [7.809_050_6, 44.658_787, 1.113_637_7, 0.114_508_46], -35.849, 53.708),
+        let curves = [
+            curve(4900.0, 21.152, [9.218_105, 44.580_624, 1.161_163_1, 0.166_985_72], -34.374, 55.128),
+            curve(4891.9745, 20.227_5, [7.768_591_4, 44.597_454, 1.129_869, 0.170_522_93], -35.865, 53.673),
+            curve(4703.596, 19.444, [7.809_050_6, 44.658_787, 1.113_637_7, 0.114_508_46], -35.849, 53.708),
         ];
         Self {
             unit: UnitName::UNNAMED,
@@ -215,8 +215,8 @@ impl Calibration {
                 linear_beyond_c_per_min: 10.0,
                 blend_band_c_per_min: 0.1,
             },
-            axes: laws.map(|law| Axis {
-                law,
+            axes: curves.map(|curve| Axis {
+                curve,
                 scale_factor_dph_per_code: DEFAULT_SCALE_FACTOR,
                 valid_from_c_per_min: -10.0,
                 valid_to_c_per_min: 10.0,
@@ -336,40 +336,40 @@ pub(crate) mod tests {
     #[test]
     fn each_defect_has_its_error() {
         let good = full().to_bytes().expect("fits");
-        assert_eq!(Calibration::from_bytes(&[]), Err(BlockError::NoBlock));
-        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(BlockError::NoBlock));
+        assert_eq!(Calibration::from_bytes(&[]), Err(ImageError::NoBlock));
+        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(ImageError::NoBlock));
         let mut b = good.clone();
         b[4] = 9;
-        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Version(9)));
-        assert_eq!(Calibration::from_bytes(&good[..good.len() - 1]), Err(BlockError::Length(good.len() as u16)));
+        assert_eq!(Calibration::from_bytes(&b), Err(ImageError::Version(9)));
+        assert_eq!(Calibration::from_bytes(&good[..good.len() - 1]), Err(ImageError::Length(good.len() as u16)));
         let mut b = good.clone();
         b[40] ^= 1;
-        assert_eq!(Calibration::from_bytes(&b), Err(BlockError::Checksum));
+        assert_eq!(Calibration::from_bytes(&b), Err(ImageError::Checksum));
         let refused = |edit: &dyn Fn(&mut Calibration)| {
             let mut c = full();
             edit(&mut c);
             Calibration::from_bytes(&c.to_bytes().expect("fits")).expect_err("must be refused")
         };
-        assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), BlockError::NotFinite);
-        assert_eq!(refused(&|c| c.axes[2].law.frequency_centre_hz = f64::INFINITY), BlockError::NotFinite);
-        assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), BlockError::Absurd("scale factor"));
-        assert_eq!(refused(&|c| c.axes[0].law.frequency_centre_hz = 3.0), BlockError::Absurd("centre frequency"));
+        assert_eq!(refused(&|c| c.scaling.t_ref_c = f32::NAN), ImageError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[2].curve.frequency_centre_hz = f64::INFINITY), ImageError::NotFinite);
+        assert_eq!(refused(&|c| c.axes[0].scale_factor_dph_per_code = 0.0), ImageError::Absurd("scale factor"));
+        assert_eq!(refused(&|c| c.axes[0].curve.frequency_centre_hz = 3.0), ImageError::Absurd("centre frequency"));
         let sensor = |c: &mut Calibration, centre: f32| {
-            c.axes[0].law = TemperatureLaw {
+            c.axes[0].curve = TemperatureCurve {
                 frequency_centre_hz: f64::from(centre),
                 frequency_scale_hz: 46.0,
                 temperature_coefficients_c: [centre, 46.0, 0.0, 0.0],
-                ..c.axes[0].law
+                ..c.axes[0].curve
             };
         };
-        assert_eq!(refused(&|c| sensor(c, 600.0)), BlockError::Absurd("centre frequency"));
+        assert_eq!(refused(&|c| sensor(c, 600.0)), ImageError::Absurd("centre frequency"));
         let mut c = full();
         sensor(&mut c, 28.0);
         assert_eq!(Calibration::from_bytes(&c.to_bytes().expect("fits")).as_ref(), Ok(&c));
-        assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), BlockError::Absurd("coefficient"));
-        assert_eq!(refused(&|c| c.effects[0].id = 11), BlockError::NotOnUnit(11));
+        assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), ImageError::Absurd("coefficient"));
+        assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
-        assert_eq!(refused(&nan), BlockError::NotFinite);
+        assert_eq!(refused(&nan), ImageError::NotFinite);
     }
 
     #[test]
@@ -383,9 +383,9 @@ pub(crate) mod tests {
         let end = image.len() - 4;
         let crc = crc32(&image[..end]).to_le_bytes();
         image[end..].copy_from_slice(&crc);
-        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(VERSION + 1)));
+        assert_eq!(Calibration::from_bytes(&image), Err(ImageError::Version(VERSION + 1)));
         image[4..6].copy_from_slice(&(OLDEST - 1).to_le_bytes());
-        assert_eq!(Calibration::from_bytes(&image), Err(BlockError::Version(OLDEST - 1)));
+        assert_eq!(Calibration::from_bytes(&image), Err(ImageError::Version(OLDEST - 1)));
     }
 
     #[test]

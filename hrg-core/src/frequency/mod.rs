@@ -14,7 +14,7 @@
 //!   are the regression over 1 s, not an average of ten.
 //! - Edges are numbered by the grid they must lie on. One that comes too early is a glitch: rejected and
 //!   counted. Where edges are missing, the number moves on by as many: counted, and the slope stays right.
-//! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a hole
+//! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a gap
 //!   of [`HOLE_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
 
 mod bank;
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn many_at_once_are_as_one_by_one() {
-        // Edges with jitter, glitches, holes and a silence, cut into batches of any length.
+        // Edges with jitter, glitches, gaps and a silence, cut into batches of any length.
         let mut x = 7u32;
         let mut draw = |n: u32| {
             x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);

@@ -57,7 +57,7 @@ impl Message {
     /// What a unit says.
     fn read_report(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
-            0x01 => Self::Rate(take::<RateFrame>(r)?.sealed()),
+            0x01 => Self::Rate(take::<RateFrame>(r)?.with_integrity()),
             0x02 => Self::Housekeeping(take_housekeeping(r)?),
             0x03 => Self::Identity(take(r)?),
             0x04 => Self::Alignment(take(r)?),

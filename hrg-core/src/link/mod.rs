@@ -222,7 +222,7 @@ mod tests {
                     rate_dph: [0.0, -1.5, 1e5],
                     integrity: 0,
                 }
-                .sealed(),
+                .with_integrity(),
             ),
             Message::Housekeeping(housekeeping()),
             Message::Identity(Identity {

@@ -12,7 +12,7 @@ use hrg_core::alignment::{wrap, ARCMIN, DEGREE};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use std::path::Path;
-use virtual_board::{Board, Probe, Silence, CPU_HZ};
+use virtual_board::{Board, NothingConnected, Probe, CPU_HZ};
 
 /// When the host asks for the alignment, s after power-on.
 const BEGIN_S: f64 = 4.5;
@@ -92,7 +92,7 @@ fn align_with(
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let seconds = end as usize + 5;
     let constant = |value: f64| vec![value; seconds.max(200)];
-    let frequency = |a: usize| used.axes[a].law.frequency_hz(25.0).unwrap_or(used.axes[a].law.frequency_centre_hz);
+    let frequency = |a: usize| used.axes[a].curve.frequency_hz(25.0).unwrap_or(used.axes[a].curve.frequency_centre_hz);
     let steps = Steps {
         start_s: 1.0,
         power_on_s: 0.0,
@@ -140,7 +140,7 @@ pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
         ("upf, kernel form, 200, step", "bench::kernels_step"),
         ("upf, literal, 200, step", "bench::literal_step"),
     ];
-    let mut board = Board::new(bench, Silence)?;
+    let mut board = Board::new(bench, NothingConnected)?;
     let probes = functions.iter().map(|(_, path)| board.count_calls(path)).collect::<Result<Vec<_>, _>>()?;
     board.run_until(CPU_HZ / 4)?;
     functions

@@ -8,14 +8,14 @@ use anyhow::{Context, Result};
 use hrg_core::calibration::{Calibration, DEFAULT_SCALE_FACTOR};
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 use hrg_core::rate_path::RatePath;
-use hrg_core::temperature::{ForwardLaw, TemperatureLaw};
+use hrg_core::temperature::{ForwardCurve, TemperatureCurve};
 use hrg_core::timebase::Timebase;
 use object::{Object, ObjectSegment};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::fmt::Write as _;
-use virtual_board::{Board, Silence, CPU_HZ};
+use virtual_board::{Board, NothingConnected, CPU_HZ};
 
 /// One counted figure.
 #[derive(Debug, Clone)]
@@ -92,7 +92,7 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
             None,
             "us",
         ),
-        figure("converter frame checked and taken apart", mean(&with, DECODE)?, 213.0, None, "instructions"),
+        figure("ADC frame checked and taken apart", mean(&with, DECODE)?, 213.0, None, "instructions"),
         figure("sample corrected", mean(&with, SAMPLE)?, 219.0, None, "instructions"),
         figure("rate frame encoded", mean(&with, ENCODE)?, 1160.0, None, "instructions"),
         figure("everything, a second", all, 2_500_000.0, None, "instructions"),
@@ -134,8 +134,8 @@ const WAYS: [(&str, &str, u32); 8] = [
     ("ours: centred exactly, cubic in f32", "ours", 5),
 ];
 
-fn default_law() -> TemperatureLaw {
-    Calibration::uncalibrated().axes[0].law
+fn default_law() -> TemperatureCurve {
+    Calibration::uncalibrated().axes[0].curve
 }
 
 /// The alternatives beside ours, on one virtual CPU.
@@ -144,16 +144,16 @@ fn default_law() -> TemperatureLaw {
 /// Where the ELF is not that of `alternatives`.
 pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
     const POINTS: usize = 200;
-    let mut board = Board::new(elf, Silence)?;
+    let mut board = Board::new(elf, NothingConnected)?;
     for (_, symbol, _) in WAYS {
         board.count_calls(&format!("alternatives::{symbol}"))?;
     }
     // It ends asleep, with nothing to wake it.
     let _ = board.run_until(CPU_HZ);
     let results = board.firmware().address_of("alternatives::RESULTS").context("no results in this ELF")?;
-    let law = default_law();
+    let curve = default_law();
     // What firmware/src/bin/alternatives.rs takes the root of.
-    let forward = ForwardLaw {
+    let forward = ForwardCurve {
         t0_c: 0.0,
         scale_c: 1.0,
         c: [4_895.602_740_431_214, 0.479_352_328_114_589_44, -0.000_257_673_834_871_828_66, -5.622_241_434_603_012e-7],
@@ -165,8 +165,8 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
             let mut bytes = [0; 4];
             board.read_memory(results + 4 * (k * POINTS + p) as u32, &mut bytes)?;
             let f = 4878.0 + 0.22 * p as f64;
-            let c = law.temperature_coefficients_c.map(f64::from);
-            let u = (f - law.frequency_centre_hz) / f64::from(law.frequency_scale_hz);
+            let c = curve.temperature_coefficients_c.map(f64::from);
+            let u = (f - curve.frequency_centre_hz) / f64::from(curve.frequency_scale_hz);
             let mut truth = ((c[3] * u + c[2]) * u + c[1]) * u + c[0];
             if what.starts_with("root") {
                 truth = forward.root_c(f, truth).context("no root")?;

@@ -9,7 +9,7 @@ use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{EffectSpec, Plan, Profile, Simulated};
 use hrg_cal::thermometer::points::{self, Points};
-use hrg_cal::trace::trace;
+use hrg_cal::trace::{trace, Report};
 use hrg_cal::AXIS_NAMES;
 use hrg_core::calibration::Calibration;
 use std::path::{Path, PathBuf};
@@ -123,6 +123,76 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
     Ok(())
 }
 
+/// What the frames say, with both images.
+fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, told: &mut String) {
+    say!(told, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
+    let (raw, corrected) = replay::three_sigma(rows[0]);
+    let (_, extended) = replay::three_sigma(rows[1]);
+    say!(
+        told,
+        "   {:<5} {:>9} {:>16} {:>16} {:>14}",
+        "axis",
+        "raw",
+        "baseline block",
+        "extended block",
+        "noise put in"
+    );
+    for a in 0..3 {
+        say!(
+            told,
+            "   {:<5} {:>9.3} {:>16.3} {:>16.3} {:>14.3}",
+            AXIS_NAMES[a],
+            raw[a],
+            corrected[a],
+            extended[a],
+            3.0 * verify.truth.floor_dph[a]
+        );
+    }
+    say!(told, "   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
+    say!(told, "   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
+    for (name, o) in [("baseline", outcomes[0]), ("extended", outcomes[1])] {
+        let r = &o.received;
+        say!(
+                told,
+            "   {name}: {} frames, {} differ from hrg-core on the desktop, largest difference {} deg/h; {:.0} instructions a second ({:.2} %)",
+            r.rates.len() + r.housekeeping.len(),
+            r.differing,
+            r.largest_difference_dph,
+            o.instructions as f64 / o.seconds,
+            o.instructions as f64 / o.seconds / 1.8e6
+        );
+    }
+}
+
+/// The simulator's truth beside what was found.
+fn truth(train: &Simulated, report: &Report, told: &mut String) {
+    say!(told, "5. Only now the simulator's truth");
+    for e in &train.truth.effects {
+        say!(
+            told,
+            "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
+            e.source.name(),
+            e.parameters[0],
+            e.size
+        );
+    }
+    for e in &report.effects {
+        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
+        let twins = if e.indistinguishable_from.is_empty() {
+            String::new()
+        } else {
+            format!(", not told from {}", e.indistinguishable_from.join(", "))
+        };
+        say!(told, "   found:   {} {}{twins}", e.name, parameters.join(", "));
+    }
+    let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| report.unexplained[*a]).collect();
+    say!(
+        told,
+        "   left:    {}",
+        if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) }
+    );
+}
+
 /// Runs the demo for the unit with a seed; results go to `out`. Gives what it has printed.
 ///
 /// # Errors
@@ -171,69 +241,8 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     }
     hrg_cal::write_file(&to("rates.svg"), plot(&rows_before, &rows_after)?.as_bytes())?;
 
-    say!(told, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
-    let (raw, corrected) = replay::three_sigma(&rows_before);
-    let (_, extended) = replay::three_sigma(&rows_after);
-    say!(
-        told,
-        "   {:<5} {:>9} {:>16} {:>16} {:>14}",
-        "axis",
-        "raw",
-        "baseline block",
-        "extended block",
-        "noise put in"
-    );
-    for a in 0..3 {
-        say!(
-            told,
-            "   {:<5} {:>9.3} {:>16.3} {:>16.3} {:>14.3}",
-            AXIS_NAMES[a],
-            raw[a],
-            corrected[a],
-            extended[a],
-            3.0 * verify.truth.floor_dph[a]
-        );
-    }
-    say!(told, "   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
-    say!(told, "   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
-    for (name, o) in [("baseline", &before), ("extended", &after)] {
-        let r = &o.received;
-        say!(
-                told,
-            "   {name}: {} frames, {} differ from hrg-core on the desktop, largest difference {} deg/h; {:.0} instructions a second ({:.2} %)",
-            r.rates.len() + r.housekeeping.len(),
-            r.differing,
-            r.largest_difference_dph,
-            o.instructions as f64 / o.seconds,
-            o.instructions as f64 / o.seconds / 1.8e6
-        );
-    }
-
-    say!(told, "5. Only now the simulator's truth");
-    for e in &train.truth.effects {
-        say!(
-            told,
-            "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
-            e.source.name(),
-            e.parameters[0],
-            e.size
-        );
-    }
-    for e in &t.report.effects {
-        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
-        let twins = if e.indistinguishable_from.is_empty() {
-            String::new()
-        } else {
-            format!(", not told from {}", e.indistinguishable_from.join(", "))
-        };
-        say!(told, "   found:   {} {}{twins}", e.name, parameters.join(", "));
-    }
-    let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| t.report.unexplained[*a]).collect();
-    say!(
-        told,
-        "   left:    {}",
-        if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) }
-    );
+    figures([&before, &after], [&rows_before, &rows_after], &verify, told);
+    truth(&train, &t.report, told);
     table_1(table, told)?;
     say!(
         told,

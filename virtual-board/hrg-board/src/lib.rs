@@ -2,7 +2,7 @@
 //!
 //! | module | does |
 //! |---|---|
-//! | [`wires`] | turns a recording into edges and converter codes, and collects what the unit sends |
+//! | [`wires`] | turns a recording into edges and ADC codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
 //! | [`demo`] | the main job from end to end |
 //! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
@@ -29,9 +29,9 @@ pub mod symbol {
     pub const UPDATE: &str = "hrg_core::compensator::Compensator::update";
     /// The bias model of an axis, without effects.
     pub const BIAS: &str = "hrg_core::bias::Coefficients::bias_dph";
-    /// The temperature law.
-    pub const LAW: &str = "hrg_core::temperature::TemperatureLaw::value_and_slope";
-    /// A converter frame.
+    /// The temperature curve.
+    pub const LAW: &str = "hrg_core::temperature::TemperatureCurve::value_and_slope";
+    /// An ADC frame.
     pub const DECODE: &str = "hrg_core::adc::decode";
     /// A sample corrected.
     pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";

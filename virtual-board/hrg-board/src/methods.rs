@@ -6,6 +6,7 @@ use crate::weigh;
 use anyhow::{Context, Result};
 use hrg_cal::compare::{self, Contender};
 use hrg_cal::fit::independence::Units;
+use hrg_cal::fit::method::{Method, Model, Objective, Search};
 use hrg_cal::image_file;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
@@ -101,6 +102,64 @@ fn fly(elf: &[u8], calibration: &Path, run: &Recording, seconds: Option<u64>) ->
     })
 }
 
+/// Whether a method's notes tell what a search reached beside an exact solution.
+fn has_a_search(method: Method) -> bool {
+    let p = method.parts();
+    p.objective == Objective::Range
+        || matches!(p.search, Search::Swarm | Search::LiteralSwarm)
+        || matches!(p.model, Model::FourParameters | Model::FourParametersLiteral)
+}
+
+/// Compares the methods on one case; gives the run that repeats the first one.
+fn side_by_side(
+    case: &Case,
+    elf: &[u8],
+    out: &Path,
+    seed: u64,
+    table: Option<&Path>,
+    text: &mut String,
+) -> Result<Recording> {
+    let folder = out.join(case.name);
+    std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    println!("{}: {} (simulated)", case.name, case.about);
+    let train = case.run(seed * 10)?;
+    let verify = (1..=case.verify).map(|k| case.run(seed * 10 + k)).collect::<Result<Vec<_>>>()?;
+    let repeat = case.run(seed * 10 + 9)?;
+    hrg_cal::write_file(&folder.join("train.csv"), train.to_csv().as_bytes())?;
+    for (k, v) in verify.iter().enumerate() {
+        hrg_cal::write_file(&folder.join(format!("verify-{}.csv", k + 1)), v.to_csv().as_bytes())?;
+    }
+    hrg_cal::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
+    let mut c = compare::compare(&[train], &verify, &Contender::all(), seed, Units::Same, &folder, |_| {})?;
+    let steps = Steps::new(&verify[0])?;
+    let blocks: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
+    let costs = weigh::weigh_all(elf, &blocks, &steps, 120)?;
+    c.rows.iter_mut().zip(costs).for_each(|(row, w)| row.cost = Some(w));
+    hrg_cal::write_file(&folder.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
+    let picture = compare::picture(&c)?;
+    hrg_cal::write_file(&folder.join("compare.svg"), picture.as_bytes())?;
+    let residuals = compare::residuals(&c, &verify[0], &folder)?;
+    hrg_cal::write_file(&folder.join("residuals.svg"), residuals.as_bytes())?;
+    let theirs =
+        |m: &str| case.theirs.iter().find(|(n, _)| *n == m).map_or_else(String::new, |(_, text)| (*text).to_string());
+    println!("{}", compare::table(&c, false, Some(("theirs", &theirs))));
+    let _ =
+        write!(text, "\n## {}\n{}.\n\n{}", case.name, case.about, compare::table(&c, true, Some(("theirs", &theirs))));
+    for l in &c.left_out {
+        let _ = writeln!(text, "\nLeft out: {l}.");
+    }
+    let _ = writeln!(text, "\nWhat the searches reached:\n");
+    for r in c.rows.iter().filter(|r| Method::by_name(&r.method).is_some_and(has_a_search)) {
+        let _ = writeln!(text, "- `{}`: {}", r.method, r.notes.join("; "));
+    }
+    if let Some(table) = table {
+        let name = format!("methods-{}.svg", case.name);
+        hrg_cal::write_file(&table.with_file_name(&name), picture.as_bytes())?;
+        let _ = writeln!(text, "\n![{}]({name})", case.name);
+    }
+    Ok(repeat)
+}
+
 /// Runs the comparison of all cases.
 ///
 /// # Errors
@@ -111,52 +170,8 @@ pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: O
     );
     let mut flights = Vec::new();
     for case in &CASES {
+        let repeat = side_by_side(case, elf, out, seed, table, &mut text)?;
         let folder = out.join(case.name);
-        std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        println!("{}: {} (simulated)", case.name, case.about);
-        let train = case.run(seed * 10)?;
-        let verify = (1..=case.verify).map(|k| case.run(seed * 10 + k)).collect::<Result<Vec<_>>>()?;
-        let repeat = case.run(seed * 10 + 9)?;
-        hrg_cal::write_file(&folder.join("train.csv"), train.to_csv().as_bytes())?;
-        for (k, v) in verify.iter().enumerate() {
-            hrg_cal::write_file(&folder.join(format!("verify-{}.csv", k + 1)), v.to_csv().as_bytes())?;
-        }
-        hrg_cal::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
-        let mut c = compare::compare(&[train], &verify, &Contender::all(), seed, Units::Same, &folder, |_| {})?;
-        let steps = Steps::new(&verify[0])?;
-        let blocks: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
-        let costs = weigh::weigh_all(elf, &blocks, &steps, 120)?;
-        c.rows.iter_mut().zip(costs).for_each(|(row, w)| row.cost = Some(w));
-        hrg_cal::write_file(&folder.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
-        let picture = compare::picture(&c)?;
-        hrg_cal::write_file(&folder.join("compare.svg"), picture.as_bytes())?;
-        let residuals = compare::residuals(&c, &verify[0], &folder)?;
-        hrg_cal::write_file(&folder.join("residuals.svg"), residuals.as_bytes())?;
-        let theirs = |m: &str| {
-            case.theirs.iter().find(|(n, _)| *n == m).map_or_else(String::new, |(_, text)| (*text).to_string())
-        };
-        println!("{}", compare::table(&c, false, Some(("theirs", &theirs))));
-        let _ = write!(
-            text,
-            "\n## {}\n{}.\n\n{}",
-            case.name,
-            case.about,
-            compare::table(&c, true, Some(("theirs", &theirs)))
-        );
-        for l in &c.left_out {
-            let _ = writeln!(text, "\nLeft out: {l}.");
-        }
-        let _ = writeln!(text, "\nWhat the searches reached:\n");
-        for r in
-            c.rows.iter().filter(|r| r.method.contains("pso") || r.method.contains("fog") || r.method == "lp-range")
-        {
-            let _ = writeln!(text, "- `{}`: {}", r.method, r.notes.join("; "));
-        }
-        if let Some(table) = table {
-            let name = format!("methods-{}.svg", case.name);
-            hrg_cal::write_file(&table.with_file_name(&name), picture.as_bytes())?;
-            let _ = writeln!(text, "\n![{}]({name})", case.name);
-        }
         flights.push((case, folder.join(format!("{}.toml", case.flown)), repeat));
     }
     println!("Burnt and run again: a repeat of each chamber run, through the ELF.");

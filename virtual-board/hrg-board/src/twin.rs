@@ -110,7 +110,7 @@ impl Twin {
         }
     }
 
-    /// A converter frame was fetched.
+    /// An ADC frame was fetched.
     pub fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
         self.advance(stamp);
         let codes = if good { Ok(std::array::from_fn(|k| codes[k])) } else { Err(Fault::Crc) };

@@ -21,14 +21,14 @@ pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Res
         ..Options::default()
     };
     let outcome = replay::run(elf, Some(&c), steps, &options, |_| {})?;
-    let [update, bias, law] = &outcome.calls[..] else { anyhow::bail!("the functions were not counted") };
+    let [update, bias, curve] = &outcome.calls[..] else { anyhow::bail!("the functions were not counted") };
     Ok(Cost {
         calibration: calibration.display().to_string(),
         update_instructions: update.mean().context("no update was counted")?,
         bias_instructions: bias.mean().context("no evaluation was counted")?,
         law_instructions: match c.axes[0].coefficients {
             Coefficients::Direct(_) if c.effects.is_empty() => 0.0,
-            _ => law.mean().context("no temperature was counted")?,
+            _ => curve.mean().context("no temperature was counted")?,
         },
         bytes: c.to_bytes().context("the calibration does not fit a block")?.len(),
         frames: outcome.received.rates.len() + outcome.received.housekeeping.len(),

@@ -1,4 +1,4 @@
-//! What is on the wires of the board while a recording is played: resonator edges, converter codes, the link.
+//! What is on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
 use crate::twin::Twin;
 use hrg_cal::recording::steps::Steps;
@@ -28,14 +28,14 @@ pub enum AxisFault {
     Jump(f64),
 }
 
-/// What may be wrong with the converter.
+/// What may be wrong with the ADC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ConverterFault {
+pub enum AdcFault {
     /// It finishes no conversion.
     Silent,
     /// It gives the same codes again and again.
     Stuck,
-    /// Its frames are spoilt on the way.
+    /// Its frames are invalid on the way.
     Checksum,
     /// A channel is at the end of its scale.
     Saturated(usize),
@@ -46,12 +46,12 @@ pub enum ConverterFault {
 pub struct WireFaults {
     /// Of resonators.
     pub axis: Vec<(usize, AxisFault, Range<f64>)>,
-    /// Of the converter.
-    pub converter: Vec<(ConverterFault, Range<f64>)>,
+    /// Of the ADC.
+    pub adc: Vec<(AdcFault, Range<f64>)>,
     /// Extra edges: an axis, and how long after each 1000th edge they come, s.
     pub glitch: Option<(usize, f64)>,
-    /// Every n-th converter frame is spoilt.
-    pub spoil_every: Option<u32>,
+    /// Every n-th ADC frame is invalid.
+    pub invalidate_every: Option<u32>,
     /// Bytes that the other end of the link sends, each with its time.
     pub link_in: Vec<(f64, u8)>,
 }
@@ -61,8 +61,8 @@ impl WireFaults {
         self.axis.iter().filter(move |(a, _, when)| *a == axis && when.contains(&t)).map(move |f| (f.1, t - f.2.start))
     }
 
-    fn of_converter(&self, t: f64) -> impl Iterator<Item = ConverterFault> + '_ {
-        self.converter.iter().filter(move |(_, when)| when.contains(&t)).map(|f| f.0)
+    fn of_converter(&self, t: f64) -> impl Iterator<Item = AdcFault> + '_ {
+        self.adc.iter().filter(move |(_, when)| when.contains(&t)).map(|f| f.0)
     }
 }
 
@@ -133,7 +133,7 @@ pub struct Wires {
     accelerations: Option<(f64, Vec<[f64; 2]>)>,
     acceleration_carry: [f64; 2],
     frames_out: u32,
-    spoilt: bool,
+    invalid: bool,
     link_at: usize,
     /// Bytes that wait to come in, and when the last one came.
     coming: VecDeque<u8>,
@@ -159,7 +159,7 @@ impl std::fmt::Debug for Wires {
 }
 
 impl Wires {
-    /// `scale_dph`: deg/h per converter code; `jitter_s`: RMS jitter of every edge.
+    /// `scale_dph`: deg/h per ADC code; `jitter_s`: RMS jitter of every edge.
     #[must_use]
     pub fn new(
         steps: Steps,
@@ -184,7 +184,7 @@ impl Wires {
             accelerations: None,
             acceleration_carry: [0.0; 2],
             frames_out: 0,
-            spoilt: false,
+            invalid: false,
             link_at: 0,
             coming: VecDeque::new(),
             last_byte: 0,
@@ -343,14 +343,14 @@ impl World for Wires {
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]> {
         self.now = cycles;
         let t = cycles as f64 / CPU_HZ as f64;
-        let faults: Vec<ConverterFault> = self.faults.of_converter(t).collect();
-        if faults.contains(&ConverterFault::Silent) {
+        let faults: Vec<AdcFault> = self.faults.of_converter(t).collect();
+        if faults.contains(&AdcFault::Silent) {
             return None;
         }
-        if faults.contains(&ConverterFault::Stuck) {
+        if faults.contains(&AdcFault::Stuck) {
             return Some(self.codes);
         }
-        self.spoilt = faults.contains(&ConverterFault::Checksum);
+        self.invalid = faults.contains(&AdcFault::Checksum);
         let second = (cycles / CPU_HZ) as usize;
         let mut codes = [0i32; 8];
         for (a, code) in codes.iter_mut().take(3).enumerate() {
@@ -375,7 +375,7 @@ impl World for Wires {
             }
         }
         for fault in faults {
-            if let ConverterFault::Saturated(channel) = fault {
+            if let AdcFault::Saturated(channel) = fault {
                 codes[channel] = 0x7F_FFFF;
             }
         }
@@ -399,7 +399,7 @@ impl World for Wires {
 
     fn spoil_converter_frame(&mut self) -> bool {
         self.frames_out += 1;
-        self.spoilt || self.faults.spoil_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
+        self.invalid || self.faults.invalidate_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
     }
 
     fn captured(&mut self, channel: usize, stamp: u32) {

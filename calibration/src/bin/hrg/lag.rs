@@ -5,7 +5,7 @@ use clap::Args;
 use hrg_cal::recording::steps::{Run, Steps};
 use hrg_cal::thermometer::lag;
 use hrg_cal::{fit, image_file, load_recording, BadInput, AXIS_NAMES};
-use hrg_core::temperature::TemperatureLaw;
+use hrg_core::temperature::TemperatureCurve;
 use hrg_core::AXES;
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// Recording with a step of the chamber's temperature.
     recording: PathBuf,
-    /// Calibration whose frequency-temperature laws are used; without it they are fitted to this recording.
+    /// Calibration whose frequency-temperature curves are used; without it they are fitted to this recording.
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// What drives the lag: case or chamber (shell: an old name of case)
@@ -46,11 +46,11 @@ fn thermal_lag(
     out: Option<&Path>,
 ) -> Result<()> {
     let recording = load_recording(path)?;
-    let laws = match calibration {
-        Some(p) => image_file::load(p)?.axes.map(|a| a.law),
-        None => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.law),
+    let curves = match calibration {
+        Some(p) => image_file::load(p)?.axes.map(|a| a.curve),
+        None => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.curve),
     };
-    let run = Run::new(Steps::new(&recording)?, laws);
+    let run = Run::new(Steps::new(&recording)?, curves);
     let responses = lag::identify(&run, input)?;
     println!(
         "{:<5} {:>8} {:>9} {:>16} {:>12}   two lags in series",
@@ -67,7 +67,7 @@ fn thermal_lag(
         );
     }
     match (predict, out) {
-        (Some(predict), out) => predicted(predict, &responses, laws, input, out),
+        (Some(predict), out) => predicted(predict, &responses, curves, input, out),
         (None, Some(out)) => hrg_cal::write_file(out, serde_json::to_string_pretty(&responses)?.as_bytes()),
         (None, None) => Ok(()),
     }
@@ -77,12 +77,12 @@ fn thermal_lag(
 fn predicted(
     predict: &Path,
     responses: &[lag::Response],
-    laws: [TemperatureLaw; AXES],
+    curves: [TemperatureCurve; AXES],
     input: lag::Input,
     out: Option<&Path>,
 ) -> Result<()> {
     let other = load_recording(predict)?;
-    let run = Run::new(Steps::new(&other)?, laws);
+    let run = Run::new(Steps::new(&other)?, curves);
     let mut columns = Vec::new();
     for (a, r) in responses.iter().enumerate() {
         let u = lag::input_of(&run, a, input)

@@ -29,8 +29,8 @@ pub struct Arguments {
     #[arg(long)]
     noise: Option<f64>,
     /// Put spikes, gaps, missing, stuck values and repeated times in.
-    #[arg(long)]
-    dirty: bool,
+    #[arg(long, alias = "dirty")]
+    defects: bool,
     /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
     #[command(flatten)]
     place: Place,
@@ -47,7 +47,7 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { profile, effect, seed, unit, kind, noise, dirty, place, no_attitude, out } = arguments;
+    let Arguments { profile, effect, seed, unit, kind, noise, defects, place, no_attitude, out } = arguments;
     let kind = Kind::parse(&kind)?;
     let usual = kind.noise();
     let effects = effect
@@ -64,8 +64,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let attitude = place.attitude()?.unwrap_or(ATTITUDE);
     let plan = Plan { kind, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
     let mut simulated = plan.simulate();
-    if dirty {
-        hrg_cal::simulate::soil(&mut simulated.recording, seed);
+    if defects {
+        hrg_cal::simulate::inject_defects(&mut simulated.recording, seed);
     }
     if no_attitude {
         simulated.recording.restore_earth_rate();

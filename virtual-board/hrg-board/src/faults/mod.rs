@@ -7,7 +7,7 @@
 //! |---|---|
 //! | [`power`] | cuts while a calibration is written, and at random instructions |
 //! | [`memory`] | flipped bits in the block in flash, and in RAM |
-//! | [`sensors`] | resonators and converter, one by one and in pairs |
+//! | [`sensors`] | resonators and ADC, one by one and in pairs |
 //! | [`link`] | noise, cut, mutated, replayed and reordered frames, floods |
 //! | [`load`] | everything at once |
 //! | [`time`] | 50 days of time stamps |

@@ -1,8 +1,8 @@
-//! Resonators and converter.
+//! Resonators and ADC.
 
 use super::memory::unsaid;
 use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH};
-use crate::wires::{AxisFault, ConverterFault, Received, WireFaults, Wires};
+use crate::wires::{AdcFault, AxisFault, Received, WireFaults, Wires};
 use anyhow::Result;
 use hrg_core::compensator::HOLD_S;
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -12,7 +12,7 @@ use virtual_board::{Board, Snapshot, CPU_HZ};
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     Axis(usize, AxisFault),
-    Adc(ConverterFault),
+    Adc(AdcFault),
 }
 
 /// A fault with the flags that must follow (any of them), and within what time, s.
@@ -62,16 +62,14 @@ fn cases() -> Vec<Case> {
         axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
         cases.push(Case {
             name: format!("{} saturated", hrg_cal::AXIS_NAMES[a]),
-            fault: Fault::Adc(ConverterFault::Saturated(a)),
+            fault: Fault::Adc(AdcFault::Saturated(a)),
             flags: Flags::Axis(a, AxisStatus::OVER_RANGE),
             within_s: 0.01,
         });
     }
-    for (name, fault) in [
-        ("converter silent", ConverterFault::Silent),
-        ("converter stuck", ConverterFault::Stuck),
-        ("converter checksum errors", ConverterFault::Checksum),
-    ] {
+    for (name, fault) in
+        [("ADC silent", AdcFault::Silent), ("ADC stuck", AdcFault::Stuck), ("ADC checksum errors", AdcFault::Checksum)]
+    {
         let fault = Fault::Adc(fault);
         cases.push(Case { name: name.into(), fault, flags: Flags::Unit(UnitStatus::ADC_FAULT), within_s: NEXT_STEP_S });
     }
@@ -83,7 +81,7 @@ fn untouched(faults: &[&Case]) -> Vec<usize> {
     let mut left: Vec<usize> = (0..3).collect();
     for c in faults {
         match c.fault {
-            Fault::Axis(a, _) | Fault::Adc(ConverterFault::Saturated(a)) => left.retain(|k| *k != a),
+            Fault::Axis(a, _) | Fault::Adc(AdcFault::Saturated(a)) => left.retain(|k| *k != a),
             Fault::Adc(_) => left.clear(),
         }
     }
@@ -116,7 +114,7 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
     for c in faults {
         match c.fault {
             Fault::Axis(a, f) => wires.axis.push((a, f, window.clone())),
-            Fault::Adc(f) => wires.converter.push((f, window.clone())),
+            Fault::Adc(f) => wires.adc.push((f, window.clone())),
         }
     }
     board.world.set_faults(wires);
@@ -247,9 +245,7 @@ fn kept(o: &Outcome) -> bool {
 /// there are no rates to flag.
 fn said(a: &Case, b: &Case, o: &Outcome) -> bool {
     let in_time = [o.flagged_s[0] <= a.within_s, o.flagged_s[1] <= b.within_s];
-    let hides = |c: &Case| {
-        matches!(c.fault, Fault::Adc(ConverterFault::Silent | ConverterFault::Stuck | ConverterFault::Checksum))
-    };
+    let hides = |c: &Case| matches!(c.fault, Fault::Adc(AdcFault::Silent | AdcFault::Stuck | AdcFault::Checksum));
     let one_resonator = matches!((a.fault, b.fault), (Fault::Axis(x, _), Fault::Axis(y, _)) if x == y);
     match (hides(a), hides(b)) {
         (false, false) if one_resonator => in_time[0] || in_time[1],
