@@ -28,6 +28,7 @@ const USAGE: &str = "cargo xtask COMMAND
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
+  study --controls [N] the trace on N clean units (default 500), a third with the spectra of measured residuals, into docs/controls-*.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
   measured          the loop on the measured recordings: every method and the trace, before and after
   setup             only install what is missing";
@@ -54,6 +55,7 @@ fn main() -> ExitCode {
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
         Some("audit") => audit(),
         Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
+        Some("study") if rest.first().is_some_and(|a| a == "--controls") => controls(&rest[1..]),
         Some("study") => tool("hrg-study", rest),
         Some("measured") => tool("hrg", &["measured".to_string()]),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
@@ -118,6 +120,45 @@ fn programs() -> Result<(), Failure> {
 fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
     programs()?;
     run(Command::new(root().join("target/release").join(name)).args(arguments))
+}
+
+/// The trace on clean units: whatever it names is invented. Each third has the noise spectrum of a measured residual: one half of them of
+/// a measured gyro, one of a measured oscillator.
+fn controls(arguments: &[String]) -> Result<(), Failure> {
+    let all: usize = match arguments.first() {
+        Some(n) => n.parse().map_err(|_| Failure(format!("{n} is no number of units")))?,
+        None => 500,
+    };
+    programs()?;
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
+    let plant = root().join("target/release/foreign-plant");
+    let measured = root().join("host-tests/recordings/measured");
+    let folder = root().join("out/controls");
+    let sources = [
+        (
+            "imu",
+            "imu_raw_data.csv.gz",
+            ["--skip", "5", "--columns", "imu.gyro.x,imu.gyro.y,imu.gyro.z", "--against", "imu.temperature"],
+        ),
+        ("gpsdo", "gpsdo.short.csv.gz", ["--skip", "0", "--columns", "2", "--against", "1"]),
+    ];
+    for (k, (name, file, select)) in sources.into_iter().enumerate() {
+        let count = (all + k) / 2;
+        run(Command::new(&plant)
+            .args(["clean", "--count", &count.to_string(), "--out"])
+            .arg(folder.join(name))
+            .arg("--residuals")
+            .arg(measured.join(file))
+            .args(select))?;
+        let heading = format!(
+            "# Clean units under the noise of {name}\n\nSimulated by `host-tests/foreign-plant`; each third unit has the spectrum of measured residuals ({file}), the others white noise, flicker,\nrandom walks and lines. Printed by `cargo xtask study --controls {all}`."
+        );
+        let page = format!("docs/controls-{name}.md");
+        run(Command::new(&plant)
+            .args(["grade", "--hrg", "target/release/hrg", "--page", &page, "--heading", &heading, "--folder"])
+            .arg(folder.join(name)))?;
+    }
+    Ok(())
 }
 
 /// The trace on the units of the second plant, graded by their truths.

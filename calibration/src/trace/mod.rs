@@ -480,7 +480,9 @@ impl OnVerifyRun<'_> {
             let wins = has_effect && agreement(&of_base[a], &of_image[a], floor).wins();
             let (chosen, candidate) =
                 if wins { (&of_image[a], AxisModel::Extended) } else { (&of_base[a], AxisModel::Baseline) };
-            *model = if agreement(&raw[a], chosen, floor).wins() { candidate } else { AxisModel::Constant };
+            // Where neither is better beyond chance, the one that left less there.
+            let better = agreement(&raw[a], chosen, floor).wins() || chosen.deviation() < raw[a].deviation();
+            *model = if better { candidate } else { AxisModel::Constant };
             match *model {
                 AxisModel::Extended => {}
                 AxisModel::Baseline => take_axis(&mut image, &baseline, a),

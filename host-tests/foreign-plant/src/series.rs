@@ -8,6 +8,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rustfft::{num_complex::Complex, FftPlanner};
 use std::f64::consts::PI;
+use std::io::Read as _;
 use std::path::Path;
 
 /// Measured residual series, one column or more, all of one length.
@@ -42,7 +43,7 @@ impl Series {
     /// A sentence with file, and line where one is at fault: unreadable, no such column, too many rows that are not numbers, fewer than 256
     /// rows, a constant column.
     pub fn read(path: &Path, selection: &Selection) -> Result<Self> {
-        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let text = read_text(path).with_context(|| format!("cannot read {}", path.display()))?;
         let name = path.file_stem().map_or_else(|| "series".into(), |stem| stem.to_string_lossy().into_owned());
         Self::parse(&text, name, selection).with_context(|| format!("{} cannot be used", path.display()))
     }
@@ -187,4 +188,15 @@ fn without_ends(x: &[f64]) -> Vec<f64> {
     let straight: Vec<f64> = x.iter().enumerate().map(|(i, x)| x - slope * i as f64).collect();
     let mean = mean(&straight);
     straight.iter().map(|x| x - mean).collect()
+}
+/// The text of a file, unpacked where its name says that gzip has packed it.
+fn read_text(path: &Path) -> std::io::Result<String> {
+    let file = std::fs::File::open(path)?;
+    let mut text = String::new();
+    if path.extension().is_some_and(|e| e == "gz") {
+        flate2::read::GzDecoder::new(file).read_to_string(&mut text)?;
+    } else {
+        std::io::BufReader::new(file).read_to_string(&mut text)?;
+    }
+    Ok(text)
 }
