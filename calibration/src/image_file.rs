@@ -8,6 +8,7 @@ use hrg_core::bias::TERMS;
 use hrg_core::calibration::layouts::{Channel, MODELS};
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS};
 use hrg_core::effects::{by_id, EffectId, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::half::Half;
 use hrg_core::schema::{Field, Format, Layout, Number};
 use hrg_core::AXES;
 use serde::ser::{SerializeMap, SerializeSeq};
@@ -168,8 +169,10 @@ fn effect_item(e: &EffectTerm) -> Option<Item> {
         ("gain_dph".into(), by_axis(&e.gains)),
         ("gain_std_dph".into(), by_axis(&e.gain_std)),
     ]);
-    if e.directions.iter().flatten().flatten().any(|g| *g != 0.0) {
-        let of = |a: usize| Item::Row(e.directions.iter().map(|d| singles(&d[a][..facts.outputs])).collect());
+    if e.directions.iter().flatten().flatten().any(|g| *g != Half::ZERO) {
+        let of = |a: usize| {
+            Item::Row(e.directions.iter().map(|d| singles(&d[a].map(Half::value)[..facts.outputs])).collect())
+        };
         let each = AXIS_NAMES.iter().enumerate().map(|(a, n)| ((*n).to_string(), of(a))).collect();
         out.push((DIRECTIONS_KEY.into(), Item::Table(each)));
     }
@@ -353,7 +356,7 @@ fn read_effect(table: &Table) -> Result<EffectTerm, BadInput> {
     }
     for (a, n) in AXIS_NAMES.iter().enumerate() {
         for (k, row) in rows(part(DIRECTIONS_KEY).get(*n), DIRECTIONS, facts.outputs, &place)?.iter().enumerate() {
-            term.directions[k][a][..facts.outputs].copy_from_slice(row);
+            term.directions[k][a].iter_mut().zip(row).for_each(|(to, v)| *to = Half::of(*v));
         }
         for (to, key) in [(&mut term.gains[a], "gain_dph"), (&mut term.gain_std[a], "gain_std_dph")] {
             let given = part(key).get(*n).and_then(numbers).filter(|v| v.len() == facts.outputs);
@@ -470,7 +473,7 @@ mod tests {
             c.axes[2].coefficients = rest;
             let mut e = EffectTerm::new(7, [0.0; 2]);
             e.start = -1.0;
-            e.directions[2][0][0] = g;
+            e.directions[1][0][0] = Half::of(g);
             c.axes[2].uncertainty.rest_dph2 = g.abs();
             c.axes[2].uncertainty.baseline[1][3] = -g;
             e.gains[1][1] = g;

@@ -225,6 +225,7 @@ mod tests {
     use crate::bias::Coefficients;
     use crate::calibration::EffectTerm;
     use crate::effects::{by_id, MAX_OUTPUTS};
+    use crate::half::Half;
     use crate::thermal::ACCEPT_STEPS;
 
     fn calibrated() -> Calibration {
@@ -257,8 +258,8 @@ mod tests {
         // An effect with three gains of a known covariance: two independent directions, one of them along the baseline's slope too.
         let shape = by_id(3).expect("in the list");
         let mut term = EffectTerm::new(shape.id, [-40.0, 60.0]);
-        term.directions[0][1][0] = 0.5;
-        term.directions[1][1][1] = -0.25;
+        term.directions[0][1][0] = Half::of(0.5);
+        term.directions[1][1][1] = Half::of(-0.25);
         block.axes[1].uncertainty.rest_dph2 = 0.04;
         block.axes[1].uncertainty.baseline[0][1] = 2.0;
         block.effects.push(term).expect("room");

@@ -41,6 +41,7 @@ pub mod calibration;
 pub mod compensator;
 pub mod effects;
 pub mod frequency;
+pub mod half;
 pub mod link;
 pub mod maintenance;
 pub mod math;

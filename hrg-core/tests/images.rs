@@ -45,7 +45,7 @@ fn version_2_states_its_uncertainty() {
     assert_eq!((u.axes[0].uncertainty.rest_dph2, u.axes[2].uncertainty.baseline[0]), (0.25, [0.5; 6]));
     assert_eq!(u.effects.iter().map(|t| t.start).collect::<Vec<_>>(), [0.0, -1.0, 0.0]);
     let directions: Vec<(f32, f32)> =
-        u.effects.iter().map(|t| (t.directions[1][2][0], t.directions[1][1][0])).collect();
+        u.effects.iter().map(|t| (t.directions[1][2][0].value(), t.directions[1][1][0].value())).collect();
     assert_eq!(directions, [(-0.125, 0.0); 3]);
     assert_eq!(read(EFFECTS).axes[0].uncertainty, Uncertainty::default(), "version 1 states none");
 }

@@ -11,6 +11,7 @@ use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
 use hrg_core::effects::MAX_OUTPUTS;
+use hrg_core::half::Half;
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
 
@@ -264,7 +265,7 @@ impl Fitted {
                         term.gain_std[a][j] = self.axes[a].std[at] as f32;
                         let directions = stated[a].iter().flat_map(|s| &s.directions);
                         for (to, from) in term.directions.iter_mut().zip(directions) {
-                            to[a][j] = from[at] as f32;
+                            to[a][j] = Half::of(from[at] as f32);
                         }
                     }
                 }
@@ -286,7 +287,7 @@ pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
     for term in &mut image.effects {
         term.gains[a] = [0.0; MAX_OUTPUTS];
         term.gain_std[a] = [0.0; MAX_OUTPUTS];
-        term.directions.iter_mut().for_each(|d| d[a] = [0.0; MAX_OUTPUTS]);
+        term.directions.iter_mut().for_each(|d| d[a] = [Half::ZERO; MAX_OUTPUTS]);
     }
 }
 

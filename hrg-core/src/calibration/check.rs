@@ -85,7 +85,9 @@ impl Calibration {
                 finite(g)?;
                 finite(d)?;
             }
-            finite(e.directions.as_flattened().as_flattened())?;
+            for gain in e.directions.as_flattened().as_flattened() {
+                finite(&[gain.value()])?;
+            }
             match shape(e.id) {
                 None => return Err(ImageError::UnknownEffect(e.id)),
                 Some(s) if !s.on_unit => return Err(ImageError::NotOnUnit(e.id)),

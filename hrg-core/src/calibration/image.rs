@@ -5,6 +5,7 @@ use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC,
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
+use crate::half::Half;
 use crate::schema::{size, take, Layout, Wire};
 use crate::AXES;
 use heapless::Vec;
@@ -126,7 +127,7 @@ impl Calibration {
         let any = |k: usize| {
             let mut own = self.axes.iter().flat_map(|a| a.uncertainty.baseline[k]);
             let mut effects = self.effects.iter().flat_map(|e| e.directions[k].iter().flatten());
-            own.any(|v| v != 0.0) || effects.any(|v| *v != 0.0)
+            own.any(|v| v != 0.0) || effects.any(|v| v.value() != 0.0)
         };
         (0..DIRECTIONS).rev().find(|k| any(*k)).map_or(0, |k| k + 1)
     }
@@ -143,7 +144,9 @@ impl Calibration {
                 w.f32s(&axis.uncertainty.baseline[k]);
                 for e in &self.effects {
                     let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-                    w.f32s(&e.directions[k][number][..outputs]);
+                    for gain in &e.directions[k][number][..outputs] {
+                        w.u16(gain.bits());
+                    }
                 }
             }
         }
@@ -168,7 +171,9 @@ impl Calibration {
                 axis.uncertainty.baseline[k] = r.f32s()?;
                 for e in &mut self.effects {
                     let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-                    r.fill(&mut e.directions[k][number][..outputs])?;
+                    for gain in &mut e.directions[k][number][..outputs] {
+                        *gain = Half::from_bits(r.u16()?);
+                    }
                 }
             }
         }

@@ -21,6 +21,7 @@ pub mod layouts;
 
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
+use crate::half::Half;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -38,7 +39,7 @@ pub const MAX_EFFECTS: usize = 8;
 /// Longest possible block in bytes.
 pub const MAX_BYTES: usize = 4096;
 /// Most directions of an [`Uncertainty`].
-pub const DIRECTIONS: usize = 3;
+pub const DIRECTIONS: usize = 2;
 
 /// How uncertain the bias of one axis is. Its variance at any moment is `rest_dph2` plus the sum of the squares of the directions, each of
 /// which is a bias made of the same regressors: of the baseline with these coefficients (regressors of
@@ -90,7 +91,7 @@ pub struct EffectTerm {
     /// Standard deviations of the gains.
     pub gain_std: [[f32; MAX_OUTPUTS]; AXES],
     /// Gains of each direction of the [`Uncertainty`] on each axis, deg/h per unit of the regressor.
-    pub directions: [[[f32; MAX_OUTPUTS]; AXES]; DIRECTIONS],
+    pub directions: [[[Half; MAX_OUTPUTS]; AXES]; DIRECTIONS],
 }
 
 impl EffectTerm {
@@ -103,7 +104,7 @@ impl EffectTerm {
             start: 0.0,
             gains: [[0.0; MAX_OUTPUTS]; AXES],
             gain_std: [[0.0; MAX_OUTPUTS]; AXES],
-            directions: [[[0.0; MAX_OUTPUTS]; AXES]; DIRECTIONS],
+            directions: [[[Half::ZERO; MAX_OUTPUTS]; AXES]; DIRECTIONS],
         }
     }
 }
@@ -284,7 +285,7 @@ pub(crate) mod tests {
         }
         for e in &mut c.effects {
             let outputs = shape(e.id).expect("in the list").outputs;
-            e.directions[1][2][..outputs].fill(-0.125);
+            e.directions[1][2][..outputs].fill(Half::of(-0.125));
         }
         c
     }

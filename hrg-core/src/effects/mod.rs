@@ -8,6 +8,7 @@
 //! Numbers are stable: they are what the calibration block stores.
 
 use crate::bias::{Scaling, State};
+use crate::half::Half;
 use crate::thermal::Thermal;
 use crate::AXES;
 
@@ -120,6 +121,8 @@ pub trait Regressors: Copy {
     fn padded(&self) -> [f32; MAX_OUTPUTS];
     /// The sum of each times its gain.
     fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
+    /// The same of gains of half the length.
+    fn weighed_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32;
 }
 
 impl<const N: usize> Regressors for [f32; N] {
@@ -133,6 +136,10 @@ impl<const N: usize> Regressors for [f32; N] {
     #[inline]
     fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
         crate::bias::dot(gains, self)
+    }
+    #[inline]
+    fn weighed_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32 {
+        gains.iter().zip(self).map(|(g, x)| g.value() * x).sum()
     }
 }
 
@@ -183,7 +190,7 @@ pub struct Sums<'a, const N: usize> {
     /// The bias of each axis, deg/h.
     pub bias_dph: &'a mut [f32; AXES],
     /// Gains of the directions of its uncertainty.
-    pub directions: &'a [Gains; N],
+    pub directions: &'a [[[Half; MAX_OUTPUTS]; AXES]; N],
     /// Those of each axis, deg/h.
     pub along_dph: &'a mut [[f32; AXES]; N],
 }
@@ -208,7 +215,7 @@ fn add_bias_dph<E: Effect, const N: usize>(
         let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
         sums.bias_dph[axis] += x.weighed(&sums.gains[axis]);
         for (along, gains) in sums.along_dph.iter_mut().zip(sums.directions) {
-            along[axis] += x.weighed(&gains[axis]);
+            along[axis] += x.weighed_by_halves(&gains[axis]);
         }
     }
 }
