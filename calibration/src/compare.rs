@@ -195,7 +195,7 @@ pub fn compare(
         progress(method);
         let found = match contender {
             Contender::Trace => traced(train, first, units),
-            Contender::Method(m) => identify(&prepared, *m, seed),
+            Contender::Method(m) => identify(&prepared, *m, seed).map_err(BadInput::from),
         };
         let found = match found {
             Ok(f) => f,

@@ -64,7 +64,7 @@ pub fn image() -> String {
     s += &part("Header", Header::FIELDS);
     s += &part("Identity", Calibration::FIELDS);
     s += &part("Scaling", hrg_core::bias::Scaling::FIELDS);
-    s += &part("Temperature law of an axis", TemperatureCurve::FIELDS);
+    s += &part("Temperature curve of an axis", TemperatureCurve::FIELDS);
     s += &part("Channel of an axis", Channel::FIELDS);
     for (number, fields) in MODELS {
         s += &part(&format!("Bias model {number}"), fields);

@@ -19,6 +19,93 @@ use toml::{Table, Value};
 /// Version of the file.
 const VERSION: u32 = 1;
 
+/// Why a text is no calibration.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FileError {
+    /// It is not TOML, or another TOML.
+    #[error("this is not a calibration file: {0}")]
+    NotOne(String),
+    /// It is of another version.
+    #[error("the calibration file is of version {0}, this program reads version {VERSION}")]
+    Version(String),
+    /// The directions of an uncertainty are too many, or not as long as the regressors.
+    #[error("{place}: uncertainty_directions_dph must be at most {most} rows of {width} numbers")]
+    Directions {
+        /// Where.
+        place: String,
+        /// Most rows.
+        most: usize,
+        /// Numbers of a row.
+        width: usize,
+    },
+    /// Something is not there.
+    #[error("{place} lacks {name}")]
+    Missing {
+        /// Where.
+        place: String,
+        /// What.
+        name: String,
+    },
+    /// A value of another kind, or of another number of values.
+    #[error("{place}: {name} cannot be {given}")]
+    Wrong {
+        /// Where.
+        place: String,
+        /// What.
+        name: &'static str,
+        /// As it stands there.
+        given: String,
+    },
+    /// A row of another length.
+    #[error("{place}: {name} must be {count} numbers")]
+    Row {
+        /// Where.
+        place: String,
+        /// What.
+        name: String,
+        /// How many it must have.
+        count: usize,
+    },
+    /// A checksum that is none.
+    #[error("{name} \"{text}\" is not a hexadecimal number")]
+    NotHexadecimal {
+        /// What.
+        name: String,
+        /// As it stands there.
+        text: String,
+    },
+    /// No bias model, or several.
+    #[error("{0} must have one bias model: bias_dph, or bias_cooling_dph with bias_heating_dph, or four_parameter_dph, bias_of_frequency_dph or network_dph")]
+    OneModel(String),
+    /// An effect that this program does not have.
+    #[error("effect \"{0}\" is not known to this program")]
+    UnknownEffect(String),
+    /// An effect with another number of gains than it has regressors.
+    #[error("effect {effect}: axis {axis} needs {count} gains")]
+    Gains {
+        /// The effect.
+        effect: String,
+        /// The axis.
+        axis: &'static str,
+        /// How many it needs.
+        count: usize,
+    },
+    /// More effects than an image has room for.
+    #[error("the calibration file has more effects than a block can hold")]
+    TooManyEffects,
+    /// What it says is impossible.
+    #[error("the calibration file cannot be used: {0}")]
+    Unusable(ImageError),
+    /// Changed by hand, or damaged.
+    #[error("the calibration file's checksum is {stated:08x}, its content gives {content:08x}: it was changed by hand or damaged; make it anew, or set block_crc32 if the change is meant")]
+    Checksum {
+        /// As it stands there.
+        stated: u32,
+        /// That of the content.
+        content: u32,
+    },
+}
+
 /// Names that files of older programs have.
 const FORMER: [(&str, &str); 1] = [("scale_factor_dph_per_code", "rate_scale_dph_per_code")];
 
@@ -214,14 +301,14 @@ fn numbers(value: &Value) -> Option<Vec<Number>> {
 }
 
 /// Reads the fields of a part from the table that has them.
-fn fill<L: Layout>(part: &mut L, table: &Table, place: &str) -> Result<(), BadInput> {
+fn fill<L: Layout>(part: &mut L, table: &Table, place: &str) -> Result<(), FileError> {
     for (at, field) in L::FIELDS.iter().enumerate() {
         let given = value(table, field.name).ok_or_else(|| {
             let sensor = SENSOR.iter().find(|(today, _)| *today == field.name);
             let or = sensor.map_or(String::new(), |(_, other)| format!(" (for a sensor {other})"));
-            BadInput::new(format!("{place} lacks {}{or}", field.name))
+            FileError::Missing { place: place.into(), name: format!("{}{or}", field.name) }
         })?;
-        let wrong = || BadInput::new(format!("{place}: {} cannot be {given}", field.name));
+        let wrong = || FileError::Wrong { place: place.into(), name: field.name, given: given.to_string() };
         let numbers = match given {
             Value::String(text) if is_checksum(field.name) => vec![Number::Whole(hexadecimal(text, field.name)?)],
             Value::String(text) if field.format == Format::Byte => {
@@ -238,8 +325,8 @@ fn fill<L: Layout>(part: &mut L, table: &Table, place: &str) -> Result<(), BadIn
     Ok(())
 }
 
-fn hexadecimal(text: &str, what: &str) -> Result<u32, BadInput> {
-    u32::from_str_radix(text, 16).map_err(|_| BadInput::new(format!("{what} \"{text}\" is not a hexadecimal number")))
+fn hexadecimal(text: &str, what: &str) -> Result<u32, FileError> {
+    u32::from_str_radix(text, 16).map_err(|_| FileError::NotHexadecimal { name: what.into(), text: text.into() })
 }
 
 fn single(n: Number) -> f32 {
@@ -251,16 +338,16 @@ fn single(n: Number) -> f32 {
 }
 
 /// A row of singles of exactly so many numbers.
-fn row<const N: usize>(table: &Table, name: &str, place: &str) -> Result<Option<[f32; N]>, BadInput> {
+fn row<const N: usize>(table: &Table, name: &str, place: &str) -> Result<Option<[f32; N]>, FileError> {
     let Some(given) = table.get(name) else { return Ok(None) };
     let values: Vec<f32> = numbers(given).unwrap_or_default().into_iter().map(single).collect();
     let Ok(row) = values.try_into() else {
-        return Err(BadInput::new(format!("{place}: {name} must be {N} numbers")));
+        return Err(FileError::Row { place: place.into(), name: name.into(), count: N });
     };
     Ok(Some(row))
 }
 
-fn read_model(table: &Table, place: &str) -> Result<Coefficients, BadInput> {
+fn read_model(table: &Table, place: &str) -> Result<Coefficients, FileError> {
     let [one, cooling, heating, direct, network] =
         ["bias_dph", "bias_cooling_dph", "bias_heating_dph", "bias_of_frequency_dph", "network_dph"];
     let two_sets = row(table, cooling, place)?.zip(row(table, heating, place)?);
@@ -282,19 +369,17 @@ fn read_model(table: &Table, place: &str) -> Result<Coefficients, BadInput> {
     let mut given = models.into_iter().flatten();
     match (given.next(), given.next()) {
         (Some(model), None) => Ok(model),
-        _ => Err(BadInput::new(format!(
-            "{place} must have one bias model: {one}, or {cooling} with {heating}, or {FOUR_PARAMETER}, {direct} or {network}"
-        ))),
+        _ => Err(FileError::OneModel(place.into())),
     }
 }
 
 /// At most so many rows of so many singles each; none where nothing is given.
-fn rows(given: Option<&Value>, most: usize, width: usize, place: &str) -> Result<Vec<Vec<f32>>, BadInput> {
+fn rows(given: Option<&Value>, most: usize, width: usize, place: &str) -> Result<Vec<Vec<f32>>, FileError> {
     let Some(given) = given.and_then(Value::as_array) else { return Ok(Vec::new()) };
     let rows: Vec<Vec<f32>> =
         given.iter().map(|r| numbers(r).unwrap_or_default().into_iter().map(single).collect()).collect();
     if rows.len() > most || rows.iter().any(|r: &Vec<f32>| r.len() != width) {
-        return Err(BadInput::new(format!("{place}: {DIRECTIONS_KEY} must be at most {most} rows of {width} numbers")));
+        return Err(FileError::Directions { place: place.to_string(), most, width });
     }
     Ok(rows)
 }
@@ -316,7 +401,7 @@ fn uncertainty_entries(u: &Uncertainty) -> Vec<(String, Item)> {
     ]
 }
 
-fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, BadInput> {
+fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, FileError> {
     let mut u = Uncertainty::default();
     if let Some(rest) = table.get(REST).and_then(numbers).filter(|v| v.len() == 1) {
         u.rest_dph2 = single(rest[0]);
@@ -327,7 +412,7 @@ fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, BadInput>
     Ok(u)
 }
 
-fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), BadInput> {
+fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), FileError> {
     fill(&mut axis.curve, table, place)?;
     let mut channel = Channel::default();
     fill(&mut channel, table, place)?;
@@ -337,18 +422,17 @@ fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), BadInput
     fill(axis, table, place)
 }
 
-fn read_effect(table: &Table) -> Result<EffectTerm, BadInput> {
+fn read_effect(table: &Table) -> Result<EffectTerm, FileError> {
     let name = table.get("name").and_then(Value::as_str).unwrap_or("");
-    let facts = EffectId::by_name(name)
-        .map(EffectId::facts)
-        .ok_or_else(|| BadInput::new(format!("effect \"{name}\" is not known to this program")))?;
+    let facts = EffectId::by_name(name).map(EffectId::facts).ok_or_else(|| FileError::UnknownEffect(name.into()))?;
     let place = format!("effect {name}");
     let mut term = EffectTerm::new(facts.id, [0.0; MAX_PARAMETERS]);
     let empty = Table::new();
     let part = |key: &str| table.get(key).and_then(Value::as_table).unwrap_or(&empty);
     for (to, parameter) in term.parameters.iter_mut().zip(facts.parameters) {
         let given = part("parameters").get(*parameter).and_then(numbers).filter(|v| v.len() == 1);
-        let given = given.ok_or_else(|| BadInput::new(format!("{place} lacks the parameter {parameter}")))?;
+        let given = given
+            .ok_or_else(|| FileError::Missing { place: place.clone(), name: format!("the parameter {parameter}") })?;
         *to = single(given[0]);
     }
     if let Some(start) = table.get(START).and_then(numbers).filter(|v| v.len() == 1) {
@@ -360,8 +444,7 @@ fn read_effect(table: &Table) -> Result<EffectTerm, BadInput> {
         }
         for (to, key) in [(&mut term.gains[a], "gain_dph"), (&mut term.gain_std[a], "gain_std_dph")] {
             let given = part(key).get(*n).and_then(numbers).filter(|v| v.len() == facts.outputs);
-            let given =
-                given.ok_or_else(|| BadInput::new(format!("{place}: axis {n} needs {} gains", facts.outputs)))?;
+            let given = given.ok_or_else(|| FileError::Gains { effect: name.into(), axis: n, count: facts.outputs })?;
             to.iter_mut().zip(given).for_each(|(to, n)| *to = single(n));
         }
     }
@@ -372,18 +455,16 @@ fn read_effect(table: &Table) -> Result<EffectTerm, BadInput> {
 ///
 /// # Errors
 /// One sentence.
-pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
-    let not_one = |why: &str| BadInput::new(format!("this is not a calibration file: {}", why.replace('\n', " ")));
+pub fn from_text(text: &str) -> Result<Calibration, FileError> {
+    let not_one = |why: &str| FileError::NotOne(why.replace('\n', " "));
     let file: Table = toml::from_str(text).map_err(|e| not_one(&e.to_string()))?;
     let version = file.get("hrg_calibration").ok_or_else(|| not_one("hrg_calibration is missing"))?;
     if *version != Value::Integer(VERSION.into()) {
-        return Err(BadInput::new(format!(
-            "the calibration file is of version {version}, this program reads version {VERSION}"
-        )));
+        return Err(FileError::Version(version.to_string()));
     }
     let table = |within: &Table, name: &str, place: &str| {
         let found = within.get(name).and_then(Value::as_table).cloned();
-        found.ok_or_else(|| BadInput::new(format!("the calibration file lacks [{place}]")))
+        found.ok_or_else(|| FileError::Missing { place: "the calibration file".into(), name: format!("[{place}]") })
     };
     let mut c = Calibration::uncalibrated();
     fill(&mut c, &file, "the calibration file")?;
@@ -395,19 +476,15 @@ pub fn from_text(text: &str) -> Result<Calibration, BadInput> {
     }
     let effects = file.get("effect").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for e in effects.iter().filter_map(Value::as_table) {
-        c.effects
-            .push(read_effect(e)?)
-            .map_err(|_| BadInput::new("the calibration file has more effects than a block can hold"))?;
+        c.effects.push(read_effect(e)?).map_err(|_| FileError::TooManyEffects)?;
     }
-    c.check().map_err(|e| BadInput::new(format!("the calibration file cannot be used: {e}")))?;
+    c.check().map_err(FileError::Unusable)?;
     let stated = file.get("block_crc32").and_then(Value::as_str);
-    let stated = stated.ok_or_else(|| BadInput::new("the calibration file lacks block_crc32"))?;
+    let stated = stated
+        .ok_or_else(|| FileError::Missing { place: "the calibration file".into(), name: "block_crc32".into() })?;
     let stated = hexadecimal(stated, "block_crc32")?;
     if stated != c.checksum() {
-        return Err(BadInput::new(format!(
-            "the calibration file's checksum is {stated:08x}, its content gives {:08x}: it was changed by hand or damaged; make it anew, or set block_crc32 if the change is meant",
-            c.checksum()
-        )));
+        return Err(FileError::Checksum { stated, content: c.checksum() });
     }
     Ok(c)
 }
@@ -423,7 +500,7 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
         return Ok(Calibration::from_bytes(&bytes).map_err(|e: ImageError| here(e.to_string()))?);
     }
     let text = std::str::from_utf8(&bytes).map_err(|_| here("it is neither a calibration file nor a block".into()))?;
-    Ok(from_text(text).map_err(|e| here(e.0))?)
+    Ok(from_text(text).map_err(|e| here(e.to_string()))?)
 }
 
 /// Writes a calibration: binary where the path ends in `.bin`, else text.
@@ -449,8 +526,36 @@ mod tests {
         assert!(from_text(&text).is_ok());
         let changed = text.replace("t_ref_c = 10.0", "t_ref_c = 11.0");
         assert_ne!(text, changed);
-        assert!(from_text(&changed).expect_err("noticed").0.contains("checksum"));
-        assert!(from_text("a = 1").expect_err("refused").0.contains("not a calibration file"));
+        assert!(from_text(&changed).expect_err("noticed").to_string().contains("checksum"));
+        assert!(matches!(from_text("a = 1"), Err(FileError::NotOne(_))));
+    }
+
+    #[test]
+    fn a_file_with_former_names_reads_as_it_did() {
+        let c = Calibration::uncalibrated();
+        let text = to_text(&c);
+        let former = text.replace("scale_factor_dph_per_code", "rate_scale_dph_per_code");
+        assert_ne!(text, former);
+        assert_eq!(from_text(&former).expect("readable"), c);
+    }
+
+    #[test]
+    fn what_is_missing_or_wrong_is_named_with_its_place() {
+        let text = to_text(&Calibration::uncalibrated());
+        for (from, to, says) in [
+            ("t_scale_c", "t_size_c", "[scaling] lacks t_scale_c"),
+            ("frequency_scale_hz", "scale_hz", "[axis.x] lacks frequency_scale_hz (for a sensor sensor_scale_c)"),
+            ("calibrated = false", "calibrated = 7.5", "the calibration file: calibrated cannot be 7.5"),
+            ("[axis.y]", "[axis.q]", "the calibration file lacks [axis.y]"),
+            ("bias_dph = [", "bias_of_frequency_dph = [", "[axis.x]: bias_of_frequency_dph must be 7 numbers"),
+            ("bias_dph = [", "no_bias_dph = [", "[axis.x] must have one bias model: bias_dph, or"),
+            ("hrg_calibration = 1", "hrg_calibration = 9", "is of version 9, this program reads version 1"),
+        ] {
+            let changed = text.replace(from, to);
+            assert_ne!(text, changed, "{from}");
+            let e = from_text(&changed).expect_err(says).to_string();
+            assert!(e.contains(says), "{e}");
+        }
     }
 
     proptest! {

@@ -65,6 +65,30 @@ pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     }
 }
 
+/// Errors of the rooms that are bad input, with their own sentences.
+macro_rules! bad_input {
+    ($($error:ty),+ $(,)?) => {$(
+        impl From<$error> for BadInput {
+            fn from(e: $error) -> Self {
+                Self(e.to_string())
+            }
+        }
+    )+
+
+        /// Whether an error is bad input, of whichever room.
+        fn is_bad_input(e: &anyhow::Error) -> bool {
+            e.is::<BadInput>() $(|| e.is::<$error>())+
+        }
+    };
+}
+
+bad_input! {
+    align::ReadError,
+    fit::methods::MethodError,
+    image_file::FileError,
+    thermometer::points::TableError,
+}
+
 /// How a program ends: 0 done, 2 bad input, 1 internal; the error is one line on standard error.
 #[must_use]
 pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode {
@@ -72,7 +96,7 @@ pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(e) => {
             eprintln!("{program}: {e:#}");
-            std::process::ExitCode::from(if e.is::<BadInput>() { 2 } else { 1 })
+            std::process::ExitCode::from(if is_bad_input(&e) { 2 } else { 1 })
         }
     }
 }

@@ -82,3 +82,12 @@ fn both_left_overs_are_found_with_their_figures() {
     }
     assert!(!common.indistinguishable_from.is_empty());
 }
+
+#[test]
+fn the_report_has_the_keys_that_programs_read() {
+    let report = report(&table()).expect("fits");
+    let json = serde_json::to_value(&report).expect("JSON");
+    let cubic = &json["fits"]["shell"]["x"]["inverse"][2];
+    let keys: Vec<&String> = cubic.as_object().expect("a fit").keys().collect();
+    assert_eq!(keys, ["coefficients", "degree", "leave_one_out_rms_c", "max_c", "residuals_c", "rms_c"]);
+}

@@ -83,7 +83,7 @@ pub trait World {
         None
     }
     /// Whether the frame that the ADC sends now is invalid on the wire.
-    fn spoil_converter_frame(&mut self) -> bool {
+    fn invalidate_adc_frame(&mut self) -> bool {
         false
     }
     /// An edge was captured: the channel and the timer's reading.

@@ -30,7 +30,7 @@ impl<W: World> Board<W> {
         let Some(codes) = self.world.convert(at) else {
             return;
         };
-        self.wires.invalid = self.world.spoil_converter_frame();
+        self.wires.invalid = self.world.invalidate_adc_frame();
         let chip = self.cpu.get_data_mut();
         chip.ready = (at.min(chip.now), chip.instructions);
         chip.spoil = self.wires.invalid;

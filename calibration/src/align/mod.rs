@@ -99,13 +99,84 @@ impl clap::ValueEnum for FilterKind {
 
 const COLUMNS: [&str; 4] = ["time_s", "position", "v1_mps", "v2_mps"];
 
+/// Why a file is no recording of an alignment.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ReadError {
+    /// Nothing is in it.
+    #[error("the file is empty")]
+    Empty,
+    /// A header alone.
+    #[error("there are no rows after the header")]
+    NoRows,
+    /// A column that is not there.
+    #[error("line {line}: the column {name} is missing; an alignment has {columns}")]
+    Missing {
+        /// Line, from 1.
+        line: usize,
+        /// Its name.
+        name: &'static str,
+        /// What an alignment has.
+        columns: String,
+    },
+    /// Metadata that are no number.
+    #[error("line {line}: {place}: \"{text}\" is not a number")]
+    NotANumber {
+        /// Line, from 1.
+        line: usize,
+        /// Their key.
+        place: String,
+        /// What stands there.
+        text: String,
+    },
+    /// A cell that is no number.
+    #[error("line {line}, {place}: \"{cell}\" is not a number")]
+    Cell {
+        /// Line, from 1.
+        line: usize,
+        /// Column, by number and name.
+        place: String,
+        /// What stands there.
+        cell: String,
+    },
+    /// A row that is too short.
+    #[error("line {line} has {cells} cells, the header more")]
+    Cells {
+        /// Line, from 1.
+        line: usize,
+        /// How many it has.
+        cells: usize,
+    },
+    /// A position that there is not.
+    #[error("line {line}: position {position} is neither 1 nor 2")]
+    Position {
+        /// Line, from 1.
+        line: usize,
+        /// What stands there.
+        position: String,
+    },
+    /// Time that does not go on.
+    #[error("line {line}: time goes back from {from} to {to} s")]
+    Back {
+        /// Line, from 1.
+        line: usize,
+        /// Time before, s.
+        from: String,
+        /// Time there, s.
+        to: String,
+    },
+    /// Position 1 once more.
+    #[error("line {0}: position 1 after position 2; cut the file there")]
+    PositionBack(usize),
+}
+
 /// Where the columns stand in a header.
-fn places_of(cells: &[&str], n: usize) -> Result<[usize; 4], BadInput> {
+fn places_of(cells: &[&str], line: usize) -> Result<[usize; 4], ReadError> {
     let mut found = [0; 4];
     for (to, name) in found.iter_mut().zip(COLUMNS) {
-        *to = cells.iter().position(|c| *c == name).ok_or_else(|| {
-            let columns = COLUMNS.join(",");
-            BadInput::new(format!("line {n}: the column {name} is missing; an alignment has {columns}"))
+        *to = cells.iter().position(|c| *c == name).ok_or_else(|| ReadError::Missing {
+            line,
+            name,
+            columns: COLUMNS.join(","),
         })?;
     }
     Ok(found)
@@ -120,15 +191,15 @@ impl Recording {
         let here = |e: String| BadInput::new(format!("{}: {e}", path.display()));
         let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
         let text = std::str::from_utf8(&bytes).map_err(|_| here("it is not UTF-8 text".into()))?;
-        Self::parse(text).map_err(|e| here(e.0))
+        Self::parse(text).map_err(|e| here(e.to_string()))
     }
 
     /// Takes what stands behind a `#`.
-    fn take_metadata(&mut self, n: usize, meta: &str) -> Result<(), BadInput> {
+    fn take_metadata(&mut self, line: usize, meta: &str) -> Result<(), ReadError> {
         let Some((key, value)) = meta.split_once(':') else { return Ok(()) };
         let (key, value) = (key.trim(), value.trim());
         let number = || {
-            let bad = |_| BadInput::new(format!("line {n}: {key}: \"{value}\" is not a number"));
+            let bad = |_| ReadError::NotANumber { line, place: key.into(), text: value.into() };
             value.parse::<f64>().map_err(bad)
         };
         match key {
@@ -147,7 +218,7 @@ impl Recording {
     ///
     /// # Errors
     /// One sentence with line and column.
-    pub fn parse(text: &str) -> Result<Self, BadInput> {
+    pub fn parse(text: &str) -> Result<Self, ReadError> {
         let mut out = Self {
             latitude_deg: None,
             gravity_mps2: None,
@@ -172,39 +243,34 @@ impl Recording {
                 places = Some(places_of(&cells, n)?);
                 continue;
             };
-            let number = |k: usize| -> Result<f64, BadInput> {
-                let cell = cells
-                    .get(at[k])
-                    .ok_or_else(|| BadInput::new(format!("line {n} has {} cells, the header more", cells.len())))?;
+            let number = |k: usize| -> Result<f64, ReadError> {
+                let cell = cells.get(at[k]).ok_or(ReadError::Cells { line: n, cells: cells.len() })?;
                 cell.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| {
-                    BadInput::new(format!(
-                        "line {n}, column {} ({}): \"{cell}\" is not a number",
-                        at[k] + 1,
-                        COLUMNS[k]
-                    ))
+                    let place = format!("column {} ({})", at[k] + 1, COLUMNS[k]);
+                    ReadError::Cell { line: n, place, cell: (*cell).to_string() }
                 })
             };
             let position = match number(1)? {
                 1.0 => 1,
                 2.0 => 2,
-                other => return Err(BadInput::new(format!("line {n}: position {other} is neither 1 nor 2"))),
+                other => return Err(ReadError::Position { line: n, position: other.to_string() }),
             };
             let row = (number(0)?, position, [number(2)?, number(3)?]);
             if let Some(last) = out.rows.last() {
                 if row.0 < last.0 {
-                    return Err(BadInput::new(format!("line {n}: time goes back from {} to {} s", last.0, row.0)));
+                    return Err(ReadError::Back { line: n, from: last.0.to_string(), to: row.0.to_string() });
                 }
                 if row.1 < last.1 {
-                    return Err(BadInput::new(format!("line {n}: position 1 after position 2; cut the file there")));
+                    return Err(ReadError::PositionBack(n));
                 }
             }
             out.rows.push(row);
         }
         if places.is_none() {
-            return Err(BadInput::new("the file is empty"));
+            return Err(ReadError::Empty);
         }
         if out.rows.len() < 2 {
-            return Err(BadInput::new("there are no rows after the header"));
+            return Err(ReadError::NoRows);
         }
         Ok(out)
     }
@@ -548,7 +614,7 @@ mod tests {
         let (r, _) = Plant::chen(1).play();
         let again = Recording::parse(&r.to_csv()).expect("readable");
         assert_eq!(again.rows.len(), r.rows.len());
-        assert_eq!(Recording::parse("").expect_err("refused").0, "the file is empty");
+        assert_eq!(Recording::parse("").expect_err("refused"), ReadError::Empty);
         let head = "# latitude_deg: 45\ntime_s,position,v1_mps,v2_mps\n";
         for (text, says) in [
             ("time_s,v1_mps\n", "column position is missing"),
@@ -559,7 +625,7 @@ mod tests {
             ("0,1,0,0\n1,1,0\n", "has 3 cells"),
         ] {
             let text = if text.starts_with("time") { text.to_string() } else { format!("{head}{text}") };
-            let e = Recording::parse(&text).expect_err("refused").0;
+            let e = Recording::parse(&text).expect_err("refused").to_string();
             assert!(e.contains(says), "{e}");
         }
     }

@@ -37,6 +37,38 @@ use hrg_core::bias::{self, four_parameter, Coefficients, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
 use std::time::Instant;
 
+/// Why a method cannot be used on some data.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MethodError {
+    /// Its rows cannot have weights.
+    #[error("{method} cannot weigh temperatures alike; {able} can")]
+    NotWeighable {
+        /// The method.
+        method: Method,
+        /// Methods that can.
+        able: String,
+    },
+    /// The data lack a direction for which it has coefficients.
+    #[error("{method} has coefficients of its own for {which}, and there is no {which} ramp in the data; add a run that is {which} by at least 0.1 C per minute over the range of temperature")]
+    MissingDirection {
+        /// The method.
+        method: Method,
+        /// "cooling" or "heating".
+        which: &'static str,
+    },
+    /// A model that is linear has no use for a genetic search.
+    #[error("a genetic search is for networks only")]
+    GeneticIsForNetworks,
+    /// An axis whose data do not do.
+    #[error("axis {axis}: {why}")]
+    Axis {
+        /// Its name.
+        axis: &'static str,
+        /// What is wrong.
+        why: BadInput,
+    },
+}
+
 /// What a method has identified.
 #[derive(Debug, Clone)]
 pub struct Identified {
@@ -54,7 +86,7 @@ pub struct Identified {
 ///
 /// # Errors
 /// One sentence that says what the data lack, and what run would supply it.
-pub fn identify(prepared: &Prepared, method: Method, seed: u64) -> Result<Identified, BadInput> {
+pub fn identify(prepared: &Prepared, method: Method, seed: u64) -> Result<Identified, MethodError> {
     identify_weighted(prepared, method, seed, false)
 }
 
@@ -68,10 +100,10 @@ pub fn identify_weighted(
     method: Method,
     seed: u64,
     uniform: bool,
-) -> Result<Identified, BadInput> {
+) -> Result<Identified, MethodError> {
     if uniform && !method.is_weighable() {
         let able: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        return Err(BadInput::new(format!("{method} cannot weigh temperatures alike; {} can", able.join(", "))));
+        return Err(MethodError::NotWeighable { method, able: able.join(", ") });
     }
     let start = Instant::now();
     let mut calibration = prepared.calibration.clone();
@@ -80,7 +112,7 @@ pub fn identify_weighted(
     needs(prepared, method)?;
     let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
     for a in present {
-        let here = |e: BadInput| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a]));
+        let here = |why: BadInput| MethodError::Axis { axis: AXIS_NAMES[a], why };
         let mut note = |text: String| notes.push(format!("{}: {text}", AXIS_NAMES[a]));
         let scaling = calibration.scaling;
         let task = Task { runs: &prepared.runs, scaling, method, seed: seed.wrapping_add(a as u64), uniform, a };
@@ -94,15 +126,13 @@ pub fn identify_weighted(
 }
 
 /// What a method needs to see in the data.
-fn needs(prepared: &Prepared, method: Method) -> Result<(), BadInput> {
+fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
     if !method.needs_both_directions() {
         return Ok(());
     }
     for (which, missing) in [("cooling", prepared.fastest[0] > -0.1), ("heating", prepared.fastest[1] < 0.1)] {
         if missing {
-            return Err(BadInput::new(format!(
-                "{method} has coefficients of its own for {which}, and there is no {which} ramp in the data; add a run that is {which} by at least 0.1 C per minute over the range of temperature"
-            )));
+            return Err(MethodError::MissingDirection { method, which });
         }
     }
     Ok(())
@@ -143,7 +173,7 @@ impl Task<'_> {
                 note(format!("sum of squares {:.1e} % above that of least squares", 100.0 * above));
                 k
             }
-            (Search::Genetic, _) => return Err(BadInput::new("a genetic search is for networks only")),
+            (Search::Genetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
             (Search::LiteralSwarm, _) => {
                 let (k, above) = literal_swarm(self.runs, &self.scaling, &data(), a, seed)?;
                 note(format!("sum of squares {:.2} times that of least squares", 1.0 + above));
@@ -351,7 +381,7 @@ mod tests {
     fn what_the_data_lack_is_said() {
         let p = prepare(&[plan(Kind::Hrg, "up", 1).simulate().recording]).expect("prepares");
         for method in [Method::TwoSets, Method::FogLsq] {
-            let e = identify(&p, method, 1).expect_err("refused").0;
+            let e = identify(&p, method, 1).expect_err("refused").to_string();
             assert!(e.contains("cooling") && e.contains("add a run"), "{e}");
         }
         let quiet = Plan { noise: Noise::default(), ..plan(Kind::Hrg, "20,3h", 1) };

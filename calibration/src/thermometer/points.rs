@@ -33,6 +33,44 @@ enum Slot {
     Case(usize),
 }
 
+/// Why a table of soaks cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum TableError {
+    /// Text where a number should be.
+    #[error("line {line}, column {column}: \"{cell}\" is not a number")]
+    NotANumber {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// What stands there.
+        cell: String,
+    },
+    /// Too few rows.
+    #[error("the table has {0} soaks; a cubic with a leave-one-out check needs six at the least")]
+    TooFew(usize),
+    /// A column that is there twice.
+    #[error("line {line}, column {column}: {name} is there twice; remove one")]
+    Twice {
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// Its name.
+        name: String,
+    },
+    /// A column that is not there.
+    #[error("line {line}: the column {missing} is missing; a table of soaks has f?_hz, and chamber_c or case_?_c; there are {there}")]
+    Missing {
+        /// Line, from 1.
+        line: usize,
+        /// What is missing.
+        missing: &'static str,
+        /// What is there.
+        there: String,
+    },
+}
+
 /// A table of soaks; NaN where a cell is empty.
 #[derive(Debug, Clone, Default)]
 pub struct Points {
@@ -52,7 +90,7 @@ impl Points {
     ///
     /// # Errors
     /// One sentence with line and column.
-    pub fn parse(text: &str) -> Result<Self, BadInput> {
+    pub fn parse(text: &str) -> Result<Self, TableError> {
         let mut header: Option<Vec<Option<Slot>>> = None;
         let mut out = Self::default();
         for (index, line) in text.lines().enumerate() {
@@ -72,8 +110,10 @@ impl Points {
                 let value = if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
                     f64::NAN
                 } else {
-                    cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-                        BadInput::new(format!("line {}, column {}: \"{cell}\" is not a number", index + 1, k + 1))
+                    cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| TableError::NotANumber {
+                        line: index + 1,
+                        column: k + 1,
+                        cell: cell.into(),
                     })?
                 };
                 match slot {
@@ -87,15 +127,12 @@ impl Points {
             }
         }
         if out.rows < LEAST_SOAKS {
-            return Err(BadInput::new(format!(
-                "the table has {} soaks; a cubic with a leave-one-out check needs six at the least",
-                out.rows
-            )));
+            return Err(TableError::TooFew(out.rows));
         }
         Ok(out)
     }
 
-    fn slots(&mut self, names: &[&str], line: usize) -> Result<Vec<Option<Slot>>, BadInput> {
+    fn slots(&mut self, names: &[&str], line: usize) -> Result<Vec<Option<Slot>>, TableError> {
         let of = |name: &str| -> Option<Slot> {
             let name = crate::recording::column_name(name);
             let axis =
@@ -108,11 +145,7 @@ impl Points {
         let slots: Vec<Option<Slot>> = names.iter().map(|n| of(n)).collect();
         for (k, slot) in slots.iter().enumerate().filter(|(_, s)| s.is_some()) {
             if slots[..k].contains(slot) {
-                return Err(BadInput::new(format!(
-                    "line {line}, column {}: {} is there twice; remove one",
-                    k + 1,
-                    names[k]
-                )));
+                return Err(TableError::Twice { line, column: k + 1, name: names[k].into() });
             }
         }
         let has = |wanted: &dyn Fn(&Slot) -> bool| slots.iter().flatten().any(wanted);
@@ -123,10 +156,7 @@ impl Points {
         } else {
             return Ok(slots);
         };
-        Err(BadInput::new(format!(
-            "line {line}: the column {missing} is missing; a table of soaks has f?_hz, and chamber_c or case_?_c; there are {}",
-            names.join(", ")
-        )))
+        Err(TableError::Missing { line, missing, there: names.join(", ") })
     }
 
     /// The rows that have the frequency of every axis, and the reference.
@@ -165,7 +195,7 @@ pub struct PolyFit {
     /// Root mean square of the residuals, C.
     pub rms_c: f64,
     /// Largest residual, C.
-    pub valid_to_c: f64,
+    pub max_c: f64,
     /// Root mean square of what each point is missed by when it is left out, C.
     pub leave_one_out_rms_c: f64,
 }
@@ -310,7 +340,7 @@ fn poly_fit(x: &[f64], y: &[f64], degree: usize, to_c: f64) -> Result<PolyFit, B
         degree,
         coefficients,
         rms_c: rms(&e),
-        valid_to_c: largest(&e),
+        max_c: largest(&e),
         leave_one_out_rms_c: rms(&left_out),
         residuals_c: e,
     })
@@ -699,7 +729,7 @@ mod tests {
         assert!(pair.by_the_other_rms_c[0] < 0.01 && pair.against_chamber_rms_c[0] > 0.05, "{pair:?}");
         let r = report(&Points::parse(&text(&|k| k > 4)).expect("readable")).expect("fits");
         assert!(!r.fits.contains_key("shell"), "five soaks are too few");
-        let e = Points::parse("chamber_c,f_hz\n1,2\n").expect_err("no frequency").0;
+        let e = Points::parse("chamber_c,f_hz\n1,2\n").expect_err("no frequency").to_string();
         assert!(e.contains("fx_hz") && e.contains("there are chamber_c, f_hz"), "{e}");
     }
 

@@ -141,15 +141,10 @@ fn closed(
     notes.extend(start_verify_run(&mut fitted, &verify_run, &scaling, &known));
     learnt.terms.clone_from(&fitted.terms);
     let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
-    for t in &learnt.terms {
-        let c = t.lead();
-        if matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c) {
-            notes.push(format!(
-                "the verify run lacks what {} needs: it is left out there, and what is left holds it",
-                c.facts.name
-            ));
-        }
-    }
+    let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
+    notes.extend(learnt.terms.iter().map(Term::lead).filter(lacks).map(|c| {
+        format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
+    }));
     let (refitted, judged) = events::refit(&learnt.terms, &verify_run, &scaling, &after_verify);
 
     let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
@@ -157,24 +152,10 @@ fn closed(
     let fewest = there.iter().map(|&a| count(&judged, a)).min().unwrap_or(0);
     let trained = there.iter().map(|&a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
     let clean = Clean::new(fewest, trained, SEED);
-    let mut noise = Vec::new();
-    for a in 0..AXES {
-        // (What is said of an axis that is not there is taken out of the report.)
-        let a = if there.contains(&a) { a } else { there[0] };
-        let series: Vec<Means> = after_train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
-        let series: Vec<&[f64]> = series.iter().map(Means::series).collect();
-        let neighbours = Neighbours::of(&series).ok_or_else(|| {
-            BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
-        })?;
-        noise.push(Noise { neighbours, clean: &clean });
-    }
+    // (What is said of an axis that is not there is taken out of the report.)
+    let own = |a: usize| if there.contains(&a) { a } else { there[0] };
+    let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
 
-    let table = |train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]| -> ByAxis<Rms> {
-        by_axis(|a| {
-            let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
-            Rms { train_rms_dph: t.0, verify_rms_dph: v.0, train_means: t.1, verify_means: v.1 }
-        })
-    };
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
     let stated = uncertainty::of(&data, &fitted, learnt.model.colours, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
@@ -217,16 +198,7 @@ fn closed(
     report.verdict = words::verdict(&report);
     report.advice = words::advice(&report);
     let mut image = written.image;
-    for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
-        let raw = || spread(runs.iter().map(|r| &r.steps.rate_dph[a])).0;
-        let train = match report.block.as_ref().map(|b| b[n].model) {
-            Some(AxisModel::Extended) => report.r#final[n].train_rms_dph,
-            Some(AxisModel::Constant) => raw(),
-            Some(AxisModel::Baseline) | None => report.baseline[n].train_rms_dph,
-        };
-        image.axes[a].train_rms_dph = train as f32;
-        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
-    }
+    state_reached(&mut image, &report, &runs, &there);
     Ok(Trace {
         report,
         baseline: baseline_fit.image(&calibration, &[None, None, None], &mut Vec::new()),
@@ -237,6 +209,43 @@ fn closed(
         shapes: shapes::of(&data, &fitted),
         train: runs,
     })
+}
+
+/// The noise of an axis, from what is left on all runs.
+fn noise_of<'c>(
+    train: &[[Vec<f64>; AXES]],
+    judged: &[Vec<f64>; AXES],
+    a: usize,
+    clean: &'c Clean,
+) -> Result<Noise<'c>, BadInput> {
+    let series: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
+    let series: Vec<&[f64]> = series.iter().map(Means::series).collect();
+    let neighbours = Neighbours::of(&series).ok_or_else(|| {
+        BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
+    })?;
+    Ok(Noise { neighbours, clean })
+}
+
+/// What residuals scatter by, axis by axis.
+fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
+    by_axis(|a| {
+        let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
+        Rms { train_rms_dph: t.0, verify_rms_dph: v.0, train_means: t.1, verify_means: v.1 }
+    })
+}
+
+/// Writes into an image what it leaves on the train runs and on the verify run.
+fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: &[usize]) {
+    for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
+        let raw = || spread(runs.iter().map(|r| &r.steps.rate_dph[a])).0;
+        let train = match report.block.as_ref().map(|b| b[n].model) {
+            Some(AxisModel::Extended) => report.r#final[n].train_rms_dph,
+            Some(AxisModel::Constant) => raw(),
+            Some(AxisModel::Baseline) | None => report.baseline[n].train_rms_dph,
+        };
+        image.axes[a].train_rms_dph = train as f32;
+        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
+    }
 }
 
 /// Gives what remembers the path of the temperature the start of the verify run, which its own rates tell: it belongs to that run and

@@ -1,6 +1,6 @@
 //! Whether the numbers of a calibration are those of a gyro.
 
-use super::{Calibration, ImageError};
+use super::{Calibration, EffectTerm, ImageError};
 use crate::bias::Coefficients;
 use crate::effects::shape;
 
@@ -78,23 +78,28 @@ impl Calibration {
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
             possible(a.valid_from_c_per_min <= a.valid_to_c_per_min, "range of the rate of change")?;
         }
-        for e in &self.effects {
-            finite(&e.parameters)?;
-            possible(e.start.abs() <= 1.0, "start of an effect")?;
-            for (g, d) in e.gains.iter().zip(&e.gain_std) {
-                finite(g)?;
-                finite(d)?;
-            }
-            for gain in e.directions.as_flattened().as_flattened() {
-                finite(&[gain.value()])?;
-            }
-            match shape(e.id) {
-                None => return Err(ImageError::UnknownEffect(e.id)),
-                Some(s) if !s.on_unit => return Err(ImageError::NotOnUnit(e.id)),
-                Some(_) => {}
-            }
+        self.effects.iter().try_for_each(EffectTerm::check)
+    }
+}
+
+impl EffectTerm {
+    /// Whether its numbers are possible, and a unit can compute it.
+    fn check(&self) -> Result<(), ImageError> {
+        finite(&self.parameters)?;
+        if self.start.abs() > 1.0 || self.start.is_nan() {
+            return Err(ImageError::Absurd("start of an effect"));
         }
-        Ok(())
+        for row in self.gains.iter().chain(&self.gain_std) {
+            finite(row)?;
+        }
+        for gain in self.directions.as_flattened().as_flattened() {
+            finite(&[gain.value()])?;
+        }
+        match shape(self.id) {
+            None => Err(ImageError::UnknownEffect(self.id)),
+            Some(s) if !s.on_unit => Err(ImageError::NotOnUnit(self.id)),
+            Some(_) => Ok(()),
+        }
     }
 }
 

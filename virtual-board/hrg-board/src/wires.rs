@@ -61,7 +61,7 @@ impl WireFaults {
         self.axis.iter().filter(move |(a, _, when)| *a == axis && when.contains(&t)).map(move |f| (f.1, t - f.2.start))
     }
 
-    fn of_converter(&self, t: f64) -> impl Iterator<Item = AdcFault> + '_ {
+    fn of_adc(&self, t: f64) -> impl Iterator<Item = AdcFault> + '_ {
         self.adc.iter().filter(move |(_, when)| when.contains(&t)).map(|f| f.0)
     }
 }
@@ -343,7 +343,7 @@ impl World for Wires {
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]> {
         self.now = cycles;
         let t = cycles as f64 / CPU_HZ as f64;
-        let faults: Vec<AdcFault> = self.faults.of_converter(t).collect();
+        let faults: Vec<AdcFault> = self.faults.of_adc(t).collect();
         if faults.contains(&AdcFault::Silent) {
             return None;
         }
@@ -397,7 +397,7 @@ impl World for Wires {
         Some((at, byte))
     }
 
-    fn spoil_converter_frame(&mut self) -> bool {
+    fn invalidate_adc_frame(&mut self) -> bool {
         self.frames_out += 1;
         self.invalid || self.faults.invalidate_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
     }

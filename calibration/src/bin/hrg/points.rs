@@ -45,7 +45,7 @@ fn print_points(r: &points::Report) {
                 for p in fits {
                     println!(
                         "{reference:<9} {axis:<5} {kind:<7} {:>6} {:>9.4} {:>9.4} {:>14.4}",
-                        p.degree, p.rms_c, p.valid_to_c, p.leave_one_out_rms_c
+                        p.degree, p.rms_c, p.max_c, p.leave_one_out_rms_c
                     );
                 }
             }

@@ -57,7 +57,7 @@ pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
         what: "full load: 3 x 10 kHz edges, 1 kHz frames, link flood, log".into(),
         tried: extent.load_s,
         found: format!(
-            "seconds; CPU {:.1} %; data-ready to corrected sample: mean {:.0}, worst {} instructions ({:.0} us with the wire); {frames} frames of {} samples, {missing} missing, {errors} converter errors, {dropped} frames dropped, {answers} answers, {resets} resets",
+            "seconds; CPU {:.1} %; data-ready to corrected sample: mean {:.0}, worst {} instructions ({:.0} us with the wire); {frames} frames of {} samples, {missing} missing, {errors} ADC errors, {dropped} frames dropped, {answers} answers, {resets} resets",
             100.0 * share,
             latency.instructions as f64 / latency.calls.max(1) as f64,
             latency.most_instructions,
