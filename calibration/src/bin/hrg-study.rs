@@ -373,6 +373,31 @@ fn with_defects(s: &mut String, all: &[Outcome]) {
     let _ = writeln!(s, "| defective files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
 }
 
+/// How often the uncertainty holds that the image states.
+fn with_uncertainty(s: &mut String, all: &[Outcome]) {
+    let stated: Vec<Coverage> = all
+        .iter()
+        .filter(|o| matches!(o.trial.kind, "clean" | "single" | "pair") && !o.unexplained)
+        .filter(|o| o.trial.effects.iter().all(|e| e.source.on_unit()))
+        .flat_map(|o| o.coverage.iter().copied())
+        .collect();
+    let mean = |f: &dyn Fn(&Coverage) -> f64| stated.iter().map(f).sum::<f64>() / stated.len() as f64;
+    let normalised: Vec<f64> = stated.iter().map(|c| c.normalised).collect();
+    let _ = writeln!(
+        s,
+        "| bias on the verify run: squared error over the variance stated, mean (median) of {} axes | 0.8 to 1.25 | {:.2} ({:.2}) |",
+        stated.len(),
+        mean(&|c| c.normalised),
+        quantile(&normalised, 0.5)
+    );
+    let _ = writeln!(
+        s,
+        "| the same: share within 1 and within 1.96 standard uncertainties | 68 %, 95 % | {:.1} %, {:.1} % |",
+        100.0 * mean(&|c| c.within[0]),
+        100.0 * mean(&|c| c.within[1])
+    );
+}
+
 fn summary(all: &[Outcome], seed: u64) -> String {
     let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
     by_effect(&mut s, all);
@@ -432,27 +457,7 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         "| axes whose ratio to the true floor lies in the interval stated | 95 % | {} |",
         share(held, 3 * all.len())
     );
-    let stated: Vec<Coverage> = all
-        .iter()
-        .filter(|o| matches!(o.trial.kind, "clean" | "single" | "pair") && !o.unexplained)
-        .filter(|o| o.trial.effects.iter().all(|e| e.source.on_unit()))
-        .flat_map(|o| o.coverage.iter().copied())
-        .collect();
-    let mean = |f: &dyn Fn(&Coverage) -> f64| stated.iter().map(f).sum::<f64>() / stated.len() as f64;
-    let normalised: Vec<f64> = stated.iter().map(|c| c.normalised).collect();
-    let _ = writeln!(
-        s,
-        "| bias on the verify run: squared error over the variance stated, mean (median) of {} axes | 0.8 to 1.25 | {:.2} ({:.2}) |",
-        stated.len(),
-        mean(&|c| c.normalised),
-        quantile(&normalised, 0.5)
-    );
-    let _ = writeln!(
-        s,
-        "| the same: share within 1 and within 1.96 standard uncertainties | 68 %, 95 % | {:.1} %, {:.1} % |",
-        100.0 * mean(&|c| c.within[0]),
-        100.0 * mean(&|c| c.within[1])
-    );
+    with_uncertainty(&mut s, all);
     let _ = writeln!(
         s,
         "| unmodelled effects: unexplained or temperature-shape | 90 % | {} |",
