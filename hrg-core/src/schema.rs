@@ -1,4 +1,4 @@
-//! Fields of calibration images and of the link's frames, each written once: [`layout!`] makes of a list of fields both directions
+//! Fields of calibration images and of the link's frames, each written once: `layout!` makes of a list of fields both directions
 //! and the table that `docs/formats.md` and a Python `struct` string are printed from.
 
 use crate::bytes::{Reader, Writer};
@@ -254,7 +254,7 @@ impl<T: Wire + Copy + Default, const N: usize> Wire for [T; N] {
     }
 }
 
-/// A type whose fields [`layout!`] lists.
+/// A type whose fields `layout!` lists.
 pub trait Layout {
     /// The fields in their order.
     const FIELDS: &'static [Field];

@@ -14,6 +14,7 @@ mod html;
 pub mod judge;
 mod leftover;
 pub mod model;
+mod on_verify;
 mod proposals;
 pub mod report;
 pub mod search;
@@ -21,6 +22,7 @@ pub mod separable;
 mod shapes;
 mod surrogate;
 mod uncertainty;
+mod witness;
 mod words;
 
 pub use html::html;
@@ -29,24 +31,25 @@ pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 
 use crate::fit::evidence;
 use crate::fit::independence::{self, Units};
-use crate::fit::{self, prepare_for, Prepared};
+use crate::fit::{prepare_for, Prepared};
 use crate::recording::facts;
 use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
-use crate::trace::cards::{card, Kind};
 use crate::{BadInput, AXIS_NAMES};
 use data::{Candidate, Data};
 use floor::{Clean, Neighbours};
-use hrg_core::bias::{Coefficients, Scaling, TERMS};
-use hrg_core::calibration::{Calibration, Uncertainty};
+use hrg_core::bias::Scaling;
+use hrg_core::calibration::Calibration;
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use judge::{agreement, spread, Means, Noise};
-use model::{drop_idle_effects, take_axis, Fitted, Term};
-use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged, Gain, OnVerify, Ranked};
+use model::{Fitted, Term};
+use on_verify::{start_verify_run, OnVerifyRun};
+use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged};
 use search::{Model, Rival, Search};
-use std::collections::{BTreeMap, BTreeSet};
-use uncertainty::{Stated, Weights};
+use uncertainty::Weights;
+pub(crate) use witness::unwitnessed;
+use witness::{exchanged, second_search, shortest, LEAST_EXCHANGED};
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
@@ -155,11 +158,11 @@ fn closed(
     // (What is said of an axis that is not there is taken out of the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
-
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
     let stated = uncertainty::of(&data, &fitted, learnt.model.colours, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
-    let written = on_verify.image(&calibration, &learnt, &fitted, &baseline_fit, options, &mut notes)?;
+    let for_unit = on_verify.for_unit(&learnt, &fitted, &effects)?;
+    let written = on_verify.image(&calibration, &learnt, &for_unit, &baseline_fit, options, &mut notes);
     let mut left = leftover::judge(&data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
@@ -248,51 +251,6 @@ fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: 
     }
 }
 
-/// Gives what remembers the path of the temperature the start of the verify run, which its own rates tell: it belongs to that run and
-/// not to the unit. A unit does not know it: its image has what the train runs have in common. A sentence where the two differ.
-fn start_verify_run(
-    fitted: &mut Fitted,
-    run: &Run,
-    scaling: &Scaling,
-    known: &dyn Fn(&Candidate) -> bool,
-) -> Option<String> {
-    let remembers = |t: &Term| card(t.lead().facts.effect).starts;
-    let name = fitted.terms.iter().find(|t| remembers(t))?.lead().facts.name;
-    let common = fitted.terms.iter().find(|t| remembers(t))?.lead().starts.common();
-    let misfit = |f: &Fitted| -> f64 {
-        let left = f.residuals(run, None, scaling, known);
-        let each = run.steps.present().map(|a| {
-            let m = Means::of(&left[a]);
-            0.5 * m.count() as f64 * m.deviation().max(1e-12).powi(2).ln()
-        });
-        each.sum()
-    };
-    let mut best = (misfit(fitted), None);
-    for branch in 0..data::Starts::BRANCHES.len() {
-        let mut other = fitted.clone();
-        for part in other.terms.iter_mut().flat_map(|t| &mut t.parts) {
-            if card(part.facts.effect).starts {
-                part.starts = part.starts.with_unseen(branch);
-            }
-        }
-        let m = misfit(&other);
-        if m < best.0 - START {
-            best = (m, Some((branch, other)));
-        }
-    }
-    let (branch, other) = best.1?;
-    *fitted = other;
-    let on = |b: f32| ["the lower branch", "the middle", "the upper branch"][(b + 1.0) as usize];
-    Some(format!(
-        "{name} begins on {} in the verify run and on {} in the train runs: that belongs to the run, and a unit does not know it until the temperature has swept the width of the loop",
-        on(data::Starts::BRANCHES[branch]),
-        on(common)
-    ))
-}
-
-/// Log-likelihood that another start of the verify run must bring (its noise is not white).
-const START: f64 = 20.0;
-
 /// Recordings that may be learnt from and judged on.
 fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run), BadInput> {
     if verify.corrected() {
@@ -352,214 +310,6 @@ impl Learnt {
     }
 }
 
-/// An image with what it reaches.
-struct Written {
-    image: Calibration,
-    kind: Image,
-    burn: bool,
-    figures: Option<ByAxis<OnVerify>>,
-}
-
-/// The verify run, on which models are judged.
-struct OnVerifyRun<'v> {
-    data: &'v Data<'v>,
-    run: &'v Run,
-    scaling: Scaling,
-    noise: &'v [Noise<'v>],
-    known: &'v dyn Fn(&Candidate) -> bool,
-}
-
-impl OnVerifyRun<'_> {
-    /// Each effect with its gains, its rivals, and what the verify run says of it.
-    fn found(
-        &self,
-        search: &Search<'_>,
-        learnt: &Learnt,
-        fitted: &Fitted,
-        stated: &[Option<Stated>; AXES],
-    ) -> Result<Vec<Found>, BadInput> {
-        let model = &learnt.model;
-        let alike = search.alike(model);
-        let all = fitted.residuals(self.run, None, &self.scaling, self.known);
-        let mut out = Vec::new();
-        for (k, term) in learnt.terms.iter().enumerate() {
-            let c = term.lead();
-            let mut fewer = learnt.terms.clone();
-            fewer.remove(k);
-            let on_verify = if (self.known)(c) {
-                let without =
-                    Fitted::new(self.data, &fewer, model.colours)?.residuals(self.run, None, &self.scaling, self.known);
-                self.agreements(term, &without, &all)
-            } else {
-                ByAxis::new()
-            };
-            let rank = &learnt.ranks[k];
-            let own = rank
-                .iter()
-                .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
-                .map_or(0.0, |r| r.evidence);
-            // A family spans its simple members: they are no rivals.
-            let family = |r: &Rival| card(r.candidate.facts.effect).kind != Kind::Simple;
-            let class = card(c.facts.effect).class;
-            let equal = rank
-                .iter()
-                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
-                .filter(|r| {
-                    card(r.candidate.facts.effect).class != class
-                        || !(family(r) || card(c.facts.effect).kind != Kind::Simple)
-                })
-                .map(|r| r.candidate.facts.name)
-                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
-            out.push(Found {
-                name: c.facts.name.to_string(),
-                class,
-                parameters: c
-                    .facts
-                    .parameters
-                    .iter()
-                    .zip(c.parameters)
-                    .map(|(n, v)| ((*n).to_string(), f64::from(v)))
-                    .collect(),
-                parameter_std: parameter_std(c, k, stated),
-                axes: gains_by_axis(fitted, k),
-                confirmed: (self.known)(c)
-                    .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
-                on_verify,
-                indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
-                rank: rank
-                    .iter()
-                    .map(|r| Ranked {
-                        name: r.candidate.facts.name.to_string(),
-                        gain_in_cv: r.gain_in_cv,
-                        worth: r.worth,
-                    })
-                    .collect(),
-                p_value: model.members[k].p_value,
-                reach: match c.facts.reach {
-                    Reach::Unit => "unit".into(),
-                    Reach::NeedsInput(what) => format!("needs {what}"),
-                    Reach::Unpredictable => "unpredictable".into(),
-                },
-            });
-        }
-        Ok(out)
-    }
-
-    fn agreements(&self, term: &Term, without: &[Vec<f64>; AXES], with: &[Vec<f64>; AXES]) -> ByAxis<Agreement> {
-        (0..AXES)
-            .filter(|&a| term.on(a))
-            .map(|a| {
-                let floor = self.noise[a].floor();
-                (AXIS_NAMES[a].to_string(), agreement(&Means::of(&without[a]), &Means::of(&with[a]), floor))
-            })
-            .collect()
-    }
-
-    /// The image: axis by axis the extended model, the baseline or a constant, whichever the verify run bears out.
-    fn image(
-        &self,
-        calibration: &Calibration,
-        learnt: &Learnt,
-        fitted: &Fitted,
-        baseline_fit: &Fitted,
-        options: &Options,
-        notes: &mut Vec<String>,
-    ) -> Result<Written, BadInput> {
-        // What needs an input has no place in an image: the rest is fitted without it. What happened once stays in the fit,
-        // so that it bends no other coefficient.
-        let kept: Vec<Term> =
-            learnt.terms.iter().filter(|t| !matches!(t.lead().facts.reach, Reach::NeedsInput(_))).cloned().collect();
-        let for_unit = if kept.len() == learnt.terms.len() {
-            fitted.clone()
-        } else {
-            Fitted::new(self.data, &kept, learnt.model.colours)?
-        };
-        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_colours, Weights::Plain);
-        let stated = uncertainty::of(self.data, &for_unit, learnt.model.colours, Weights::Noise);
-        let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
-        let mut image = for_unit.image(calibration, &stated, notes);
-        image.sequence = 2;
-        let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
-        let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
-        let (of_base, of_image) = (corrected(&baseline), corrected(&image));
-        let mut models = [AxisModel::Constant; AXES];
-        for (a, model) in models.iter_mut().enumerate() {
-            let floor = self.noise[a].floor();
-            let has_effect = image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0));
-            let wins = has_effect && agreement(&of_base[a], &of_image[a], floor).wins();
-            let (chosen, candidate) =
-                if wins { (&of_image[a], AxisModel::Extended) } else { (&of_base[a], AxisModel::Baseline) };
-            // Where neither is better beyond chance, the one that left less there.
-            let better = agreement(&raw[a], chosen, floor).wins() || chosen.deviation() < raw[a].deviation();
-            *model = if better { candidate } else { AxisModel::Constant };
-            match *model {
-                AxisModel::Extended => {}
-                AxisModel::Baseline => take_axis(&mut image, &baseline, a),
-                AxisModel::Constant if self.run.steps.absent[a] => {}
-                AxisModel::Constant => {
-                    take_axis(&mut image, &baseline, a);
-                    image.axes[a].coefficients = constant(&self.data.axes[a].y);
-                    image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
-                    image.axes[a].uncertainty = Uncertainty::default();
-                }
-            }
-        }
-        drop_idle_effects(&mut image);
-        let kind = if models.contains(&AxisModel::Extended) {
-            Image::Extended
-        } else if models.contains(&AxisModel::Baseline) {
-            Image::Baseline
-        } else {
-            Image::None
-        };
-        if kind == Image::None {
-            return Ok(Written { image: baseline, kind, burn: false, figures: None });
-        }
-        let chosen = corrected(&image);
-        let in_use = options.in_use.as_ref().map(corrected);
-        let beats_use = in_use.is_none_or(|u| {
-            let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&u[a], &chosen[a], self.noise[a].floor())).collect();
-            each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
-        });
-        let figures = by_axis(|a| {
-            let (_, constant) = for_unit.predicted_variance(self.run, &self.scaling, a, self.known);
-            OnVerify {
-                verify_rms_dph: chosen[a].deviation(),
-                mean_dph: chosen[a].mean(),
-                mean_std_dph: (self.noise[a].shift().powi(2) + constant).sqrt(),
-                used_means: chosen[a].count(),
-                model: models[a],
-            }
-        });
-        Ok(Written { image, kind, burn: kind == Image::Extended && beats_use, figures: Some(figures) })
-    }
-}
-
-/// A bias that does not depend on temperature: the mean rate.
-fn constant(rates_dph: &[f64]) -> Coefficients {
-    let mut k = [0.0; TERMS];
-    k[0] = crate::numeric::stats::mean(rates_dph) as f32;
-    Coefficients::One(k)
-}
-
-/// Standard deviations of the refined parameters of effect `k`, by name.
-fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BTreeMap<String, f64> {
-    let Some(s) = stated.iter().flatten().next() else { return BTreeMap::new() };
-    let each = c.facts.parameters.iter().zip(s.parameter_std[k]);
-    each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
-}
-
-fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
-    (0..AXES)
-        .filter_map(|a| {
-            let range = fitted.gains(k, a)?;
-            let fit = &fitted.axes[a];
-            let gains = fit.coefficients[range.clone()].to_vec();
-            Some((AXIS_NAMES[a].to_string(), Gain { gain: gains[0], gain_std: fit.std[range.start], gains }))
-        })
-        .collect()
-}
-
 /// What it all comes to.
 fn conclude(
     effects: &[Found],
@@ -586,36 +336,6 @@ fn conclude(
         VerdictKind::NotConfirmed
     }
 }
-
-/// Means of the axis of a run that has fewest.
-fn shortest(run: &Run) -> usize {
-    run.steps.present().map(|a| evidence::means(run, a).0).min().unwrap_or(0)
-}
-
-/// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
-fn second_search(verify: &Recording) -> Option<Vec<Candidate>> {
-    let Prepared { runs, calibration, lag_s, .. } = fit::prepare(std::slice::from_ref(verify)).ok()?;
-    let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
-    let mut search = Search::new(&data, SEED);
-    Some(search.run().effects().copied().collect())
-}
-
-/// What the second witness found, beside the effects of the report.
-fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
-    let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
-    let classes: BTreeSet<Class> = found.iter().map(|c| card(c.facts.effect).class).collect();
-    let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
-    Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
-}
-
-/// Classes of the report that the exchanged search does not find. What happens once need not happen again.
-pub(crate) fn unwitnessed(effects: &[Found], exchanged: &Exchanged) -> BTreeSet<Class> {
-    let named = effects.iter().filter(|e| e.confirmed.is_some()).map(|e| e.class);
-    named.filter(|c| !exchanged.classes.contains(c)).collect()
-}
-
-/// Means of a verify run from which effects can be learnt: three hours.
-const LEAST_EXCHANGED: usize = 108;
 
 /// Share of a run outside the fitted temperatures and ramps, of the axis where it is largest.
 fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
@@ -701,7 +421,7 @@ mod tests {
         assert!(!r.burn && r.image == Image::Baseline && t.image.effects.is_empty(), "{}", r.verdict);
         assert!(r.effects.iter().all(|e| e.confirmed == Some(false)));
         assert!(r.verdict.contains("does not confirm") && !r.verdict.contains("To do: burn"), "{}", r.verdict);
-        let by_unit = fit::correct(&t.image, &t.verify.steps);
+        let by_unit = crate::fit::correct(&t.image, &t.verify.steps);
         for (a, n) in AXIS_NAMES.iter().enumerate() {
             let written = r.block.as_ref().expect("an image")[*n].verify_rms_dph;
             assert!((written - Means::of(&by_unit[a]).deviation()).abs() < 1e-9, "what is written is what is judged");

@@ -1,0 +1,287 @@
+//! The verify run: what it says of each effect, and the image that it bears out.
+
+use super::cards::{card, Kind};
+use super::data::{Candidate, Data, Starts};
+use super::judge::{agreement, Means, Noise};
+use super::model::{drop_idle_effects, take_axis, Fitted, Term};
+use super::report::{by_axis, Agreement, AxisModel, ByAxis, Found, Gain, Image, OnVerify, Ranked};
+use super::search::{Rival, Search};
+use super::uncertainty::{self, Stated, Weights};
+use super::{Learnt, Options, INDISTINGUISHABLE};
+use crate::fit;
+use crate::recording::steps::Run;
+use crate::{BadInput, AXIS_NAMES};
+use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::calibration::{Calibration, Uncertainty};
+use hrg_core::effects::Reach;
+use hrg_core::AXES;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// An image with what it reaches.
+pub(super) struct Written {
+    pub image: Calibration,
+    pub kind: Image,
+    pub burn: bool,
+    pub figures: Option<ByAxis<OnVerify>>,
+}
+
+/// The verify run, on which models are judged.
+pub(super) struct OnVerifyRun<'v> {
+    pub data: &'v Data<'v>,
+    pub run: &'v Run,
+    pub scaling: Scaling,
+    pub noise: &'v [Noise<'v>],
+    pub known: &'v dyn Fn(&Candidate) -> bool,
+}
+
+impl OnVerifyRun<'_> {
+    /// Each effect with its gains, its rivals, and what the verify run says of it.
+    pub(super) fn found(
+        &self,
+        search: &Search<'_>,
+        learnt: &Learnt,
+        fitted: &Fitted,
+        stated: &[Option<Stated>; AXES],
+    ) -> Result<Vec<Found>, BadInput> {
+        let model = &learnt.model;
+        let alike = search.alike(model);
+        let all = fitted.residuals(self.run, None, &self.scaling, self.known);
+        let mut out = Vec::new();
+        for (k, term) in learnt.terms.iter().enumerate() {
+            let c = term.lead();
+            let mut fewer = learnt.terms.clone();
+            fewer.remove(k);
+            let on_verify = if (self.known)(c) {
+                let without =
+                    Fitted::new(self.data, &fewer, model.colours)?.residuals(self.run, None, &self.scaling, self.known);
+                self.agreements(term, &without, &all)
+            } else {
+                ByAxis::new()
+            };
+            let rank = &learnt.ranks[k];
+            let own = rank
+                .iter()
+                .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
+                .map_or(0.0, |r| r.evidence);
+            // A family spans its simple members: they are no rivals.
+            let family = |r: &Rival| card(r.candidate.facts.effect).kind != Kind::Simple;
+            let class = card(c.facts.effect).class;
+            let equal = rank
+                .iter()
+                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
+                .filter(|r| {
+                    card(r.candidate.facts.effect).class != class
+                        || !(family(r) || card(c.facts.effect).kind != Kind::Simple)
+                })
+                .map(|r| r.candidate.facts.name)
+                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
+            out.push(Found {
+                name: c.facts.name.to_string(),
+                class,
+                parameters: c
+                    .facts
+                    .parameters
+                    .iter()
+                    .zip(c.parameters)
+                    .map(|(n, v)| ((*n).to_string(), f64::from(v)))
+                    .collect(),
+                parameter_std: parameter_std(c, k, stated),
+                axes: gains_by_axis(fitted, k),
+                confirmed: (self.known)(c)
+                    .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
+                on_verify,
+                indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
+                rank: rank
+                    .iter()
+                    .map(|r| Ranked {
+                        name: r.candidate.facts.name.to_string(),
+                        gain_in_cv: r.gain_in_cv,
+                        worth: r.worth,
+                    })
+                    .collect(),
+                p_value: model.members[k].p_value,
+                reach: match c.facts.reach {
+                    Reach::Unit => "unit".into(),
+                    Reach::NeedsInput(what) => format!("needs {what}"),
+                    Reach::Unpredictable => "unpredictable".into(),
+                },
+            });
+        }
+        Ok(out)
+    }
+
+    fn agreements(&self, term: &Term, without: &[Vec<f64>; AXES], with: &[Vec<f64>; AXES]) -> ByAxis<Agreement> {
+        (0..AXES)
+            .filter(|&a| term.on(a))
+            .map(|a| {
+                let floor = self.noise[a].floor();
+                (AXIS_NAMES[a].to_string(), agreement(&Means::of(&without[a]), &Means::of(&with[a]), floor))
+            })
+            .collect()
+    }
+
+    /// The model that an image is made of.
+    pub(super) fn for_unit(&self, learnt: &Learnt, fitted: &Fitted, effects: &[Found]) -> Result<Fitted, BadInput> {
+        // What needs an input has no place in an image, nor has an effect on an axis where the verify run contradicts it: the rest is
+        // fitted without. What happened once stays in the fit, so that it bends no other coefficient.
+        let mut kept = Vec::new();
+        let mut whole = true;
+        for (t, found) in learnt.terms.iter().zip(effects) {
+            let mut t = t.clone();
+            let input = matches!(t.lead().facts.reach, Reach::NeedsInput(_));
+            for (a, n) in AXIS_NAMES.iter().enumerate() {
+                if t.on(a) && (input || found.on_verify.get(*n).is_some_and(Agreement::loses)) {
+                    t.prior[a].clear();
+                    whole = false;
+                }
+            }
+            if (0..AXES).any(|a| t.on(a)) {
+                kept.push(t);
+            }
+        }
+        if whole {
+            return Ok(fitted.clone());
+        }
+        Fitted::new(self.data, &kept, learnt.model.colours)
+    }
+
+    /// The image: axis by axis the extended model, the baseline or a constant, whichever the verify run bears out.
+    pub(super) fn image(
+        &self,
+        calibration: &Calibration,
+        learnt: &Learnt,
+        for_unit: &Fitted,
+        baseline_fit: &Fitted,
+        options: &Options,
+        notes: &mut Vec<String>,
+    ) -> Written {
+        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_colours, Weights::Plain);
+        let stated = uncertainty::of(self.data, for_unit, learnt.model.colours, Weights::Noise);
+        let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
+        let mut image = for_unit.image(calibration, &stated, notes);
+        image.sequence = 2;
+        let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
+        let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
+        let (of_base, of_image) = (corrected(&baseline), corrected(&image));
+        let mut models = [AxisModel::Constant; AXES];
+        for (a, model) in models.iter_mut().enumerate() {
+            let floor = self.noise[a].floor();
+            let has_effect = image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0));
+            let wins = has_effect && agreement(&of_base[a], &of_image[a], floor).wins();
+            let (chosen, candidate) =
+                if wins { (&of_image[a], AxisModel::Extended) } else { (&of_base[a], AxisModel::Baseline) };
+            // Where neither is better beyond chance, the one that left less there.
+            let better = agreement(&raw[a], chosen, floor).wins() || chosen.deviation() < raw[a].deviation();
+            *model = if better { candidate } else { AxisModel::Constant };
+            match *model {
+                AxisModel::Extended => {}
+                AxisModel::Baseline => take_axis(&mut image, &baseline, a),
+                AxisModel::Constant if self.run.steps.absent[a] => {}
+                AxisModel::Constant => {
+                    take_axis(&mut image, &baseline, a);
+                    image.axes[a].coefficients = constant(&self.data.axes[a].y);
+                    image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
+                    image.axes[a].uncertainty = Uncertainty::default();
+                }
+            }
+        }
+        drop_idle_effects(&mut image);
+        let kind = if models.contains(&AxisModel::Extended) {
+            Image::Extended
+        } else if models.contains(&AxisModel::Baseline) {
+            Image::Baseline
+        } else {
+            Image::None
+        };
+        if kind == Image::None {
+            return Written { image: baseline, kind, burn: false, figures: None };
+        }
+        let chosen = corrected(&image);
+        let in_use = options.in_use.as_ref().map(corrected);
+        let beats_use = in_use.is_none_or(|u| {
+            let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&u[a], &chosen[a], self.noise[a].floor())).collect();
+            each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
+        });
+        let figures = by_axis(|a| {
+            let (_, constant) = for_unit.predicted_variance(self.run, &self.scaling, a, self.known);
+            OnVerify {
+                verify_rms_dph: chosen[a].deviation(),
+                mean_dph: chosen[a].mean(),
+                mean_std_dph: (self.noise[a].shift().powi(2) + constant).sqrt(),
+                used_means: chosen[a].count(),
+                model: models[a],
+            }
+        });
+        Written { image, kind, burn: kind == Image::Extended && beats_use, figures: Some(figures) }
+    }
+}
+
+/// A bias that does not depend on temperature: the mean rate.
+fn constant(rates_dph: &[f64]) -> Coefficients {
+    let mut k = [0.0; TERMS];
+    k[0] = crate::numeric::stats::mean(rates_dph) as f32;
+    Coefficients::One(k)
+}
+
+/// Standard deviations of the refined parameters of effect `k`, by name.
+fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BTreeMap<String, f64> {
+    let Some(s) = stated.iter().flatten().next() else { return BTreeMap::new() };
+    let each = c.facts.parameters.iter().zip(s.parameter_std[k]);
+    each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
+}
+
+fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
+    (0..AXES)
+        .filter_map(|a| {
+            let range = fitted.gains(k, a)?;
+            let fit = &fitted.axes[a];
+            let gains = fit.coefficients[range.clone()].to_vec();
+            Some((AXIS_NAMES[a].to_string(), Gain { gain: gains[0], gain_std: fit.std[range.start], gains }))
+        })
+        .collect()
+}
+
+/// Gives what remembers the path of the temperature the start of the verify run, which its own rates tell: it belongs to that run and
+/// not to the unit. A unit does not know it: its image has what the train runs have in common. A sentence where the two differ.
+pub(super) fn start_verify_run(
+    fitted: &mut Fitted,
+    run: &Run,
+    scaling: &Scaling,
+    known: &dyn Fn(&Candidate) -> bool,
+) -> Option<String> {
+    let remembers = |t: &Term| card(t.lead().facts.effect).starts;
+    let name = fitted.terms.iter().find(|t| remembers(t))?.lead().facts.name;
+    let common = fitted.terms.iter().find(|t| remembers(t))?.lead().starts.common();
+    let misfit = |f: &Fitted| -> f64 {
+        let left = f.residuals(run, None, scaling, known);
+        let each = run.steps.present().map(|a| {
+            let m = Means::of(&left[a]);
+            0.5 * m.count() as f64 * m.deviation().max(1e-12).powi(2).ln()
+        });
+        each.sum()
+    };
+    let mut best = (misfit(fitted), None);
+    for branch in 0..Starts::BRANCHES.len() {
+        let mut other = fitted.clone();
+        for part in other.terms.iter_mut().flat_map(|t| &mut t.parts) {
+            if card(part.facts.effect).starts {
+                part.starts = part.starts.with_unseen(branch);
+            }
+        }
+        let m = misfit(&other);
+        if m < best.0 - START {
+            best = (m, Some((branch, other)));
+        }
+    }
+    let (branch, other) = best.1?;
+    *fitted = other;
+    let on = |b: f32| ["the lower branch", "the middle", "the upper branch"][(b + 1.0) as usize];
+    Some(format!(
+        "{name} begins on {} in the verify run and on {} in the train runs: that belongs to the run, and a unit does not know it until the temperature has swept the width of the loop",
+        on(Starts::BRANCHES[branch]),
+        on(common)
+    ))
+}
+
+/// Log-likelihood that another start of the verify run must bring (its noise is not white).
+const START: f64 = 20.0;
