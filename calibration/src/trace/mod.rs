@@ -150,8 +150,8 @@ fn closed(
     }));
     let (refitted, judged) = events::refit(&learnt.terms, &verify_run, &scaling, &after_verify);
 
-    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
     let there: Vec<usize> = verify_run.steps.present().collect();
+    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
     let fewest = there.iter().map(|&a| count(&judged, a)).min().unwrap_or(0);
     let trained = there.iter().map(|&a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
     let clean = Clean::new(fewest, trained, SEED);
@@ -168,8 +168,8 @@ fn closed(
         let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
     });
-    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
-    {
+    let more_than_noise = |r: &floor::Ratio| r.ratio.is_finite() && !r.is_noise();
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| more_than_noise(r)) {
         left.push(format!("on the verify run ({ratio})"));
     }
     let exchanged = witness().map(|found| exchanged(&found, &effects));
@@ -198,8 +198,7 @@ fn closed(
         cleaned: report::cleaned(named_files(train, verify)),
     };
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
-    report.verdict = words::verdict(&report);
-    report.advice = words::advice(&report);
+    (report.verdict, report.advice) = (words::verdict(&report), words::advice(&report));
     let mut image = written.image;
     state_reached(&mut image, &report, &runs, &there);
     Ok(Trace {
