@@ -267,7 +267,7 @@ fn a_corrected_recording_is_what_the_unit_would_send() {
     let said = ok(&d, "correct b.csv --calibration cal.toml --out c.csv");
     assert!(said.contains("seconds of SIM-1"), "{said}");
     let text = read(&d, "c.csv");
-    let header = "time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,raw_x_dph,raw_y_dph,raw_z_dph,bias_x_dph,bias_y_dph,bias_z_dph,temperature_x_c,temperature_y_c,temperature_z_c,status_x,status_y,status_z,status_unit";
+    let header = "time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,raw_x_dph,raw_y_dph,raw_z_dph,bias_x_dph,bias_y_dph,bias_z_dph,bias_std_x_dph,bias_std_y_dph,bias_std_z_dph,temperature_x_c,temperature_y_c,temperature_z_c,status_x,status_y,status_z,status_unit";
     assert!(text.contains("# rates: corrected\n") && text.contains(header), "{}", &text[..600]);
     let (b, c) = (Recording::load(&d.join("b.csv")).expect("there"), Recording::load(&d.join("c.csv")).expect("there"));
     assert_eq!((b.time_s.len(), b.earth_rate_dph), (c.time_s.len(), c.earth_rate_dph));

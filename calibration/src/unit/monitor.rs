@@ -181,7 +181,7 @@ fn axes_table(frame: &mut Frame<'_>, area: Rect, h: &Housekeeping) {
         Constraint::Length(8),
         Constraint::Length(8),
         Constraint::Length(9),
-        Constraint::Length(15),
+        Constraint::Length(13),
         Constraint::Length(9),
         Constraint::Min(12),
     ];

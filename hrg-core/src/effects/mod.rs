@@ -61,7 +61,13 @@ impl Inputs<'_> {
     #[inline]
     #[must_use]
     pub fn own(&self) -> &State {
-        &self.thermal.axes[self.axis].state
+        // (There is no other axis: this spares the unit the code of a panic.)
+        let [x, y, z] = &self.thermal.axes;
+        match self.axis {
+            0 => &x.state,
+            1 => &y.state,
+            _ => &z.state,
+        }
     }
 
     /// Temperature of this axis, C.
