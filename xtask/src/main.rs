@@ -5,7 +5,7 @@ mod fuzz;
 mod setup;
 
 use setup::Toolchain;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 
 /// Why a step failed: a sentence.
@@ -129,9 +129,7 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
         Some(n) => n.parse().map_err(|_| Failure(format!("{n} is no number of units")))?,
         None => 500,
     };
-    programs()?;
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
-    let plant = root().join("target/release/foreign-plant");
+    let plant = foreign_plant()?;
     let measured = root().join("host-tests/recordings/measured");
     let folder = root().join("out/controls");
     let sources = [
@@ -153,10 +151,7 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
         let heading = format!(
             "# Clean units under the noise of {name}\n\nSimulated by `host-tests/foreign-plant`; each third unit has the spectrum of measured residuals ({file}), the others white noise, flicker,\nrandom walks and lines. Printed by `cargo xtask study --controls {all}`."
         );
-        let page = format!("docs/controls-{name}.md");
-        run(Command::new(&plant)
-            .args(["grade", "--hrg", "target/release/hrg", "--page", &page, "--heading", &heading, "--folder"])
-            .arg(folder.join(name)))?;
+        grade(&plant, &folder.join(name), &format!("docs/controls-{name}.md"), &heading)?;
     }
     Ok(())
 }
@@ -164,17 +159,27 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
 /// The trace on the units of the second plant, graded by their truths.
 fn foreign(arguments: &[String]) -> Result<(), Failure> {
     let seeds = arguments.first().map_or("1", String::as_str);
-    programs()?;
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
-    let plant = root().join("target/release/foreign-plant");
+    let plant = foreign_plant()?;
     let folder = root().join("out/foreign");
     run(Command::new(&plant).args(["all", "--seeds", seeds, "--out"]).arg(&folder))?;
     let heading = format!(
         "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds 1 to {seeds}. Printed by\n`cargo xtask study --foreign {seeds}`. Floors are those of the truth; what is left is the written image's on the verify run."
     );
-    run(Command::new(&plant)
-        .args(["grade", "--hrg", "target/release/hrg", "--page", "docs/foreign.md", "--heading", &heading, "--folder"])
-        .arg(&folder))
+    grade(&plant, &folder, "docs/foreign.md", &heading)
+}
+
+/// Builds the second plant, and `hrg`, which it grades.
+fn foreign_plant() -> Result<PathBuf, Failure> {
+    programs()?;
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
+    Ok(root().join("target/release/foreign-plant"))
+}
+
+/// Traces every unit of a folder and writes how it went into a page.
+fn grade(plant: &Path, folder: &Path, page: &str, heading: &str) -> Result<(), Failure> {
+    run(Command::new(plant)
+        .args(["grade", "--hrg", "target/release/hrg", "--page", page, "--heading", heading, "--folder"])
+        .arg(folder))
 }
 
 /// A command of `hrg-board`, with the firmware built before.

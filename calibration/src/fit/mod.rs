@@ -50,6 +50,14 @@ pub struct Prepared {
     pub fastest: [f32; 2],
 }
 
+impl Prepared {
+    /// Mean of the time constants by which the resonators follow their sensors, s.
+    #[must_use]
+    pub fn mean_lag_s(&self) -> f64 {
+        self.lag_s.iter().sum::<f64>() / AXES as f64
+    }
+}
+
 /// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature curves.
 ///
 /// # Errors

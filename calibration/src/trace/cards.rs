@@ -68,6 +68,24 @@ pub enum Refine {
     Places(f32),
 }
 
+impl Refine {
+    /// How many of the parameters are refined.
+    #[must_use]
+    pub fn places(self) -> usize {
+        match self {
+            Self::No => 0,
+            Self::Scale | Self::Cycle | Self::Place(_) | Self::Time | Self::Period => 1,
+            Self::Places(_) => 2,
+        }
+    }
+
+    /// Whether a parameter is moved by a share of itself, and not by a distance.
+    #[must_use]
+    pub fn by_factor(self) -> bool {
+        matches!(self, Self::Scale | Self::Cycle)
+    }
+}
+
 /// See the module.
 pub struct Card {
     /// What kind of physics.
@@ -78,8 +96,6 @@ pub struct Card {
     pub refine: Refine,
     /// Whether a model may hold it more than once.
     pub repeats: bool,
-    /// Whether it remembers the path of the temperature, so that where it begins belongs to the run.
-    pub starts: bool,
     /// Values of the inner parameters to begin with.
     pub grid: Grid,
     /// What a recording must have for it.
@@ -241,53 +257,8 @@ pub fn card(effect: EffectId) -> Card {
         E::Periodic => (Class::Event, Proposed, Refine::Period, nowhere),
     };
     let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
-    let starts = matches!(effect, E::Hysteresis | E::PlayLadder | E::PlayCurve | E::Relay);
-    let (needs, generator, parted_by_profile, mend) =
-        (needs(effect), generator(effect), parted_by_profile(effect), mend(effect));
-    Card { class, kind, refine, repeats, starts, grid, needs, generator, parted_by_profile, mend }
-}
-
-fn needs(effect: EffectId) -> Needs {
-    use EffectId as E;
-    match effect {
-        E::AxisGradient | E::NeighbourLags => Needs::OtherAxes,
-        E::Timebase => Needs::ThreeResonators,
-        E::ThermometerError | E::FrequencyDirect => Needs::Resonator,
-        E::Cubic
-        | E::Kink
-        | E::TemperatureShape
-        | E::ThermalLag
-        | E::SecondDerivative
-        | E::Hysteresis
-        | E::CaseGradient
-        | E::WarmUp
-        | E::Aging
-        | E::Step
-        | E::Periodic
-        | E::DriveAmplitude
-        | E::Quadrature
-        | E::Board
-        | E::CoolingHeating
-        | E::LagLadder
-        | E::LagLadderByTemperature
-        | E::HeatingLags
-        | E::ArrheniusLadder
-        | E::PlayLadder
-        | E::PlayCurve
-        | E::Relay
-        | E::TemperatureSpline
-        | E::Ripple
-        | E::RateCurve
-        | E::RateCurveByTemperature
-        | E::RampByShape
-        | E::HeatingByShape
-        | E::PowerOnLadder
-        | E::PowerOnLadderByTemperature
-        | E::PowerOnLadderByStart
-        | E::Extremes
-        | E::RecordedQuantity
-        | E::RateSaturation => Needs::Nothing,
-    }
+    let (needs, parted_by_profile, mend) = surroundings(effect);
+    Card { class, kind, refine, repeats, grid, needs, generator: generator(effect), parted_by_profile, mend }
 }
 
 fn generator(effect: EffectId) -> Generator {
@@ -324,83 +295,46 @@ fn generator(effect: EffectId) -> Generator {
     }
 }
 
-/// Those that a unit can compensate with what it measures itself, one name for each thing that a chamber can tell.
-fn parted_by_profile(effect: EffectId) -> bool {
+/// What a recording must have for an effect, whether a chamber profile is judged by how well it parts it (those that a unit can compensate
+/// with what it measures itself, one name for each thing that a chamber can tell), and what to mend.
+fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
     use EffectId as E;
+    let mended = |mend: Mend| (Needs::Nothing, false, Some(mend));
     match effect {
-        E::Cubic | E::Kink | E::ThermalLag | E::SecondDerivative | E::Hysteresis => true,
-        E::AxisGradient | E::WarmUp | E::Aging | E::CoolingHeating => true,
-        E::TemperatureShape
-        | E::CaseGradient
-        | E::Step
-        | E::Periodic
-        | E::Timebase
-        | E::DriveAmplitude
-        | E::Quadrature
-        | E::Board
-        | E::FrequencyDirect
-        | E::LagLadder
-        | E::LagLadderByTemperature
-        | E::HeatingLags
-        | E::ArrheniusLadder
-        | E::NeighbourLags
-        | E::PlayLadder
-        | E::PlayCurve
-        | E::Relay
-        | E::TemperatureSpline
-        | E::Ripple
-        | E::RateCurve
-        | E::RateCurveByTemperature
-        | E::RampByShape
-        | E::HeatingByShape
-        | E::PowerOnLadder
-        | E::PowerOnLadderByTemperature
-        | E::PowerOnLadderByStart
-        | E::Extremes
-        | E::RecordedQuantity
-        | E::ThermometerError
-        | E::RateSaturation => false,
-    }
-}
-
-fn mend(effect: EffectId) -> Option<Mend> {
-    use EffectId as E;
-    Some(match effect {
-        E::Step => |p| {
+        E::Cubic | E::Kink | E::ThermalLag | E::SecondDerivative | E::Hysteresis => (Needs::Nothing, true, None),
+        E::WarmUp | E::CoolingHeating => (Needs::Nothing, true, None),
+        E::AxisGradient => (Needs::OtherAxes, true, None),
+        E::NeighbourLags => (Needs::OtherAxes, false, None),
+        E::ThermometerError | E::FrequencyDirect => (Needs::Resonator, false, None),
+        E::Step => mended(|p| {
             format!(
                 "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
                 p(E::Step.facts().parameters[0])
             )
-        },
-        E::Periodic => |p| {
+        }),
+        E::Periodic => mended(|p| {
             format!(
                 "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
                 p(E::Periodic.facts().parameters[0])
             )
-        },
-        E::Aging => |_| {
-            "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
-        },
-        E::CaseGradient => |_| needs_case_sensors(E::CaseGradient),
-        E::Timebase => |_| needs_case_sensors(E::Timebase),
-        E::DriveAmplitude => |_| needs_voltage(E::DriveAmplitude),
-        E::Quadrature => |_| needs_voltage(E::Quadrature),
-        E::Board => |_| needs_voltage(E::Board),
-        E::Cubic
-        | E::Kink
-        | E::TemperatureShape
-        | E::ThermalLag
-        | E::SecondDerivative
-        | E::Hysteresis
-        | E::AxisGradient
-        | E::WarmUp
-        | E::FrequencyDirect
-        | E::CoolingHeating
+        }),
+        E::Aging => (
+            Needs::Nothing,
+            true,
+            Some(|_| {
+                "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
+            }),
+        ),
+        E::CaseGradient => mended(|_| needs_case_sensors(E::CaseGradient)),
+        E::Timebase => (Needs::ThreeResonators, false, Some(|_| needs_case_sensors(E::Timebase))),
+        E::DriveAmplitude => mended(|_| needs_voltage(E::DriveAmplitude)),
+        E::Quadrature => mended(|_| needs_voltage(E::Quadrature)),
+        E::Board => mended(|_| needs_voltage(E::Board)),
+        E::TemperatureShape
         | E::LagLadder
         | E::LagLadderByTemperature
         | E::HeatingLags
         | E::ArrheniusLadder
-        | E::NeighbourLags
         | E::PlayLadder
         | E::PlayCurve
         | E::Relay
@@ -415,9 +349,8 @@ fn mend(effect: EffectId) -> Option<Mend> {
         | E::PowerOnLadderByStart
         | E::Extremes
         | E::RecordedQuantity
-        | E::ThermometerError
-        | E::RateSaturation => return None,
-    })
+        | E::RateSaturation => (Needs::Nothing, false, None),
+    }
 }
 
 fn needs_case_sensors(effect: EffectId) -> String {
@@ -460,26 +393,24 @@ pub struct Bundle {
     /// The families; the first gives the name. One alone leaves what the other is needed for: a Preisach operator is a sum of curves
     /// of the outputs of plays of all widths; memory in a material changes with temperature.
     pub families: &'static [EffectId],
-    /// What each run owes to its beginning: columns of that run alone.
-    pub start: Option<EffectId>,
-    /// Only where a run begins in a ramp, so that the lags do not begin in equilibrium.
+    /// Only where a run begins in a ramp, so that the lags do not begin in equilibrium; then with what each run owes to that: a
+    /// [`beginning`] of its own.
     pub in_ramp: bool,
 }
 
 /// The bundles.
 pub const BUNDLES: &[Bundle] = &[
-    Bundle { families: &[EffectId::PlayCurve], start: None, in_ramp: false },
-    Bundle { families: &[EffectId::PlayCurve, EffectId::TemperatureSpline], start: None, in_ramp: false },
-    Bundle { families: &[EffectId::LagLadder, EffectId::LagLadderByTemperature], start: None, in_ramp: false },
-    Bundle { families: &[EffectId::LagLadder], start: Some(EffectId::PowerOnLadder), in_ramp: true },
-    Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], start: None, in_ramp: false },
+    Bundle { families: &[EffectId::PlayCurve], in_ramp: false },
+    Bundle { families: &[EffectId::PlayCurve, EffectId::TemperatureSpline], in_ramp: false },
+    Bundle { families: &[EffectId::LagLadder, EffectId::LagLadderByTemperature], in_ramp: false },
+    Bundle { families: &[EffectId::LagLadder], in_ramp: true },
+    Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], in_ramp: false },
 ];
 
-/// Parameters of what a run owes to its beginning.
+/// What a lag owes to a run that began in a ramp: decays of that run alone.
 #[must_use]
-pub fn start_parameters(start: EffectId, x: &Extent) -> Parameters {
-    debug_assert!(start == EffectId::PowerOnLadder);
-    [120.0, slowest(x)]
+pub fn beginning(x: &Extent) -> (EffectId, Parameters) {
+    (EffectId::PowerOnLadder, [120.0, slowest(x)])
 }
 
 /// The class of an effect by its name; `None` for a name that is not in the list.

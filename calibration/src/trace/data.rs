@@ -80,9 +80,18 @@ impl Starts {
 }
 
 impl Candidate {
-    /// A candidate by name, everywhere. `None` if there is no such effect.
+    /// A candidate that is there in every run.
     pub fn new(effect: EffectId, parameters: [f32; MAX_PARAMETERS]) -> Self {
         Self { facts: effect.facts(), parameters, run: None, starts: Starts::default() }
+    }
+
+    /// The same, standing there when the runs begin, if it remembers the path of the temperature.
+    pub fn starting(self, starts: Starts) -> Self {
+        if self.facts.remembers_path {
+            Self { starts, ..self }
+        } else {
+            self
+        }
     }
 }
 
@@ -106,7 +115,7 @@ pub struct Data<'a> {
     pub runs: &'a [Run],
     /// Centre and scale.
     pub scaling: Scaling,
-    /// Time constant by which the resonators follow their shells, s.
+    /// Time constant by which the resonators follow their cases, s.
     pub lag_s: f32,
     /// Seconds in a block.
     pub block_s: usize,
@@ -264,12 +273,11 @@ impl<'a> Data<'a> {
             .flat_map(|(facts, card)| {
                 let grid = (card.grid)(&extent);
                 let tries = grid.len() as f64;
-                let starts = if card.starts { starts } else { Starts::default() };
                 // What an effect needs from another axis must be there.
                 let offered = self.runs.iter().all(|r| card.needs.met_by(r));
                 grid.into_iter()
                     .filter(move |_| offered)
-                    .map(move |parameters| (Candidate { facts, parameters, run: None, starts }, tries))
+                    .map(move |parameters| (Candidate::new(facts.effect, parameters).starting(starts), tries))
             })
             .collect()
     }
@@ -278,25 +286,33 @@ impl<'a> Data<'a> {
     pub fn bundles(&self, starts: Starts) -> Vec<Vec<Candidate>> {
         let extent = self.extent();
         let parts = |effect: EffectId| -> Vec<Candidate> {
-            let card = cards::card(effect);
-            let starts = if card.starts { starts } else { Starts::default() };
-            let of = |parameters| Candidate { facts: effect.facts(), parameters, run: None, starts };
-            (card.grid)(&extent).into_iter().map(of).collect()
+            let of = |parameters| Candidate::new(effect, parameters).starting(starts);
+            (cards::card(effect).grid)(&extent).into_iter().map(of).collect()
         };
-        let in_ramp: Vec<bool> = self.runs.iter().map(begins_in_ramp).collect();
-        let start = |effect: EffectId| -> Vec<Candidate> {
-            let parameters = cards::start_parameters(effect, &extent);
-            let of = |n| Candidate { facts: effect.facts(), parameters, run: Some(n), starts: Starts::default() };
-            (0..self.runs.len()).map(of).collect()
-        };
+        let (effect, parameters) = cards::beginning(&extent);
+        let beginnings = (0..self.runs.len()).map(|n| Candidate { run: Some(n), ..Candidate::new(effect, parameters) });
+        let in_ramp = self.runs.iter().any(begins_in_ramp);
         cards::BUNDLES
             .iter()
-            .filter(|b| !b.in_ramp || in_ramp.iter().any(|r| *r))
+            .filter(|b| !b.in_ramp || in_ramp)
             .map(|b| {
                 let families = b.families.iter().flat_map(|e| parts(*e));
-                families.chain(b.start.into_iter().flat_map(start)).collect()
+                families.chain(beginnings.clone().filter(|_| b.in_ramp)).collect()
             })
             .collect()
+    }
+
+    /// Temperature (C) and its rate of change (C per minute) in the middle of each kept block of an axis.
+    pub fn states(&self, a: usize) -> Vec<Option<(f64, f64)>> {
+        let middles = |(run, n): (&'a Run, &usize)| {
+            let block_s = self.block_s;
+            (0..*n).map(move |b| {
+                let state = run.thermal[b * block_s + block_s / 2].state(a);
+                state.map(|s| (f64::from(s.temperature_c), f64::from(s.ramp_c_per_min)))
+            })
+        };
+        let all: Vec<_> = self.runs.iter().zip(&self.blocks).flat_map(middles).collect();
+        self.axes[a].keep.iter().map(|&k| all[k]).collect()
     }
 
     /// How many axes have data.

@@ -1,6 +1,7 @@
 //! The report as one self-contained page.
 
-use super::{Report, Trace};
+use super::data::Data;
+use super::{shapes, Report, Trace};
 use crate::numeric::allan;
 use crate::numeric::stats::block_means;
 use crate::plot::{svg, Panel, Series};
@@ -187,7 +188,8 @@ fn cleaned(r: &Report) -> String {
 fn ranking(t: &Trace) -> anyhow::Result<String> {
     let r = &t.report;
     let mut s = String::new();
-    for (e, shapes) in r.effects.iter().zip(&t.shapes) {
+    let data = Data::new(&t.train, t.baseline.scaling, t.lag_s);
+    for (e, shapes) in r.effects.iter().zip(shapes::of(&data, &t.fitted)) {
         let _ = write!(
             s,
             "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
@@ -202,7 +204,7 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
             },
             if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
         );
-        s += &svg(shapes, 2, 460, 300)?;
+        s += &svg(&shapes, 2, 460, 300)?;
         s += "<br><table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
         for (n, g) in &e.axes {
             let share =

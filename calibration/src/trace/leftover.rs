@@ -40,18 +40,9 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
 /// Generic curves, on the kept blocks of an axis.
 fn generic(data: &Data<'_>, a: usize) -> Vec<(&'static str, Vec<Vec<f64>>)> {
     let rows = &data.axes[a];
-    let mut state = Vec::new();
-    let mut clock = Vec::new();
-    for (run, &n) in data.runs.iter().zip(&data.blocks) {
-        for b in 0..n {
-            let k = b * data.block_s + data.block_s / 2;
-            let now = &run.thermal[k];
-            let (t, r) = now.state(a).map_or((0.0, 0.0), |s| (s.temperature_c, s.ramp_c_per_min));
-            state.push((f64::from(t), f64::from(r)));
-            clock.push(b as f64 / n as f64 * 2.0 - 1.0);
-        }
-    }
-    let state: Vec<(f64, f64)> = rows.keep.iter().map(|&k| state[k]).collect();
+    let state: Vec<(f64, f64)> = data.states(a).into_iter().map(Option::unwrap_or_default).collect();
+    let clock: Vec<f64> =
+        data.blocks.iter().flat_map(|&n| (0..n).map(move |b| b as f64 / n as f64 * 2.0 - 1.0)).collect();
     let clock: Vec<f64> = rows.keep.iter().map(|&k| clock[k]).collect();
     let (low, high) = data.temperature_range();
     let (centre, half) = (f64::from(0.5 * (low + high)), f64::from(0.5 * (high - low)).max(1.0));

@@ -85,8 +85,10 @@ pub struct Trace {
     pub verify_residuals: [[Vec<f64>; AXES]; 2],
     /// The train runs.
     pub train: Vec<Run>,
-    /// Pictures of what each effect stands for.
-    pub shapes: Vec<Vec<crate::plot::Panel>>,
+    /// The fitted model, for pictures.
+    pub fitted: Fitted,
+    /// Time constant by which the resonators follow their cases, s: mean of the axes.
+    pub lag_s: f64,
 }
 
 /// Traces what the baseline lacks.
@@ -127,10 +129,11 @@ fn closed(
     verify_run: Run,
     witness: impl FnOnce() -> Option<Vec<Candidate>>,
 ) -> Result<Trace, BadInput> {
-    let Prepared { runs, mut calibration, mut notes, lag_s, .. } = prepared;
+    let lag_s = prepared.mean_lag_s();
+    let Prepared { runs, mut calibration, mut notes, .. } = prepared;
     let scaling = calibration.scaling;
     calibration.sequence = 1;
-    let data = Data::new(&runs, scaling, lag_s.iter().sum::<f64>() / AXES as f64);
+    let data = Data::new(&runs, scaling, lag_s);
     let mut search = Search::new(&data, SEED);
     let mut learnt = Learnt::new(&mut search);
     let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
@@ -151,17 +154,14 @@ fn closed(
     let (refitted, judged) = events::refit(&learnt.terms, &verify_run, &scaling, &after_verify);
 
     let there: Vec<usize> = verify_run.steps.present().collect();
-    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
-    let fewest = there.iter().map(|&a| count(&judged, a)).min().unwrap_or(0);
-    let trained = there.iter().map(|&a| after_train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
-    let clean = Clean::new(fewest, trained, SEED);
+    let clean = clean_of(&after_train, &judged, &there);
     // (What is said of an axis that is not there is taken out of the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
     let stated = uncertainty::of(&data, &fitted, learnt.model.colours, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
-    let for_unit = on_verify.for_unit(&learnt, &fitted, &effects)?;
+    let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
     let written = on_verify.image(&calibration, &learnt, &for_unit, &baseline_fit, options, &mut notes);
     let mut left = leftover::judge(&data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
@@ -208,9 +208,18 @@ fn closed(
         verify: verify_run,
         train_residuals: [before_train, after_train],
         verify_residuals: [before_verify, after_verify],
-        shapes: shapes::of(&data, &fitted),
+        fitted,
+        lag_s,
         train: runs,
     })
+}
+
+/// What clean residuals of these lengths show, by the axis that has fewest means.
+fn clean_of(train: &[[Vec<f64>; AXES]], judged: &[Vec<f64>; AXES], there: &[usize]) -> Clean {
+    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
+    let fewest = there.iter().map(|&a| count(judged, a)).min().unwrap_or(0);
+    let trained = there.iter().map(|&a| train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
+    Clean::new(fewest, trained, SEED)
 }
 
 /// The noise of an axis, from what is left on all runs.

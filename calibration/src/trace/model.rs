@@ -224,14 +224,15 @@ impl Fitted {
 
     /// The image: effects that a unit can compute, with their uncertainty where it is given, in as many directions as fit.
     pub fn image(&self, base: &Calibration, stated: &[Option<Stated>; AXES], notes: &mut Vec<String>) -> Calibration {
-        for count in (1..=DIRECTIONS).rev() {
+        let with = |count: usize| {
             let fewer = stated.each_ref().map(|s| s.as_ref().map(|s| s.with_directions(count)));
-            let image = self.image_with(base, &fewer, &mut Vec::new());
-            if image.to_bytes().is_some() {
-                return self.image_with(base, &fewer, notes);
-            }
-        }
-        self.image_with(base, &stated.each_ref().map(|s| s.as_ref().map(|s| s.with_directions(0))), notes)
+            let mut notes = Vec::new();
+            (self.image_with(base, &fewer, &mut notes), notes)
+        };
+        let fits = |made: &(Calibration, Vec<String>)| made.0.to_bytes().is_some();
+        let (image, more) = (1..=DIRECTIONS).rev().map(with).find(fits).unwrap_or_else(|| with(0));
+        notes.extend(more);
+        image
     }
 
     fn image_with(&self, base: &Calibration, stated: &[Option<Stated>; AXES], notes: &mut Vec<String>) -> Calibration {

@@ -25,6 +25,12 @@ pub(super) struct Written {
     pub figures: Option<ByAxis<OnVerify>>,
 }
 
+/// The model that an image is made of.
+pub(super) struct ForUnit {
+    pub fitted: Fitted,
+    pub stated: [Option<Stated>; AXES],
+}
+
 /// The verify run, on which models are judged.
 pub(super) struct OnVerifyRun<'v> {
     pub data: &'v Data<'v>,
@@ -120,8 +126,14 @@ impl OnVerifyRun<'_> {
             .collect()
     }
 
-    /// The model that an image is made of.
-    pub(super) fn for_unit(&self, learnt: &Learnt, fitted: &Fitted, effects: &[Found]) -> Result<Fitted, BadInput> {
+    /// The model that an image is made of, with how uncertain it is (`stated` is that of the fitted model).
+    pub(super) fn for_unit(
+        &self,
+        learnt: &Learnt,
+        fitted: &Fitted,
+        stated: [Option<Stated>; AXES],
+        effects: &[Found],
+    ) -> Result<ForUnit, BadInput> {
         // What needs an input has no place in an image, nor has an effect on an axis where the verify run contradicts it: the rest is
         // fitted without. What happened once stays in the fit, so that it bends no other coefficient.
         let mut kept = Vec::new();
@@ -140,9 +152,11 @@ impl OnVerifyRun<'_> {
             }
         }
         if whole {
-            return Ok(fitted.clone());
+            return Ok(ForUnit { fitted: fitted.clone(), stated });
         }
-        Fitted::new(self.data, &kept, learnt.model.colours)
+        let fitted = Fitted::new(self.data, &kept, learnt.model.colours)?;
+        let stated = uncertainty::of(self.data, &fitted, learnt.model.colours, Weights::Noise);
+        Ok(ForUnit { fitted, stated })
     }
 
     /// The image: axis by axis the extended model, the baseline or a constant, whichever the verify run bears out.
@@ -150,15 +164,14 @@ impl OnVerifyRun<'_> {
         &self,
         calibration: &Calibration,
         learnt: &Learnt,
-        for_unit: &Fitted,
+        for_unit: &ForUnit,
         baseline_fit: &Fitted,
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Written {
         let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_colours, Weights::Plain);
-        let stated = uncertainty::of(self.data, for_unit, learnt.model.colours, Weights::Noise);
         let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
-        let mut image = for_unit.image(calibration, &stated, notes);
+        let mut image = for_unit.fitted.image(calibration, &for_unit.stated, notes);
         image.sequence = 2;
         let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
         let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
@@ -203,7 +216,7 @@ impl OnVerifyRun<'_> {
             each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
         });
         let figures = by_axis(|a| {
-            let (_, constant) = for_unit.predicted_variance(self.run, &self.scaling, a, self.known);
+            let (_, constant) = for_unit.fitted.predicted_variance(self.run, &self.scaling, a, self.known);
             OnVerify {
                 verify_rms_dph: chosen[a].deviation(),
                 mean_dph: chosen[a].mean(),
@@ -249,9 +262,8 @@ pub(super) fn start_verify_run(
     scaling: &Scaling,
     known: &dyn Fn(&Candidate) -> bool,
 ) -> Option<String> {
-    let remembers = |t: &Term| card(t.lead().facts.effect).starts;
-    let name = fitted.terms.iter().find(|t| remembers(t))?.lead().facts.name;
-    let common = fitted.terms.iter().find(|t| remembers(t))?.lead().starts.common();
+    let first = fitted.terms.iter().map(Term::lead).find(|c| c.facts.remembers_path)?;
+    let (name, common) = (first.facts.name, first.starts.common());
     let misfit = |f: &Fitted| -> f64 {
         let left = f.residuals(run, None, scaling, known);
         let each = run.steps.present().map(|a| {
@@ -264,9 +276,7 @@ pub(super) fn start_verify_run(
     for branch in 0..Starts::BRANCHES.len() {
         let mut other = fitted.clone();
         for part in other.terms.iter_mut().flat_map(|t| &mut t.parts) {
-            if card(part.facts.effect).starts {
-                part.starts = part.starts.with_unseen(branch);
-            }
+            *part = part.starting(part.starts.with_unseen(branch));
         }
         let m = misfit(&other);
         if m < best.0 - START {

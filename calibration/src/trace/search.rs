@@ -134,7 +134,7 @@ impl<'a> Search<'a> {
         let mut s = Self { data, axes, candidates: vec![], tries: vec![], seed };
         let starts = s.starts();
         for (c, tries) in data.library(starts) {
-            if !s.candidates.iter().any(|k| k[..] == [c]) {
+            if s.alone(&c).is_none() {
                 s.push(vec![c], tries);
             }
         }
@@ -153,11 +153,8 @@ impl<'a> Search<'a> {
         let Some(&parameters) = grid.first() else { return Starts::default() };
         let nothing = self.nothing();
         let mut worth = |starts: Starts| {
-            let c = Candidate { facts: EffectId::PlayLadder.facts(), parameters, run: None, starts };
-            let group = match self.candidates.iter().position(|k| k[..] == [c]) {
-                Some(group) => group,
-                None => self.push(vec![c], Starts::BRANCHES.len() as f64),
-            };
+            let c = Candidate::new(EffectId::PlayLadder, parameters).starting(starts);
+            let group = self.alone(&c).unwrap_or_else(|| self.push(vec![c], Starts::BRANCHES.len() as f64));
             let all = self.extensions(&nothing);
             all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
         };
@@ -182,31 +179,25 @@ impl<'a> Search<'a> {
         best.1
     }
 
+    /// The number of a candidate that is offered by itself.
+    fn alone(&self, c: &Candidate) -> Option<usize> {
+        self.candidates.iter().position(|k| k[..] == [*c])
+    }
+
     /// Adds a candidate; gives its number. Parts that are candidates by themselves lend it their columns.
     fn push(&mut self, c: Vec<Candidate>, tries: f64) -> usize {
-        let alone: Vec<Option<usize>> =
-            c.iter().map(|part| self.candidates.iter().position(|k| k[..] == [*part])).collect();
-        // Of each new part: the columns of the axis before.
-        let mut known: Vec<Option<Vec<Vec<f64>>>> = vec![None; c.len()];
+        let alone: Vec<Option<usize>> = c.iter().map(|part| self.alone(part)).collect();
+        let mut columns: Vec<AxisByAxis<'_>> = c.iter().map(AxisByAxis::new).collect();
         for a in 0..AXES {
-            let same = a > 0 && self.data.axes[a].keep == self.data.axes[a - 1].keep;
-            let mut group = Some(Vec::new());
-            for ((part, alone), known) in c.iter().zip(&alone).zip(&mut known) {
-                let own = match alone {
+            let each: Option<Vec<Vec<usize>>> = alone
+                .iter()
+                .zip(&mut columns)
+                .map(|(alone, columns)| match alone {
                     Some(k) => self.axes[a].columns_of(*k).map(<[usize]>::to_vec),
-                    None => {
-                        if !(same && part.facts.common) {
-                            *known = self.data.columns(part, a, false);
-                        }
-                        known.clone().map(|columns| self.axes[a].add_columns(columns))
-                    }
-                };
-                group = group.zip(own).map(|(mut group, own)| {
-                    group.extend(own);
-                    group
-                });
-            }
-            self.axes[a].push_group(group);
+                    None => columns.on(self.data, a).map(|columns| self.axes[a].add_columns(columns)),
+                })
+                .collect();
+            self.axes[a].push_group(each.map(|e| e.concat()));
         }
         self.candidates.push(c);
         self.tries.push(tries);
@@ -293,8 +284,7 @@ impl<'a> Search<'a> {
     /// The same, with the group's inner parameter refined.
     fn with_refined(&mut self, state: &State, group: usize, on: &[Option<f64>; AXES]) -> State {
         let next = self.with(state, group, on);
-        let next = self.refine(next, state.groups.len());
-        self.refine_starts(next, state.groups.len())
+        self.refine(next, state.groups.len())
     }
 
     /// A model without its effect number `k`.
@@ -330,6 +320,8 @@ impl<'a> Search<'a> {
         let mut best = self.grow(nothing.clone());
         // Several effects may stand for one that was not begun with: those that explain most alone each get their turn.
         if best.groups.len() > 1 {
+            // By evidence and by held-out error together.
+            let mut most = self.total(&best) + self.held_out(&best);
             let mut tried = vec![self.lead(best.groups[0]).facts.effect];
             let ranked = self.extensions(&nothing);
             for (gain, group, on) in &ranked {
@@ -340,10 +332,9 @@ impl<'a> Search<'a> {
                 tried.push(effect);
                 let begun = self.with_refined(&nothing, *group, on);
                 let grown = self.grow(begun);
-                // By evidence and by held-out error together.
-                let worth = |s: &State| self.total(s) + self.held_out(s);
-                if worth(&grown) > worth(&best) {
-                    best = grown;
+                let worth = self.total(&grown) + self.held_out(&grown);
+                if worth > most {
+                    (most, best) = (worth, grown);
                 }
             }
         }
@@ -396,7 +387,7 @@ impl<'a> Search<'a> {
         }
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
         for c in proposed {
-            if !self.candidates.iter().any(|k| k[..] == [c]) {
+            if self.alone(&c).is_none() {
                 self.push(vec![c], rows / 3.0);
             }
         }
@@ -520,13 +511,18 @@ impl<'a> Search<'a> {
         }
         for k in 0..state.groups.len() {
             state = self.refine(state, k);
-            state = self.refine_starts(state, k);
         }
         state
     }
 
-    /// Sharpens the inner parameters of effect `k`: variances and noise models stay while it moves.
+    /// Refines effect `k`: its inner parameters, then where it stands when each run begins. Variances and noise models stay while it
+    /// moves.
     fn refine(&mut self, state: State, k: usize) -> State {
+        let state = self.refine_parameters(state, k);
+        self.refine_starts(state, k)
+    }
+
+    fn refine_parameters(&mut self, state: State, k: usize) -> State {
         let start = self.lead(state.groups[k]);
         let how = self.card(state.groups[k]).refine;
         if how == Refine::No || self.candidates[state.groups[k]].len() > 1 {
@@ -543,16 +539,14 @@ impl<'a> Search<'a> {
             Refine::Time => self.data.block_s as f32,
             Refine::Period => 0.3 * p[0] * p[0] / self.data.longest_s(),
         };
-        let by_factor = matches!(how, Refine::Scale | Refine::Cycle);
-        let places = if matches!(how, Refine::Places(_)) { 2 } else { 1 };
         let mut best = (self.trial(&state, k, &[start]), start);
         for _ in 0..6 {
-            for place in 0..places {
+            for place in 0..how.places() {
                 for sign in [-1.0, 1.0] {
                     let mut c = best.1;
                     let q = c.parameters[place];
-                    c.parameters[place] = if by_factor { q * (1.0 + sign * step) } else { q + sign * step };
-                    if places == 2 && c.parameters[1] > c.parameters[0] {
+                    c.parameters[place] = if how.by_factor() { q * (1.0 + sign * step) } else { q + sign * step };
+                    if how.places() == 2 && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
                     let worth = self.trial(&state, k, &[c]);
@@ -569,10 +563,9 @@ impl<'a> Search<'a> {
         self.exchanged(state, k, vec![best.1])
     }
 
-    /// The same of where it stands when each run begins.
     fn refine_starts(&mut self, state: State, k: usize) -> State {
         let parts = self.candidates[state.groups[k]].clone();
-        if !card(parts[0].facts.effect).starts {
+        if !parts[0].facts.remembers_path {
             return state;
         }
         let mut best = (self.trial(&state, k, &parts) + BRANCH, parts.clone());
@@ -582,7 +575,7 @@ impl<'a> Search<'a> {
                 if starts == best.1[0].starts {
                     continue;
                 }
-                let moved: Vec<Candidate> = best.1.iter().map(|c| Candidate { starts, ..*c }).collect();
+                let moved: Vec<Candidate> = best.1.iter().map(|c| c.starting(starts)).collect();
                 let worth = self.trial(&state, k, &moved);
                 if worth > best.0 {
                     best = (worth, moved);
@@ -609,8 +602,7 @@ impl<'a> Search<'a> {
     /// Evidence with other parts in the place of effect `k`, variances and noise models as they are.
     fn trial(&self, state: &State, k: usize, parts: &[Candidate]) -> f64 {
         let group = state.groups[k];
-        let common = parts.iter().all(|c| c.facts.common);
-        let mut known: Option<(usize, Option<Vec<Vec<f64>>>)> = None;
+        let mut columns: Vec<AxisByAxis<'_>> = parts.iter().map(AxisByAxis::new).collect();
         let mut sum = 0.0;
         for a in 0..AXES {
             let m = &state.axes[a];
@@ -618,16 +610,8 @@ impl<'a> Search<'a> {
                 sum += m.evidence;
                 continue;
             }
-            let same = |of: usize| common && self.data.axes[a].keep == self.data.axes[of].keep;
-            let columns = match known.take() {
-                Some((of, columns)) if same(of) => columns,
-                _ => {
-                    let each: Option<Vec<_>> = parts.iter().map(|c| self.data.columns(c, a, false)).collect();
-                    each.map(|e| e.concat())
-                }
-            };
-            sum += columns.clone().map_or(f64::NEG_INFINITY, |v| self.axes[a].evidence_with(m, group, v));
-            known = Some((a, columns));
+            let each: Option<Vec<_>> = columns.iter_mut().map(|c| c.on(self.data, a)).collect();
+            sum += each.map_or(f64::NEG_INFINITY, |e| self.axes[a].evidence_with(m, group, e.concat()));
         }
         sum
     }
@@ -816,6 +800,29 @@ impl<'a> Search<'a> {
             sum += (after / dot(&about, &about).max(1e-300)).sqrt().min(1.0);
         }
         sum / AXES as f64
+    }
+}
+
+/// The columns of a candidate, axis after axis: what is common to axes with the same rows is computed once.
+struct AxisByAxis<'c> {
+    candidate: &'c Candidate,
+    /// The axis they were made for last, and they.
+    last: Option<(usize, Option<Vec<Vec<f64>>>)>,
+}
+
+impl<'c> AxisByAxis<'c> {
+    fn new(candidate: &'c Candidate) -> Self {
+        Self { candidate, last: None }
+    }
+
+    fn on(&mut self, data: &Data<'_>, a: usize) -> Option<Vec<Vec<f64>>> {
+        let same = |of: usize| self.candidate.facts.common && data.axes[a].keep == data.axes[of].keep;
+        let columns = match self.last.take() {
+            Some((of, columns)) if same(of) => columns,
+            _ => data.columns(self.candidate, a, false),
+        };
+        self.last = Some((a, columns.clone()));
+        columns
     }
 }
 

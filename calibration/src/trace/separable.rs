@@ -7,7 +7,7 @@
 use super::data::Data;
 use super::search::Search;
 use super::INDISTINGUISHABLE;
-use crate::fit::{prepare, Prepared};
+use crate::fit::prepare;
 use crate::recording::Recording;
 use crate::BadInput;
 use hrg_core::effects::EffectId;
@@ -36,8 +36,8 @@ pub const SEEN: f64 = 0.02;
 /// # Errors
 /// A recording that cannot be used.
 pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdict>, BadInput> {
-    let Prepared { runs, calibration, lag_s, .. } = prepare(recordings)?;
-    let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
+    let prepared = prepare(recordings)?;
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
     let rows = data.axes.iter().map(|a| a.y.len()).min().unwrap_or(0);
     if rows < 40 {
         return Err(BadInput::new(format!("only {rows} usable means in the run; a profile of some hours is needed")));

@@ -71,17 +71,9 @@ fn abscissa(class: Class) -> &'static str {
 
 /// What an effect of a class is drawn against, on the blocks of an axis.
 fn places(data: &Data<'_>, a: usize, class: Class) -> Vec<f64> {
-    let mut all = Vec::new();
-    for (run, &n) in data.runs.iter().zip(&data.blocks) {
-        for b in 0..n {
-            let (t, r) = run.state(b * data.block_s + data.block_s / 2, a).unwrap_or((f32::NAN, f32::NAN));
-            let hours = all.len() as f64 * data.block_s as f64 / 3600.0;
-            all.push(match class {
-                Class::Rate => f64::from(r),
-                Class::Shape | Class::Hysteresis => f64::from(t),
-                _ => hours,
-            });
-        }
+    if in_time(class) {
+        return data.axes[a].keep.iter().map(|k| (k * data.block_s) as f64 / 3600.0).collect();
     }
-    data.axes[a].keep.iter().map(|&k| all[k]).collect()
+    let of = |s: (f64, f64)| if class == Class::Rate { s.1 } else { s.0 };
+    data.states(a).into_iter().map(|s| s.map_or(f64::NAN, of)).collect()
 }

@@ -5,7 +5,7 @@
 //! largest directions are kept, each as a bias made of the regressors that the unit has; what they do not hold, on average over
 //! the rows, and the scatter of the constants of the days make the rest, which is the same at all times.
 
-use super::cards::{card, Refine};
+use super::cards::card;
 use super::data::{Candidate, Data};
 use super::gls::{Colour, COLOURS};
 use super::model::{columns, Columns, Fitted, Term};
@@ -49,12 +49,10 @@ fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     let (low, high) = data.temperature_range();
     let mut out = Vec::new();
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && on_unit(t.lead())) {
-        let p = t.lead().parameters;
-        match card(t.lead().facts.effect).refine {
-            Refine::Scale | Refine::Cycle => out.push((e, 0, SHARE * p[0])),
-            Refine::Place(_) => out.push((e, 0, SHARE * (high - low))),
-            Refine::Places(_) => out.extend([(e, 0, SHARE * (high - low)), (e, 1, SHARE * (high - low))]),
-            Refine::No | Refine::Time | Refine::Period => {}
+        let how = card(t.lead().facts.effect).refine;
+        for place in 0..how.places() {
+            let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
+            out.push((e, place, SHARE * of));
         }
     }
     out

@@ -5,11 +5,10 @@ use super::data::{Candidate, Data};
 use super::report::{Class, Exchanged, Found};
 use super::search::Search;
 use super::SEED;
+use crate::fit;
 use crate::fit::evidence;
-use crate::fit::{self, Prepared};
 use crate::recording::steps::Run;
 use crate::recording::Recording;
-use hrg_core::AXES;
 use std::collections::BTreeSet;
 
 /// Means of the axis of a run that has fewest.
@@ -19,8 +18,8 @@ pub(super) fn shortest(run: &Run) -> usize {
 
 /// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
 pub(super) fn second_search(verify: &Recording) -> Option<Vec<Candidate>> {
-    let Prepared { runs, calibration, lag_s, .. } = fit::prepare(std::slice::from_ref(verify)).ok()?;
-    let data = Data::new(&runs, calibration.scaling, lag_s.iter().sum::<f64>() / AXES as f64);
+    let prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
     let mut search = Search::new(&data, SEED);
     Some(search.run().effects().copied().collect())
 }

@@ -18,6 +18,7 @@ impl Effect for Hysteresis {
     const ID: u16 = 6;
     const PARAMETERS: &'static [&'static str] = &["width_c"];
     const REACH: Reach = Reach::Unit;
+    const REMEMBERS_PATH: bool = true;
 
     type Regressors = [f32; 1];
 

@@ -108,6 +108,8 @@ pub trait Effect: Sized {
     const REACH: Reach;
     /// Whether it looks at nothing that belongs to an axis: then the unit computes it once for the three.
     const COMMON: bool = false;
+    /// Whether it remembers the path of the temperature, so that where it begins matters: see [`start_on`](Self::start_on).
+    const REMEMBERS_PATH: bool = false;
     /// The regressors of an axis: an array of as many as there are.
     type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
@@ -175,6 +177,8 @@ pub struct Facts {
     pub reach: Reach,
     /// Whether it looks at nothing that belongs to an axis.
     pub common: bool,
+    /// Whether it remembers the path of the temperature.
+    pub remembers_path: bool,
 }
 
 /// What a unit must know of an effect.
@@ -250,6 +254,7 @@ macro_rules! effects {
             outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
             reach: <$name as Effect>::REACH,
             common: <$name as Effect>::COMMON,
+            remembers_path: <$name as Effect>::REMEMBERS_PATH,
         }),+];
 
         /// What a unit must know of the effect with a number; it holds no names.

@@ -22,6 +22,7 @@ impl Effect for PlayCurve {
     const ID: u16 = 25;
     const PARAMETERS: &'static [&'static str] = &["width_c"];
     const REACH: Reach = Reach::Unit;
+    const REMEMBERS_PATH: bool = true;
 
     type Regressors = [f32; KNOTS];
 

@@ -21,6 +21,7 @@ impl Effect for PlayLadder {
     const ID: u16 = 24;
     const PARAMETERS: &'static [&'static str] = &["width_min_c", "width_max_c"];
     const REACH: Reach = Reach::Unit;
+    const REMEMBERS_PATH: bool = true;
 
     type Regressors = [f32; RUNGS];
 

@@ -17,6 +17,7 @@ impl Effect for Relay {
     const ID: u16 = 26;
     const PARAMETERS: &'static [&'static str] = &["on_c", "off_c"];
     const REACH: Reach = Reach::Unit;
+    const REMEMBERS_PATH: bool = true;
 
     type Regressors = [f32; 1];
 
