@@ -302,13 +302,13 @@ fn main() -> Result<()> {
 /// Every trial as a row of CSV.
 fn every_trial(outcomes: &[Outcome]) -> String {
     let mut s = String::from(
-        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,seconds\n",
+        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,normalised_error,seconds\n",
     );
     for o in outcomes {
         let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
         let _ = writeln!(
             s,
-            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{:.3}",
+            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{},{:.3}",
             o.trial.kind,
             o.trial.profile,
             o.trial.unit,
@@ -328,6 +328,7 @@ fn every_trial(outcomes: &[Outcome]) -> String {
             o.image_over_floor,
             o.image_over_baseline,
             o.floor_over_truth,
+            o.coverage.iter().map(|c| format!("{:.2}", c.normalised)).collect::<Vec<_>>().join("|"),
             o.seconds
         );
     }

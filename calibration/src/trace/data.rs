@@ -70,7 +70,7 @@ impl Starts {
     }
 
     /// Where a unit begins: where all runs have it in common, the verify run included; else the middle.
-    pub fn on_unit(self) -> f32 {
+    pub fn on_unit(&self) -> f32 {
         if self.of(None) == self.common() {
             self.common()
         } else {
@@ -92,6 +92,36 @@ impl Candidate {
         } else {
             self
         }
+    }
+
+    /// Whether a unit can take it into its image: it can compute it, and it does not belong to one run.
+    pub fn on_unit(&self) -> bool {
+        self.facts.reach == Reach::Unit && self.run.is_none()
+    }
+}
+
+/// The columns of a candidate, axis after axis: what is common to axes with the same rows is computed once.
+pub struct AxisByAxis<'c> {
+    candidate: &'c Candidate,
+    /// The axis they were made for last, and they.
+    last: Option<(usize, Option<Vec<Vec<f64>>>)>,
+}
+
+impl<'c> AxisByAxis<'c> {
+    /// Nothing computed yet.
+    pub fn new(candidate: &'c Candidate) -> Self {
+        Self { candidate, last: None }
+    }
+
+    /// The columns on an axis; `None` where the axis does not have what they need.
+    pub fn on(&mut self, data: &Data<'_>, a: usize) -> Option<Vec<Vec<f64>>> {
+        let same = |of: usize| self.candidate.facts.common && data.axes[a].keep == data.axes[of].keep;
+        let columns = match self.last.take() {
+            Some((of, columns)) if same(of) => columns,
+            _ => data.columns(self.candidate, a, false),
+        };
+        self.last = Some((a, columns.clone()));
+        columns
     }
 }
 

@@ -105,8 +105,8 @@ impl Neighbours {
         })
     }
 
-    /// What tells the colour: near -0.69 for white noise, 0 for flicker.
-    fn colour(&self) -> f64 {
+    /// What tells the noise_model: near -0.69 for white noise, 0 for flicker.
+    fn noise_model(&self) -> f64 {
         (self.two.max(1e-300) / self.one.max(1e-300)).ln()
     }
 }
@@ -114,7 +114,7 @@ impl Neighbours {
 /// One series of pure noise, in two parts: what it shows at short times, and how it scatters.
 #[derive(Debug, Clone, Copy)]
 struct Draw {
-    colour: f64,
+    noise_model: f64,
     /// Deviation of the judged part over the root of the Allan variance of both.
     spread: f64,
     /// Mean of the judged part less that of the other, in the same unit.
@@ -165,7 +165,7 @@ impl Clean {
     /// Draws whose short-time spectrum is nearest to the measured one.
     fn nearest(&self, n: &Neighbours) -> Vec<Draw> {
         let mut draws = self.draws.clone();
-        let off = |d: &Draw| (d.colour - n.colour()).abs();
+        let off = |d: &Draw| (d.noise_model - n.noise_model()).abs();
         draws.select_nth_unstable_by(NEAREST - 1, |x, y| off(x).total_cmp(&off(y)));
         draws.truncate(NEAREST);
         draws
@@ -231,10 +231,10 @@ fn averaged(length: usize, a: f64) -> Vec<f64> {
 
 fn draw(judged: &[f64], other: &[f64]) -> Draw {
     let n = Neighbours::of(&[judged, other]).or_else(|| Neighbours::of(&[judged]));
-    let Some(n) = n else { return Draw { colour: 0.0, spread: 1.0, shift: 0.0 } };
+    let Some(n) = n else { return Draw { noise_model: 0.0, spread: 1.0, shift: 0.0 } };
     let mean = |v: &[f64]| if v.is_empty() { 0.0 } else { v.iter().sum::<f64>() / v.len() as f64 };
     let unit = n.one.sqrt();
-    Draw { colour: n.colour(), spread: std_dev(judged) / unit, shift: (mean(judged) - mean(other)) / unit }
+    Draw { noise_model: n.noise_model(), spread: std_dev(judged) / unit, shift: (mean(judged) - mean(other)) / unit }
 }
 
 #[cfg(test)]

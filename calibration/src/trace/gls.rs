@@ -10,7 +10,7 @@ use crate::numeric::stats::{dot, sum_of_products, take_off};
 
 /// One noise model.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Colour {
+pub struct NoiseModel {
     /// Autoregressive coefficient per block.
     pub phi: f64,
     /// Moving-average coefficient; equal to `phi` for white noise.
@@ -18,19 +18,19 @@ pub struct Colour {
 }
 
 /// The grid: white, then wanders of 20 to 2000 blocks with rising share.
-pub const COLOURS: [Colour; 9] = [
-    Colour { phi: 0.0, theta: 0.0 },
-    Colour { phi: 0.95, theta: 0.88 },
-    Colour { phi: 0.95, theta: 0.70 },
-    Colour { phi: 0.99, theta: 0.97 },
-    Colour { phi: 0.99, theta: 0.92 },
-    Colour { phi: 0.99, theta: 0.80 },
-    Colour { phi: 0.998, theta: 0.96 },
-    Colour { phi: 0.9995, theta: 0.97 },
-    Colour { phi: 0.9995, theta: 0.90 },
+pub const NOISE_MODELS: [NoiseModel; 9] = [
+    NoiseModel { phi: 0.0, theta: 0.0 },
+    NoiseModel { phi: 0.95, theta: 0.88 },
+    NoiseModel { phi: 0.95, theta: 0.70 },
+    NoiseModel { phi: 0.99, theta: 0.97 },
+    NoiseModel { phi: 0.99, theta: 0.92 },
+    NoiseModel { phi: 0.99, theta: 0.80 },
+    NoiseModel { phi: 0.998, theta: 0.96 },
+    NoiseModel { phi: 0.9995, theta: 0.97 },
+    NoiseModel { phi: 0.9995, theta: 0.90 },
 ];
 
-impl Colour {
+impl NoiseModel {
     /// Factor on the first value of a run, which has no past.
     pub fn first_factor(&self) -> f64 {
         ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
@@ -53,17 +53,17 @@ impl Colour {
         }
     }
 
-    /// A column whitened by every model of [`COLOURS`]: as [`whiten`](Self::whiten) does it, side by side.
-    pub fn whiten_by_all(x: &[f64], starts: &[usize]) -> [Vec<f64>; COLOURS.len()] {
-        let phi = COLOURS.map(|c| c.phi);
-        let theta = COLOURS.map(|c| c.theta);
-        let first = COLOURS.map(|c| if c == COLOURS[0] { 1.0 } else { c.first_factor() });
-        let mut out = [(); COLOURS.len()].map(|()| Vec::with_capacity(x.len()));
+    /// A column whitened by every model of [`NOISE_MODELS`]: as [`whiten`](Self::whiten) does it, side by side.
+    pub fn whiten_by_all(x: &[f64], starts: &[usize]) -> [Vec<f64>; NOISE_MODELS.len()] {
+        let phi = NOISE_MODELS.map(|c| c.phi);
+        let theta = NOISE_MODELS.map(|c| c.theta);
+        let first = NOISE_MODELS.map(|c| if c == NOISE_MODELS[0] { 1.0 } else { c.first_factor() });
+        let mut out = [(); NOISE_MODELS.len()].map(|()| Vec::with_capacity(x.len()));
         for (k, &from) in starts.iter().enumerate() {
             let to = starts.get(k + 1).copied().unwrap_or(x.len());
-            let (mut past, mut e) = (0.0, [0.0; COLOURS.len()]);
+            let (mut past, mut e) = (0.0, [0.0; NOISE_MODELS.len()]);
             for (j, &now) in x[from..to].iter().enumerate() {
-                for s in 0..COLOURS.len() {
+                for s in 0..NOISE_MODELS.len() {
                     e[s] = if j == 0 { now * first[s] } else { now - phi[s] * past + theta[s] * e[s] };
                 }
                 past = now;
@@ -76,7 +76,7 @@ impl Colour {
     }
 
     /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
-    pub fn colour(&self, e: &mut [f64], starts: &[usize]) {
+    pub fn give(&self, e: &mut [f64], starts: &[usize]) {
         for (k, &from) in starts.iter().enumerate() {
             let to = starts.get(k + 1).copied().unwrap_or(e.len());
             let (mut past, mut before) = (0.0, 0.0);

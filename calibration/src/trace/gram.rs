@@ -6,7 +6,7 @@
 //! Thompson 1971), so slow noise is not underestimated. All is computed from inner products of whitened columns.
 
 use super::data::AxisRows;
-use super::gls::{Basis, Colour, COLOURS};
+use super::gls::{Basis, NoiseModel, NOISE_MODELS};
 use crate::numeric::stats::{dot, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
@@ -30,7 +30,7 @@ pub struct Share {
 /// One axis under one noise model: columns whitened and free of the baseline.
 #[derive(Debug)]
 struct View {
-    colour: Colour,
+    noise_model: NoiseModel,
     base: Basis,
     y: Vec<f64>,
     /// Sum of squares of the rates.
@@ -49,29 +49,40 @@ struct View {
 }
 
 impl View {
-    fn new(rows: &AxisRows, colour: Colour) -> Self {
+    fn new(rows: &AxisRows, noise_model: NoiseModel) -> Self {
         let mut base = Basis::default();
         let mut information = 0.0;
         for column in &rows.base {
             let mut c = column.clone();
-            colour.whiten(&mut c, &rows.starts);
+            noise_model.whiten(&mut c, &rows.starts);
             let length = base.add_measured(c);
             if length > 0.0 {
                 information += length.ln();
             }
         }
         let mut y = rows.y.clone();
-        colour.whiten(&mut y, &rows.starts);
+        noise_model.whiten(&mut y, &rows.starts);
         base.reduce(&mut y);
         let free = y.len().saturating_sub(base.columns.len()).max(1) as f64;
-        let constant = colour.first_factor().ln() * rows.starts.len() as f64 - 0.5 * information;
+        let constant = noise_model.first_factor().ln() * rows.starts.len() as f64 - 0.5 * information;
         let squares = dot(&y, &y);
-        Self { colour, base, y, squares, free, constant, columns: vec![], b: vec![], products: vec![], own: vec![] }
+        Self {
+            noise_model,
+            base,
+            y,
+            squares,
+            free,
+            constant,
+            columns: vec![],
+            b: vec![],
+            products: vec![],
+            own: vec![],
+        }
     }
 
     /// A column whitened and free of the baseline.
     fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
-        self.colour.whiten(&mut c, &rows.starts);
+        self.noise_model.whiten(&mut c, &rows.starts);
         self.take_off_baseline(&mut c);
         c
     }
@@ -137,8 +148,8 @@ pub struct AxisModel {
     pub shares: Vec<Share>,
     /// Log evidence.
     pub evidence: f64,
-    /// Which noise model, of [`COLOURS`].
-    pub colour: usize,
+    /// Which noise model, of [`NOISE_MODELS`].
+    pub noise_model: usize,
 }
 
 /// All that is known of one axis.
@@ -156,7 +167,7 @@ pub struct Axis<'d> {
 impl<'d> Axis<'d> {
     /// Of the rows of an axis; without groups.
     pub fn new(rows: &'d AxisRows) -> Self {
-        let views: Vec<View> = COLOURS.iter().map(|c| View::new(rows, *c)).collect();
+        let views: Vec<View> = NOISE_MODELS.iter().map(|c| View::new(rows, *c)).collect();
         let limit = views[0].squares / views[0].free;
         Self { rows, views, groups: vec![], scale: vec![], limit }
     }
@@ -172,7 +183,7 @@ impl<'d> Axis<'d> {
         let from = self.scale.len();
         for mut c in columns {
             self.scale.push(to_unit_deviation(&mut c));
-            for (v, c) in self.views.iter_mut().zip(Colour::whiten_by_all(&c, &self.rows.starts)) {
+            for (v, c) in self.views.iter_mut().zip(NoiseModel::whiten_by_all(&c, &self.rows.starts)) {
                 v.push(c);
             }
         }
@@ -273,8 +284,8 @@ impl<'d> Axis<'d> {
 
     /// A model with the variances and the noise model of highest evidence, from variances to start with.
     pub fn best(&self, shares: &[Share]) -> AxisModel {
-        let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, colour: 0 };
-        for s in 0..COLOURS.len() {
+        let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, noise_model: 0 };
+        for s in 0..NOISE_MODELS.len() {
             let mut own = shares.to_vec();
             // What is far behind before its variances are moved does not come first afterwards.
             if !own.is_empty() && self.evidence(s, &own) < best.evidence - 12.0 {
@@ -282,7 +293,7 @@ impl<'d> Axis<'d> {
             }
             let evidence = self.optimise(s, &mut own);
             if evidence > best.evidence {
-                best = AxisModel { shares: own, evidence, colour: s };
+                best = AxisModel { shares: own, evidence, noise_model: s };
             }
         }
         best
@@ -305,7 +316,7 @@ impl<'d> Axis<'d> {
     /// What each group adds to a model: the model's own variances stay. `None` for a group that the axis does not have.
     pub fn extensions(&mut self, model: &AxisModel) -> Vec<Option<Extension>> {
         let mut out: Vec<Option<Extension>> = vec![None; self.groups.len()];
-        for s in 0..COLOURS.len() {
+        for s in 0..NOISE_MODELS.len() {
             let Some(base) = self.base(s, &model.shares) else { continue };
             let most = self.most(base.left / self.views[s].free);
             for (k, best) in out.iter_mut().enumerate() {
@@ -344,7 +355,7 @@ impl<'d> Axis<'d> {
     /// Log likelihood of rows that a model did not see: each sixth of the rows predicted from the others.
     pub fn cross_validated(&self, model: &AxisModel) -> f64 {
         let (columns, root) = self.expand(&model.shares);
-        let v = &self.views[model.colour];
+        let v = &self.views[model.noise_model];
         let (p, n) = (columns.len(), v.y.len());
         let mut error = 0.0;
         let whole = symmetric(p, |i, j| dot(&v.columns[columns[i]], &v.columns[columns[j]]));
@@ -362,20 +373,20 @@ impl<'d> Axis<'d> {
             let predicted = |k: usize| (0..p).map(|i| root[i] * z[i] * x[i][k]).sum::<f64>();
             error += y.iter().enumerate().map(|(k, y)| (y - predicted(k)).powi(2)).sum::<f64>();
         }
-        self.of(model.colour, error, 0.0)
+        self.of(model.noise_model, error, 0.0)
     }
 
     /// Log evidence of a model with its variances as they are, under one noise model.
-    pub fn evidence(&self, colour: usize, shares: &[Share]) -> f64 {
+    pub fn evidence(&self, noise_model: usize, shares: &[Share]) -> f64 {
         let (columns, root) = self.expand(shares);
-        let Some((f, c)) = self.factor(colour, &columns, &root) else { return f64::NEG_INFINITY };
-        let left = self.views[colour].squares - c.dot(&f.solve(&c));
-        self.of(colour, left, log_determinant(&f))
+        let Some((f, c)) = self.factor(noise_model, &columns, &root) else { return f64::NEG_INFINITY };
+        let left = self.views[noise_model].squares - c.dot(&f.solve(&c));
+        self.of(noise_model, left, log_determinant(&f))
     }
 
     /// Evidence of a model with other columns in the place of one of its groups: variances and noise model stay.
     pub fn evidence_with(&self, model: &AxisModel, group: usize, columns: Vec<Vec<f64>>) -> f64 {
-        let v = &self.views[model.colour];
+        let v = &self.views[model.noise_model];
         let fresh: Vec<Vec<f64>> = columns
             .into_iter()
             .map(|mut c| {
@@ -397,15 +408,15 @@ impl<'d> Axis<'d> {
         let m = symmetric(n, |i, j| root[i] * root[j] * product(i, j) + f64::from(u8::from(i == j)));
         let c = DVector::from_fn(n, |i, _| root[i] * if i < p { v.b[known[i]] } else { dot(&fresh[i - p], &v.y) });
         let Some(f) = m.cholesky() else { return f64::NEG_INFINITY };
-        self.of(model.colour, v.squares - c.dot(&f.solve(&c)), log_determinant(&f))
+        self.of(model.noise_model, v.squares - c.dot(&f.solve(&c)), log_determinant(&f))
     }
 
     /// What a model leaves of the rates: whitened by a noise model, free of the baseline.
-    pub fn left(&self, colour: usize, shares: &[Share]) -> Vec<f64> {
+    pub fn left(&self, noise_model: usize, shares: &[Share]) -> Vec<f64> {
         let (columns, root) = self.expand(shares);
-        let Some((f, c)) = self.factor(colour, &columns, &root) else { return vec![] };
+        let Some((f, c)) = self.factor(noise_model, &columns, &root) else { return vec![] };
         let z = f.solve(&c);
-        let v = &self.views[colour];
+        let v = &self.views[noise_model];
         let mut y = v.y.clone();
         for (i, c) in columns.iter().enumerate() {
             crate::numeric::stats::take_off(&mut y, root[i] * z[i], &v.columns[*c]);
@@ -414,23 +425,23 @@ impl<'d> Axis<'d> {
     }
 
     /// The baseline's basis under a noise model.
-    pub fn baseline(&self, colour: usize) -> &Basis {
-        &self.views[colour].base
+    pub fn baseline(&self, noise_model: usize) -> &Basis {
+        &self.views[noise_model].base
     }
 
     /// A noise model by its number.
-    pub fn colour(&self, colour: usize) -> Colour {
-        self.views[colour].colour
+    pub fn noise_model(&self, noise_model: usize) -> NoiseModel {
+        self.views[noise_model].noise_model
     }
 
     /// A whitened column, free of the baseline.
-    pub fn column(&self, colour: usize, column: usize) -> &[f64] {
-        &self.views[colour].columns[column]
+    pub fn column(&self, noise_model: usize, column: usize) -> &[f64] {
+        &self.views[noise_model].columns[column]
     }
 
     /// For surrogates of the rates: every group free of a model, along its principal directions.
     pub fn bench(&mut self, model: &AxisModel) -> Option<Bench> {
-        let s = model.colour;
+        let s = model.noise_model;
         let base = self.base(s, &model.shares)?;
         let spectra = self
             .groups
@@ -439,12 +450,12 @@ impl<'d> Axis<'d> {
             .enumerate()
             .map(|(k, g)| g.as_ref().map(|g| (g.clone(), self.spectrum(s, &base, k, g))))
             .collect();
-        Some(Bench { most: self.most(base.left / self.views[s].free), base, spectra, colour: s })
+        Some(Bench { most: self.most(base.left / self.views[s].free), base, spectra, noise_model: s })
     }
 
     /// What each group would add to the model of a bench if the rates were `y` (whitened): its gain in evidence.
     pub fn on_bench(&self, bench: &Bench, y: &[f64]) -> Vec<f64> {
-        let v = &self.views[bench.colour];
+        let v = &self.views[bench.noise_model];
         let mut y = y.to_vec();
         v.base.reduce(&mut y);
         let base = &bench.base;
@@ -534,7 +545,7 @@ pub struct Bench {
     base: Base,
     spectra: Vec<Option<(Vec<usize>, Spectrum)>>,
     most: f64,
-    colour: usize,
+    noise_model: usize,
 }
 
 fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {

@@ -137,7 +137,7 @@ fn closed(
     let mut search = Search::new(&data, SEED);
     let mut learnt = Learnt::new(&mut search);
     let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
-    let mut fitted = Fitted::new(&data, &learnt.terms, learnt.model.colours)?;
+    let mut fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
 
     let before_train: Vec<_> = residuals_of(&baseline_fit, &runs, &scaling);
     let after_train: Vec<_> = residuals_of(&fitted, &runs, &scaling);
@@ -159,7 +159,7 @@ fn closed(
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
     let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
-    let stated = uncertainty::of(&data, &fitted, learnt.model.colours, Weights::Noise);
+    let stated = uncertainty::of(&data, &fitted, learnt.model.noise_models, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
     let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
     let written = on_verify.image(&calibration, &learnt, &for_unit, &baseline_fit, options, &mut notes);
@@ -303,7 +303,7 @@ fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f6
 struct Learnt {
     model: Model,
     /// Noise model of each axis under the baseline alone.
-    baseline_colours: [usize; AXES],
+    baseline_noise_models: [usize; AXES],
     terms: Vec<Term>,
     /// For each effect, what could stand in its place.
     ranks: Vec<Vec<Rival>>,
@@ -314,7 +314,7 @@ impl Learnt {
         let model = search.run();
         let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
         let terms = model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
-        Self { model, baseline_colours: search.colours_of_baseline(), terms, ranks }
+        Self { model, baseline_noise_models: search.noise_models_of_baseline(), terms, ranks }
     }
 }
 

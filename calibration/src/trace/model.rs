@@ -1,8 +1,7 @@
 //! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
 
 use super::data::{day_column, Candidate, Data};
-use super::gls::COLOURS;
-use super::search;
+use super::gls::NOISE_MODELS;
 use super::uncertainty::Stated;
 use crate::fit::{self, baseline_columns, MEAN_S};
 use crate::numeric::stats::block_means;
@@ -111,7 +110,7 @@ impl Fitted {
     ///
     /// # Errors
     /// Data that cannot hold the coefficients down.
-    pub fn new(data: &Data<'_>, terms: &[Term], colours: [usize; AXES]) -> Result<Self, BadInput> {
+    pub fn new(data: &Data<'_>, terms: &[Term], noise_models: [usize; AXES]) -> Result<Self, BadInput> {
         let one = |a: usize| -> Result<AxisFit, BadInput> {
             let rows = &data.axes[a];
             if data.runs.iter().all(|r| r.steps.absent[a]) {
@@ -122,9 +121,9 @@ impl Fitted {
             }
             let Columns { values: mut columns, names, prior } = columns(data, terms, a);
             let mut y = rows.y.clone();
-            let colour = COLOURS[colours[a]];
-            columns.iter_mut().for_each(|c| colour.whiten(c, &rows.starts));
-            colour.whiten(&mut y, &rows.starts);
+            let noise_model = NOISE_MODELS[noise_models[a]];
+            columns.iter_mut().for_each(|c| noise_model.whiten(c, &rows.starts));
+            noise_model.whiten(&mut y, &rows.starts);
             let fit = crate::numeric::lsq::fit_shrunk(&columns, &y, &prior, &names)
                 .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
             let mut coefficients = fit.coefficients;
@@ -250,10 +249,10 @@ impl Fitted {
                 }
             }
         }
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| search::on_unit(t.lead())) {
+        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| t.lead().on_unit()) {
             let mut from = 0;
             for part in &t.parts {
-                if !search::on_unit(part) {
+                if !part.on_unit() {
                     from += part.facts.outputs;
                     continue;
                 }

@@ -58,8 +58,12 @@ impl OnVerifyRun<'_> {
             let mut fewer = learnt.terms.clone();
             fewer.remove(k);
             let on_verify = if (self.known)(c) {
-                let without =
-                    Fitted::new(self.data, &fewer, model.colours)?.residuals(self.run, None, &self.scaling, self.known);
+                let without = Fitted::new(self.data, &fewer, model.noise_models)?.residuals(
+                    self.run,
+                    None,
+                    &self.scaling,
+                    self.known,
+                );
                 self.agreements(term, &without, &all)
             } else {
                 ByAxis::new()
@@ -154,8 +158,8 @@ impl OnVerifyRun<'_> {
         if whole {
             return Ok(ForUnit { fitted: fitted.clone(), stated });
         }
-        let fitted = Fitted::new(self.data, &kept, learnt.model.colours)?;
-        let stated = uncertainty::of(self.data, &fitted, learnt.model.colours, Weights::Noise);
+        let fitted = Fitted::new(self.data, &kept, learnt.model.noise_models)?;
+        let stated = uncertainty::of(self.data, &fitted, learnt.model.noise_models, Weights::Noise);
         Ok(ForUnit { fitted, stated })
     }
 
@@ -169,7 +173,7 @@ impl OnVerifyRun<'_> {
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Written {
-        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_colours, Weights::Plain);
+        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_noise_models, Weights::Plain);
         let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
         let mut image = for_unit.fitted.image(calibration, &for_unit.stated, notes);
         image.sequence = 2;

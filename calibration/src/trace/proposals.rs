@@ -2,7 +2,7 @@
 //! a model leaves.
 
 use super::data::{Candidate, Data};
-use super::gls::{Basis, Colour};
+use super::gls::{Basis, NoiseModel};
 use crate::numeric::stats::dot;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
@@ -13,7 +13,7 @@ const EACH: usize = 6;
 /// The rates of an axis whitened by a noise model, free of the baseline and of a model.
 pub struct Left<'b> {
     /// The noise model.
-    pub colour: Colour,
+    pub noise_model: NoiseModel,
     /// The baseline's basis.
     pub baseline: &'b Basis,
     /// The rates.
@@ -103,7 +103,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
 /// What a step at each row explains of the rates, in squares. A whitened step is the response h from its place on; its product
 /// with the rates, and with each column of the baseline, is found for all places at once by the recursion run backwards.
 fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
-    let Colour { phi, theta } = view.colour;
+    let NoiseModel { phi, theta } = view.noise_model;
     let response = |x: &[f64]| -> Vec<f64> {
         let (mut back, mut sum) = (0.0, 0.0);
         let mut out = vec![0.0; to - from];

@@ -81,7 +81,7 @@ pub fn p_value(
     let mut phases = Vec::new();
     let mut benches = Vec::new();
     for a in 0..AXES {
-        let left = axes[a].left(model[a].colour, &model[a].shares);
+        let left = axes[a].left(model[a].noise_model, &model[a].shares);
         phases.push(Phases::new(&left, &rows[a].starts));
         let Some(bench) = axes[a].bench(&model[a]) else { return 1.0 };
         benches.push(bench);

@@ -7,9 +7,8 @@
 
 use super::cards::card;
 use super::data::{Candidate, Data};
-use super::gls::{Colour, COLOURS};
+use super::gls::{NoiseModel, NOISE_MODELS};
 use super::model::{columns, Columns, Fitted, Term};
-use super::search::on_unit;
 use crate::numeric::stats::dot;
 use hrg_core::calibration::DIRECTIONS;
 use hrg_core::effects::MAX_PARAMETERS;
@@ -48,7 +47,7 @@ impl Stated {
 fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     let (low, high) = data.temperature_range();
     let mut out = Vec::new();
-    for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && on_unit(t.lead())) {
+    for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
         let how = card(t.lead().facts.effect).refine;
         for place in 0..how.places() {
             let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
@@ -98,19 +97,31 @@ impl Joint {
         Self { columns, fitted: count, derivatives }
     }
 
-    fn covariance(&self, data: &Data<'_>, a: usize, noise: Colour, weights: Weights) -> Option<DMatrix<f64>> {
+    /// The fit under one noise model. `None` where the data cannot hold the coefficients down.
+    fn under(&self, data: &Data<'_>, a: usize, noise: NoiseModel, weights: Weights) -> Option<Under> {
         let rows = &data.axes[a];
         let (mut x, mut y) = (self.columns.values.clone(), rows.y.clone());
         x.iter_mut().for_each(|c| noise.whiten(c, &rows.starts));
         noise.whiten(&mut y, &rows.starts);
         let fit = crate::numeric::lsq::fit_shrunk(&x, &y, &self.columns.prior, &self.columns.names).ok()?;
+        let p = self.columns.values.len();
+        // Restricted likelihood: of what the coefficients cannot explain (Patterson and Thompson 1971).
+        let determinant =
+            2.0 * fit.covariance.clone().cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let information = 2.0 * p as f64 * fit.sigma.ln() - determinant;
+        let free = (fit.rows + self.columns.prior.iter().flatten().count()) as f64 - p as f64;
+        let likelihood =
+            noise.first_factor().ln() * rows.starts.len() as f64 - free * fit.sigma.ln() - 0.5 * information;
         if weights == Weights::Noise {
-            return Some(fit.covariance);
+            return Some(Under {
+                likelihood,
+                covariance: fit.covariance,
+                coefficients: DVector::from_vec(fit.coefficients),
+            });
         }
         // Of plain least squares under noise that is not white: (X'X)^-1 X' N X (X'X)^-1. N = C C', and C' is the recursion of the
         // noise run backwards.
         let n = rows.y.len();
-        let p = self.columns.values.len();
         let g = DMatrix::from_fn(p, p, |i, j| dot(&self.columns.values[i], &self.columns.values[j])).try_inverse()?;
         let ends: Vec<usize> = rows.starts.iter().skip(1).copied().chain([n]).rev().map(|end| n - end).collect();
         let back: Vec<Vec<f64>> = self
@@ -119,14 +130,57 @@ impl Joint {
             .iter()
             .map(|c| {
                 let mut c: Vec<f64> = c.iter().rev().copied().collect();
-                noise.colour(&mut c, &ends);
+                noise.give(&mut c, &ends);
                 c
             })
             .collect();
         let m = DMatrix::from_fn(p, p, |i, j| fit.sigma * fit.sigma * dot(&back[i], &back[j]));
-        Some(&g * m * &g)
+        // The same coefficients, whatever the noise.
+        Some(Under { likelihood, covariance: &g * m * &g, coefficients: DVector::zeros(p) })
+    }
+
+    /// The covariance over all noise models, each by its probability: the mean of theirs, and the scatter of their coefficients about
+    /// those of the fit (`fitted` is its noise model). A run of some hours hardly tells a slow noise from none, and the constant hangs
+    /// on it.
+    fn covariance(&self, data: &Data<'_>, a: usize, fitted: NoiseModel, weights: Weights) -> Option<DMatrix<f64>> {
+        let fitted = self.under(data, a, fitted, weights)?;
+        let each: Vec<Under> = GRID.iter().filter_map(|s| self.under(data, a, *s, weights)).collect();
+        let best = each.iter().map(|u| u.likelihood).fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = each.iter().map(|u| (u.likelihood - best).exp()).sum();
+        let mut mean = DMatrix::zeros(self.columns.values.len(), self.columns.values.len());
+        for u in each {
+            let apart = u.coefficients - &fitted.coefficients;
+            mean += (u.covariance + &apart * apart.transpose()) * ((u.likelihood - best).exp() / sum);
+        }
+        Some(mean)
     }
 }
+
+/// A fit under one noise model.
+struct Under {
+    /// Restricted log-likelihood of the noise model, but for a constant.
+    likelihood: f64,
+    covariance: DMatrix<f64>,
+    coefficients: DVector<f64>,
+}
+
+/// Noise models, taken for equally probable before the data are seen: white; shares of noise with a memory of 20, 100 and 2000 means,
+/// each from hardly seen to dominant.
+const GRID: [NoiseModel; 13] = [
+    NoiseModel { phi: 0.0, theta: 0.0 },
+    NoiseModel { phi: 0.95, theta: 0.92 },
+    NoiseModel { phi: 0.95, theta: 0.85 },
+    NoiseModel { phi: 0.95, theta: 0.70 },
+    NoiseModel { phi: 0.99, theta: 0.98 },
+    NoiseModel { phi: 0.99, theta: 0.96 },
+    NoiseModel { phi: 0.99, theta: 0.92 },
+    NoiseModel { phi: 0.99, theta: 0.80 },
+    NoiseModel { phi: 0.9995, theta: 0.997 },
+    NoiseModel { phi: 0.9995, theta: 0.99 },
+    NoiseModel { phi: 0.9995, theta: 0.98 },
+    NoiseModel { phi: 0.9995, theta: 0.95 },
+    NoiseModel { phi: 0.9995, theta: 0.90 },
+];
 
 /// How the coefficients of a model were found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -138,7 +192,7 @@ pub enum Weights {
 }
 
 /// The uncertainty of each axis of a fitted model; `None` for an axis that has no data.
-pub fn of(data: &Data<'_>, fitted: &Fitted, colours: [usize; AXES], weights: Weights) -> [Option<Stated>; AXES] {
+pub fn of(data: &Data<'_>, fitted: &Fitted, noise_models: [usize; AXES], weights: Weights) -> [Option<Stated>; AXES] {
     let refined = refined(data, &fitted.terms);
     let joint: Vec<Option<Joint>> =
         (0..AXES).map(|a| (!data.axes[a].y.is_empty()).then(|| Joint::new(data, fitted, &refined, a))).collect();
@@ -147,7 +201,7 @@ pub fn of(data: &Data<'_>, fitted: &Fitted, colours: [usize; AXES], weights: Wei
     let alone: Vec<Option<DMatrix<f64>>> = (0..AXES)
         .map(|a| {
             let j = joint[a].as_ref()?;
-            let c = j.covariance(data, a, COLOURS[colours[a]], weights)?;
+            let c = j.covariance(data, a, NOISE_MODELS[noise_models[a]], weights)?;
             for (k, place) in j.derivatives.iter().enumerate() {
                 information[*place] += 1.0 / c[(j.fitted + k, j.fitted + k)];
             }
@@ -236,7 +290,7 @@ fn on_the_unit(fitted: &Fitted, a: usize, count: usize) -> Vec<usize> {
         let Some(range) = fitted.gains(e, a) else { continue };
         let mut at = range.start;
         for part in &t.parts {
-            let has = on_unit(t.lead()) && on_unit(part);
+            let has = t.lead().on_unit() && part.on_unit();
             out[at..at + part.facts.outputs].fill(has);
             at += part.facts.outputs;
         }

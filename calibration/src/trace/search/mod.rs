@@ -6,15 +6,13 @@
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
 //! surrogates as well.
 
-use super::data::{Candidate, Data, Starts};
-use super::gls::{Basis, COLOURS};
+use super::data::{AxisByAxis, Candidate, Data, Starts};
 use super::gram::{Axis, AxisModel, Share};
 use super::proposals::{self, Left};
 use super::report::Class;
 use super::surrogate;
-use crate::numeric::stats::dot;
-use crate::trace::cards::{card, Card, Kind, Refine};
-use hrg_core::effects::{EffectId, Reach};
+use crate::trace::cards::{card, Card, Kind};
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 
 /// Most effects of a model.
@@ -50,6 +48,11 @@ const TRIED: usize = 5;
 /// How many candidates are looked at for them.
 const LOOKS: usize = 12;
 
+mod refine;
+mod rivals;
+
+pub use rivals::{Overlap, Rival};
+
 /// An effect of a model with the axes that have it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Member {
@@ -70,7 +73,7 @@ pub struct Model {
     /// Log evidence over the baseline's.
     pub worth: f64,
     /// Best noise model of each axis.
-    pub colours: [usize; AXES],
+    pub noise_models: [usize; AXES],
     state: State,
 }
 
@@ -103,17 +106,6 @@ impl State {
     fn net(&self) -> f64 {
         self.evidence() - AXIS_PRICE * self.axes.iter().map(|a| a.shares.len()).sum::<usize>() as f64
     }
-}
-
-/// See [`Search::overlaps`].
-#[derive(Debug, Clone)]
-pub struct Overlap {
-    /// The effect.
-    pub effect: EffectId,
-    /// Share of its size that the baseline leaves.
-    pub left: f64,
-    /// Shares of what is left that other effects explain.
-    pub shares: Vec<(EffectId, f64)>,
 }
 
 /// The search on one data set.
@@ -227,8 +219,8 @@ impl<'a> Search<'a> {
     }
 
     /// Best noise model of each axis under the baseline alone.
-    pub fn colours_of_baseline(&self) -> [usize; AXES] {
-        self.nothing().axes.map(|a| a.colour)
+    pub fn noise_models_of_baseline(&self) -> [usize; AXES] {
+        self.nothing().axes.map(|a| a.noise_model)
     }
 
     fn nothing(&self) -> State {
@@ -370,14 +362,14 @@ impl<'a> Search<'a> {
     /// Adds what the residual of a model proposes.
     fn propose(&mut self, state: &State) {
         let mut proposed = Vec::new();
-        let mut colours: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].colour)];
-        colours.extend([0, 4, 6].map(|s| [s; AXES]));
-        for (k, colours) in colours.iter().enumerate() {
-            let y = [0, 1, 2].map(|a: usize| self.axes[a].left(colours[a], &state.axes[a].shares));
+        let mut noise_models: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].noise_model)];
+        noise_models.extend([0, 4, 6].map(|s| [s; AXES]));
+        for (k, noise_models) in noise_models.iter().enumerate() {
+            let y = [0, 1, 2].map(|a: usize| self.axes[a].left(noise_models[a], &state.axes[a].shares));
             let mut y = y.into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
-                colour: self.axes[a].colour(colours[a]),
-                baseline: self.axes[a].baseline(colours[a]),
+                noise_model: self.axes[a].noise_model(noise_models[a]),
+                baseline: self.axes[a].baseline(noise_models[a]),
                 y: y.next().unwrap_or_default(),
             });
             proposed.extend(proposals::jumps(self.data, &left));
@@ -446,8 +438,8 @@ impl<'a> Search<'a> {
     fn held_out_under(&self, state: &State, larger: &State) -> f64 {
         (0..AXES)
             .map(|a| {
-                let colour = larger.axes[a].colour;
-                self.axes[a].cross_validated(&AxisModel { colour, ..state.axes[a].clone() })
+                let noise_model = larger.axes[a].noise_model;
+                self.axes[a].cross_validated(&AxisModel { noise_model, ..state.axes[a].clone() })
             })
             .sum()
     }
@@ -515,107 +507,6 @@ impl<'a> Search<'a> {
         state
     }
 
-    /// Refines effect `k`: its inner parameters, then where it stands when each run begins. Variances and noise models stay while it
-    /// moves.
-    fn refine(&mut self, state: State, k: usize) -> State {
-        let state = self.refine_parameters(state, k);
-        self.refine_starts(state, k)
-    }
-
-    fn refine_parameters(&mut self, state: State, k: usize) -> State {
-        let start = self.lead(state.groups[k]);
-        let how = self.card(state.groups[k]).refine;
-        if how == Refine::No || self.candidates[state.groups[k]].len() > 1 {
-            return state;
-        }
-        let (low, high) = self.data.temperature_range();
-        let span = high - low;
-        let p = start.parameters;
-        let mut step = match how {
-            Refine::No => 0.0,
-            Refine::Scale => 0.16,
-            Refine::Cycle => (0.25 * p[0] / span).min(0.16),
-            Refine::Place(share) | Refine::Places(share) => share * span,
-            Refine::Time => self.data.block_s as f32,
-            Refine::Period => 0.3 * p[0] * p[0] / self.data.longest_s(),
-        };
-        let mut best = (self.trial(&state, k, &[start]), start);
-        for _ in 0..6 {
-            for place in 0..how.places() {
-                for sign in [-1.0, 1.0] {
-                    let mut c = best.1;
-                    let q = c.parameters[place];
-                    c.parameters[place] = if how.by_factor() { q * (1.0 + sign * step) } else { q + sign * step };
-                    if how.places() == 2 && c.parameters[1] > c.parameters[0] {
-                        continue;
-                    }
-                    let worth = self.trial(&state, k, &[c]);
-                    if worth > best.0 {
-                        best = (worth, c);
-                    }
-                }
-            }
-            step *= 0.55;
-        }
-        if best.1 == start {
-            return state;
-        }
-        self.exchanged(state, k, vec![best.1])
-    }
-
-    fn refine_starts(&mut self, state: State, k: usize) -> State {
-        let parts = self.candidates[state.groups[k]].clone();
-        if !parts[0].facts.remembers_path {
-            return state;
-        }
-        let mut best = (self.trial(&state, k, &parts) + BRANCH, parts.clone());
-        for run in 0..self.data.runs.len().min(MOST_STARTS) {
-            for branch in 0..Starts::BRANCHES.len() {
-                let starts = best.1[0].starts.with(run, branch);
-                if starts == best.1[0].starts {
-                    continue;
-                }
-                let moved: Vec<Candidate> = best.1.iter().map(|c| c.starting(starts)).collect();
-                let worth = self.trial(&state, k, &moved);
-                if worth > best.0 {
-                    best = (worth, moved);
-                }
-            }
-        }
-        if best.1 == parts {
-            return state;
-        }
-        self.exchanged(state, k, best.1)
-    }
-
-    /// The model with other parts in the place of effect `k`, if they are better.
-    fn exchanged(&mut self, state: State, k: usize, parts: Vec<Candidate>) -> State {
-        let group = self.push(parts, self.tries[state.groups[k]]);
-        let moved = self.instead(&state, k, group);
-        if moved.evidence() > state.evidence() {
-            moved
-        } else {
-            state
-        }
-    }
-
-    /// Evidence with other parts in the place of effect `k`, variances and noise models as they are.
-    fn trial(&self, state: &State, k: usize, parts: &[Candidate]) -> f64 {
-        let group = state.groups[k];
-        let mut columns: Vec<AxisByAxis<'_>> = parts.iter().map(AxisByAxis::new).collect();
-        let mut sum = 0.0;
-        for a in 0..AXES {
-            let m = &state.axes[a];
-            if !m.shares.iter().any(|s| s.group == group) {
-                sum += m.evidence;
-                continue;
-            }
-            let each: Option<Vec<_>> = columns.iter_mut().map(|c| c.on(self.data, a)).collect();
-            sum += each.map_or(f64::NEG_INFINITY, |e| self.axes[a].evidence_with(m, group, e.concat()));
-        }
-        sum
-    }
-
     /// Evidence that each of some groups of columns adds to a model on one axis.
     pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
         let count = self.candidates.len();
@@ -643,7 +534,7 @@ impl<'a> Search<'a> {
         Model {
             members,
             worth: state.evidence() - nothing.evidence(),
-            colours: [0, 1, 2].map(|a: usize| state.axes[a].colour),
+            noise_models: [0, 1, 2].map(|a: usize| state.axes[a].noise_model),
             state,
         }
     }
@@ -653,193 +544,4 @@ impl<'a> Search<'a> {
         let columns = self.axes[a].columns_of(group).unwrap_or_default();
         columns.iter().map(|c| share.variance / self.axes[a].scale[*c].powi(2)).collect()
     }
-
-    /// What could stand in the place of one effect: the best of each name with the evidence it brings, best first. The effect
-    /// itself is among them.
-    pub fn instead_of(&mut self, model: &Model, which: usize) -> Vec<Rival> {
-        let others = self.without(&model.state, which);
-        let own = model.state.groups[which];
-        let mut out = vec![self.rival(&others, &model.state, own)];
-        for (gain, group, on) in self.extensions(&others) {
-            let c = self.lead(group);
-            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.effect == c.facts.effect) {
-                continue;
-            }
-            let next = if gain > 0.0 { self.with_refined(&others, group, &on) } else { self.with(&others, group, &on) };
-            let rival = self.rival(&others, &next, next.last());
-            out.push(rival);
-        }
-        out.sort_by(|x, y| y.worth.total_cmp(&x.worth));
-        out
-    }
-
-    fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
-        let evidence = with.net() - others.net();
-        let gain_in_cv = (0..AXES)
-            .map(|a| {
-                let m = &with.axes[a];
-                let n = self.data.axes[a].y.len() as f64;
-                let without = AxisModel { colour: m.colour, ..others.axes[a].clone() };
-                let more = self.axes[a].cross_validated(m) - self.axes[a].cross_validated(&without);
-                1.0 - (-2.0 * more / n).exp()
-            })
-            .sum::<f64>()
-            / self.data.axes_there() as f64;
-        Rival { candidate: self.lead(group), evidence, worth: evidence - self.price(group, &others.groups), gain_in_cv }
-    }
-
-    /// Orthonormal columns of some candidates on one axis under one noise model.
-    fn basis(&self, groups: &[usize], a: usize, colour: usize) -> Basis {
-        let mut basis = Basis::default();
-        for c in groups.iter().flat_map(|g| self.axes[a].columns_of(*g).unwrap_or_default()) {
-            basis.add(self.axes[a].column(colour, *c).to_vec());
-        }
-        basis
-    }
-
-    /// Effects that rest on a recorded sensor and whose regressors the found effects (with the baseline) span but
-    /// for what a coarse sensor's own error may be: a tenth of their variance. Likelihood cannot be asked here: a
-    /// regressor with noise of its own always loses against a clean one. Each with the found effect it is most
-    /// alike.
-    pub fn alike(&self, model: &Model) -> Vec<(&'static str, usize)> {
-        let found = &model.state.groups;
-        let axes = self.data.axes_there() as f64;
-        let mut out: Vec<(&'static str, usize)> = Vec::new();
-        for k in 0..self.candidates.len() {
-            let facts = self.lead(k).facts;
-            let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
-            let there = found.iter().any(|g| self.lead(*g).facts.effect == facts.effect);
-            if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
-                continue;
-            }
-            // Under white noise; shares of the candidate's variance.
-            let mut together = 0.0;
-            let mut alone = vec![0.0; found.len()];
-            for a in 0..AXES {
-                let own = self.basis(&[k], a, 0);
-                let Some(c) = own.columns.first() else { continue };
-                let share = |groups: &[usize]| {
-                    let basis = self.basis(groups, a, 0);
-                    basis.columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>() / axes
-                };
-                together += share(found);
-                for (sum, g) in alone.iter_mut().zip(found) {
-                    *sum += share(&[*g]);
-                }
-            }
-            let most = (0..found.len()).max_by(|x, y| alone[*x].total_cmp(&alone[*y]));
-            if let (true, Some(e)) = (together > 0.85, most) {
-                out.push((facts.name, e));
-            }
-        }
-        out
-    }
-
-    /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
-    /// white and under coloured noise.
-    pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
-        let of = |effect: EffectId| -> Vec<usize> {
-            (0..self.candidates.len())
-                .filter(|k| self.lead(*k).facts.effect == effect && self.candidates[*k].len() == 1)
-                .collect()
-        };
-        // Under white noise, and under noise with some colour.
-        let share = |target: usize, other: usize, colour: usize| {
-            (0..AXES)
-                .map(|a| {
-                    let own = self.basis(&[target], a, colour);
-                    let Some(c) = own.columns.first() else { return 0.0 };
-                    self.basis(&[other], a, colour).columns.iter().map(|q| dot(q, c).powi(2)).sum::<f64>()
-                })
-                .sum::<f64>()
-                / self.data.axes_there() as f64
-        };
-        wanted
-            .iter()
-            .map(|&effect| {
-                let own = of(effect);
-                let some = [own.len() / 4, own.len() / 2, 3 * own.len() / 4];
-                let mut shares: Vec<(EffectId, f64)> = Vec::new();
-                let mut left = 0.0f64;
-                for target in some.iter().filter_map(|k| own.get(*k)) {
-                    left = left.max(self.left_by_baseline(&self.lead(*target)));
-                    for other in wanted.iter().filter(|o| **o != effect) {
-                        let most = of(*other)
-                            .iter()
-                            .map(|k| share(*target, *k, 0).max(share(*target, *k, COLOURS.len() / 2)))
-                            .fold(0.0, f64::max);
-                        match shares.iter_mut().find(|(n, _)| n == other) {
-                            Some((_, s)) => *s = s.max(most),
-                            None => shares.push((*other, most)),
-                        }
-                    }
-                }
-                Overlap { effect, left, shares }
-            })
-            .collect()
-    }
-
-    /// RMS of a candidate's first regressor after the baseline over that before it (about its mean): mean of the axes.
-    fn left_by_baseline(&self, c: &Candidate) -> f64 {
-        let mut sum = 0.0;
-        for a in 0..AXES {
-            let rows = &self.data.axes[a];
-            let Some(column) =
-                self.data.columns(c, a, false).and_then(|mut v| (!v.is_empty()).then(|| v.swap_remove(0)))
-            else {
-                return 0.0;
-            };
-            let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
-            let about: Vec<f64> = column.iter().map(|v| v - mean).collect();
-            let mut basis = Basis::default();
-            for b in &rows.base {
-                basis.add(b.clone());
-            }
-            let inside: f64 = basis.columns.iter().map(|q| dot(q, &column).powi(2)).sum();
-            let after = (dot(&column, &column) - inside).max(0.0);
-            sum += (after / dot(&about, &about).max(1e-300)).sqrt().min(1.0);
-        }
-        sum / AXES as f64
-    }
-}
-
-/// The columns of a candidate, axis after axis: what is common to axes with the same rows is computed once.
-struct AxisByAxis<'c> {
-    candidate: &'c Candidate,
-    /// The axis they were made for last, and they.
-    last: Option<(usize, Option<Vec<Vec<f64>>>)>,
-}
-
-impl<'c> AxisByAxis<'c> {
-    fn new(candidate: &'c Candidate) -> Self {
-        Self { candidate, last: None }
-    }
-
-    fn on(&mut self, data: &Data<'_>, a: usize) -> Option<Vec<Vec<f64>>> {
-        let same = |of: usize| self.candidate.facts.common && data.axes[a].keep == data.axes[of].keep;
-        let columns = match self.last.take() {
-            Some((of, columns)) if same(of) => columns,
-            _ => data.columns(self.candidate, a, false),
-        };
-        self.last = Some((a, columns.clone()));
-        columns
-    }
-}
-
-/// What could stand in an effect's place.
-#[derive(Debug, Clone, Copy)]
-pub struct Rival {
-    /// The effect.
-    pub candidate: Candidate,
-    /// Log evidence that it brings.
-    pub evidence: f64,
-    /// The same less its price.
-    pub worth: f64,
-    /// Reduction of the cross-validated squared error, as a share.
-    pub gain_in_cv: f64,
-}
-
-/// Whether a unit can take an effect into its image: it can compute it, and it does not belong to one run.
-pub fn on_unit(c: &Candidate) -> bool {
-    c.facts.reach == Reach::Unit && c.run.is_none()
 }
