@@ -355,7 +355,7 @@ impl<'a> Data<'a> {
 const RAMP_C_PER_MIN: f32 = 0.2;
 
 /// Whether a run begins in a ramp: the mean of its first ten minutes.
-fn begins_in_ramp(run: &Run) -> bool {
+pub fn begins_in_ramp(run: &Run) -> bool {
     (0..AXES).any(|a| {
         let ramps: Vec<f32> = (0..run.steps.len().min(600)).filter_map(|k| run.state(k, a)).map(|s| s.1).collect();
         ramps.iter().sum::<f32>().abs() > RAMP_C_PER_MIN * ramps.len() as f32

@@ -19,6 +19,7 @@ mod proposals;
 pub mod report;
 pub mod search;
 pub mod separable;
+mod settling;
 mod shapes;
 mod surrogate;
 mod uncertainty;
@@ -47,6 +48,7 @@ use model::{Fitted, Term};
 use on_verify::{start_verify_run, OnVerifyRun};
 use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged};
 use search::{Model, Rival, Search};
+use settling::Memory;
 use uncertainty::Weights;
 pub(crate) use witness::unwitnessed;
 use witness::{exchanged, second_search, shortest, LEAST_EXCHANGED};
@@ -125,47 +127,76 @@ fn closed(
     train: &[Recording],
     verify: &Recording,
     options: &Options,
-    prepared: Prepared,
-    verify_run: Run,
+    mut prepared: Prepared,
+    mut verify_run: Run,
     witness: impl FnOnce() -> Option<Vec<Candidate>>,
 ) -> Result<Trace, BadInput> {
-    let lag_s = prepared.mean_lag_s();
-    let Prepared { runs, mut calibration, mut notes, .. } = prepared;
+    let mut settled = false;
+    loop {
+        let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+        let mut search = Search::new(&data, SEED);
+        let learnt = Learnt::new(&mut search);
+        let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
+        let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
+        let unknown = memory.and_then(|m| Some((m, settling::unknown(&data, &fitted, &verify_run, m)?)));
+        let Some((memory, unknown)) = unknown else {
+            return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted), witness);
+        };
+        // The search begins anew on what is left.
+        settled = true;
+        let several = prepared.runs.len() > 1;
+        let number = |k: usize| if several { format!("train run {}", k + 1) } else { "the train run".into() };
+        let runs = prepared.runs.iter_mut().enumerate().map(|(k, r)| (number(k), r));
+        for ((what, run), _) in
+            runs.chain([("the verify run".to_string(), &mut verify_run)]).zip(unknown).filter(|u| u.1)
+        {
+            prepared.notes.push(memory.leave_out(run, &what));
+        }
+    }
+}
+
+/// The loop from what the search has learnt on.
+fn judged(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+    prepared: &Prepared,
+    verify_run: &Run,
+    (mut search, mut learnt, mut fitted): (Search<'_>, Learnt, Fitted),
+    witness: impl FnOnce() -> Option<Vec<Candidate>>,
+) -> Result<Trace, BadInput> {
+    let (runs, data) = (&prepared.runs, search.data());
+    let (mut calibration, mut notes) = (prepared.calibration.clone(), prepared.notes.clone());
     let scaling = calibration.scaling;
     calibration.sequence = 1;
-    let data = Data::new(&runs, scaling, lag_s);
-    let mut search = Search::new(&data, SEED);
-    let mut learnt = Learnt::new(&mut search);
-    let baseline_fit = Fitted::new(&data, &[], [0; AXES])?;
-    let mut fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
-
-    let before_train: Vec<_> = residuals_of(&baseline_fit, &runs, &scaling);
-    let after_train: Vec<_> = residuals_of(&fitted, &runs, &scaling);
-    let before_verify = baseline_fit.residuals(&verify_run, None, &scaling, &|_| true);
+    let baseline_fit = Fitted::new(data, &[], [0; AXES])?;
+    let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
+    let after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
+    let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
-    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(&verify_run, c, &scaling);
-    notes.extend(start_verify_run(&mut fitted, &verify_run, &scaling, &known));
+    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
+    notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
     learnt.terms.clone_from(&fitted.terms);
-    let after_verify = fitted.residuals(&verify_run, None, &scaling, &known);
+    let after_verify = fitted.residuals(verify_run, None, &scaling, &known);
     let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
     notes.extend(learnt.terms.iter().map(Term::lead).filter(lacks).map(|c| {
         format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
     }));
-    let (refitted, judged) = events::refit(&learnt.terms, &verify_run, &scaling, &after_verify);
+    let (refitted, judged) = events::refit(&learnt.terms, verify_run, &scaling, &after_verify);
 
     let there: Vec<usize> = verify_run.steps.present().collect();
     let clean = clean_of(&after_train, &judged, &there);
     // (What is said of an axis that is not there is taken out of the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
-    let on_verify = OnVerifyRun { data: &data, run: &verify_run, scaling, noise: &noise, known: &known };
-    let stated = uncertainty::of(&data, &fitted, learnt.model.noise_models, Weights::Noise);
+    let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
+    let stated = uncertainty::of(data, &fitted, learnt.model.noise_models, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
     let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
     let written = on_verify.image(&calibration, &learnt, &for_unit, &baseline_fit, options, &mut notes);
-    let mut left = leftover::judge(&data, &mut search, &learnt.model);
+    let mut left = leftover::judge(data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
-        let (more, _) = fitted.predicted_variance(&verify_run, &scaling, a, &known);
+        let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
     });
     let more_than_noise = |r: &floor::Ratio| r.ratio.is_finite() && !r.is_noise();
@@ -191,7 +222,7 @@ fn closed(
         floor_ratio,
         unexplained: by_axis(|a| !left[a].is_empty()),
         left_over: by_axis(|a| left[a].clone()),
-        outside_fit: outside_fit(&verify_run, &calibration),
+        outside_fit: outside_fit(verify_run, &calibration),
         exchanged,
         advice: Vec::new(),
         notes,
@@ -200,17 +231,17 @@ fn closed(
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
     (report.verdict, report.advice) = (words::verdict(&report), words::advice(&report));
     let mut image = written.image;
-    state_reached(&mut image, &report, &runs, &there);
+    state_reached(&mut image, &report, runs, &there);
     Ok(Trace {
         report,
         baseline: baseline_fit.image(&calibration, &[None, None, None], &mut Vec::new()),
         image,
-        verify: verify_run,
+        verify: verify_run.clone(),
         train_residuals: [before_train, after_train],
         verify_residuals: [before_verify, after_verify],
         fitted,
-        lag_s,
-        train: runs,
+        lag_s: prepared.mean_lag_s(),
+        train: runs.clone(),
     })
 }
 

@@ -4,13 +4,16 @@
 use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::AXES;
 
-const TAUS_S: [f32; 3] = [400.0, 1500.0, 5000.0];
-
 /// Lagged temperature differences to the other axes; C.
 #[derive(Debug, Clone)]
 pub struct NeighbourLags {
     share: [f32; 3],
     state_c: [[f32; 3]; 2],
+}
+
+impl NeighbourLags {
+    /// Time constants of the lags, s.
+    pub const TAUS_S: [f32; 3] = [400.0, 1500.0, 5000.0];
 }
 
 impl Effect for NeighbourLags {
@@ -22,7 +25,7 @@ impl Effect for NeighbourLags {
     type Regressors = [f32; 8];
 
     fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
-        Self { share: TAUS_S.map(|tau| lag_share(step_s, tau)), state_c: [[f32::NAN; 3]; 2] }
+        Self { share: Self::TAUS_S.map(|tau| lag_share(step_s, tau)), state_c: [[f32::NAN; 3]; 2] }
     }
 
     #[inline]

@@ -218,6 +218,11 @@ impl<'a> Search<'a> {
         PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
     }
 
+    /// What it searches on.
+    pub fn data(&self) -> &'a Data<'a> {
+        self.data
+    }
+
     /// Best noise model of each axis under the baseline alone.
     pub fn noise_models_of_baseline(&self) -> [usize; AXES] {
         self.nothing().axes.map(|a| a.noise_model)

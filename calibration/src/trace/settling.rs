@@ -1,0 +1,97 @@
+//! Beginnings that nobody knows. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the
+//! recording does not tell. Where the rates show a memory, its first three time constants of such a run are left out of fit and
+//! judgement: by then a twentieth of what the state was is left.
+
+use super::cards::card;
+use super::data::{begins_in_ramp, Candidate, Data};
+use super::judge::Means;
+use super::model::Fitted;
+use super::report::Class;
+use crate::fit::MEAN_S;
+use crate::numeric::stats::{dot, mean};
+use crate::recording::steps::Run;
+use hrg_core::effects::{EffectId, NeighbourLags};
+use hrg_core::AXES;
+
+/// Time constants that are left out.
+const TIME_CONSTANTS: f64 = 3.0;
+/// Largest share of a run that is left out: a slow memory would leave nothing to learn it from.
+const MOST: f64 = 0.25;
+/// Log-likelihood that a decay from the beginning of a run must bring (the noise is not white).
+const DECAY: f64 = 20.0;
+
+/// The memory that a model has, by its longest time constant.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Memory {
+    name: &'static str,
+    tau_s: f64,
+}
+
+impl Memory {
+    /// The slowest of a model.
+    pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
+        let slowest = |c: &Candidate| {
+            let last = c.facts.parameters.len().checked_sub(1);
+            let tau_s = match (c.facts.effect, last) {
+                (EffectId::NeighbourLags, _) => NeighbourLags::TAUS_S[NeighbourLags::TAUS_S.len() - 1],
+                (e, Some(last)) if card(e).class == Class::Memory => c.parameters[last],
+                _ => return None,
+            };
+            Some(Self { name: c.facts.name, tau_s: f64::from(tau_s) })
+        };
+        effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
+    }
+
+    /// Whether a run begins in a state that it does not tell: in a ramp, or with a decay of this time constant in what the model leaves.
+    fn begins_unknown(self, run: &Run, left: &[Vec<f64>; AXES]) -> bool {
+        let decays: f64 = run.steps.present().map(|a| self.decay(&left[a])).sum();
+        run.steps.run_in == 0 && (begins_in_ramp(run) || decays > DECAY)
+    }
+
+    /// Log-likelihood that a decay from the first step on brings to a residual.
+    fn decay(self, left: &[f64]) -> f64 {
+        let means = Means::of(left);
+        let (mut x, mut y) = (Vec::new(), Vec::new());
+        for (k, v) in means.series().iter().enumerate().filter(|(_, v)| v.is_finite()) {
+            x.push((-((k * MEAN_S) as f64) / self.tau_s).exp());
+            y.push(*v);
+        }
+        let about = |v: &mut Vec<f64>| {
+            let m = mean(v);
+            v.iter_mut().for_each(|v| *v -= m);
+        };
+        about(&mut x);
+        about(&mut y);
+        let (xx, xy, yy) = (dot(&x, &x), dot(&x, &y), dot(&y, &y));
+        if xx * yy <= 0.0 {
+            return 0.0;
+        }
+        -0.5 * y.len() as f64 * (1.0 - xy * xy / (xx * yy)).max(1e-12).ln()
+    }
+
+    /// Leaves out the beginning of a run; a sentence says so. `what` names the run.
+    pub(super) fn leave_out(self, run: &mut Run, what: &str) -> String {
+        let seconds = (TIME_CONSTANTS * self.tau_s).min(MOST * run.steps.len() as f64) as usize;
+        run.steps.rate_dph.iter_mut().for_each(|r| r[..seconds].fill(f64::NAN));
+        run.steps.run_in = seconds;
+        format!(
+            "{what} begins in a state of {} (time constant {:.0} s) that it does not tell: its first {seconds} s are left out of fit and judgement",
+            self.name, self.tau_s
+        )
+    }
+}
+
+/// Which runs begin in a state that nobody knows: each train run, then the verify run. `None` where none does.
+pub(super) fn unknown(data: &Data<'_>, fitted: &Fitted, verify: &Run, memory: Memory) -> Option<Vec<bool>> {
+    let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
+    let of = |run: &Run, number: Option<usize>| {
+        let left = match number {
+            Some(_) => fitted.residuals(run, number, &data.scaling, &|_| true),
+            None => fitted.residuals(run, None, &data.scaling, &known),
+        };
+        memory.begins_unknown(run, &left)
+    };
+    let mut out: Vec<bool> = data.runs.iter().enumerate().map(|(n, r)| of(r, Some(n))).collect();
+    out.push(of(verify, None));
+    out.contains(&true).then_some(out)
+}
