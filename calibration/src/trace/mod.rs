@@ -443,6 +443,21 @@ mod tests {
     }
 
     #[test]
+    fn where_the_state_of_a_memory_is_unknown_the_beginning_is_left_out() {
+        let lag = ["thermal-lag:size=6"];
+        let (train, whole) = (plan("cycle", &lag, 31, 63), plan("verify", &lag, 31, 64));
+        // The log begins in the middle of a ramp; the unit has been on for hours.
+        let late = whole.split(3.0 * 3600.0).expect("splits").1.judged_part();
+        let r = trace(&[train.clone()], &late).expect("traces").report;
+        let note = r.notes.iter().find(|n| n.contains("begins in a state of thermal-lag"));
+        assert!(note.is_some_and(|n| n.starts_with("the verify run") && n.contains("are left out")), "{:?}", r.notes);
+        assert!(r.floor_ratio.values().all(floor::Ratio::is_noise), "{:?}", r.floor_ratio);
+        // Known from its beginning on, nothing is left out.
+        let r = trace(&[train], &whole).expect("traces").report;
+        assert!(r.notes.iter().all(|n| !n.contains("begins in a state")), "{:?}", r.notes);
+    }
+
+    #[test]
     fn a_large_gain_is_not_tested_and_says_so() {
         let r = traced(&["kink:size=5"], 44);
         assert_eq!(r.effects[0].p_value, None);
