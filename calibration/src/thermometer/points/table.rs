@@ -1,6 +1,6 @@
 //! A table of static points: one row per soak.
 
-use crate::AXIS_NAMES;
+use crate::recording::columns;
 use hrg_core::AXES;
 
 /// Fewest soaks of a table, or of one axis of it.
@@ -115,13 +115,13 @@ impl Points {
 
     fn slots(&mut self, names: &[&str], line: usize) -> Result<Vec<Option<Slot>>, TableError> {
         let of = |name: &str| -> Option<Slot> {
-            let name = crate::recording::column_name(name);
-            let axis =
-                |before: &str, after: &str| AXIS_NAMES.iter().position(|n| format!("{before}{n}{after}") == name);
-            (name == "chamber_c")
-                .then_some(Slot::Chamber)
-                .or_else(|| axis("f", "_hz").map(Slot::Frequency))
-                .or_else(|| axis("case_", "_c").map(Slot::Case))
+            let (column, a) = columns::find(name)?;
+            match column {
+                c if *c == columns::CHAMBER => Some(Slot::Chamber),
+                c if *c == columns::FREQUENCY => Some(Slot::Frequency(a)),
+                c if *c == columns::CASE => Some(Slot::Case(a)),
+                _ => None,
+            }
         };
         let slots: Vec<Option<Slot>> = names.iter().map(|n| of(n)).collect();
         for (k, slot) in slots.iter().enumerate().filter(|(_, s)| s.is_some()) {
