@@ -197,7 +197,7 @@ impl Config {
 pub fn normal_gravity(latitude_deg: f64) -> f64 {
     let s = double::sin_cos(latitude_deg * DEGREE).0;
     let s2 = s * s;
-    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / double::sqrt(1.0 - 0.006_694_379_990_14 * s2)
+    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / libm::sqrt(1.0 - 0.006_694_379_990_14 * s2)
 }
 
 /// What a filter believes.
