@@ -188,10 +188,9 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
     let byte_time = 10.0 / 921_600.0;
     let mut t = 2.0;
     let mut link_in = Vec::new();
-    let mut state = 7u32;
+    let mut draws = Draws::new(7);
     for k in 0..3000 {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        link_in.push((t, if k % 50 == 0 { 0 } else { (state >> 24) as u8 }));
+        link_in.push((t, if k % 50 == 0 { 0 } else { draws.below(256) as u8 }));
         t += byte_time;
     }
     link_in.push((t + byte_time, 0));
