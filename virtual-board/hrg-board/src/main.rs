@@ -68,6 +68,9 @@ enum Command {
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
+        /// A file whose checksum is printed, too. Several may be given.
+        #[arg(long)]
+        file: Vec<PathBuf>,
     },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
@@ -263,9 +266,9 @@ fn run(command: Command) -> Result<()> {
             anyhow::ensure!(within, "a figure is over its bound");
             Ok(())
         }
-        Command::Fingerprint { elf } => {
+        Command::Fingerprint { elf, file } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            print!("{}", hrg_board::fingerprint::fingerprints(&elf)?);
+            print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);
             Ok(())
         }
         Command::Faults { short, seed, only, trial, page, elf } => {
