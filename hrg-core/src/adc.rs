@@ -1,4 +1,4 @@
-//! A frame of the ADS131M08 converter: ten 24-bit words, big-endian; status, eight channels, CRC (data sheet SBAS950 8.5).
+//! A frame of the ADS131M08: ten 24-bit words, big-endian; status, eight channels, CRC (data sheet SBAS950 8.5).
 
 use crate::rate_path::CHANNELS;
 
@@ -6,7 +6,7 @@ use crate::rate_path::CHANNELS;
 pub const FRAME: usize = 30;
 /// Words of memory that hold it, as DMA puts it there: bytes in order, so that a word is little-endian.
 pub const WORDS: usize = FRAME.div_ceil(4);
-/// Status bit: the converter has been reset and has lost its settings.
+/// Status bit: the ADC has been reset and has lost its settings.
 const STATUS_RESET: u16 = 1 << 10;
 /// Why a frame gives no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,7 +14,7 @@ const STATUS_RESET: u16 = 1 << 10;
 pub enum Fault {
     /// Its checksum does not match.
     Crc,
-    /// The converter says that it was reset: its settings must be written again.
+    /// The ADC reports that it was reset: its settings must be written again.
     Reset,
 }
 

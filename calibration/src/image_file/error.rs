@@ -75,7 +75,7 @@ pub enum FileError {
         count: usize,
     },
     /// More effects than an image has room for.
-    #[error("the calibration file has more effects than a block can hold")]
+    #[error("the calibration file has more effects than an image can hold")]
     TooManyEffects,
     /// What it says is impossible.
     #[error("the calibration file cannot be used: {0}")]

@@ -1,5 +1,5 @@
-//! The calibration file: one text file (TOML) that says what the binary block holds, with units, and turns into it
-//! and back without loss. The checksum is that of the block, so a number changed by hand is noticed.
+//! The calibration file: one text file (TOML) that says what the binary image holds, with units, and turns into it
+//! and back without loss. The checksum is that of the image, so a number changed by hand is noticed.
 
 mod error;
 mod reader;
@@ -48,7 +48,7 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
     if bytes.starts_with(&hrg_core::calibration::MAGIC) {
         return Ok(Calibration::from_bytes(&bytes).map_err(|e: ImageError| here(e.to_string()))?);
     }
-    let text = std::str::from_utf8(&bytes).map_err(|_| here("it is neither a calibration file nor a block".into()))?;
+    let text = std::str::from_utf8(&bytes).map_err(|_| here("it is neither a calibration file nor an image".into()))?;
     Ok(from_text(text).map_err(|e| here(e.to_string()))?)
 }
 
@@ -58,7 +58,7 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
 /// Where the file cannot be written.
 pub fn save(path: &Path, c: &Calibration) -> anyhow::Result<()> {
     if path.extension().is_some_and(|e| e == "bin") {
-        let bytes = c.to_bytes().ok_or_else(|| anyhow::anyhow!("the calibration does not fit a block"))?;
+        let bytes = c.to_bytes().ok_or_else(|| anyhow::anyhow!("the calibration does not fit an image"))?;
         return crate::write_file(path, &bytes);
     }
     crate::write_file(path, to_text(c).as_bytes())
@@ -113,7 +113,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn text_and_block_are_the_same_calibration(k in proptest::array::uniform6(-1e3f32..1e3), g in -9f32..9.0, f0 in 4e3f64..5e3) {
+        fn text_and_image_are_the_same_calibration(k in proptest::array::uniform6(-1e3f32..1e3), g in -9f32..9.0, f0 in 4e3f64..5e3) {
             let mut c = Calibration::uncalibrated();
             c.set_unit_name("HRG-7");
             c.axes[0].coefficients = Coefficients::One(k);

@@ -17,7 +17,7 @@ const HEAD: &str = "\
 # Calibration of an HRG unit. corrected = raw - bias.
 # bias = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r, u = (T - t_ref_c) / t_scale_c, r = dT/dt in C per minute,
 # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.
-# block_crc32 is the checksum of the binary block: a number changed by hand no longer matches.
+# block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";
 
 /// A value of the file, in the order in which it is written. Singles stay singles: they are written with no more digits than they

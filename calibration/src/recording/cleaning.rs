@@ -327,7 +327,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dirt_is_counted_and_taken_out() {
+    fn defects_are_counted_and_taken_out() {
         let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
         lines[50] = lines[49].clone(); // repeated time
         lines[100] = "98,4900.01,4890.01,4700,900,2,3".into(); // spike

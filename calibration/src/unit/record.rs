@@ -151,7 +151,7 @@ impl Head {
     }
 }
 
-/// Writes a recording row by row: the file is whole at any moment.
+/// Writes a recording row by row: the file is valid at any moment.
 #[derive(Debug)]
 pub struct Recorder {
     base: PathBuf,
@@ -227,7 +227,7 @@ impl Recorder {
         self.append(&head)
     }
 
-    /// Adds text to the file whole, or not at all: what a full disk has cut short is taken off again.
+    /// Adds all of a text to the file, or nothing: what a full disk has cut short is taken off again.
     fn append(&mut self, text: &str) -> Result<()> {
         let Some((file, path)) = &mut self.file else { return Ok(()) };
         if let Err(e) = file.write_all(text.as_bytes()) {
@@ -240,7 +240,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Takes a second. Rates are the raw ones, whatever block the unit runs.
+    /// Takes a second. Rates are the raw ones, whatever image the unit runs.
     ///
     /// # Errors
     /// Where the file cannot be written (a full disk): what is in it stays.

@@ -299,7 +299,7 @@ mod tests {
         std::fs::write(&path, "case_x_c=99\ntime_s=2.5 case_y_c=7\ncase_x_c").expect("written");
         let mut s = Sensors::open(path.to_str().expect("text")).expect("there");
         let mut f = std::fs::File::options().append(true).open(&path).expect("there");
-        // The line that had begun is whole now, and as old as its beginning; the next is new.
+        // The line that had begun is complete now, and as old as its beginning; the next is new.
         f.write_all(b"=98\ncase_x_c=20.25 chamber_c=21\nnonsense\n").expect("written");
         let mut rows = Vec::new();
         for k in 1..200 {

@@ -137,7 +137,7 @@ pub struct Ekf<T> {
 }
 
 impl<T: Real> Ekf<T> {
-    /// Starts from an azimuth (rad) that is believed to a standard deviation (rad).
+    /// Starts from an azimuth (rad) that is known to a standard deviation (rad).
     #[must_use]
     pub fn new(config: Config, azimuth: f64, azimuth_std: f64) -> Self {
         let mut x = [T::zero(); STATES];

@@ -1,9 +1,9 @@
 //! The unscented particle filter, in two forms over the model of [`super::ekf`]. `N` unscented Kalman filters each.
 //!
 //! - [`Literal`]: as van der Merwe and chen2015 have it. Each step every filter makes a proposal, a state is drawn from
-//!   it and weighed by likelihood times transition prior over proposal. Azimuth and drifts are constants, so the
+//!   it and weighted by likelihood times transition prior over proposal. Azimuth and drifts are constants, so the
 //!   transition prior is nearly a spike, weights collapse, and most runs fail. Kept as it is, to show that.
-//! - [`Kernels`]: the same filters as a mixture. Each keeps its mean and is weighed by how well it predicted the reading;
+//! - [`Kernels`]: the same filters as a mixture. Each keeps its mean and is weighted by how well it predicted the reading;
 //!   when few weights are left, the heavy ones are split along the azimuth, their covariance shared out among the
 //!   children.
 

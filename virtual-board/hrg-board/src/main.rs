@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_board::{bench, faults, serve, weigh};
+use hrg_board::{bench, cost, faults, serve};
 use hrg_cal::image_file;
 use hrg_cal::recording::facts;
 use hrg_cal::recording::steps::Steps;
@@ -97,8 +97,9 @@ enum Command {
     },
     /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
     ///
-    /// Example: hrg-board weigh --recording run.csv cal.toml other.toml
-    Weigh {
+    /// Example: hrg-board cost --recording run.csv cal.toml other.toml
+    #[command(alias = "weigh")]
+    Cost {
         /// Recording of raw rates.
         #[arg(long)]
         recording: PathBuf,
@@ -135,7 +136,7 @@ enum Command {
         #[arg(long)]
         upf: Option<PathBuf>,
     },
-    /// Every identification method on a simulated unit of each paper's kind, weighed and flown.
+    /// Every identification method on a simulated unit of each paper's kind, its cost counted, and flown.
     ///
     /// Example: hrg-board methods --out out/methods
     Methods {
@@ -217,14 +218,14 @@ fn run(command: Command) -> Result<()> {
     let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     match command {
         Command::Run(arguments) => play(arguments),
-        Command::Weigh { recording, calibrations, seconds, json, elf } => {
+        Command::Cost { recording, calibrations, seconds, json, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let steps = Steps::new(&load_raw(&recording)?)?;
-            let weights = weigh::weigh_all(&elf, &calibrations, &steps, seconds)?;
+            let costs = cost::costs(&elf, &calibrations, &steps, seconds)?;
             if json {
-                println!("{}", serde_json::to_string(&weights)?);
+                println!("{}", serde_json::to_string(&costs)?);
             } else {
-                weigh::print(&weights);
+                cost::print(&costs);
             }
             Ok(())
         }

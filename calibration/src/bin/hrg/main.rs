@@ -99,7 +99,7 @@ enum Command {
         /// Serial port of the link.
         #[arg(long)]
         port: String,
-        /// Where the block in use goes.
+        /// Where the image in use goes.
         #[arg(long)]
         out: Option<PathBuf>,
     },

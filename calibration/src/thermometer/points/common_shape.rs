@@ -25,7 +25,7 @@ fn own_variances(e: &[Vec<f64>; AXES]) -> [f64; AXES] {
     })
 }
 
-/// "x and y", and what is said of the others.
+/// "x and y", and the others beside them.
 fn which(axes: &BTreeMap<String, BeforeAfter>, shrinks: impl Fn(&BeforeAfter) -> bool) -> String {
     let of =
         |wanted: bool| -> Vec<&String> { axes.iter().filter(|(_, b)| shrinks(b) == wanted).map(|(n, _)| n).collect() };
@@ -37,7 +37,7 @@ fn which(axes: &BTreeMap<String, BeforeAfter>, shrinks: impl Fn(&BeforeAfter) ->
     }
 }
 
-/// What the three cubics on the shell leave in common.
+/// What the three cubics on the sensors of the cases leave in common.
 pub(super) fn common_shape(p: &Points) -> Option<LeftOver> {
     let n = p.chamber_c.len();
     let makers: Vec<DMatrix<f64>> = (0..AXES).map(|a| residual_maker(&cubic_columns(p, a))).collect();
@@ -65,7 +65,7 @@ pub(super) fn common_shape(p: &Points) -> Option<LeftOver> {
     let mut axes = BTreeMap::new();
     for (a, name) in AXIS_NAMES.iter().enumerate() {
         let (b, c) = ((a + 1) % AXES, (a + 2) % AXES);
-        // Predicted from the other two alone: their mean, each weighed by how little of it is its own.
+        // Predicted from the other two alone: their mean, each weighted by how little of it is its own.
         let weight = own[c] / (own[b] + own[c]);
         let shared = |e: &[Vec<f64>]| -> Vec<f64> {
             e[b].iter().zip(&e[c]).map(|(x, y)| weight * x + (1.0 - weight) * y).collect()
@@ -103,7 +103,7 @@ mod tests {
         let residual: [Vec<f64>; AXES] = residual.try_into().expect("three");
         let own = own_variances(&residual);
         assert!(own[2] > 20.0 * own[0] && own[2] > 20.0 * own[1], "{own:?}");
-        // Weighed by it, the quiet axes predict each other; the plain mean with the noisy one would not.
+        // Weighted by it, the quiet axes predict each other; the plain mean with the noisy one would not.
         let left: Vec<f64> = residual[0].iter().zip(&residual[1]).map(|(x, y)| x - y).collect();
         let plain: Vec<f64> = (0..10).map(|k| residual[0][k] - 0.5 * (residual[1][k] + residual[2][k])).collect();
         assert!(rms(&left) < 0.2 * rms(&residual[0]) && rms(&plain) > 0.5 * rms(&residual[0]));

@@ -44,7 +44,7 @@ pub struct Report {
     pub advice: Vec<String>,
 }
 
-/// The whole report.
+/// The report of a table.
 ///
 /// # Errors
 /// Where a fit is not possible.
@@ -77,7 +77,7 @@ pub fn report(p: &Points) -> Result<Report, BadInput> {
     for e in &effects {
         if e.name == EffectId::Step.name() {
             advice.push(
-                "Refer the gyros to their shell sensors, not to the chamber: the step is between chamber and shell, all three gyros and all three shell sensors see it. Check the chamber's sensor (range switch, calibration points) across the step.".into(),
+                "Refer the gyros to the sensors on their cases, not to the chamber: the step is between chamber and cases, all three gyros and all three of their sensors see it. Check the chamber's sensor (range switch, calibration points) across the step.".into(),
             );
         }
         if e.name == EffectId::Timebase.name() {
