@@ -111,11 +111,12 @@ fn cargo(arguments: &[&str]) -> Command {
     c
 }
 
-/// Builds the host programs in release.
+/// Builds the host programs in release: all of them at once, for other packages beside them would choose other features of their
+/// dependencies, and compile these anew.
 fn programs() -> Result<(), Failure> {
     setup::host()?;
-    println!("building hrg and hrg-board");
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))
+    println!("building hrg, hrg-board and foreign-plant");
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board", "-p", "foreign-plant"]))
 }
 
 /// Runs a host program in release.
@@ -173,7 +174,6 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
 /// Builds the second plant, and `hrg`, which it grades.
 fn foreign_plant() -> Result<PathBuf, Failure> {
     programs()?;
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
     Ok(root().join("target/release/foreign-plant"))
 }
 
