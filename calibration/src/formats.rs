@@ -1,5 +1,7 @@
-//! The byte tables of `docs/formats.md`, and formats of Python's `struct`, from the layouts in `hrg_core`.
+//! The tables of `docs/formats.md`: columns of recordings from their list, bytes (with formats of Python's `struct`) from the layouts in
+//! `hrg_core`.
 
+use crate::recording::columns;
 use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
@@ -51,6 +53,12 @@ fn table(fields: &[Field], at: usize) -> String {
 
 fn part(name: &str, fields: &[Field]) -> String {
     format!("\n**{name}**, {} bytes, `{}`\n\n{}", size(fields), python(fields), table(fields, 0))
+}
+
+/// Every table, by the name of its marks in the page.
+#[must_use]
+pub fn tables() -> [(&'static str, String); 3] {
+    [("recording", columns::table()), ("image", image()), ("link", link())]
 }
 
 /// The tables of an image.

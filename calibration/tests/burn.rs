@@ -17,7 +17,7 @@ use std::time::Duration;
 enum Fault {
     /// The third chunk is not written.
     Chunk,
-    /// The image is whole, and refused all the same.
+    /// The image is intact, and refused all the same.
     End,
     /// The restart does not come.
     Restart,
@@ -130,7 +130,7 @@ fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
     );
     for (fault, why, holds) in [
         (Fault::Chunk, "writing: the unit says: the flash could not be written", "sector B holds no valid image"),
-        (Fault::End, "checking: the unit says: the block is not newer", next.as_str()),
+        (Fault::End, "checking: the unit says: the image is not newer", next.as_str()),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
         let (done, said) = burn(fault);

@@ -76,7 +76,7 @@ fn a_full_disk_and_an_interrupted_write_lose_nothing() {
     assert!(!o.status.success() && error.contains("cannot write run.csv"), "{error}");
     assert_eq!(std::fs::read(d.join("run.csv")).expect("there"), before, "the old file is untouched");
     assert!(!d.join("run.csv.part").exists());
-    // Recording: whole rows up to where the disk was full.
+    // Recording: complete rows up to where the disk was full.
     let line = |k: u32| {
         format!("INFO t={k}000 f=4898.6{k},4890.6{k},4702.3{k} T=6,5,4 dT=0,0,0 b=0,0,0 raw=1.{k},2.{k},3.{k} status=00,00,00,00 cal=00000000 no=0 made=0 mode=0\n")
     };
@@ -157,8 +157,8 @@ fn from_simulation_to_report() {
     }
     let page = std::fs::read_to_string(d.join(html)).expect("written");
     assert!(page.contains("<svg") && !page.contains("src=\"http"), "one self-contained page");
-    let block = std::fs::read_to_string(d.join("ext.toml")).expect("written");
-    assert!(block.contains("name = \"hysteresis\""));
+    let image = std::fs::read_to_string(d.join("ext.toml")).expect("written");
+    assert!(image.contains("name = \"hysteresis\""));
 }
 
 #[test]
@@ -213,7 +213,7 @@ fn methods_side_by_side() {
         ok(&d, &["simulate", "--profile", profile, "--seed", seed, "--unit", "6", "--out", out]);
     }
     let methods = "lsq,pso,pso-literal,fog-lsq,direct";
-    // A program that is not hrg-board: nothing is weighed, and it is said.
+    // A program that is not hrg-board: no cost is counted, and the error tells it.
     let error = refused(
         &d,
         &["compare", "t.csv", "--verify", "v.csv", "--methods", methods, "--out", "c", "--board", "/bin/false"],
@@ -226,7 +226,7 @@ fn methods_side_by_side() {
         .args(["compare", "t.csv", "--verify", "v.csv", "--methods", methods, "--out", "c"])
         .output()
         .expect("runs");
-    assert!(o.status.success() && String::from_utf8_lossy(&o.stderr).contains("not weighed"));
+    assert!(o.status.success() && String::from_utf8_lossy(&o.stderr).contains("not counted"));
     let c: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(d.join("c/compare.json")).expect("written")).expect("JSON");
     let error = |m: &str| {
@@ -250,7 +250,7 @@ fn methods_side_by_side() {
         let text = std::fs::read_to_string(d.join(f)).expect("written");
         text.lines().find(|l| l.starts_with("network_dph")).expect("a network").to_string()
     };
-    assert_eq!(crc("a.toml"), crc("b.toml"), "the same seed, the same block");
+    assert_eq!(crc("a.toml"), crc("b.toml"), "the same seed, the same image");
 
     let table = ok(&d, &["lag", "lag.csv", "--calibration", "a.toml", "--predict", "t.csv", "--out", "p.csv"]);
     assert!(table.contains("time constant") && table.contains("predicted"), "{table}");

@@ -219,7 +219,7 @@ fn dialect(text: &str, separator: &str, comma: bool, quotes: bool) -> String {
 #[test]
 fn tables_of_other_programs_are_the_same_recording() {
     let d = folder("dialects");
-    ok(&d, "simulate --profile 20,30m --dirty --out run.csv");
+    ok(&d, "simulate --profile 20,30m --defects --out run.csv");
     let text = read(&d, "run.csv");
     let plain = Recording::load(&d.join("run.csv")).expect("readable");
     for (name, other) in [

@@ -1,6 +1,6 @@
-//! The tables of bytes in the docs are those of the layouts, and Python reads by them what the project writes.
+//! The tables in the docs are those of the lists, and Python reads by them what the project writes.
 
-use hrg_cal::formats::{image, link, python};
+use hrg_cal::formats::{python, tables};
 use hrg_core::calibration::layouts::Header;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::layouts::MESSAGES;
@@ -12,7 +12,7 @@ use std::process::Command;
 fn the_page_has_the_tables_as_they_are_printed() {
     let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/formats.md");
     let page = std::fs::read_to_string(page).expect("the page");
-    for (name, table) in [("image", image()), ("link", link())] {
+    for (name, table) in tables() {
         let marked = format!("<!-- {name}: begin -->\n{table}<!-- {name}: end -->");
         assert!(page.contains(&marked), "hrg formats --page docs/formats.md writes the table {name} anew");
     }

@@ -3,8 +3,8 @@
 //! | signal | pin | peripheral |
 //! |---|---|---|
 //! | resonator x, y, z | PA0, PA1, PB10 | TIM2 channels 1, 2, 3 |
-//! | converter data-ready | PB2 (STM32F405: PA3) and PC7, wired together | TIM2 channel 4, EXTI 7 |
-//! | converter SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
+//! | ADC data-ready | PB2 (STM32F405: PA3) and PC7, wired together | TIM2 channel 4, EXTI 7 |
+//! | ADC SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
 //! | link out, in | PA9, PA10 | USART1 |
 
 use crate::adc::{self, Adc, Wiring};
@@ -73,7 +73,7 @@ pub mod wired {
     pub fn enable_interrupts() {
         interrupt::DMA2_STREAM0.unpend();
         interrupt::EXTI9_5.unpend();
-        // SAFETY: everything that the two handlers touch was set up before the converter was handed out.
+        // SAFETY: everything that the two handlers touch was set up before the ADC was handed out.
         #[allow(unsafe_code)]
         unsafe {
             interrupt::DMA2_STREAM0.enable();
@@ -201,7 +201,7 @@ impl Board {
         let mut status = UnitStatus::empty();
         if let Some(error) = found.refused {
             defmt::error!("calibration refused: {}", error);
-            status |= UnitStatus::BLOCK_REFUSED;
+            status |= UnitStatus::IMAGE_REFUSED;
         }
         match found.newest {
             Some((calibration, sector)) => {

@@ -1,9 +1,9 @@
-//! TIM2: time stamps of the three resonators' edges and of the converter's data-ready.
+//! TIM2: time stamps of the three resonators' edges and of the ADC's data-ready.
 //!
 //! # Design
 //! TIM2 runs free at [`TIMER_HZ`] over 32 bits. Channels 1 to 3 capture a resonator each; every capture makes a DMA
 //! stream copy it into a ring, so the processor does nothing per edge. Channel 4 captures the data-ready edge
-//! of the converter: the time of every sample on the same clock. It needs no DMA: the rate path reads it
+//! of the ADC: the time of every sample on the same clock. It needs no DMA: the rate path reads it
 //! within the millisecond until the next.
 //!
 //! # Tradeoffs

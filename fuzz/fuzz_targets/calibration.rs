@@ -1,4 +1,4 @@
-//! Calibrations, as block and as text: what is accepted is the same there and back, and a unit that runs it stays finite.
+//! Calibrations, as image and as text: what is accepted is the same there and back, and a unit that runs it stays finite.
 #![no_main]
 
 use hrg_core::calibration::Calibration;
@@ -18,14 +18,14 @@ fn fly(c: &Calibration) {
 
 fuzz_target!(|data: &[u8]| {
     // The fuzzer does not guess checksums: the last four bytes are made right.
-    let mut block = data.to_vec();
-    if block.len() > 12 {
-        let end = block.len() - 4;
-        block[6..8].copy_from_slice(&(data.len() as u16).to_le_bytes());
-        let crc = hrg_core::bytes::crc32(&block[..end]).to_le_bytes();
-        block[end..].copy_from_slice(&crc);
+    let mut image = data.to_vec();
+    if image.len() > 12 {
+        let end = image.len() - 4;
+        image[6..8].copy_from_slice(&(data.len() as u16).to_le_bytes());
+        let crc = hrg_core::bytes::crc32(&image[..end]).to_le_bytes();
+        image[end..].copy_from_slice(&crc);
     }
-    if let Ok(c) = Calibration::from_bytes(&block) {
+    if let Ok(c) = Calibration::from_bytes(&image) {
         let again = c.to_bytes().expect("what was read can be written");
         assert_eq!(Calibration::from_bytes(&again).as_ref(), Ok(&c));
         fly(&c);

@@ -38,8 +38,8 @@ fn obey(m: &Message, mode: &mut Maintenance, flash: &mut Flash) {
 
 fuzz_target!(|data: &[u8]| {
     let mut flash = Flash([[0xFF; MAX_BYTES]; 2]);
-    let block = Calibration::uncalibrated();
-    let mut mode = Maintenance::new(block.unit, 0, Some(Sector::A), false);
+    let image = Calibration::uncalibrated();
+    let mut mode = Maintenance::new(image.unit, 0, Some(Sector::A), false);
     let mut deframer = Deframer::default();
     for &byte in data {
         if let Some(Ok(m)) = deframer.push(byte) {

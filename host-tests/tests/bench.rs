@@ -40,7 +40,7 @@ fn what_is_counted_is_there_to_be_counted() {
     let elf = replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
     let scene = Scene::new(&elf, 1).expect("a scene");
     let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
-    let all = [symbol::UPDATE, symbol::BIAS, symbol::LAW, symbol::DECODE, symbol::SAMPLE, symbol::ENCODE];
+    let all = [symbol::UPDATE, symbol::BIAS, symbol::CURVE, symbol::DECODE, symbol::SAMPLE, symbol::ENCODE];
     for name in all {
         board.count_calls(name).expect("in the ELF");
     }

@@ -34,7 +34,7 @@ fn steps() -> Steps {
     Steps::new(&Plan::of(Profile::parse("cycle").expect("named"), 2, 3).simulate().recording).expect("long enough")
 }
 
-fn block(sequence: u32, constant: f32) -> Calibration {
+fn image(sequence: u32, constant: f32) -> Calibration {
     let mut c = Calibration::uncalibrated();
     c.set_unit_name("HRG-7");
     c.calibrated = true;
@@ -47,7 +47,7 @@ fn block(sequence: u32, constant: f32) -> Calibration {
 }
 
 #[test]
-fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice() {
+fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice() {
     let d = folder("burn");
     let (elf, steps) = (elf(), steps());
     let options = serve::Options { speed: 12.0, seconds: None, folder: d.clone() };
@@ -71,24 +71,24 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
         let burn =
             |unit: &mut Unit, c: &Calibration, said: &Burn| unit.burn(c, said, |_| {}).map_err(|e| e.why.to_string());
         let (nothing, named) = (Burn::default(), Burn { unit: Some("HRG-7".into()), ..Burn::default() });
-        let e = burn(&mut unit, &block(0, 1.5), &nothing).expect_err("refused");
+        let e = burn(&mut unit, &image(0, 1.5), &nothing).expect_err("refused");
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-7"), "{e}");
-        let after = burn(&mut unit, &block(0, 1.5), &named).expect("burnt");
+        let after = burn(&mut unit, &image(0, 1.5), &named).expect("burnt");
         assert_eq!(after.sequence, 1);
-        let wrong = Calibration { unit: UnitName::new("HRG-8"), ..block(0, 2.0) };
+        let wrong = Calibration { unit: UnitName::new("HRG-8"), ..image(0, 2.0) };
         let e = burn(&mut unit, &wrong, &nothing).expect_err("refused");
         assert!(e.contains("HRG-8") && e.contains("nothing was written"), "{e}");
         let e = burn(&mut unit, &Calibration::uncalibrated(), &nothing).expect_err("refused");
         assert!(e.contains("no calibration"), "{e}");
-        assert_eq!(burn(&mut unit, &block(0, 2.5), &nothing).expect("burnt").sequence, 2);
+        assert_eq!(burn(&mut unit, &image(0, 2.5), &nothing).expect("burnt").sequence, 2);
     });
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");
         let (identity, sectors) = unit.read().expect("readable");
         assert_eq!(identity.sequence, 2);
-        let [a, b] = sectors.map(|s| s.expect("both hold a block"));
-        assert_eq!((a, b), (block(1, 1.5), block(2, 2.5)));
-        // A recording of the unit, with the block applied: its rates are the raw ones all the same.
+        let [a, b] = sectors.map(|s| s.expect("both hold an image"));
+        assert_eq!((a, b), (image(1, 1.5), image(2, 2.5)));
+        // A recording of the unit, with the image applied: its rates are the raw ones all the same.
         let mut recorder = Recorder::new(&d.join("run.csv"), "HRG-7");
         while recorder.rows < 200 {
             if let Some(Message::Housekeeping(h)) = unit.next(Duration::from_secs(2)).expect("the port is there") {
@@ -111,7 +111,7 @@ fn a_block_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice()
 
 #[test]
 fn maintenance_ends_by_itself() {
-    let (elf, old) = (elf(), block(1, 1.0));
+    let (elf, old) = (elf(), image(1, 1.0));
     let wires = Wires::new(steps(), [0.01; 3], 0.0, 1, None, Some(Decoder::new(&elf).expect("a table"))).live();
     let mut board = Board::new(&elf, wires).expect("a board");
     board.write_flash(CALIBRATION_A, &old.to_bytes().expect("fits")).expect("in flash");
@@ -133,7 +133,7 @@ fn the_log_alone_gives_the_same_recording_as_the_link() {
     let d = folder("log");
     let steps = steps();
     let options = replay::Options { seconds: Some(60), compare: false, ..replay::Options::default() };
-    let outcome = replay::run(&elf, Some(&block(1, 0.5)), &steps, &options, |_| {}).expect("runs");
+    let outcome = replay::run(&elf, Some(&image(1, 0.5)), &steps, &options, |_| {}).expect("runs");
     let mut from_link = Recorder::new(&d.join("link.csv"), "HRG-7");
     for h in &outcome.received.housekeeping {
         from_link.push(&Second::from(h)).expect("written");

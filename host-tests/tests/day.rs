@@ -259,7 +259,7 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
         let after = |word: &str| -> String {
             running.split(word).nth(1).unwrap_or("").chars().take_while(|c| c.is_alphanumeric()).collect()
         };
-        let (image, number) = (after("running block "), after(", number "));
+        let (image, number) = (after("running image "), after(", number "));
         let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; sector A ");
         assert!(said.contains("the port is gone") && said.contains(&wanted), "{said} - {running}");
         let then = said.contains("a restart changes nothing") || said.contains("from its next start on");

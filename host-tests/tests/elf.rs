@@ -123,7 +123,7 @@ fn one_second_gates_resolve_ten_microhertz() {
 }
 
 #[test]
-fn a_silent_resonator_is_said_and_the_others_do_not_notice() {
+fn a_silent_resonator_is_flagged_and_the_others_do_not_notice() {
     let c = calibration();
     let good = run(Some(&c), 60, WireFaults::default(), true);
     let faults = WireFaults { axis: vec![(1, AxisFault::Stop, 20.0..40.0)], ..WireFaults::default() };
@@ -161,10 +161,10 @@ fn glitches_are_counted_and_harmless() {
 }
 
 #[test]
-fn a_silent_converter_is_said_and_the_unit_runs_on() {
+fn a_silent_adc_is_flagged_and_the_unit_runs_on() {
     let faults = WireFaults { adc: vec![(AdcFault::Silent, 5.0..12.0)], ..WireFaults::default() };
     let o = run(Some(&calibration()), 20, faults, false);
-    assert_eq!(o.watchdog_resets, 0, "silence of the converter is no reason to reset");
+    assert_eq!(o.watchdog_resets, 0, "silence of the ADC is no reason to reset");
     let silent: Vec<_> =
         o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::ADC_FAULT)).collect();
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
@@ -175,7 +175,7 @@ fn a_silent_converter_is_said_and_the_unit_runs_on() {
 }
 
 #[test]
-fn spoilt_converter_frames_are_refused() {
+fn corrupted_adc_frames_are_refused() {
     let o = run(Some(&calibration()), 20, WireFaults { invalidate_every: Some(100), ..WireFaults::default() }, true);
     assert_eq!(o.received.differing, 0, "{:?}", o.received.first_difference);
     let h = o.received.housekeeping[10];
@@ -188,10 +188,9 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
     let byte_time = 10.0 / 921_600.0;
     let mut t = 2.0;
     let mut link_in = Vec::new();
-    let mut state = 7u32;
+    let mut draws = Draws::new(7);
     for k in 0..3000 {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        link_in.push((t, if k % 50 == 0 { 0 } else { (state >> 24) as u8 }));
+        link_in.push((t, if k % 50 == 0 { 0 } else { draws.below(256) as u8 }));
         t += byte_time;
     }
     link_in.push((t + byte_time, 0));
@@ -216,24 +215,24 @@ fn garbage_on_the_link_is_counted_and_commands_still_work() {
 }
 
 #[test]
-fn a_broken_block_is_refused_and_the_default_used() {
+fn a_broken_image_is_refused_and_the_default_used() {
     let steps = Steps::new(&recording()).expect("long enough");
-    let mut block = calibration().to_bytes().expect("fits");
-    block[100] ^= 1;
+    let mut image = calibration().to_bytes().expect("fits");
+    image[100] ^= 1;
     let elf = elf();
     let wires =
         Wires::new(steps, [hrg_core::calibration::DEFAULT_SCALE_FACTOR; 3], 0.0, 1, None, Decoder::new(&elf).ok());
     let mut board = Board::new(&elf, wires).expect("runs");
-    board.write_flash(CALIBRATION_A, &block).expect("in flash");
+    board.write_flash(CALIBRATION_A, &image).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");
     let h = board.world.received.housekeeping.last().expect("there are");
-    assert_eq!(h.unit_status, UnitStatus::DEFAULT_CALIBRATION | UnitStatus::BLOCK_REFUSED);
+    assert_eq!(h.unit_status, UnitStatus::DEFAULT_CALIBRATION | UnitStatus::IMAGE_REFUSED);
     assert!(h.axis_status.iter().all(|s| s.contains(AxisStatus::UNCALIBRATED)));
     assert!(board.world.received.log.iter().any(|l| l.contains("calibration refused: Checksum")));
 }
 
 #[test]
-fn the_newer_of_two_blocks_is_used() {
+fn the_newer_of_two_images_is_used() {
     let steps = Steps::new(&recording()).expect("long enough");
     let (mut a, mut b) = (calibration(), calibration());
     (a.sequence, b.sequence) = (4, 5);
@@ -285,7 +284,7 @@ fn a_power_cut_at_any_instruction_is_survived() {
 
 #[test]
 fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
-    // One method of each kind of block. The recording's ramp moves all their inputs.
+    // One method of each kind of image. The recording's ramp moves all their inputs.
     let cycle = |kind, profile: &str| {
         let plan = Plan { kind, ..Plan::of(Profile::parse(profile).expect("named"), 11, 12) };
         prepare(&[plan.simulate().recording]).expect("prepares")

@@ -38,7 +38,7 @@ fn the_watchdog_may_run_from_reset_and_bites_where_the_start_hangs() {
 }
 
 #[test]
-fn the_watchdog_bites_where_a_task_stands_still_and_that_is_said() {
+fn the_watchdog_bites_where_a_task_stands_still_and_that_is_flagged() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     let mut board = scene.settled().expect("settles");
     // The model's executor is woken no more: its interrupt (UART4, number 52) is off.

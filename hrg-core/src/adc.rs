@@ -1,4 +1,4 @@
-//! A frame of the ADS131M08 converter: ten 24-bit words, big-endian; status, eight channels, CRC (data sheet SBAS950 8.5).
+//! A frame of the ADS131M08: ten 24-bit words, big-endian; status, eight channels, CRC (data sheet SBAS950 8.5).
 
 use crate::rate_path::CHANNELS;
 
@@ -6,7 +6,7 @@ use crate::rate_path::CHANNELS;
 pub const FRAME: usize = 30;
 /// Words of memory that hold it, as DMA puts it there: bytes in order, so that a word is little-endian.
 pub const WORDS: usize = FRAME.div_ceil(4);
-/// Status bit: the converter has been reset and has lost its settings.
+/// Status bit: the ADC has been reset and has lost its settings.
 const STATUS_RESET: u16 = 1 << 10;
 /// Why a frame gives no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -14,7 +14,7 @@ const STATUS_RESET: u16 = 1 << 10;
 pub enum Fault {
     /// Its checksum does not match.
     Crc,
-    /// The converter says that it was reset: its settings must be written again.
+    /// The ADC reports that it was reset: its settings must be written again.
     Reset,
 }
 
@@ -52,6 +52,8 @@ pub fn decode(frame: &[u32; WORDS]) -> Result<[i32; CHANNELS], Fault> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     fn words(bytes: &[u8; FRAME]) -> [u32; WORDS] {
         core::array::from_fn(|k| {
@@ -85,12 +87,9 @@ mod tests {
 
     #[test]
     fn any_codes_come_back() {
-        let mut x = 1u32;
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..2000 {
-            let codes = core::array::from_fn(|_| {
-                x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                x as i32 >> 8
-            });
+            let codes = core::array::from_fn(|_| rng.random_range(-8_388_608..=8_388_607));
             let seen = decode(&words(&frame(0x0500 & !STATUS_RESET, codes))).expect("valid");
             assert_eq!(seen, codes[..CHANNELS]);
         }

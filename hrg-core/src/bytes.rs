@@ -1,4 +1,4 @@
-//! Little-endian writing and reading of fixed buffers, shared by the calibration block and the link.
+//! Little-endian writing and reading of fixed buffers, shared by the calibration image and the link.
 
 /// That of zip and Ethernet.
 const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);

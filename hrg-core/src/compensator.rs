@@ -254,24 +254,24 @@ mod tests {
     #[test]
     fn the_uncertainty_is_that_of_the_gains() {
         assert!(Compensator::new(calibrated(), 0.0).step(&F).bias_std_dph.iter().all(|s| s.is_nan()), "not stated");
-        let mut block = calibrated();
+        let mut image = calibrated();
         // An effect with three gains of a known covariance: two independent directions, one of them along the baseline's slope too.
         let shape = by_id(3).expect("in the list");
         let mut term = EffectTerm::new(shape.id, [-40.0, 60.0]);
         term.directions[0][1][0] = Half::of(0.5);
         term.directions[1][1][1] = Half::of(-0.25);
-        block.axes[1].uncertainty.rest_dph2 = 0.04;
-        block.axes[1].uncertainty.baseline[0][1] = 2.0;
-        block.effects.push(term).expect("room");
-        let mut c = Compensator::new(block.clone(), 0.0);
+        image.axes[1].uncertainty.rest_dph2 = 0.04;
+        image.axes[1].uncertainty.baseline[0][1] = 2.0;
+        image.effects.push(term).expect("room");
+        let mut c = Compensator::new(image.clone(), 0.0);
         let out = c.step(&F);
         assert!(out.bias_std_dph[0].is_nan() && out.bias_std_dph[2].is_nan());
         // By the definition: the regressors of the effect from its own code, those of the baseline from theirs.
         let state = c.thermometer.now().axes[1].state;
-        let x = bias::regressors(&block.scaling, state.temperature_c, state.ramp_c_per_min);
+        let x = bias::regressors(&image.scaling, state.temperature_c, state.ramp_c_per_min);
         let mut one = crate::effects::Running::new(shape.id, &[-40.0, 60.0], MODEL_STEP_S).expect("in the list");
         let inputs = crate::effects::Inputs {
-            scaling: &block.scaling,
+            scaling: &image.scaling,
             thermal: c.thermometer.now(),
             axis: 1,
             recorded: crate::effects::Recorded::NONE,
@@ -346,11 +346,11 @@ mod tests {
     fn no_slope_is_trusted_that_was_made_of_a_jump_or_of_nothing() {
         // A frequency that runs away and comes back, and one that was away for long: as long as the slope is not that of the
         // resonator, it is flagged.
-        let mut block = calibrated();
-        block.axes.iter_mut().for_each(|a| (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-1.0, 1.0));
+        let mut image = calibrated();
+        image.axes.iter_mut().for_each(|a| (a.valid_from_c_per_min, a.valid_to_c_per_min) = (-1.0, 1.0));
         for lost in [0, 3, 8, 12, 40] {
             for off in [0.1, 0.3, 1.0, 2.0] {
-                let mut c = Compensator::new(block.clone(), 0.0);
+                let mut c = Compensator::new(image.clone(), 0.0);
                 for k in 0..200u32 {
                     let away = (50..55).contains(&k);
                     let f = F[0].map(|f| f + 0.006 * f64::from(k) + if away { off } else { 0.0 });
@@ -386,13 +386,13 @@ mod tests {
 
     #[test]
     fn a_frequency_of_no_resonator_leaves_no_trace() {
-        let mut block = calibrated();
+        let mut image = calibrated();
         let lag = by_id(4).expect("in the list");
         let mut gains = [[0.0; MAX_OUTPUTS]; AXES];
         gains[0][0] = 1.0;
         let term = EffectTerm { gains, ..EffectTerm::new(lag.id, [900.0, 0.0]) };
-        block.effects.push(term).expect("room");
-        let (mut a, mut b) = (Compensator::new(block.clone(), 0.0), Compensator::new(block, 0.0));
+        image.effects.push(term).expect("room");
+        let (mut a, mut b) = (Compensator::new(image.clone(), 0.0), Compensator::new(image, 0.0));
         for k in 0..100u32 {
             let wild = (30..60).contains(&k);
             let x = a.step(&[if wild { Some(11_000.0) } else { F[0] }, F[1], F[2]]);

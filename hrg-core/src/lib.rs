@@ -26,7 +26,7 @@
 //!
 //! # What is calibrated is what flies
 //! The desktop tools call this very crate to make the regressors of a fit, so a coefficient means the same
-//! to the fit and to the unit. Nothing here depends on scheduling: given the same time stamps and converter
+//! to the fit and to the unit. Nothing here depends on scheduling: given the same time stamps and ADC
 //! codes, the results are the same bit for bit on a desktop and on the target. Arithmetic is plain f32 (f64
 //! where a carrier must be subtracted), transcendental functions come from `libm` and [`math`], and the compiler never
 //! fuses a multiply with an add in Rust.

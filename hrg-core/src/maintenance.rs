@@ -1,12 +1,12 @@
 //! Maintenance mode: a calibration into the unit over the link.
 //!
 //! # Two sectors, newest valid wins
-//! A block is only ever written into the sector that is *not* in use, and counts only once its checksum, which comes last,
-//! is whole ([`crate::sectors::newest`]). So a power cut at any moment leaves the old block or the new one, never
+//! An image is only ever written into the sector that is *not* in use, and counts only once its checksum, which comes last,
+//! matches ([`crate::sectors::newest`]). So a power cut at any moment leaves the old image or the new one, never
 //! neither. The sequence number counts burns; each sector has been erased half as often.
 //!
 //! # Who may write
-//! Nothing is obeyed before [`Command::Open`] has named the unit as its block names it. A build with the firmware's feature
+//! No command is executed before [`Command::Open`] has named the unit as its image names it. A build with the firmware's feature
 //! `locked` refuses that too. Chunks come in order; one that is repeated (its answer was lost) is answered again and
 //! not written twice.
 
@@ -34,18 +34,18 @@ pub enum Command {
     Open(UnitName),
     /// Leave it.
     Close,
-    /// A block of so many bytes will come: erases the sector that is not in use.
+    /// An image of so many bytes will come: erases the sector that is not in use.
     Begin(u16),
     /// A piece of it.
     Chunk {
-        /// Offset in the block.
+        /// Offset in the image.
         offset: u16,
         /// Bytes in use.
         length: u8,
         /// The bytes.
         data: [u8; CHUNK],
     },
-    /// The block is whole: check it where it lies.
+    /// The image is complete: check it where it lies.
     End,
     /// Read a piece of a sector.
     Read {
@@ -54,13 +54,13 @@ pub enum Command {
         /// Offset.
         offset: u16,
     },
-    /// Start anew, with the newest block.
+    /// Start anew, with the newest image.
     Restart,
 }
 
-/// A block cut into the chunks that carry it, in order.
-pub fn chunks(block: &[u8]) -> impl Iterator<Item = Command> + '_ {
-    block.chunks(CHUNK).enumerate().map(|(k, piece)| {
+/// An image cut into the chunks that carry it, in order.
+pub fn chunks(image: &[u8]) -> impl Iterator<Item = Command> + '_ {
+    image.chunks(CHUNK).enumerate().map(|(k, piece)| {
         let mut data = [0; CHUNK];
         data[..piece.len()].copy_from_slice(piece);
         Command::Chunk { offset: (k * CHUNK) as u16, length: piece.len() as u8, data }
@@ -68,8 +68,8 @@ pub fn chunks(block: &[u8]) -> impl Iterator<Item = Command> + '_ {
 }
 
 /// The commands of a burn, in order: each is sent when the one before was answered [`Answer::Done`].
-pub fn burn(unit: UnitName, block: &[u8]) -> impl Iterator<Item = Command> + '_ {
-    [Command::Open(unit), Command::Begin(block.len() as u16)].into_iter().chain(chunks(block)).chain([Command::End])
+pub fn burn(unit: UnitName, image: &[u8]) -> impl Iterator<Item = Command> + '_ {
+    [Command::Open(unit), Command::Begin(image.len() as u16)].into_iter().chain(chunks(image)).chain([Command::End])
 }
 
 /// How a command went.
@@ -84,15 +84,15 @@ pub enum Answer {
     OtherUnit = 2,
     /// The build is locked.
     Locked = 3,
-    /// A length that no block has.
+    /// A length that no image has.
     Length = 4,
     /// A chunk that does not follow the one before.
     Order = 5,
     /// The flash could not be written or read.
     Flash = 6,
-    /// What was written is not a valid block of this unit.
-    Block = 7,
-    /// The block is not newer than the one in use: it would never be used.
+    /// What was written is not a valid image of this unit.
+    Image = 7,
+    /// The image is not newer than the one in use: it would never be used.
     NotNewer = 8,
 }
 
@@ -101,7 +101,7 @@ impl Answer {
     #[must_use]
     pub fn from_number(n: u8) -> Option<Self> {
         use Answer as A;
-        [A::Done, A::NotOpen, A::OtherUnit, A::Locked, A::Length, A::Order, A::Flash, A::Block, A::NotNewer]
+        [A::Done, A::NotOpen, A::OtherUnit, A::Locked, A::Length, A::Order, A::Flash, A::Image, A::NotNewer]
             .into_iter()
             .find(|a| *a as u8 == n)
     }
@@ -114,11 +114,11 @@ impl core::fmt::Display for Answer {
             Self::NotOpen => "maintenance mode is not open",
             Self::OtherUnit => "the unit has another name",
             Self::Locked => "the firmware is built without maintenance mode",
-            Self::Length => "no block is as long as that",
+            Self::Length => "no image is as long as that",
             Self::Order => "a chunk does not follow the one before",
             Self::Flash => "the flash could not be written",
-            Self::Block => "what was written is not a valid block of this unit",
-            Self::NotNewer => "the block is not newer than the one in use",
+            Self::Image => "what was written is not a valid image of this unit",
+            Self::NotNewer => "the image is not newer than the one in use",
         })
     }
 }
@@ -126,7 +126,7 @@ impl core::fmt::Display for Answer {
 /// What goes back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// How it went, and a number: the next offset after a chunk, the block's checksum at its end.
+    /// How it went, and a number: the next offset after a chunk, the image's checksum at its end.
     Answer(Answer, u32),
     /// A piece of a sector.
     Data {
@@ -143,12 +143,12 @@ pub enum Reply {
 #[derive(Debug)]
 pub struct Maintenance {
     unit: UnitName,
-    /// The sector in use; `None`: neither holds a valid block.
+    /// The sector in use; `None`: neither holds a valid image.
     in_use: Option<Sector>,
     sequence: u32,
     locked: bool,
     open: bool,
-    /// Length of the block that comes, and what is there of it.
+    /// Length of the image that comes, and what is there of it.
     coming: Option<(u16, u16)>,
 }
 
@@ -248,14 +248,14 @@ impl Maintenance {
         }
         let sector = self.other_sector();
         let bytes = store.view(sector);
-        let (Ok(block), Some(checksum)) = (Calibration::from_bytes(bytes), stored_checksum(bytes)) else {
-            return (Answer::Block, 0);
+        let (Ok(image), Some(checksum)) = (Calibration::from_bytes(bytes), stored_checksum(bytes)) else {
+            return (Answer::Image, 0);
         };
-        // A unit that was never calibrated takes its name from its first block.
-        if block.unit != self.unit && self.in_use.is_some() {
-            return (Answer::Block, 0);
+        // A unit that was never calibrated takes its name from its first image.
+        if image.unit != self.unit && self.in_use.is_some() {
+            return (Answer::Image, 0);
         }
-        if self.in_use.is_some() && block.sequence.wrapping_sub(self.sequence) as i32 <= 0 {
+        if self.in_use.is_some() && image.sequence.wrapping_sub(self.sequence) as i32 <= 0 {
             return (Answer::NotNewer, 0);
         }
         self.coming = None;
@@ -312,7 +312,7 @@ mod tests {
         }
     }
 
-    fn block(sequence: u32) -> Calibration {
+    fn image(sequence: u32) -> Calibration {
         let mut c = Calibration::uncalibrated();
         c.set_unit_name("HRG-7");
         c.calibrated = true;
@@ -333,17 +333,17 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_at_every_operation_leaves_the_old_or_the_new_block() {
-        let old = block(5);
-        let new = block(6);
+    fn a_cut_at_every_operation_leaves_the_old_or_the_new_image() {
+        let old = image(5);
+        let new = image(6);
         for in_use in [Sector::A, Sector::B] {
             let mut finished = false;
             for left in 1..10_000 {
                 let mut sectors = [vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]];
                 let bytes = old.to_bytes().expect("fits");
                 sectors[usize::from(in_use.number())][..bytes.len()].copy_from_slice(&bytes);
-                // The other sector holds an older block still.
-                let older = block(4).to_bytes().expect("fits");
+                // The other sector holds an older image still.
+                let older = image(4).to_bytes().expect("fits");
                 sectors[usize::from(in_use.other().number())][..older.len()].copy_from_slice(&older);
                 let mut store = Memory { sectors, left };
                 let mut m = Maintenance::new(old.unit, old.sequence, Some(in_use), false);
@@ -364,7 +364,7 @@ mod tests {
     fn nothing_is_done_for_strangers_or_in_disorder() {
         let mut store = Memory { sectors: [vec![0xAA; MAX_BYTES], vec![0xAA; MAX_BYTES]], left: u32::MAX };
         let untouched = store.sectors.clone();
-        let mut m = Maintenance::new(block(3).unit, 3, Some(Sector::A), false);
+        let mut m = Maintenance::new(image(3).unit, 3, Some(Sector::A), false);
         let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
             Reply::Data { .. } => Answer::Done,
@@ -373,9 +373,9 @@ mod tests {
         assert_eq!(said(&mut m, &mut store, Command::Restart), Answer::NotOpen);
         assert_eq!(said(&mut m, &mut store, Command::Open(UnitName::new("????????????????"))), Answer::OtherUnit);
         assert_eq!(said(&mut m, &mut store, Command::Read { sector: Sector::A, offset: 0 }), Answer::NotOpen);
-        let mut locked = Maintenance::new(block(3).unit, 3, Some(Sector::A), true);
-        assert_eq!(said(&mut locked, &mut store, Command::Open(block(3).unit)), Answer::Locked);
-        assert_eq!(said(&mut m, &mut store, Command::Open(block(3).unit)), Answer::Done);
+        let mut locked = Maintenance::new(image(3).unit, 3, Some(Sector::A), true);
+        assert_eq!(said(&mut locked, &mut store, Command::Open(image(3).unit)), Answer::Locked);
+        assert_eq!(said(&mut m, &mut store, Command::Open(image(3).unit)), Answer::Done);
         for length in [0, 11, MAX_BYTES as u16 + 1, u16::MAX] {
             assert_eq!(said(&mut m, &mut store, Command::Begin(length)), Answer::Length);
         }
@@ -388,13 +388,13 @@ mod tests {
         assert_eq!(said(&mut m, &mut store, chunk(0, 255)), Answer::Order);
         assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done);
         assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done, "repeated");
-        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Order, "not whole");
+        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Order, "not complete");
         assert_eq!(said(&mut m, &mut store, chunk(128, 128)), Answer::Done);
         assert_eq!(said(&mut m, &mut store, chunk(256, 44)), Answer::Done);
-        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Block, "zeros are no block");
+        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Image, "zeros are no image");
         assert_eq!(store.sectors[0], untouched[0], "the sector in use is never touched");
-        assert_eq!(burn(&mut m, &mut store, &block(3)), Answer::NotNewer);
-        let mut stranger = block(9);
+        assert_eq!(burn(&mut m, &mut store, &image(3)), Answer::NotNewer);
+        let mut stranger = image(9);
         stranger.set_unit_name("HRG-8");
         assert_eq!(burn(&mut m, &mut store, &stranger), Answer::OtherUnit);
     }

@@ -1,4 +1,4 @@
-//! The rate path: converter codes in at 1 kHz, corrected rates out.
+//! The rate path: ADC codes in at 1 kHz, corrected rates out.
 //!
 //! # When a new bias takes effect
 //! A bias is *pending* with the timer tick from which it holds. It takes effect at the first sample whose
@@ -12,10 +12,10 @@ use crate::status::{AxisStatus, UnitStatus};
 use crate::timebase::Timebase;
 use crate::AXES;
 
-/// Channels of the converter that are used: three rates, two horizontal accelerometers.
+/// Channels of the ADC that are used: three rates, two horizontal accelerometers.
 pub const CHANNELS: usize = AXES + 2;
 
-/// Codes at or beyond this magnitude are the converter's end of scale (24 bits, two's complement).
+/// Codes at or beyond this magnitude are the ADC's end of scale (24 bits, two's complement).
 pub const FULL_SCALE_CODE: i32 = 0x7F_FFF0;
 
 /// Samples per rate frame at start: 1 kHz / 5 = 200 Hz. Settable over the link.
@@ -389,7 +389,7 @@ impl RatePath {
             }
         }
         for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
-            // Only a block of absurd numbers brings this about.
+            // Only an image of absurd numbers brings this about.
             if !sum.is_finite() {
                 *status |= AxisStatus::UNCALIBRATED;
             }

@@ -42,7 +42,7 @@ impl Sector {
     }
 }
 
-/// The checksum that stands at the end of a block; `None` where there is no room for one.
+/// The checksum that stands at the end of an image; `None` where there is no room for one.
 #[must_use]
 pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
     let length = u16::from_le_bytes(*bytes.get(6..8)?.first_chunk()?);
@@ -55,8 +55,8 @@ pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
 pub struct Found {
     /// The newest valid image, with the sector it came from.
     pub newest: Option<(Calibration, Sector)>,
-    /// Why a sector's content was refused that is no valid block and not erased either: a block whose memory has changed, or
-    /// one whose writing was cut short. The unit says so ([`crate::status::UnitStatus::BLOCK_REFUSED`]), for the one in use may be
+    /// Why a sector's content was refused that is no valid image and not erased either: an image whose memory has changed, or
+    /// one whose writing was cut short. The unit says so ([`crate::status::UnitStatus::IMAGE_REFUSED`]), for the one in use may be
     /// the older.
     pub refused: Option<ImageError>,
 }
@@ -65,10 +65,10 @@ pub struct Found {
 #[inline(never)]
 #[must_use]
 pub fn newest(a: &[u8], b: &[u8]) -> Found {
-    // A block is large, and the unit's stack small: one at a time, and the one that is used is read once more.
+    // An image is large, and the unit's stack small: one at a time, and the one that is used is read once more.
     let number = |bytes| Calibration::from_bytes(bytes).map(|c| c.sequence);
     let (x, y) = (number(a), number(b));
-    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != ImageError::NoBlock);
+    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != ImageError::NoImage);
     let sector = match (x, y) {
         // Sequence numbers compare across their wrap.
         (Ok(x), Ok(y)) if y.wrapping_sub(x) as i32 > 0 => Some(Sector::B),
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn newest_valid_block_wins() {
+    fn newest_valid_image_wins() {
         let (mut x, mut y) = (full(), full());
         x.sequence = u32::MAX;
         y.sequence = 0;

@@ -49,7 +49,7 @@ bitflags! {
         /// The last reset came from the watchdog.
         const WATCHDOG_RESET = 1 << 5;
         /// An image in flash was refused (wrong length, version, checksum or number).
-        const BLOCK_REFUSED = 1 << 6;
+        const IMAGE_REFUSED = 1 << 6;
     }
 }
 
@@ -76,7 +76,7 @@ impl UnitStatus {
         "frames-dropped",
         "default-calibration",
         "watchdog-reset",
-        "block-refused",
+        "image-refused",
         "-",
     ];
 }

@@ -96,7 +96,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 2000, ..ProptestConfig::default() })]
 
     #[test]
-    fn any_accepted_block_with_any_frequencies_gives_finite_biases(
+    fn any_accepted_image_with_any_frequencies_gives_finite_biases(
         c in calibration(),
         steps in proptest::collection::vec([frequency(), frequency(), frequency()], 1..60),
     ) {
@@ -186,7 +186,7 @@ proptest! {
         // What the compensator stages is finite: see above.
         p.set_bias(PendingBias::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [AxisStatus::empty(); 3]));
         for (k, c) in codes.into_iter().enumerate() {
-            // A converter has 24 bits.
+            // An ADC has 24 bits.
             let e = p.sample(90_000 * k as u32, c.map(|c| c >> 8));
             prop_assert!(!e.corrupted);
             if let Some(f) = e.frame {

@@ -1,7 +1,7 @@
 //! The ADS131M08 ADC as its SPI master sees it (data sheet SBAS950).
 //!
 //! Frames of ten 24-bit words. What goes out is latched when chip select falls: the answer to the last command,
-//! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is obeyed when the frame ends.
+//! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is executed when the frame ends.
 
 const WORDS: usize = 10;
 const FRAME: usize = WORDS * 3;
@@ -21,7 +21,7 @@ pub struct Ads131m08 {
     input: [u8; FRAME],
     at: usize,
     selected: bool,
-    spoil: bool,
+    corrupt: bool,
 }
 
 impl Default for Ads131m08 {
@@ -40,7 +40,7 @@ impl Default for Ads131m08 {
             input: [0; FRAME],
             at: 0,
             selected: false,
-            spoil: false,
+            corrupt: false,
         }
     }
 }
@@ -62,11 +62,11 @@ impl Ads131m08 {
         self.fresh = true;
     }
 
-    /// Chip select changes; `spoil` flips a bit of the frame that begins.
-    pub fn select(&mut self, selected: bool, spoil: bool) {
+    /// Chip select changes; `corrupt` flips a bit of the frame that begins.
+    pub fn select(&mut self, selected: bool, corrupt: bool) {
         if selected && !self.selected {
             self.at = 0;
-            self.spoil = spoil;
+            self.corrupt = corrupt;
             self.latch();
         }
         if !selected && self.selected && self.at >= 6 {
@@ -86,7 +86,7 @@ impl Ads131m08 {
         }
         let crc = CRC.checksum(&self.out[..27]);
         self.out[27..29].copy_from_slice(&crc.to_be_bytes());
-        if self.spoil {
+        if self.corrupt {
             self.out[4] ^= 0x10;
         }
         self.fresh = false;
@@ -103,10 +103,10 @@ impl Ads131m08 {
         out
     }
 
-    /// The codes of the frame that was just sent, and whether it was unspoilt and whole.
+    /// The codes of the frame that was just sent, and whether it was intact and complete.
     #[must_use]
     pub fn sent(&self) -> ([i32; 8], bool) {
-        (self.codes, !self.spoil && self.at == FRAME)
+        (self.codes, !self.corrupt && self.at == FRAME)
     }
 
     fn word(&self, index: usize) -> u16 {

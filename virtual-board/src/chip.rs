@@ -182,9 +182,9 @@ pub struct Chip {
     pub usart1: Usart,
     pub adc: Ads131m08,
     /// Chip select of the ADC: port and pin.
-    pub converter_select: (usize, usize),
+    pub adc_select: (usize, usize),
     /// The next ADC frame is invalid.
-    pub spoil: bool,
+    pub corrupt: bool,
     dbgmcu: u32,
     /// When the running SPI transfer ends.
     pub spi_done: u64,
@@ -227,8 +227,8 @@ impl Chip {
             spi1: Spi::default(),
             usart1: Usart::default(),
             adc: Ads131m08::default(),
-            converter_select: (1, 6),
-            spoil: false,
+            adc_select: (1, 6),
+            corrupt: false,
             dbgmcu: 0,
             spi_done: u64::MAX,
             usart_done: u64::MAX,
@@ -282,10 +282,10 @@ impl Chip {
             a @ 0x4002_0000..=0x4002_1C00 => {
                 let port = ((a - 0x4002_0000) / 0x400) as usize;
                 let done = self.ports[port].write(word, value);
-                let (p, pin) = self.converter_select;
+                let (p, pin) = self.adc_select;
                 if p == port {
                     let selected = !self.ports[p].driven(pin);
-                    self.adc.select(selected, self.spoil);
+                    self.adc.select(selected, self.corrupt);
                 }
                 return self.finish(done, address);
             }

@@ -89,7 +89,7 @@ pub trait World {
     /// An edge was captured: the channel and the timer's reading.
     fn captured(&mut self, _channel: usize, _stamp: u32) {}
     /// The firmware has fetched a whole ADC frame: reading of the timer at its data-ready edge, the codes
-    /// of the frame, and whether it went over the wire unspoilt.
+    /// of the frame, and whether it went over the wire intact.
     fn fetched(&mut self, _stamp: u32, _codes: [i32; 8], _good: bool) {}
     /// Bytes that the firmware has sent over the link, at the end of a DMA transfer.
     fn link_out(&mut self, cycles: u64, bytes: &[u8]);

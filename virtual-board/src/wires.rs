@@ -33,7 +33,7 @@ impl<W: World> Board<W> {
         self.wires.invalid = self.world.invalidate_adc_frame();
         let chip = self.cpu.get_data_mut();
         chip.ready = (at.min(chip.now), chip.instructions);
-        chip.spoil = self.wires.invalid;
+        chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
         // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
         if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {

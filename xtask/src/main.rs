@@ -1,6 +1,7 @@
 //! `cargo xtask demo`, `cargo xtask test` and the smaller steps that they are made of.
 
 mod elf;
+mod fingerprint;
 mod fuzz;
 mod setup;
 
@@ -24,9 +25,10 @@ const USAGE: &str = "cargo xtask COMMAND
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
   bench [ARGS]      what the unit costs in instructions and bytes, and the desktop in time (--page docs/bench.md: into that page)
-  fingerprint       checksums of frames, images and files: compare them before and after a change that should change nothing
+  fingerprint       checksums of frames, images, files, traces of 20 units and a short study: compare them before and after a change
+                    that should change nothing (about 30 min)
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
-  methods [ARGS]    every identification method on three simulated units, weighed and flown (about 20 min)
+  methods [ARGS]    every identification method on three simulated units, its cost counted, and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
   study --controls [N] the trace on N clean units (default 500), a third with the spectra of measured residuals, into docs/controls-*.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
@@ -45,7 +47,7 @@ fn main() -> ExitCode {
         Some("screens") => screens(),
         Some("align-demo") => align_demo(rest),
         Some("bench") => board("bench", rest).and_then(|()| tool("hrg-bench", rest)),
-        Some("fingerprint") => board("fingerprint", rest),
+        Some("fingerprint") => fingerprint::print(rest),
         Some("faults") => board("faults", rest),
         Some("methods") => board("methods", rest),
         Some("test") => test(),
@@ -109,11 +111,12 @@ fn cargo(arguments: &[&str]) -> Command {
     c
 }
 
-/// Builds the host programs in release.
+/// Builds the host programs in release: all of them at once, for other packages beside them would choose other features of their
+/// dependencies, and compile these anew.
 fn programs() -> Result<(), Failure> {
     setup::host()?;
-    println!("building hrg and hrg-board");
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board"]))
+    println!("building hrg, hrg-board and foreign-plant");
+    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board", "-p", "foreign-plant"]))
 }
 
 /// Runs a host program in release.
@@ -171,7 +174,6 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
 /// Builds the second plant, and `hrg`, which it grades.
 fn foreign_plant() -> Result<PathBuf, Failure> {
     programs()?;
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "foreign-plant"]))?;
     Ok(root().join("target/release/foreign-plant"))
 }
 

@@ -375,7 +375,7 @@ fn moment(time_s: f64, position: u8, e: &Estimate) -> Moment {
     }
 }
 
-/// Runs a filter over a recording: the aligner at its end, and what was believed each second.
+/// Runs a filter over a recording: the aligner at its end, and what it estimated each second.
 pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Aligner<F>, Vec<(f64, u8, Estimate)>) {
     let mut aligner = Aligner::new(filter, config);
     let mut history = Vec::new();
@@ -424,7 +424,7 @@ const LONGEST_HOLE: f64 = 3.0;
 pub struct Start {
     /// First azimuth of the EKF, degrees.
     pub azimuth_deg: f64,
-    /// What it is believed to, degrees.
+    /// Its standard deviation, degrees.
     pub azimuth_std_deg: f64,
     /// Seed of the literal particle filter.
     pub seed: u64,
@@ -461,7 +461,7 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
     })
 }
 
-/// What a run gives: the outcome, when it converged, and what was believed each second.
+/// What a run gives: the outcome, when it converged, and what it estimated each second.
 pub type FilterRun = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
 
 #[cfg(test)]

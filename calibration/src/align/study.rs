@@ -67,7 +67,7 @@ pub fn campaigns(runs: u64, seed: u64) -> Vec<Row> {
     let with = |edit: &dyn Fn(Plant) -> Plant| -> Vec<Plant> { drawn.iter().map(|p| edit(*p)).collect() };
     let nominal = Start::default();
     let seeded = |k: u64| Start { seed: seed.wrapping_add(k), ..nominal };
-    // The EKF's first azimuth: anywhere, and believed.
+    // The EKF's first azimuth: anywhere, and taken as known.
     let anywhere =
         |k: u64| Start { azimuth_deg: (k as f64 * 137.507_764) % 360.0 - 180.0, azimuth_std_deg: 60.0, seed: k };
     let rough = with(&|p| Plant { velocity_noise: 1e-3, angle_random_walk: 1e-3 * DEGREE / 60.0, ..p });
@@ -246,7 +246,7 @@ pub fn one_position(runs: u64, seed: u64, known_dph: &[f64]) -> Vec<(f64, f64, f
             let (mut errors, mut stds) = (Vec::new(), Vec::new());
             for k in 0..runs {
                 let drawn = Plant::drawn(seed * 100_000 + k);
-                // Drifts of that size, and believed to be.
+                // Drifts of that size, and taken to be.
                 let drift = drawn.drift.map(|d| d / 0.2 * known);
                 let (recording, truth) = Plant { drift, seconds: [200, 0, 0], ..drawn }.play();
                 let Ok(mut config) = recording.config() else { continue };

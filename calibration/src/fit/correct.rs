@@ -14,12 +14,12 @@
 //! [`Model`] is the one place where this is written on the desktop. The virtual board's twin runs it, too, and the frames of the ELF
 //! are compared with it bit for bit.
 
+use crate::recording::columns::{self, Written};
 use crate::recording::format::Thermometer;
 use crate::recording::metadata::{scale_text, SCALE_FACTOR};
 use crate::recording::names;
 use crate::recording::steps::{Steps, BRIDGE_S};
 use crate::recording::Recording;
-use crate::AXIS_NAMES;
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::StepFrequencies;
@@ -206,6 +206,21 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
     Ok(Corrected { seconds, notes })
 }
 
+/// The columns of a recording of corrected rates. One sensor's reading stands in the column of each of its axes.
+fn written(source: &Recording) -> [Written<Second>; 8] {
+    let readings = if source.thermometer.is_sensor() { columns::SENSOR } else { columns::FREQUENCY };
+    [
+        (readings, |s, a| s.frequency_hz[a].into()),
+        (columns::RATE, |s, a| s.corrected_dph[a].into()),
+        (columns::RAW, |s, a| s.raw_dph[a].into()),
+        (columns::BIAS, |s, a| s.bias_dph[a].into()),
+        (columns::BIAS_STD, |s, a| s.bias_std_dph[a].into()),
+        (columns::TEMPERATURE, |s, a| s.temperature_c[a].into()),
+        (columns::STATUS, |s, a| s.status[a].into()),
+        (columns::UNIT_STATUS, |s, _| s.status[AXES].into()),
+    ]
+}
+
 /// Seconds as a recording of corrected rates, with raw rates and the rest beside them. `how`: what made them, for the metadata.
 /// Numbers are written so that they come back to the last bit.
 #[must_use]
@@ -245,38 +260,12 @@ pub fn to_csv(
         s.push_str("# thermometer: sensor\n");
     }
     let present: Vec<usize> = source.present().collect();
-    // A reading for each axis: one sensor's stands in each of its axes' columns.
-    let readings = if source.thermometer.is_sensor() { Thermometer::Sensors } else { Thermometer::Frequency };
-    s.push_str("time_s");
-    for a in &present {
-        let _ = write!(s, ",{}", readings.column(*a));
-    }
-    for (before, after) in [
-        ("rate_", "_dph"),
-        ("raw_", "_dph"),
-        ("bias_", "_dph"),
-        ("bias_std_", "_dph"),
-        ("temperature_", "_c"),
-        ("status_", ""),
-    ] {
-        for a in &present {
-            let _ = write!(s, ",{before}{}{after}", AXIS_NAMES[*a]);
-        }
-    }
-    s.push_str(",status_unit\n");
+    let written = written(source);
+    s.push_str(&columns::header(&written, &present));
+    s.push('\n');
     for x in seconds {
         let _ = write!(s, "{}", x.time_s);
-        for f in present.iter().map(|a| x.frequency_hz[*a]) {
-            let _ = if f.is_finite() { write!(s, ",{f}") } else { write!(s, ",") };
-        }
-        for column in [x.corrected_dph, x.raw_dph, x.bias_dph, x.bias_std_dph, x.temperature_c] {
-            for v in present.iter().map(|a| column[*a]) {
-                let _ = if v.is_finite() { write!(s, ",{v}") } else { write!(s, ",") };
-            }
-        }
-        for v in present.iter().chain([&AXES]).map(|k| x.status[*k]) {
-            let _ = write!(s, ",{v}");
-        }
+        columns::cells(&mut s, &written, &present, x);
         s.push('\n');
     }
     s

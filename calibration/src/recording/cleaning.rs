@@ -1,9 +1,9 @@
 //! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
 
 use super::format::Thermometer;
-use super::Recording;
+use super::{columns, Recording};
 use crate::numeric::stats::median;
-use crate::{BadInput, AXIS_NAMES};
+use crate::BadInput;
 
 /// Why a value was taken out of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -72,7 +72,11 @@ impl Recording {
             first_bad.get_or_insert(k + 1);
         }
         if let Some(first) = first_bad {
-            self.cleaned.push(Cleaned { column: "time_s".into(), defect: Defect::BadTime, count: bad_times });
+            self.cleaned.push(Cleaned {
+                column: columns::TIME.name(0).into(),
+                defect: Defect::BadTime,
+                count: bad_times,
+            });
             self.notes.push(format!(
                 "{bad_times} rows have a time that is missing, repeats, goes back or is far ahead ({ahead}), the first is row {first} of the data: left out"
             ));
@@ -124,11 +128,11 @@ impl Recording {
                 _ => (0, remove_spikes(readings, 12.0, 0.01)),
             };
             if self.thermometer.parts_axes() || a == axes[0] {
-                counts.push((self.thermometer.column(a), stuck, spikes));
+                counts.push((self.thermometer.column(a).to_string(), stuck, spikes));
             }
             let stuck = remove_stuck(&mut self.rate_dph[a], step);
             let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
-            counts.push((format!("rate_{}_dph", AXIS_NAMES[a]), stuck, spikes));
+            counts.push((columns::RATE.name(a).to_string(), stuck, spikes));
         }
         for (name, values) in &mut self.optional {
             // Coarse sensors stand still for long by nature: spikes only.
@@ -147,7 +151,7 @@ impl Recording {
             }
         }
         for a in axes {
-            let rate = format!("rate_{}_dph", AXIS_NAMES[a]);
+            let rate = columns::RATE.name(a);
             let own =
                 (self.thermometer != Thermometer::None).then(|| (self.thermometer.column(a), &self.frequency_hz[a]));
             for (name, column) in own.into_iter().chain([(rate, &self.rate_dph[a])]) {
@@ -323,7 +327,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dirt_is_counted_and_taken_out() {
+    fn defects_are_counted_and_taken_out() {
         let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
         lines[50] = lines[49].clone(); // repeated time
         lines[100] = "98,4900.01,4890.01,4700,900,2,3".into(); // spike

@@ -1,8 +1,9 @@
-//! The columns of a recording: their names, and what the axes read their temperature from (their resonators, or sensors).
+//! What the axes of a recording read their temperature from: their resonators, or sensors.
 //!
 //! A resonator needs a curve from frequency to temperature. A sensor gives the temperature itself; the unit's code then runs with
 //! the curve `T = T`, so that a unit with sensors is calibrated, corrected and judged by the same code as one with resonators.
 
+use super::columns::{self, Column, Role};
 use crate::AXIS_NAMES;
 use hrg_core::AXES;
 
@@ -29,13 +30,14 @@ impl Thermometer {
 
     /// The column of an axis' readings.
     #[must_use]
-    pub fn column(self, a: usize) -> String {
-        match self {
-            Self::Frequency => format!("f{}_hz", AXIS_NAMES[a]),
-            Self::Sensors => format!("temp_{}_c", AXIS_NAMES[a]),
-            Self::OneSensor => "temp_c".into(),
-            Self::None => String::new(),
-        }
+    pub fn column(self, a: usize) -> &'static str {
+        self.columns().map_or("", |c| c.name(a))
+    }
+
+    /// The columns of the readings.
+    #[must_use]
+    pub fn columns(self) -> Option<&'static Column> {
+        columns::ALL.iter().find(|c| c.role == Role::Reading(self))
     }
 
     /// What a reading is called in a sentence.
@@ -52,15 +54,6 @@ impl Thermometer {
     #[must_use]
     pub fn parts_axes(self) -> bool {
         matches!(self, Self::Frequency | Self::Sensors)
-    }
-
-    /// Digits after the point with which a reading is written.
-    pub(crate) fn digits(self) -> usize {
-        if self.is_sensor() {
-            5
-        } else {
-            7
-        }
     }
 }
 
@@ -82,42 +75,4 @@ pub fn require_resonators(r: &crate::recording::Recording) -> Result<(), crate::
 pub fn named(present: [bool; AXES]) -> String {
     let names: Vec<String> = (0..AXES).filter(|&a| present[a]).map(|a| AXIS_NAMES[a].to_string()).collect();
     crate::list(&names)
-}
-
-/// Optional columns that are kept, by name.
-pub const OPTIONAL: [&str; 12] = [
-    "case_x_c",
-    "case_y_c",
-    "case_z_c",
-    "chamber_c",
-    "board_c",
-    "supply_v",
-    "drive_x_v",
-    "drive_y_v",
-    "drive_z_v",
-    "quad_x_v",
-    "quad_y_v",
-    "quad_z_v",
-];
-
-/// What older files call some of them.
-const FORMER: [(&str, &str); 3] = [("shell_x_c", "case_x_c"), ("shell_y_c", "case_y_c"), ("shell_z_c", "case_z_c")];
-
-/// The name that a column has today.
-#[must_use]
-pub fn column_name(name: &str) -> &str {
-    FORMER.iter().find(|(former, _)| *former == name).map_or(name, |(_, today)| today)
-}
-
-/// Columns of a unit's status.
-pub(super) const STATUS: [&str; 4] = ["status_x", "status_y", "status_z", "status_unit"];
-
-/// Beginnings of columns that a unit's recording has beside those that a fit uses.
-pub(super) const FROM_UNIT: [&str; 5] = ["temperature_", "bias_", "status_", "raw_", "corrected_"];
-
-/// Whether a column is one that some thermometer has.
-pub(super) fn is_reading(name: &str) -> bool {
-    [Thermometer::Frequency, Thermometer::Sensors, Thermometer::OneSensor]
-        .iter()
-        .any(|t| (0..AXES).any(|a| t.column(a) == name))
 }

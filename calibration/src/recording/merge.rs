@@ -5,7 +5,7 @@
 
 use crate::numeric::stats::median;
 use crate::recording::dialect;
-use crate::recording::{column_name, Recording, OPTIONAL};
+use crate::recording::{columns, Recording};
 use crate::BadInput;
 use chrono::{DateTime, NaiveDateTime, NaiveTime};
 use std::fmt::Write as _;
@@ -188,11 +188,11 @@ impl Wanted {
                     "--columns: \"{item}\" is not of the form chamber_c=Temperature"
                 )));
             };
-            let ours = column_name(ours.trim());
-            if !OPTIONAL.contains(&ours) {
+            let ours = columns::today(ours.trim());
+            if !columns::optional().any(|o| o == ours) {
                 return Err(MergeError::Usage(format!(
                     "--columns: a recording has no column {ours}; there are {}",
-                    OPTIONAL.join(", ")
+                    columns::optional_names()
                 )));
             }
             if pairs.iter().any(|(o, _)| o == ours) {
@@ -406,7 +406,7 @@ fn beside(plain: &str, source: &str, added: &[(&str, Vec<f64>)]) -> String {
             row += 1;
         } else {
             let names = names(line);
-            let at = |ours: &str| names.iter().position(|n| column_name(n) == ours);
+            let at = |ours: &str| names.iter().position(|n| columns::today(n) == ours);
             let places: Vec<Option<usize>> = added.iter().map(|(ours, _)| at(ours)).collect();
             let list: Vec<&str> = added.iter().map(|(ours, _)| *ours).collect();
             let _ = writeln!(out, "# merged: {} from {source}", list.join(" "));

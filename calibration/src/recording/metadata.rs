@@ -3,6 +3,7 @@
 //! A line that is there and cannot be used is an error, never ignored: corrected rates that are taken for raw ones, or the
 //! earth's rate left in a constant, show nowhere else. Keys that this program does not know are kept and mean nothing.
 
+use super::columns;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::AXES;
 
@@ -122,7 +123,7 @@ impl Lines {
     pub fn take(&mut self, line: usize, text: &str) -> Result<(), MetadataError> {
         let text = text.trim_start_matches(['#', ' ', '\t']);
         let Some(at) = text.find([':', '=']) else {
-            if text.contains("time_s") {
+            if text.contains(columns::TIME.name(0)) {
                 self.commented_header.get_or_insert(line);
             }
             return Ok(());

@@ -5,6 +5,7 @@
 //! counted, reported in [`Recording::notes`], and taken out; never silently used.
 
 mod cleaning;
+pub mod columns;
 pub mod dialect;
 pub mod facts;
 pub mod format;
@@ -17,7 +18,6 @@ pub mod steps;
 mod writer;
 
 pub use cleaning::{Cleaned, Defect};
-pub use format::{column_name, OPTIONAL};
 pub(crate) use reader::utf8;
 
 use crate::BadInput;
@@ -42,7 +42,7 @@ pub struct Recording {
     pub frequency_hz: [Vec<f64>; AXES],
     /// Rates, deg/h; NaN where missing.
     pub rate_dph: [Vec<f64>; AXES],
-    /// Optional columns that are there, in the order of [`OPTIONAL`]; NaN where missing.
+    /// Optional columns that are there, by their names in [`columns`]; NaN where missing.
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
     pub status: Vec<[u8; 4]>,

@@ -1,8 +1,9 @@
 //! Reads the text of a recording, as it is. Strict about form: a missing column or text in a number ends with the line and column.
 
-use super::format::{column_name, is_reading, named, Thermometer, FROM_UNIT, OPTIONAL, STATUS};
+use super::columns::{self, Role};
+use super::format::{named, Thermometer};
 use super::{dialect, metadata, Cleaned, Defect, Recording};
-use crate::{BadInput, AXIS_NAMES};
+use crate::BadInput;
 use hrg_core::AXES;
 
 impl Recording {
@@ -175,36 +176,33 @@ impl Recording {
         }
         let mut slots = Vec::new();
         for (k, name) in names.iter().enumerate() {
-            let name = &column_name(name);
-            if names[..k].iter().any(|n| column_name(n) == *name) {
+            let name = columns::today(name);
+            if names[..k].iter().any(|n| columns::today(n) == name) {
                 return Err(BadInput(format!("line {line}, column {}: {name} is there twice; remove one", k + 1)));
             }
-            let axis = AXIS_NAMES.iter().position(|a| name.get(1..2) == Some(a) || name.get(5..6) == Some(a));
-            let status = STATUS.iter().position(|s| s == name);
-            let own = |a: &usize| {
-                self.thermometer != Thermometer::None && self.thermometer.column(*a) == **name && !self.absent[*a]
+            let Some((column, a)) = columns::find(name) else {
+                self.notes.push(format!("column {name} is not known and is ignored"));
+                slots.push(Slot::Ignored);
+                continue;
             };
-            let slot = if *name == "time_s" {
-                Slot::Time
-            } else if let Some(a) = (0..AXES).find(own) {
-                Slot::Reading(if self.thermometer == Thermometer::OneSensor { first } else { a })
-            } else if is_reading(name) {
-                self.notes.push(format!("column {name} is not used: {} the thermometer", self.says_thermometer()));
-                Slot::Ignored
-            } else if let Some(k) = status {
-                Slot::Status { k, first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })) }
-            } else if let (Some(a), true) =
-                (axis, name.len() == 10 && name.starts_with("rate_") && name.ends_with("_dph"))
-            {
-                Slot::Rate(a)
-            } else if let Some(known) = OPTIONAL.iter().find(|o| *o == name) {
-                self.optional.push((known, Vec::with_capacity(rows)));
-                Slot::Optional(self.optional.len() - 1)
-            } else {
-                if !FROM_UNIT.iter().any(|own| name.starts_with(own)) {
-                    self.notes.push(format!("column {name} is not known and is ignored"));
+            let slot = match column.role {
+                Role::Time => Slot::Time,
+                Role::Reading(t) if t == self.thermometer && t == Thermometer::OneSensor => Slot::Reading(first),
+                Role::Reading(t) if t == self.thermometer && !self.absent[a] => Slot::Reading(a),
+                Role::Reading(_) => {
+                    self.notes.push(format!("column {name} is not used: {} the thermometer", self.says_thermometer()));
+                    Slot::Ignored
                 }
-                Slot::Ignored
+                Role::Rate => Slot::Rate(a),
+                Role::Optional => {
+                    self.optional.push((column.name(a), Vec::with_capacity(rows)));
+                    Slot::Optional(self.optional.len() - 1)
+                }
+                Role::Status => Slot::Status {
+                    k: if column.is_of_axes() { a } else { AXES },
+                    first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })),
+                },
+                Role::Computed => Slot::Ignored,
             };
             slots.push(slot);
         }
@@ -226,7 +224,7 @@ impl Recording {
     /// Decides what the thermometer is and which axes there are; gives the first axis.
     fn axes_of_header(&mut self, names: &[&str], line: usize, metadata: &metadata::Lines) -> Result<usize, BadInput> {
         let has = |wanted: &str| names.contains(&wanted);
-        let any = |t: Thermometer| (0..AXES).any(|a| has(&t.column(a)));
+        let any = |t: Thermometer| (0..AXES).any(|a| has(t.column(a)));
         let sensor = if any(Thermometer::Sensors) { Thermometer::Sensors } else { Thermometer::OneSensor };
         self.thermometer = match metadata.get("thermometer") {
             Some("sensor") => sensor,
@@ -234,29 +232,30 @@ impl Recording {
             None if !any(Thermometer::Frequency) && any(sensor) => sensor,
             _ => Thermometer::Frequency,
         };
-        let rate = |a: usize| format!("rate_{}_dph", AXIS_NAMES[a]);
-        let there = |a: usize| has(&rate(a)) || (self.thermometer.parts_axes() && has(&self.thermometer.column(a)));
+        let rate = |a: usize| columns::RATE.name(a);
+        let time = columns::TIME.name(0);
+        let there = |a: usize| has(rate(a)) || (self.thermometer.parts_axes() && has(self.thermometer.column(a)));
         // Names in capitals are an oversight, not an axis left out.
-        let nearly = |a: usize| names.iter().any(|n| n.eq_ignore_ascii_case(&rate(a)));
+        let nearly = |a: usize| names.iter().any(|n| n.eq_ignore_ascii_case(rate(a)));
         self.absent = [0, 1, 2].map(|a| !(there(a) || nearly(a)));
         if !self.absent.contains(&false) {
             self.absent = [false; AXES];
         }
-        let mut wanted = if metadata.get(metadata::TIME_STEP).is_some() { vec![] } else { vec!["time_s".to_string()] };
+        let mut wanted = if metadata.get(metadata::TIME_STEP).is_some() { vec![] } else { vec![time] };
         if self.thermometer != Thermometer::None {
             wanted.extend(self.present().map(|a| self.thermometer.column(a)));
         }
         wanted.extend(self.present().map(rate));
         for name in wanted {
-            if !names.contains(&name.as_str()) {
-                let advice = if name == "time_s" {
+            if !names.contains(&name) {
+                let advice = if name == time {
                     "rows that are evenly apart may have \"# time_step_s: SECONDS\" in its place"
                 } else {
                     "a recording needs time_s, and for each axis rate_?_dph and f?_hz (or temp_?_c, or temp_c for all; \"# thermometer: none\" where there is none)"
                 };
                 return Err(BadInput(format!(
                     "line {line}: the column {name} is missing{}; {advice}; there are {}",
-                    why_missing(&name, names),
+                    why_missing(name, names),
                     names.join(", ")
                 )));
             }

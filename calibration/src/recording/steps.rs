@@ -1,5 +1,6 @@
 //! A recording as the unit would have seen it: on the grid of model steps, through the unit's own code.
 
+use crate::recording::columns::{self, Column};
 use crate::recording::Recording;
 use crate::BadInput;
 use hrg_core::bias::{Scaling, State};
@@ -121,7 +122,7 @@ impl Steps {
             let half = (0.5 * r.step_s() / step).floor() as usize;
             rate_dph.iter_mut().for_each(|v| spread(v, half));
         }
-        let axis = |kind: &str, unit: &str| crate::AXIS_NAMES.map(|a| held(&format!("{kind}_{a}_{unit}")));
+        let axis = |column: Column| [0, 1, 2].map(|a| held(column.name(a)));
         let steps = Self {
             start_s: first,
             power_on_s: r.power_on_s(),
@@ -130,12 +131,12 @@ impl Steps {
             absent: r.absent,
             frequency_hz,
             rate_dph,
-            case_c: axis("case", "c"),
-            chamber_c: held("chamber_c"),
-            board_c: held("board_c"),
-            supply_v: held("supply_v"),
-            drive_v: axis("drive", "v"),
-            quad_v: axis("quad", "v"),
+            case_c: axis(columns::CASE),
+            chamber_c: held(columns::CHAMBER.name(0)),
+            board_c: held(columns::BOARD.name(0)),
+            supply_v: held(columns::SUPPLY.name(0)),
+            drive_v: axis(columns::DRIVE),
+            quad_v: axis(columns::QUADRATURE),
         };
         Ok((steps, index))
     }

@@ -1,9 +1,7 @@
 //! Writes a recording as text.
 
-use super::format::Thermometer;
+use super::columns::{self, Column, Format};
 use super::{metadata, Recording};
-use crate::AXIS_NAMES;
-use hrg_core::AXES;
 use std::fmt::Write as _;
 
 impl Recording {
@@ -15,44 +13,56 @@ impl Recording {
         for (k, v) in self.meta.iter().filter(|(k, _)| k != metadata::TIME_STEP) {
             let _ = writeln!(s, "# {k}: {v}");
         }
-        s.push_str("time_s");
-        let columns = match self.thermometer {
-            Thermometer::None => 0,
-            Thermometer::OneSensor => 1,
-            _ => AXES,
-        };
-        let readings: Vec<usize> = self.present().take(columns).collect();
-        for a in &readings {
-            let _ = write!(s, ",{}", self.thermometer.column(*a));
+        let present: Vec<usize> = self.present().collect();
+        let readings = self.thermometer.columns();
+        let earth_rate = self.earth_rate_dph.unwrap_or_default();
+        let mut columns: Vec<Written<'_>> = Vec::new();
+        for a in readings.map_or(&present[..0], |c| c.of(&present)) {
+            columns.extend(readings.map(|c| Written::new(c, *a, &self.frequency_hz[*a], None)));
         }
-        for a in self.present() {
-            let _ = write!(s, ",rate_{}_dph", AXIS_NAMES[a]);
+        columns
+            .extend(present.iter().map(|a| Written::new(&columns::RATE, *a, &self.rate_dph[*a], Some(earth_rate[*a]))));
+        for (name, values) in &self.optional {
+            columns.extend(columns::find(name).map(|(c, a)| Written::new(c, a, values, None)));
         }
-        for (name, _) in &self.optional {
-            let _ = write!(s, ",{name}");
-        }
+        s.push_str(columns::TIME.name(0));
+        columns.iter().for_each(|c| s.extend([",", c.name]));
         s.push('\n');
-        let cell = |s: &mut String, v: f64, digits: usize| {
-            if v.is_finite() {
-                let _ = write!(s, ",{v:.digits$}");
-            } else {
-                s.push(',');
-            }
-        };
         for k in 0..self.time_s.len() {
             let _ = write!(s, "{}", self.time_s[k]);
-            for a in &readings {
-                cell(&mut s, self.frequency_hz[*a][k], self.thermometer.digits());
-            }
-            for a in self.present() {
-                cell(&mut s, self.rate_dph[a][k] + self.earth_rate_dph.map_or(0.0, |e| e[a]), 5);
-            }
-            for (_, c) in &self.optional {
-                cell(&mut s, c[k], 4);
-            }
+            columns.iter().for_each(|c| c.cell(&mut s, k));
             s.push('\n');
         }
         s
+    }
+}
+
+/// A column as it is written.
+struct Written<'r> {
+    name: &'static str,
+    values: &'r [f64],
+    /// Added to each value.
+    offset: Option<f64>,
+    /// Digits after the point; `None`: as many as bring it back.
+    digits: Option<usize>,
+}
+
+impl<'r> Written<'r> {
+    fn new(column: &Column, a: usize, values: &'r [f64], offset: Option<f64>) -> Self {
+        let digits = match column.format {
+            Format::Digits(n) => Some(n),
+            Format::Exact | Format::Bits => None,
+        };
+        Self { name: column.name(a), values, offset, digits }
+    }
+
+    fn cell(&self, s: &mut String, k: usize) {
+        let v = self.offset.map_or(self.values[k], |o| self.values[k] + o);
+        let _ = match self.digits {
+            _ if !v.is_finite() => write!(s, ","),
+            Some(digits) => write!(s, ",{v:.digits$}"),
+            None => write!(s, ",{v}"),
+        };
     }
 }
 
@@ -60,6 +70,7 @@ impl Recording {
 mod tests {
     use super::super::samples::rows;
     use super::*;
+    use crate::recording::format::Thermometer;
 
     #[test]
     fn sensors_and_fewer_axes_are_read_and_written() {

@@ -18,6 +18,7 @@ pub use profile::{Leg, Profile, PROFILES};
 pub use units::Kind;
 
 use crate::numeric::stats::{block_means, std_dev};
+use crate::recording::columns::{self, Column};
 use crate::recording::metadata::{self, Attitude, Direction};
 use crate::recording::Recording;
 use effects::{effect_bias, left_after_baseline};
@@ -182,26 +183,13 @@ impl Plan {
                 })
                 .collect()
         });
-        let mut optional: Vec<(&'static str, Vec<f64>)> = Vec::new();
-        let [qx, qy, qz] = quantised;
-        let [dx, dy, dz] = monitors.drive_v;
-        let [ux, uy, uz] = monitors.quad_v;
-        for (name, values) in crate::recording::OPTIONAL.into_iter().zip([
-            qx,
-            qy,
-            qz,
-            chamber,
-            monitors.board_c,
-            monitors.supply_v,
-            dx,
-            dy,
-            dz,
-            ux,
-            uy,
-            uz,
-        ]) {
-            optional.push((name, values));
-        }
+        let alone = |column: Column, values: Vec<f64>| (column.name(0), values);
+        let mut optional: Vec<(&'static str, Vec<f64>)> = of_axes(columns::CASE, quantised).collect();
+        optional.push(alone(columns::CHAMBER, chamber));
+        optional.push(alone(columns::BOARD, monitors.board_c));
+        optional.push(alone(columns::SUPPLY, monitors.supply_v));
+        optional.extend(of_axes(columns::DRIVE, monitors.drive_v));
+        optional.extend(of_axes(columns::QUADRATURE, monitors.quad_v));
         Simulated {
             recording: Recording {
                 meta: self.metadata(&default),
@@ -217,6 +205,11 @@ impl Plan {
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },
         }
     }
+}
+
+/// Values under the names of a column that each axis has.
+fn of_axes(column: Column, values: [Vec<f64>; AXES]) -> impl Iterator<Item = (&'static str, Vec<f64>)> {
+    values.into_iter().enumerate().map(move |(a, v)| (column.name(a), v))
 }
 
 #[cfg(test)]

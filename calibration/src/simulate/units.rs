@@ -84,7 +84,7 @@ impl Kind {
     }
 }
 
-/// The bias model that a simulated unit is given: eq 7 in the scaling of the uncalibrated block.
+/// The bias model that a simulated unit is given: eq 7 in the scaling of the uncalibrated image.
 fn unit_coefficients(unit_seed: u64) -> [[f64; TERMS]; AXES] {
     let mut rng = ChaCha8Rng::seed_from_u64(unit_seed.wrapping_mul(0x9E37_79B9).wrapping_add(17));
     [0, 1, 2].map(|_| {

@@ -7,6 +7,7 @@
 //! With it, the resonator's temperature can be predicted where no frequency is at hand.
 
 use crate::numeric::lsq;
+use crate::recording::columns;
 use crate::recording::steps::Run;
 use crate::BadInput;
 use hrg_core::AXES;
@@ -212,8 +213,7 @@ pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
     }
     let mut out = Vec::new();
     for a in 0..AXES {
-        let name =
-            if input == Input::Chamber { "chamber_c".to_string() } else { format!("case_{}_c", crate::AXIS_NAMES[a]) };
+        let name = if input == Input::Chamber { columns::CHAMBER } else { columns::CASE }.name(a);
         let u = input_of(run, a, input).ok_or_else(|| {
             BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
         })?;

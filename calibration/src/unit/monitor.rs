@@ -125,15 +125,15 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         frame.render_widget(Paragraph::new(format!("unit {name}: {wait}   (q ends)")), head);
         return;
     };
-    let block = if h.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION) {
+    let image = if h.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION) {
         Span::styled("no calibration: compiled-in default".to_string(), bad)
     } else {
-        Span::raw(format!("block {:08x} no. {} of {}", h.calibration, h.sequence, date(h.created_unix_s)))
+        Span::raw(format!("image {:08x} no. {} of {}", h.calibration, h.sequence, date(h.created_unix_s)))
     };
     let mode = mode::NAMES.get(usize::from(h.mode)).copied().unwrap_or("?");
     frame.render_widget(
         Paragraph::new(vec![
-            Line::from(vec![Span::styled(format!("unit {name}  "), bold), block]),
+            Line::from(vec![Span::styled(format!("unit {name}  "), bold), image]),
             Line::from(format!("on for {}   mode {mode}   q ends", clock(h.time_ms))),
         ]),
         head,
@@ -302,7 +302,7 @@ mod tests {
         let text = screen(&state).expect("drawn");
         for part in [
             "unit HRG-101",
-            "block deadbeef no. 4 of 2026-11-21",
+            "image deadbeef no. 4 of 2026-11-21",
             "on for 0:50:00   mode navigate",
             "4898.6260",
             "+0.005",

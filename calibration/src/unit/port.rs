@@ -148,7 +148,7 @@ impl std::fmt::Display for Held {
         for (name, bytes) in [("A", a), ("B", b)] {
             match Calibration::from_bytes(bytes) {
                 Ok(c) => write!(f, "; sector {name} holds image {:08x}, number {}", c.checksum(), c.sequence)?,
-                Err(ImageError::NoBlock) => write!(f, "; sector {name} is empty")?,
+                Err(ImageError::NoImage) => write!(f, "; sector {name} is empty")?,
                 Err(e) => write!(f, "; sector {name} holds no valid image ({e})")?,
             }
         }
@@ -313,7 +313,7 @@ impl Unit {
         }
     }
 
-    /// A sector as it lies in flash, as far as a block reaches.
+    /// A sector as it lies in flash, as far as an image reaches.
     fn sector(&mut self, sector: Sector) -> Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(MAX_BYTES);
         while bytes.len() < MAX_BYTES {
@@ -398,7 +398,7 @@ impl Unit {
         Ok(None)
     }
 
-    /// Both sectors: the block in each, or why there is none.
+    /// Both sectors: the image in each, or why there is none.
     ///
     /// # Errors
     /// Where the unit refuses, or does not answer.

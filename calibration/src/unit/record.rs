@@ -1,11 +1,13 @@
 //! A recording from a unit as it runs: from housekeeping on the link, or from the log alone. Both give the same rows.
 
+use crate::recording::columns::{self, Written};
 use crate::recording::metadata::{scale_text, Attitude, SCALE_FACTOR};
 use crate::recording::names;
 use crate::unit::sensors::{self, Sensors};
-use crate::{BadInput, AXIS_NAMES};
+use crate::BadInput;
 use anyhow::{Context, Result};
 use hrg_core::link::Housekeeping;
+use hrg_core::AXES;
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -100,6 +102,20 @@ const WRAP_MS: u64 = 3_600_000;
 /// Seconds without a row that are called a gap.
 const GAP_MS: u32 = 2500;
 
+/// The columns of a unit's recording. Its rates are the raw ones.
+const COLUMNS: [Written<Second>; 7] = [
+    (columns::FREQUENCY, |s, a| s.frequency_hz[a].into()),
+    (columns::RATE, |s, a| s.raw_dph[a].into()),
+    (columns::TEMPERATURE, |s, a| s.temperature_c[a].into()),
+    (columns::BIAS, |s, a| s.bias_dph[a].into()),
+    (columns::BIAS_STD, |s, a| s.bias_std_dph[a].into()),
+    (columns::STATUS, |s, a| s.status[a].into()),
+    (columns::UNIT_STATUS, |s, _| s.status[AXES].into()),
+];
+
+/// A unit records all its axes.
+const EACH_AXIS: [usize; AXES] = [0, 1, 2];
+
 /// What a recording says of the unit.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Head {
@@ -135,7 +151,7 @@ impl Head {
     }
 }
 
-/// Writes a recording row by row: the file is whole at any moment.
+/// Writes a recording row by row: the file is valid at any moment.
 #[derive(Debug)]
 pub struct Recorder {
     base: PathBuf,
@@ -201,22 +217,9 @@ impl Recorder {
             })
         })?;
         let mut head = self.head.text(second);
-        head.push_str("time_s");
-        for (before, after) in [
-            ("f", "_hz"),
-            ("rate_", "_dph"),
-            ("temperature_", "_c"),
-            ("bias_", "_dph"),
-            ("bias_std_", "_dph"),
-            ("status_", ""),
-        ] {
-            for a in AXIS_NAMES {
-                let _ = write!(head, ",{before}{a}{after}");
-            }
-        }
-        head.push_str(",status_unit");
+        head.push_str(&columns::header(&COLUMNS, &EACH_AXIS));
         if self.sensors.is_some() {
-            sensors::COLUMNS.iter().for_each(|c| head.extend([",", c]));
+            sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
         head.push('\n');
         self.file = Some((file, path));
@@ -224,7 +227,7 @@ impl Recorder {
         self.append(&head)
     }
 
-    /// Adds text to the file whole, or not at all: what a full disk has cut short is taken off again.
+    /// Adds all of a text to the file, or nothing: what a full disk has cut short is taken off again.
     fn append(&mut self, text: &str) -> Result<()> {
         let Some((file, path)) = &mut self.file else { return Ok(()) };
         if let Err(e) = file.write_all(text.as_bytes()) {
@@ -237,7 +240,7 @@ impl Recorder {
         Ok(())
     }
 
-    /// Takes a second. Rates are the raw ones, whatever block the unit runs.
+    /// Takes a second. Rates are the raw ones, whatever image the unit runs.
     ///
     /// # Errors
     /// Where the file cannot be written (a full disk): what is in it stays.
@@ -268,21 +271,9 @@ impl Recorder {
             let _ = writeln!(row, "# gap: no data from {last_s} to {now_s} s");
         }
         let _ = write!(row, "{now_s}");
-        let cell = |row: &mut String, v: &dyn std::fmt::Display, there: bool| {
-            let _ = if there { write!(row, ",{v}") } else { write!(row, ",") };
-        };
-        for f in second.frequency_hz {
-            cell(&mut row, &f, f.is_finite());
-        }
-        for v in second.raw_dph.iter().chain(&second.temperature_c).chain(&second.bias_dph).chain(&second.bias_std_dph)
-        {
-            cell(&mut row, v, v.is_finite());
-        }
-        for s in second.status {
-            let _ = write!(row, ",{s}");
-        }
+        columns::cells(&mut row, &COLUMNS, &EACH_AXIS, second);
         for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
-            cell(&mut row, v, v.is_finite());
+            let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
         }
         row.push('\n');
         self.append(&row)?;

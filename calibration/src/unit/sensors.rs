@@ -6,7 +6,7 @@
 //! time since the unit's power-on; else a reading belongs to the moment at which its line comes. A value is written into the one
 //! row that it belongs to: what reads the recording draws straight lines between.
 
-use crate::recording::column_name;
+use crate::recording::columns::{self, Column, CASE, CHAMBER};
 use crate::BadInput;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Read};
@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 /// The columns that sensors fill.
-pub const COLUMNS: [&str; 4] = ["case_x_c", "case_y_c", "case_z_c", "chamber_c"];
+pub const COLUMNS: [Column; 2] = [CASE, CHAMBER];
 
 /// Baud rate of a port that names none.
 const BAUD: u32 = 9600;
@@ -45,7 +45,7 @@ pub enum LineError {
 pub struct Reading {
     /// Time since the unit's power-on, s, where the line tells.
     pub time_s: Option<f64>,
-    /// Temperatures in the order of [`COLUMNS`], C; NaN where not told.
+    /// Temperatures in the order of the names of [`COLUMNS`], C; NaN where not told.
     pub values_c: [f64; 4],
 }
 
@@ -59,10 +59,11 @@ pub struct Lines {
 }
 
 fn target(name: &str) -> Result<Target, LineError> {
-    if name == "time_s" {
+    let name = columns::today(name);
+    if name == columns::TIME.name(0) {
         return Ok(None);
     }
-    let at = COLUMNS.iter().position(|c| *c == column_name(name));
+    let at = COLUMNS.iter().flat_map(|c| c.names).position(|n| *n == name);
     at.map(Some).ok_or_else(|| LineError::Name(name.chars().take(24).collect()))
 }
 
@@ -298,7 +299,7 @@ mod tests {
         std::fs::write(&path, "case_x_c=99\ntime_s=2.5 case_y_c=7\ncase_x_c").expect("written");
         let mut s = Sensors::open(path.to_str().expect("text")).expect("there");
         let mut f = std::fs::File::options().append(true).open(&path).expect("there");
-        // The line that had begun is whole now, and as old as its beginning; the next is new.
+        // The line that had begun is complete now, and as old as its beginning; the next is new.
         f.write_all(b"=98\ncase_x_c=20.25 chamber_c=21\nnonsense\n").expect("written");
         let mut rows = Vec::new();
         for k in 1..200 {

@@ -44,7 +44,7 @@ pub struct Aligner<F> {
     same: [u32; 2],
     /// Steps without readings since the last one.
     missed: u32,
-    /// What the filter believes since the last step or turn: asked for once, because it costs more than a step.
+    /// What the filter estimates since the last step or turn: asked for once, because it costs more than a step.
     belief: Option<Estimate>,
     refusal: Option<Refusal>,
 }
@@ -190,7 +190,7 @@ impl<F: Filter> Aligner<F> {
         self.refusal.get_or_insert(refusal);
     }
 
-    /// What the filter believes, whether or not it may be given out.
+    /// What the filter estimates, whether or not it may be given out.
     #[must_use]
     pub fn belief(&self) -> Option<Estimate> {
         self.belief

@@ -4,7 +4,6 @@
 
 use super::real::{congruence, product, zeros, Matrix, Real};
 use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Config, Estimate, Filter};
-use crate::math::double;
 
 /// States.
 pub const STATES: usize = 7;
@@ -116,7 +115,7 @@ pub(super) fn estimate<T: Real>(x: &[T; STATES], p: &Matrix<T, STATES>) -> Optio
     if !sound(x, p) {
         return None;
     }
-    let std = |k: usize| double::sqrt(p[k][k].f64());
+    let std = |k: usize| libm::sqrt(p[k][k].f64());
     Some(Estimate {
         azimuth: wrap(x[A].f64()),
         azimuth_std: std(A),
@@ -138,7 +137,7 @@ pub struct Ekf<T> {
 }
 
 impl<T: Real> Ekf<T> {
-    /// Starts from an azimuth (rad) that is believed to a standard deviation (rad).
+    /// Starts from an azimuth (rad) that is known to a standard deviation (rad).
     #[must_use]
     pub fn new(config: Config, azimuth: f64, azimuth_std: f64) -> Self {
         let mut x = [T::zero(); STATES];

@@ -166,7 +166,7 @@ impl<T: Real> Filter for Linear<T> {
             }
             u = [u[0] * gc - u[1] * gs, u[0] * gs + u[1] * gc];
         }
-        let length = double::sqrt(best[0].f64() * best[0].f64() + best[1].f64() * best[1].f64());
+        let length = libm::sqrt(best[0].f64() * best[0].f64() + best[1].f64() * best[1].f64());
         let mut best = best.map(|v| v.f64() / length);
         let turn = |u: [f64; 2], s: f64, c: f64| [u[0] * c - u[1] * s, u[0] * s + u[1] * c];
         let mut bend = f64::NAN;
@@ -200,11 +200,11 @@ impl<T: Real> Filter for Linear<T> {
             let g = [p(k, C) * w[0][0] + p(k, S) * w[1][0], p(k, C) * w[0][1] + p(k, S) * w[1][1]];
             let given = p(k, k) - g[0] * p(k, C) - g[1] * p(k, S);
             let moved = g[0] * along[0] + g[1] * along[1];
-            double::sqrt(if given > 0.0 { given } else { 0.0 } + moved * moved / bend)
+            libm::sqrt(if given > 0.0 { given } else { 0.0 } + moved * moved / bend)
         };
         let out = Estimate {
-            azimuth: wrap(double::atan2(best[1], best[0])),
-            azimuth_std: double::sqrt(1.0 / bend),
+            azimuth: wrap(libm::atan2(best[1], best[0])),
+            azimuth_std: libm::sqrt(1.0 / bend),
             tilt: [shifted(TH), shifted(TH + 1)],
             tilt_std: [deviation(TH), deviation(TH + 1)],
             drift: [shifted(D), shifted(D + 1)],

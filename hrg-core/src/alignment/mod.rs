@@ -197,10 +197,10 @@ impl Config {
 pub fn normal_gravity(latitude_deg: f64) -> f64 {
     let s = double::sin_cos(latitude_deg * DEGREE).0;
     let s2 = s * s;
-    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / double::sqrt(1.0 - 0.006_694_379_990_14 * s2)
+    9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / libm::sqrt(1.0 - 0.006_694_379_990_14 * s2)
 }
 
-/// What a filter believes.
+/// What a filter estimates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Azimuth of axis 1 as it stood in position 1, rad, -pi to pi.
@@ -231,7 +231,7 @@ pub trait Filter {
     fn set_velocity(&mut self, velocity: [f64; 2]);
     /// Velocities cannot be trusted to go on from where they were: their errors are unknown from here.
     fn forget_velocity(&mut self);
-    /// What the filter believes; `None` if it has broken down.
+    /// What the filter estimates; `None` if it has broken down.
     fn estimate(&self) -> Option<Estimate>;
 }
 
@@ -247,7 +247,7 @@ pub trait Begin: Filter {
 /// Velocity errors unknown, m/s.
 const ANY_VELOCITY: f64 = 1.0;
 
-/// One Kalman update with a reading of state `index` itself, in Joseph's form. An outlier is not thrown away but believed
+/// One Kalman update with a reading of state `index` itself, in Joseph's form. An outlier is not thrown away but taken
 /// less: the innovation's variance is widened to a ninth of its square. Gives the squared innovation over its variance,
 /// and the logarithm of its likelihood, for the variance as used.
 fn update<T: Real, const N: usize>(

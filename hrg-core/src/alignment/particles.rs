@@ -1,9 +1,9 @@
 //! The unscented particle filter, in two forms over the model of [`super::ekf`]. `N` unscented Kalman filters each.
 //!
 //! - [`Literal`]: as van der Merwe and chen2015 have it. Each step every filter makes a proposal, a state is drawn from
-//!   it and weighed by likelihood times transition prior over proposal. Azimuth and drifts are constants, so the
+//!   it and weighted by likelihood times transition prior over proposal. Azimuth and drifts are constants, so the
 //!   transition prior is nearly a spike, weights collapse, and most runs fail. Kept as it is, to show that.
-//! - [`Kernels`]: the same filters as a mixture. Each keeps its mean and is weighed by how well it predicted the reading;
+//! - [`Kernels`]: the same filters as a mixture. Each keeps its mean and is weighted by how well it predicted the reading;
 //!   when few weights are left, the heavy ones are split along the azimuth, their covariance shared out among the
 //!   children.
 
@@ -31,7 +31,7 @@ impl<T: Real> Particle<T> {
     fn predict(&mut self, model: &Model<T>, config: &Config, seconds: f64, readings: bool) -> bool {
         let Some(root) = cholesky(&self.p) else { return false };
         let dt = T::of(seconds);
-        let reach = T::of(double::sqrt(STATES as f64));
+        let reach = T::of(libm::sqrt(STATES as f64));
         let mut points = [[T::zero(); STATES]; 2 * STATES];
         let mut mean = [T::zero(); STATES];
         let share = T::of(1.0 / (2 * STATES) as f64);
@@ -162,7 +162,7 @@ impl<T: Real, const N: usize> Cloud<T, N> {
                 *m += w.f64() * v.f64();
             }
         }
-        mean[A] = double::atan2(s, c);
+        mean[A] = libm::atan2(s, c);
         let mut x = [T::zero(); STATES];
         let mut p = zeros::<T, STATES>();
         for k in 0..STATES {
@@ -308,7 +308,7 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
                     let even = 1.0 / (1.0 + (m * m - 1.0) / 12.0);
                     let kept = if even > narrow { even } else { narrow };
                     // Evenly along the azimuth; what their spread takes of the covariance is taken off each.
-                    let apart = double::sqrt(12.0 * (1.0 - kept) / (m * m - 1.0));
+                    let apart = libm::sqrt(12.0 * (1.0 - kept) / (m * m - 1.0));
                     let place = apart * (f64::from(j) - 0.5 * (m - 1.0));
                     let taken = T::of(1.0 - kept) / variance;
                     let way = T::of(place) / variance.sqrt();
@@ -361,7 +361,7 @@ impl Random {
 
     /// Normal, by Box and Muller.
     fn normal(&mut self) -> f64 {
-        double::sqrt(-2.0 * libm::log(self.uniform())) * double::sin_cos(2.0 * PI * self.uniform()).1
+        libm::sqrt(-2.0 * libm::log(self.uniform())) * double::sin_cos(2.0 * PI * self.uniform()).1
     }
 }
 

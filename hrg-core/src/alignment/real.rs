@@ -1,5 +1,5 @@
-//! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions from
-//! [`crate::math`] and `libm`, on both sides.
+//! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions
+//! of `libm` and the sine of [`crate::math`], on both sides.
 
 use crate::math::{double, single};
 use core::fmt::Debug;
@@ -86,8 +86,8 @@ macro_rules! real {
     };
 }
 
-real!(f32, single::sin_cos, single::atan2, single::sqrt, libm::logf, libm::expf);
-real!(f64, double::sin_cos, double::atan2, double::sqrt, libm::log, libm::exp);
+real!(f32, single::sin_cos, libm::atan2f, libm::sqrtf, libm::logf, libm::expf);
+real!(f64, double::sin_cos, libm::atan2, libm::sqrt, libm::log, libm::exp);
 
 /// A square matrix, row by row.
 pub type Matrix<T, const N: usize> = [[T; N]; N];

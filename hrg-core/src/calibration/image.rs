@@ -14,7 +14,7 @@ use heapless::Vec;
 const HEADER: usize = size(Header::FIELDS);
 
 impl Calibration {
-    /// The block, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
+    /// The image, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.
     #[must_use]
     pub fn to_bytes(&self) -> Option<Vec<u8, MAX_BYTES>> {
         let mut buffer = [0u8; MAX_BYTES];
@@ -35,7 +35,7 @@ impl Calibration {
         Vec::from_slice(&buffer[..length]).ok()
     }
 
-    /// Reads a block; `bytes` may be longer than the block (a whole flash sector).
+    /// Reads an image; `bytes` may be longer than the image (a flash sector).
     ///
     /// # Errors
     /// Each defect has its own [`ImageError`].
@@ -46,9 +46,9 @@ impl Calibration {
     /// The same by a program whose newest version is this.
     pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
         if !bytes.starts_with(&MAGIC) {
-            // An erased sector holds no fault; a block whose first bytes are upset does.
+            // An erased sector holds no fault; an image whose first bytes are corrupted does.
             let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
-            return Err(if erased { ImageError::NoBlock } else { ImageError::Foreign });
+            return Err(if erased { ImageError::NoImage } else { ImageError::Foreign });
         }
         let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(ImageError::Length(0))?;
         if !(OLDEST..=newest).contains(&version) {
@@ -75,7 +75,7 @@ impl Calibration {
         Ok(calibration)
     }
 
-    /// The block's checksum: its identity in housekeeping and log.
+    /// The image's checksum: its identity in housekeeping and log.
     #[must_use]
     pub fn checksum(&self) -> u32 {
         let Some(bytes) = self.to_bytes() else {
@@ -180,7 +180,7 @@ impl Calibration {
         Some(Ok(()))
     }
 
-    /// Reads what a block of version 1 holds; `None` where it is too short.
+    /// Reads what an image of version 1 holds; `None` where it is too short.
     #[inline(never)]
     fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
         self.take_fields(r)?;

@@ -1,10 +1,10 @@
-//! The coefficient block: what the desktop identifies and the unit keeps in flash.
+//! The coefficient image: what the desktop identifies and the unit keeps in flash.
 //!
 //! # Layout (little-endian)
-//! `magic "HRGC"`, `version u16`, `length u16` (of the whole block, checksum included), payload, `CRC-32` (ISO-HDLC)
+//! `magic "HRGC"`, `version u16`, `length u16` (of the whole image, checksum included), payload, `CRC-32` (ISO-HDLC)
 //! of all before it. The payload is written and read by one pair of functions in `image.rs`, in one order.
-//! Effects are named by the stable numbers of [`crate::effects`], so an old block loads in a new firmware; a new
-//! block with an effect that an old firmware lacks is refused by name of error, never half used.
+//! Effects are named by the stable numbers of [`crate::effects`], so an old image loads in a new firmware; a new
+//! image with an effect that an old firmware lacks is refused by name of error, never half used.
 //!
 //! # Versions
 //! A new version only appends fields to the payload: none is removed, moved or given another meaning, and each has a value that
@@ -12,7 +12,7 @@
 //! values; an older firmware refuses a newer image ([`ImageError::Version`]), flags it, and uses the other sector or the default.
 //! Images of each version are stored in `hrg-core/tests/images` and read by every test run.
 //!
-//! Every number is checked when a block is read: a block with a valid checksum and an absurd number is as
+//! Every number is checked when an image is read: an image with a valid checksum and an absurd number is as
 //! useless as a broken one.
 
 mod check;
@@ -27,16 +27,16 @@ use crate::unit_name::UnitName;
 use crate::AXES;
 use heapless::Vec;
 
-/// First bytes of every block.
+/// First bytes of every image.
 pub const MAGIC: [u8; 4] = *b"HRGC";
 /// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
 /// [`Uncertainty`].
 pub const VERSION: u16 = 2;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
-/// Most effects in one block.
+/// Most effects in one image.
 pub const MAX_EFFECTS: usize = 8;
-/// Longest possible block in bytes.
+/// Longest possible image in bytes.
 pub const MAX_BYTES: usize = 4096;
 /// Most directions of an [`Uncertainty`].
 pub const DIRECTIONS: usize = 2;
@@ -116,7 +116,7 @@ pub struct Calibration {
     pub unit: UnitName,
     /// When it was made, seconds since 1970 (0: the compiled-in default).
     pub created_unix_s: u32,
-    /// Counts up with each block burnt; the newest valid block wins.
+    /// Counts up with each image burnt; the newest valid image wins.
     pub sequence: u32,
     /// CRC-32 of the recordings that made it.
     pub data_crc32: u32,
@@ -130,13 +130,13 @@ pub struct Calibration {
     pub effects: Vec<EffectTerm, MAX_EFFECTS>,
 }
 
-/// Why a block was refused.
+/// Why an image was refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum ImageError {
     /// The flash is erased (or there is nothing at all).
-    NoBlock,
-    /// It does not begin as a block does, and is not erased either.
+    NoImage,
+    /// It does not begin as an image does, and is not erased either.
     Foreign,
     /// It is of another version.
     Version(u16),
@@ -159,22 +159,22 @@ pub enum ImageError {
 impl core::fmt::Display for ImageError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {
-            Self::NoBlock => write!(f, "there is no calibration block"),
-            Self::Foreign => write!(f, "what is there does not begin as a calibration block does"),
+            Self::NoImage => write!(f, "there is no calibration image"),
+            Self::Foreign => write!(f, "what is there does not begin as a calibration image does"),
             Self::Version(v) => {
-                write!(f, "the block is of version {v}, this program reads versions {OLDEST} to {VERSION}")
+                write!(f, "the image is of version {v}, this program reads versions {OLDEST} to {VERSION}")
             }
-            Self::Length(n) => write!(f, "the block's length of {n} bytes is impossible"),
-            Self::Checksum => write!(f, "the block's checksum does not match its content"),
-            Self::NotFinite => write!(f, "the block holds a number that is not finite"),
-            Self::Absurd(what) => write!(f, "the block's {what} is impossible"),
+            Self::Length(n) => write!(f, "the image's length of {n} bytes is impossible"),
+            Self::Checksum => write!(f, "the image's checksum does not match its content"),
+            Self::NotFinite => write!(f, "the image holds a number that is not finite"),
+            Self::Absurd(what) => write!(f, "the image's {what} is impossible"),
             Self::UnknownModel(kind) => {
-                write!(f, "the block's bias model is of kind {kind}, which this program does not know")
+                write!(f, "the image's bias model is of kind {kind}, which this program does not know")
             }
             Self::UnknownEffect(id) => {
-                write!(f, "the block holds effect number {id}, which this program does not know")
+                write!(f, "the image holds effect number {id}, which this program does not know")
             }
-            Self::NotOnUnit(id) => write!(f, "the block holds effect number {id}, which a unit cannot compute"),
+            Self::NotOnUnit(id) => write!(f, "the image holds effect number {id}, which a unit cannot compute"),
         }
     }
 }
@@ -315,7 +315,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_largest_block_fits() {
+    fn the_largest_image_fits() {
         let mut c = full();
         c.effects.clear();
         for axis in &mut c.axes {
@@ -337,8 +337,8 @@ pub(crate) mod tests {
     #[test]
     fn each_defect_has_its_error() {
         let good = full().to_bytes().expect("fits");
-        assert_eq!(Calibration::from_bytes(&[]), Err(ImageError::NoBlock));
-        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(ImageError::NoBlock));
+        assert_eq!(Calibration::from_bytes(&[]), Err(ImageError::NoImage));
+        assert_eq!(Calibration::from_bytes(&[0xFF; 64]), Err(ImageError::NoImage));
         let mut b = good.clone();
         b[4] = 9;
         assert_eq!(Calibration::from_bytes(&b), Err(ImageError::Version(9)));

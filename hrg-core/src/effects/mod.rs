@@ -5,7 +5,7 @@
 //! gains belong to an axis. To add one: write its file, add it to the list at the end of this one, give it a
 //! number that was never used, and test it.
 //!
-//! Numbers are stable: they are what the calibration block stores.
+//! Numbers are stable: they are what the calibration image stores.
 
 use crate::bias::{Scaling, State};
 use crate::half::Half;
@@ -100,7 +100,7 @@ pub enum Reach {
 pub trait Effect: Sized {
     /// Name in reports.
     const NAME: &'static str;
-    /// Number in the calibration block.
+    /// Number in the calibration image.
     const ID: u16;
     /// Names of the inner parameters, with unit.
     const PARAMETERS: &'static [&'static str];
@@ -128,9 +128,9 @@ pub trait Regressors: Copy {
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
     /// The sum of each times its gain.
-    fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
+    fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
     /// The same of gains of half the length.
-    fn weighed_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32;
+    fn weighted_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32;
 }
 
 impl<const N: usize> Regressors for [f32; N] {
@@ -142,11 +142,11 @@ impl<const N: usize> Regressors for [f32; N] {
         out
     }
     #[inline]
-    fn weighed(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
+    fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
         crate::bias::dot(gains, self)
     }
     #[inline]
-    fn weighed_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32 {
+    fn weighted_by_halves(&self, gains: &[Half; MAX_OUTPUTS]) -> f32 {
         gains.iter().zip(self).map(|(g, x)| g.value() * x).sum()
     }
 }
@@ -167,7 +167,7 @@ pub struct Facts {
     pub effect: EffectId,
     /// Name in reports.
     pub name: &'static str,
-    /// Number in the calibration block.
+    /// Number in the calibration image.
     pub id: u16,
     /// Names of the inner parameters, with unit.
     pub parameters: &'static [&'static str],
@@ -223,9 +223,9 @@ fn add_bias_dph<E: Effect, const N: usize>(
     let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
     for axis in 0..AXES {
         let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
-        sums.bias_dph[axis] += x.weighed(&sums.gains[axis]);
+        sums.bias_dph[axis] += x.weighted(&sums.gains[axis]);
         for (along, gains) in sums.along_dph.iter_mut().zip(sums.directions) {
-            along[axis] += x.weighed_by_halves(&gains[axis]);
+            along[axis] += x.weighted_by_halves(&gains[axis]);
         }
     }
 }

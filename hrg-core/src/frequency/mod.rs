@@ -62,6 +62,8 @@ impl Config {
 mod tests {
     extern crate std;
     use super::*;
+    use rand::{Rng, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     const TICKS: f64 = 90e6;
 
@@ -110,11 +112,8 @@ mod tests {
     #[test]
     fn many_at_once_are_as_one_by_one() {
         // Edges with jitter, glitches, gaps and a silence, cut into batches of any length.
-        let mut x = 7u32;
-        let mut draw = |n: u32| {
-            x = x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (x >> 16) % n
-        };
+        let mut rng = ChaCha8Rng::seed_from_u64(7);
+        let mut draw = |n: u32| rng.random_range(0..n);
         let mut stamps = std::vec::Vec::new();
         let mut at = 5000u32;
         for k in 0..20_000u32 {
@@ -142,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn glitches_and_holes_are_counted_and_harmless() {
+    fn glitches_and_gaps_are_counted_and_harmless() {
         let steps = run(4800.0, 4.2, 9_000_000, |k, t| match k % 1000 {
             500 => [None, None],
             700 => [Some(t), Some(t + 5000)],
@@ -163,11 +162,8 @@ mod tests {
 
     #[test]
     fn noise_alone_is_no_frequency() {
-        let mut state = 1u32;
-        let steps = run(4800.0, 3.0, 0, |_, t| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            [Some(t + u64::from(state >> 18)), None]
-        });
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let steps = run(4800.0, 3.0, 0, |_, t| [Some(t + rng.random_range(0..16_384)), None]);
         assert!(steps.iter().all(|s| s.frequency_hz[0].is_none()));
     }
 

@@ -48,7 +48,7 @@ impl Sums {
         let di = u64::from(later.first_index.wrapping_sub(self.first_index));
         let dt = later.origin_ticks - self.origin_ticks;
         let n = u64::from(later.edges);
-        // Time stamps out of order (upset on their way) give such distances; within them the sums stay within 64 bits.
+        // Time stamps out of order (corrupted on their way) give such distances; within them the sums stay within 64 bits.
         if di > MAX_JOINED_EDGES || dt > MAX_JOINED_TICKS {
             return None;
         }

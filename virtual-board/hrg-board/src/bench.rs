@@ -41,7 +41,7 @@ fn flash_bytes(elf: &[u8]) -> Result<f64> {
     Ok(file.segments().map(|s| s.file_range().1).sum::<u64>() as f64)
 }
 
-/// The unit's costs. Everything on: 3 x 4.9 kHz, 1 kSPS, a block with four effects, link and log.
+/// The unit's costs. Everything on: 3 x 4.9 kHz, 1 kSPS, an image with four effects, link and log.
 ///
 /// # Errors
 /// Where the ELF does not run, or lacks a function that is counted.

@@ -77,13 +77,13 @@ fn plot(before: &[Second], after: &[Second]) -> Result<String> {
                     dots: false,
                 },
                 Series {
-                    label: "baseline block".into(),
+                    label: "baseline image".into(),
                     points: means(before, &|s| s.frames_dph[a]),
                     colour: 2,
                     dots: false,
                 },
                 Series {
-                    label: "extended block".into(),
+                    label: "extended image".into(),
                     points: means(after, &|s| s.frames_dph[a]),
                     colour: 1,
                     dots: false,
@@ -133,8 +133,8 @@ fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, to
         "   {:<5} {:>9} {:>16} {:>16} {:>14}",
         "axis",
         "raw",
-        "baseline block",
-        "extended block",
+        "baseline image",
+        "extended image",
         "noise put in"
     );
     for a in 0..3 {
@@ -228,7 +228,7 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     image_file::save(&to("extended.toml"), &t.image)?;
     say!(told, "   {}", t.report.verdict);
 
-    say!(told, "3. Both blocks burnt into virtual boards, the verify run through the ELF with each");
+    say!(told, "3. Both images burnt into virtual boards, the verify run through the ELF with each");
     // A unit measures the earth's rate, too.
     verify_file.restore_earth_rate();
     let steps = Steps::new(&verify_file)?;

@@ -20,6 +20,7 @@ use hrg_cal::simulate::{Kind, Plan, Profile};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 /// Seconds that the ELF runs.
 const SECONDS: u64 = 60;
@@ -35,6 +36,19 @@ fn line(out: &mut String, name: &str, bytes: &[u8]) {
 /// Frames as they go over the link.
 fn frames(messages: impl Iterator<Item = Message>) -> Vec<u8> {
     messages.flat_map(|m| m.encode()).collect()
+}
+
+/// The fingerprints of files, by their names without their folders.
+///
+/// # Errors
+/// Where one cannot be read.
+pub fn of_files(files: &[PathBuf]) -> Result<String> {
+    let mut out = String::new();
+    for file in files {
+        let bytes = std::fs::read(file).with_context(|| format!("cannot read {}", file.display()))?;
+        line(&mut out, &file.file_name().unwrap_or_default().to_string_lossy(), &bytes);
+    }
+    Ok(out)
 }
 
 /// The fingerprints of what is computed with this firmware.

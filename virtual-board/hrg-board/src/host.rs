@@ -17,7 +17,7 @@ const SLICE: u64 = CPU_HZ / 500;
 /// How a burn ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Burn {
-    /// The unit runs the new block.
+    /// The unit runs the new image.
     Done,
     /// The board stopped where it was told to.
     Stopped,
@@ -59,13 +59,13 @@ pub fn maintain(board: &mut Board<Wires>, command: Command) -> Result<Option<Ans
     })
 }
 
-/// Burns a block and restarts the unit.
+/// Burns an image and restarts the unit.
 ///
 /// # Errors
 /// Where the unit refuses a command, or does not answer.
-pub fn burn(board: &mut Board<Wires>, block: &Calibration) -> Result<Burn> {
-    let bytes = block.to_bytes().context("the block does not fit")?;
-    for command in maintenance::burn(block.unit, &bytes).chain([Command::Restart]) {
+pub fn burn(board: &mut Board<Wires>, image: &Calibration) -> Result<Burn> {
+    let bytes = image.to_bytes().context("the image does not fit")?;
+    for command in maintenance::burn(image.unit, &bytes).chain([Command::Restart]) {
         match maintain(board, command)? {
             None => return Ok(Burn::Stopped),
             Some(Answer::Done) => {}
@@ -83,7 +83,7 @@ pub fn burn(board: &mut Board<Wires>, block: &Calibration) -> Result<Burn> {
     }
 }
 
-/// Which block the unit runs after its power came back `seconds` ago at most.
+/// Which image the unit runs after its power came back `seconds` ago at most.
 ///
 /// # Errors
 /// Where it does not answer by then.

@@ -12,6 +12,7 @@
 
 pub mod align;
 pub mod bench;
+pub mod cost;
 pub mod demo;
 pub mod faults;
 pub mod fingerprint;
@@ -20,7 +21,6 @@ pub mod methods;
 pub mod replay;
 pub mod serve;
 pub mod twin;
-pub mod weigh;
 pub mod wires;
 
 /// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
@@ -30,7 +30,7 @@ pub mod symbol {
     /// The bias model of an axis, without effects.
     pub const BIAS: &str = "hrg_core::bias::Coefficients::bias_dph";
     /// The temperature curve.
-    pub const LAW: &str = "hrg_core::temperature::TemperatureCurve::value_and_slope";
+    pub const CURVE: &str = "hrg_core::temperature::TemperatureCurve::value_and_slope";
     /// An ADC frame.
     pub const DECODE: &str = "hrg_core::adc::decode";
     /// A sample corrected.

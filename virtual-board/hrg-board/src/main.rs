@@ -3,7 +3,7 @@
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::replay::{self, Options};
-use hrg_board::{bench, faults, serve, weigh};
+use hrg_board::{bench, cost, faults, serve};
 use hrg_cal::image_file;
 use hrg_cal::recording::facts;
 use hrg_cal::recording::steps::Steps;
@@ -68,6 +68,9 @@ enum Command {
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
+        /// A file whose checksum is printed, too. Several may be given.
+        #[arg(long)]
+        file: Vec<PathBuf>,
     },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
@@ -94,8 +97,9 @@ enum Command {
     },
     /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
     ///
-    /// Example: hrg-board weigh --recording run.csv cal.toml other.toml
-    Weigh {
+    /// Example: hrg-board cost --recording run.csv cal.toml other.toml
+    #[command(alias = "weigh")]
+    Cost {
         /// Recording of raw rates.
         #[arg(long)]
         recording: PathBuf,
@@ -132,7 +136,7 @@ enum Command {
         #[arg(long)]
         upf: Option<PathBuf>,
     },
-    /// Every identification method on a simulated unit of each paper's kind, weighed and flown.
+    /// Every identification method on a simulated unit of each paper's kind, its cost counted, and flown.
     ///
     /// Example: hrg-board methods --out out/methods
     Methods {
@@ -214,14 +218,14 @@ fn run(command: Command) -> Result<()> {
     let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     match command {
         Command::Run(arguments) => play(arguments),
-        Command::Weigh { recording, calibrations, seconds, json, elf } => {
+        Command::Cost { recording, calibrations, seconds, json, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let steps = Steps::new(&load_raw(&recording)?)?;
-            let weights = weigh::weigh_all(&elf, &calibrations, &steps, seconds)?;
+            let costs = cost::costs(&elf, &calibrations, &steps, seconds)?;
             if json {
-                println!("{}", serde_json::to_string(&weights)?);
+                println!("{}", serde_json::to_string(&costs)?);
             } else {
-                weigh::print(&weights);
+                cost::print(&costs);
             }
             Ok(())
         }
@@ -263,9 +267,9 @@ fn run(command: Command) -> Result<()> {
             anyhow::ensure!(within, "a figure is over its bound");
             Ok(())
         }
-        Command::Fingerprint { elf } => {
+        Command::Fingerprint { elf, file } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            print!("{}", hrg_board::fingerprint::fingerprints(&elf)?);
+            print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);
             Ok(())
         }
         Command::Faults { short, seed, only, trial, page, elf } => {

@@ -1,8 +1,8 @@
-//! Every identification method of the sources, on a simulated unit of each source's kind: identified, compared, weighed
+//! Every identification method of the sources, on a simulated unit of each source's kind: identified, compared, counted
 //! in the ELF, and the winner burnt and flown through a repeat of the chamber run (wu2023's closing step).
 
+use crate::cost;
 use crate::replay::{self, Options};
-use crate::weigh;
 use anyhow::{Context, Result};
 use hrg_cal::compare::{self, Contender};
 use hrg_cal::fit::independence::Units;
@@ -24,7 +24,7 @@ struct Case {
     unit: u64,
     /// Unseen runs that the methods are judged on.
     verify: u64,
-    /// The method whose block is flown.
+    /// The method whose image is flown.
     flown: &'static str,
     /// What the source prints, as three sigma in deg/h: another unit's results.
     theirs: &'static [(&'static str, &'static str)],
@@ -132,8 +132,8 @@ fn side_by_side(
     hrg_cal::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
     let mut c = compare::compare(&[train], &verify, &Contender::all(), seed, Units::Same, &folder, |_| {})?;
     let steps = Steps::new(&verify[0])?;
-    let blocks: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
-    let costs = weigh::weigh_all(elf, &blocks, &steps, 120)?;
+    let images: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();
+    let costs = cost::costs(elf, &images, &steps, 120)?;
     c.rows.iter_mut().zip(costs).for_each(|(row, w)| row.cost = Some(w));
     hrg_cal::write_file(&folder.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
     let picture = compare::picture(&c)?;
@@ -166,7 +166,7 @@ fn side_by_side(
 /// Where a step fails.
 pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: Option<&Path>) -> Result<()> {
     let mut text = String::from(
-        "# Identification methods side by side\n\nPrinted by `cargo xtask methods`; everything here is simulated, save the column \"theirs\": what the papers print for\n*their* units (as three sigma), which are other units than these.\n\nColumns: numbers identified per axis; three sigma of 100 s means (deg/h, RMS of the axes) on the training run and on\nruns that no method saw; bias instability (least Allan deviation / 0.664, deg/h); identification time on this machine (s);\ninstructions on the unit from one frequency to its bias, and of a whole update of three axes; bytes of the block; frames of\ntwo minutes of the ELF that are not those of the desktop.\n",
+        "# Identification methods side by side\n\nPrinted by `cargo xtask methods`; everything here is simulated, save the column \"theirs\": what the papers print for\n*their* units (as three sigma), which are other units than these.\n\nColumns: numbers identified per axis; three sigma of 100 s means (deg/h, RMS of the axes) on the training run and on\nruns that no method saw; bias instability (least Allan deviation / 0.664, deg/h); identification time on this machine (s);\ninstructions on the unit from one frequency to its bias, and of a whole update of three axes; bytes of the image; frames of\ntwo minutes of the ELF that are not those of the desktop.\n",
     );
     let mut flights = Vec::new();
     for case in &CASES {
@@ -183,7 +183,7 @@ pub fn methods(elf: &[u8], out: &Path, seed: u64, seconds: Option<u64>, table: O
     });
     let _ = write!(
         text,
-        "\n## Burnt and run again\nThe block of one method of each unit in the flash of the virtual board, a repeat of the chamber run (other noise) played into\nthe ELF, three sigma of 100 s means of what it sends (deg/h, x y z).\n\n| unit | method | hours | raw | corrected | frames that differ from the desktop |\n|---|---|--:|---|---|--:|\n"
+        "\n## Burnt and run again\nThe image of one method of each unit in the flash of the virtual board, a repeat of the chamber run (other noise) played into\nthe ELF, three sigma of 100 s means of what it sends (deg/h, x y z).\n\n| unit | method | hours | raw | corrected | frames that differ from the desktop |\n|---|---|--:|---|---|--:|\n"
     );
     for ((case, _, _), flight) in flights.iter().zip(results) {
         let f = flight?;

@@ -135,8 +135,8 @@ pub fn run(
     };
     let mut board = Board::new(elf, wires)?;
     if let Some(c) = calibration {
-        let block = c.to_bytes().context("the calibration does not fit a block")?;
-        board.write_flash(CALIBRATION_A, &block)?;
+        let image = c.to_bytes().context("the calibration does not fit an image")?;
+        board.write_flash(CALIBRATION_A, &image)?;
     }
     let probes = options.count.iter().map(|part| board.count_calls(part)).collect::<Result<Vec<_>, _>>()?;
     if options.profile {

@@ -79,7 +79,7 @@ pub fn serve(
     let mut board = Board::new(elf, wires)?;
     match (calibration, std::fs::read(&flash)) {
         (Some(c), _) => {
-            board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit a block")?)?;
+            board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit an image")?)?;
         }
         (None, Ok(image)) if image.len() == 2 * SECTOR => {
             for (k, at) in SECTORS.iter().enumerate() {

@@ -356,14 +356,14 @@ fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyho
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     let (identity, sectors) = Unit::open(port)?.read()?;
     let name = name_of(&identity).unwrap_or("without a name");
-    println!("unit {name}, running block {:08x}, number {}", identity.calibration, identity.sequence);
+    println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
     let mut running = None;
     for (name, sector) in ["A", "B"].iter().zip(sectors) {
         match sector {
             Ok(c) => {
                 let used = c.checksum() == identity.calibration;
                 println!(
-                    "sector {name}: block {:08x}, number {}, made {} (seconds since 1970){}",
+                    "sector {name}: image {:08x}, number {}, made {} (seconds since 1970){}",
                     c.checksum(),
                     c.sequence,
                     c.created_unix_s,
@@ -379,11 +379,11 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
     match (out, running) {
         (Some(out), Some(c)) => {
             image_file::save(out, &c)?;
-            println!("{}: the block in use", out.display());
+            println!("{}: the image in use", out.display());
             Ok(())
         }
         (Some(_), None) => {
-            Err(BadInput::new("the unit runs its compiled-in default; there is no block to write").into())
+            Err(BadInput::new("the unit runs its compiled-in default; there is no image to write").into())
         }
         (None, _) => Ok(()),
     }

@@ -23,10 +23,10 @@ pub struct Arguments {
     /// Seed of swarms and genetic searches.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Folder for the blocks, the table (JSON and Markdown) and the pictures.
+    /// Folder for the images, the table (JSON and Markdown) and the pictures.
     #[arg(long, default_value = "out/compare")]
     out: PathBuf,
-    /// hrg-board, which weighs the blocks on the virtual board; by default the one beside this program.
+    /// hrg-board, which counts what the images cost on the virtual board; by default the one beside this program.
     #[arg(long)]
     board: Option<PathBuf>,
     /// Allow recordings of different units.
@@ -71,15 +71,15 @@ fn compare_methods(
         .filter(|p| board.is_none() && p.is_file());
     match board.or(beside) {
         Some(_) if hrg_cal::recording::format::require_resonators(&unseen[0]).is_err() => eprintln!(
-            "the firmware reads three resonators and this recording has none: what the blocks cost on the unit is not weighed"
+            "the firmware reads three resonators and this recording has none: what the images cost on the unit is not counted"
         ),
         Some(board) => {
-            bar.set_message("weighing the blocks on the virtual board");
+            bar.set_message("counting what the images cost on the virtual board");
             bar.tick();
             compare::weigh(&mut c, &board, out, &verify[0], 120)?;
         }
         None => eprintln!(
-            "hrg-board is not beside this program: what the blocks cost on the unit is not weighed (--board PATH)"
+            "hrg-board is not beside this program: what the images cost on the unit is not counted (--board PATH)"
         ),
     }
     bar.finish_and_clear();
@@ -99,6 +99,6 @@ fn compare_methods(
     for l in &c.left_out {
         println!("left out, {l}");
     }
-    println!("{}: blocks, compare.json, compare.md, compare.svg, residuals.svg", out.display());
+    println!("{}: images, compare.json, compare.md, compare.svg, residuals.svg", out.display());
     Ok(())
 }

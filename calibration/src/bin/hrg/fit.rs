@@ -18,10 +18,10 @@ pub struct Arguments {
     /// How: see docs/methods.md
     #[arg(long, default_value = "lsq")]
     method: Method,
-    /// Seed of swarms and genetic searches: the same seed gives the same block.
+    /// Seed of swarms and genetic searches: the same seed gives the same image.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Weigh every degree alike instead of every second.
+    /// Give every degree the same weight instead of every second.
     #[arg(long)]
     uniform: bool,
     /// Allow recordings of different units.
@@ -29,7 +29,7 @@ pub struct Arguments {
     different_units: bool,
     #[command(flatten)]
     facts: FactsArguments,
-    /// Where the calibration goes: text, or the binary block if it ends in .bin
+    /// Where the calibration goes: text, or the binary image if it ends in .bin
     #[arg(long)]
     out: PathBuf,
 }
@@ -62,6 +62,6 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for n in found.notes.iter().chain(&prepared.notes) {
         println!("note: {n}");
     }
-    println!("{}: {method}, block {:08x}", out.display(), found.calibration.checksum());
+    println!("{}: {method}, image {:08x}", out.display(), found.calibration.checksum());
     Ok(())
 }

@@ -99,7 +99,7 @@ enum Command {
         /// Serial port of the link.
         #[arg(long)]
         port: String,
-        /// Where the block in use goes.
+        /// Where the image in use goes.
         #[arg(long)]
         out: Option<PathBuf>,
     },
@@ -136,7 +136,7 @@ enum Command {
         #[arg(default_value = "host-tests/recordings/measured")]
         folder: PathBuf,
     },
-    /// Print the bytes of calibration images and of the link's messages, with formats of Python's struct.
+    /// Print the columns of recordings, and the bytes of calibration images and of the link's messages, with formats of Python's struct.
     ///
     /// Example: hrg formats
     Formats {
@@ -178,12 +178,11 @@ fn run(command: Command) -> Result<()> {
             Ok(())
         }
         Command::Formats { page: None } => {
-            println!("{}\n{}", hrg_cal::formats::image(), hrg_cal::formats::link());
+            hrg_cal::formats::tables().iter().for_each(|(_, table)| println!("{table}"));
             Ok(())
         }
         Command::Formats { page: Some(page) } => {
-            hrg_cal::splice(&page, "image", &hrg_cal::formats::image())?;
-            hrg_cal::splice(&page, "link", &hrg_cal::formats::link())
+            hrg_cal::formats::tables().iter().try_for_each(|(name, table)| hrg_cal::splice(&page, name, table))
         }
         Command::Import(arguments) => import::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),

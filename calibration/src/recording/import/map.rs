@@ -1,6 +1,6 @@
 //! Maps: which columns of a table are what, and in which units. TOML, described in docs/formats.md; some are built in.
 
-use crate::recording::OPTIONAL;
+use crate::recording::columns;
 use crate::{BadInput, AXIS_NAMES};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -236,8 +236,8 @@ impl Map {
             }
         }
         for (name, c) in &self.optional {
-            if !OPTIONAL.contains(&name.as_str()) {
-                return bad(format!("[optional] has \"{name}\"; there are {}", OPTIONAL.join(", ")));
+            if !columns::optional().any(|o| o == name) {
+                return bad(format!("[optional] has \"{name}\"; there are {}", columns::optional_names()));
             }
             let _ = conversion(quantity_of(name), c.unit.as_deref())?;
         }
@@ -270,9 +270,8 @@ impl Map {
 /// What an optional column holds.
 #[must_use]
 pub fn quantity_of(name: &str) -> &'static str {
-    if name.ends_with("_c") {
-        "temperature"
-    } else {
-        "voltage"
+    match columns::find(name) {
+        Some((column, _)) if column.unit == "C" => "temperature",
+        _ => "voltage",
     }
 }

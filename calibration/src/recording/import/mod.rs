@@ -7,7 +7,7 @@ pub mod map;
 mod ulog;
 
 use crate::recording::format::Thermometer;
-use crate::recording::{Recording, OPTIONAL};
+use crate::recording::{columns, Recording};
 use crate::{BadInput, AXIS_NAMES};
 use map::{conversion, quantity_of, Column, Format, Map, Names};
 use std::path::Path;
@@ -140,7 +140,7 @@ fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
         let readings = readings.ok_or_else(|| BadInput(format!("the map has no thermometer for axis {axis}")))?;
         r.frequency_hz[a] = converted(table, readings, quantity)?;
     }
-    for name in OPTIONAL {
+    for name in columns::optional() {
         if let Some(c) = map.optional.get(name) {
             r.optional.push((name, converted(table, c, quantity_of(name))?));
         }

@@ -17,10 +17,10 @@ pub const DELAY_MS: f64 = 4.0;
 
 /// The commands of a burn, as frames.
 fn burn(scene: &Scene) -> Vec<Vec<u8>> {
-    let mut block = scene.calibration.clone();
-    block.sequence += 1;
-    let bytes = block.to_bytes().map_or_else(Vec::new, |b| b.to_vec());
-    maintenance::burn(block.unit, &bytes)
+    let mut image = scene.calibration.clone();
+    image.sequence += 1;
+    let bytes = image.to_bytes().map_or_else(Vec::new, |b| b.to_vec());
+    maintenance::burn(image.unit, &bytes)
         .chain([Command::Close])
         .map(|c| Message::Maintain(c).encode().to_vec())
         .collect()
@@ -46,10 +46,10 @@ const KINDS: [(Kind, &str); 6] = [
     (Kind::Replayed, "link: frames of a burn replayed out of order"),
 ];
 
-/// Bytes of a kind, about `n` of them; with the number of frames that are whole and valid among them.
+/// Bytes of a kind, about `n` of them; with the number of valid frames among them.
 fn bytes(kind: Kind, frames: &[Vec<u8>], n: u64, draw: &mut ChaCha8Rng) -> (Vec<u8>, u64) {
     let mut out = Vec::with_capacity(n as usize + 300);
-    let mut whole = 0;
+    let mut valid = 0;
     while (out.len() as u64) < n {
         let frame = &frames[draw.random_range(0..frames.len())];
         match kind {
@@ -70,7 +70,7 @@ fn bytes(kind: Kind, frames: &[Vec<u8>], n: u64, draw: &mut ChaCha8Rng) -> (Vec<
                 for _ in 0..draw.random_range(1..=8) {
                     frame[draw.random_range(0..end)] ^= 1 << draw.random_range(0..8);
                 }
-                // Bits flipped back, or a zero in the middle that leaves a whole frame behind it: neither is a mutation.
+                // Bits flipped back, or a zero in the middle that leaves a valid frame behind it: neither is a mutation.
                 if frame != before {
                     out.extend(frame);
                 }
@@ -81,14 +81,14 @@ fn bytes(kind: Kind, frames: &[Vec<u8>], n: u64, draw: &mut ChaCha8Rng) -> (Vec<
                 out.extend(other);
             }
             Kind::Replayed => {
-                // Without Open and Restart: nothing of this may be obeyed.
+                // Without Open and Restart: nothing of this may be executed.
                 let frame = &frames[draw.random_range(1..frames.len())];
                 out.extend(frame);
-                whole += 1;
+                valid += 1;
             }
         }
     }
-    (out, whole)
+    (out, valid)
 }
 
 /// Sends bytes into the running unit at line rate; gives what it sent meanwhile.
@@ -129,14 +129,14 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     let quiet = scene.undisturbed(&mut board, 3.0)?;
     for (k, (kind, name)) in KINDS.iter().enumerate() {
         let mut draw = draws(seed, 3, k as u64);
-        let (bytes, whole) = bytes(*kind, &frames, extent.bytes / KINDS.len() as u64, &mut draw);
+        let (bytes, valid) = bytes(*kind, &frames, extent.bytes / KINDS.len() as u64, &mut draw);
         // What the receiver's own code takes for a command, on the desktop.
         let mut deframer = Deframer::default();
         let accepted = bytes.iter().filter(|b| matches!(deframer.push(**b), Some(Ok(_)))).count() as u64;
         let before = board.flash_operations();
         let (r, resets) = flood(&mut board, &bytes)?;
         let answers = r.other.len();
-        let obeyed = board.flash_operations() - before;
+        let executed = board.flash_operations() - before;
         let delay = longest_ms(&r);
         let refused =
             r.other.iter().filter(|m| !matches!(m, Message::Maintained(Reply::Answer(Answer::NotOpen, _)))).count();
@@ -144,12 +144,12 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
             *name,
             bytes.len() as u64,
             format!(
-                "bytes at line rate; taken for whole {accepted} (sent whole: {whole}), obeyed {obeyed}, answers {answers} (other than \"not open\": {refused}); longest delay of a rate {delay:.2} ms, {} gaps, {resets} resets, {} rates not flagged good",
+                "bytes at line rate; accepted as valid {accepted} (valid frames sent: {valid}), commands executed {executed}, replies {answers} (other than \"not open\": {refused}); longest delay of a rate {delay:.2} ms, {} gaps, {resets} resets, {} rates not flagged good",
                 gaps(&r),
                 r.rates.iter().filter(|f| !good(f)).count()
             ),
             // Glued frames decode as garbage; a mutated one passes a CRC of 32 bits once in four thousand million.
-            accepted == whole && obeyed == 0 && refused == 0 && resets == 0 && gaps(&r) == 0 && delay <= DELAY_MS && r.rates.iter().all(good),
+            accepted == valid && executed == 0 && refused == 0 && resets == 0 && gaps(&r) == 0 && delay <= DELAY_MS && r.rates.iter().all(good),
         );
     }
     // Valid commands as fast as they come.

@@ -16,7 +16,7 @@ pub enum Fate {
     Nothing,
     /// Frames differ, none of them further than [`BOUND_DPH`] and flagged good.
     Harmless,
-    /// Frames further off, or none for a while, all said by a flag.
+    /// Frames further off, or none for a while, all flagged.
     Said,
     /// The unit was reset, and sent rates again after so many seconds.
     Reset(f64),
@@ -85,13 +85,13 @@ fn judge(sent: &Received, truth: &Received, reset_at: Option<u64>, flipped_at: u
     }
 }
 
-/// Flips in the block in flash: alone in sector A, and in the newer of two.
+/// Flips in the image in flash: alone in sector A, and in the newer of two.
 fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
     let old = scene.calibration.clone();
     let mut new = old.clone();
     new.sequence = old.sequence + 1;
-    let block = new.to_bytes().context("fits")?;
-    let bits = block.len() as u64 * 8 / extent.every;
+    let image = new.to_bytes().context("fits")?;
+    let bits = image.len() as u64 * 8 / extent.every;
     for two in [false, true] {
         let sector = if two { CALIBRATION_B } else { CALIBRATION_A };
         let found = trials(
@@ -99,7 +99,7 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
             || {
                 let mut board = scene.off(scene.wires(), if two { &old } else { &new })?;
                 if two {
-                    board.write_flash(CALIBRATION_B, &block)?;
+                    board.write_flash(CALIBRATION_B, &image)?;
                 }
                 let start = board.snapshot()?;
                 Ok((board, start))
@@ -110,19 +110,19 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
                 board.flip_bit(FLASH_START + sector + (bit / 8) as u32, (bit % 8) as u8)?;
                 run(board, cycles(0.1))?;
                 let expected =
-                    UnitStatus::BLOCK_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
+                    UnitStatus::IMAGE_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
                 let frames = &board.world.received.rates;
                 Ok(!frames.is_empty() && frames.iter().all(|f| f.unit_status.contains(expected)))
             },
         )?;
         let noticed = found.iter().filter(|f| **f).count();
         report.row(
-            if two { "bit of the newer of two blocks in flash" } else { "bit of the block in flash" },
+            if two { "bit of the newer of two images in flash" } else { "bit of the image in flash" },
             bits,
             format!(
-                "noticed and said in every frame {noticed}, not noticed {}; then runs {}",
+                "flagged in every frame {noticed}, not flagged {}; then runs {}",
                 found.len() - noticed,
-                if two { "the older block" } else { "the default, flagged uncalibrated" }
+                if two { "the older image" } else { "the default, flagged uncalibrated" }
             ),
             noticed == found.len(),
         );

@@ -6,7 +6,7 @@
 //! | module | attacks |
 //! |---|---|
 //! | [`power`] | cuts while a calibration is written, and at random instructions |
-//! | [`memory`] | flipped bits in the block in flash, and in RAM |
+//! | [`memory`] | flipped bits in the image in flash, and in RAM |
 //! | [`sensors`] | resonators and ADC, one by one and in pairs |
 //! | [`link`] | noise, cut, mutated, replayed and reordered frames, floods |
 //! | [`load`] | everything at once |
@@ -62,7 +62,7 @@ impl std::fmt::Debug for Scene {
 const SETTLED_S: u64 = 40;
 
 impl Scene {
-    /// A simulated unit on the ramp of a chamber run. Its block holds eq 7, as fitted, and four effects on top: all that a
+    /// A simulated unit on the ramp of a chamber run. Its image holds eq 7, as fitted, and four effects on top: all that a
     /// unit runs at most in practice, so that their states are there to be hit.
     ///
     /// # Errors
@@ -113,13 +113,13 @@ impl Scene {
         Wires::new(self.steps.clone(), scale, 20e-9, 1, None, None)
     }
 
-    /// A board that is just being switched on, with that on its wires and a block in sector A.
+    /// A board that is just being switched on, with that on its wires and an image in sector A.
     ///
     /// # Errors
     /// Where the ELF does not run on the board.
-    pub fn off(&self, wires: Wires, block: &Calibration) -> Result<Board<Wires>> {
+    pub fn off(&self, wires: Wires, image: &Calibration) -> Result<Board<Wires>> {
         let mut board = Board::new(&self.elf, wires)?;
-        board.write_flash(CALIBRATION_A, &block.to_bytes().context("fits a block")?)?;
+        board.write_flash(CALIBRATION_A, &image.to_bytes().context("fits an image")?)?;
         board.faults_as_on_chip();
         Ok(board)
     }
@@ -266,7 +266,7 @@ impl Report {
 pub struct Extent {
     /// Power cuts at random instructions, and bits of RAM flipped.
     pub random: u64,
-    /// Every n-th flash operation and bit of a block.
+    /// Every n-th flash operation and bit of an image.
     pub every: u64,
     /// Every n-th pair of sensor faults.
     pub pairs: u64,

@@ -21,7 +21,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     for a in &mut new.axes {
         a.scale_factor_dph_per_code *= 1.5;
     }
-    // Sector B holds a block from before, as it does from the second burn on.
+    // Sector B holds an image from before, as it does from the second burn on.
     let mut older = old.clone();
     older.sequence = old.sequence.wrapping_sub(1);
     let ready = || -> Result<_> {
@@ -48,7 +48,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         report.row(
             what,
             found.len() as u64,
-            format!("old block {o}, new block {n}, neither {neither}, no answer within {UP_S} s 0"),
+            format!("old image {o}, new image {n}, neither {neither}, no answer within {UP_S} s 0"),
             neither == 0,
         );
     };

@@ -200,17 +200,17 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
         },
     )?;
     for (c, o) in cases.iter().zip(&outcomes) {
-        let said = o.flagged_s[0];
+        let flagged = o.flagged_s[0];
         let stale = o.stale_s.map_or_else(String::new, |s| format!(", bridged, then stale after {s:.1} s"));
         let bridged = o.stale_s.is_none_or(|s| (s - f64::from(HOLD_S)).abs() < 2.5);
         report.row(
             c.name.as_str(),
             1,
             format!(
-                "said after {said:.2} s{stale}, clear {:.1} s after its end; unsaid error at most {:.3} deg/h; {} frames of untouched axes differ",
+                "flagged after {flagged:.2} s{stale}, clear {:.1} s after its end; unflagged error at most {:.3} deg/h; {} frames of untouched axes differ",
                 o.recovered_s, o.unsaid_dph, o.disturbed
             ),
-            said <= c.within_s && bridged && kept(o),
+            flagged <= c.within_s && bridged && kept(o),
         );
     }
     let both = &outcomes[n..];
@@ -218,14 +218,14 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
     let broken: Vec<String> = pairs
         .iter()
         .zip(both)
-        .filter(|((a, b), o)| !(kept(o) && said(&cases[*a], &cases[*b], o)))
+        .filter(|((a, b), o)| !(kept(o) && both_flagged(&cases[*a], &cases[*b], o)))
         .map(|((a, b), _)| format!("{} with {}", cases[*a].name, cases[*b].name))
         .collect();
     report.row(
         "two of these at once",
         pairs.len() as u64,
         format!(
-            "clear {:.1} s after the end at the latest; unsaid error at most {:.3} deg/h; {:.0} frames of untouched axes differ, {:.0} resets{}",
+            "clear {:.1} s after the end at the latest; unflagged error at most {:.3} deg/h; {:.0} frames of untouched axes differ, {:.0} resets{}",
             most(|o| o.recovered_s),
             most(|o| f64::from(o.unsaid_dph)),
             most(|o| o.disturbed as f64),
@@ -241,9 +241,9 @@ fn kept(o: &Outcome) -> bool {
     o.recovered_s <= RECOVERS_S && o.unsaid_dph <= BOUND_DPH && o.disturbed == 0 && o.resets == 0 && o.good_again
 }
 
-/// Whether both were said in time. On one and the same resonator one hides the other: there one flag will do. Without samples
+/// Whether both were flagged in time. On one and the same resonator one hides the other: there one flag will do. Without samples
 /// there are no rates to flag.
-fn said(a: &Case, b: &Case, o: &Outcome) -> bool {
+fn both_flagged(a: &Case, b: &Case, o: &Outcome) -> bool {
     let in_time = [o.flagged_s[0] <= a.within_s, o.flagged_s[1] <= b.within_s];
     let hides = |c: &Case| matches!(c.fault, Fault::Adc(AdcFault::Silent | AdcFault::Stuck | AdcFault::Checksum));
     let one_resonator = matches!((a.fault, b.fault), (Fault::Axis(x, _), Fault::Axis(y, _)) if x == y);

@@ -13,11 +13,11 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// A calibration that cannot be read, a firmware that the board cannot run.
-pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Cost> {
+pub fn cost(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Result<Cost> {
     let c = image_file::load(calibration)?;
     let options = Options {
         seconds: Some(seconds),
-        count: vec![symbol::UPDATE, symbol::BIAS, symbol::LAW],
+        count: vec![symbol::UPDATE, symbol::BIAS, symbol::CURVE],
         ..Options::default()
     };
     let outcome = replay::run(elf, Some(&c), steps, &options, |_| {})?;
@@ -30,29 +30,29 @@ pub fn weigh(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Res
             Coefficients::Direct(_) if c.effects.is_empty() => 0.0,
             _ => curve.mean().context("no temperature was counted")?,
         },
-        bytes: c.to_bytes().context("the calibration does not fit a block")?.len(),
+        bytes: c.to_bytes().context("the calibration does not fit an image")?.len(),
         frames: outcome.received.rates.len() + outcome.received.housekeeping.len(),
         differing: outcome.received.differing as usize,
     })
 }
 
-/// Weighs several, as many at a time as there are cores.
+/// The costs of several, counted as many at a time as there are cores.
 ///
 /// # Errors
-/// As [`weigh`].
-pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u64) -> Result<Vec<Cost>> {
+/// As [`cost`].
+pub fn costs(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u64) -> Result<Vec<Cost>> {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let mut out = Vec::new();
     for some in calibrations.chunks(cores) {
-        let weights: Vec<Result<Cost>> = std::thread::scope(|s| {
-            let running: Vec<_> = some.iter().map(|p| s.spawn(move || weigh(elf, p, steps, seconds))).collect();
+        let counted: Vec<Result<Cost>> = std::thread::scope(|s| {
+            let running: Vec<_> = some.iter().map(|p| s.spawn(move || cost(elf, p, steps, seconds))).collect();
             running
                 .into_iter()
-                .map(|h| h.join().unwrap_or_else(|_| Err(anyhow::anyhow!("a weighing panicked"))))
+                .map(|h| h.join().unwrap_or_else(|_| Err(anyhow::anyhow!("counting panicked"))))
                 .collect()
         });
-        for w in weights {
-            out.push(w?);
+        for one in counted {
+            out.push(one?);
         }
     }
     Ok(out)
@@ -60,10 +60,7 @@ pub fn weigh_all(elf: &[u8], calibrations: &[PathBuf], steps: &Steps, seconds: u
 
 /// As a table.
 pub fn print(weights: &[Cost]) {
-    println!(
-        "{:>14} {:>14} {:>7} {:>8} {:>10}   calibration",
-        "f to bias", "whole update", "bytes", "frames", "differing"
-    );
+    println!("{:>14} {:>14} {:>7} {:>8} {:>10}   calibration", "f to bias", "update", "bytes", "frames", "differing");
     for w in weights {
         println!(
             "{:>14.0} {:>14.0} {:>7} {:>8} {:>10}   {}",
