@@ -145,12 +145,12 @@ fn closed(
         // The search begins anew on what is left.
         settled = true;
         let several = prepared.runs.len() > 1;
-        let number = |k: usize| if several { format!("train run {}", k + 1) } else { "the train run".into() };
-        let runs = prepared.runs.iter_mut().enumerate().map(|(k, r)| (number(k), r));
-        for ((what, run), _) in
-            runs.chain([("the verify run".to_string(), &mut verify_run)]).zip(unknown).filter(|u| u.1)
-        {
-            prepared.notes.push(memory.leave_out(run, &what));
+        for (k, run) in prepared.runs.iter_mut().enumerate().filter(|(k, _)| unknown[*k]) {
+            let what = if several { format!("train run {}", k + 1) } else { "the train run".into() };
+            prepared.notes.push(memory.leave_out(run, &what, true));
+        }
+        if unknown[prepared.runs.len()] {
+            prepared.notes.push(memory.leave_out(&mut verify_run, "the verify run", false));
         }
     }
 }
@@ -448,7 +448,7 @@ mod tests {
         let (train, whole) = (plan("cycle", &lag, 31, 63), plan("verify", &lag, 31, 64));
         // The log begins in the middle of a ramp; the unit has been on for hours.
         let late = whole.split(3.0 * 3600.0).expect("splits").1.judged_part();
-        let r = trace(&[train.clone()], &late).expect("traces").report;
+        let r = trace(std::slice::from_ref(&train), &late).expect("traces").report;
         let note = r.notes.iter().find(|n| n.contains("begins in a state of thermal-lag"));
         assert!(note.is_some_and(|n| n.starts_with("the verify run") && n.contains("are left out")), "{:?}", r.notes);
         assert!(r.floor_ratio.values().all(floor::Ratio::is_noise), "{:?}", r.floor_ratio);

@@ -12,11 +12,16 @@ use crate::numeric::stats::{dot, mean};
 use crate::recording::steps::Run;
 use hrg_core::effects::{EffectId, NeighbourLags};
 use hrg_core::AXES;
+use std::collections::BTreeSet;
 
 /// Time constants that are left out.
 const TIME_CONSTANTS: f64 = 3.0;
 /// Largest share of a run that is left out: a slow memory would leave nothing to learn it from.
 const MOST: f64 = 0.25;
+/// Share of its cells of temperature and direction that a train run must keep.
+const LEAST_PASSED: f64 = 0.9;
+/// Width of a cell of temperature, C.
+const CELL_C: f32 = 5.0;
 /// Log-likelihood that a decay from the beginning of a run must bring (the noise is not white).
 const DECAY: f64 = 20.0;
 
@@ -69,9 +74,19 @@ impl Memory {
         -0.5 * y.len() as f64 * (1.0 - xy * xy / (xx * yy)).max(1e-12).ln()
     }
 
-    /// Leaves out the beginning of a run; a sentence says so. `what` names the run.
-    pub(super) fn leave_out(self, run: &mut Run, what: &str) -> String {
+    /// Leaves out the beginning of a run; a sentence says so. `what` names the run. With `learnt`, the run is learnt from: it stays whole
+    /// where nothing later passes the same temperatures in the same direction.
+    pub(super) fn leave_out(self, run: &mut Run, what: &str, learnt: bool) -> String {
         let seconds = (TIME_CONSTANTS * self.tau_s).min(MOST * run.steps.len() as f64) as usize;
+        if learnt {
+            let (all, later) = (passed(run, 0), passed(run, seconds));
+            if (later.len() as f64) < LEAST_PASSED * all.len() as f64 {
+                return format!(
+                    "{what} begins in a state of {} (time constant {:.0} s) that it does not tell; its beginning is kept, as nothing later passes those temperatures in that direction: record a run that begins at rest",
+                    self.name, self.tau_s
+                );
+            }
+        }
         run.steps.rate_dph.iter_mut().for_each(|r| r[..seconds].fill(f64::NAN));
         run.steps.run_in = seconds;
         format!(
@@ -79,6 +94,15 @@ impl Memory {
             self.name, self.tau_s
         )
     }
+}
+
+/// Temperatures that the axes of a run pass from a step on, in cells of 5 C, by the sign of the ramp.
+fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
+    let of = |a: usize| {
+        (from..run.steps.len())
+            .filter_map(move |k| run.state(k, a).map(|s| (a, (s.0 / CELL_C).floor() as i32, s.1 > 0.0)))
+    };
+    run.steps.present().flat_map(of).collect()
 }
 
 /// Which runs begin in a state that nobody knows: each train run, then the verify run. `None` where none does.
