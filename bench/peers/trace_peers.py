@@ -174,7 +174,7 @@ def peers():
         return GaussianProcessRegressor(ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(0.1), n_restarts_optimizer=0, random_state=SEED)
 
     def symbols():
-        return SymbolicRegressor(max_evaluations=200_000, max_length=40, population_size=500, n_threads=1, random_state=SEED, time_limit=20)
+        return SymbolicRegressor(max_evaluations=50_000, max_length=40, population_size=500, n_threads=1, random_state=SEED, max_time=5)
 
     return {
         "Gaussian process": lambda: Flat(process),
@@ -259,14 +259,12 @@ def measured(folder):
 def foreign(folder, count):
     subprocess.run([PLANT, "all", "--seeds", "1", "--out", folder], capture_output=True, check=True)
     truths = [json.loads(p.read_text()) for p in sorted(folder.glob("*-truth.json"))]
-    usable = [t for t in truths if t["compensable"] and "none" not in t["classes"]]
+    usable = [f"{t['case']}-{t['seed']}" for t in truths if t["compensable"] and "none" not in t["classes"]]
+    usable = [base for base in usable if len(list(folder.glob(f"{base}-train*.csv"))) == 1]
     for k in range(min(count, len(usable))):
-        t = usable[k * len(usable) // count]
-        base = f"{t['case']}-{t['seed']}"
-        trains = sorted(folder.glob(f"{base}-train*.csv"))
-        if len(trains) == 1:
-            print(base, file=sys.stderr)
-            yield judge(base, trains[0], folder / f"{base}-verify.csv")
+        base = usable[k * len(usable) // count]
+        print(base, file=sys.stderr)
+        yield judge(base, *folder.glob(f"{base}-train*.csv"), folder / f"{base}-verify.csv")
 
 
 def page(rows, files):

@@ -21,7 +21,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// What a block costs on the unit, as `hrg-board weigh` counts it.
+/// What an image costs on the unit, as `hrg-board cost` counts it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
     /// The calibration.
@@ -31,7 +31,7 @@ pub struct Cost {
     /// Mean instructions of the bias model of one axis alone.
     pub bias_instructions: f64,
     /// Mean instructions of turning one frequency into a temperature and a slope; zero where the model needs neither.
-    pub law_instructions: f64,
+    pub curve_instructions: f64,
     /// Length of the block.
     pub bytes: usize,
     /// Frames that the ELF sent.
@@ -263,20 +263,20 @@ fn unseen_steps(
         .collect()
 }
 
-/// Has `hrg-board weigh` count what each block costs. A program of its own, because it brings the emulator with it.
+/// Has `hrg-board cost` count what each image costs. A program of its own, because it brings the emulator with it.
 ///
 /// # Errors
 /// Where it cannot be started, or fails.
-pub fn weigh(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, seconds: u64) -> anyhow::Result<()> {
+pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, seconds: u64) -> anyhow::Result<()> {
     let files: Vec<PathBuf> = c.rows.iter().map(|r| out.join(format!("{}.toml", r.method))).collect();
     let output = Command::new(board)
-        .args(["weigh", "--json", "--seconds", &seconds.to_string(), "--recording"])
+        .args(["cost", "--json", "--seconds", &seconds.to_string(), "--recording"])
         .arg(recording)
         .args(&files)
         .output()?;
     if !output.status.success() {
         return Err(BadInput::new(format!(
-            "{} could not weigh the blocks: {}",
+            "{} could not count what the images cost: {}",
             board.display(),
             String::from_utf8_lossy(&output.stderr).trim()
         ))
@@ -333,7 +333,7 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
             figure(over_axes(&r.verify_3sigma_dph)),
             figure(over_axes(&r.bias_instability_dph)),
             format!("{:.2}", r.identification_s),
-            w.map_or_else(dash, |w| format!("{:.0}", w.bias_instructions + w.law_instructions)),
+            w.map_or_else(dash, |w| format!("{:.0}", w.bias_instructions + w.curve_instructions)),
             w.map_or_else(dash, |w| format!("{:.0}", w.update_instructions)),
             w.map_or_else(dash, |w| w.bytes.to_string()),
             w.map_or_else(dash, |w| format!("{} of {}", w.differing, w.frames)),

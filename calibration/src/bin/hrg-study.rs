@@ -11,6 +11,7 @@ use hrg_cal::AXIS_NAMES;
 use hrg_core::effects::EffectId;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use statrs::distribution::{Beta, ContinuousCDF};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -55,7 +56,7 @@ const PAIRS: [(EffectId, EffectId); 8] = [
 /// Effects of the files with and without defects.
 const IN_FILES: [EffectId; 5] =
     [EffectId::Hysteresis, EffectId::Kink, EffectId::ThermalLag, EffectId::WarmUp, EffectId::Cubic];
-const SIZES: [f64; 5] = [0.5, 1.0, 2.0, 3.0, 5.0];
+const SIZES: [f64; 6] = [0.25, 0.5, 1.0, 2.0, 3.0, 5.0];
 const TRAINS: [&str; 3] = ["dong", "cycle", "stairs"];
 
 /// One trial of the campaign.
@@ -339,13 +340,51 @@ fn share(part: usize, of: usize) -> String {
     if of == 0 {
         "-".into()
     } else {
-        format!("{part}/{of} ({:.0} %)", 100.0 * part as f64 / of as f64)
+        let (low, high) = interval(part, of);
+        format!(
+            "{part}/{of} ({:.0} %, 95 %: {:.1} to {:.1})",
+            100.0 * part as f64 / of as f64,
+            100.0 * low,
+            100.0 * high
+        )
     }
+}
+
+/// The 95 % interval of a share (Clopper and Pearson 1934).
+fn interval(part: usize, of: usize) -> (f64, f64) {
+    let quantile = |a: usize, b: usize, p: f64| Beta::new(a as f64, b as f64).map_or(f64::NAN, |d| d.inverse_cdf(p));
+    let low = if part == 0 { 0.0 } else { quantile(part, of - part + 1, 0.025) };
+    let high = if part == of { 1.0 } else { quantile(part + 1, of - part, 0.975) };
+    (low, high)
+}
+
+/// How often the class is right, by class and size, with intervals.
+fn by_class(s: &mut String, all: &[Outcome]) {
+    let sizes: Vec<String> = SIZES.iter().map(f64::to_string).collect();
+    let _ = writeln!(s, "| class | size {} |\n|---|{}", sizes.join(" | "), "---|".repeat(SIZES.len()));
+    let mut classes: BTreeMap<&str, Vec<(f64, bool)>> = BTreeMap::new();
+    for o in all.iter().filter(|o| o.trial.kind == "single") {
+        let e = &o.trial.effects[0];
+        let Source::Library(effect) = e.source else { continue };
+        let class = cards::card(effect).class;
+        classes.entry(class.name()).or_default().push((e.size, o.classes.contains(&class)));
+    }
+    for (class, found) in &classes {
+        let cells = SIZES.iter().map(|size| {
+            let these: Vec<bool> = found.iter().filter(|f| f.0 == *size).map(|f| f.1).collect();
+            let hits = these.iter().filter(|h| **h).count();
+            let (low, high) = interval(hits, these.len());
+            format!("{hits}/{} [{:.0}, {:.0}] %", these.len(), 100.0 * low, 100.0 * high)
+        });
+        let _ = writeln!(s, "| {class} | {} |", cells.collect::<Vec<_>>().join(" | "));
+    }
+    s.push('\n');
 }
 
 /// How often each effect of each size is named.
 fn by_effect(s: &mut String, all: &[Outcome]) {
-    let _ = writeln!(s, "| effect | size 0.5 | 1 | 2 | 3 | 5 |\n|---|---|---|---|---|---|");
+    let sizes: Vec<String> = SIZES.iter().map(f64::to_string).collect();
+    let _ = writeln!(s, "| effect | size {} |\n|---|{}", sizes.join(" | "), "---|".repeat(SIZES.len()));
     let mut by_name: BTreeMap<&str, Vec<&Outcome>> = BTreeMap::new();
     for o in all.iter().filter(|o| o.trial.kind == "single") {
         by_name.entry(o.trial.effects[0].source.name()).or_default().push(o);
@@ -355,7 +394,7 @@ fn by_effect(s: &mut String, all: &[Outcome]) {
             .iter()
             .map(|size| {
                 let these: Vec<_> = outcomes.iter().filter(|o| o.trial.effects[0].size == *size).collect();
-                share(these.iter().filter(|o| o.named == 1).count(), these.len())
+                format!("{}/{}", these.iter().filter(|o| o.named == 1).count(), these.len())
             })
             .collect();
         let _ = writeln!(s, "| {name} | {} |", cells.join(" | "));
@@ -401,6 +440,7 @@ fn with_uncertainty(s: &mut String, all: &[Outcome]) {
 
 fn summary(all: &[Outcome], seed: u64) -> String {
     let mut s = format!("Simulated, seed {seed}; {} traces. Sizes in noise floors.\n\n", all.len());
+    by_class(&mut s, all);
     by_effect(&mut s, all);
     let of = |kind: &str| all.iter().filter(|o| o.trial.kind == kind).collect::<Vec<_>>();
     let (clean, pairs, unmodelled) = (of("clean"), of("pair"), of("unmodelled"));

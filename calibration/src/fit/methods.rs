@@ -8,7 +8,7 @@
 //! |---|---|---|---|
 //! | `lsq` | eq 7 | least squares by QR | dong2023 |
 //! | `two-sets` | eq 7, cooling and heating set, blended | least squares | dong2023 |
-//! | `huber` | eq 7 | least squares, outliers weighed down (Huber) | |
+//! | `huber` | eq 7 | least squares, outliers of less weight (Huber) | |
 //! | `pso` | eq 7 | swarm of dong2023 in orthogonal coordinates | dong2023 |
 //! | `pso-literal` | eq 7 | the same swarm in its literal box: -1..1 on unscaled regressors | dong2023 |
 //! | `pso-range` | eq 7 | the same swarm, smallest range of 100 s means | dong2023, wu2023 |
@@ -41,7 +41,7 @@ use std::time::Instant;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MethodError {
     /// Its rows cannot have weights.
-    #[error("{method} cannot weigh temperatures alike; {able} can")]
+    #[error("{method} cannot give all temperatures the same weight; {able} can")]
     NotWeighable {
         /// The method.
         method: Method,
@@ -165,7 +165,11 @@ impl Task<'_> {
             (Search::Robust, _) => {
                 let (fit, down) = huber(&data())?;
                 form.store(c, a, &fit.coefficients, &fit.std);
-                note(format!("{:.2} % of the rows weighed down, condition number {:.1}", 100.0 * down, fit.condition));
+                note(format!(
+                    "{:.2} % of the rows with less weight, condition number {:.1}",
+                    100.0 * down,
+                    fit.condition
+                ));
                 return Ok(fit.coefficients.len());
             }
             (Search::Swarm, Objective::Squares) => {

@@ -26,7 +26,7 @@ pub fn cost(elf: &[u8], calibration: &Path, steps: &Steps, seconds: u64) -> Resu
         calibration: calibration.display().to_string(),
         update_instructions: update.mean().context("no update was counted")?,
         bias_instructions: bias.mean().context("no evaluation was counted")?,
-        law_instructions: match c.axes[0].coefficients {
+        curve_instructions: match c.axes[0].coefficients {
             Coefficients::Direct(_) if c.effects.is_empty() => 0.0,
             _ => curve.mean().context("no temperature was counted")?,
         },
@@ -64,7 +64,7 @@ pub fn print(weights: &[Cost]) {
     for w in weights {
         println!(
             "{:>14.0} {:>14.0} {:>7} {:>8} {:>10}   {}",
-            w.bias_instructions + w.law_instructions,
+            w.bias_instructions + w.curve_instructions,
             w.update_instructions,
             w.bytes,
             w.frames,

@@ -76,7 +76,7 @@ fn compare_methods(
         Some(board) => {
             bar.set_message("counting what the images cost on the virtual board");
             bar.tick();
-            compare::weigh(&mut c, &board, out, &verify[0], 120)?;
+            compare::count_costs(&mut c, &board, out, &verify[0], 120)?;
         }
         None => eprintln!(
             "hrg-board is not beside this program: what the images cost on the unit is not counted (--board PATH)"
