@@ -211,14 +211,14 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
                 e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
             let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td><td>{share}</td></tr>", g.gain, g.gain_std);
         }
-        s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>worth (log-likelihood less penalty)</th></tr>";
+        s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>net evidence (log evidence less its price)</th></tr>";
         for k in &e.rank {
             let _ = write!(
                 s,
                 "<tr><td>{}</td><td>{:.1} %</td><td>{:.1}</td></tr>",
                 escape(&k.name),
                 100.0 * k.gain_in_cv,
-                k.worth
+                k.net_evidence
             );
         }
         s += "</table>";

@@ -106,7 +106,7 @@ impl OnVerifyRun<'_> {
                     .map(|r| Ranked {
                         name: r.candidate.facts.name.to_string(),
                         gain_in_cv: r.gain_in_cv,
-                        worth: r.worth,
+                        net_evidence: r.net_evidence,
                     })
                     .collect(),
                 p_value: model.members[k].p_value,

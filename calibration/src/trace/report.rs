@@ -118,8 +118,8 @@ pub struct Ranked {
     pub name: String,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
-    /// Gain in log-likelihood less penalty.
-    pub worth: f64,
+    /// Log evidence that it brings, less its price.
+    pub net_evidence: f64,
 }
 
 /// How much of what a model predicts the verify run shows.

@@ -143,10 +143,10 @@ fn print_trace(r: &trace::Report) {
         }
         for k in &e.rank {
             println!(
-                "  {:<20} {:>6.1} % less cross-validated error, worth {:.1}",
+                "  {:<20} {:>6.1} % less cross-validated error, net evidence {:.1}",
                 k.name,
                 100.0 * k.gain_in_cv,
-                k.worth
+                k.net_evidence
             );
         }
         if !e.indistinguishable_from.is_empty() {

@@ -70,8 +70,6 @@ pub struct Member {
 pub struct Model {
     /// The effects.
     pub members: Vec<Member>,
-    /// Log evidence over the baseline's.
-    pub worth: f64,
     /// Best noise model of each axis.
     pub noise_models: [usize; AXES],
     state: State,
@@ -144,17 +142,17 @@ impl<'a> Search<'a> {
         let grid = (card(EffectId::PlayLadder).grid)(&extent);
         let Some(&parameters) = grid.first() else { return Starts::default() };
         let nothing = self.nothing();
-        let mut worth = |starts: Starts| {
+        let mut net_evidence = |starts: Starts| {
             let c = Candidate::new(EffectId::PlayLadder, parameters).starting(starts);
             let group = self.alone(&c).unwrap_or_else(|| self.push(vec![c], Starts::BRANCHES.len() as f64));
             let all = self.extensions(&nothing);
             all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
         };
         let middle = Starts::all(runs, 0);
-        let mut best = (worth(middle) + BRANCH, middle);
+        let mut best = (net_evidence(middle) + BRANCH, middle);
         for branch in 1..Starts::BRANCHES.len() {
             let starts = Starts::all(runs, branch);
-            let w = worth(starts);
+            let w = net_evidence(starts);
             if w > best.0 {
                 best = (w, starts);
             }
@@ -162,7 +160,7 @@ impl<'a> Search<'a> {
         for run in 0..if runs > 1 { runs.min(MOST_STARTS) } else { 0 } {
             for branch in 0..Starts::BRANCHES.len() {
                 let starts = best.1.with(run, branch);
-                let w = worth(starts);
+                let w = net_evidence(starts);
                 if w > best.0 {
                     best = (w, starts);
                 }
@@ -329,9 +327,9 @@ impl<'a> Search<'a> {
                 tried.push(effect);
                 let begun = self.with_refined(&nothing, *group, on);
                 let grown = self.grow(begun);
-                let worth = self.total(&grown) + self.held_out(&grown);
-                if worth > most {
-                    (most, best) = (worth, grown);
+                let net_evidence = self.total(&grown) + self.held_out(&grown);
+                if net_evidence > most {
+                    (most, best) = (net_evidence, grown);
                 }
             }
         }
@@ -489,14 +487,14 @@ impl<'a> Search<'a> {
                 }
                 names.push(effect);
                 let next = self.with_refined(&others, group, &on);
-                let worth = next.net() - self.price(next.last(), &others.groups);
-                if best.as_ref().is_none_or(|b: &(f64, State)| worth > b.0) {
-                    best = Some((worth, next));
+                let net_evidence = next.net() - self.price(next.last(), &others.groups);
+                if best.as_ref().is_none_or(|b: &(f64, State)| net_evidence > b.0) {
+                    best = Some((net_evidence, next));
                 }
             }
             let now = state.net() - self.price(state.groups[k], &others.groups);
-            let Some((worth, mut next)) = best else { continue };
-            if worth > now - SIMPLE && self.held_out_under(&next, &state) > self.held_out(&state) - SIMPLE {
+            let Some((net_evidence, mut next)) = best else { continue };
+            if net_evidence > now - SIMPLE && self.held_out_under(&next, &state) > self.held_out(&state) - SIMPLE {
                 // It stands where the family stood.
                 let (group, _) = (next.groups.pop(), next.p_values.pop());
                 if let Some(group) = group {
@@ -524,8 +522,7 @@ impl<'a> Search<'a> {
         gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
     }
 
-    fn model(&mut self, state: State) -> Model {
-        let nothing = self.nothing();
+    fn model(&self, state: State) -> Model {
         let members = state
             .groups
             .iter()
@@ -536,12 +533,7 @@ impl<'a> Search<'a> {
                 p_value: *p_value,
             })
             .collect();
-        Model {
-            members,
-            worth: state.evidence() - nothing.evidence(),
-            noise_models: [0, 1, 2].map(|a: usize| state.axes[a].noise_model),
-            state,
-        }
+        Model { members, noise_models: [0, 1, 2].map(|a: usize| state.axes[a].noise_model), state }
     }
 
     fn prior(&self, state: &State, group: usize, a: usize) -> Vec<f64> {

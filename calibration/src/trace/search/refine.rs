@@ -40,9 +40,9 @@ impl Search<'_> {
                     if how.places() == 2 && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
-                    let worth = self.trial(&state, k, &[c]);
-                    if worth > best.0 {
-                        best = (worth, c);
+                    let net_evidence = self.trial(&state, k, &[c]);
+                    if net_evidence > best.0 {
+                        best = (net_evidence, c);
                     }
                 }
             }
@@ -67,9 +67,9 @@ impl Search<'_> {
                     continue;
                 }
                 let moved: Vec<Candidate> = best.1.iter().map(|c| c.starting(starts)).collect();
-                let worth = self.trial(&state, k, &moved);
-                if worth > best.0 {
-                    best = (worth, moved);
+                let net_evidence = self.trial(&state, k, &moved);
+                if net_evidence > best.0 {
+                    best = (net_evidence, moved);
                 }
             }
         }

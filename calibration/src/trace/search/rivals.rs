@@ -16,7 +16,7 @@ pub struct Rival {
     /// Log evidence that it brings.
     pub evidence: f64,
     /// The same less its price.
-    pub worth: f64,
+    pub net_evidence: f64,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
 }
@@ -48,7 +48,7 @@ impl Search<'_> {
             let rival = self.rival(&others, &next, next.last());
             out.push(rival);
         }
-        out.sort_by(|x, y| y.worth.total_cmp(&x.worth));
+        out.sort_by(|x, y| y.net_evidence.total_cmp(&x.net_evidence));
         out
     }
 
@@ -64,7 +64,12 @@ impl Search<'_> {
             })
             .sum::<f64>()
             / self.data.axes_there() as f64;
-        Rival { candidate: self.lead(group), evidence, worth: evidence - self.price(group, &others.groups), gain_in_cv }
+        Rival {
+            candidate: self.lead(group),
+            evidence,
+            net_evidence: evidence - self.price(group, &others.groups),
+            gain_in_cv,
+        }
     }
 
     /// Orthonormal columns of some candidates on one axis under one noise model.
