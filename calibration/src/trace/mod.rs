@@ -106,8 +106,6 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// # Errors
 /// One sentence: recordings that cannot be used, that share data, are of different units, hold too little data, or cannot hold
 /// the baseline down.
-// The loop in its order: what each step leaves is what the next one takes.
-#[allow(clippy::too_many_lines)]
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run) = ready(train, verify, options)?;
     let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
