@@ -32,7 +32,7 @@ pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 
 use crate::fit::evidence;
 use crate::fit::independence::{self, Units};
-use crate::fit::{prepare_for, Prepared};
+use crate::fit::{self, prepare_for, Prepared};
 use crate::recording::facts;
 use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
@@ -46,7 +46,7 @@ use hrg_core::AXES;
 use judge::{agreement, spread, Means, Noise};
 use model::{Fitted, Term};
 use on_verify::{start_verify_run, OnVerifyRun};
-use report::{by_axis, Agreement, AxisModel, ByAxis, Exchanged};
+use report::{by_axis, Agreement, ByAxis, Exchanged};
 use search::{Model, Rival, Search};
 use settling::Memory;
 use uncertainty::Weights;
@@ -191,7 +191,6 @@ fn judged(
     let stated = uncertainty::of(data, &fitted, learnt.model.noise_models, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
     let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
-    let written = on_verify.image(&calibration, &learnt, &for_unit, &baseline_fit, options, &mut notes);
     let mut left = leftover::judge(data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
@@ -201,6 +200,12 @@ fn judged(
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| more_than_noise(r)) {
         left.push(format!("on the verify run ({ratio})"));
     }
+    // Where naming does not reach, a sum of families without a name may compensate.
+    let mut models = vec![for_unit];
+    if left.iter().any(|l| !l.is_empty()) || effects.iter().any(|e| e.confirmed == Some(false)) {
+        models.extend(on_verify.sum_of_families(&mut search, &learnt)?);
+    }
+    let written = on_verify.image(&calibration, &learnt, &models, &baseline_fit, options, &mut notes);
     let exchanged = witness().map(|found| exchanged(&found, &effects));
     let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
     let mut report = Report {
@@ -276,14 +281,9 @@ fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
 
 /// Writes into an image what it leaves on the train runs and on the verify run.
 fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: &[usize]) {
+    let train: Vec<_> = runs.iter().map(|r| fit::correct(image, &r.steps)).collect();
     for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
-        let raw = || spread(runs.iter().map(|r| &r.steps.rate_dph[a])).0;
-        let train = match report.block.as_ref().map(|b| b[n].model) {
-            Some(AxisModel::Extended) => report.r#final[n].train_rms_dph,
-            Some(AxisModel::Constant) => raw(),
-            Some(AxisModel::Baseline) | None => report.baseline[n].train_rms_dph,
-        };
-        image.axes[a].train_rms_dph = train as f32;
+        image.axes[a].train_rms_dph = spread(train.iter().map(|r| &r[a])).0 as f32;
         image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
     }
 }

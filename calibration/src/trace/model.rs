@@ -291,6 +291,20 @@ pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
     }
 }
 
+/// An image with some axes of another one, effects and all; `None` if an image cannot hold the effects of both.
+pub fn with_axes_of(image: &Calibration, other: &Calibration, axes: &[usize]) -> Option<Calibration> {
+    let (mut merged, mut theirs) = (image.clone(), other.clone());
+    for a in 0..AXES {
+        take_axis(if axes.contains(&a) { &mut merged } else { &mut theirs }, other, a);
+    }
+    drop_idle_effects(&mut merged);
+    drop_idle_effects(&mut theirs);
+    for term in theirs.effects {
+        merged.effects.push(term).ok()?;
+    }
+    merged.to_bytes().is_some().then_some(merged)
+}
+
 /// Takes out effects that no axis has.
 pub fn drop_idle_effects(image: &mut Calibration) {
     image.effects.retain(|t| t.gains.iter().flatten().any(|g| *g != 0.0));

@@ -3,7 +3,7 @@
 use super::cards::{card, Kind};
 use super::data::{Candidate, Data, Starts};
 use super::judge::{agreement, Means, Noise};
-use super::model::{drop_idle_effects, take_axis, Fitted, Term};
+use super::model::{drop_idle_effects, take_axis, with_axes_of, Fitted, Term};
 use super::report::{by_axis, Agreement, AxisModel, ByAxis, Found, Gain, Image, OnVerify, Ranked};
 use super::search::{Rival, Search};
 use super::uncertainty::{self, Stated, Weights};
@@ -13,7 +13,7 @@ use crate::recording::steps::Run;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, Uncertainty};
-use hrg_core::effects::Reach;
+use hrg_core::effects::{by_id, Reach};
 use hrg_core::AXES;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -163,21 +163,79 @@ impl OnVerifyRun<'_> {
         Ok(ForUnit { fitted, stated })
     }
 
+    /// Whether what one image leaves is less than what another leaves, on an axis at least, and on none more.
+    fn beats(&self, left: &[Means; AXES], other: &[Means; AXES]) -> bool {
+        let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&other[a], &left[a], self.noise[a].floor())).collect();
+        each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
+    }
+
+    /// A sum of families as a model for an image; `None` where no family brings anything.
+    pub(super) fn sum_of_families(
+        &self,
+        search: &mut Search<'_>,
+        learnt: &Learnt,
+    ) -> Result<Option<ForUnit>, BadInput> {
+        let model = search.sum_of_families(&learnt.model);
+        let terms: Vec<Term> =
+            model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
+        if !terms.iter().any(|t| t.lead().on_unit()) {
+            return Ok(None);
+        }
+        let fitted = Fitted::new(self.data, &terms, model.noise_models)?;
+        let stated = uncertainty::of(self.data, &fitted, model.noise_models, Weights::Noise);
+        Ok(Some(ForUnit { fitted, stated }))
+    }
+
+    /// The image of the first model, or with the axes of another where that leaves less on the verify run; and the model of each axis.
+    fn beside<'m>(
+        &self,
+        named: Calibration,
+        models: &'m [ForUnit],
+        calibration: &Calibration,
+        notes: &mut Vec<String>,
+    ) -> (Calibration, [&'m ForUnit; AXES]) {
+        let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
+        let (mut image, mut of_axis) = (named, [&models[0]; AXES]);
+        for other in &models[1..] {
+            let theirs = other.fitted.image(calibration, &other.stated, &mut Vec::new());
+            let (ours, left) = (corrected(&image), corrected(&theirs));
+            let wins = |a: &usize| agreement(&ours[*a], &left[*a], self.noise[*a].floor()).wins();
+            let present: Vec<usize> = self.run.steps.present().collect();
+            let better: Vec<usize> = present.iter().copied().filter(wins).collect();
+            // All axes where none gets worse, or those that get better: the one that leaves less.
+            let all = Some(present).filter(|_| self.beats(&left, &ours));
+            let gain =
+                |axes: &[usize]| axes.iter().map(|a| (ours[*a].deviation() / left[*a].deviation()).ln()).sum::<f64>();
+            let merged = [all, Some(better)].into_iter().flatten().filter(|axes| !axes.is_empty());
+            let merged = merged.filter_map(|axes| Some((with_axes_of(&image, &theirs, &axes)?, axes)));
+            let Some((merged, axes)) = merged.max_by(|x, y| gain(&x.1).total_cmp(&gain(&y.1))) else { continue };
+            notes.push(format!(
+                "the named effects leave structure: on axis {} the image holds a sum of families that names nothing, {}, which leaves less on the verify run",
+                axes.iter().map(|a| AXIS_NAMES[*a]).collect::<Vec<_>>().join(", "),
+                theirs.effects.iter().filter_map(|t| Some(by_id(t.id)?.name)).collect::<Vec<_>>().join(", ")
+            ));
+            image = merged;
+            axes.iter().for_each(|a| of_axis[*a] = other);
+        }
+        (image, of_axis)
+    }
+
     /// The image: axis by axis the extended model, the baseline or a constant, whichever the verify run bears out.
     pub(super) fn image(
         &self,
         calibration: &Calibration,
         learnt: &Learnt,
-        for_unit: &ForUnit,
+        models: &[ForUnit],
         baseline_fit: &Fitted,
         options: &Options,
         notes: &mut Vec<String>,
     ) -> Written {
         let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_noise_models, Weights::Plain);
         let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
-        let mut image = for_unit.fitted.image(calibration, &for_unit.stated, notes);
-        image.sequence = 2;
         let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
+        let named = models[0].fitted.image(calibration, &models[0].stated, notes);
+        let (mut image, of_axis) = self.beside(named, models, calibration, notes);
+        image.sequence = 2;
         let raw = self.run.steps.rate_dph.each_ref().map(|r| Means::of(r));
         let (of_base, of_image) = (corrected(&baseline), corrected(&image));
         let mut models = [AxisModel::Constant; AXES];
@@ -215,12 +273,9 @@ impl OnVerifyRun<'_> {
         }
         let chosen = corrected(&image);
         let in_use = options.in_use.as_ref().map(corrected);
-        let beats_use = in_use.is_none_or(|u| {
-            let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&u[a], &chosen[a], self.noise[a].floor())).collect();
-            each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
-        });
+        let beats_use = in_use.is_none_or(|u| self.beats(&chosen, &u));
         let figures = by_axis(|a| {
-            let (_, constant) = for_unit.fitted.predicted_variance(self.run, &self.scaling, a, self.known);
+            let (_, constant) = of_axis[a].fitted.predicted_variance(self.run, &self.scaling, a, self.known);
             OnVerify {
                 verify_rms_dph: chosen[a].deviation(),
                 mean_dph: chosen[a].mean(),

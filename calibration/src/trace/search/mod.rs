@@ -48,6 +48,7 @@ const TRIED: usize = 5;
 /// How many candidates are looked at for them.
 const LOOKS: usize = 12;
 
+mod families;
 mod refine;
 mod rivals;
 
