@@ -24,6 +24,7 @@ use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::Calibration;
 use hrg_core::maintenance::Store;
+use hrg_core::reset::ResetCause;
 use hrg_core::sectors::{self, Sector};
 use hrg_core::status::UnitStatus;
 use static_cell::ConstStaticCell;
@@ -112,8 +113,8 @@ pub struct Board {
     pub link_in: RingBufferedUartRx<'static>,
     /// Not yet running.
     pub watchdog: Watchdog,
-    /// Whether the last reset came from the watchdog.
-    pub watchdog_reset: bool,
+    /// Why the processor started.
+    pub reset_cause: ResetCause,
     /// The two calibration sectors.
     pub sectors: Sectors,
 }
@@ -137,14 +138,28 @@ fn clocks() -> rcc::Config {
     c
 }
 
+/// Why the processor started (RM0390 section 6.3.21), and forgets it. Every reset pulls the pin low, too.
+fn reset_cause() -> ResetCause {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    if flags.porrstf() || flags.borrstf() {
+        ResetCause::Power
+    } else if flags.wdgrstf() || flags.wwdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf() {
+        ResetCause::Software
+    } else {
+        ResetCause::Pin
+    }
+}
+
 impl Board {
     /// Sets everything up.
     pub fn new() -> Self {
         let mut config = embassy_stm32::Config::default();
         config.rcc = clocks();
         let p = embassy_stm32::init(config);
-        let watchdog_reset = pac::RCC.csr().read().wdgrstf();
-        pac::RCC.csr().modify(|w| w.set_rmvf(true));
+        let reset_cause = reset_cause();
 
         #[cfg(not(feature = "stm32f405rg"))]
         let data_ready = capture_input!(p.PB2, Ch4);
@@ -190,7 +205,7 @@ impl Board {
             link_out,
             link_in: link_in.into_ring_buffered(once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
             watchdog,
-            watchdog_reset,
+            reset_cause,
             sectors: Sectors::new(Flash::new_blocking(p.FLASH), patience),
         }
     }

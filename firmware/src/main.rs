@@ -25,6 +25,7 @@ mod board;
 mod capture;
 mod channels;
 mod halt;
+mod kept;
 mod link;
 mod maintain;
 mod model;
@@ -46,7 +47,7 @@ use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
-use hrg_core::status::UnitStatus;
+use hrg_core::reset::ResetCause;
 use hrg_core::telemetry::Telemetry;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -90,32 +91,45 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
     once(place.try_init_with(|| Compensator::new(calibration.clone(), 0.0)))
 }
 
+/// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
+#[inline(never)]
+fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 {
+    if let Some(kept) = Some(cause).filter(|c| c.is_brief()).and_then(|_| kept::newest()) {
+        models.iter_mut().for_each(|m| m.resume(&kept));
+    }
+    models[0].resets()
+}
+
 /// Sets the board up and starts all tasks.
 #[inline(never)]
 fn start(spawner: Spawner) -> Watchdog {
     let board = board::Board::new();
     let board::Loaded { calibration, sector, checksum, status } = board.calibration();
-    let status = if board.watchdog_reset { status | UnitStatus::WATCHDOG_RESET } else { status };
+    // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
+    static COMPENSATORS: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
+    let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
+    let resets = resume(&mut compensators, board.reset_cause);
     let identity = Identity {
         unit: calibration.unit,
         calibration: checksum,
         created_unix_s: calibration.created_unix_s,
         sequence: calibration.sequence,
+        reset_cause: board.reset_cause,
+        resets: resets.min(0xFFFF) as u16,
     };
     defmt::info!(
-        "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u8:02x}",
+        "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u8:02x}, start after {=str}, {=u32} resets",
         env!("CARGO_PKG_VERSION"),
         calibration.unit_name(),
         identity.calibration,
         identity.sequence,
-        status.bits()
+        status.bits(),
+        board.reset_cause.name(),
+        resets
     );
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
-    // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
-    static COMPENSATORS: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
-    let compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
     let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status);
     let locked = cfg!(feature = "locked");

@@ -3,6 +3,7 @@
 use crate::capture::{Clock, Rings};
 use crate::channels::{BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
 use crate::halt::halt;
+use crate::kept;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
 use embassy_time::Ticker;
 use hrg_core::compensator::{update_both, Compensator};
@@ -37,6 +38,7 @@ pub async fn task(mut rings: Rings, clock: Clock, redundant: [&'static mut Compe
             halt()
         };
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
+        kept::keep(first, step.step);
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output));
     }

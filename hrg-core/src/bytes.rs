@@ -9,6 +9,34 @@ pub fn crc32(bytes: &[u8]) -> u32 {
     CRC_32.checksum(bytes)
 }
 
+/// [`crc32`] of pieces, one after the other.
+pub struct Digest(crc::Digest<'static, u32>);
+
+impl Digest {
+    /// Of nothing yet.
+    #[must_use]
+    pub fn new() -> Self {
+        static CRC: crc::Crc<u32> = CRC_32;
+        Self(CRC.digest())
+    }
+    /// Adds a piece.
+    pub fn update(&mut self, piece: &[u8]) {
+        self.0.update(piece);
+    }
+    /// The checksum.
+    #[must_use]
+    pub fn finish(self) -> u32 {
+        self.0.finalize()
+    }
+}
+
+/// [`crc32`] of words.
+pub fn crc32_of(words: impl Iterator<Item = [u8; 4]>) -> u32 {
+    let mut digest = Digest::new();
+    words.for_each(|word| digest.update(&word));
+    digest.finish()
+}
+
 /// Appends numbers to a byte slice; remembers when it did not fit.
 #[derive(Debug)]
 pub struct Writer<'a> {

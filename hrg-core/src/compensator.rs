@@ -4,6 +4,7 @@ use crate::bias;
 use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
+use crate::history::{self, Head, History, Kept};
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
@@ -28,6 +29,8 @@ pub struct Output {
     pub bias_std_dph: [f32; AXES],
     /// Status bits ([`AxisStatus`]).
     pub status: [AxisStatus; AXES],
+    /// Time since power-on at the end of the step, over restarts, s.
+    pub on_for_s: f32,
 }
 
 impl Output {
@@ -40,6 +43,7 @@ impl Output {
             && equal(&self.temperature_c, &other.temperature_c)
             && equal(&self.ramp_c_per_min, &other.ramp_c_per_min)
             && self.status == other.status
+            && self.on_for_s.to_bits() == other.on_for_s.to_bits()
     }
 }
 
@@ -57,6 +61,11 @@ pub struct Compensator {
     thermometer: Thermometer,
     /// Of each effect of the calibration: its states.
     running: Vec<OnUnit, MAX_EFFECTS>,
+    /// What the unit does not know of their past.
+    history: History,
+    /// Steps that were kept, and resets since power-on.
+    kept: u32,
+    resets: u32,
     /// For how many more steps a change beyond the calibrated range is in the slope's window.
     invalid_steps: [u8; AXES],
     bias_dph: [f32; AXES],
@@ -80,12 +89,38 @@ impl Compensator {
         Self {
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
+            history: History::unknown(&running),
             running,
+            kept: 0,
+            resets: 0,
             invalid_steps: [0; AXES],
             bias_dph: [0.0; AXES],
             bias_std_dph: [f32::NAN; AXES],
             trim_dph: [0.0; AXES],
         }
+    }
+
+    /// Writes all states as words (`put` is given each with its place, 0 to [`history::KEPT_WORDS`] - 1), for memory that a reset
+    /// leaves alone.
+    pub fn keep(&mut self, put: impl FnMut(usize, u32)) {
+        self.kept = self.kept.wrapping_add(1);
+        let head = Head { sequence: self.kept, time_s: self.thermometer.now().time_s, resets: self.resets };
+        history::keep(head, &self.calibration.effects, &mut self.running, &mut self.history, put);
+    }
+
+    /// Goes on from states that were kept before a reset of some hundred milliseconds. An effect of which none were kept, as the
+    /// calibration is another one, begins anew. Before the first step.
+    pub fn resume<W: Fn(usize) -> u32>(&mut self, kept: &Kept<W>) {
+        self.kept = kept.head.sequence;
+        self.resets = kept.head.resets.wrapping_add(1);
+        self.thermometer.powered_on_before(kept.head.time_s + history::RESTART_S);
+        history::resume(kept, &self.calibration.effects, &mut self.running, &mut self.history);
+    }
+
+    /// Resets since power-on, as far as states were kept over them.
+    #[must_use]
+    pub fn resets(&self) -> u32 {
+        self.resets
     }
 
     /// Adds a constant to the bias of each axis from the next step on, deg/h: what an alignment has found. It replaces the
@@ -133,12 +168,14 @@ impl Compensator {
             };
             running.add_bias_dph(scaling, thermal, sums);
         }
+        let unknown = self.history.step(&self.calibration, thermal, &mut self.running);
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
             ramp_c_per_min: [x.state.ramp_c_per_min, y.state.ramp_c_per_min, z.state.ramp_c_per_min],
             bias_dph,
             bias_std_dph: [f32::NAN; AXES],
+            on_for_s: thermal.time_s,
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
         for k in 0..AXES {
@@ -149,11 +186,15 @@ impl Compensator {
             if now.age == 0 {
                 self.bias_dph[k] = bias_dph[k];
                 let along = along_dph.map(|d| d[k]);
-                self.bias_std_dph[k] = self.calibration.axes[k].bias_std_dph(scaling, &now.state, along);
+                let past_dph = unknown.std_dph[k];
+                self.bias_std_dph[k] = self.calibration.axes[k].bias_std_dph(scaling, &now.state, along, past_dph);
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
                     output.status[k] |= AxisStatus::UNCALIBRATED;
                 }
+            }
+            if unknown.axes[k] {
+                output.status[k] |= AxisStatus::HISTORY_UNKNOWN;
             }
             if edge_errors(k) {
                 output.status[k] |= AxisStatus::EDGE_ERRORS;
@@ -166,15 +207,22 @@ impl Compensator {
 }
 
 impl Axis {
-    /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction. NaN where it is not stated.
+    /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction, `past_dph` what their past adds. NaN
+    /// where it is not stated.
     #[inline(never)]
-    fn bias_std_dph(&self, scaling: &bias::Scaling, state: &bias::State, along_dph: [f32; DIRECTIONS]) -> f32 {
+    fn bias_std_dph(
+        &self,
+        scaling: &bias::Scaling,
+        state: &bias::State,
+        along_dph: [f32; DIRECTIONS],
+        past_dph: f32,
+    ) -> f32 {
         let u = &self.uncertainty;
         if u.rest_dph2 <= 0.0 {
             return f32::NAN;
         }
         let x = bias::regressors(scaling, state.temperature_c, state.ramp_c_per_min);
-        let mut variance = u.rest_dph2;
+        let mut variance = u.rest_dph2 + past_dph * past_dph;
         for (k, effects) in u.baseline.iter().zip(along_dph) {
             let d = bias::dot(k, &x) + effects;
             variance += d * d;

@@ -146,7 +146,7 @@ mod tests {
 
     fn output(decimation: u16) -> RateOutput {
         let path = RatePath::new(Timebase::REFERENCE, [0.01; 3], decimation);
-        RateOutput::new(path, UnitStatus::WATCHDOG_RESET)
+        RateOutput::new(path, UnitStatus::IMAGE_REFUSED)
     }
 
     fn codes(k: u32) -> Result<[i32; CHANNELS], Fault> {
@@ -168,7 +168,7 @@ mod tests {
             assert_eq!(out.sample(k * MS, codes(k), take), Ok(None));
         }
         let status: Vec<UnitStatus> = sent.iter().map(|f| f.unit_status).collect();
-        let (usual, drop) = (UnitStatus::WATCHDOG_RESET, UnitStatus::WATCHDOG_RESET | UnitStatus::FRAMES_DROPPED);
+        let (usual, drop) = (UnitStatus::IMAGE_REFUSED, UnitStatus::IMAGE_REFUSED | UnitStatus::FRAMES_DROPPED);
         assert_eq!(status, [usual, usual, usual, drop, usual, usual, usual, usual]);
         assert!(sent.iter().all(RateFrame::intact));
     }

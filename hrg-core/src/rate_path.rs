@@ -78,8 +78,7 @@ impl PendingBias {
     }
 
     fn fold(&self) -> u32 {
-        let [a, b, c] = self.status.map(|s| s.bits());
-        fold([self.effective_tick, self.step, u32::from_le_bytes([a, b, c, 0])]) ^ fold(self.bias_dph.map(f32::to_bits))
+        fold([self.effective_tick, self.step, word_of(self.status)]) ^ fold(self.bias_dph.map(f32::to_bits))
     }
 
     /// Whether it is as it was made.
@@ -97,6 +96,11 @@ fn settings_integrity(scale_dph: &[f32; AXES], decimations: [u16; 2], stale_tick
 /// A number that changes with any bit of the three.
 fn fold([a, b, c]: [u32; 3]) -> u32 {
     !(a ^ b.rotate_left(11) ^ c.rotate_left(22))
+}
+
+/// A number that changes with any bit of the status of the axes.
+fn word_of(status: [AxisStatus; AXES]) -> u32 {
+    fold(status.map(|s| s.bits().into()))
 }
 
 /// One frame of corrected rates: the mean of `decimation` samples.
@@ -133,8 +137,7 @@ impl RateFrame {
     }
 
     fn fold(&self) -> u32 {
-        let [a, b, c] = self.axis_status.map(|s| s.bits());
-        let status = u32::from_le_bytes([a, b, c, self.unit_status.bits()]);
+        let status = word_of(self.axis_status) ^ u32::from(self.unit_status.bits()).rotate_left(27);
         // Non-zero for an all-zero frame, so that memory which never held a frame fails.
         fold([self.sample, self.tick, self.step])
             ^ fold(self.rate_dph.map(f32::to_bits)).rotate_left(5)

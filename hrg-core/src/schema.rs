@@ -2,6 +2,7 @@
 //! and the table that `docs/formats.md` and a Python `struct` string are printed from.
 
 use crate::bytes::{Reader, Writer};
+use crate::reset::ResetCause;
 use crate::sectors::Sector;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::unit_name::UnitName;
@@ -171,26 +172,26 @@ scalar! {
     f64, F64, f64, Number::Double, double;
 }
 
-/// Types that lie as one byte.
-macro_rules! as_byte {
-    ($($type:ty, $format:ident, $to:expr, $from:expr;)+) => {$(
+/// Types that lie as a whole number.
+macro_rules! as_number {
+    ($($type:ty, $format:ident, $int:ident, $to:expr, $from:expr;)+) => {$(
         impl Wire for $type {
             const FORMAT: Format = Format::$format;
             const COUNT: usize = 1;
             const ROW: usize = 0;
             #[inline]
             fn put(&self, w: &mut Writer<'_>) {
-                w.u8($to(*self));
+                w.$int($to(*self));
             }
             #[inline]
             fn take(r: &mut Reader<'_>) -> Option<Self> {
-                r.u8().and_then($from)
+                r.$int().and_then($from)
             }
             fn number(&self, _: usize) -> Number {
                 Number::Whole($to(*self).into())
             }
             fn set_number(&mut self, _: usize, n: Number) -> bool {
-                let value: Option<Self> = whole(n).and_then(|v| u8::try_from(v).ok()).and_then($from);
+                let value: Option<Self> = whole(n).and_then(|v| $int::try_from(v).ok()).and_then($from);
                 *self = value.unwrap_or(*self);
                 value.is_some()
             }
@@ -198,11 +199,12 @@ macro_rules! as_byte {
     )+};
 }
 
-as_byte! {
-    bool, Bool, u8::from, |b: u8| Some(b != 0);
-    AxisStatus, U8, |s: AxisStatus| s.bits(), |b: u8| Some(AxisStatus::from_bits_retain(b));
-    UnitStatus, U8, |s: UnitStatus| s.bits(), |b: u8| Some(UnitStatus::from_bits_retain(b));
-    Sector, U8, |s: Sector| s.number(), Sector::from_number;
+as_number! {
+    bool, Bool, u8, u8::from, |b: u8| Some(b != 0);
+    AxisStatus, U16, u16, |s: AxisStatus| s.bits(), |b: u16| Some(AxisStatus::from_bits_retain(b));
+    UnitStatus, U8, u8, |s: UnitStatus| s.bits(), |b: u8| Some(UnitStatus::from_bits_retain(b));
+    ResetCause, U8, u8, |c: ResetCause| c as u8, ResetCause::from_number;
+    Sector, U8, u8, |s: Sector| s.number(), Sector::from_number;
 }
 
 impl Wire for UnitName {

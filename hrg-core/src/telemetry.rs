@@ -86,6 +86,7 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
         h.calibration = self.identity.calibration;
         h.sequence = self.identity.sequence;
         h.created_unix_s = self.identity.created_unix_s;
+        h.resets = self.identity.resets;
         h.mode = match (self.maintenance, self.session.running()) {
             (true, _) => mode::MAINTENANCE,
             (false, true) => mode::ALIGN,
@@ -102,13 +103,21 @@ mod tests {
     use crate::alignment::linear::Linear;
     use crate::alignment::session::Session;
     use crate::rate_path::Summary;
+    use crate::reset::ResetCause;
     use crate::status::AxisStatus;
     use crate::unit_name::UnitName;
     use std::boxed::Box;
 
     fn telemetry() -> Telemetry<Box<Session<Linear<f32>>>> {
-        let identity = Identity { unit: UnitName::UNNAMED, calibration: 7, created_unix_s: 8, sequence: 9 };
-        Telemetry::new(Box::new(Session::IDLE), Timebase::REFERENCE, identity, UnitStatus::WATCHDOG_RESET)
+        let identity = Identity {
+            unit: UnitName::UNNAMED,
+            calibration: 7,
+            created_unix_s: 8,
+            sequence: 9,
+            reset_cause: ResetCause::Watchdog,
+            resets: 2,
+        };
+        Telemetry::new(Box::new(Session::IDLE), Timebase::REFERENCE, identity, UnitStatus::IMAGE_REFUSED)
     }
 
     const STEP: StepFrequencies = StepFrequencies {
@@ -124,6 +133,7 @@ mod tests {
         bias_dph: [1.0; 3],
         bias_std_dph: [0.1; 3],
         status: [AxisStatus::empty(); 3],
+        on_for_s: 77.0,
     };
 
     fn rates(samples: u16, dropped: u16) -> RateSecond {
@@ -143,13 +153,14 @@ mod tests {
     fn a_second_holds_what_all_say() {
         let mut t = telemetry();
         let (h, report) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 4)));
-        assert_eq!((h.unit_status, report), (UnitStatus::WATCHDOG_RESET, None));
+        assert_eq!((h.unit_status, report), (UnitStatus::IMAGE_REFUSED, None));
         assert_eq!((h.time_ms, h.samples, h.dropped, h.rejected[1]), (4000, 1000, 4, 0xFFFF));
         assert_eq!((h.calibration, h.created_unix_s, h.sequence, h.mode), (7, 8, 9, mode::NAVIGATE));
+        assert_eq!((h.resets, h.on_for_s), (2, 77.0));
         assert!(h.frequency_hz[1].is_nan());
         // A rate path that says nothing is an ADC fault, and what was dropped stays counted.
         let (h, _) = t.second(&STEP, &OUTPUT, None);
-        assert_eq!(h.unit_status, UnitStatus::WATCHDOG_RESET | UnitStatus::ADC_FAULT);
+        assert_eq!(h.unit_status, UnitStatus::IMAGE_REFUSED | UnitStatus::ADC_FAULT);
         assert_eq!((h.samples, h.dropped), (0, 4));
     }
 
@@ -157,13 +168,13 @@ mod tests {
     fn link_errors_are_flagged_in_their_second_and_stay_counted() {
         let mut t = telemetry();
         t.set_link_errors(0);
-        assert_eq!(t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0.unit_status, UnitStatus::WATCHDOG_RESET);
+        assert_eq!(t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0.unit_status, UnitStatus::IMAGE_REFUSED);
         t.set_link_errors(2);
         let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
-        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::WATCHDOG_RESET | UnitStatus::LINK_ERRORS, 2));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED | UnitStatus::LINK_ERRORS, 2));
         t.set_link_errors(2);
         let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
-        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::WATCHDOG_RESET, 2));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED, 2));
     }
 
     #[test]

@@ -181,6 +181,12 @@ impl Thermometer {
         Self { channels: curves.map(Channel::new), now, steps: 0, power_on_s }
     }
 
+    /// The first step comes this long after power-on, s.
+    pub fn powered_on_before(&mut self, age_s: f32) {
+        self.power_on_s = age_s;
+        self.now.time_s = age_s;
+    }
+
     /// One model step.
     #[inline]
     pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> &Thermal {

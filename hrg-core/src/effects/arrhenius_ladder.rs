@@ -34,6 +34,10 @@ impl Effect for ArrheniusLadder {
         }
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        &mut self.state_c
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();

@@ -13,6 +13,7 @@ impl Effect for AxisGradient {
     const ID: u16 = 7;
     const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
+    const NEIGHBOURS: bool = true;
 
     type Regressors = [f32; 2];
 

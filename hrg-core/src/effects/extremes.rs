@@ -6,8 +6,8 @@ use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
 /// Highest and lowest temperature so far, less temperature; C.
 #[derive(Debug, Clone)]
 pub struct Extremes {
-    highest_c: f32,
-    lowest_c: f32,
+    /// The highest, then the lowest.
+    state_c: [f32; 2],
 }
 
 impl Effect for Extremes {
@@ -19,18 +19,23 @@ impl Effect for Extremes {
     type Regressors = [f32; 2];
 
     fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { highest_c: f32::NAN, lowest_c: f32::NAN }
+        Self { state_c: [f32::NAN; 2] }
+    }
+
+    fn memory(&mut self) -> &mut [f32] {
+        &mut self.state_c
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
         let t = inputs.own_c();
-        if !(self.highest_c >= t) {
-            self.highest_c = t;
+        let [highest, lowest] = &mut self.state_c;
+        if !(*highest >= t) {
+            *highest = t;
         }
-        if !(self.lowest_c <= t) {
-            self.lowest_c = t;
+        if !(*lowest <= t) {
+            *lowest = t;
         }
-        [self.highest_c - t, self.lowest_c - t]
+        [*highest - t, *lowest - t]
     }
 }

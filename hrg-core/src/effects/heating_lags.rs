@@ -12,6 +12,8 @@ pub struct HeatingLags {
     share: [f32; RUNGS],
     sum_c: [f32; RUNGS],
     step_min: f32,
+    /// Temperature of a soak from which the unit was heated or cooled at once to where it begins; NaN: it was there.
+    soaked_c: f32,
 }
 
 impl Effect for HeatingLags {
@@ -27,13 +29,26 @@ impl Effect for HeatingLags {
             share: core::array::from_fn(|k| lag_share(step_s, rung(p[0], p[1], k, RUNGS))),
             sum_c: [0.0; RUNGS],
             step_min: step_s / 60.0,
+            soaked_c: f32::NAN,
         }
+    }
+
+    fn memory(&mut self) -> &mut [f32] {
+        &mut self.sum_c
+    }
+
+    fn soak_at(&mut self, temperature_c: f32) {
+        self.soaked_c = temperature_c;
     }
 
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let rate = inputs.own().ramp_c_per_min;
-        let risen = if rate > 0.0 { rate * self.step_min } else { 0.0 };
+        let mut risen = if rate > 0.0 { rate * self.step_min } else { 0.0 };
+        let since_soak = inputs.own_c() - core::mem::replace(&mut self.soaked_c, f32::NAN);
+        if since_soak > 0.0 {
+            risen += since_soak;
+        }
         for k in 0..RUNGS {
             self.sum_c[k] += risen - self.share[k] * self.sum_c[k];
         }

@@ -30,6 +30,10 @@ impl Effect for Hysteresis {
         self.start = branch;
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.state_c)
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();

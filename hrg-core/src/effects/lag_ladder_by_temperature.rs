@@ -22,6 +22,10 @@ impl Effect for LagLadderByTemperature {
         Self { lags: LagLadder::new(p, step_s) }
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        self.lags.memory()
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());

@@ -16,6 +16,8 @@ use crate::AXES;
 pub const MAX_PARAMETERS: usize = 2;
 /// Most regressors of an effect, per axis.
 pub const MAX_OUTPUTS: usize = 14;
+/// Most numbers that an effect remembers, per axis.
+pub const MAX_MEMORY: usize = 10;
 
 /// What an effect may look at: one axis, one model step. A quantity that is not recorded is NaN.
 #[derive(Debug, Clone, Copy)]
@@ -110,6 +112,8 @@ pub trait Effect: Sized {
     const COMMON: bool = false;
     /// Whether it remembers the path of the temperature, so that where it begins matters: see [`start_on`](Self::start_on).
     const REMEMBERS_PATH: bool = false;
+    /// Whether it looks at the temperatures of the other axes.
+    const NEIGHBOURS: bool = false;
     /// The regressors of an axis: an array of as many as there are.
     type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
@@ -117,6 +121,14 @@ pub trait Effect: Sized {
     /// Tells an effect that remembers the path of the temperature where it stands when it begins: 1 as after cooling from far above, -1
     /// as after heating from far below, 0 in the middle. Before the first step.
     fn start_on(&mut self, _branch: f32) {}
+    /// The numbers that it remembers from step to step: what a unit keeps over a restart. Always as many, at most [`MAX_MEMORY`].
+    fn memory(&mut self) -> &mut [f32] {
+        &mut []
+    }
+    /// Makes its memory that of a unit which has stood at a temperature for long and was brought to the present one at once.
+    fn soak_at(&mut self, temperature_c: f32) {
+        self.memory().fill(temperature_c);
+    }
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
@@ -127,6 +139,8 @@ pub trait Regressors: Copy {
     const COUNT: usize;
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
+    /// The sum of the sizes of their differences from others, each times the size of its gain.
+    fn apart(&self, other: &Self, gains: &[f32; MAX_OUTPUTS]) -> f32;
     /// The sum of each times its gain.
     fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
     /// The same of gains of half the length.
@@ -140,6 +154,9 @@ impl<const N: usize> Regressors for [f32; N] {
         let mut out = [0.0; MAX_OUTPUTS];
         out.iter_mut().zip(self).for_each(|(o, x)| *o = *x);
         out
+    }
+    fn apart(&self, other: &Self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
+        gains.iter().zip(self.iter().zip(other)).map(|(g, (x, y))| (g * (x - y)).abs()).sum()
     }
     #[inline]
     fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
@@ -228,6 +245,25 @@ fn add_bias_dph<E: Effect, const N: usize>(
             along[axis] += x.weighted_by_halves(&gains[axis]);
         }
     }
+}
+
+/// Advances two copies of an effect that began with different pasts; how far apart their biases are on each axis, deg/h.
+#[inline(never)]
+fn apart_dph<E: Effect>(
+    effects: [&mut [E; AXES]; 2],
+    scaling: &Scaling,
+    thermal: [&Thermal; 2],
+    gains: &Gains,
+) -> [f32; AXES] {
+    if !matches!(E::REACH, Reach::Unit) {
+        return [0.0; AXES];
+    }
+    let [low, high] = effects;
+    core::array::from_fn(|axis| {
+        let inputs = |k: usize| Inputs { scaling, thermal: thermal[k], axis, recorded: Recorded::NONE };
+        let (x, y) = (low[axis].step(&inputs(0)), high[axis].step(&inputs(1)));
+        x.apart(&y, &gains[axis])
+    })
 }
 
 mod bank;
@@ -319,6 +355,32 @@ macro_rules! effects {
                 sums: &mut Sums<'_, N>,
             ) {
                 match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, sums)),+ }
+            }
+            /// What it remembers of an axis: [`Effect::memory`].
+            pub fn memory(&mut self, axis: usize) -> &mut [f32] {
+                match self { $(Self::$name(e) => e[axis].memory()),+ }
+            }
+            /// See [`Effect::soak_at`].
+            pub fn soak_at(&mut self, axis: usize, temperature_c: f32) {
+                match self { $(Self::$name(e) => e[axis].soak_at(temperature_c)),+ }
+            }
+            /// Whether it looks at the other axes: [`Effect::NEIGHBOURS`].
+            #[must_use]
+            pub const fn looks_at_neighbours(&self) -> bool {
+                match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
+            }
+            /// Advances two copies of one effect, each under its own thermal state; how far apart their biases are on each axis, deg/h.
+            pub fn apart_dph(
+                low: &mut Self,
+                high: &mut Self,
+                scaling: &Scaling,
+                thermal: [&Thermal; 2],
+                gains: &Gains,
+            ) -> [f32; AXES] {
+                match (low, high) {
+                    $((Self::$name(x), Self::$name(y)) => apart_dph([x, y], scaling, thermal, gains),)+
+                    _ => [0.0; AXES],
+                }
             }
         }
     };

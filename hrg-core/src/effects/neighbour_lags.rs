@@ -21,11 +21,16 @@ impl Effect for NeighbourLags {
     const ID: u16 = 23;
     const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
+    const NEIGHBOURS: bool = true;
 
     type Regressors = [f32; 8];
 
     fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
         Self { share: Self::TAUS_S.map(|tau| lag_share(step_s, tau)), state_c: [[f32::NAN; 3]; 2] }
+    }
+
+    fn memory(&mut self) -> &mut [f32] {
+        self.state_c.as_flattened_mut()
     }
 
     #[inline]

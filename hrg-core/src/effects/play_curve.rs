@@ -34,6 +34,10 @@ impl Effect for PlayCurve {
         self.start = branch;
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.state_c)
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; KNOTS] {
         let t = inputs.own_c();

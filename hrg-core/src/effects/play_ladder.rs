@@ -33,6 +33,10 @@ impl Effect for PlayLadder {
         self.start = branch;
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        &mut self.state_c
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         let t = inputs.own_c();

@@ -75,6 +75,10 @@ impl Effect for PowerOnLadderByStart {
         Self { ladder: PowerOnLadder::new(p, step_s), start_c: f32::NAN }
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.start_c)
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; RUNGS] {
         if self.start_c.is_nan() {

@@ -29,6 +29,14 @@ impl Effect for Relay {
         self.start = branch;
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.state)
+    }
+
+    fn soak_at(&mut self, temperature_c: f32) {
+        self.state = if temperature_c > 0.5 * (self.on_c + self.off_c) { 1.0 } else { 0.0 };
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();

@@ -25,6 +25,13 @@ impl Effect for SecondDerivative {
         Self { share: lag_share(step_s, TAU_S), state: f32::NAN }
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.state)
+    }
+
+    // It settles with the slope of temperature itself, which is flagged until then.
+    fn soak_at(&mut self, _: f32) {}
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let r = inputs.own().ramp_c_per_min;

@@ -23,6 +23,10 @@ impl Effect for ThermalLag {
         Self { share: lag_share(step_s, parameters[0]), state_c: f32::NAN }
     }
 
+    fn memory(&mut self) -> &mut [f32] {
+        core::slice::from_mut(&mut self.state_c)
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let t = inputs.own_c();

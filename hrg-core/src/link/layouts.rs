@@ -4,6 +4,7 @@ use super::{Housekeeping, Identity};
 use crate::alignment::session;
 use crate::maintenance::CHUNK;
 use crate::rate_path::RateFrame;
+use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
 use crate::sectors::Sector;
 use crate::status::{AxisStatus, UnitStatus};
@@ -21,7 +22,8 @@ layout! { RateFrame {
 
 layout! { Housekeeping {
     step: u32, "number of the model step";
-    time_ms: u32, "time since power-on at its end, ms";
+    time_ms: u32, "time since start at its end, ms";
+    on_for_s: f32, "time since power-on at its end, over restarts, s";
     frequency_hz: [f64; AXES], "frequencies, Hz; NaN where lost";
     temperature_c: [f32; AXES], "temperatures, C; NaN before the first";
     ramp_c_per_min: [f32; AXES], "their rates of change, C per minute";
@@ -39,6 +41,7 @@ layout! { Housekeeping {
     calibration: u32, "checksum of the image in use; 0: the compiled-in default";
     sequence: u32, "its sequence number";
     created_unix_s: u32, "when it was made, seconds since 1970";
+    resets: u16, "resets since power-on";
     mode: u8, "0 navigate, 1 align, 2 maintenance";
     bias_std_dph: [f32; AXES], "standard uncertainties of the biases, deg/h; NaN where the image does not state them";
 } }
@@ -48,6 +51,8 @@ layout! { Identity {
     calibration: u32, "checksum of the image in use; 0: the compiled-in default";
     created_unix_s: u32, "when it was made, seconds since 1970";
     sequence: u32, "its sequence number";
+    reset_cause: ResetCause, "why the unit started: 0 power, 1 pin, 2 software, 3 watchdog";
+    resets: u16, "resets since power-on";
 } }
 
 layout! { session::Report {

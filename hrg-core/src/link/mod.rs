@@ -15,6 +15,7 @@ use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::maintenance;
 use crate::rate_path::{RateFrame, Summary};
+use crate::reset::ResetCause;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::timebase::Timebase;
 use crate::unit_name::UnitName;
@@ -30,8 +31,10 @@ pub const MAX_FRAME: usize = MAX_PAYLOAD + 4;
 pub struct Housekeeping {
     /// Number of the model step, from start.
     pub step: u32,
-    /// Time since power-on at the end of the step, ms.
+    /// Time since start at the end of the step, ms.
     pub time_ms: u32,
+    /// Time since power-on at the end of the step, s: restarts do not end it.
+    pub on_for_s: f32,
     /// Frequencies, Hz; NaN where lost.
     pub frequency_hz: [f64; AXES],
     /// Temperatures, C; NaN before the first.
@@ -68,6 +71,8 @@ pub struct Housekeeping {
     pub sequence: u32,
     /// When it was made, seconds since 1970.
     pub created_unix_s: u32,
+    /// Resets since power-on.
+    pub resets: u16,
     /// What the unit is doing: [`mode`].
     pub mode: u8,
 }
@@ -94,6 +99,7 @@ impl Housekeeping {
         Self {
             step: step.step,
             time_ms: timebase.to_ms(step.end_ticks),
+            on_for_s: output.on_for_s,
             frequency_hz: step.frequency_hz.map(|f| f.unwrap_or(f64::NAN)),
             temperature_c: output.temperature_c,
             ramp_c_per_min: output.ramp_c_per_min,
@@ -112,6 +118,7 @@ impl Housekeeping {
             calibration: 0,
             sequence: 0,
             created_unix_s: 0,
+            resets: 0,
             mode: mode::NAVIGATE,
         }
     }
@@ -128,6 +135,10 @@ pub struct Identity {
     pub created_unix_s: u32,
     /// Its sequence number.
     pub sequence: u32,
+    /// Why the unit started.
+    pub reset_cause: ResetCause,
+    /// Resets since power-on, as far as states were kept over them.
+    pub resets: u16,
 }
 
 impl Identity {
@@ -188,6 +199,7 @@ mod tests {
         Housekeeping {
             step: 77,
             time_ms: 78_050,
+            on_for_s: 3678.05,
             frequency_hz: [4898.626, 4890.667, 4702.343],
             temperature_c: [6.3, 4.9, 5.0],
             ramp_c_per_min: [0.0, 1.0, -1.0],
@@ -206,6 +218,7 @@ mod tests {
             calibration: 0xDEAD_BEEF,
             sequence: 12,
             created_unix_s: 1_700_000_000,
+            resets: 3,
             mode: mode::ALIGN,
         }
     }
@@ -230,6 +243,8 @@ mod tests {
                 calibration: 1,
                 created_unix_s: 2,
                 sequence: 3,
+                reset_cause: ResetCause::Pin,
+                resets: 4,
             }),
             Message::Identify,
             Message::SetDecimation(5),

@@ -1,0 +1,501 @@
+//! What a unit does not know of its past, and what it keeps of it over a restart.
+//!
+//! A lag, a play or a warm-up stands where the unit's past has brought it. After a power-on the unit does not know that past. So it runs
+//! two more copies of each effect: one of a unit that has stood at the coldest calibrated temperature for long, one of a unit that
+//! has stood at the hottest one and was switched on long ago. The truth lies between them. How far their biases are apart is how
+//! uncertain the bias is for want of a past; it decays with the effect's own time constants, and a play knows its place as
+//! soon as the temperature has swept its width. Until 5 % of it is left (three time constants), or 0.01 deg/h, the axis is flagged
+//! [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; it is in the stated uncertainty as long as it is more than 0.01 deg/h.
+//!
+//! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
+//! temperature that it may have by then, for its own axis and for each that looks at it.
+//!
+//! A reset that leaves the memory alone does not end a past: [`crate::compensator::Compensator::keep`] writes all states into words
+//! that a reset leaves alone, and the unit goes on from them ([`crate::compensator::Compensator::resume`]).
+
+use crate::bias::clamp;
+use crate::bytes;
+use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use crate::compensator::HOLD_S;
+use crate::effects::{OnUnit, MAX_MEMORY};
+use crate::thermal::{AxisThermal, Thermal};
+use crate::{AXES, MODEL_STEP_S};
+use heapless::Vec;
+
+/// Share of what was unknown at the start below which the past counts as known: three time constants of a lag.
+const KNOWN: f32 = 0.05;
+
+/// Biases of the copies that are less apart than this, deg/h, count as one: a tenth of what docs/promises.md calls off.
+const NEGLIGIBLE_DPH: f32 = 0.01;
+
+/// While a thermometer is lost its temperature may change as fast as the calibration has seen, at least by this, C per minute.
+const USUAL_RAMP_C_PER_MIN: f32 = 1.0;
+
+/// Time since power-on of a unit that was switched on long ago, s.
+const LONG_S: f32 = 1e7;
+
+/// Standard deviation of what lies anywhere between two ends that are 1 apart.
+const UNIFORM: f32 = 0.288_675_13;
+
+/// What is unknown in one step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Unknown {
+    /// Whether an effect of the axis does not know its past.
+    pub axes: [bool; AXES],
+    /// Standard uncertainty of the bias for want of a past, deg/h.
+    pub std_dph: [f32; AXES],
+}
+
+/// How far the copies of an effect were apart at most, on one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Past {
+    /// The axis has had no temperature yet.
+    Coming,
+    /// They are apart, deg/h.
+    Apart(f32),
+    /// They have come together.
+    Known,
+}
+
+/// Effects begun with two other pasts. See the module.
+#[derive(Debug, Clone)]
+pub struct History {
+    low: Vec<OnUnit, MAX_EFFECTS>,
+    high: Vec<OnUnit, MAX_EFFECTS>,
+    past: [[Past; AXES]; MAX_EFFECTS],
+}
+
+impl History {
+    /// Of effects that have just begun: nothing is known of their past.
+    #[must_use]
+    pub fn unknown(running: &Vec<OnUnit, MAX_EFFECTS>) -> Self {
+        Self { low: running.clone(), high: running.clone(), past: [[Past::Coming; AXES]; MAX_EFFECTS] }
+    }
+
+    /// One model step, after that of the effects themselves (`running`).
+    #[inline(never)]
+    pub fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+        let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
+        let mut apart_dph = [0.0; AXES];
+        let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
+        let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
+        hot.time_s = LONG_S;
+        let copies = running.iter_mut().zip(&mut self.low).zip(&mut self.high).zip(&mut self.past);
+        for ((((main, low), high), past), term) in copies.zip(&calibration.effects) {
+            let any_lost = main.looks_at_neighbours() && lost.contains(&true);
+            for (k, past) in past.iter_mut().enumerate() {
+                let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
+                match past {
+                    Past::Coming if known => {
+                        low.soak_at(k, range.valid_from_c);
+                        high.soak_at(k, range.valid_to_c);
+                        *past = Past::Apart(0.0);
+                    }
+                    Past::Known if known && (lost[k] || any_lost) => {
+                        low.memory(k).copy_from_slice(main.memory(k));
+                        high.memory(k).copy_from_slice(main.memory(k));
+                        *past = Past::Apart(0.0);
+                    }
+                    _ => {}
+                }
+            }
+            if past.iter().all(|p| *p == Past::Known) {
+                continue;
+            }
+            let apart = OnUnit::apart_dph(low, high, &calibration.scaling, [&cold, &hot], &term.gains);
+            for (k, past) in past.iter_mut().enumerate() {
+                if let Past::Apart(most) = *past {
+                    // (While a thermometer is lost they part anew.)
+                    let parting = lost[k] || any_lost;
+                    let most = if apart[k] > most || parting { apart[k] } else { most };
+                    let together = apart[k] <= NEGLIGIBLE_DPH;
+                    *past = if together && !parting { Past::Known } else { Past::Apart(most) };
+                    apart_dph[k] += apart[k];
+                    unknown.axes[k] |= !together && apart[k] > KNOWN * most;
+                } else if *past == Past::Coming {
+                    unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0);
+                }
+            }
+        }
+        unknown.std_dph = apart_dph.map(|apart| UNIFORM * apart);
+        unknown
+    }
+}
+
+/// The coldest or the hottest that a thermometer may be which is lost.
+#[derive(Clone, Copy, PartialEq)]
+enum Side {
+    Cold,
+    Hot,
+}
+
+impl Side {
+    fn of(self, calibration: &Calibration, thermal: &Thermal) -> Thermal {
+        let axes = core::array::from_fn(|k| {
+            let (now, axis) = (&thermal.axes[k], &calibration.axes[k]);
+            if now.known && now.age == 0 {
+                return *now;
+            }
+            let (from, to) = (axis.curve.valid_from_c, axis.curve.valid_to_c);
+            let (slowest, fastest) = (axis.valid_from_c_per_min, axis.valid_to_c_per_min);
+            let (end, ramp) = match self {
+                Self::Cold => (from, clamp(slowest, f32::NEG_INFINITY, -USUAL_RAMP_C_PER_MIN)),
+                Self::Hot => (to, clamp(fastest, USUAL_RAMP_C_PER_MIN, f32::INFINITY)),
+            };
+            let mut state = now.state;
+            let moved = state.temperature_c + ramp * (f32::from(now.age) * (MODEL_STEP_S / 60.0));
+            state.temperature_c = if now.known { clamp(moved, from, to) } else { end };
+            AxisThermal { state, known: true, ..*now }
+        });
+        Thermal { axes, time_s: thermal.time_s }
+    }
+}
+
+/// Words of an effect that are kept for each axis: the memory of the effect and of its two copies, and how far they were apart.
+const AXIS_WORDS: usize = 3 * MAX_MEMORY + 1;
+/// Words of an effect: number, parameters, axes.
+const EFFECT_WORDS: usize = 3 + AXES * AXIS_WORDS;
+/// Words before the effects.
+const HEAD_WORDS: usize = 5;
+/// Words that are kept, the checksum included.
+pub const KEPT_WORDS: usize = HEAD_WORDS + MAX_EFFECTS * EFFECT_WORDS + 1;
+/// First word: what it is, and the version of its layout.
+const KEPT: u32 = u32::from_le_bytes(*b"HRG\x01");
+
+/// What is kept beside the states of the effects.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Head {
+    /// Counts up with each step that is kept: the newer of two.
+    pub sequence: u32,
+    /// Time since power-on, s.
+    pub time_s: f32,
+    /// Resets since power-on.
+    pub resets: u32,
+}
+
+/// States that were kept, checked. `W` gives the words.
+#[derive(Debug, Clone, Copy)]
+pub struct Kept<W> {
+    words: W,
+    /// What is kept beside the effects.
+    pub head: Head,
+    effects: usize,
+}
+
+impl<W: Fn(usize) -> u32> Kept<W> {
+    /// `None` where the words are not what [`keep`] wrote: memory after power-on, or a reset while it was written.
+    #[must_use]
+    pub fn of(words: W) -> Option<Self> {
+        if words(0) != KEPT || words(KEPT_WORDS - 1) != checksum(&words) {
+            return None;
+        }
+        let head = Head { sequence: words(1), time_s: f32::from_bits(words(2)), resets: words(3) };
+        let effects = (words(4) as usize).min(MAX_EFFECTS);
+        Some(Self { words, head, effects })
+    }
+
+    /// Where the words of an effect with the same number and parameters begin.
+    fn find(&self, term: &EffectTerm) -> Option<usize> {
+        let [p, q] = term.parameters.map(f32::to_bits);
+        (0..self.effects)
+            .map(|e| HEAD_WORDS + e * EFFECT_WORDS)
+            .find(|at| [0, 1, 2].map(|k: usize| (self.words)(at + k)) == [u32::from(term.id), p, q])
+    }
+
+    /// Gives an effect back what it remembered, and its two copies theirs; `None` where it was not there.
+    fn resume(&self, term: &EffectTerm, mut copies: [&mut OnUnit; 3], past: &mut [Past; AXES]) -> Option<()> {
+        let mut at = self.find(term)? + 3;
+        for (k, past) in past.iter_mut().enumerate() {
+            for copy in &mut copies {
+                for (m, to) in copy.memory(k).iter_mut().enumerate() {
+                    *to = f32::from_bits((self.words)(at + m));
+                }
+                at += MAX_MEMORY;
+            }
+            *past = match f32::from_bits((self.words)(at)) {
+                apart if apart.is_nan() => Past::Coming,
+                apart if apart < 0.0 => Past::Known,
+                apart => Past::Apart(apart),
+            };
+            at += 1;
+        }
+        Some(())
+    }
+}
+
+fn checksum(words: &impl Fn(usize) -> u32) -> u32 {
+    bytes::crc32_of((0..KEPT_WORDS - 1).map(|k| words(k).to_le_bytes()))
+}
+
+/// Writes states as words: `put` is given each word with its place, the checksum last.
+pub(crate) fn keep(
+    head: Head,
+    terms: &[EffectTerm],
+    running: &mut [OnUnit],
+    history: &mut History,
+    mut put: impl FnMut(usize, u32),
+) {
+    let mut digest = bytes::Digest::new();
+    let mut next = 0;
+    let mut add = |word: u32| {
+        digest.update(&word.to_le_bytes());
+        put(next, word);
+        next += 1;
+    };
+    for word in [KEPT, head.sequence, head.time_s.to_bits(), head.resets, running.len() as u32] {
+        add(word);
+    }
+    let copies = running.iter_mut().zip(&mut history.low).zip(&mut history.high).zip(&history.past);
+    let mut effects = 0;
+    for ((((main, low), high), past), term) in copies.zip(terms) {
+        add(u32::from(term.id));
+        term.parameters.iter().for_each(|p| add(p.to_bits()));
+        for (k, past) in past.iter().enumerate() {
+            for copy in [&mut *main, &mut *low, &mut *high] {
+                let memory = copy.memory(k);
+                (0..MAX_MEMORY).for_each(|m| add(memory.get(m).map_or(0, |v| v.to_bits())));
+            }
+            add(match past {
+                Past::Coming => f32::NAN,
+                Past::Apart(most) => *most,
+                Past::Known => -1.0,
+            }
+            .to_bits());
+        }
+        effects += 1;
+    }
+    for _ in effects * EFFECT_WORDS..MAX_EFFECTS * EFFECT_WORDS {
+        add(0);
+    }
+    put(KEPT_WORDS - 1, digest.finish());
+}
+
+/// Gives running effects back what was kept of them; those of which nothing was kept begin anew.
+pub(crate) fn resume<W: Fn(usize) -> u32>(
+    kept: &Kept<W>,
+    terms: &[EffectTerm],
+    running: &mut [OnUnit],
+    history: &mut History,
+) {
+    let copies = running.iter_mut().zip(&mut history.low).zip(&mut history.high).zip(&mut history.past);
+    for ((((main, low), high), past), term) in copies.zip(terms) {
+        let _ = kept.resume(term, [main, low, high], past);
+    }
+}
+
+/// The newer of two places where states are kept in turn, so that a reset while one is written leaves the other.
+pub fn newer<W: Fn(usize) -> u32>(places: [W; 2]) -> Option<Kept<W>> {
+    let [a, b] = places.map(Kept::of);
+    match (a, b) {
+        (Some(a), Some(b)) if b.head.sequence.wrapping_sub(a.head.sequence) as i32 > 0 => Some(b),
+        (Some(a), _) => Some(a),
+        (None, b) => b,
+    }
+}
+
+/// From the last step that was kept to the first step after a restart, beside that step itself, s: the watchdog's half second and
+/// the start, to the nearest step.
+pub const RESTART_S: f32 = MODEL_STEP_S;
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use crate::compensator::{Compensator, Output};
+    use crate::effects::EffectId;
+    use crate::status::AxisStatus;
+    use std::vec::Vec;
+
+    /// A calibration with effects of gain `gain` on the axes `on`.
+    fn calibration(effects: &[(EffectId, [f32; 2], f32)], on: &[usize]) -> Calibration {
+        let mut c = Calibration::uncalibrated();
+        c.calibrated = true;
+        for (effect, parameters, gain) in effects {
+            let facts = effect.facts();
+            let mut term = EffectTerm::new(facts.id, *parameters);
+            on.iter().for_each(|k| term.gains[*k][..facts.outputs].fill(*gain));
+            c.effects.push(term).expect("room");
+        }
+        for axis in &mut c.axes {
+            axis.uncertainty.rest_dph2 = 1e-6;
+            (axis.valid_from_c_per_min, axis.valid_to_c_per_min) = (-1.0, 1.0);
+        }
+        c
+    }
+
+    const F: [f64; AXES] = [4900.0, 4892.0, 4703.6];
+
+    /// Frequencies on a cycle of ramps of 1 C per minute and soaks of an hour each, at a second.
+    fn at(second: u32) -> [Option<f64>; AXES] {
+        let minute = f64::from(second) / 60.0;
+        let phase = minute % 240.0;
+        let c = match phase {
+            p if p < 60.0 => p,
+            p if p < 120.0 => 60.0,
+            p if p < 180.0 => 180.0 - p,
+            _ => 0.0,
+        };
+        F.map(|f| Some(f + 0.4 * (c - 30.0)))
+    }
+
+    fn run(c: &mut Compensator, seconds: core::ops::Range<u32>) -> Vec<Output> {
+        seconds.map(|k| c.step(&at(k))).collect()
+    }
+
+    fn kept(c: &mut Compensator) -> Vec<u32> {
+        let mut words = std::vec![0; KEPT_WORDS];
+        c.keep(|k, word| words[k] = word);
+        words
+    }
+
+    /// A unit that starts anew from words.
+    fn again(image: &Calibration, words: &[u32]) -> Compensator {
+        let mut c = Compensator::new(image.clone(), 0.0);
+        c.resume(&Kept::of(|k: usize| words[k]).expect("intact"));
+        c
+    }
+
+    const ALL: [(EffectId, [f32; 2], f32); 5] = [
+        (EffectId::ThermalLag, [900.0, 0.0], 0.1),
+        (EffectId::Hysteresis, [4.0, 0.0], 0.1),
+        (EffectId::WarmUp, [1500.0, 0.0], 2.0),
+        (EffectId::NeighbourLags, [0.0; 2], 0.01),
+        (EffectId::HeatingLags, [300.0, 3000.0], 0.01),
+    ];
+
+    #[test]
+    fn after_power_on_the_past_is_unknown_until_three_time_constants_are_over() {
+        let image = calibration(&[(EffectId::ThermalLag, [900.0, 0.0], 0.1)], &[0]);
+        // The truth: a unit that has run for long; and one that is switched on in the same ramp.
+        let mut truth = Compensator::new(image.clone(), 0.0);
+        run(&mut truth, 0..15_000);
+        let mut cold = Compensator::new(image, 0.0);
+        let (truth, cold) = (run(&mut truth, 15_000..21_000), run(&mut cold, 15_000..21_000));
+        let unknown = |o: &Output, k: usize| o.status[k].contains(AxisStatus::HISTORY_UNKNOWN);
+        let first_known = cold.iter().position(|o| !unknown(o, 0)).expect("some time");
+        assert!((2600..2800).contains(&first_known), "{first_known} s");
+        assert!(cold[first_known..].iter().all(|o| !unknown(o, 0)) && cold.iter().all(|o| !unknown(o, 1)));
+        let off = |k: usize| (cold[k].bias_dph[0] - truth[k].bias_dph[0]).abs();
+        assert!(off(100) > 0.5, "a ramp of 1 C per minute and 900 s are 1.5 deg/h: {}", off(100));
+        for k in 0..first_known {
+            // The truth lies between the ends: at most sqrt(12) standard deviations from any point between them.
+            assert!(off(k) < 3.5 * cold[k].bias_std_dph[0], "{k}: {} of {}", off(k), cold[k].bias_std_dph[0]);
+        }
+        assert!(off(first_known) < 0.1, "{}", off(first_known));
+    }
+
+    #[test]
+    fn a_play_knows_its_place_when_the_temperature_has_swept_its_width() {
+        let mut c = Compensator::new(calibration(&[(EffectId::Hysteresis, [4.0, 0.0], 0.1)], &[0, 1, 2]), 0.0);
+        let out = run(&mut c, 0..1000);
+        let swept = |o: &&Output| o.temperature_c[0] - out[0].temperature_c[0] > 4.0;
+        let known = out.iter().find(|o| !o.status[0].contains(AxisStatus::HISTORY_UNKNOWN)).expect("known in the end");
+        let done = out.iter().find(swept).expect("a ramp");
+        assert!((known.temperature_c[0] - done.temperature_c[0]).abs() < 0.3);
+        // A unit that stands still never knows.
+        let mut still = Compensator::new(calibration(&[(EffectId::Hysteresis, [4.0, 0.0], 0.1)], &[0]), 0.0);
+        assert!((0..20_000).all(|_| still.step(&at(0)).status[0].contains(AxisStatus::HISTORY_UNKNOWN)));
+    }
+
+    #[test]
+    fn a_restart_goes_on_from_what_was_kept() {
+        let image = calibration(&ALL, &[0, 1, 2]);
+        for reset_at in [15_000, 15_700, 18_000, 23_000, 26_000] {
+            let mut undisturbed = Compensator::new(image.clone(), 0.0);
+            run(&mut undisturbed, 0..reset_at);
+            let words = kept(&mut undisturbed.clone());
+            let mut restarted = again(&image, &words);
+            assert_eq!(restarted.resets(), 1);
+            // A step is lost.
+            let (a, b) =
+                (run(&mut undisturbed, reset_at..reset_at + 4000), run(&mut restarted, reset_at + 1..reset_at + 4000));
+            for (k, (x, y)) in a.iter().skip(1).zip(&b).enumerate() {
+                for axis in 0..AXES {
+                    let off = (x.bias_dph[axis] - y.bias_dph[axis]).abs();
+                    // (The slope of temperature fills for 20 s, flagged.)
+                    let settling = y.status[axis].contains(AxisStatus::SETTLING);
+                    assert!(off < 0.02 || settling, "reset at {reset_at}, {k} s later: {off} deg/h");
+                    assert!(!y.status[axis].contains(AxisStatus::HISTORY_UNKNOWN), "reset at {reset_at}, {k} s later");
+                }
+            }
+        }
+        // What was unknown before stays so.
+        let mut young = Compensator::new(image.clone(), 0.0);
+        run(&mut young, 0..500);
+        let words = kept(&mut young);
+        let mut restarted = again(&image, &words);
+        let out = run(&mut restarted, 501..20_000);
+        let known = out.iter().position(|o| !o.status[0].contains(AxisStatus::HISTORY_UNKNOWN)).expect("known at last");
+        let reference = run(&mut young, 500..20_000);
+        let wanted =
+            reference.iter().position(|o| !o.status[0].contains(AxisStatus::HISTORY_UNKNOWN)).expect("known at last");
+        assert!(known.abs_diff(wanted) < 30, "{known} {wanted}");
+    }
+
+    #[test]
+    fn another_calibration_knows_the_effects_that_it_shares() {
+        let (lag, play) = ((EffectId::ThermalLag, [900.0, 0.0], 0.1), (EffectId::Hysteresis, [4.0, 0.0], 0.1));
+        let mut unit = Compensator::new(calibration(&[lag, play], &[0, 1, 2]), 0.0);
+        run(&mut unit, 0..20_000);
+        let words = kept(&mut unit);
+        // The lag of another gain is the same memory, in another place.
+        let mut burnt = again(&calibration(&[(EffectId::Cubic, [0.0; 2], 0.1), (lag.0, lag.1, 0.3)], &[0]), &words);
+        assert!(run(&mut burnt, 20_000..20_100).iter().all(|o| !o.status[0].contains(AxisStatus::HISTORY_UNKNOWN)));
+        let mut other = again(&calibration(&[(lag.0, [800.0, 0.0], 0.1)], &[0]), &words);
+        assert!(run(&mut other, 20_000..20_100).iter().all(|o| o.status[0].contains(AxisStatus::HISTORY_UNKNOWN)));
+    }
+
+    #[test]
+    fn a_word_that_changed_or_is_missing_is_noticed_and_the_newer_place_wins() {
+        let mut unit = Compensator::new(calibration(&ALL, &[0, 1, 2]), 0.0);
+        run(&mut unit, 0..100);
+        let old = kept(&mut unit);
+        run(&mut unit, 100..101);
+        let new = kept(&mut unit);
+        for bit in (0..KEPT_WORDS * 32).step_by(37) {
+            let mut bad = new.clone();
+            bad[bit / 32] ^= 1 << (bit % 32);
+            assert!(Kept::of(|k: usize| bad[k]).is_none(), "bit {bit}");
+            let found = newer([&bad, &old].map(|w| |k: usize| w[k])).expect("the older");
+            assert_eq!(found.head.time_s, 100.0);
+        }
+        // A reset while the older place is written anew.
+        for written in 0..KEPT_WORDS {
+            let torn: Vec<u32> = new[..written].iter().chain(&old[written..]).copied().collect();
+            let found = newer([&torn, &new].map(|w| |k: usize| w[k])).expect("one of them");
+            assert_eq!(found.head.time_s, 101.0);
+        }
+        assert!(
+            newer([&[0; KEPT_WORDS], &[u32::MAX; KEPT_WORDS]].map(|w: &[u32; KEPT_WORDS]| |k: usize| w[k])).is_none()
+        );
+    }
+
+    #[test]
+    fn what_is_made_of_a_lost_neighbour_is_flagged_and_its_uncertainty_covers_it() {
+        for effect in [EffectId::AxisGradient, EffectId::NeighbourLags] {
+            let image = calibration(&[(effect, [0.0; 2], 0.1)], &[1]);
+            let mut truth = Compensator::new(image, 0.0);
+            run(&mut truth, 0..14_500);
+            let mut lost = truth.clone();
+            let mut worst: f32 = 0.0;
+            for k in 14_500..36_000 {
+                let x_is_lost = (15_000..15_600).contains(&k);
+                let f = at(k);
+                let (t, l) = (truth.step(&f), lost.step(&if x_is_lost { [None, f[1], f[2]] } else { f }));
+                let off = (t.bias_dph[1] - l.bias_dph[1]).abs();
+                worst = worst.max(off);
+                let flagged = l.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
+                assert!(off < 0.1 || flagged, "{} at {k}: {off} deg/h", effect.name());
+                assert!(
+                    off < 3.5 * l.bias_std_dph[1] + 0.05,
+                    "{} at {k}: {off} of {}",
+                    effect.name(),
+                    l.bias_std_dph[1]
+                );
+                assert!(k < 32_000 || !flagged, "{} at {k}", effect.name());
+                assert!(!l.status[2].contains(AxisStatus::HISTORY_UNKNOWN), "z looks at nobody");
+            }
+            assert!(worst > 0.5, "{}: {worst}", effect.name());
+        }
+    }
+}

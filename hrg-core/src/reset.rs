@@ -1,0 +1,40 @@
+//! Why a unit started, and what a start is told.
+
+/// Why the processor started anew.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum ResetCause {
+    /// Power came, or had been too low.
+    #[default]
+    Power = 0,
+    /// The reset pin was low, nobody knows for how long.
+    Pin = 1,
+    /// A command, or the program itself.
+    Software = 2,
+    /// The watchdog.
+    Watchdog = 3,
+}
+
+impl ResetCause {
+    /// Name of each in files and on screens, in the order of their numbers.
+    pub const NAMES: [&str; 4] = ["power", "pin", "software", "watchdog"];
+
+    /// Whether states that were kept in RAM are recent: the reset took less than a second.
+    #[must_use]
+    pub const fn is_brief(self) -> bool {
+        matches!(self, Self::Software | Self::Watchdog)
+    }
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+
+    /// The cause with a number.
+    #[must_use]
+    pub fn from_number(n: u8) -> Option<Self> {
+        [Self::Power, Self::Pin, Self::Software, Self::Watchdog].into_iter().find(|c| *c as u8 == n)
+    }
+}
