@@ -65,8 +65,13 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
         flash.0[0][..bytes.len()].copy_from_slice(&bytes);
         let start = |flash: &Flash| {
             let (c, sector) = newest(&flash.0[0], &flash.0[1]).newest.expect("one is valid");
-            let identity =
-                Identity { unit: c.unit, calibration: c.checksum(), created_unix_s: 0, sequence: c.sequence };
+            let identity = Identity {
+                unit: c.unit,
+                calibration: c.checksum(),
+                created_unix_s: 0,
+                sequence: c.sequence,
+                ..Identity::default()
+            };
             (identity, Maintenance::new(c.unit, c.sequence, Some(sector), fault == Fault::Locked))
         };
         let (mut identity, mut maintenance) = start(&flash);

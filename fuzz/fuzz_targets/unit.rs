@@ -21,7 +21,7 @@ fuzz_target!(|data: &[u8]| {
     let mut unit = Compensator::new(Calibration::uncalibrated(), 0.0);
     let timebase = Timebase::REFERENCE;
     let mut output = RateOutput::new(RatePath::new(timebase, [0.01; 3], 2), UnitStatus::empty());
-    let identity = Identity { unit: UnitName::UNNAMED, calibration: 0, created_unix_s: 0, sequence: 0 };
+    let identity = Identity { unit: UnitName::UNNAMED, ..Identity::default() };
     let mut telemetry =
         Telemetry::new(Box::new(Session::<Linear<f32>>::IDLE), timebase, identity, UnitStatus::empty());
     let mut last = None;

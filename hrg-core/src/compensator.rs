@@ -61,6 +61,8 @@ pub struct Compensator {
     thermometer: Thermometer,
     /// Of each effect of the calibration: its states.
     running: Vec<OnUnit, MAX_EFFECTS>,
+    /// Axes with an effect that looks at the others.
+    looks_at_neighbours: [bool; AXES],
     /// What the unit does not know of their past.
     history: History,
     /// Steps that were kept, and resets since power-on.
@@ -80,15 +82,20 @@ impl Compensator {
     #[must_use]
     pub fn new(calibration: Calibration, power_on_s: f32) -> Self {
         let curves = [calibration.axes[0].curve, calibration.axes[1].curve, calibration.axes[2].curve];
-        let mut running = Vec::new();
+        let mut running: Vec<OnUnit, MAX_EFFECTS> = Vec::new();
+        let mut looks_at_neighbours = [false; AXES];
         for term in &calibration.effects {
             // `Calibration::check` has refused what no unit knows.
             let Some(one) = OnUnit::new(term.id, &term.parameters, term.start, MODEL_STEP_S) else { break };
+            for (looks, gains) in looks_at_neighbours.iter_mut().zip(&term.gains) {
+                *looks |= one.looks_at_neighbours() && gains.iter().any(|g| *g != 0.0);
+            }
             let _ = running.push(one);
         }
         Self {
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
+            looks_at_neighbours,
             history: History::unknown(&running),
             running,
             kept: 0,
@@ -201,6 +208,12 @@ impl Compensator {
             }
             output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
             output.bias_std_dph[k] = self.bias_std_dph[k];
+        }
+        let untrusted = output.status.map(|s| s.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
+        for (k, looks) in self.looks_at_neighbours.iter().enumerate() {
+            if *looks && (0..AXES).any(|j| j != k && untrusted[j]) {
+                output.status[k] |= AxisStatus::NEIGHBOUR;
+            }
         }
         output
     }

@@ -17,7 +17,7 @@ use crate::bias::clamp;
 use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
 use crate::compensator::HOLD_S;
-use crate::effects::{OnUnit, MAX_MEMORY};
+use crate::effects::{Inputs, OnUnit, Recorded, MAX_MEMORY};
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
@@ -102,7 +102,13 @@ impl History {
             if past.iter().all(|p| *p == Past::Known) {
                 continue;
             }
-            let apart = OnUnit::apart_dph(low, high, &calibration.scaling, [&cold, &hot], &term.gains);
+            let scaling = &calibration.scaling;
+            let apart: [f32; AXES] = core::array::from_fn(|axis| {
+                let inputs = |thermal| Inputs { scaling, thermal, axis, recorded: Recorded::NONE };
+                let (x, y) = (low.step(&inputs(&cold)), high.step(&inputs(&hot)));
+                // (No sum with signs: two gains may hide each other for a moment.)
+                term.gains[axis].iter().zip(x.iter().zip(&y)).map(|(g, (x, y))| (g * (x - y)).abs()).sum()
+            });
             for (k, past) in past.iter_mut().enumerate() {
                 if let Past::Apart(most) = *past {
                     // (While a thermometer is lost they part anew.)
@@ -485,6 +491,10 @@ mod tests {
                 let off = (t.bias_dph[1] - l.bias_dph[1]).abs();
                 worst = worst.max(off);
                 let flagged = l.status[1].contains(AxisStatus::HISTORY_UNKNOWN);
+                assert_eq!(
+                    l.status[1].contains(AxisStatus::NEIGHBOUR),
+                    x_is_lost || l.status[0].intersects(AxisStatus::UNTRUSTED_TEMPERATURE)
+                );
                 assert!(off < 0.1 || flagged, "{} at {k}: {off} deg/h", effect.name());
                 assert!(
                     off < 3.5 * l.bias_std_dph[1] + 0.05,

@@ -31,6 +31,9 @@ bitflags! {
         /// An effect of the calibration does not know its past: power was switched on less than three of its time constants ago, or
         /// the temperature has not yet swept its width ([`crate::history`]). The stated uncertainty holds what that means.
         const HISTORY_UNKNOWN = 1 << 8;
+        /// An effect of the calibration looks at the temperature of another axis, and that axis is flagged
+        /// ([`AxisStatus::UNTRUSTED_TEMPERATURE`]).
+        const NEIGHBOUR = 1 << 9;
     }
 }
 
@@ -55,8 +58,12 @@ bitflags! {
 }
 
 impl AxisStatus {
+    /// The temperature of the axis is not to be trusted.
+    pub const UNTRUSTED_TEMPERATURE: Self =
+        Self::TEMPERATURE_RANGE.union(Self::RAMP_RANGE).union(Self::FREQUENCY_LOST).union(Self::TEMPERATURE_STALE);
+
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 9] = [
+    pub const NAMES: [&str; 10] = [
         "uncalibrated",
         "temperature-range",
         "ramp-range",
@@ -66,6 +73,7 @@ impl AxisStatus {
         "edge-errors",
         "settling",
         "history-unknown",
+        "neighbour",
     ];
 }
 

@@ -58,6 +58,11 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
         self.link_errors = errors;
     }
 
+    /// Resets since power-on.
+    pub fn set_resets(&mut self, resets: u32) {
+        self.identity.resets = resets.min(0xFFFF) as u16;
+    }
+
     /// Whether a calibration may be written.
     pub fn set_maintenance(&mut self, open: bool) {
         self.maintenance = open;

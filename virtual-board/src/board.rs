@@ -53,6 +53,8 @@ pub struct Board<W: World> {
     pub(crate) torn: bool,
     pub(crate) as_on_chip: bool,
     mishaps: u64,
+    /// Nobody reads the log.
+    probe_gone: bool,
     hardware_watchdog: bool,
 }
 
@@ -77,6 +79,9 @@ impl<W: World> std::fmt::Debug for Board<W> {
         write!(f, "Board at cycle {}", self.now())
     }
 }
+
+/// Where the flags of up channel 0 lie in the control block of RTT.
+const RTT_FLAGS: u32 = 44;
 
 impl<W: World> Board<W> {
     /// Puts the firmware into flash and switches the board on.
@@ -115,6 +120,7 @@ impl<W: World> Board<W> {
             as_on_chip: false,
             mishaps: 0,
             hardware_watchdog: false,
+            probe_gone: false,
         };
         for channel in 0..3 {
             board.wires.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
@@ -334,6 +340,37 @@ impl<W: World> Board<W> {
         self.torn = false;
         self.restart(CSR_POWER_ON)?;
         self.open_or_close_flash()
+    }
+
+    /// Resets the processor as its own program does; RAM stays as it is.
+    ///
+    /// # Errors
+    /// As [`run_until`](Self::run_until).
+    pub fn reset_by_software(&mut self) -> Result<(), RunError> {
+        self.restart(CSR_SOFTWARE)
+    }
+
+    /// Writes to RAM, as a probe does.
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub fn write_ram(&mut self, address: u32, bytes: &[u8]) -> Result<(), RunError> {
+        self.ram.write(address, bytes).ok_or_else(|| self.outside(address))
+    }
+
+    /// A probe sets the log to wait where its buffer is full, as probe-rs does, and then reads no more.
+    ///
+    /// # Errors
+    /// A firmware without a log.
+    pub fn leave_probe_blocking(&mut self) -> Result<(), RunError> {
+        let block = self.firmware.rtt().ok_or_else(|| RunError::Elf("the firmware has no log".into()))?;
+        // Flags of up channel 0: the lowest two bits are its mode; 2 blocks (SEGGER, UM08001).
+        let mut flags = [0; 4];
+        self.get(block + RTT_FLAGS, &mut flags)?;
+        flags[0] = flags[0] & !3 | 2;
+        self.put(block + RTT_FLAGS, &flags)?;
+        self.probe_gone = true;
+        Ok(())
     }
 
     /// Bytes of stack used so far: from the top of RAM down to the lowest byte ever written above the statics.
@@ -578,7 +615,9 @@ impl<W: World> Board<W> {
         }
         if self.wires.next_look <= now {
             self.wires.next_look = now + EVENTS_PER_LOOK;
-            self.look_at_rtt()?;
+            if !self.probe_gone {
+                self.look_at_rtt()?;
+            }
         }
         if any {
             self.cpu.get_data_mut().update_lines();

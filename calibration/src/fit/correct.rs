@@ -23,6 +23,7 @@ use crate::recording::Recording;
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::StepFrequencies;
+use hrg_core::history::{Kept, KEPT_WORDS};
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_path::{corrected_dph, PendingBias};
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -63,6 +64,31 @@ impl Model {
         self.trim = Some(trim_dph);
     }
 
+    /// Goes on from words that [`keep`](Self::keep) gave, as a unit after a reset. Before the first step.
+    ///
+    /// # Errors
+    /// Words that are not intact.
+    pub fn resume(&mut self, words: &[u32]) -> Result<(), crate::BadInput> {
+        let kept = Kept::of(|k: usize| words.get(k).copied().unwrap_or(0))
+            .ok_or_else(|| crate::BadInput::new("the states that were kept are not intact"))?;
+        self.compensator.resume(&kept);
+        Ok(())
+    }
+
+    /// The states after the last step, as a unit keeps them over a reset.
+    #[must_use]
+    pub fn keep(&mut self) -> Vec<u32> {
+        let mut words = vec![0; KEPT_WORDS];
+        self.compensator.keep(|k, word| words[k] = word);
+        words
+    }
+
+    /// Resets since power-on.
+    #[must_use]
+    pub fn resets(&self) -> u32 {
+        self.compensator.resets()
+    }
+
     /// One model step.
     pub fn step(&mut self, step: &StepFrequencies) -> Stepped {
         if let Some(trim) = self.trim.take() {
@@ -92,7 +118,7 @@ pub struct Second {
     /// Standard uncertainties of the biases, deg/h; NaN where the calibration does not state them.
     pub bias_std_dph: [f32; AXES],
     /// Status of the axes and of the unit.
-    pub status: [u8; 4],
+    pub status: [u16; 4],
 }
 
 impl From<&Housekeeping> for Second {
@@ -106,20 +132,19 @@ impl From<&Housekeeping> for Second {
             bias_dph: h.bias_dph,
             bias_std_dph: h.bias_std_dph,
             temperature_c: h.temperature_c,
-            status: [x, y, z, h.unit_status.bits()],
+            status: [x, y, z, h.unit_status.bits().into()],
         }
     }
 }
 
 /// Status bits of an axis that come of counters, which a recording does not hold.
-const COUNTED: u8 = AxisStatus::EDGE_ERRORS.bits();
+const COUNTED: u16 = AxisStatus::EDGE_ERRORS.bits();
 
 /// Those of the unit.
 const COUNTED_BY_UNIT: u8 = UnitStatus::ADC_FAULT
     .union(UnitStatus::BIAS_LATE)
     .union(UnitStatus::LINK_ERRORS)
     .union(UnitStatus::FRAMES_DROPPED)
-    .union(UnitStatus::WATCHDOG_RESET)
     .bits();
 
 /// The seconds of a run under a calibration, as a unit computes them from these frequencies and raw rates. Status bits that come
@@ -150,7 +175,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
                 bias_dph: output.bias_dph,
                 bias_std_dph: output.bias_std_dph,
                 temperature_c: output.temperature_c,
-                status: [x, y, z, if silent { UnitStatus::ADC_FAULT.bits() } else { 0 }],
+                status: [x, y, z, if silent { UnitStatus::ADC_FAULT.bits().into() } else { 0 }],
             }
         })
         .collect()
@@ -178,7 +203,7 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
         return Err(crate::BadInput::new("the recording has no thermometer: there is nothing to correct it by"));
     }
     let mut r = r.clone();
-    let counted: Vec<(f64, [u8; 4])> = r.time_s.iter().copied().zip(std::mem::take(&mut r.status)).collect();
+    let counted: Vec<(f64, [u16; 4])> = r.time_s.iter().copied().zip(std::mem::take(&mut r.status)).collect();
     r.order()?;
     let (steps, there) = Steps::as_seen(&r)?;
     let mut notes = r.notes;
@@ -198,7 +223,7 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
     for (time_s, status) in counted {
         let at = ((time_s - steps.start_s) / f64::from(MODEL_STEP_S)).round();
         if let Some(s) = seconds.get_mut(at as usize).filter(|_| at >= 0.0) {
-            let masks = [COUNTED, COUNTED, COUNTED, COUNTED_BY_UNIT];
+            let masks = [COUNTED, COUNTED, COUNTED, COUNTED_BY_UNIT.into()];
             s.status.iter_mut().zip(status).zip(masks).for_each(|((to, from), mask)| *to |= from & mask);
         }
     }
@@ -318,7 +343,7 @@ mod tests {
             assert_eq!(s.time_s, r.time_s[k]);
             assert_eq!(s.status[1] & AxisStatus::FREQUENCY_LOST.bits() != 0, (100..105).contains(&k), "row {k}");
             assert_eq!(s.status[0] & AxisStatus::FREQUENCY_LOST.bits(), 0);
-            assert_eq!(s.status[3] & UnitStatus::ADC_FAULT.bits() != 0, k == 120);
+            assert_eq!(s.status[3] & u16::from(UnitStatus::ADC_FAULT.bits()) != 0, k == 120);
         }
         assert!(c.notes.iter().any(|n| n.starts_with("10 seconds have no row")), "{:?}", c.notes);
         // Written and read, it is a recording of corrected rates, and is not corrected twice.

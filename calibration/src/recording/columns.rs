@@ -29,7 +29,7 @@ pub enum Format {
     /// A decimal number with so many digits after the point in recordings that were read, imported or simulated; [`Self::Exact`] in
     /// those that a unit or its model made.
     Digits(usize),
-    /// A whole number of 0 to 255 whose bits have meanings.
+    /// A whole number of 0 to 65535 whose bits have meanings.
     Bits,
 }
 
@@ -183,7 +183,7 @@ pub enum Value {
     /// A single: written with no more digits than it has.
     Single(f32),
     /// Bits.
-    Bits(u8),
+    Bits(u16),
 }
 
 impl From<f64> for Value {
@@ -198,8 +198,8 @@ impl From<f32> for Value {
     }
 }
 
-impl From<u8> for Value {
-    fn from(v: u8) -> Self {
+impl From<u16> for Value {
+    fn from(v: u16) -> Self {
         Self::Bits(v)
     }
 }
@@ -243,7 +243,7 @@ pub fn table() -> String {
     for c in ALL {
         let former = if c.former.is_empty() { String::new() } else { format!("`{}`", pattern(c.former)) };
         let values = match c.format {
-            Format::Bits => "0 to 255",
+            Format::Bits => "0 to 65535",
             Format::Exact | Format::Digits(_) => "number",
         };
         let _ = writeln!(s, "| `{}` | {former} | {} | {values} | {} | {} |", c.pattern(), c.unit, c.needed, c.meaning);
@@ -276,7 +276,7 @@ mod tests {
     #[test]
     fn rows_have_a_cell_for_each_name_of_the_header() {
         let written: [Written<[f64; 3]>; 3] =
-            [(RATE, |r, a| r[a].into()), (BIAS, |r, a| (r[a] as f32).into()), (UNIT_STATUS, |_, _| 9u8.into())];
+            [(RATE, |r, a| r[a].into()), (BIAS, |r, a| (r[a] as f32).into()), (UNIT_STATUS, |_, _| 9u16.into())];
         for axes in [&[0, 1, 2][..], &[2]] {
             let mut row = String::from("1");
             cells(&mut row, &written, axes, &[0.1, f64::NAN, 0.7]);

@@ -45,7 +45,7 @@ pub struct Recording {
     /// Optional columns that are there, by their names in [`columns`]; NaN where missing.
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
-    pub status: Vec<[u8; 4]>,
+    pub status: Vec<[u16; 4]>,
     /// What was found on the way: one sentence each.
     pub notes: Vec<String>,
     /// What was taken out, by column and kind.

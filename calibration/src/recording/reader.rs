@@ -274,7 +274,7 @@ impl Recording {
                     self.status.push([0; 4]);
                 }
                 if let Some(row) = self.status.last_mut() {
-                    row[k] = value as u8;
+                    row[k] = value as u16;
                 }
             }
             Slot::Ignored => {}

@@ -85,8 +85,8 @@ impl State {
 }
 
 /// Names of the bits that are set.
-fn words(byte: u8, names: &[&str; 8]) -> String {
-    let set: Vec<&str> = names.iter().enumerate().filter(|(k, _)| byte >> k & 1 == 1).map(|(_, n)| *n).collect();
+fn words(bits: u16, names: &[&str]) -> String {
+    let set: Vec<&str> = names.iter().enumerate().filter(|(k, _)| bits >> k & 1 == 1).map(|(_, n)| *n).collect();
     if set.is_empty() {
         "good".into()
     } else {
@@ -204,7 +204,7 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
         (None, Some(_)) => "profile: waiting for the unit".into(),
         (None, None) => "profile: none given (--profile)".into(),
     };
-    let unit = words(h.unit_status.bits(), &UnitStatus::NAMES);
+    let unit = words(h.unit_status.bits().into(), &UnitStatus::NAMES);
     let link = format!(
         "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} ADC errors",
         state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.adc_errors
@@ -268,6 +268,7 @@ mod tests {
         Housekeeping {
             step: time_ms / 1000,
             time_ms,
+            on_for_s: 0.001 * time_ms as f32,
             frequency_hz: [4898.626, 4890.667, 4702.343],
             temperature_c: [6.314, 4.875, 4.934],
             ramp_c_per_min: [slope, 0.0, 0.0],
@@ -281,6 +282,7 @@ mod tests {
             unit_status: UnitStatus::empty(),
             rejected: [0; 3],
             missing: [0; 3],
+            resets: 0,
             dropped: 0,
             link_errors: 2,
             calibration: 0xDEAD_BEEF,
@@ -294,7 +296,13 @@ mod tests {
     fn everything_is_on_a_screen_of_80_by_24() {
         let mut state = State { profile: Profile::parse("20,50@1,2h").ok(), ..State::default() };
         assert!(screen(&state).expect("drawn").contains("waiting for the unit"));
-        let identity = Identity { unit: UnitName::new("HRG-101"), calibration: 0, created_unix_s: 0, sequence: 4 };
+        let identity = Identity {
+            unit: UnitName::new("HRG-101"),
+            calibration: 0,
+            created_unix_s: 0,
+            sequence: 4,
+            ..Identity::default()
+        };
         state.take(&Message::Identity(identity));
         for k in 1..=3000 {
             state.take(&Message::Housekeeping(housekeeping(k * 1000, if k < 600 { 0.2 } else { 0.005 })));

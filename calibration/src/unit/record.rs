@@ -28,7 +28,9 @@ pub struct Second {
     /// Their standard uncertainties, deg/h; NaN where the unit does not state them (a log never does).
     pub bias_std_dph: [f32; 3],
     /// Status of the axes and the unit.
-    pub status: [u8; 4],
+    pub status: [u16; 4],
+    /// Time since power-on, over restarts, s.
+    pub on_for_s: f32,
     /// Checksum of the calibration in use.
     pub calibration: u32,
 }
@@ -42,7 +44,13 @@ impl From<&Housekeeping> for Second {
             temperature_c: h.temperature_c,
             bias_dph: h.bias_dph,
             bias_std_dph: h.bias_std_dph,
-            status: [h.axis_status[0].bits(), h.axis_status[1].bits(), h.axis_status[2].bits(), h.unit_status.bits()],
+            status: [
+                h.axis_status[0].bits(),
+                h.axis_status[1].bits(),
+                h.axis_status[2].bits(),
+                h.unit_status.bits().into(),
+            ],
+            on_for_s: h.on_for_s,
             calibration: h.calibration,
         }
     }
@@ -61,6 +69,7 @@ impl Second {
             bias_dph: [f32::NAN; 3],
             bias_std_dph: [f32::NAN; 3],
             status: [0; 4],
+            on_for_s: 0.0,
             calibration: 0,
         };
         fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
@@ -72,13 +81,14 @@ impl Second {
             let (key, value) = token.split_once('=')?;
             match key {
                 "t" => out.time_ms = value.parse().ok()?,
+                "on" => out.on_for_s = value.parse().ok()?,
                 "f" => out.frequency_hz = three(value)?,
                 "T" => out.temperature_c = three(value)?,
                 "b" => out.bias_dph = three(value)?,
                 "raw" => out.raw_dph = three(value)?,
                 "status" => {
                     for (to, text) in out.status.iter_mut().zip(value.split(',')) {
-                        *to = u8::from_str_radix(text, 16).ok()?;
+                        *to = u16::from_str_radix(text, 16).ok()?;
                     }
                 }
                 "cal" => out.calibration = u32::from_str_radix(value, 16).ok()?,
@@ -86,7 +96,7 @@ impl Second {
             }
             seen += 1;
         }
-        (seen == 7).then_some(out)
+        (seen == 8).then_some(out)
     }
 }
 
@@ -98,6 +108,9 @@ pub fn unit_in_log(line: &str) -> Option<&str> {
 
 /// Milliseconds that have gone back are a wrap of their 32 bits if so few have passed: an hour.
 const WRAP_MS: u64 = 3_600_000;
+
+/// A unit that is on for this much longer than it counts time, s, was restarted.
+const RESTARTED_S: f64 = 1.5;
 
 /// Seconds without a row that are called a gap.
 const GAP_MS: u32 = 2500;
@@ -135,11 +148,15 @@ impl Head {
         let mut s = String::new();
         let unit = if self.unit.is_empty() { names::NONE } else { &self.unit };
         let _ = writeln!(s, "# hrg-recording: 1\n# unit: {unit}\n# run: recorded from the unit");
-        let _ =
-            writeln!(s, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}\n# power_on_s: 0", first.calibration);
+        // Restarts do not end what began at power-on. (A step's end and its time stamp differ by up to a second.)
+        let start_s = f64::from(first.time_ms) / 1000.0;
+        let before_s = f64::from(first.on_for_s) - start_s;
+        let power_on_s = if before_s > RESTARTED_S { -before_s } else { 0.0 };
+        let _ = writeln!(s, "# rate_unit: deg/h\n# rates: raw\n# calibration: {:08x}", first.calibration);
+        let _ = writeln!(s, "# power_on_s: {power_on_s:.0}");
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         if self.live {
-            let _ = writeln!(s, "# power_on_unix_s: {:.3}", now.as_secs_f64() - f64::from(first.time_ms) / 1000.0);
+            let _ = writeln!(s, "# power_on_unix_s: {:.3}", now.as_secs_f64() - start_s + power_on_s);
         }
         if let Some(attitude) = &self.attitude {
             let _ = writeln!(s, "# latitude_deg: {}\n# axes: {}", attitude.latitude_deg, attitude.axes_text());
@@ -296,13 +313,14 @@ mod tests {
             bias_dph: [0.125, 0.0, -1.0],
             bias_std_dph: [f32::NAN; 3],
             status: [0, 8, 0, 1],
+            on_for_s: 78.0,
             calibration: 0xDEAD_BEEF,
         }
     }
 
     #[test]
     fn a_log_line_is_the_second_that_it_says() {
-        let text = "0.98 INFO  t=78000 f=4898.626,NaN,4702.343 T=6.3,4.9,5 dT=0,1,-1 b=0.125,0,-1 raw=1.5,-2.25,NaN status=00,08,00,01 cal=deadbeef no=3 made=0 mode=0";
+        let text = "0.98 INFO  t=78000 on=78 f=4898.626,NaN,4702.343 T=6.3,4.9,5 dT=0,1,-1 b=0.125,0,-1 raw=1.5,-2.25,NaN status=00,08,00,01 cal=deadbeef no=3 made=0 mode=0";
         let s = Second::from_log(text).expect("a second");
         assert_eq!(format!("{s:?}"), format!("{:?}", second(78_000)));
         for broken in ["", "boot", &text[..80], "t=abc f=1,2,3", &text.replace("f=", "g=")] {

@@ -139,8 +139,6 @@ pub trait Regressors: Copy {
     const COUNT: usize;
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
-    /// The sum of the sizes of their differences from others, each times the size of its gain.
-    fn apart(&self, other: &Self, gains: &[f32; MAX_OUTPUTS]) -> f32;
     /// The sum of each times its gain.
     fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32;
     /// The same of gains of half the length.
@@ -154,9 +152,6 @@ impl<const N: usize> Regressors for [f32; N] {
         let mut out = [0.0; MAX_OUTPUTS];
         out.iter_mut().zip(self).for_each(|(o, x)| *o = *x);
         out
-    }
-    fn apart(&self, other: &Self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
-        gains.iter().zip(self.iter().zip(other)).map(|(g, (x, y))| (g * (x - y)).abs()).sum()
     }
     #[inline]
     fn weighted(&self, gains: &[f32; MAX_OUTPUTS]) -> f32 {
@@ -247,23 +242,15 @@ fn add_bias_dph<E: Effect, const N: usize>(
     }
 }
 
-/// Advances two copies of an effect that began with different pasts; how far apart their biases are on each axis, deg/h.
+/// Advances an effect on one axis.
+// One function for each effect, without what is made of its regressors: a unit runs this for copies of all effects.
 #[inline(never)]
-fn apart_dph<E: Effect>(
-    effects: [&mut [E; AXES]; 2],
-    scaling: &Scaling,
-    thermal: [&Thermal; 2],
-    gains: &Gains,
-) -> [f32; AXES] {
-    if !matches!(E::REACH, Reach::Unit) {
-        return [0.0; AXES];
+fn padded<E: Effect>(effect: &mut E, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+    if matches!(E::REACH, Reach::Unit) {
+        effect.step(inputs).padded()
+    } else {
+        [0.0; MAX_OUTPUTS]
     }
-    let [low, high] = effects;
-    core::array::from_fn(|axis| {
-        let inputs = |k: usize| Inputs { scaling, thermal: thermal[k], axis, recorded: Recorded::NONE };
-        let (x, y) = (low[axis].step(&inputs(0)), high[axis].step(&inputs(1)));
-        x.apart(&y, &gains[axis])
-    })
 }
 
 mod bank;
@@ -358,29 +345,20 @@ macro_rules! effects {
             }
             /// What it remembers of an axis: [`Effect::memory`].
             pub fn memory(&mut self, axis: usize) -> &mut [f32] {
-                match self { $(Self::$name(e) => e[axis].memory()),+ }
+                match self { $(Self::$name(e) => e.get_mut(axis).map_or(&mut [], |e| e.memory())),+ }
             }
             /// See [`Effect::soak_at`].
             pub fn soak_at(&mut self, axis: usize, temperature_c: f32) {
-                match self { $(Self::$name(e) => e[axis].soak_at(temperature_c)),+ }
+                match self { $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| e.soak_at(temperature_c))),+ }
             }
             /// Whether it looks at the other axes: [`Effect::NEIGHBOURS`].
             #[must_use]
             pub const fn looks_at_neighbours(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
             }
-            /// Advances two copies of one effect, each under its own thermal state; how far apart their biases are on each axis, deg/h.
-            pub fn apart_dph(
-                low: &mut Self,
-                high: &mut Self,
-                scaling: &Scaling,
-                thermal: [&Thermal; 2],
-                gains: &Gains,
-            ) -> [f32; AXES] {
-                match (low, high) {
-                    $((Self::$name(x), Self::$name(y)) => apart_dph([x, y], scaling, thermal, gains),)+
-                    _ => [0.0; AXES],
-                }
+            /// Advances it on one axis, and gives the regressors.
+            pub fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
+                match self { $(Self::$name(e) => e.get_mut(inputs.axis).map_or([0.0; MAX_OUTPUTS], |e| padded(e, inputs))),+ }
             }
         }
     };

@@ -23,6 +23,9 @@ pub mod serve;
 pub mod twin;
 pub mod wires;
 
+/// The variable of the firmware that holds the states kept over a reset.
+pub const KEPT_STATES: &str = "_kept_states";
+
 /// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {
     /// A model step of the three axes.

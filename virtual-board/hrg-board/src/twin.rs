@@ -39,7 +39,7 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// `start_status`: status of the unit from start-up (default calibration, watchdog reset). `particles`: of a firmware
+    /// `start_status`: status of the unit from start-up (default calibration). `particles`: of a firmware
     /// built with the feature upf.
     #[must_use]
     pub fn new(calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
@@ -55,6 +55,7 @@ impl Twin {
             calibration: if default { 0 } else { calibration.checksum() },
             created_unix_s: calibration.created_unix_s,
             sequence: calibration.sequence,
+            ..Identity::default()
         };
         Self {
             bank: CounterBank::new(Config::REFERENCE, GATES_PER_STEP),
@@ -69,6 +70,21 @@ impl Twin {
             rates: VecDeque::new(),
             housekeeping: VecDeque::new(),
         }
+    }
+
+    /// Has the model go on from states that were kept before a reset. Before anything else.
+    ///
+    /// # Errors
+    /// Words that are not intact.
+    pub fn resume(&mut self, words: &[u32]) -> Result<(), hrg_cal::BadInput> {
+        self.model.resume(words)?;
+        self.telemetry.set_resets(self.model.resets());
+        Ok(())
+    }
+
+    /// The states as the unit keeps them after its last step.
+    pub fn keep(&mut self) -> Vec<u32> {
+        self.model.keep()
     }
 
     /// Time goes on to a timer reading: closes gates that are over.

@@ -21,7 +21,9 @@ pub mod time;
 
 use crate::replay::CALIBRATION_A;
 use crate::wires::{Received, Wires};
+use crate::KEPT_STATES;
 use anyhow::{Context, Result};
+use hrg_cal::fit::correct::Model;
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
@@ -29,8 +31,10 @@ use hrg_cal::recording::steps::Steps;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::EffectId;
+use hrg_core::frequency::StepFrequencies;
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::AxisStatus;
+use hrg_core::AXES;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use std::fmt::Write as _;
@@ -50,6 +54,8 @@ pub struct Scene {
     steps: Steps,
     /// What is in its flash.
     pub calibration: Calibration,
+    /// The states of its model when the scene begins: it has been on for hours.
+    kept: Vec<u32>,
 }
 
 impl std::fmt::Debug for Scene {
@@ -62,7 +68,7 @@ impl std::fmt::Debug for Scene {
 const SETTLED_S: u64 = 40;
 
 impl Scene {
-    /// A simulated unit on the ramp of a chamber run. Its image holds eq 7, as fitted, and four effects on top: all that a
+    /// A simulated unit on the ramp of a chamber run. Its image holds eq 7, as fitted, and five effects on top: all that a
     /// unit runs at most in practice, so that their states are there to be hit.
     ///
     /// # Errors
@@ -72,26 +78,38 @@ impl Scene {
         let prepared = prepare(std::slice::from_ref(&recording))?;
         let mut calibration = identify(&prepared, Method::Lsq, seed)?.calibration;
         calibration.set_unit_name("HRG-21");
-        for (effect, parameters, gain) in [
-            (EffectId::Cubic, [0.0; 2], 0.05),
-            (EffectId::ThermalLag, [900.0, 0.0], 0.1),
-            (EffectId::Hysteresis, [4.0, 0.0], 0.05),
-            (EffectId::WarmUp, [1500.0, 0.0], 0.2),
+        for (effect, parameters, gain, on) in [
+            (EffectId::Cubic, [0.0; 2], 0.05, &[0, 1, 2][..]),
+            (EffectId::ThermalLag, [900.0, 0.0], 0.1, &[0, 1, 2]),
+            (EffectId::Hysteresis, [4.0, 0.0], 0.05, &[0, 1, 2]),
+            (EffectId::WarmUp, [1500.0, 0.0], 0.2, &[0, 1, 2]),
+            (EffectId::AxisGradient, [0.0; 2], 0.05, &[LOOKS_AT_OTHERS]),
         ] {
             let facts = effect.facts();
             let mut term = EffectTerm::new(facts.id, parameters);
-            for gains in &mut term.gains {
-                gains[..facts.outputs].fill(gain);
+            for axis in on {
+                term.gains[*axis][..facts.outputs].fill(gain);
             }
-            calibration.effects.push(term).ok().context("room for four effects")?;
+            calibration.effects.push(term).ok().context("room for five effects")?;
         }
         let mut steps = Steps::new(&recording)?;
+        let mut model = Model::new(calibration.clone(), 0.0);
+        for k in 0..RAMP_FROM {
+            model.step(&StepFrequencies {
+                step: k as u32,
+                end_ticks: 0,
+                frequency_hz: steps.frequency_hz.each_ref().map(|f| Some(f[k]).filter(|f| f.is_finite())),
+                rejected: [0; AXES],
+                missing: [0; AXES],
+            });
+        }
+        let kept = model.keep();
         // From the middle of the first ramp. The rates stand still, so that a frame is right whichever samples it is of.
         steps.frequency_hz.iter_mut().for_each(|f| drop(f.drain(..RAMP_FROM)));
         for (series, rate) in steps.rate_dph.iter_mut().zip([1.2345, -2.3456, 0.7891]) {
             series.fill(rate);
         }
-        Ok(Self { elf: elf.to_vec(), steps, calibration })
+        Ok(Self { elf: elf.to_vec(), steps, calibration, kept })
     }
 
     /// The chamber run that it lives through.
@@ -124,12 +142,25 @@ impl Scene {
         Ok(board)
     }
 
+    /// A board that starts after a reset of its program, with the states of a unit that has been on for hours.
+    ///
+    /// # Errors
+    /// As [`off`](Self::off).
+    pub fn restarted(&self) -> Result<Board<Wires>> {
+        let mut board = self.off(self.wires(), &self.calibration)?;
+        let address = board.firmware().address_of(KEPT_STATES).context("the firmware keeps no states")?;
+        let bytes: Vec<u8> = self.kept.iter().flat_map(|w| w.to_le_bytes()).collect();
+        board.write_ram(address, &bytes)?;
+        board.reset_by_software()?;
+        Ok(board)
+    }
+
     /// A board that has settled and has nothing to complain of.
     ///
     /// # Errors
     /// As [`off`](Self::off).
     pub fn settled(&self) -> Result<Board<Wires>> {
-        let mut board = self.off(self.wires(), &self.calibration)?;
+        let mut board = self.restarted()?;
         run(&mut board, SETTLED_S * CPU_HZ)?;
         board.world.received = Received::default();
         Ok(board)
@@ -149,6 +180,9 @@ impl Scene {
         Ok(received)
     }
 }
+
+/// The axis of a scene that has an effect which looks at the others.
+const LOOKS_AT_OTHERS: usize = 2;
 
 /// Step of the run at which scenes begin.
 const RAMP_FROM: usize = 9000;

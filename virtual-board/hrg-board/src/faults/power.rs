@@ -1,10 +1,12 @@
 //! Power cuts.
 
-use super::{cycles, draws, run, trials, Extent, Report, Scene};
+use super::memory::{nearest, unsaid, SETTLES_S};
+use super::{cycles, draws, good, run, trials, Extent, Report, Scene, BOUND_DPH, RESTART_S};
 use crate::host::{burn, running, Burn};
 use crate::replay::CALIBRATION_B;
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
+use hrg_core::status::AxisStatus;
 use rand::Rng;
 
 /// The unit must answer within this time after power comes back, s.
@@ -76,5 +78,59 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         Ok(running(board, UP_S)?.calibration)
     })?;
     tell(&found, report, "power cut at a random instruction of a burn".into());
+    for cold in [false, true] {
+        restarts(scene, seed, extent, cold, report)?;
+    }
+    Ok(())
+}
+
+/// How a unit starts anew in a ramp, at a random instruction: its program resets it, or the power is cut.
+fn restarts(scene: &Scene, seed: u64, extent: &Extent, cold: bool, report: &mut Report) -> Result<()> {
+    let watched_s = RESTART_S + SETTLES_S;
+    let outcomes = trials(
+        (extent.random / 50).max(2),
+        || {
+            let mut board = scene.settled()?;
+            let truth = scene.undisturbed(&mut board, watched_s + 3.0)?;
+            let start = board.snapshot()?;
+            Ok((board, start, truth))
+        },
+        |(board, start, truth), k| {
+            board.restore(start)?;
+            let before = board.now();
+            board.run_until(before + draws(seed, 3, k).random_range(cycles(1.0)..cycles(2.0)))?;
+            if cold {
+                board.power_cut()?;
+            } else {
+                board.reset_by_software()?;
+            }
+            let at = board.now();
+            run(board, at + cycles(watched_s))?;
+            let sent = &board.world.received;
+            let mut unflagged_dph = 0.0f32;
+            for (f, t) in sent.rates.iter().zip(&sent.rate_at).filter(|(_, t)| **t > at) {
+                let Some(truth) = truth.rates.get(nearest(truth, *t)) else { continue };
+                unflagged_dph = unflagged_dph.max(unsaid(f, truth));
+            }
+            let last = sent.rates.last().context("rates after a restart")?;
+            let unknown = last.axis_status.iter().all(|s| s.contains(AxisStatus::HISTORY_UNKNOWN));
+            Ok((unflagged_dph, if cold { unknown } else { good(last) }))
+        },
+    )?;
+    let worst = outcomes.iter().map(|o| o.0).fold(0.0, f32::max);
+    let as_wanted = outcomes.iter().filter(|o| o.1).count();
+    let (what, wanted) = if cold {
+        ("power cut in a ramp, at a random instruction", "flagged history-unknown")
+    } else {
+        ("reset by the program in a ramp, at a random instruction", "good")
+    };
+    report.row(
+        what,
+        outcomes.len() as u64,
+        format!(
+            "{wanted} {watched_s:.0} s later {as_wanted}; unflagged error at most {worst:.3} deg/h, from the start on"
+        ),
+        worst <= BOUND_DPH && as_wanted == outcomes.len(),
+    );
     Ok(())
 }

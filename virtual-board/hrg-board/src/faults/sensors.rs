@@ -1,7 +1,7 @@
 //! Resonators and ADC.
 
 use super::memory::unsaid;
-use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH};
+use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH, LOOKS_AT_OTHERS};
 use crate::wires::{AdcFault, AxisFault, Received, WireFaults, Wires};
 use anyhow::Result;
 use hrg_core::compensator::HOLD_S;
@@ -81,7 +81,8 @@ fn untouched(faults: &[&Case]) -> Vec<usize> {
     let mut left: Vec<usize> = (0..3).collect();
     for c in faults {
         match c.fault {
-            Fault::Axis(a, _) | Fault::Adc(AdcFault::Saturated(a)) => left.retain(|k| *k != a),
+            Fault::Axis(a, _) => left.retain(|k| *k != a && *k != LOOKS_AT_OTHERS),
+            Fault::Adc(AdcFault::Saturated(a)) => left.retain(|k| *k != a),
             Fault::Adc(_) => left.clear(),
         }
     }
