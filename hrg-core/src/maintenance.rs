@@ -1,16 +1,17 @@
 //! Maintenance mode: a calibration into the unit over the link.
 //!
 //! # Two sectors, newest valid wins
-//! An image is only ever written into the sector that is *not* in use, and counts only once its checksum, which comes last,
-//! matches ([`crate::sectors::newest`]). So a power cut at any moment leaves the old image or the new one, never
-//! neither. The sequence number counts burns; each sector has been erased half as often.
+//! An image is only ever written into the sector that is *not* in use, and counts only once its first word stands before it
+//! ([`crate::sectors::newest`]). That word is programmed last, after the image was found to be one of this unit, valid and newer. So a
+//! power cut at any moment leaves the old image or the new one, never neither; and an image that is refused never counts,
+//! whatever comes. The sequence number counts burns; each sector has been erased half as often.
 //!
 //! # Who may write
 //! No command is executed before [`Command::Open`] has named the unit as its image names it. A build with the firmware's feature
 //! `locked` refuses that too. Chunks come in order; one that is repeated (its answer was lost) is answered again and
 //! not written twice.
 
-use crate::calibration::{Calibration, MAX_BYTES};
+use crate::calibration::{Calibration, COMMIT, MAX_BYTES, REFUSED};
 use crate::sectors::{stored_checksum, Sector};
 use crate::unit_name::UnitName;
 
@@ -150,13 +151,15 @@ pub struct Maintenance {
     open: bool,
     /// Length of the image that comes, and what is there of it.
     coming: Option<(u16, u16)>,
+    /// Its first bytes, which are programmed last.
+    first: [u8; COMMIT],
 }
 
 impl Maintenance {
     /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its sector.
     #[must_use]
     pub const fn new(unit: UnitName, sequence: u32, in_use: Option<Sector>, locked: bool) -> Self {
-        Self { unit, in_use, sequence, locked, open: false, coming: None }
+        Self { unit, in_use, sequence, locked, open: false, coming: None, first: [0; COMMIT] }
     }
 
     /// Whether a calibration may be written now.
@@ -233,7 +236,15 @@ impl Maintenance {
         let mut padded = [0xFF; CHUNK];
         padded.iter_mut().zip(data).take(n).for_each(|(to, from)| *to = *from);
         let words = padded.get(..n.next_multiple_of(4)).unwrap_or(&padded);
-        if !store.write(self.other_sector(), offset, words) {
+        // The first word waits for the end.
+        let (at, words) = match words.split_first_chunk() {
+            Some((first, rest)) if offset == 0 => {
+                self.first = *first;
+                (COMMIT as u16, rest)
+            }
+            _ => (offset, words),
+        };
+        if !words.is_empty() && !store.write(self.other_sector(), at, words) {
             self.coming = None;
             return (Answer::Flash, 0);
         }
@@ -246,20 +257,29 @@ impl Maintenance {
             Some((total, next)) if total == next => {}
             _ => return (Answer::Order, 0),
         }
-        let sector = self.other_sector();
-        let bytes = store.view(sector);
-        let (Ok(image), Some(checksum)) = (Calibration::from_bytes(bytes), stored_checksum(bytes)) else {
-            return (Answer::Image, 0);
-        };
-        // A unit that was never calibrated takes its name from its first image.
-        if image.unit != self.unit && self.in_use.is_some() {
-            return (Answer::Image, 0);
-        }
-        if self.in_use.is_some() && image.sequence.wrapping_sub(self.sequence) as i32 <= 0 {
-            return (Answer::NotNewer, 0);
-        }
         self.coming = None;
-        (Answer::Done, checksum)
+        let sector = self.other_sector();
+        let refused = match Calibration::from_uncommitted(self.first, store.view(sector)) {
+            Err(_) => Some(Answer::Image),
+            // A unit that was never calibrated takes its name from its first image.
+            Ok(image) if image.unit != self.unit && self.in_use.is_some() => Some(Answer::Image),
+            Ok(image) if self.in_use.is_some() && image.sequence.wrapping_sub(self.sequence) as i32 <= 0 => {
+                Some(Answer::NotNewer)
+            }
+            Ok(_) => None,
+        };
+        if let Some(answer) = refused {
+            // (Should this fail, the first word is missing all the same.)
+            store.write(sector, 0, &REFUSED);
+            return (answer, 0);
+        }
+        let written = store.write(sector, 0, &self.first);
+        match stored_checksum(store.view(sector)) {
+            Some(checksum) if written && Calibration::from_bytes(store.view(sector)).is_ok() => {
+                (Answer::Done, checksum)
+            }
+            _ => (Answer::Flash, 0),
+        }
     }
 }
 
@@ -394,8 +414,44 @@ mod tests {
         assert_eq!(said(&mut m, &mut store, Command::End), Answer::Image, "zeros are no image");
         assert_eq!(store.sectors[0], untouched[0], "the sector in use is never touched");
         assert_eq!(burn(&mut m, &mut store, &image(3)), Answer::NotNewer);
+        assert_eq!(newest(&[0xFF; MAX_BYTES], store.view(Sector::B)).refused, None, "what was refused is no fault");
         let mut stranger = image(9);
         stranger.set_unit_name("HRG-8");
         assert_eq!(burn(&mut m, &mut store, &stranger), Answer::OtherUnit);
+    }
+
+    #[test]
+    fn an_image_that_was_refused_never_counts() {
+        // In a session with this unit: an image of another unit, one that is not newer, one that is not whole.
+        let old = image(5);
+        let mut stranger = image(9);
+        stranger.set_unit_name("HRG-8");
+        let mut torn = image(9).to_bytes().expect("fits");
+        *torn.last_mut().expect("bytes") ^= 1;
+        for (bytes, answer) in [
+            (stranger.to_bytes().expect("fits"), Answer::Image),
+            (image(5).to_bytes().expect("fits"), Answer::NotNewer),
+            (torn, Answer::Image),
+        ] {
+            for left in (1..2000).chain([u32::MAX]) {
+                let mut sectors = [vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]];
+                let own = old.to_bytes().expect("fits");
+                sectors[0][..own.len()].copy_from_slice(&own);
+                let mut store = Memory { sectors, left };
+                let mut m = Maintenance::new(old.unit, old.sequence, Some(Sector::A), false);
+                let mut last = Answer::Done;
+                let commands = [Command::Open(old.unit), Command::Begin(bytes.len() as u16)];
+                for command in commands.into_iter().chain(chunks(&bytes)).chain([Command::End]) {
+                    if let Reply::Answer(a, _) = m.command(&command, &mut store) {
+                        last = a;
+                    }
+                }
+                let found = newest(&store.sectors[0], &store.sectors[1]);
+                assert_eq!(found.newest, Some((old.clone(), Sector::A)), "cut after {left} operations");
+                if left == u32::MAX {
+                    assert_eq!((last, found.refused), (answer, None));
+                }
+            }
+        }
     }
 }

@@ -3,12 +3,18 @@
 use super::layouts::{Channel, EffectHead, Header};
 use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
 use crate::bias::Coefficients;
-use crate::bytes::{crc32, Reader, Writer};
+use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
 use crate::half::Half;
 use crate::schema::{size, take, Layout, Wire};
 use crate::AXES;
 use heapless::Vec;
+
+/// Bytes at the front of an image that are programmed last.
+pub const COMMIT: usize = MAGIC.len();
+
+/// What stands in the place of the first bytes of an image that was refused.
+pub const REFUSED: [u8; 8] = [0; 8];
 
 /// Bytes before the payload.
 const HEADER: usize = size(Header::FIELDS);
@@ -43,13 +49,28 @@ impl Calibration {
         Self::from_bytes_up_to(VERSION, bytes)
     }
 
+    /// Reads an image whose first bytes are not in flash yet: they are programmed last, and only then it counts.
+    ///
+    /// # Errors
+    /// As [`from_bytes`](Self::from_bytes).
+    pub fn from_uncommitted(first: [u8; COMMIT], bytes: &[u8]) -> Result<Self, ImageError> {
+        if first != MAGIC {
+            return Err(ImageError::Foreign);
+        }
+        Self::read_behind_magic(VERSION, bytes)
+    }
+
     /// The same by a program whose newest version is this.
     pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
         if !bytes.starts_with(&MAGIC) {
-            // An erased sector holds no fault; an image whose first bytes are corrupted does.
-            let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF);
+            // A sector that is erased or whose image was refused holds no fault; an image whose first bytes are corrupted does.
+            let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF) || bytes.starts_with(&REFUSED);
             return Err(if erased { ImageError::NoImage } else { ImageError::Foreign });
         }
+        Self::read_behind_magic(newest, bytes)
+    }
+
+    fn read_behind_magic(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
         let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(ImageError::Length(0))?;
         if !(OLDEST..=newest).contains(&version) {
             return Err(ImageError::Version(version));
@@ -59,7 +80,10 @@ impl Calibration {
             return Err(ImageError::Length(length));
         }
         let (content, crc) = bytes[..n].split_at(n - 4);
-        if crc != crc32(content).to_le_bytes() {
+        let mut digest = Digest::new();
+        digest.update(&MAGIC);
+        digest.update(&content[COMMIT..]);
+        if crc != digest.finish().to_le_bytes() {
             return Err(ImageError::Checksum);
         }
         let mut payload = Reader::new(&content[HEADER..]);

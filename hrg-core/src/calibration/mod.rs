@@ -17,6 +17,7 @@
 
 mod check;
 mod image;
+pub use image::{COMMIT, REFUSED};
 pub mod layouts;
 
 use crate::bias::{Coefficients, Scaling, TERMS};
