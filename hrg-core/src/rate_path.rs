@@ -57,6 +57,16 @@ pub fn corrected_dph(raw_dph: f32, bias_dph: f32) -> f32 {
     raw_dph - bias_dph
 }
 
+/// Time between two samples, us: the ADC's 1 kSPS.
+pub const SAMPLE_US: u32 = 1000;
+
+/// Two samples that are further apart than their time by more than this share of it, or nearer, come from an ADC at another rate. Its
+/// crystal and the timer's differ by some 0.01 %.
+const SPACING_SHARE: u32 = 50;
+
+/// Over more sample times than this the spacing of two samples says nothing of the rate.
+const SPACING_TIMES: u32 = 20;
+
 /// A channel that gives the same code for so many samples (2 s) is stuck: a working ADC of 24 bits never repeats a code that
 /// long. Flagged [`UnitStatus::ADC_FAULT`].
 pub const STUCK_SAMPLES: u16 = 2000;
@@ -106,7 +116,7 @@ fn word_of(status: [AxisStatus; AXES]) -> u32 {
 /// One frame of corrected rates: the mean of `decimation` samples.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct RateFrame {
-    /// Number of the last sample in it, since start.
+    /// Sample times from start to its last sample: it counts time, and goes on where samples are lost.
     pub sample: u32,
     /// Timer tick of that sample's data-ready edge.
     pub tick: u32,
@@ -176,6 +186,14 @@ pub struct Event {
     pub corrupted: bool,
 }
 
+/// What is known since the last good sample.
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    tick: u32,
+    since_ticks: u32,
+    errors: u16,
+}
+
 /// State of the rate path.
 #[derive(Debug, Clone)]
 pub struct RatePath {
@@ -194,7 +212,12 @@ pub struct RatePath {
     changed: [i32; AXES],
     unchanged: [u16; AXES],
     pending: Option<PendingBias>,
+    /// Sample times since start.
     sample: u32,
+    /// [`SAMPLE_US`] in ticks.
+    sample_ticks: u32,
+    /// Tick of the last sample or look, ticks from the last good sample to it, and errors counted meanwhile; `None` before the first.
+    last: Option<Last>,
     // The frame being filled.
     in_frame: u16,
     sum_dph: [f32; AXES],
@@ -235,6 +258,8 @@ impl RatePath {
             unchanged: [0; AXES],
             pending: None,
             sample: 0,
+            sample_ticks: timebase.us(SAMPLE_US).max(1),
+            last: None,
             in_frame: 0,
             sum_dph: [0.0; AXES],
             mirror: (0, [0.0; AXES]),
@@ -277,7 +302,11 @@ impl RatePath {
         if self.due(tick) {
             event.summary = self.turn(tick);
         }
-        self.sample = self.sample.wrapping_add(1);
+        let times = self.sample_times(tick);
+        self.sample = self.sample.wrapping_add(times);
+        if times == 0 {
+            return event;
+        }
         for k in 0..AXES {
             let code = codes[k];
             let rate_dph = corrected_dph(code as f32 * self.scale_dph[k], self.current.bias_dph[k]);
@@ -318,9 +347,49 @@ impl RatePath {
         event
     }
 
+    /// Time has gone on to `tick`: ticks since the last good sample; `None` before the first.
+    fn ticks_since_good(&mut self, tick: u32) -> Option<u32> {
+        let last = self.last.as_mut()?;
+        let more = tick.wrapping_sub(last.tick);
+        // (A look at the time and a sample may come in the wrong order.)
+        if more as i32 > 0 {
+            last.tick = tick;
+            last.since_ticks = last.since_ticks.saturating_add(more);
+        }
+        Some(last.since_ticks)
+    }
+
+    /// How many sample times a sample is after the one before. Samples that were lost between them are counted and flagged; so is an ADC
+    /// at another rate. 0: it is the same sample once more, which is refused.
+    fn sample_times(&mut self, tick: u32) -> u32 {
+        let period = self.sample_ticks;
+        let Some(ticks) = self.ticks_since_good(tick) else {
+            self.last = Some(Last { tick, since_ticks: 0, errors: 0 });
+            return 1;
+        };
+        let times = ticks.saturating_add(period / 2) / period;
+        let off = ticks.abs_diff(times.saturating_mul(period));
+        let known = self.last.map_or(0, |l| l.errors);
+        let lost = times.saturating_sub(1).saturating_sub(known.into());
+        let elsewhere = times <= SPACING_TIMES && off > period / SPACING_SHARE;
+        if times == 0 || lost > 0 || elsewhere {
+            let more = if times == 0 { 1 } else { lost.min(0xFFFF) as u16 };
+            self.errors = self.errors.saturating_add(more);
+            self.unit_status |= UnitStatus::ADC_FAULT;
+        }
+        if times > 0 {
+            self.last = Some(Last { tick, since_ticks: 0, errors: 0 });
+        }
+        times
+    }
+
     /// A sample was missing or refused at about `tick`. A frame whose samples all are missing is
     /// not sent; the next one carries [`UnitStatus::ADC_FAULT`].
     pub fn missing(&mut self, tick: u32) -> Event {
+        self.ticks_since_good(tick);
+        if let Some(last) = &mut self.last {
+            last.errors = last.errors.saturating_add(1);
+        }
         self.errors = self.errors.saturating_add(1);
         self.unit_status |= UnitStatus::ADC_FAULT;
         Event { frame: None, summary: self.turn(tick), corrupted: false }
@@ -445,6 +514,44 @@ mod tests {
     }
 
     #[test]
+    fn samples_are_counted_by_time_and_lost_or_repeated_ones_are_flagged() {
+        let run = |ticks: &[u32]| {
+            let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
+            let frames: std::vec::Vec<_> = ticks.iter().filter_map(|t| p.sample(*t, [5; CHANNELS]).frame).collect();
+            (frames, p.errors)
+        };
+        let steady: std::vec::Vec<u32> = (0..50u32).map(|k| (u32::MAX - 900_000).wrapping_add(90_000 * k)).collect();
+        let (frames, errors) = run(&steady);
+        assert!(errors == 0 && frames.iter().all(|f| f.unit_status.is_empty()));
+        // A crystal that is off by 0.1 %.
+        let (frames, errors) = run(&(0..50u32).map(|k| 90_090 * k).collect::<std::vec::Vec<_>>());
+        assert!(errors == 0 && frames.iter().all(|f| f.unit_status.is_empty()));
+        // Three samples are lost; one comes twice.
+        let mut gap = steady.clone();
+        gap.drain(20..23);
+        gap.insert(30, gap[30]);
+        let (frames, errors) = run(&gap);
+        assert_eq!((errors, frames.len(), frames.last().map(|f| f.sample)), (4, 47, Some(50)));
+        let flagged: std::vec::Vec<u32> = frames.iter().filter(|f| !f.unit_status.is_empty()).map(|f| f.sample).collect();
+        assert_eq!(flagged, [24, 35], "the first after the gap, and the first after the repeat");
+        // 500 SPS, 980 SPS and 1020 SPS.
+        for (period, lost) in [(180_000, 49), (91_900, 0), (88_100, 0)] {
+            let (frames, errors) = run(&(0..50u32).map(|k| period * k).collect::<std::vec::Vec<_>>());
+            assert!(errors == lost && frames[1..].iter().all(|f| f.unit_status == UnitStatus::ADC_FAULT), "{period}");
+        }
+    }
+
+    #[test]
+    fn what_is_known_to_be_missing_is_not_counted_twice() {
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
+        p.sample(0, [5; CHANNELS]);
+        p.missing(90_000);
+        p.missing(180_000);
+        let frame = p.sample(270_000, [5; CHANNELS]).frame.expect("one a sample");
+        assert_eq!((p.errors, frame.sample), (2, 4));
+    }
+
+    #[test]
     fn a_frame_that_would_never_end_is_noticed() {
         let corruptions: [fn(&mut RatePath); 6] = [
             |p| p.decimation ^= 1,
@@ -513,7 +620,7 @@ mod tests {
                     }
                     _ => q.current.status[bit / 8 % 3] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
                 }
-                let e = q.sample(0, [1, 2, 3, 4, 5]);
+                let e = q.sample(90_000u32.wrapping_mul(6000), [1, 2, 3, 4, 5]);
                 assert!(e.corrupted && e.frame.is_none(), "word {word} bit {bit}");
             }
         }

@@ -41,7 +41,8 @@ bitflags! {
     /// Bits of the unit.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
     pub struct UnitStatus: u8 {
-        /// The ADC sent nothing, or a frame with a wrong checksum, since the last frame out; or a rate channel has given the same
+        /// The ADC sent nothing, or a frame with a wrong checksum, or samples were lost, repeated or not at their rate, since the last frame
+        /// out; or a rate channel has given the same
         /// code for [`crate::rate_path::STUCK_SAMPLES`].
         const ADC_FAULT = 1 << 0;
         /// A bias arrived after the sample at which it was due.

@@ -12,7 +12,7 @@ use crate::unit_name::UnitName;
 use crate::AXES;
 
 layout! { RateFrame {
-    sample: u32, "number of the last sample in it, since start";
+    sample: u32, "sample times from start to its last sample";
     tick: u32, "timer tick of that sample's data-ready edge";
     step: u32, "number of the model step whose bias was taken off";
     axis_status: [AxisStatus; AXES], "status of each axis, worst over the samples";

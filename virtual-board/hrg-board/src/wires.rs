@@ -33,6 +33,8 @@ pub enum AxisFault {
 pub enum AdcFault {
     /// It finishes no conversion.
     Silent,
+    /// It converts at half its rate: its settings are lost.
+    HalfRate,
     /// It gives the same codes again and again.
     Stuck,
     /// Its frames are invalid on the way.
@@ -344,7 +346,8 @@ impl World for Wires {
         self.now = cycles;
         let t = cycles as f64 / CPU_HZ as f64;
         let faults: Vec<AdcFault> = self.faults.of_adc(t).collect();
-        if faults.contains(&AdcFault::Silent) {
+        let half = faults.contains(&AdcFault::HalfRate) && (cycles / (CPU_HZ / 1000)).is_multiple_of(2);
+        if half || faults.contains(&AdcFault::Silent) {
             return None;
         }
         if faults.contains(&AdcFault::Stuck) {

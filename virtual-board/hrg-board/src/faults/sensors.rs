@@ -68,7 +68,12 @@ fn cases() -> Vec<Case> {
         });
     }
     for (name, fault) in
-        [("ADC silent", AdcFault::Silent), ("ADC stuck", AdcFault::Stuck), ("ADC checksum errors", AdcFault::Checksum)]
+        [
+            ("ADC silent", AdcFault::Silent),
+            ("ADC at half its rate", AdcFault::HalfRate),
+            ("ADC stuck", AdcFault::Stuck),
+            ("ADC checksum errors", AdcFault::Checksum),
+        ]
     {
         let fault = Fault::Adc(fault);
         cases.push(Case { name: name.into(), fault, flags: Flags::Unit(UnitStatus::ADC_FAULT), within_s: NEXT_STEP_S });
