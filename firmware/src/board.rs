@@ -10,7 +10,7 @@
 use crate::adc::{self, Adc, Wiring};
 use crate::capture::{self, Clock, Rings};
 use crate::halt::once;
-use crate::maintain::Sectors;
+use crate::maintain::{self, Sectors};
 use crate::params;
 use crate::watchdog::{Patience, Watchdog};
 use embassy_stm32::flash::Flash;
@@ -159,6 +159,7 @@ impl Board {
         let mut config = embassy_stm32::Config::default();
         config.rcc = clocks();
         let p = embassy_stm32::init(config);
+        maintain::cache();
         let reset_cause = reset_cause();
 
         #[cfg(not(feature = "stm32f405rg"))]

@@ -32,7 +32,7 @@ pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 /// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
 pub const ADC_SPI_PRESCALER: u8 = 0b010;
 
-/// Link rate, baud. A rate frame is 35 bytes of 10 bits on the wire: 350 kbit/s at 1 kHz; RS-422 carries 921600 over tens of metres.
+/// Link rate, baud. A rate frame is 38 bytes of 10 bits on the wire: 380 kbit/s at 1 kHz; RS-422 carries 921600 over tens of metres.
 pub const LINK_BAUD: u32 = 921_600;
 
 /// Bytes of the link's receive ring: 5 ms at line rate.
@@ -42,7 +42,7 @@ pub const LINK_RING: usize = 512;
 pub const FRAME_QUEUE: usize = 8;
 
 /// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB
-/// takes 2 s at most (STM32F446 data sheet, word-wide), and the processor stands still meanwhile: one bank of flash.
+/// takes 2 s at most (STM32F446 data sheet, 32 bits at a time; 4 s byte by byte), and the processor stands still meanwhile: one bank of flash.
 pub const WATCHDOG_ERASE: Time = (6, 1000);
 /// Watchdog otherwise, the same way: 16 / 32 kHz * 1000 = 0.5 s. It is fed each [`hrg_core::supervision::LOOK_MS`] while all parts
 /// run.

@@ -2,6 +2,7 @@
 
 use hrg_board::align::align;
 use hrg_board::faults::Scene;
+use hrg_board::host::{maintain, running};
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
 use hrg_cal::align::plant::Plant;
@@ -18,6 +19,8 @@ use hrg_cal::unit::log::Decoder;
 use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
+use hrg_core::maintenance::{chunks, Answer, Command};
+use hrg_core::reset::ResetCause;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -365,4 +368,32 @@ fn a_probe_that_stops_reading_does_not_stop_the_unit() {
     let sent = &board.world.received;
     assert_eq!((sent.rates.len(), sent.bad_frames), (truth.rates.len(), 0));
     assert!(sent.rates.iter().zip(&truth.rates).all(|(a, b)| a == b), "every rate as with a probe");
+}
+
+#[test]
+fn an_image_of_another_unit_is_refused_and_never_runs() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.settled().expect("settles");
+    let own = scene.calibration.clone();
+    let mut stranger = own.clone();
+    stranger.set_unit_name("HRG-22");
+    stranger.sequence += 1;
+    let bytes = stranger.to_bytes().expect("fits");
+    // In a session that this unit has opened.
+    let begun = board.now();
+    assert_eq!(maintain(&mut board, Command::Open(own.unit)).expect("answers"), Some(Answer::Done));
+    assert_eq!(maintain(&mut board, Command::Begin(bytes.len() as u16)).expect("answers"), Some(Answer::Done));
+    let erase_s = (board.now() - begun) as f64 / CPU_HZ as f64;
+    assert!((1.9..2.2).contains(&erase_s), "an erase by words takes 2 s at its slowest: {erase_s}");
+    for chunk in chunks(&bytes) {
+        assert_eq!(maintain(&mut board, chunk).expect("answers"), Some(Answer::Done));
+    }
+    assert_eq!(maintain(&mut board, Command::End).expect("answers"), Some(Answer::Image));
+    board.power_cut().expect("starts");
+    let identity = running(&mut board, 1.0).expect("answers");
+    assert_eq!((identity.unit, identity.calibration), (own.unit, own.checksum()));
+    assert_eq!((identity.reset_cause, identity.resets), (ResetCause::Power, 0));
+    board.run_until(board.now() + 3 * CPU_HZ).expect("runs");
+    let last = board.world.received.rates.last().expect("rates");
+    assert_eq!(last.unit_status, UnitStatus::empty(), "what was refused is no fault of the flash");
 }

@@ -532,7 +532,8 @@ mod tests {
         gap.insert(30, gap[30]);
         let (frames, errors) = run(&gap);
         assert_eq!((errors, frames.len(), frames.last().map(|f| f.sample)), (4, 47, Some(50)));
-        let flagged: std::vec::Vec<u32> = frames.iter().filter(|f| !f.unit_status.is_empty()).map(|f| f.sample).collect();
+        let flagged: std::vec::Vec<u32> =
+            frames.iter().filter(|f| !f.unit_status.is_empty()).map(|f| f.sample).collect();
         assert_eq!(flagged, [24, 35], "the first after the gap, and the first after the repeat");
         // 500 SPS, 980 SPS and 1020 SPS.
         for (period, lost) in [(180_000, 49), (91_900, 0), (88_100, 0)] {

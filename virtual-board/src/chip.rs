@@ -191,7 +191,7 @@ pub struct Chip {
     /// When the running USART transmission ends.
     pub usart_done: u64,
     /// Memory writes to flash waiting to be judged: address, old bytes.
-    pub flash_writes: Vec<(u32, [u8; 4])>,
+    pub flash_writes: Vec<(u32, [u8; 4], usize)>,
 }
 
 impl Chip {

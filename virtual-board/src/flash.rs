@@ -7,8 +7,9 @@ use crate::system::SECTORS;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START};
 use unicorn_engine::{HookType, Prot};
 
-/// Erase of a sector of 128 KiB, at its slowest (data sheet: 2 s).
-const ERASE_CYCLES: u64 = 2 * CPU_HZ;
+/// Erase of a sector of 128 KiB at its slowest, ms, by PSIZE (STM32F446 data sheet, table 47: x8, x16, x32; x64 needs a voltage that
+/// the board does not have).
+const ERASE_MS: [u64; 3] = [4000, 2600, 2000];
 
 impl<W: World> Board<W> {
     /// Counts a flash operation; whether it is the one that is cut short.
@@ -39,12 +40,12 @@ impl<W: World> Board<W> {
             HookType::MEM_WRITE,
             u64::from(FLASH_START),
             u64::from(FLASH_START + FLASH_SIZE - 1),
-            |c, _, address, _, _| {
+            |c, _, address, size, _| {
                 let word = address & !3;
                 let mut old = [0; 4];
                 let _ = c.mem_read(word, &mut old);
                 let chip = c.get_data_mut();
-                chip.flash_writes.push((word as u32, old));
+                chip.flash_writes.push((word as u32, old, size));
                 chip.attention = true;
                 true
             },
@@ -55,8 +56,14 @@ impl<W: World> Board<W> {
 
     pub(crate) fn judge_flash_writes(&mut self) -> Result<(), RunError> {
         let writes = std::mem::take(&mut self.cpu.get_data_mut().flash_writes);
-        for (address, old) in writes {
-            let programming = self.cpu.get_data().flash.programming();
+        for (address, old, size) in writes {
+            let flash = &mut self.cpu.get_data_mut().flash;
+            // A write of another width than PSIZE says is not done (RM0390 section 3.4.2, PGPERR).
+            let wrong_width = flash.programming() && size != 1 << flash.width();
+            if wrong_width {
+                flash.refuse_width();
+            }
+            let programming = flash.programming() && !wrong_width;
             let mut new = [0; 4];
             self.get(address, &mut new)?;
             // Cut short, some of the bits that were to become zero have not.
@@ -64,7 +71,7 @@ impl<W: World> Board<W> {
             let kept = old.iter().zip(new).zip(short.to_le_bytes());
             let kept: Vec<u8> = kept.map(|((o, n), s)| if programming { o & (n | s) } else { *o }).collect();
             self.put(address, &kept)?;
-            if !programming {
+            if !programming && !wrong_width {
                 self.cpu.get_data_mut().flash.refuse();
             }
         }
@@ -87,7 +94,12 @@ impl<W: World> Board<W> {
         let chip = self.cpu.get_data_mut();
         chip.flash.done();
         // The processor stands still: code comes from the same bank.
-        chip.now += ERASE_CYCLES;
+        let slowest = ERASE_MS.get(chip.flash.width()).copied();
+        let ms = slowest.ok_or_else(|| RunError::NotModelled {
+            what: "an erase with PSIZE x64 and no external voltage (RM0390 section 3.8.5)".into(),
+            pc: 0,
+        })?;
+        chip.now += ms * (CPU_HZ / 1000);
         Ok(())
     }
 }

@@ -129,6 +129,14 @@ impl Flash {
     pub fn programming(&self) -> bool {
         self.regs[CR] & (LOCK | 1) == 1
     }
+    /// PSIZE: 0 for x8, 1 for x16, 2 for x32, 3 for x64.
+    pub fn width(&self) -> usize {
+        (self.regs[CR] >> 8 & 3) as usize
+    }
+    /// A write of another width than PSIZE says.
+    pub fn refuse_width(&mut self) {
+        self.regs[SR] |= 1 << 6;
+    }
     /// A write that was not allowed.
     pub fn refuse(&mut self) {
         self.regs[SR] |= 1 << 7;

@@ -67,14 +67,12 @@ fn cases() -> Vec<Case> {
             within_s: 0.01,
         });
     }
-    for (name, fault) in
-        [
-            ("ADC silent", AdcFault::Silent),
-            ("ADC at half its rate", AdcFault::HalfRate),
-            ("ADC stuck", AdcFault::Stuck),
-            ("ADC checksum errors", AdcFault::Checksum),
-        ]
-    {
+    for (name, fault) in [
+        ("ADC silent", AdcFault::Silent),
+        ("ADC at half its rate", AdcFault::HalfRate),
+        ("ADC stuck", AdcFault::Stuck),
+        ("ADC checksum errors", AdcFault::Checksum),
+    ] {
         let fault = Fault::Adc(fault);
         cases.push(Case { name: name.into(), fault, flags: Flags::Unit(UnitStatus::ADC_FAULT), within_s: NEXT_STEP_S });
     }
