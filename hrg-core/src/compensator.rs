@@ -93,10 +93,10 @@ impl Compensator {
             let _ = running.push(one);
         }
         Self {
+            history: History::unknown(&calibration.effects),
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
             looks_at_neighbours,
-            history: History::unknown(&running),
             running,
             kept: 0,
             resets: 0,

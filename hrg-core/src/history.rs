@@ -31,6 +31,10 @@ const NEGLIGIBLE_DPH: f32 = 0.01;
 /// While a thermometer is lost its temperature may change as fast as the calibration has seen, at least by this, C per minute.
 const USUAL_RAMP_C_PER_MIN: f32 = 1.0;
 
+/// The copies of each effect take a step in so many model steps: their states move slowly. At least as many as there are effects.
+const TURN: u32 = 10;
+const _: () = assert!(TURN as usize >= MAX_EFFECTS);
+
 /// Time since power-on of a unit that was switched on long ago, s.
 const LONG_S: f32 = 1e7;
 
@@ -46,15 +50,26 @@ pub struct Unknown {
     pub std_dph: [f32; AXES],
 }
 
-/// How far the copies of an effect were apart at most, on one axis.
+/// How far the copies of an effect are apart on one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Past {
     /// The axis has had no temperature yet.
     Coming,
-    /// They are apart, deg/h.
-    Apart(f32),
+    /// They are apart by so much now, and were by so much at most, deg/h.
+    Apart(f32, f32),
     /// They have come together.
     Known,
+}
+
+impl Past {
+    /// Whether the effect does not know its past, and what that makes of its bias, deg/h.
+    fn unknown(self) -> (bool, f32) {
+        match self {
+            Self::Coming => (true, 0.0),
+            Self::Apart(now, most) => (now > NEGLIGIBLE_DPH && now > KNOWN * most, now),
+            Self::Known => (false, 0.0),
+        }
+    }
 }
 
 /// Effects begun with two other pasts. See the module.
@@ -63,68 +78,95 @@ pub struct History {
     low: Vec<OnUnit, MAX_EFFECTS>,
     high: Vec<OnUnit, MAX_EFFECTS>,
     past: [[Past; AXES]; MAX_EFFECTS],
+    steps: u32,
 }
 
 impl History {
     /// Of effects that have just begun: nothing is known of their past.
     #[must_use]
-    pub fn unknown(running: &Vec<OnUnit, MAX_EFFECTS>) -> Self {
-        Self { low: running.clone(), high: running.clone(), past: [[Past::Coming; AXES]; MAX_EFFECTS] }
+    pub fn unknown(terms: &[EffectTerm]) -> Self {
+        let mut low = Vec::new();
+        for term in terms {
+            let Some(one) = OnUnit::new(term.id, &term.parameters, term.start, TURN as f32 * MODEL_STEP_S) else {
+                break;
+            };
+            let _ = low.push(one);
+        }
+        Self { high: low.clone(), low, past: [[Past::Coming; AXES]; MAX_EFFECTS], steps: 0 }
     }
 
     /// One model step, after that of the effects themselves (`running`).
     #[inline(never)]
     pub fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+        self.steps = self.steps.wrapping_add(1);
+        let turn = (self.steps % TURN) as usize;
         let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
-        let mut apart_dph = [0.0; AXES];
-        let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
-        let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
-        hot.time_s = LONG_S;
-        let copies = running.iter_mut().zip(&mut self.low).zip(&mut self.high).zip(&mut self.past);
-        for ((((main, low), high), past), term) in copies.zip(&calibration.effects) {
-            let any_lost = main.looks_at_neighbours() && lost.contains(&true);
-            for (k, past) in past.iter_mut().enumerate() {
-                let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
-                match past {
-                    Past::Coming if known => {
-                        low.soak_at(k, range.valid_from_c);
-                        high.soak_at(k, range.valid_to_c);
-                        *past = Past::Apart(0.0);
-                    }
-                    Past::Known if known && (lost[k] || any_lost) => {
-                        low.memory(k).copy_from_slice(main.memory(k));
-                        high.memory(k).copy_from_slice(main.memory(k));
-                        *past = Past::Apart(0.0);
-                    }
-                    _ => {}
-                }
-            }
-            if past.iter().all(|p| *p == Past::Known) {
-                continue;
-            }
-            let scaling = &calibration.scaling;
-            let apart: [f32; AXES] = core::array::from_fn(|axis| {
-                let inputs = |thermal| Inputs { scaling, thermal, axis, recorded: Recorded::NONE };
-                let (x, y) = (low.step(&inputs(&cold)), high.step(&inputs(&hot)));
-                // (No sum with signs: two gains may hide each other for a moment.)
-                term.gains[axis].iter().zip(x.iter().zip(&y)).map(|(g, (x, y))| (g * (x - y)).abs()).sum()
-            });
-            for (k, past) in past.iter_mut().enumerate() {
-                if let Past::Apart(most) = *past {
-                    // (While a thermometer is lost they part anew.)
-                    let parting = lost[k] || any_lost;
-                    let most = if apart[k] > most || parting { apart[k] } else { most };
-                    let together = apart[k] <= NEGLIGIBLE_DPH;
-                    *past = if together && !parting { Past::Known } else { Past::Apart(most) };
-                    apart_dph[k] += apart[k];
-                    unknown.axes[k] |= !together && apart[k] > KNOWN * most;
-                } else if *past == Past::Coming {
-                    unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0);
-                }
+        // The copies take longer steps, each in its turn, and one at once where an axis has its first temperature: so a step costs hardly
+        // more than without them.
+        for (e, (main, term)) in running.iter_mut().zip(&calibration.effects).enumerate() {
+            let begins = |p: &[Past; AXES]| p.iter().zip(&thermal.axes).any(|(p, a)| *p == Past::Coming && a.known);
+            if e == turn || self.past.get(e).is_some_and(begins) {
+                self.advance(e, main, term, calibration, thermal);
             }
         }
-        unknown.std_dph = apart_dph.map(|apart| UNIFORM * apart);
+        for (past, term) in self.past.iter().zip(&calibration.effects) {
+            for (k, past) in past.iter().enumerate() {
+                let (flagged, apart_dph) = past.unknown();
+                unknown.axes[k] |= flagged && term.gains[k].iter().any(|g| *g != 0.0);
+                unknown.std_dph[k] += UNIFORM * apart_dph;
+            }
+        }
         unknown
+    }
+
+    /// Advances the copies of effect `e` by their own step.
+    fn advance(
+        &mut self,
+        e: usize,
+        main: &mut OnUnit,
+        term: &EffectTerm,
+        calibration: &Calibration,
+        thermal: &Thermal,
+    ) {
+        let (Some(low), Some(high), Some(past)) = (self.low.get_mut(e), self.high.get_mut(e), self.past.get_mut(e))
+        else {
+            return;
+        };
+        let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
+        let any_lost = main.looks_at_neighbours() && lost.contains(&true);
+        if *past == [Past::Known; AXES] && !any_lost && lost == [false; AXES] {
+            return;
+        }
+        for (k, past) in past.iter_mut().enumerate() {
+            let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
+            match past {
+                Past::Coming if known => {
+                    low.soak_at(k, range.valid_from_c);
+                    high.soak_at(k, range.valid_to_c);
+                    *past = Past::Apart(0.0, 0.0);
+                }
+                Past::Known if known && (lost[k] || any_lost) => {
+                    for copy in [&mut *low, &mut *high] {
+                        copy.memory(k).iter_mut().zip(main.memory(k)).for_each(|(to, from)| *to = *from);
+                    }
+                    *past = Past::Apart(0.0, 0.0);
+                }
+                _ => {}
+            }
+        }
+        let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
+        hot.time_s = LONG_S;
+        for (k, past) in past.iter_mut().enumerate() {
+            let inputs = |thermal| Inputs { scaling: &calibration.scaling, thermal, axis: k, recorded: Recorded::NONE };
+            let (x, y) = (low.step(&inputs(&cold)), high.step(&inputs(&hot)));
+            let Past::Apart(_, most) = *past else { continue };
+            // (No sum with signs: two gains may hide each other for a moment.)
+            let apart: f32 = term.gains[k].iter().zip(x.iter().zip(&y)).map(|(g, (x, y))| (g * (x - y)).abs()).sum();
+            // While a thermometer is lost they part anew.
+            let parting = lost[k] || any_lost;
+            let most = if apart > most || parting { apart } else { most };
+            *past = if apart <= NEGLIGIBLE_DPH && !parting { Past::Known } else { Past::Apart(apart, most) };
+        }
     }
 }
 
@@ -157,8 +199,9 @@ impl Side {
     }
 }
 
-/// Words of an effect that are kept for each axis: the memory of the effect and of its two copies, and how far they were apart.
-const AXIS_WORDS: usize = 3 * MAX_MEMORY + 1;
+/// Words of an effect that are kept for each axis: the memory of the effect and of its two copies, how far they are apart, and were at
+/// most.
+const AXIS_WORDS: usize = 3 * MAX_MEMORY + 2;
 /// Words of an effect: number, parameters, axes.
 const EFFECT_WORDS: usize = 3 + AXES * AXIS_WORDS;
 /// Words before the effects.
@@ -218,12 +261,12 @@ impl<W: Fn(usize) -> u32> Kept<W> {
                 }
                 at += MAX_MEMORY;
             }
-            *past = match f32::from_bits((self.words)(at)) {
-                apart if apart.is_nan() => Past::Coming,
-                apart if apart < 0.0 => Past::Known,
-                apart => Past::Apart(apart),
+            *past = match [at, at + 1].map(|at| f32::from_bits((self.words)(at))) {
+                [apart, _] if apart.is_nan() => Past::Coming,
+                [apart, _] if apart < 0.0 => Past::Known,
+                [apart, most] => Past::Apart(apart, most),
             };
-            at += 1;
+            at += 2;
         }
         Some(())
     }
@@ -261,12 +304,13 @@ pub(crate) fn keep(
                 let memory = copy.memory(k);
                 (0..MAX_MEMORY).for_each(|m| add(memory.get(m).map_or(0, |v| v.to_bits())));
             }
-            add(match past {
-                Past::Coming => f32::NAN,
-                Past::Apart(most) => *most,
-                Past::Known => -1.0,
-            }
-            .to_bits());
+            let [apart, most] = match past {
+                Past::Coming => [f32::NAN; 2],
+                Past::Apart(apart, most) => [*apart, *most],
+                Past::Known => [-1.0; 2],
+            };
+            add(apart.to_bits());
+            add(most.to_bits());
         }
         effects += 1;
     }
