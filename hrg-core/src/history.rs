@@ -61,17 +61,6 @@ enum Past {
     Known,
 }
 
-impl Past {
-    /// Whether the effect does not know its past, and what that makes of its bias, deg/h.
-    fn unknown(self) -> (bool, f32) {
-        match self {
-            Self::Coming => (true, 0.0),
-            Self::Apart(now, most) => (now > NEGLIGIBLE_DPH && now > KNOWN * most, now),
-            Self::Known => (false, 0.0),
-        }
-    }
-}
-
 /// Effects begun with two other pasts. See the module.
 #[derive(Debug, Clone)]
 pub struct History {
@@ -111,9 +100,14 @@ impl History {
         }
         for (past, term) in self.past.iter().zip(&calibration.effects) {
             for (k, past) in past.iter().enumerate() {
-                let (flagged, apart_dph) = past.unknown();
-                unknown.axes[k] |= flagged && term.gains[k].iter().any(|g| *g != 0.0);
-                unknown.std_dph[k] += UNIFORM * apart_dph;
+                match *past {
+                    Past::Known => {}
+                    Past::Coming => unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0),
+                    Past::Apart(now, most) => {
+                        unknown.axes[k] |= now > NEGLIGIBLE_DPH && now > KNOWN * most;
+                        unknown.std_dph[k] += UNIFORM * now;
+                    }
+                }
             }
         }
         unknown
