@@ -1,7 +1,7 @@
 //! Little-endian writing and reading of fixed buffers, shared by the calibration image and the link.
 
 /// That of zip and Ethernet.
-const CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+static CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// CRC-32 (ISO-HDLC) of images and of the link's frames.
 #[must_use]
@@ -16,8 +16,7 @@ impl Digest {
     /// Of nothing yet.
     #[must_use]
     pub fn new() -> Self {
-        static CRC: crc::Crc<u32> = CRC_32;
-        Self(CRC.digest())
+        Self(CRC_32.digest())
     }
     /// Adds a piece.
     pub fn update(&mut self, piece: &[u8]) {
