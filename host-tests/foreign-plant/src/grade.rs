@@ -202,15 +202,19 @@ pub fn folder(hrg: &Path, folder: &Path) -> Result<Vec<Graded>> {
 
 /// Upper end of the 95 % interval of a share (Clopper and Pearson 1934), by bisection on the binomial sum.
 fn upper(hits: usize, of: usize) -> f64 {
+    // In logarithms: the first terms are smaller than a double can be.
     let tail = |p: f64| -> f64 {
-        let mut term = (of as f64 * (1.0 - p).ln()).exp();
-        let mut sum = term;
+        let mut term = of as f64 * (1.0 - p).ln();
+        let mut sum = term.exp();
         for k in 1..=hits {
-            term *= (of - k + 1) as f64 / k as f64 * p / (1.0 - p);
-            sum += term;
+            term += ((of - k + 1) as f64 / k as f64 * p / (1.0 - p)).ln();
+            sum += term.exp();
         }
         sum
     };
+    if hits >= of {
+        return 1.0;
+    }
     let (mut low, mut high) = (hits as f64 / of.max(1) as f64, 1.0 - 1e-12);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
@@ -231,8 +235,9 @@ pub fn table(all: &[Graded]) -> String {
     let n = judged.len();
     let share = |hits: usize| {
         format!(
-            "{hits}/{n} ({:.1} %, at most {:.1} %)",
+            "{hits}/{n} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
             100.0 * hits as f64 / n.max(1) as f64,
+            100.0 * (1.0 - upper(n - hits, n.max(1))),
             100.0 * upper(hits, n.max(1))
         )
     };
@@ -252,10 +257,14 @@ pub fn table(all: &[Graded]) -> String {
     row("false class, not flagged", share(count(Grade::False)));
     row("missed above 1.5 floors, not flagged", share(count(Grade::Missed)));
     row("missed below 1.5 floors, not flagged", share(count(Grade::Small)));
-    row(
-        "floors left where compensable: median, 90th, 95th percentile, largest",
-        format!("{:.3}, {:.2}, {:.2}, {:.2}", quantile(0.5), quantile(0.9), quantile(0.95), quantile(1.0)),
-    );
+    if left.is_empty() {
+        row("units with something to compensate", "0".into());
+    } else {
+        row(
+            "floors left where compensable: median, 90th, 95th percentile, largest",
+            format!("{:.3}, {:.2}, {:.2}, {:.2}", quantile(0.5), quantile(0.9), quantile(0.95), quantile(1.0)),
+        );
+    }
     row("image worse than the baseline", share(judged.iter().filter(|g| g.worse > WORSE).count()));
     row("image recommended", share(judged.iter().filter(|g| g.burn).count()));
     s += "\n| unit | grade | named | burn | floors left |\n|---|---|---|---|---|\n";
@@ -311,5 +320,15 @@ mod tests {
     fn a_share_has_its_bound() {
         assert!((upper(0, 200) - 0.0183).abs() < 2e-4, "{}", upper(0, 200));
         assert!((upper(8, 200) - 0.0773).abs() < 5e-4, "{}", upper(8, 200));
+    }
+
+    #[test]
+    fn intervals_are_those_of_the_tables() {
+        // Clopper-Pearson, 95 %: 0 of 20, 3 of 20, 20 of 20, and shares of many.
+        for (hits, of, high) in
+            [(0, 20, 0.168_43), (3, 20, 0.378_93), (20, 20, 1.0), (247, 250, 0.997_52), (490, 500, 0.990_36)]
+        {
+            assert!((upper(hits, of) - high).abs() < 2e-5, "{hits}/{of}: {}", upper(hits, of));
+        }
     }
 }
