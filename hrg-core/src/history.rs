@@ -15,9 +15,9 @@
 
 use crate::bias::clamp;
 use crate::bytes;
-use crate::calibration::{Calibration, EffectTerm, MAX_EFFECTS};
+use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::compensator::HOLD_S;
-use crate::effects::{Inputs, OnUnit, Recorded, MAX_MEMORY};
+use crate::effects::{OnUnit, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
@@ -150,18 +150,37 @@ impl History {
         }
         let [cold, mut hot] = [Side::Cold, Side::Hot].map(|side| side.of(calibration, thermal));
         hot.time_s = LONG_S;
+        let weights = term.gains.map(|gains| if main.is_curve() { variation(&gains) } else { gains.map(f32::abs) });
+        let mut bias_dph = [[0.0; AXES]; 2];
+        for ((copy, thermal), bias_dph) in [low, high].into_iter().zip([&cold, &hot]).zip(&mut bias_dph) {
+            let sums = &mut Sums {
+                gains: &weights,
+                bias_dph,
+                directions: &term.directions,
+                along_dph: &mut [[0.0; AXES]; DIRECTIONS],
+            };
+            copy.add_bias_dph(&calibration.scaling, thermal, sums);
+        }
         for (k, past) in past.iter_mut().enumerate() {
-            let inputs = |thermal| Inputs { scaling: &calibration.scaling, thermal, axis: k, recorded: Recorded::NONE };
-            let (x, y) = (low.step(&inputs(&cold)), high.step(&inputs(&hot)));
             let Past::Apart(_, most) = *past else { continue };
-            // (No sum with signs: two gains may hide each other for a moment.)
-            let apart: f32 = term.gains[k].iter().zip(x.iter().zip(&y)).map(|(g, (x, y))| (g * (x - y)).abs()).sum();
+            let apart = (bias_dph[1][k] - bias_dph[0][k]).abs();
             // While a thermometer is lost they part anew.
             let parting = lost[k] || any_lost;
             let most = if apart > most || parting { apart } else { most };
             *past = if apart <= NEGLIGIBLE_DPH && !parting { Past::Known } else { Past::Apart(apart, most) };
         }
     }
+}
+
+/// For a curve over knots with these values: at each knot, how much it has gone up and down since the first. Between two places its values
+/// differ by no more than this does, which never falls: so two places are told apart where the curve itself has the same value.
+fn variation(gains: &[f32; MAX_OUTPUTS]) -> [f32; MAX_OUTPUTS] {
+    let (mut sum, mut before) = (0.0, gains[0]);
+    gains.map(|g| {
+        sum += (g - before).abs();
+        before = g;
+        sum
+    })
 }
 
 /// The coldest or the hottest that a thermometer may be which is lost.

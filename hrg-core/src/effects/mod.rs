@@ -114,6 +114,8 @@ pub trait Effect: Sized {
     const REMEMBERS_PATH: bool = false;
     /// Whether it looks at the temperatures of the other axes.
     const NEIGHBOURS: bool = false;
+    /// Whether its regressors are the weights of the knots of a curve of what it remembers.
+    const CURVE: bool = false;
     /// The regressors of an axis: an array of as many as there are.
     type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
@@ -242,17 +244,6 @@ fn add_bias_dph<E: Effect, const N: usize>(
     }
 }
 
-/// Advances an effect on one axis.
-// One function for each effect, without what is made of its regressors: a unit runs this for copies of all effects.
-#[inline(never)]
-fn padded<E: Effect>(effect: &mut E, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-    if matches!(E::REACH, Reach::Unit) {
-        effect.step(inputs).padded()
-    } else {
-        [0.0; MAX_OUTPUTS]
-    }
-}
-
 mod bank;
 
 pub use bank::rung;
@@ -344,10 +335,12 @@ macro_rules! effects {
                 match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, sums)),+ }
             }
             /// What it remembers of an axis: [`Effect::memory`].
+            #[inline(never)]
             pub fn memory(&mut self, axis: usize) -> &mut [f32] {
                 match self { $(Self::$name(e) => e.get_mut(axis).map_or(&mut [], |e| e.memory())),+ }
             }
             /// See [`Effect::soak_at`].
+            #[inline(never)]
             pub fn soak_at(&mut self, axis: usize, temperature_c: f32) {
                 match self { $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| e.soak_at(temperature_c))),+ }
             }
@@ -356,9 +349,10 @@ macro_rules! effects {
             pub const fn looks_at_neighbours(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
             }
-            /// Advances it on one axis, and gives the regressors.
-            pub fn step(&mut self, inputs: &Inputs<'_>) -> [f32; MAX_OUTPUTS] {
-                match self { $(Self::$name(e) => e.get_mut(inputs.axis).map_or([0.0; MAX_OUTPUTS], |e| padded(e, inputs))),+ }
+            /// Whether its regressors are the weights of a curve's knots: [`Effect::CURVE`].
+            #[must_use]
+            pub const fn is_curve(&self) -> bool {
+                match self { $(Self::$name(_) => <$name as Effect>::CURVE),+ }
             }
         }
     };

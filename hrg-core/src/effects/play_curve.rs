@@ -23,6 +23,7 @@ impl Effect for PlayCurve {
     const PARAMETERS: &'static [&'static str] = &["width_c"];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
+    const CURVE: bool = true;
 
     type Regressors = [f32; KNOTS];
 
