@@ -5,8 +5,10 @@ use hrg_board::faults::Scene;
 use hrg_board::host::{maintain, running};
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
+use hrg_board::KEPT_STATES;
 use hrg_cal::align::plant::Plant;
 use hrg_cal::align::{FilterKind, Start};
+use hrg_cal::fit::correct::Model;
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify;
 use hrg_cal::fit::prepare;
@@ -17,7 +19,10 @@ use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Kind, Plan, Profile};
 use hrg_cal::unit::log::Decoder;
 use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE};
-use hrg_core::calibration::Calibration;
+use hrg_core::calibration::{Calibration, EffectTerm};
+use hrg_core::effects::{self, Facts, Reach};
+use hrg_core::frequency::StepFrequencies;
+use hrg_core::history::KEPT_WORDS;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{chunks, Answer, Command};
 use hrg_core::reset::ResetCause;
@@ -396,4 +401,70 @@ fn an_image_of_another_unit_is_refused_and_never_runs() {
     board.run_until(board.now() + 3 * CPU_HZ).expect("runs");
     let last = board.world.received.rates.last().expect("rates");
     assert_eq!(last.unit_status, UnitStatus::empty(), "what was refused is no fault of the flash");
+}
+
+#[test]
+fn the_states_that_a_unit_keeps_are_those_of_the_desktop_bit_for_bit() {
+    // Every effect that a unit can compute, a few at a time.
+    let facts: Vec<&Facts> = effects::ALL.iter().filter(|f| f.reach == Reach::Unit).collect();
+    let steps = Steps::new(&recording()).expect("long enough");
+    for some in facts.chunks(7) {
+        let mut image = calibration();
+        for (k, f) in some.iter().enumerate() {
+            let mut term = EffectTerm::new(f.id, parameters_for(f));
+            for (axis, gains) in term.gains.iter_mut().enumerate() {
+                for (j, g) in gains[..f.outputs].iter_mut().enumerate() {
+                    *g = 0.01 * (1.0 + k as f32) * if (axis + j) % 2 == 0 { 1.0 } else { -0.7 };
+                }
+            }
+            image.effects.push(term).expect("room");
+        }
+        let names: Vec<&str> = some.iter().map(|f| f.name).collect();
+        let wires = Wires::new(steps.clone(), image.scale_factors_dph_per_code(), 20e-9, 1, None, None);
+        let mut board = Board::new(&elf(), wires).expect("runs");
+        board.write_flash(CALIBRATION_A, &image.to_bytes().expect("fits")).expect("in flash");
+        board.run_until(45 * CPU_HZ).expect("runs");
+        let housekeeping = &board.world.received.housekeeping;
+        let last = housekeeping.last().expect("some").step;
+        let mut model = Model::new(image, 0.0);
+        for h in housekeeping {
+            model.step(&StepFrequencies {
+                step: h.step,
+                end_ticks: 0,
+                frequency_hz: h.frequency_hz.map(|f| Some(f).filter(|f| f.is_finite())),
+                rejected: [0; 3],
+                missing: [0; 3],
+            });
+            let _ = model.keep();
+        }
+        let place = board.firmware().address_of(KEPT_STATES).expect("kept") + last % 2 * KEPT_WORDS as u32 * 4;
+        let mut bytes = vec![0; KEPT_WORDS * 4];
+        board.read_memory(place, &mut bytes).expect("RAM");
+        let kept: Vec<u32> = bytes.chunks(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
+        let wanted = model.keep();
+        // (The last word is the checksum; the second counts how often was kept.)
+        let differing: Vec<usize> = (2..KEPT_WORDS - 1).filter(|k| kept[*k] != wanted[*k]).take(5).collect();
+        let shown: Vec<(usize, f32, f32)> =
+            differing.iter().map(|k| (*k, f32::from_bits(kept[*k]), f32::from_bits(wanted[*k]))).collect();
+        assert!(differing.is_empty(), "{names:?}: {shown:?}");
+    }
+}
+
+/// Parameters that are usual for an effect.
+fn parameters_for(facts: &Facts) -> [f32; 2] {
+    let mut p = [0.0; 2];
+    for (to, name) in p.iter_mut().zip(facts.parameters) {
+        *to = match *name {
+            n if n.ends_with("max_s") => 6000.0,
+            n if n.ends_with("min_s") => 60.0,
+            n if n.ends_with("_s") => 900.0,
+            "width_min_c" => 0.5,
+            n if n.starts_with("width") => 8.0,
+            "on_c" => 30.0,
+            "off_c" => 10.0,
+            n if n.contains("beta") => 0.01,
+            _ => 20.0,
+        };
+    }
+    p
 }
