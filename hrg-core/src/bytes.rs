@@ -12,12 +12,14 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 /// [`crc32`] of pieces, one after the other.
 pub struct Digest(crc::Digest<'static, u32>);
 
-impl Digest {
+impl Default for Digest {
     /// Of nothing yet.
-    #[must_use]
-    pub fn new() -> Self {
+    fn default() -> Self {
         Self(CRC_32.digest())
     }
+}
+
+impl Digest {
     /// Adds a piece.
     pub fn update(&mut self, piece: &[u8]) {
         self.0.update(piece);
@@ -31,7 +33,7 @@ impl Digest {
 
 /// [`crc32`] of words.
 pub fn crc32_of(words: impl Iterator<Item = [u8; 4]>) -> u32 {
-    let mut digest = Digest::new();
+    let mut digest = Digest::default();
     words.for_each(|word| digest.update(&word));
     digest.finish()
 }

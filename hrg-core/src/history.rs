@@ -245,7 +245,7 @@ pub struct Kept<W> {
 }
 
 impl<W: Fn(usize) -> u32> Kept<W> {
-    /// `None` where the words are not what [`keep`] wrote: memory after power-on, or a reset while it was written.
+    /// `None` where the words are not what [`crate::compensator::Compensator::keep`] wrote: memory after power-on, or a reset while it was written.
     #[must_use]
     pub fn of(words: W) -> Option<Self> {
         if words(0) != KEPT || words(KEPT_WORDS - 1) != checksum(&words) {
@@ -297,7 +297,7 @@ pub(crate) fn keep(
     history: &mut History,
     mut put: impl FnMut(usize, u32),
 ) {
-    let mut digest = bytes::Digest::new();
+    let mut digest = bytes::Digest::default();
     let mut next = 0;
     let mut add = |word: u32| {
         digest.update(&word.to_le_bytes());

@@ -80,7 +80,7 @@ impl Calibration {
             return Err(ImageError::Length(length));
         }
         let (content, crc) = bytes[..n].split_at(n - 4);
-        let mut digest = Digest::new();
+        let mut digest = Digest::default();
         digest.update(&MAGIC);
         digest.update(&content[COMMIT..]);
         if crc != digest.finish().to_le_bytes() {
