@@ -135,7 +135,7 @@ fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
     );
     for (fault, why, holds) in [
         (Fault::Chunk, "writing: the unit says: the flash could not be written", "sector B holds no valid image"),
-        (Fault::End, "checking: the unit says: the image is not newer", next.as_str()),
+        (Fault::End, "checking: the unit says: the image is not newer", "sector B holds no valid image"),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
         let (done, said) = burn(fault);

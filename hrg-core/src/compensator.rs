@@ -210,9 +210,9 @@ impl Compensator {
             output.bias_std_dph[k] = self.bias_std_dph[k];
         }
         let untrusted = output.status.map(|s| s.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
-        for (k, looks) in self.looks_at_neighbours.iter().enumerate() {
-            if *looks && (0..AXES).any(|j| j != k && untrusted[j]) {
-                output.status[k] |= AxisStatus::NEIGHBOUR;
+        for (k, (status, looks)) in output.status.iter_mut().zip(self.looks_at_neighbours).enumerate() {
+            if looks && untrusted.iter().enumerate().any(|(j, untrusted)| j != k && *untrusted) {
+                *status |= AxisStatus::NEIGHBOUR;
             }
         }
         output

@@ -161,11 +161,12 @@ impl History {
             };
             copy.add_bias_dph(&calibration.scaling, thermal, sums);
         }
-        for (k, past) in past.iter_mut().enumerate() {
+        let [cold_dph, hot_dph] = bias_dph;
+        for (((past, lost), cold_dph), hot_dph) in past.iter_mut().zip(lost).zip(cold_dph).zip(hot_dph) {
             let Past::Apart(_, most) = *past else { continue };
-            let apart = (bias_dph[1][k] - bias_dph[0][k]).abs();
+            let apart = (hot_dph - cold_dph).abs();
             // While a thermometer is lost they part anew.
-            let parting = lost[k] || any_lost;
+            let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
             *past = if apart <= NEGLIGIBLE_DPH && !parting { Past::Known } else { Past::Apart(apart, most) };
         }

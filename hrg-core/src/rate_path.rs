@@ -362,7 +362,8 @@ impl RatePath {
     /// How many sample times a sample is after the one before. Samples that were lost between them are counted and flagged; so is an ADC
     /// at another rate. 0: it is the same sample once more, which is refused.
     fn sample_times(&mut self, tick: u32) -> u32 {
-        let period = self.sample_ticks;
+        // (Memory may be corrupted; this must not divide by zero.)
+        let period = self.sample_ticks.max(1);
         let Some(ticks) = self.ticks_since_good(tick) else {
             self.last = Some(Last { tick, since_ticks: 0, errors: 0 });
             return 1;

@@ -81,7 +81,11 @@ impl Second {
             let (key, value) = token.split_once('=')?;
             match key {
                 "t" => out.time_ms = value.parse().ok()?,
-                "on" => out.on_for_s = value.parse().ok()?,
+                // (A log of an older program does not say it.)
+                "on" => {
+                    out.on_for_s = value.parse().ok()?;
+                    continue;
+                }
                 "f" => out.frequency_hz = three(value)?,
                 "T" => out.temperature_c = three(value)?,
                 "b" => out.bias_dph = three(value)?,
@@ -96,7 +100,7 @@ impl Second {
             }
             seen += 1;
         }
-        (seen == 8).then_some(out)
+        (seen == 7).then_some(out)
     }
 }
 
