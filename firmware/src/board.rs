@@ -3,7 +3,10 @@
 //! | signal | pin | peripheral |
 //! |---|---|---|
 //! | resonator x, y, z | PA0, PA1, PB10 | TIM2 channels 1, 2, 3 |
-//! | ADC data-ready | PB2 (STM32F405: PA3) and PC7, wired together | TIM2 channel 4, EXTI 7 |
+//! | ADC data-ready | PB2 (STM32F405: PA3) | TIM2 channel 4 |
+//! | ADC SYNC/RESET | PC7 | output |
+//! | pulse per second in | PC6 | TIM3 channel 1 |
+//! | sample mark out | PC8 | output |
 //! | ADC SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
 //! | link out, in | PA9, PA10 | USART1 |
 
@@ -12,17 +15,20 @@ use crate::capture::{self, Clock, Rings};
 use crate::halt::once;
 use crate::maintain::{self, Sectors};
 use crate::params;
+use crate::pps::{self, PulseInput};
+use crate::{clock, program};
 use crate::watchdog::{Patience, Watchdog};
 use embassy_stm32::flash::Flash;
-use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, USART1};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, TIM3, USART1};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
 use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::Calibration;
+use hrg_core::events::Journal;
 use hrg_core::maintenance::Store;
 use hrg_core::reset::ResetCause;
 use hrg_core::sectors::{self, Sector};
@@ -38,10 +44,16 @@ bind_interrupts!(struct Irqs {
     USART1 => usart::InterruptHandler<USART1>;
 });
 
-/// The ADC's frame is to be fetched.
+/// The ADC's frame is to be fetched: its data-ready edge was captured.
 #[interrupt]
-fn EXTI9_5() {
+fn TIM2() {
     adc::data_ready();
+}
+
+/// A pulse per second came.
+#[interrupt]
+fn TIM3() {
+    pps::captured();
 }
 
 /// The ADC's frame is in.
@@ -57,10 +69,6 @@ pub mod wired {
 
     /// Port and pin of the chip select: PB6.
     pub const SELECT: (pac::gpio::Gpio, usize) = (pac::GPIOB, 6);
-    /// EXTI line of data-ready: that of PC7.
-    pub const READY_LINE: usize = 7;
-    /// Its port as SYSCFG counts them: C.
-    pub const READY_PORT: u8 = 2;
     /// DMA2 stream that receives (RM0390 table 29: SPI1_RX).
     pub const RX: usize = 0;
     /// DMA2 stream that sends (SPI1_TX).
@@ -73,20 +81,20 @@ pub mod wired {
     /// Lets data-ready and the end of a transfer through from now on.
     pub fn enable_interrupts() {
         interrupt::DMA2_STREAM0.unpend();
-        interrupt::EXTI9_5.unpend();
+        interrupt::TIM2.unpend();
         // SAFETY: everything that the two handlers touch was set up before the ADC was handed out.
         #[allow(unsafe_code)]
         unsafe {
             interrupt::DMA2_STREAM0.enable();
-            interrupt::EXTI9_5.enable();
+            interrupt::TIM2.enable();
         }
     }
 }
 
-/// One pin as input of the timer, pulled down so that a missing resonator is silent.
+/// One pin as input of a timer, pulled down so that a missing resonator is silent.
 macro_rules! capture_input {
-    ($pin:expr, $channel:ty) => {{
-        let alternate = TimerPin::<TIM2, $channel>::af_num(&*$pin);
+    ($pin:expr, $timer:ty, $channel:ty) => {{
+        let alternate = TimerPin::<$timer, $channel>::af_num(&*$pin);
         alternate_function(Flex::new($pin), alternate, AfType::input(Pull::Down))
     }};
 }
@@ -111,21 +119,31 @@ pub struct Board {
     pub link_out: UartTx<'static, Async>,
     /// Commands in.
     pub link_in: RingBufferedUartRx<'static>,
-    /// Not yet running.
+    /// Running.
     pub watchdog: Watchdog,
     /// Why the processor started.
     pub reset_cause: ResetCause,
     /// The two calibration sectors.
     pub sectors: Sectors,
+    /// The field log.
+    pub journal: Journal,
+    /// The program's own check.
+    pub program: program::Check,
+    /// The crystal is right.
+    pub crystal: bool,
+    /// The pulse per second.
+    pub pulses: PulseInput,
 }
 
-fn clocks() -> rcc::Config {
+/// `crystal`: it is right; else the chip's own oscillator drives the PLL, at the same input of 2 MHz.
+fn clocks(crystal: bool) -> rcc::Config {
     let mut c = rcc::Config::default();
-    c.hse = Some(rcc::Hse { freq: Hertz(params::HSE_HZ), mode: rcc::HseMode::Bypass });
-    c.pll_src = rcc::PllSource::HSE;
+    c.hse = crystal.then_some(rcc::Hse { freq: Hertz(params::HSE_HZ), mode: rcc::HseMode::Bypass });
+    c.hsi = true;
+    c.pll_src = if crystal { rcc::PllSource::HSE } else { rcc::PllSource::HSI };
     // See params::PLL_MUL.
     c.pll = Some(rcc::Pll {
-        prediv: rcc::PllPreDiv::DIV4,
+        prediv: if crystal { rcc::PllPreDiv::DIV4 } else { rcc::PllPreDiv::DIV8 },
         mul: rcc::PllMul::from_bits(params::PLL_MUL),
         divp: Some(rcc::PllPDiv::DIV2),
         divq: None,
@@ -156,19 +174,32 @@ fn reset_cause() -> ResetCause {
 impl Board {
     /// Sets everything up.
     pub fn new() -> Self {
+        let crystal = clock::crystal_is_right();
+        if !crystal {
+            clock::give_up();
+        }
         let mut config = embassy_stm32::Config::default();
-        config.rcc = clocks();
+        config.rcc = clocks(crystal);
         let p = embassy_stm32::init(config);
+        if crystal {
+            clock::watch();
+        }
+        clock::watch_supply();
         maintain::cache();
         let reset_cause = reset_cause();
+        let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
+        let mut sectors = Sectors::new(Flash::new_blocking(p.FLASH), patience);
+        // Before anything is measured: it may erase, half a second long.
+        let journal = Journal::open(&mut sectors, !reset_cause.is_brief());
 
         #[cfg(not(feature = "stm32f405rg"))]
-        let data_ready = capture_input!(p.PB2, Ch4);
+        let data_ready = capture_input!(p.PB2, TIM2, Ch4);
         #[cfg(feature = "stm32f405rg")]
-        let data_ready = capture_input!(p.PA3, Ch4);
+        let data_ready = capture_input!(p.PA3, TIM2, Ch4);
+        let pulses = pps::prepare(p.TIM3, capture_input!(p.PC6, TIM3, Ch1));
         let (rings, clock) = capture::start(
             p.TIM2,
-            [capture_input!(p.PA0, Ch1), capture_input!(p.PA1, Ch2), capture_input!(p.PB10, Ch3), data_ready],
+            [capture_input!(p.PA0, TIM2, Ch1), capture_input!(p.PA1, TIM2, Ch2), capture_input!(p.PB10, TIM2, Ch3), data_ready],
             capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
             Irqs,
         );
@@ -182,8 +213,8 @@ impl Board {
                 alternate_function(Flex::new(p.PA6), SPI1_FUNCTION, AfType::input(Pull::Down)),
             ],
             select: Output::new(p.PB6, Level::High, Speed::High),
-            ready: Input::new(p.PC7, Pull::Up),
-            ready_line: p.EXTI7,
+            reset: Output::new(p.PC7, Level::High, Speed::Low),
+            mark: Output::new(p.PC8, Level::Low, Speed::High),
             rx: p.DMA2_CH0,
             tx: p.DMA2_CH3,
         });
@@ -197,7 +228,6 @@ impl Board {
             Err(_) => defmt::panic!("link configuration"),
         };
         let (link_out, link_in) = uart.split();
-        let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
 
         Self {
             rings,
@@ -207,7 +237,11 @@ impl Board {
             link_in: link_in.into_ring_buffered(once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
             watchdog,
             reset_cause,
-            sectors: Sectors::new(Flash::new_blocking(p.FLASH), patience),
+            sectors,
+            journal,
+            program: program::Check::new(p.CRC),
+            crystal,
+            pulses,
         }
     }
 

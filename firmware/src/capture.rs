@@ -3,8 +3,8 @@
 //! # Design
 //! TIM2 runs free at [`TIMER_HZ`] over 32 bits. Channels 1 to 3 capture a resonator each; every capture makes a DMA
 //! stream copy it into a ring, so the processor does nothing per edge. Channel 4 captures the data-ready edge
-//! of the ADC: the time of every sample on the same clock. It needs no DMA: the rate path reads it
-//! within the millisecond until the next.
+//! of the ADC: the time of every sample on the same clock. It needs no DMA: its interrupt starts the transfer of the sample
+//! ([`crate::adc`]), at whose end the stamp is read, well before the next.
 //!
 //! # Tradeoffs
 //! embassy's `InputCapture` waits for one channel at a time, so the timer is driven through its low-level layer.
@@ -19,7 +19,7 @@ use embassy_stm32::gpio::Flex;
 use embassy_stm32::interrupt::typelevel::Binding;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, TIM2};
-use embassy_stm32::timer::low_level::{FilterValue, InputCaptureMode, InputTISelection, Timer};
+use embassy_stm32::timer::low_level::{FilterValue, InputCaptureMode, InputTISelection, MasterMode, Timer};
 use embassy_stm32::timer::Channel;
 use embassy_stm32::Peri;
 use static_cell::ConstStaticCell;
@@ -68,6 +68,8 @@ where
     let timer = Timer::new(tim);
     debug_assert_eq!(timer.get_clock_frequency().0, TIMER_HZ);
     timer.set_max_compare_value(u32::MAX);
+    // Its start is the trigger of TIM3 ([`crate::pps`]).
+    timer.set_master_mode(MasterMode::ENABLE);
     timer.generate_update_event();
     for (channel, edge) in [
         (Channel::Ch1, InputCaptureMode::Rising),
@@ -84,6 +86,7 @@ where
     for channel in [Channel::Ch1, Channel::Ch2, Channel::Ch3] {
         timer.set_cc_dma_enable_state(channel, true);
     }
+    timer.enable_input_interrupt(Channel::Ch4, true);
 
     static X: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
     static Y: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);

@@ -1,16 +1,20 @@
 //! What passes between tasks. Nothing else is shared.
 
-use crate::params::FRAME_QUEUE;
+use crate::params::{EVENT_QUEUE, FRAME_QUEUE};
+use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
 use hrg_core::alignment::session::{Command, Report};
 use hrg_core::compensator::Output;
+use hrg_core::events::Event;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::maintenance;
+use hrg_core::pps;
 use hrg_core::rate_output::RateSecond;
 use hrg_core::rate_path::{PendingBias, RateFrame};
+use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
 
 type Mutex = CriticalSectionRawMutex;
@@ -31,8 +35,8 @@ pub static TELEMETRY_ALIVE: Signal<Mutex, ()> = Signal::new();
 pub static FRAMES: Channel<Mutex, RateFrame, FRAME_QUEUE> = Channel::new();
 /// Rate path to telemetry: means of the second past, and frames dropped since start.
 pub static SECONDS: Channel<Mutex, RateSecond, 2> = Channel::new();
-/// Model to telemetry: a step and what came of it.
-pub static STEP: Channel<Mutex, (StepFrequencies, Output), 2> = Channel::new();
+/// Model to telemetry: a step, what came of it, and what the pulses per second have shown.
+pub static STEP: Channel<Mutex, (StepFrequencies, Output, pps::Report), 2> = Channel::new();
 /// Telemetry to link: housekeeping out.
 pub static HOUSEKEEPING: Signal<Mutex, Housekeeping> = Signal::new();
 /// Telemetry to log.
@@ -53,3 +57,25 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
+/// Whoever sees something to maintenance, which writes the field log; with the time since power-on, s.
+pub static EVENTS: Channel<Mutex, (u32, Event), EVENT_QUEUE> = Channel::new();
+
+/// Time since power-on at the last second, s.
+pub static ON_FOR_S: AtomicU32 = AtomicU32::new(0);
+
+/// Flags of the unit that stand since they were found, after the start.
+static STANDING: AtomicU8 = AtomicU8::new(0);
+
+/// Those flags.
+pub fn standing() -> UnitStatus {
+    UnitStatus::from_bits_retain(STANDING.load(Ordering::Relaxed))
+}
+
+/// Raises or lowers one of them.
+pub fn stand(flag: UnitStatus, stands: bool) {
+    if stands {
+        STANDING.fetch_or(flag.bits(), Ordering::Relaxed);
+    } else {
+        STANDING.fetch_and(!flag.bits(), Ordering::Relaxed);
+    }
+}

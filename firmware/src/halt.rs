@@ -1,10 +1,13 @@
 //! The end of the road: what the firmware does when it must not go on.
 
+use crate::kept;
 use core::panic::{Location, PanicInfo};
+use hrg_core::reset::Halt;
 
-/// Corruption was detected: nothing more goes out, and the watchdog resets the unit (which is flagged).
-pub fn halt() -> ! {
+/// Nothing more goes out, and the watchdog resets the unit. Why is left for the start.
+pub fn halt(why: Halt) -> ! {
     cortex_m::interrupt::disable();
+    kept::leave_word(why);
     loop {
         cortex_m::asm::nop();
     }
@@ -14,7 +17,7 @@ pub fn halt() -> ! {
 pub fn once<T>(taken: Option<T>) -> T {
     match taken {
         Some(taken) => taken,
-        None => halt(),
+        None => halt(Halt::Corruption),
     }
 }
 
@@ -26,12 +29,12 @@ fn panic(info: &PanicInfo<'_>) -> ! {
         Some((file, line)) => defmt::error!("panic at {=str}:{=u32}", file, line),
         None => defmt::error!("panic"),
     }
-    halt()
+    halt(Halt::Panic)
 }
 
 /// A fault of the processor: halt.
 #[cortex_m_rt::exception]
 #[allow(unsafe_code)] // cortex-m-rt wants it so.
 unsafe fn HardFault(_: &cortex_m_rt::ExceptionFrame) -> ! {
-    halt()
+    halt(Halt::Fault)
 }

@@ -7,6 +7,7 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use hrg_core::compensator::Compensator;
 use hrg_core::history::{newer, Kept, KEPT_WORDS};
+use hrg_core::reset::{Halt, ResetCause};
 
 type Place = [AtomicU32; KEPT_WORDS];
 
@@ -16,13 +17,65 @@ type Place = [AtomicU32; KEPT_WORDS];
 #[unsafe(export_name = "_kept_states")]
 static PLACES: [Place; 2] = [const { [const { AtomicU32::new(0) }; KEPT_WORDS] }; 2];
 
-fn words(place: &'static Place) -> impl Fn(usize) -> u32 + Copy {
-    move |k| place.get(k).map_or(0, |word| word.load(Ordering::Relaxed))
+/// What the unit said when it stopped: [`WORD`] and a number.
+#[allow(unsafe_code)] // As above.
+#[unsafe(link_section = ".uninit.word")]
+static LAST_WORD: AtomicU32 = AtomicU32::new(0);
+/// Starts that went on from kept states, without a step since: [`WORD`] and a number.
+#[allow(unsafe_code)] // As above.
+#[unsafe(link_section = ".uninit.resumed")]
+static RESUMED: AtomicU32 = AtomicU32::new(0);
+
+/// Marks a number in memory that a reset leaves alone as written by this program.
+const WORD: u32 = 0x4852_4700;
+
+/// So many starts in a row without a model step between them may go on from the same states: then they are old.
+const RESUMPTIONS: u32 = 3;
+
+/// What stands in a word now. The compiler knows which values the program stores, and must not conclude from them what a
+/// reset has left: so the read is volatile.
+fn read(word: &AtomicU32) -> u32 {
+    // SAFETY: a static, aligned and never borrowed otherwise; words are written whole.
+    #[allow(unsafe_code)]
+    unsafe {
+        word.as_ptr().read_volatile()
+    }
 }
 
-/// What was kept before the reset; `None`: nothing intact.
-pub fn newest() -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
-    newer(PLACES.each_ref().map(words))
+fn number(word: &AtomicU32) -> u32 {
+    let word = read(word);
+    if word & !0xFF == WORD {
+        word & 0xFF
+    } else {
+        0
+    }
+}
+
+/// Leaves word for the next start.
+pub fn leave_word(why: Halt) {
+    LAST_WORD.store(WORD | why as u32, Ordering::Relaxed);
+}
+
+/// What the unit said when it stopped, and forgets it.
+pub fn last_word(cause: ResetCause) -> Halt {
+    let said = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
+    LAST_WORD.store(0, Ordering::Relaxed);
+    said.unwrap_or_default()
+}
+
+fn words(place: &'static Place) -> impl Fn(usize) -> u32 + Copy {
+    move |k| place.get(k).map_or(0, read)
+}
+
+/// What was kept before a reset; `None`: nothing intact, or nothing recent.
+pub fn newest(cause: ResetCause) -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
+    let before = number(&RESUMED);
+    RESUMED.store(WORD | (before + 1).min(RESUMPTIONS), Ordering::Relaxed);
+    if !cause.is_brief() {
+        RESUMED.store(0, Ordering::Relaxed);
+        return None;
+    }
+    (before < RESUMPTIONS).then(|| newer(PLACES.each_ref().map(words))).flatten()
 }
 
 /// Keeps the states of a model after a step, in the older place. `step` counts the steps.
@@ -33,4 +86,5 @@ pub fn keep(model: &mut Compensator, step: u32) {
             to.store(word, Ordering::Relaxed);
         }
     });
+    RESUMED.store(0, Ordering::Relaxed);
 }

@@ -6,6 +6,7 @@ use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
 use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::reset::Halt;
 
 /// Sends: rates first, then answers, then housekeeping, then the alignment's report.
 #[embassy_executor::task]
@@ -14,7 +15,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
         let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), ALIGNMENT.wait()).await {
             Either4::First(frame) if !frame.intact() => {
                 defmt::error!("a frame has changed in memory");
-                halt()
+                halt(Halt::Corruption)
             }
             Either4::First(frame) => Message::Rate(frame),
             Either4::Second(answer) => answer,

@@ -24,12 +24,15 @@ mod adc;
 mod board;
 mod capture;
 mod channels;
+mod clock;
 mod halt;
 mod kept;
 mod link;
 mod maintain;
 mod model;
 mod params;
+mod pps;
+mod program;
 mod rate;
 mod telemetry;
 mod watchdog;
@@ -43,11 +46,13 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use hrg_core::alignment::session::Session;
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
+use hrg_core::events::{Event, Record};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
-use hrg_core::reset::ResetCause;
+use hrg_core::reset::{Halt, ResetCause};
+use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use static_cell::{ConstStaticCell, StaticCell};
 
@@ -81,7 +86,8 @@ fn spawned<S>(token: Result<SpawnToken<S>, SpawnError>, spawn: impl FnOnce(Spawn
 
 #[embassy_executor::main]
 async fn main(spawner: Spawner) {
-    start(spawner).watch().await
+    let (watchdog, program) = start(spawner);
+    watchdog.watch(program).await
 }
 
 /// One compensator in its place.
@@ -94,7 +100,7 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
 /// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
 #[inline(never)]
 fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 {
-    if let Some(kept) = Some(cause).filter(|c| c.is_brief()).and_then(|_| kept::newest()) {
+    if let Some(kept) = kept::newest(cause) {
         models.iter_mut().for_each(|m| m.resume(&kept));
     }
     models[0].resets()
@@ -102,9 +108,13 @@ fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 
 
 /// Sets the board up and starts all tasks.
 #[inline(never)]
-fn start(spawner: Spawner) -> Watchdog {
-    let board = board::Board::new();
-    let board::Loaded { calibration, sector, checksum, status } = board.calibration();
+fn start(spawner: Spawner) -> (Watchdog, program::Check) {
+    let mut board = board::Board::new();
+    let halt = kept::last_word(board.reset_cause);
+    let verdict = board.program.whole();
+    let board::Loaded { calibration, sector, checksum, mut status } = board.calibration();
+    status.set(UnitStatus::TIMEBASE, !board.crystal);
+    status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
     static COMPENSATORS: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
@@ -127,6 +137,19 @@ fn start(spawner: Spawner) -> Watchdog {
         board.reset_cause.name(),
         resets
     );
+    match verdict {
+        program::Verdict::Intact => {}
+        program::Verdict::Unsealed => defmt::warn!("the program was flashed unsealed and cannot check itself: use cargo xtask flash"),
+        program::Verdict::Changed => defmt::error!("the program in flash has changed"),
+    }
+    if !board.crystal {
+        defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
+    }
+    if halt != Halt::None {
+        defmt::warn!("stopped before by {=str}", halt.name());
+    }
+    let event = Event::Start { cause: board.reset_cause, halt, resets: identity.resets, calibration: checksum };
+    board.journal.write(&mut board.sectors, Record { on_for_s: compensators[0].on_for_s() as u32, event });
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
@@ -142,11 +165,11 @@ fn start(spawner: Spawner) -> Watchdog {
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
     spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
-    spawned(model::task(board.rings, board.clock, compensators), |t| model_spawner.spawn(t));
+    spawned(model::task(board.rings, board.clock, board.pulses, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity), |t| model_spawner.spawn(t));
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
-    spawned(maintain::task(maintenance, board.sectors), |t| spawner.spawn(t));
-    board.watchdog
+    spawned(maintain::task(maintenance, board.sectors, board.journal), |t| spawner.spawn(t));
+    (board.watchdog, board.program)
 }

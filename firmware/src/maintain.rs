@@ -3,15 +3,19 @@
 //! The chip has one bank of flash: while a sector is erased (2 s at most, STM32F446 data sheet) the processor stands still, and nothing is
 //! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other.
 
-use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
+use crate::channels::{ANSWER, EVENTS, MAINTAIN, MAINTENANCE_OPEN, ON_FOR_S};
+use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
 use core::ops::Range;
+use core::sync::atomic::Ordering;
+use embassy_futures::select::{select, Either};
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
 use embassy_time::{with_timeout, Timer};
 use hrg_core::calibration;
+use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
 use hrg_core::sectors::Sector;
@@ -22,6 +26,10 @@ unsafe extern "C" {
     static _calibration_a_end: u8;
     static _calibration_b_start: u8;
     static _calibration_b_end: u8;
+    static _events_a_start: u8;
+    static _events_a_end: u8;
+    static _events_b_start: u8;
+    static _events_b_end: u8;
 }
 
 /// The two sectors in flash: written through the controller, read where they lie.
@@ -89,19 +97,60 @@ pub fn cache() {
     });
 }
 
+impl Sectors {
+    /// Erases; `false`: it failed, or the supply is too low for it.
+    fn erase_range(&mut self, Range { start, end }: Range<u32>) -> bool {
+        let flash = &mut self.flash;
+        clock::supplied()
+            && self.patience.during(|| {
+                erase_by_words();
+                let done = flash.blocking_erase(start, end).is_ok();
+                forget_cached();
+                done
+            })
+    }
+
+    /// Programs; `false` as above.
+    fn program(&mut self, at: u32, bytes: &[u8]) -> bool {
+        clock::supplied() && self.flash.blocking_write(at, bytes).is_ok()
+    }
+
+    /// A sector of the field log in flash.
+    fn log_range(sector: usize) -> Range<usize> {
+        let [start, end] = if sector == 0 {
+            [&raw const _events_a_start, &raw const _events_a_end]
+        } else {
+            [&raw const _events_b_start, &raw const _events_b_end]
+        };
+        start.addr()..end.addr()
+    }
+}
+
+impl events::Store for Sectors {
+    fn log(&self, sector: usize) -> &[u8] {
+        let address = Self::log_range(sector).start;
+        // SAFETY: a sector of the field log (memory.x), of that size, which nothing but this type writes to, and only with `&mut self`.
+        #[allow(unsafe_code)]
+        unsafe {
+            core::slice::from_raw_parts(core::ptr::with_exposed_provenance(address), events::SECTOR)
+        }
+    }
+    fn erase_log(&mut self, sector: usize) -> bool {
+        let range = Self::log_range(sector);
+        self.erase_range((range.start - FLASH_BASE) as u32..(range.end - FLASH_BASE) as u32)
+    }
+    fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; events::RECORD]) -> bool {
+        let at = Self::log_range(sector).start - FLASH_BASE + offset;
+        self.program(at as u32, record)
+    }
+}
+
 impl Store for Sectors {
     fn erase(&mut self, sector: Sector) -> bool {
-        let Range { start, end } = Self::offsets(sector);
-        let flash = &mut self.flash;
-        self.patience.during(|| {
-            erase_by_words();
-            let done = flash.blocking_erase(start, end).is_ok();
-            forget_cached();
-            done
-        })
+        self.erase_range(Self::offsets(sector))
     }
     fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
-        self.flash.blocking_write(Self::offsets(sector).start + u32::from(offset), bytes).is_ok()
+        self.program(Self::offsets(sector).start + u32::from(offset), bytes)
     }
     fn view(&self, sector: Sector) -> &[u8] {
         let address = Self::range(sector).start;
@@ -116,10 +165,14 @@ impl Store for Sectors {
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors) {
+pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors, mut journal: Journal) {
     loop {
-        let command = match with_timeout(params::MAINTENANCE_IDLE, MAINTAIN.receive()).await {
-            Ok(command) => command,
+        let command = match with_timeout(params::MAINTENANCE_IDLE, select(MAINTAIN.receive(), EVENTS.receive())).await {
+            Ok(Either::First(command)) => command,
+            Ok(Either::Second((on_for_s, event))) => {
+                journal.write(&mut sectors, Record { on_for_s, event });
+                continue;
+            }
             Err(_) if maintenance.open() => {
                 maintenance.command(&Command::Close, &mut sectors);
                 MAINTENANCE_OPEN.signal(false);
@@ -128,6 +181,10 @@ pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors) {
             Err(_) => continue,
         };
         let reply = maintenance.command(&command, &mut sectors);
+        if let (Command::End, Reply::Answer(answer, value)) = (command, reply) {
+            let event = Event::Burn { answer: answer as u8, calibration: value };
+            let _ = EVENTS.try_send((ON_FOR_S.load(Ordering::Relaxed), event));
+        }
         ANSWER.signal(Message::Maintained(reply));
         MAINTENANCE_OPEN.signal(maintenance.open());
         if command == Command::Restart && matches!(reply, Reply::Answer(Answer::Done, _)) {

@@ -1,21 +1,33 @@
 //! The bias model: fetches edges, makes frequencies, temperatures and biases, once a second.
 
 use crate::capture::{Clock, Rings};
-use crate::channels::{BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
+use crate::channels::{self, BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
 use crate::halt::halt;
 use crate::kept;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
+use crate::pps::{PulseInput, PULSE};
 use embassy_time::Ticker;
 use hrg_core::compensator::{update_both, Compensator};
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+use hrg_core::pps::Pps;
 use hrg_core::rate_path::PendingBias;
+use hrg_core::reset::Halt;
+use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut rings: Rings, clock: Clock, redundant: [&'static mut Compensator; 2]) {
+// (The input of the pulses is only held: a pin that is dropped is an input no more.)
+#[expect(clippy::used_underscore_binding)]
+pub async fn task(
+    mut rings: Rings,
+    clock: Clock,
+    _pulses: PulseInput,
+    redundant: [&'static mut Compensator; 2],
+) {
     let [first, second] = redundant;
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
+    let mut pps = Pps::new(TIMEBASE);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
         ticker.next().await;
@@ -26,20 +38,25 @@ pub async fn task(mut rings: Rings, clock: Clock, redundant: [&'static mut Compe
                 bank.disturb(k);
             }
         }
+        if let Some(pulse) = PULSE.try_take() {
+            pps.pulse(pulse);
+        }
         TICK.signal(now);
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
+        let (step, report) = pps.second(step);
+        channels::stand(UnitStatus::TIMEBASE, report.out_of_bounds);
         if let Some(trim) = TRIM.try_take() {
             first.set_trim(trim);
             second.set_trim(trim);
         }
         let Some(output) = update_both([first, second], &step) else {
             defmt::error!("the two models differ: corruption detected");
-            halt()
+            halt(Halt::Corruption)
         };
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
         kept::keep(first, step.step);
         // Telemetry that is not listening loses a second; the bias is on its way.
-        let _ = STEP.try_send((step, output));
+        let _ = STEP.try_send((step, output, report));
     }
 }

@@ -41,6 +41,9 @@ pub const LINK_RING: usize = 512;
 /// Rate frames that may wait for the link: 40 ms at 200 Hz.
 pub const FRAME_QUEUE: usize = 8;
 
+/// Events that may wait to be written: more than can happen in a second.
+pub const EVENT_QUEUE: usize = 8;
+
 /// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB
 /// takes 2 s at most (STM32F446 data sheet, 32 bits at a time; 4 s byte by byte), and the processor stands still meanwhile: one bank of flash.
 pub const WATCHDOG_ERASE: Time = (6, 1000);

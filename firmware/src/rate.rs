@@ -2,12 +2,13 @@
 //! nothing but its inputs: queues that are full drop, and the drop is flagged. What is decided is in
 //! [`hrg_core::rate_output`].
 
-use crate::adc::Adc;
-use crate::channels::{BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
+use crate::adc::{self, Adc};
+use crate::channels::{self, BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
 use crate::halt::halt;
 use embassy_futures::select::{select, Either};
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::RateFrame;
+use hrg_core::reset::Halt;
 
 fn send(frame: RateFrame) -> bool {
     FRAMES.try_send(frame).is_ok()
@@ -22,13 +23,18 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
         if let Some(bias) = BIAS.try_take() {
             output.set_bias(bias);
         }
+        output.set_standing(channels::standing());
         if let Some(decimation) = DECIMATION.try_take() {
             output.set_decimation(decimation);
         }
         let second = match input {
             Either::First((tick, codes)) => output.sample(tick, codes, send),
-            Either::Second(now) => output.look(now, send),
+            Either::Second(now) => {
+                adc.look();
+                output.look(now, send)
+            }
         };
+        adc::mark_next(output.ends_next());
         RATE_ALIVE.signal(());
         match second {
             // Telemetry that is not listening loses a second of means; the rates went out all the same.
@@ -36,7 +42,7 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
             Ok(None) => {}
             Err(corruption) => {
                 defmt::error!("corruption detected: {}", corruption);
-                halt()
+                halt(Halt::Corruption)
             }
         }
     }

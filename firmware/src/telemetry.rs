@@ -2,10 +2,12 @@
 //! in [`hrg_core::telemetry`].
 
 use crate::channels::{
-    ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, SECONDS, STEP, TELEMETRY_ALIVE, TRIM,
+    self, ALIGN, ALIGNMENT, EVENTS, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP, TELEMETRY_ALIVE, TRIM,
 };
+use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};
 use hrg_core::alignment::session::Session;
+use hrg_core::events::Watch;
 use hrg_core::telemetry::{Telemetry, RATES_WAIT_MS};
 
 /// The filter that is flown. The kernel form of the unscented particle filter is a build feature: it takes another 90 KiB of
@@ -19,8 +21,9 @@ pub type Flown = hrg_core::alignment::particles::Kernels<f32, { hrg_core::alignm
 /// Merges what the model and the rate path say of one second.
 #[embassy_executor::task]
 pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
+    let mut watch = Watch::default();
     loop {
-        let (step, output) = STEP.receive().await;
+        let (step, output, report) = STEP.receive().await;
         TELEMETRY_ALIVE.signal(());
         let wait = Duration::from_millis(u64::from(RATES_WAIT_MS));
         let rates = with_timeout(wait, SECONDS.receive()).await.ok();
@@ -35,10 +38,18 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
         if let Some(open) = MAINTENANCE_OPEN.try_take() {
             telemetry.set_maintenance(open);
         }
-        let (housekeeping, report) = telemetry.second(&step, &output, rates.as_ref());
-        if let Some(report) = report {
-            ALIGNMENT.signal(report);
+        telemetry.set_pps(report);
+        telemetry.set_standing(channels::standing());
+        let (housekeeping, alignment) = telemetry.second(&step, &output, rates.as_ref());
+        if let Some(alignment) = alignment {
+            ALIGNMENT.signal(alignment);
         }
+        let h = &housekeeping;
+        ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
+        watch.second(h.axis_status, h.unit_status, h.temperature_c, |event| {
+            // A full queue loses it: the flag rises again, or stands in every frame.
+            let _ = EVENTS.try_send((h.on_for_s as u32, event));
+        });
         HOUSEKEEPING.signal(housekeeping);
         LOG.signal(housekeeping);
     }

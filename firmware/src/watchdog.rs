@@ -7,13 +7,14 @@
 //! # Tradeoffs
 //! embassy's `IndependentWatchdog` cannot change its time once it runs, so the four registers are driven here (RM0390 chapter 20).
 
-use crate::channels::{LINK_ALIVE, MODEL_ALIVE, RATE_ALIVE, TELEMETRY_ALIVE};
-use crate::params;
+use crate::channels::{self, LINK_ALIVE, MODEL_ALIVE, RATE_ALIVE, TELEMETRY_ALIVE};
+use crate::{params, program};
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::IWDG as REGISTERS;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::Peri;
 use embassy_time::{Duration, Timer};
+use hrg_core::status::UnitStatus;
 use hrg_core::supervision::{Alive, Supervision, LOOK_MS};
 
 /// A time of the watchdog: prescaler (4 << it) and reload value, of the 32 kHz clock.
@@ -31,7 +32,7 @@ fn set((prescaler, reload): Time) {
     feed();
 }
 
-/// The watchdog, not yet running.
+/// The watchdog.
 pub struct Watchdog {
     _peripheral: Peri<'static, IWDG>,
 }
@@ -40,15 +41,17 @@ pub struct Watchdog {
 pub struct Patience(());
 
 impl Watchdog {
-    /// Takes the peripheral.
+    /// Takes the peripheral and starts it: the start of the unit is watched as well.
     pub fn new(peripheral: Peri<'static, IWDG>) -> (Self, Patience) {
+        REGISTERS.kr().write(|w| w.set_key(Key::START));
+        set(params::WATCHDOG_USUAL);
         (Self { _peripheral: peripheral }, Patience(()))
     }
 
-    /// Starts it and feeds it for ever. Being a thread task this also proves that threads get to run.
-    pub async fn watch(self) -> ! {
-        REGISTERS.kr().write(|w| w.set_key(Key::START));
-        set(params::WATCHDOG_USUAL);
+    /// Feeds it for ever. Being a thread task this also proves that threads get to run.
+    /// Between two looks a piece of the program is checked.
+    pub async fn watch(self, mut program: program::Check) -> ! {
+        feed();
         let mut supervision = Supervision::default();
         loop {
             Timer::after(Duration::from_millis(u64::from(LOOK_MS))).await;
@@ -60,6 +63,9 @@ impl Watchdog {
             };
             if supervision.look(alive) {
                 feed();
+            }
+            if program.piece() == Some(program::Verdict::Changed) {
+                channels::stand(UnitStatus::PROGRAM, true);
             }
         }
     }

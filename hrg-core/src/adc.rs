@@ -1,4 +1,17 @@
-//! A frame of the ADS131M08: ten 24-bit words, big-endian; status, eight channels, CRC (data sheet SBAS950 8.5).
+//! The ADS131M08: its frames, and what the unit says to it (data sheet SBAS950).
+//!
+//! # Frames
+//! Ten 24-bit words, big-endian: the answer to the command of the frame before, eight channels, CRC (section 8.5). With the first word
+//! the unit sends a command of its own.
+//!
+//! # The dialogue
+//! The ADC forgets its settings where its supply fails. So [`Dialogue`] writes all of them ([`SETTINGS`]), reads them back, and only then
+//! takes samples; while it takes them it reads one setting back every [`READ_EVERY`] frames. A flag of a reset or a setting that has changed
+//! begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset.
+//!
+//! # After a gap
+//! The ADC keeps two samples (section 8.5.1.9.1, "after a pause in data collection"): where one was not fetched, the next frame
+//! holds an old sample. It is refused, and a second one is fetched at once and dropped; then the store is empty.
 
 use crate::rate_path::CHANNELS;
 
@@ -8,14 +21,210 @@ pub const FRAME: usize = 30;
 pub const WORDS: usize = FRAME.div_ceil(4);
 /// Status bit: the ADC has been reset and has lost its settings.
 const STATUS_RESET: u16 = 1 << 10;
+
+/// Registers that the unit sets, each with its value: address, value (section 8.6).
+pub const SETTINGS: [(u8, u16); 10] = [
+    // CLOCK: all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
+    (0x03, 0xFF00 | 0b101 << 2 | 0b10),
+    // GAIN1, GAIN2: 1.
+    (0x04, 0),
+    (0x05, 0),
+    // CFG: global chop off, its delay as after a reset; current detection off.
+    (0x06, 0x0600),
+    // CH0_CFG to CH4_CFG: input pins connected, no phase delay, DC block as set globally (off).
+    (0x09, 0),
+    (0x0E, 0),
+    (0x13, 0),
+    (0x18, 0),
+    (0x1D, 0),
+    // MODE: 24-bit words, time-out on; clears the flag of a reset. It comes last.
+    (0x02, 0x0110),
+];
+
+/// One setting is read back in so many frames.
+pub const READ_EVERY: u16 = 100;
+
+/// So many frames in a row with a wrong checksum have bus and ADC reset.
+pub const BAD_IN_A_ROW: u8 = 3;
+
 /// Why a frame gives no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Fault {
     /// Its checksum does not match.
     Crc,
-    /// The ADC reports that it was reset: its settings must be written again.
+    /// The ADC was reset: its settings must be written again.
     Reset,
+    /// A setting is not as it was written.
+    Setting,
+    /// The settings are being written and read back.
+    SetUp,
+    /// The first frame after a pause: its sample is old.
+    Gap,
+}
+
+/// What the unit says in a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Command {
+    /// Nothing: the answer is the status.
+    Null,
+    /// Write a setting.
+    Write(u8),
+    /// Read it back.
+    Read(u8),
+}
+
+impl Command {
+    /// The first two words of the frame that carries it (section 8.5.1.10).
+    const fn words(self) -> [u16; 2] {
+        match self {
+            Self::Null => [0; 2],
+            Self::Write(k) => {
+                let (address, value) = SETTINGS[k as usize % SETTINGS.len()];
+                [0x6000 | (address as u16) << 7, value]
+            }
+            Self::Read(k) => [0xA000 | (SETTINGS[k as usize % SETTINGS.len()].0 as u16) << 7, 0],
+        }
+    }
+
+    /// What is wrong with the answer to it.
+    const fn wrong(self, answer: u16) -> Option<Fault> {
+        match self {
+            Self::Null if answer & STATUS_RESET != 0 => Some(Fault::Reset),
+            Self::Read(k) if answer != SETTINGS[k as usize % SETTINGS.len()].1 => Some(Fault::Setting),
+            _ => None,
+        }
+    }
+}
+
+/// What is to be done after a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Next {
+    /// Wait for the next data-ready edge.
+    Wait,
+    /// Fetch once more at once.
+    FetchAgain,
+    /// Reset the ADC by its pin, and the bus.
+    Reset,
+}
+
+/// What came of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Heard {
+    /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
+    pub sample: Option<Result<[i32; CHANNELS], Fault>>,
+    /// The first two words of the next frame out.
+    pub command: [u16; 2],
+    /// What is to be done.
+    pub next: Next,
+}
+
+/// Commands of the set-up: all settings written, then read back, then what the last answers need to come.
+const SET_UP: u8 = 2 * SETTINGS.len() as u8 + 2;
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Dialogue {
+    /// The ADC may hold an old sample.
+    behind: bool,
+    /// The frame that comes only empties its store.
+    emptying: bool,
+    /// The command of the frame before the one that comes: that one holds its answer.
+    before: Command,
+    /// The command that the frame which comes carries.
+    carried: Command,
+    /// The next command of the set-up; from [`SET_UP`] on it is done.
+    set_up: u8,
+    frames: u16,
+    bad_in_a_row: u8,
+}
+
+impl Default for Dialogue {
+    /// Of an ADC of which nothing is known.
+    fn default() -> Self {
+        Self {
+            behind: true,
+            emptying: false,
+            before: Command::Null,
+            carried: Command::Null,
+            set_up: 0,
+            frames: 0,
+            bad_in_a_row: 0,
+        }
+    }
+}
+
+impl Dialogue {
+    /// A frame was fetched. `missed`: since the one before, a sample was ready and was not fetched.
+    // A function of its own in the ELF, so that the virtual board can count what it costs.
+    #[inline(never)]
+    pub fn heard(&mut self, frame: &[u32; WORDS], missed: bool) -> Heard {
+        self.behind |= missed;
+        let emptying = core::mem::take(&mut self.emptying);
+        let sample = match decode(frame) {
+            Err(fault) => self.invalid(fault),
+            Ok((answer, codes)) => self.valid(answer, codes),
+        };
+        if self.bad_in_a_row >= BAD_IN_A_ROW {
+            *self = Self::default();
+            return Heard { sample: Some(sample), command: Command::Null.words(), next: Next::Reset };
+        }
+        self.emptying = sample == Err(Fault::Gap);
+        self.before = self.carried;
+        self.carried = self.choose();
+        Heard {
+            sample: (!emptying || sample.is_err()).then_some(sample),
+            command: self.carried.words(),
+            next: if self.emptying { Next::FetchAgain } else { Next::Wait },
+        }
+    }
+
+    fn invalid(&mut self, fault: Fault) -> Result<[i32; CHANNELS], Fault> {
+        self.bad_in_a_row += 1;
+        if self.set_up < SET_UP {
+            // An answer was lost.
+            self.set_up = 0;
+        }
+        Err(fault)
+    }
+
+    fn valid(&mut self, answer: u16, codes: [i32; CHANNELS]) -> Result<[i32; CHANNELS], Fault> {
+        self.bad_in_a_row = 0;
+        let setting_up = self.set_up < SET_UP;
+        if let Some(fault) = self.before.wrong(answer) {
+            // (The flag of a reset stands until MODE is written.)
+            if !setting_up || fault == Fault::Setting {
+                self.set_up = 0;
+            }
+            return Err(fault);
+        }
+        if setting_up {
+            return Err(Fault::SetUp);
+        }
+        if core::mem::take(&mut self.behind) {
+            return Err(Fault::Gap);
+        }
+        Ok(codes)
+    }
+
+    fn choose(&mut self) -> Command {
+        const N: u8 = SETTINGS.len() as u8;
+        if self.set_up < SET_UP {
+            let k = self.set_up;
+            self.set_up += 1;
+            return match k {
+                0..N => Command::Write(k),
+                _ if k < 2 * N => Command::Read(k - N),
+                _ => Command::Null,
+            };
+        }
+        self.frames = self.frames.wrapping_add(1) % (READ_EVERY * SETTINGS.len() as u16);
+        if self.frames.is_multiple_of(READ_EVERY) {
+            Command::Read((self.frames / READ_EVERY) as u8)
+        } else {
+            Command::Null
+        }
+    }
 }
 
 /// CRC-16 of CCITT's polynomial, seed 0xFFFF.
@@ -24,13 +233,11 @@ const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 const WORD: usize = 3;
 const CRC_AT: usize = FRAME - WORD;
 
-/// The codes of the channels in use.
+/// The first word of a frame (an answer), and the codes of the channels in use.
 ///
 /// # Errors
-/// See [`Fault`].
-// A function of its own in the ELF, so that the virtual board can count what it costs.
-#[inline(never)]
-pub fn decode(frame: &[u32; WORDS]) -> Result<[i32; CHANNELS], Fault> {
+/// [`Fault::Crc`].
+pub fn decode(frame: &[u32; WORDS]) -> Result<(u16, [i32; CHANNELS]), Fault> {
     let mut bytes = [0; 4 * WORDS];
     for (to, word) in bytes.chunks_exact_mut(4).zip(frame) {
         to.copy_from_slice(&word.to_le_bytes());
@@ -39,14 +246,12 @@ pub fn decode(frame: &[u32; WORDS]) -> Result<[i32; CHANNELS], Fault> {
     if CRC.checksum(&bytes[..CRC_AT]) != crc {
         return Err(Fault::Crc);
     }
-    if u16::from_be_bytes([bytes[0], bytes[1]]) & STATUS_RESET != 0 {
-        return Err(Fault::Reset);
-    }
-    // The first word is the status. Codes are big-endian, sign-extended from 24 bits.
-    Ok(core::array::from_fn(|channel| {
+    // Codes are big-endian, sign-extended from 24 bits.
+    let codes = core::array::from_fn(|channel| {
         let at = WORD * (channel + 1);
         i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8
-    }))
+    });
+    Ok((u16::from_be_bytes([bytes[0], bytes[1]]), codes))
 }
 
 #[cfg(test)]
@@ -74,10 +279,9 @@ mod tests {
     }
 
     #[test]
-    fn codes_keep_their_sign_and_faults_are_told_apart() {
-        let f = frame(0x0500 & !STATUS_RESET, [1, -1, 8_388_607, -8_388_608, 42, 0, 0, 0]);
-        assert_eq!(decode(&words(&f)), Ok([1, -1, 8_388_607, -8_388_608, 42]));
-        assert_eq!(decode(&words(&frame(0x0500, [0; 8]))), Err(Fault::Reset));
+    fn codes_keep_their_sign_and_flipped_bits_are_noticed() {
+        let f = frame(0x0100, [1, -1, 8_388_607, -8_388_608, 42, 0, 0, 0]);
+        assert_eq!(decode(&words(&f)), Ok((0x0100, [1, -1, 8_388_607, -8_388_608, 42])));
         for bit in 0..29 * 8 {
             let mut g = f;
             g[bit / 8] ^= 1 << (bit % 8);
@@ -90,7 +294,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         for _ in 0..2000 {
             let codes = core::array::from_fn(|_| rng.random_range(-8_388_608..=8_388_607));
-            let seen = decode(&words(&frame(0x0500 & !STATUS_RESET, codes))).expect("valid");
+            let (_, seen) = decode(&words(&frame(0x0100, codes))).expect("valid");
             assert_eq!(seen, codes[..CHANNELS]);
         }
     }
@@ -99,5 +303,132 @@ mod tests {
     fn the_checksum_is_that_of_the_standard() {
         // The check value of the catalogue of CRCs.
         assert_eq!(CRC.checksum(b"123456789"), 0x29B1);
+    }
+
+    /// An ADC that does what the data sheet says: registers, and the answer to the command of the frame before.
+    struct Adc {
+        registers: [u16; 64],
+        answer: u16,
+        codes: [i32; 8],
+        invalid: bool,
+    }
+
+    impl Adc {
+        fn new() -> Self {
+            let mut registers = [0; 64];
+            (registers[1], registers[2], registers[3], registers[6]) = (0x0500, 0x0510, 0xFF0E, 0x0600);
+            Self { registers, answer: 0xFF28, codes: [5; 8], invalid: false }
+        }
+
+        fn exchange(&mut self, [command, value]: [u16; 2]) -> [u32; WORDS] {
+            let mut out = frame(self.answer, self.codes);
+            let address = usize::from(command >> 7 & 63);
+            self.answer = match command >> 13 {
+                0b011 => {
+                    self.registers[address] = value;
+                    if address == 2 {
+                        self.registers[1] = self.registers[1] & !STATUS_RESET | value & STATUS_RESET;
+                    }
+                    0x4000 | command & 0x1FFF
+                }
+                0b101 => self.registers[address],
+                _ => self.registers[1],
+            };
+            if self.invalid {
+                out[7] ^= 1;
+            }
+            words(&out)
+        }
+    }
+
+    /// `n` frames: what came of the last.
+    fn talk(d: &mut Dialogue, adc: &mut Adc, command: &mut [u16; 2], n: usize) -> Heard {
+        let mut heard = None;
+        for _ in 0..n {
+            let h = d.heard(&adc.exchange(*command), false);
+            *command = h.command;
+            heard = Some(h);
+        }
+        heard.expect("at least one frame")
+    }
+
+    /// An ADC that was set up.
+    fn ready() -> (Dialogue, Adc, [u16; 2]) {
+        let (mut d, mut adc, mut command) = (Dialogue::default(), Adc::new(), [0; 2]);
+        talk(&mut d, &mut adc, &mut command, 2 * usize::from(SET_UP));
+        (d, adc, command)
+    }
+
+    const GOOD: Option<Result<[i32; CHANNELS], Fault>> = Some(Ok([5; CHANNELS]));
+
+    #[test]
+    fn settings_are_written_and_read_back_before_the_first_sample() {
+        let (mut d, mut adc, mut command) = (Dialogue::default(), Adc::new(), [0; 2]);
+        for k in 0..=usize::from(SET_UP) {
+            let h = talk(&mut d, &mut adc, &mut command, 1);
+            assert!(matches!(h.sample, Some(Err(_))), "frame {k}: {h:?}");
+        }
+        for (address, value) in SETTINGS {
+            assert_eq!(adc.registers[usize::from(address)], value);
+        }
+        talk(&mut d, &mut adc, &mut command, 1);
+        for k in 0..3 * usize::from(READ_EVERY) * SETTINGS.len() {
+            let h = talk(&mut d, &mut adc, &mut command, 1);
+            assert_eq!((h.sample, h.next), (GOOD, Next::Wait), "sample {k}");
+        }
+    }
+
+    #[test]
+    fn a_setting_that_changes_is_noticed_and_written_again() {
+        for (k, (address, value)) in SETTINGS.into_iter().enumerate() {
+            let (mut d, mut adc, mut command) = ready();
+            adc.registers[usize::from(address)] = value ^ 4;
+            let within = usize::from(READ_EVERY) * SETTINGS.len() + 3;
+            let noticed =
+                (0..within).any(|_| talk(&mut d, &mut adc, &mut command, 1).sample == Some(Err(Fault::Setting)));
+            assert!(noticed, "setting {k}");
+            assert_eq!(talk(&mut d, &mut adc, &mut command, 40).sample, GOOD);
+            assert_eq!(adc.registers[usize::from(address)], value);
+        }
+    }
+
+    #[test]
+    fn a_reset_adc_is_set_up_again() {
+        let (mut d, mut adc, mut command) = ready();
+        let refused = (0..60)
+            .map(|k| {
+                if k == 5 {
+                    adc = Adc::new();
+                }
+                talk(&mut d, &mut adc, &mut command, 1).sample
+            })
+            .filter(|s| *s != GOOD)
+            .count();
+        assert!((usize::from(SET_UP)..usize::from(SET_UP) + 4).contains(&refused), "{refused}");
+        assert_eq!(adc.registers[3], SETTINGS[0].1);
+    }
+
+    #[test]
+    fn after_a_sample_that_was_not_fetched_the_store_of_the_adc_is_emptied() {
+        let (mut d, mut adc, mut command) = ready();
+        let h = d.heard(&adc.exchange(command), true);
+        assert_eq!((h.sample, h.next), (Some(Err(Fault::Gap)), Next::FetchAgain));
+        let h = d.heard(&adc.exchange(h.command), false);
+        assert_eq!((h.sample, h.next), (None, Next::Wait));
+        command = h.command;
+        assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample, GOOD);
+    }
+
+    #[test]
+    fn frames_out_of_step_have_bus_and_adc_reset() {
+        let (mut d, mut adc, mut command) = ready();
+        adc.invalid = true;
+        for k in 1..=BAD_IN_A_ROW {
+            let h = talk(&mut d, &mut adc, &mut command, 1);
+            assert_eq!(h.sample, Some(Err(Fault::Crc)));
+            assert_eq!(h.next, if k == BAD_IN_A_ROW { Next::Reset } else { Next::Wait });
+        }
+        adc = Adc::new();
+        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample, GOOD);
     }
 }

@@ -124,6 +124,12 @@ impl Compensator {
         history::resume(kept, &self.calibration.effects, &mut self.running, &mut self.history);
     }
 
+    /// Time since power-on, over restarts, s.
+    #[must_use]
+    pub fn on_for_s(&self) -> f32 {
+        self.thermometer.now().time_s
+    }
+
     /// Resets since power-on, as far as states were kept over them.
     #[must_use]
     pub fn resets(&self) -> u32 {

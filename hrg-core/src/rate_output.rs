@@ -38,6 +38,8 @@ pub struct RateOutput {
     path: RatePath,
     /// What start-up has found: in every frame.
     start_status: UnitStatus,
+    /// What stands since it was found later.
+    standing: UnitStatus,
     dropped: u16,
     /// A frame was dropped since the last one that was sent.
     flag_drop: bool,
@@ -54,12 +56,24 @@ impl RateOutput {
         Self {
             path,
             start_status,
+            standing: UnitStatus::empty(),
             dropped: 0,
             flag_drop: false,
             drops_in_a_row: 0,
             looks_without_sample: 0,
             decimation: None,
         }
+    }
+
+    /// What stands from now on, beside what start-up has found.
+    pub fn set_standing(&mut self, status: UnitStatus) {
+        self.standing = status;
+    }
+
+    /// Whether the next good sample ends a frame.
+    #[must_use]
+    pub fn ends_next(&self) -> bool {
+        self.path.ends_next()
     }
 
     /// The next bias.
@@ -110,7 +124,7 @@ impl RateOutput {
             return Err(Corruption::RatePath);
         }
         if let Some(mut frame) = frame {
-            frame.unit_status |= self.start_status;
+            frame.unit_status |= self.start_status | self.standing;
             if self.flag_drop {
                 frame.unit_status |= UnitStatus::FRAMES_DROPPED;
             }

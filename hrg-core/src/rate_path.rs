@@ -282,6 +282,12 @@ impl RatePath {
         }
     }
 
+    /// Whether the next good sample ends a frame.
+    #[must_use]
+    pub fn ends_next(&self) -> bool {
+        self.in_frame.saturating_add(1) >= self.decimation
+    }
+
     fn settings_now(&self) -> u32 {
         settings_integrity(&self.scale_dph, [self.decimation, self.next_decimation], self.stale_ticks, self.late_ticks)
     }

@@ -38,3 +38,38 @@ impl ResetCause {
         [Self::Power, Self::Pin, Self::Software, Self::Watchdog].into_iter().find(|c| *c as u8 == n)
     }
 }
+
+/// What had stopped the unit: it is left in memory that a reset leaves alone.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Halt {
+    /// Nothing was left: power was off, or the watchdog found it hanging.
+    #[default]
+    None = 0,
+    /// A panic.
+    Panic = 1,
+    /// A fault of the processor.
+    Fault = 2,
+    /// Memory has changed.
+    Corruption = 3,
+    /// The crystal has stopped.
+    ClockLost = 4,
+}
+
+impl Halt {
+    /// Name of each in files and on screens, in the order of their numbers.
+    pub const NAMES: [&str; 5] = ["nothing", "panic", "fault", "corruption", "clock-lost"];
+
+    /// Its name.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        Self::NAMES[self as usize]
+    }
+
+    /// The halt with a number.
+    #[must_use]
+    pub fn from_number(n: u8) -> Option<Self> {
+        [Self::None, Self::Panic, Self::Fault, Self::Corruption, Self::ClockLost].into_iter().find(|h| *h as u8 == n)
+    }
+}

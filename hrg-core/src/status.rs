@@ -53,8 +53,13 @@ bitflags! {
         const FRAMES_DROPPED = 1 << 3;
         /// The compiled-in default is used: no valid image in flash.
         const DEFAULT_CALIBRATION = 1 << 4;
+        /// The clock is not to be trusted: the crystal is dead or wrong and the unit runs on the chip's own oscillator (off by up to some
+        /// percent, so no temperature is right), or it is further off its pulse per second than [`crate::pps::BOUND`].
+        const TIMEBASE = 1 << 5;
         /// An image in flash was refused (wrong length, version, checksum or number).
         const IMAGE_REFUSED = 1 << 6;
+        /// The program in flash has changed: what the unit computes is not to be trusted.
+        const PROGRAM = 1 << 7;
     }
 }
 
@@ -81,7 +86,16 @@ impl AxisStatus {
 impl UnitStatus {
     /// Name of each bit in files and on screens, bit 0 first.
     pub const NAMES: [&str; 8] =
-        ["adc-fault", "bias-late", "link-errors", "frames-dropped", "default-calibration", "-", "image-refused", "-"];
+        [
+            "adc-fault",
+            "bias-late",
+            "link-errors",
+            "frames-dropped",
+            "default-calibration",
+            "timebase",
+            "image-refused",
+            "program",
+        ];
 }
 
 #[cfg(test)]

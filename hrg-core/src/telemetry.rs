@@ -7,6 +7,7 @@ use crate::alignment::session::{AlignMode, Command, Report};
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::link::{mode, Housekeeping, Identity};
+use crate::pps;
 use crate::rate_output::RateSecond;
 use crate::status::UnitStatus;
 use crate::timebase::Timebase;
@@ -29,6 +30,8 @@ pub struct Telemetry<S> {
     /// Link errors are flagged in the second in which they were counted.
     flag_link_errors: bool,
     maintenance: bool,
+    pps: pps::Report,
+    standing: UnitStatus,
 }
 
 impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
@@ -43,7 +46,19 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             link_errors: 0,
             flag_link_errors: false,
             maintenance: false,
+            pps: pps::Report::NONE,
+            standing: UnitStatus::empty(),
         }
+    }
+
+    /// What the pulses per second have shown in the second that ends.
+    pub fn set_pps(&mut self, report: pps::Report) {
+        self.pps = report;
+    }
+
+    /// What stands since it was found, beside what start-up has found.
+    pub fn set_standing(&mut self, status: UnitStatus) {
+        self.standing = status;
     }
 
     /// A command of the host to the alignment: gives the bias trim, deg/h, where it was accepted. Commands are taken before the
@@ -82,7 +97,11 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             self.dropped = rates.dropped;
         }
         let mut h = Housekeeping::new(step, output, summary, self.timebase);
-        h.unit_status |= self.start_status;
+        h.unit_status |= self.start_status | self.standing;
+        (h.pps_tick, h.pps_age_ms, h.clock_ppb) = (self.pps.tick, self.pps.age_ms, self.pps.correction_ppb);
+        if self.pps.out_of_bounds {
+            h.unit_status |= UnitStatus::TIMEBASE;
+        }
         if core::mem::take(&mut self.flag_link_errors) {
             h.unit_status |= UnitStatus::LINK_ERRORS;
         }

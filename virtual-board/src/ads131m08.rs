@@ -2,6 +2,12 @@
 //!
 //! Frames of ten 24-bit words. What goes out is latched when chip select falls: the answer to the last command,
 //! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is executed when the frame ends.
+//!
+//! It keeps two samples (section 8.5.1.9.1): a frame takes the oldest; a third one that comes meanwhile replaces the second.
+//! SYNC/RESET low for 2048 clocks or longer resets it, for less it begins its conversions anew and forgets those that it has (section
+//! 8.4.1). While it is low nothing is converted.
+
+use std::collections::VecDeque;
 
 const WORDS: usize = 10;
 const FRAME: usize = WORDS * 3;
@@ -15,8 +21,12 @@ const CLKIN_HZ: u64 = 8_192_000;
 pub struct Ads131m08 {
     registers: [u16; 64],
     answer: u16,
+    /// Of the frame that was latched last.
     codes: [i32; 8],
-    fresh: bool,
+    /// Samples that no frame has taken.
+    store: VecDeque<[i32; 8]>,
+    /// Since when SYNC/RESET is low, cycles.
+    low_since: Option<u64>,
     out: [u8; FRAME],
     input: [u8; FRAME],
     at: usize,
@@ -31,11 +41,13 @@ impl Default for Ads131m08 {
         registers[0x01] = 0x0500; // STATUS: RESET, 24-bit words
         registers[0x02] = 0x0510; // MODE
         registers[0x03] = 0xFF0E; // CLOCK
+        registers[0x06] = 0x0600; // CFG
         Self {
             registers,
             answer: 0xFF28,
             codes: [0; 8],
-            fresh: false,
+            store: VecDeque::new(),
+            low_since: None,
             out: [0; FRAME],
             input: [0; FRAME],
             at: 0,
@@ -58,8 +70,45 @@ impl Ads131m08 {
 
     /// A conversion is done.
     pub fn convert(&mut self, codes: [i32; 8]) {
-        self.codes = codes;
-        self.fresh = true;
+        self.store.truncate(1);
+        self.store.push_back(codes);
+    }
+
+    /// Whether SYNC/RESET holds it.
+    #[must_use]
+    pub fn held(&self) -> bool {
+        self.low_since.is_some()
+    }
+
+    /// The level at SYNC/RESET, at a time in cycles of a clock of `hz`.
+    pub fn sync_reset(&mut self, high: bool, now: u64, hz: u64) {
+        match (self.low_since, high) {
+            (None, false) => self.low_since = Some(now),
+            (Some(since), true) => {
+                if (now - since) * CLKIN_HZ >= 2048 * hz {
+                    *self = Self::default();
+                }
+                self.store.clear();
+                self.low_since = None;
+            }
+            _ => {}
+        }
+    }
+
+    /// Samples that no frame has taken.
+    #[must_use]
+    pub fn backlog(&self) -> usize {
+        self.store.len()
+    }
+
+    /// Its supply fails for a moment: all registers are as at power-on.
+    pub fn lose_settings(&mut self) {
+        *self = Self::default();
+    }
+
+    /// A bit of a register changes.
+    pub fn flip(&mut self, register: usize, bit: u32) {
+        self.registers[register % 64] ^= 1 << (bit % 16);
     }
 
     /// Chip select changes; `corrupt` flips a bit of the frame that begins.
@@ -76,6 +125,7 @@ impl Ads131m08 {
     }
 
     fn latch(&mut self) {
+        self.codes = self.store.pop_front().unwrap_or(self.codes);
         let mut words = [0u32; WORDS];
         words[0] = u32::from(self.answer) << 8;
         for (w, code) in words[1..9].iter_mut().zip(self.codes) {
@@ -89,7 +139,6 @@ impl Ads131m08 {
         if self.corrupt {
             self.out[4] ^= 0x10;
         }
-        self.fresh = false;
     }
 
     /// Moves one byte each way.
@@ -103,12 +152,6 @@ impl Ads131m08 {
         out
     }
 
-    /// The codes of the frame that was just sent, and whether it was intact and complete.
-    #[must_use]
-    pub fn sent(&self) -> ([i32; 8], bool) {
-        (self.codes, !self.corrupt && self.at == FRAME)
-    }
-
     fn word(&self, index: usize) -> u16 {
         u16::from_be_bytes([self.input[index * 3], self.input[index * 3 + 1]])
     }
@@ -120,8 +163,8 @@ impl Ads131m08 {
             0b011 => {
                 let value = self.word(1);
                 self.registers[address] = value;
-                if address == 0x02 && value & 0x0400 == 0 {
-                    self.registers[0x01] &= !0x0400;
+                if address == 0x02 {
+                    self.registers[0x01] = self.registers[0x01] & !0x0400 | value & 0x0400;
                 }
                 self.answer = 0x4000 | (command & 0x1FFF);
             }

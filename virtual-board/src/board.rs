@@ -28,6 +28,7 @@ const SLEEP_LIMIT: u64 = CPU_HZ * 10;
 pub(crate) struct Wires {
     pub(crate) next_edge: [u64; 3],
     pub(crate) next_sample: u64,
+    pub(crate) next_pulse: u64,
     pub(crate) next_byte: Option<(u64, u8)>,
     pub(crate) link_idle: u64,
     pub(crate) next_look: u64,
@@ -105,6 +106,7 @@ impl<W: World> Board<W> {
             wires: Wires {
                 next_edge: [0; 3],
                 next_sample: 0,
+                next_pulse: u64::MAX,
                 next_byte: None,
                 link_idle: u64::MAX,
                 next_look: 0,
@@ -126,6 +128,7 @@ impl<W: World> Board<W> {
             board.wires.next_edge[channel] = board.world.next_edge(channel).unwrap_or(u64::MAX);
         }
         board.wires.next_byte = board.world.next_link_byte();
+        board.wires.next_pulse = board.world.next_pulse().unwrap_or(u64::MAX);
         board.restart(CSR_POWER_ON)?;
         Ok(board)
     }
@@ -248,6 +251,18 @@ impl<W: World> Board<W> {
         let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
     }
 
+    /// Switches it on again.
+    pub fn enable_interrupt(&mut self, number: usize) {
+        let register = 0xE000_E100 + 4 * (number as u32 / 32);
+        let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
+    }
+
+    /// Samples that the ADC keeps because no frame has taken them.
+    #[must_use]
+    pub fn adc_backlog(&self) -> usize {
+        self.cpu.get_data().adc.backlog()
+    }
+
     /// Sets the option byte WDG_SW to 0 and cuts the power: from now on the watchdog runs from every reset.
     ///
     /// # Errors
@@ -350,6 +365,38 @@ impl<W: World> Board<W> {
         self.restart(CSR_SOFTWARE)
     }
 
+    /// Another crystal: its frequency, Hz. Before the program looks at it.
+    pub fn set_crystal(&mut self, hz: f64) {
+        self.cpu.get_data_mut().rcc.crystal_hz = Some(hz);
+    }
+
+    /// The crystal stops, for good.
+    pub fn stop_crystal(&mut self) {
+        let chip = self.cpu.get_data_mut();
+        if chip.rcc.crystal_stops() {
+            chip.nmi = true;
+        } else {
+            chip.locked_up = true;
+            chip.asleep = true;
+        }
+    }
+
+    /// The supply sags by so many tenths of a volt, or comes back.
+    pub fn sag(&mut self, tenths: u32) {
+        self.cpu.get_data_mut().pwr.sag_tenths = tenths;
+    }
+
+    /// Takes down from now on when the sample mark rises.
+    pub fn watch_marks(&mut self) {
+        self.cpu.get_data_mut().mark_rises = Some(Vec::new());
+    }
+
+    /// The cycles at which it rose.
+    #[must_use]
+    pub fn marks(&self) -> &[u64] {
+        self.cpu.get_data().mark_rises.as_deref().unwrap_or_default()
+    }
+
     /// Writes to RAM, as a probe does.
     ///
     /// # Errors
@@ -373,11 +420,12 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// Bytes of stack used so far: from the top of RAM down to the lowest byte ever written above the statics.
+    /// Bytes of stack used so far: from its top down to the lowest byte ever written above the statics or the start of RAM.
     #[must_use]
     pub fn stack_used(&self) -> u32 {
-        let mut rest = vec![0; (RAM_START + RAM_SIZE - self.firmware.static_end()) as usize];
-        if self.ram.read(self.firmware.static_end(), &mut rest).is_none() {
+        let room = self.firmware.stack();
+        let mut rest = vec![0; room.len()];
+        if self.ram.read(room.start, &mut rest).is_none() {
             return 0;
         }
         let untouched = rest.iter().take_while(|b| **b == PAINT).count();
@@ -394,7 +442,7 @@ impl<W: World> Board<W> {
     /// Bytes of RAM that statics take.
     #[must_use]
     pub fn static_bytes(&self) -> u32 {
-        self.firmware.static_end() - RAM_START
+        self.firmware.statics().len() as u32
     }
 
     /// Flips one bit of RAM or flash.
@@ -429,6 +477,14 @@ impl<W: World> Board<W> {
         chip.profile = self.cpu.get_data_mut().profile.take();
         chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
         chip.probes.iter_mut().for_each(Probe::interrupt);
+        // What lies outside the processor does not mind its reset.
+        let before = self.cpu.get_data_mut();
+        chip.rcc.crystal_hz = before.rcc.crystal_hz;
+        chip.pwr.sag_tenths = before.pwr.sag_tenths;
+        chip.mark_rises = before.mark_rises.take();
+        if cause != CSR_POWER_ON {
+            chip.adc = before.adc.clone();
+        }
         if self.hardware_watchdog {
             chip.iwdg = Iwdg::hardware(now);
         }
@@ -474,7 +530,7 @@ impl<W: World> Board<W> {
                 return Ok(Stop::Software);
             }
             if chip.asleep {
-                if !chip.locked_up && (chip.event || chip.nvic.any_pending()) {
+                if !chip.locked_up && (chip.event || chip.nmi || chip.nvic.any_pending()) {
                     chip.asleep = false;
                     chip.event = false;
                 } else {
@@ -565,7 +621,7 @@ impl<W: World> Board<W> {
     fn next_but_edges(&self) -> u64 {
         let chip = self.cpu.get_data();
         let mut next = self.wires.next_sample.min(self.wires.next_look).min(self.wires.link_idle);
-        next = next.min(self.wires.next_byte.map_or(u64::MAX, |(t, _)| t));
+        next = next.min(self.wires.next_byte.map_or(u64::MAX, |(t, _)| t)).min(self.wires.next_pulse);
         next.min(chip.tim2.next_event())
             .min(chip.tim5.next_event())
             .min(chip.spi_done)
@@ -585,6 +641,10 @@ impl<W: World> Board<W> {
         }
         while self.wires.next_sample <= now {
             self.sample();
+            any = true;
+        }
+        while self.wires.next_pulse <= now {
+            self.pulse();
             any = true;
         }
         let chip = self.cpu.get_data_mut();

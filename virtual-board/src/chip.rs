@@ -5,7 +5,7 @@ use crate::gpio::{Exti, Port, Syscfg};
 use crate::nvic::{irq, Nvic};
 use crate::probe::Probe;
 use crate::serial::{Spi, Usart};
-use crate::system::{Flash, Iwdg, Pwr, Rcc};
+use crate::system::{CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
 use crate::timer::Timer;
 
 /// A DMA request that a peripheral makes, with the streams that can serve it (RM0390 tables 28 and 29):
@@ -158,6 +158,8 @@ pub struct Chip {
     /// It has been: to be cleared before the CPU goes on.
     pub forget_it: bool,
     pub asleep: bool,
+    /// The NMI is pending.
+    pub nmi: bool,
     /// A fault within a fault: the CPU stands until a reset.
     pub locked_up: bool,
     /// When the ADC was last ready: cycles, instructions.
@@ -173,7 +175,13 @@ pub struct Chip {
     pub flash: Flash,
     pub iwdg: Iwdg,
     pub tim2: Timer,
+    pub tim3: Timer,
     pub tim5: Timer,
+    pub tim11: CrystalCounter,
+    pub crc: ProgramCrc,
+    /// Where a sample mark goes out, and, where they are watched, the cycles at which it rose.
+    pub mark: (usize, usize),
+    pub mark_rises: Option<Vec<u64>>,
     pub ports: [Port; 8],
     pub syscfg: Syscfg,
     pub exti: Exti,
@@ -183,8 +191,13 @@ pub struct Chip {
     pub adc: Ads131m08,
     /// Chip select of the ADC: port and pin.
     pub adc_select: (usize, usize),
+    /// SYNC/RESET of the ADC: port and pin.
+    pub adc_reset: (usize, usize),
     /// The next ADC frame is invalid.
     pub corrupt: bool,
+    /// Bytes too many in the receiver of the SPI, and the last of a frame that they keep for the next.
+    pub slipped: u32,
+    pub left_over: u8,
     dbgmcu: u32,
     /// When the running SPI transfer ends.
     pub spi_done: u64,
@@ -208,6 +221,7 @@ impl Chip {
             it_stale: false,
             forget_it: false,
             asleep: false,
+            nmi: false,
             locked_up: false,
             ready: (0, 0),
             event: false,
@@ -219,7 +233,12 @@ impl Chip {
             flash: Flash::default(),
             iwdg: Iwdg::default(),
             tim2: Timer::default(),
+            tim3: Timer::default(),
             tim5: Timer::default(),
+            tim11: CrystalCounter::default(),
+            crc: ProgramCrc::default(),
+            mark: (2, 8),
+            mark_rises: None,
             ports: Default::default(),
             syscfg: Syscfg::default(),
             exti: Exti::default(),
@@ -228,7 +247,10 @@ impl Chip {
             usart1: Usart::default(),
             adc: Ads131m08::default(),
             adc_select: (1, 6),
+            adc_reset: (2, 7),
             corrupt: false,
+            slipped: 0,
+            left_over: 0,
             dbgmcu: 0,
             spi_done: u64::MAX,
             usart_done: u64::MAX,
@@ -241,7 +263,10 @@ impl Chip {
         let word = ((address & 0x3FF) / 4) as usize;
         let value = match address & !0x3FF {
             0x4000_0000 => self.tim2.read(word, now),
+            0x4000_0400 => self.tim3.read(word, now),
             0x4000_0C00 => self.tim5.read(word, now),
+            0x4001_4800 => self.tim11.read(word, &self.rcc),
+            0x4002_3000 => self.crc.read(word),
             0x4000_3000 => self.iwdg.read(word),
             0x4000_7000 => self.pwr.read(word),
             0x4001_1000 => self.usart1.read(word),
@@ -271,8 +296,25 @@ impl Chip {
         let now = self.now;
         let word = ((address & 0x3FF) / 4) as usize;
         let done = match address & !0x3FF {
-            0x4000_0000 => self.tim2.write(word, value, now),
+            0x4000_0000 => {
+                let done = self.tim2.write(word, value, now);
+                // TIM2 is internal trigger 1 of TIM3 (RM0390 table 100).
+                if self.tim2.triggers_by_start() && self.tim3.waits_for(1) {
+                    let _ = self.tim3.write(0, 1, now);
+                }
+                done
+            }
+            0x4000_0400 => self.tim3.write(word, value, now),
             0x4000_0C00 => self.tim5.write(word, value, now),
+            0x4001_4800 => self.tim11.write(word, value),
+            // (Thousands of words: no line changes.)
+            0x4002_3000 => {
+                let done = self.crc.write(word, value);
+                if done.is_none() {
+                    self.finish(done, address);
+                }
+                return;
+            }
             0x4000_3000 => self.iwdg.write(word, value, now),
             0x4000_7000 => self.pwr.write(word, value),
             0x4001_1000 => self.usart1.write(word, value),
@@ -281,15 +323,33 @@ impl Chip {
             0x4001_3C00 => self.exti.write(word, value),
             a @ 0x4002_0000..=0x4002_1C00 => {
                 let port = ((a - 0x4002_0000) / 0x400) as usize;
+                let (p, pin) = self.mark;
+                let before = self.ports[p].driven(pin);
                 let done = self.ports[port].write(word, value);
+                if !before && self.ports[p].driven(pin) && self.ports[p].is_output(pin) {
+                    if let Some(rises) = &mut self.mark_rises {
+                        rises.push(now);
+                    }
+                }
                 let (p, pin) = self.adc_select;
                 if p == port {
                     let selected = !self.ports[p].driven(pin);
                     self.adc.select(selected, self.corrupt);
                 }
+                let (p, pin) = self.adc_reset;
+                if p == port && self.ports[p].is_output(pin) {
+                    self.adc.sync_reset(self.ports[p].driven(pin), now, crate::CPU_HZ);
+                }
                 return self.finish(done, address);
             }
-            0x4002_3800 => self.rcc.write(word, value),
+            0x4002_3800 => {
+                // APB2RSTR: SPI1 begins anew.
+                if word == 9 && value & 1 << 12 != 0 {
+                    self.spi1 = Spi::default();
+                    self.slipped = 0;
+                }
+                self.rcc.write(word, value)
+            }
             0x4002_3C00 => self.flash.write(word, value),
             0x4002_6000 => self.dma[0].write(address & 0x3FF, value),
             0x4002_6400 => self.dma[1].write(address & 0x3FF, value),
@@ -366,6 +426,7 @@ impl Chip {
     pub fn update_lines(&mut self) {
         let n = &mut self.nvic;
         n.line(irq::TIM2, self.tim2.irq());
+        n.line(irq::TIM3, self.tim3.irq());
         n.line(irq::TIM5, self.tim5.irq());
         n.line(irq::USART1, self.usart1.irq());
         n.line(irq::EXTI9_5, self.exti.irq(0x3E0));

@@ -1,5 +1,6 @@
 //! The firmware's ELF, read once: what lies where in flash, and what is called how.
 
+use std::ops::Range;
 use crate::error::RunError;
 use crate::{FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::read::elf::{ElfFile32, ProgramHeader};
@@ -19,7 +20,8 @@ struct Symbol {
 #[derive(Debug, Clone)]
 pub struct Firmware {
     flash: Vec<u8>,
-    static_end: u32,
+    statics: Range<u32>,
+    stack: Range<u32>,
     /// By address.
     symbols: Vec<Symbol>,
 }
@@ -55,12 +57,16 @@ impl Firmware {
                 .ok_or_else(|| RunError::Elf(format!("a segment at {address:#010x} is outside the flash")))?
                 .copy_from_slice(data);
         }
-        let static_end = file
+        let ram_end = RAM_START + RAM_SIZE;
+        let in_ram = file
             .segments()
-            .filter(|s| (RAM_START..RAM_START + RAM_SIZE).contains(&(s.address() as u32)))
-            .map(|s| s.address().saturating_add(s.size()).min(u64::from(RAM_START + RAM_SIZE)) as u32)
-            .max()
-            .unwrap_or(RAM_START);
+            .filter(|s| (RAM_START..ram_end).contains(&(s.address() as u32)))
+            .map(|s| (s.address() as u32, s.address().saturating_add(s.size()).min(u64::from(ram_end)) as u32));
+        let (start, end) = in_ram.fold((ram_end, RAM_START), |(a, b), (c, d)| (a.min(c), b.max(d)));
+        let statics = if start < end { start..end } else { RAM_START..RAM_START };
+        let top = u32::from_le_bytes([flash[0], flash[1], flash[2], flash[3]]).clamp(RAM_START, ram_end);
+        // It grows down to the statics, or to the start of RAM where it lies below them.
+        let stack = if top <= statics.start { RAM_START..top } else { statics.end.min(top)..top };
         let mut symbols: Vec<Symbol> = file
             .symbols()
             .filter_map(|s| {
@@ -70,7 +76,7 @@ impl Firmware {
             })
             .collect();
         symbols.sort_by(|a, b| (a.address, &a.path).cmp(&(b.address, &b.path)));
-        Ok(Self { flash, static_end, symbols })
+        Ok(Self { flash, statics, stack, symbols })
     }
 
     /// The whole flash.
@@ -79,10 +85,16 @@ impl Firmware {
         &self.flash
     }
 
-    /// The end of what statics take of RAM.
+    /// What statics take of RAM.
     #[must_use]
-    pub fn static_end(&self) -> u32 {
-        self.static_end
+    pub fn statics(&self) -> Range<u32> {
+        self.statics.clone()
+    }
+
+    /// Where the stack may grow.
+    #[must_use]
+    pub fn stack(&self) -> Range<u32> {
+        self.stack.clone()
     }
 
     /// Where the control block of the log lies.

@@ -10,6 +10,10 @@ use unicorn_engine::RegisterARM;
 impl<W: World> Board<W> {
     /// Takes the pending interrupt of highest priority, if it may.
     pub(crate) fn interrupts(&mut self) -> Result<(), RunError> {
+        if std::mem::take(&mut self.cpu.get_data_mut().nmi) {
+            const NMI: u16 = 2;
+            return self.enter_exception(NMI);
+        }
         loop {
             let chip = self.cpu.get_data();
             if !chip.nvic.any_pending() {

@@ -7,9 +7,9 @@ use crate::system::SECTORS;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START};
 use unicorn_engine::{HookType, Prot};
 
-/// Erase of a sector of 128 KiB at its slowest, ms, by PSIZE (STM32F446 data sheet, table 47: x8, x16, x32; x64 needs a voltage that
+/// Erase of a sector at its slowest, ms, by its size (KiB) and PSIZE (STM32F446 data sheet, table 47: x8, x16, x32; x64 needs a voltage that
 /// the board does not have).
-const ERASE_MS: [u64; 3] = [4000, 2600, 2000];
+const ERASE_MS: [(u32, [u64; 3]); 3] = [(16, [800, 600, 500]), (64, [2400, 1400, 1100]), (128, [4000, 2600, 2000])];
 
 impl<W: World> Board<W> {
     /// Counts a flash operation; whether it is the one that is cut short.
@@ -81,7 +81,9 @@ impl<W: World> Board<W> {
     /// Erases the sector that the firmware has asked for, if any.
     pub(crate) fn erase_sector(&mut self) -> Result<(), RunError> {
         let Some(sector) = self.cpu.get_data_mut().flash.erase.take() else { return Ok(()) };
+        let mut times = None;
         if let (Some(&from), Some(&to)) = (SECTORS.get(sector), SECTORS.get(sector + 1)) {
+            times = ERASE_MS.iter().find(|(kib, _)| kib * 1024 == to - from).map(|(_, ms)| ms);
             let mut content = vec![0xFF; (to - from) as usize];
             if self.operate() {
                 // Cut short: what was a zero may be one by now, or not.
@@ -94,7 +96,7 @@ impl<W: World> Board<W> {
         let chip = self.cpu.get_data_mut();
         chip.flash.done();
         // The processor stands still: code comes from the same bank.
-        let slowest = ERASE_MS.get(chip.flash.width()).copied();
+        let slowest = times.and_then(|ms| ms.get(chip.flash.width()).copied());
         let ms = slowest.ok_or_else(|| RunError::NotModelled {
             what: "an erase with PSIZE x64 and no external voltage (RM0390 section 3.8.5)".into(),
             pc: 0,

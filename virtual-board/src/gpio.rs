@@ -42,6 +42,16 @@ impl Port {
         Some(())
     }
 
+    /// Whether a pin is an output.
+    pub fn is_output(&self, pin: usize) -> bool {
+        self.regs[MODER] >> (2 * pin) & 3 == 1
+    }
+
+    /// The alternate function that a pin is given to.
+    pub fn alternate(&self, pin: usize) -> Option<u32> {
+        (self.regs[MODER] >> (2 * pin) & 3 == 2).then(|| self.regs[8 + pin / 8] >> (4 * (pin % 8)) & 0xF)
+    }
+
     /// Level of a pin as an output.
     pub fn driven(&self, pin: usize) -> bool {
         self.regs[ODR] & (1 << pin) != 0

@@ -72,6 +72,17 @@ pub const RAM_START: u32 = 0x2000_0000;
 /// Size of RAM.
 pub const RAM_SIZE: u32 = 128 * 1024;
 
+/// What may befall the ADC or its bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AdcMishap {
+    /// Its supply fails for a moment.
+    LosesSettings,
+    /// A bit of a register changes: the register and the bit.
+    Flips(usize, u32),
+    /// A disturbance on the clock line leaves a byte too many in the processor's receiver.
+    SlipsAByte,
+}
+
 /// What happens on the wires. All times are cycles since power-on and must not go backwards per source.
 pub trait World {
     /// Time of the next rising edge at capture input `channel` (0 to 2), or `None` if there will be none.
@@ -88,9 +99,18 @@ pub trait World {
     }
     /// An edge was captured: the channel and the timer's reading.
     fn captured(&mut self, _channel: usize, _stamp: u32) {}
-    /// The firmware has fetched a whole ADC frame: reading of the timer at its data-ready edge, the codes
-    /// of the frame, and whether it went over the wire intact.
-    fn fetched(&mut self, _stamp: u32, _codes: [i32; 8], _good: bool) {}
+    /// Time of the next pulse of the pulse per second, or `None` if there will be none.
+    fn next_pulse(&mut self) -> Option<u64> {
+        None
+    }
+    /// A pulse was captured: the reading of TIM2 at its edge.
+    fn pulsed(&mut self, _stamp: u32) {}
+    /// What befalls the ADC or its bus before the sample that is finished at `cycles`.
+    fn adc_mishap(&mut self, _cycles: u64) -> Option<AdcMishap> {
+        None
+    }
+    /// The firmware has fetched a whole ADC frame: reading of the timer at its data-ready edge, and the bytes as they came in.
+    fn fetched(&mut self, _stamp: u32, _frame: &[u8]) {}
     /// Bytes that the firmware has sent over the link, at the end of a DMA transfer.
     fn link_out(&mut self, cycles: u64, bytes: &[u8]);
     /// Bytes of the firmware's log (RTT up channel 0).

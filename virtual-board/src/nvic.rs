@@ -5,6 +5,7 @@ pub mod irq {
     pub const DMA1_STREAM0: usize = 11;
     pub const EXTI9_5: usize = 23;
     pub const TIM2: usize = 28;
+    pub const TIM3: usize = 29;
     pub const USART1: usize = 37;
     pub const EXTI15_10: usize = 40;
     pub const DMA1_STREAM7: usize = 47;
@@ -84,10 +85,10 @@ impl Nvic {
     }
 
     fn priority_of(&self, exception: u16) -> i16 {
-        if exception >= 16 {
-            i16::from(self.priority[usize::from(exception) - 16])
-        } else {
-            -1
+        match exception {
+            2 => -2,
+            0..16 => -1,
+            _ => i16::from(self.priority[usize::from(exception) - 16]),
         }
     }
 

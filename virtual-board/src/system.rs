@@ -1,10 +1,23 @@
 //! RCC, PWR, FLASH, IWDG, DBGMCU.
 
-/// RCC: plain registers, with every oscillator ready as soon as it is on.
+/// RCC: plain registers, with every oscillator ready as soon as it is on; the crystal where there is one.
 #[derive(Debug, Clone)]
 pub struct Rcc {
     regs: [u32; 0x98 / 4],
+    /// The crystal's frequency, Hz; `None`: it is dead.
+    pub crystal_hz: Option<f64>,
 }
+
+/// Of the board's crystal, Hz.
+pub const CRYSTAL_HZ: f64 = 8e6;
+/// Of the chip's own oscillator, Hz.
+const HSI_HZ: f64 = 16e6;
+/// RCC_CR: HSEON, HSERDY, CSSON. RCC_CIR: CSSF, CSSC.
+const HSE_ON: u32 = 1 << 16;
+const HSE_READY: u32 = 1 << 17;
+const CSS_ON: u32 = 1 << 19;
+const CSS_FLAG: u32 = 1 << 7;
+const CSS_CLEAR: u32 = 1 << 23;
 
 /// Reset causes of RCC_CSR.
 pub const CSR_POWER_ON: u32 = 0x0E00_0000;
@@ -19,13 +32,37 @@ impl Rcc {
         regs[0] = 0x83;
         regs[1] = 0x2400_3010;
         regs[0x74 / 4] = cause;
-        Self { regs }
+        Self { regs, crystal_hz: Some(CRYSTAL_HZ) }
+    }
+    fn crystal_runs(&self) -> bool {
+        self.regs[0] & HSE_ON != 0 && self.crystal_hz.is_some()
+    }
+    /// The crystal stops. With the clock security system on the chip goes over to HSI (RM0390 section 6.2.7), and this says that the NMI is due;
+    /// without, a processor that runs on it stands still.
+    pub fn crystal_stops(&mut self) -> bool {
+        let watched = self.crystal_runs() && self.regs[0] & CSS_ON != 0;
+        self.crystal_hz = None;
+        if watched {
+            self.regs[0] &= !(HSE_ON | CSS_ON);
+            self.regs[2] &= !3;
+            self.regs[3] |= CSS_FLAG;
+        }
+        watched
+    }
+    /// HSE / RTCPRE in units of HSI; `None`: it does not run.
+    fn divided_crystal(&self) -> Option<f64> {
+        let divider = self.regs[2] >> 16 & 0x1F;
+        (self.crystal_runs() && divider >= 2).then_some(())?;
+        Some(self.crystal_hz? / f64::from(divider) / HSI_HZ)
     }
     pub fn read(&self, word: usize) -> Option<u32> {
         let value = *self.regs.get(word)?;
         Some(match word {
             // CR: HSI, HSE, PLL, PLLI2S, PLLSAI ready follow their on bits.
-            0 => value & !0x2A02_0002 | (value & 0x1501_0001) << 1,
+            0 => {
+                let ready = value & !0x2A02_0002 | (value & 0x1501_0001) << 1;
+                if self.crystal_runs() { ready } else { ready & !HSE_READY }
+            }
             // CFGR: SWS follows SW.
             2 => value & !0xC | (value & 3) << 2,
             // BDCR, CSR: LSE and LSI ready.
@@ -39,8 +76,83 @@ impl Rcc {
         if word == 0x1D {
             let causes = if value & (1 << 24) != 0 { 0 } else { *slot & 0xFE00_0000 };
             *slot = causes | (value & 1);
+        } else if word == 3 {
+            let flag = if value & CSS_CLEAR != 0 { 0 } else { *slot & CSS_FLAG };
+            *slot = value & !(CSS_FLAG | CSS_CLEAR) | flag;
         } else {
             *slot = value;
+        }
+        Some(())
+    }
+}
+
+/// TIM11 as far as it counts the crystal: its channel 1 on HSE / RTCPRE (TIM11_OR), the counter on HSI. Only the counter's reading at each
+/// capture matters, so time has no part in it: each look at a capture that was taken is the next one.
+#[derive(Debug, Clone, Default)]
+pub struct CrystalCounter {
+    regs: [u32; 0x54 / 4],
+    captures: u32,
+}
+
+impl CrystalCounter {
+    fn captures(&self, rcc: &Rcc) -> Option<f64> {
+        const CR1: usize = 0;
+        const CCMR1: usize = 6;
+        const CCER: usize = 8;
+        const OR: usize = 20;
+        let set_up = self.regs[CR1] & 1 != 0 && self.regs[CCER] & 1 != 0 && self.regs[CCMR1] & 3 == 1 && self.regs[OR] & 3 == 2;
+        let prescaler = f64::from(1u32 << (self.regs[CCMR1] >> 2 & 3));
+        set_up.then(|| rcc.divided_crystal()).flatten().map(|ratio| prescaler / ratio)
+    }
+    pub fn read(&mut self, word: usize, rcc: &Rcc) -> Option<u32> {
+        const SR: usize = 4;
+        const CCR1: usize = 13;
+        Some(match (word, self.captures(rcc)) {
+            (SR, Some(_)) => 2,
+            (SR, None) => 0,
+            (CCR1, Some(ticks)) => {
+                self.captures += 1;
+                (f64::from(self.captures) * ticks) as u32 & 0xFFFF
+            }
+            _ => *self.regs.get(word)?,
+        })
+    }
+    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+        *self.regs.get_mut(word)? = value;
+        Some(())
+    }
+}
+
+/// The CRC unit (RM0390 chapter 4): CRC-32/MPEG-2 of words.
+#[derive(Debug, Clone)]
+pub struct ProgramCrc(u32);
+
+impl Default for ProgramCrc {
+    fn default() -> Self {
+        Self(u32::MAX)
+    }
+}
+
+impl ProgramCrc {
+    pub fn read(&self, word: usize) -> Option<u32> {
+        match word {
+            0 => Some(self.0),
+            1 | 2 => Some(0),
+            _ => None,
+        }
+    }
+    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+        match word {
+            0 => {
+                self.0 ^= value;
+                for _ in 0..32 {
+                    self.0 = self.0 << 1 ^ if self.0 >> 31 != 0 { 0x04C1_1DB7 } else { 0 };
+                }
+            }
+            1 => {}
+            2 if value & 1 != 0 => self.0 = u32::MAX,
+            2 => {}
+            _ => return None,
         }
         Some(())
     }
@@ -50,13 +162,20 @@ impl Rcc {
 #[derive(Debug, Clone, Default)]
 pub struct Pwr {
     regs: [u32; 2],
+    /// The supply is at so many tenths of a volt less than 3.3 V.
+    pub sag_tenths: u32,
 }
 
 impl Pwr {
     pub fn read(&self, word: usize) -> Option<u32> {
         match word {
             0 => Some(self.regs[0]),
-            1 => Some(self.regs[1] | 1 << 14 | 1 << 16 | 1 << 17),
+            1 => {
+                // PVDO: the supply is below the level that PLS sets, 2.2 V and 0.1 V a step up to 2.9 V (data sheet, table 22).
+                let level = 22 + (self.regs[0] >> 5 & 7);
+                let below = self.regs[0] & 1 << 4 != 0 && 33 - self.sag_tenths < level;
+                Some(self.regs[1] | 1 << 14 | 1 << 16 | 1 << 17 | u32::from(below) << 2)
+            }
             _ => None,
         }
     }

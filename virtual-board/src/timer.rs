@@ -99,6 +99,16 @@ impl Timer {
         Some(())
     }
 
+    /// Whether its start is its trigger output (CR2, MMS = 1), and it runs.
+    pub fn triggers_by_start(&self) -> bool {
+        self.regs[1] >> 4 & 7 == 1 && self.running()
+    }
+
+    /// Whether it waits for internal trigger `n` to start (SMCR: SMS = 6).
+    pub fn waits_for(&self, n: u32) -> bool {
+        self.regs[2] & 7 == 6 && self.regs[2] >> 4 & 7 == n && !self.running()
+    }
+
     /// Time of the next compare match or overflow that raises an enabled interrupt.
     pub fn next_event(&self) -> u64 {
         if !self.running() || self.regs[DIER] & 0x1F == 0 {

@@ -3,7 +3,7 @@
 use crate::board::Board;
 use crate::chip::Request;
 use crate::error::RunError;
-use crate::{World, CPU_HZ};
+use crate::{AdcMishap, World, CPU_HZ};
 
 impl<W: World> Board<W> {
     pub(crate) fn edge(&mut self, channel: usize) -> Result<(), RunError> {
@@ -24,6 +24,20 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
+    pub(crate) fn pulse(&mut self) {
+        let at = self.wires.next_pulse;
+        let chip = self.cpu.get_data_mut();
+        // PC6 is channel 1 of TIM3 by alternate function 2 (data sheet, table 11).
+        let connected = chip.ports[2].alternate(6) == Some(2);
+        if let Some((stamp, _)) = connected.then(|| chip.tim3.edge(0, true, at)).flatten() {
+            // As TIM2 counts: the two run on the same clock.
+            let apart = chip.tim2.count(at).wrapping_sub(stamp);
+            let stamp = stamp.wrapping_add(apart);
+            self.world.pulsed(stamp);
+        }
+        self.wires.next_pulse = self.world.next_pulse().unwrap_or(u64::MAX);
+    }
+
     pub(crate) fn sample(&mut self) {
         let at = self.wires.next_sample;
         self.wires.next_sample = at + self.cpu.get_data().adc.period(CPU_HZ).max(1);
@@ -31,15 +45,24 @@ impl<W: World> Board<W> {
             return;
         };
         self.wires.invalid = self.world.invalidate_adc_frame();
+        let mishap = self.world.adc_mishap(at);
         let chip = self.cpu.get_data_mut();
+        match mishap {
+            None => {}
+            Some(AdcMishap::LosesSettings) => chip.adc.lose_settings(),
+            Some(AdcMishap::Flips(register, bit)) => chip.adc.flip(register, bit),
+            Some(AdcMishap::SlipsAByte) => chip.slipped += 1,
+        }
+        if chip.adc.held() {
+            return;
+        }
         chip.ready = (at.min(chip.now), chip.instructions);
         chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
-        // Data-ready falls at its EXTI pin and at channel 4 of TIM2.
+        // Data-ready falls at channel 4 of TIM2.
         if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
             self.wires.ready_stamp = stamp;
         }
-        chip.exti.edge(7, false);
     }
 
     pub(crate) fn finish_spi(&mut self) -> Result<(), RunError> {
@@ -59,16 +82,20 @@ impl<W: World> Board<W> {
         for b in &mut bytes {
             *b = chip.adc.exchange(*b);
         }
+        // A byte too many in the receiver puts all that follow it off by one, until the SPI is reset.
+        for _ in 0..chip.slipped {
+            bytes.rotate_right(1);
+            if let Some(first) = bytes.first_mut() {
+                std::mem::swap(first, &mut chip.left_over);
+            }
+        }
         chip.moved(rx, n);
         chip.moved(tx, n);
-        let (codes, good) = chip.adc.sent();
         let done = self.put(to, &bytes);
         self.moved_by_dma(done)?;
         self.wires.fetch_stamp = stamp;
         if n == 30 {
-            // With the reset flag of the ADC in its status, the codes are not to be used.
-            let good = good && bytes[0] & 0x04 == 0;
-            self.world.fetched(self.wires.fetch_stamp, codes, good);
+            self.world.fetched(self.wires.fetch_stamp, &bytes);
         }
         Ok(())
     }

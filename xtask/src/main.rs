@@ -102,7 +102,16 @@ fn elf_path() -> PathBuf {
 
 fn build(t: &Toolchain) -> Result<(), Failure> {
     println!("building the firmware");
-    run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
+    run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))?;
+    seal(&elf_path())
+}
+
+/// Writes the sum of a finished program into its ELF: the program checks itself against it.
+fn seal(elf: &Path) -> Result<(), Failure> {
+    let failed = |e: std::io::Error| Failure(format!("{}: {e}", elf.display()));
+    let mut bytes = std::fs::read(elf).map_err(failed)?;
+    elf::seal(&mut bytes).ok_or_else(|| Failure(format!("{} has no place for its seal", elf.display())))?;
+    std::fs::write(elf, bytes).map_err(failed)
 }
 
 fn cargo(arguments: &[&str]) -> Command {
@@ -207,6 +216,7 @@ fn align_demo(arguments: &[String]) -> Result<(), Failure> {
         .arg("--target-dir")
         .arg(&folder))?;
     let elf = folder.join(setup::TARGET).join("firmware/firmware");
+    seal(&elf)?;
     let mut all = vec!["align-demo".to_string(), "--upf".to_string(), elf.display().to_string()];
     all.extend_from_slice(arguments);
     tool("hrg-board", &all)
@@ -288,7 +298,8 @@ fn flash() -> Result<(), Failure> {
             "probe-rs is not installed. Run\n\n    cargo install probe-rs-tools --locked\n\nand then this again".into(),
         ));
     }
-    run(t.cargo("run").args(["--profile", "firmware", "-p", "firmware", "--locked"]))
+    build(&t)?;
+    run(Command::new("probe-rs").args(["run", "--chip", "STM32F446RETx"]).arg(elf_path()))
 }
 
 /// What deny.toml forbids.

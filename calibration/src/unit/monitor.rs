@@ -289,6 +289,9 @@ mod tests {
             sequence: 4,
             created_unix_s: 1_795_219_200,
             mode: 0,
+            pps_tick: 0,
+            pps_age_ms: u32::MAX,
+            clock_ppb: 0.0,
         }
     }
 

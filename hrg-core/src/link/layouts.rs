@@ -44,6 +44,9 @@ layout! { Housekeeping {
     resets: u16, "resets since power-on";
     mode: u8, "0 navigate, 1 align, 2 maintenance";
     bias_std_dph: [f32; AXES], "standard uncertainties of the biases, deg/h; NaN where the image does not state them";
+    pps_tick: u32, "timer tick of the last pulse per second";
+    pps_age_ms: u32, "its age at the end of the model step, ms; 4294967295: there was none";
+    clock_ppb: f32, "how much the unit's clock is fast, as corrected, parts per 1e9; 0 before the first measurement";
 } }
 
 layout! { Identity {

@@ -75,6 +75,12 @@ pub struct Housekeeping {
     pub resets: u16,
     /// What the unit is doing: [`mode`].
     pub mode: u8,
+    /// Timer tick of the last pulse per second.
+    pub pps_tick: u32,
+    /// Its age at the end of the step, ms; `u32::MAX`: there was none since the start.
+    pub pps_age_ms: u32,
+    /// How much the unit's clock is fast, as it is corrected, parts per 1e9; 0 before the first measurement.
+    pub clock_ppb: f32,
 }
 
 /// Modes of a unit.
@@ -120,6 +126,9 @@ impl Housekeeping {
             created_unix_s: 0,
             resets: 0,
             mode: mode::NAVIGATE,
+            pps_tick: 0,
+            pps_age_ms: u32::MAX,
+            clock_ppb: 0.0,
         }
     }
 }
@@ -220,6 +229,9 @@ mod tests {
             created_unix_s: 1_700_000_000,
             resets: 3,
             mode: mode::ALIGN,
+            pps_tick: 4_000_000_000,
+            pps_age_ms: 481,
+            clock_ppb: -1234.5,
         }
     }
 

@@ -4,7 +4,7 @@
 //! that comes out here.
 
 use hrg_cal::fit::correct::{Model, Stepped};
-use hrg_core::adc::Fault;
+use hrg_core::adc::{Dialogue, WORDS};
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
 use hrg_core::alignment::session::{AlignMode, Session};
@@ -12,6 +12,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{RatePath, DECIMATION};
 use hrg_core::status::UnitStatus;
@@ -23,11 +24,13 @@ use virtual_board::CYCLES_PER_TICK;
 /// The twin of one power-on.
 pub struct Twin {
     bank: CounterBank,
+    pps: Pps,
     model: Model,
+    adc: Dialogue,
     output: RateOutput,
     telemetry: Telemetry<Box<dyn AlignMode + Send>>,
     now: u64,
-    steps: VecDeque<(StepFrequencies, Output)>,
+    steps: VecDeque<(StepFrequencies, Output, pps::Report)>,
     link: VecDeque<(u64, u8)>,
     deframer: Deframer,
     /// Reports of an alignment that the unit owes.
@@ -59,7 +62,9 @@ impl Twin {
         };
         Self {
             bank: CounterBank::new(Config::REFERENCE, GATES_PER_STEP),
+            pps: Pps::new(Timebase::REFERENCE),
             model: Model::new(calibration, 0.0),
+            adc: Dialogue::default(),
             output: RateOutput::new(path, start_status),
             telemetry: Telemetry::new(session, Timebase::REFERENCE, identity, start_status),
             link: VecDeque::new(),
@@ -96,9 +101,10 @@ impl Twin {
         while self.now > self.bank.close_tick() {
             let at = self.bank.close_tick();
             if let Some(step) = self.bank.poll(at as u32) {
+                let (step, report) = self.pps.second(step);
                 let Stepped { output, pending, .. } = self.model.step(&step);
                 self.output.set_bias(pending);
-                self.steps.push_back((step, output));
+                self.steps.push_back((step, output, report));
             }
         }
     }
@@ -107,6 +113,12 @@ impl Twin {
     pub fn captured(&mut self, channel: usize, stamp: u32) {
         self.advance(stamp);
         self.bank.push(channel, &[stamp]);
+    }
+
+    /// A pulse per second was captured.
+    pub fn pulsed(&mut self, stamp: u32) {
+        self.advance(stamp);
+        self.pps.pulse(stamp);
     }
 
     /// A byte arrives at the unit, at a time in cycles.
@@ -127,9 +139,12 @@ impl Twin {
     }
 
     /// An ADC frame was fetched.
-    pub fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
+    pub fn fetched(&mut self, stamp: u32, frame: &[u8]) {
         self.advance(stamp);
-        let codes = if good { Ok(std::array::from_fn(|k| codes[k])) } else { Err(Fault::Crc) };
+        let byte = |n: usize| frame.get(n).copied().unwrap_or(0);
+        let words: [u32; WORDS] =
+            std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte(4 * k + n))));
+        let Some(codes) = self.adc.heard(&words, false).sample else { return };
         let rates = &mut self.rates;
         let send = |frame| {
             rates.push_back(Message::Rate(frame));
@@ -138,7 +153,8 @@ impl Twin {
         // The twin's memory does not change by itself, and its queue takes everything.
         let Ok(Some(second)) = self.output.sample(stamp, codes, send) else { return };
         self.commands();
-        if let Some((step, output)) = self.steps.pop_front() {
+        if let Some((step, output, report)) = self.steps.pop_front() {
+            self.telemetry.set_pps(report);
             let (housekeeping, report) = self.telemetry.second(&step, &output, Some(&second));
             self.alignment.extend(report.map(Message::Alignment));
             self.housekeeping.push_back(Message::Housekeeping(housekeeping));

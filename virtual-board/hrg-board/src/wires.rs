@@ -11,7 +11,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 use std::ops::Range;
-use virtual_board::{World, CPU_HZ, CYCLES_PER_TICK};
+use virtual_board::{AdcMishap, World, CPU_HZ, CYCLES_PER_TICK};
 
 /// What may be wrong with a resonator's signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +50,10 @@ pub struct WireFaults {
     pub axis: Vec<(usize, AxisFault, Range<f64>)>,
     /// Of the ADC.
     pub adc: Vec<(AdcFault, Range<f64>)>,
+    /// Pulses per second: when the first comes, and how far they are apart, s by the unit's own clock.
+    pub pulses: Option<(f64, f64)>,
+    /// What befalls the ADC and its bus, in order of time.
+    pub adc_mishaps: Vec<(f64, AdcMishap)>,
     /// Extra edges: an axis, and how long after each 1000th edge they come, s.
     pub glitch: Option<(usize, f64)>,
     /// Every n-th ADC frame is invalid.
@@ -137,6 +141,8 @@ pub struct Wires {
     frames_out: u32,
     invalid: bool,
     link_at: usize,
+    mishaps: usize,
+    pulses: u32,
     /// Bytes that wait to come in, and when the last one came.
     coming: VecDeque<u8>,
     last_byte: u64,
@@ -188,6 +194,8 @@ impl Wires {
             frames_out: 0,
             invalid: false,
             link_at: 0,
+            mishaps: 0,
+            pulses: 0,
             coming: VecDeque::new(),
             last_byte: 0,
             out: None,
@@ -239,6 +247,8 @@ impl Wires {
     pub fn set_faults(&mut self, faults: WireFaults) {
         self.faults = faults;
         self.link_at = 0;
+        self.mishaps = 0;
+        self.pulses = 0;
     }
 
     /// With faults.
@@ -405,16 +415,36 @@ impl World for Wires {
         self.invalid || self.faults.invalidate_every.is_some_and(|n| self.frames_out.is_multiple_of(n))
     }
 
+    fn next_pulse(&mut self) -> Option<u64> {
+        let (first_s, period_s) = self.faults.pulses?;
+        let at = first_s + f64::from(self.pulses) * period_s;
+        self.pulses += 1;
+        Some((at * CPU_HZ as f64) as u64)
+    }
+
+    fn pulsed(&mut self, stamp: u32) {
+        if let Some(twin) = &mut self.observers.twin {
+            twin.pulsed(stamp);
+        }
+    }
+
     fn captured(&mut self, channel: usize, stamp: u32) {
         if let Some(twin) = &mut self.observers.twin {
             twin.captured(channel, stamp);
         }
     }
 
-    fn fetched(&mut self, stamp: u32, codes: [i32; 8], good: bool) {
+    fn adc_mishap(&mut self, cycles: u64) -> Option<AdcMishap> {
+        let t = cycles as f64 / CPU_HZ as f64;
+        let due = self.faults.adc_mishaps.get(self.mishaps).filter(|(at, _)| *at <= t)?;
+        self.mishaps += 1;
+        Some(due.1)
+    }
+
+    fn fetched(&mut self, stamp: u32, frame: &[u8]) {
         self.zero_tick = ((self.now / CYCLES_PER_TICK) as u32).wrapping_sub(stamp);
         if let Some(twin) = &mut self.observers.twin {
-            twin.fetched(stamp, codes, good);
+            twin.fetched(stamp, frame);
         }
     }
 

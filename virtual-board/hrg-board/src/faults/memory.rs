@@ -7,7 +7,7 @@ use anyhow::{Context, Result};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::status::UnitStatus;
 use rand::Rng;
-use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START, RAM_SIZE, RAM_START};
+use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START};
 
 /// What became of a flipped bit of RAM.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -179,8 +179,10 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64) -> (u32, u8, u64) {
     let mut draw = draws(seed, 2, trial);
     let (statics, stack) = (board.static_bytes(), board.stack_used());
     let at = draw.random_range(0..statics + stack);
-    // Statics from the bottom of RAM, the stack from its top down.
-    let address = RAM_START + if at < statics { at } else { RAM_SIZE - 1 - (at - statics) };
+    // Statics from their start up, the stack from its top down.
+    let program = board.firmware();
+    let address =
+        if at < statics { program.statics().start + at } else { program.stack().end - 1 - (at - statics) };
     let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
     (address, draw.random_range(0..8), flipped_at)
 }

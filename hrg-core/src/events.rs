@@ -1,0 +1,437 @@
+//! The field log: what befell the unit, in flash, over power cuts.
+//!
+//! # Layout
+//! Two sectors of 16 KiB. Each begins with a head that counts up; then records of 16 bytes, one after the other ([`Record`]). A record whose
+//! checksum does not match (a power cut while it was written) is skipped. The newest sector is written to; the other holds what was before. So at least
+//! 1000 events are kept, and at most 2046.
+//!
+//! # When a sector is erased
+//! An erase takes up to 0.5 s (STM32F446 data sheet, table 47), in which the processor stands still. So it is done only at power-on, before the
+//! first rate, when less than a quarter of a sector is free. In flight a full log takes no more: what is lost is counted.
+//!
+//! # Why not `sequential-storage`
+//! That crate erases when the next record needs it, and takes an asynchronous flash. Here the moment of the erase is what matters.
+
+use crate::bytes;
+use crate::reset::{Halt, ResetCause};
+use crate::status::{AxisStatus, UnitStatus};
+use crate::AXES;
+
+/// Bytes of a record.
+pub const RECORD: usize = 16;
+/// Bytes of a sector.
+pub const SECTOR: usize = 16 * 1024;
+/// Records of a sector, its head included.
+const RECORDS: usize = SECTOR / RECORD;
+/// With fewer free records than this at power-on the other sector is erased and used.
+const ROOM: usize = RECORDS / 4;
+
+/// Flags of an axis, or of the unit, are told once in so many seconds.
+pub const PACE_S: u32 = 60;
+
+/// The two sectors.
+pub trait Store {
+    /// What one of them holds (0 or 1), all of it.
+    fn log(&self, sector: usize) -> &[u8];
+    /// Erases one.
+    fn erase_log(&mut self, sector: usize) -> bool;
+    /// Programs a record.
+    fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; RECORD]) -> bool;
+}
+
+/// What may befall a unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Event {
+    /// It started: why, what had stopped it before, resets since power-on, checksum of the image in use.
+    Start {
+        /// Why.
+        cause: ResetCause,
+        /// What it had said last.
+        halt: Halt,
+        /// Resets since power-on.
+        resets: u16,
+        /// Checksum of the image in use; 0: the compiled-in default.
+        calibration: u32,
+    },
+    /// Flags of an axis rose, and its temperature (the bits of the number in C).
+    Axis {
+        /// 0 to 2.
+        axis: u8,
+        /// Which.
+        flags: AxisStatus,
+        /// Bits of its temperature, C.
+        temperature: u32,
+    },
+    /// Flags of the unit rose.
+    Unit {
+        /// Which.
+        flags: UnitStatus,
+    },
+    /// A burn ended: the answer's number ([`crate::maintenance::Answer`]), and the image's checksum where it was taken.
+    Burn {
+        /// Answer.
+        answer: u8,
+        /// Checksum.
+        calibration: u32,
+    },
+    /// Events that were not written, for want of room.
+    Lost {
+        /// How many.
+        count: u16,
+    },
+}
+
+/// An event with its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Record {
+    /// Time since power-on, over restarts, s.
+    pub on_for_s: u32,
+    /// What happened.
+    pub event: Event,
+}
+
+/// Kinds of records in flash. (0xFF is erased flash.)
+mod kind {
+    pub const HEAD: u8 = 1;
+    pub const START: u8 = 2;
+    pub const AXIS: u8 = 3;
+    pub const UNIT: u8 = 4;
+    pub const BURN: u8 = 5;
+    pub const LOST: u8 = 6;
+}
+
+/// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
+fn laid_out(kind: u8, small: u8, middle: u16, words: [u32; 2]) -> [u8; RECORD] {
+    let mut out = [0; RECORD];
+    out[0] = kind;
+    out[1] = small;
+    out[2..4].copy_from_slice(&middle.to_le_bytes());
+    out[4..8].copy_from_slice(&words[0].to_le_bytes());
+    out[8..12].copy_from_slice(&words[1].to_le_bytes());
+    let sum = bytes::crc32(&out[..12]);
+    out[12..].copy_from_slice(&sum.to_le_bytes());
+    out
+}
+
+fn parts(bytes: &[u8; RECORD]) -> Option<(u8, u8, u16, [u32; 2])> {
+    let word = |at: usize| u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+    (word(12) == self::bytes::crc32(&bytes[..12]))
+        .then(|| (bytes[0], bytes[1], u16::from_le_bytes([bytes[2], bytes[3]]), [word(4), word(8)]))
+}
+
+impl Record {
+    /// As it lies in flash.
+    #[must_use]
+    pub fn to_bytes(self) -> [u8; RECORD] {
+        let t = self.on_for_s;
+        match self.event {
+            Event::Start { cause, halt, resets, calibration } => {
+                laid_out(kind::START, cause as u8 | (halt as u8) << 4, resets, [t, calibration])
+            }
+            Event::Axis { axis, flags, temperature } => laid_out(kind::AXIS, axis, flags.bits(), [t, temperature]),
+            Event::Unit { flags } => laid_out(kind::UNIT, flags.bits(), 0, [t, 0]),
+            Event::Burn { answer, calibration } => laid_out(kind::BURN, answer, 0, [t, calibration]),
+            Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
+        }
+    }
+
+    /// `None`: no record, or a torn one.
+    #[must_use]
+    pub fn from_bytes(bytes: &[u8; RECORD]) -> Option<Self> {
+        let (kind, small, middle, [on_for_s, value]) = parts(bytes)?;
+        let event = match kind {
+            kind::START => Event::Start {
+                cause: ResetCause::from_number(small & 0xF)?,
+                halt: Halt::from_number(small >> 4)?,
+                resets: middle,
+                calibration: value,
+            },
+            kind::AXIS => {
+                Event::Axis { axis: small, flags: AxisStatus::from_bits_truncate(middle), temperature: value }
+            }
+            kind::UNIT => Event::Unit { flags: UnitStatus::from_bits_truncate(small) },
+            kind::BURN => Event::Burn { answer: small, calibration: value },
+            kind::LOST => Event::Lost { count: middle },
+            _ => return None,
+        };
+        Some(Self { on_for_s, event })
+    }
+}
+
+/// The head's number of a sector; `None`: it has none.
+fn head(sector: &[u8]) -> Option<u32> {
+    match parts(sector.first_chunk()?)? {
+        (kind::HEAD, _, _, [number, _]) => Some(number),
+        _ => None,
+    }
+}
+
+/// The records of both sectors, oldest first.
+pub fn records<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Record> + 'a {
+    let [a, b] = sectors.map(head);
+    let swapped = match (a, b) {
+        (Some(a), Some(b)) => b.wrapping_sub(a) as i32 <= 0,
+        (Some(_), None) => true,
+        (None, _) => false,
+    };
+    let [first, second] = if swapped { [sectors[1], sectors[0]] } else { sectors };
+    // (What stands in a sector without a head is from before its erase was cut short.)
+    [first, second]
+        .into_iter()
+        .filter(|s| head(s).is_some())
+        .flat_map(|s| s.chunks_exact(RECORD).filter_map(|r| Record::from_bytes(r.first_chunk()?)))
+}
+
+/// Writes the log.
+#[derive(Debug, Clone)]
+pub struct Journal {
+    sector: usize,
+    /// The next record's number in it; [`RECORDS`]: there is no room.
+    next: usize,
+    lost: u16,
+}
+
+impl Journal {
+    /// Finds the end of the log. `may_erase`: at power-on, before the first rate.
+    pub fn open(store: &mut impl Store, may_erase: bool) -> Self {
+        let heads = [0, 1].map(|s| head(store.log(s)));
+        let (sector, number) = match heads {
+            [Some(a), Some(b)] if b.wrapping_sub(a) as i32 > 0 => (1, b),
+            [Some(a), _] => (0, a),
+            [None, Some(b)] => (1, b),
+            [None, None] => (1, 0),
+        };
+        let next = if heads == [None; 2] { RECORDS } else { Self::end(store.log(sector)) };
+        let mut journal = Self { sector, next, lost: 0 };
+        if may_erase && RECORDS - next < ROOM {
+            journal.change(store, number.wrapping_add(1));
+        }
+        journal
+    }
+
+    /// The number of the first record behind which everything is erased.
+    fn end(sector: &[u8]) -> usize {
+        let written = sector.chunks_exact(RECORD).rposition(|r| r.iter().any(|b| *b != 0xFF));
+        written.map_or(0, |at| at + 1).min(RECORDS)
+    }
+
+    /// Goes over to the other sector.
+    fn change(&mut self, store: &mut impl Store, number: u32) {
+        let other = 1 - self.sector;
+        if store.erase_log(other) && store.write_log(other, 0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
+            *self = Self { sector: other, next: 1, lost: 0 };
+        }
+    }
+
+    /// Writes a record; where there is no room it is counted.
+    pub fn write(&mut self, store: &mut impl Store, record: Record) {
+        // The last place is for what was lost.
+        if self.next + 1 >= RECORDS {
+            self.lost = self.lost.saturating_add(1);
+            return;
+        }
+        let at = self.next;
+        // A place that could not be written is not tried again.
+        self.next += 1;
+        if !store.write_log(self.sector, at * RECORD, &record.to_bytes()) {
+            self.lost = self.lost.saturating_add(1);
+        }
+    }
+
+    /// Events that were not written since the start.
+    #[must_use]
+    pub const fn lost(&self) -> u16 {
+        self.lost
+    }
+}
+
+/// Which flags are told: those that rise, once in [`PACE_S`] for each axis and for the unit.
+#[derive(Debug, Clone, Default)]
+pub struct Watch {
+    before: ([AxisStatus; AXES], UnitStatus),
+    /// Risen and not yet told.
+    risen: ([AxisStatus; AXES], UnitStatus),
+    /// Seconds until each may speak again.
+    wait_s: [u32; AXES + 1],
+}
+
+impl Watch {
+    /// A second: the status of axes and unit, and the temperatures. At most one event for each.
+    pub fn second(
+        &mut self,
+        axes: [AxisStatus; AXES],
+        unit: UnitStatus,
+        temperature_c: [f32; AXES],
+        mut tell: impl FnMut(Event),
+    ) {
+        self.wait_s.iter_mut().for_each(|w| *w = w.saturating_sub(1));
+        for k in 0..AXES {
+            self.risen.0[k] |= axes[k].difference(self.before.0[k]);
+            if self.wait_s[k] == 0 && !self.risen.0[k].is_empty() {
+                let flags = core::mem::take(&mut self.risen.0[k]);
+                tell(Event::Axis { axis: k as u8, flags, temperature: temperature_c[k].to_bits() });
+                self.wait_s[k] = PACE_S;
+            }
+        }
+        self.risen.1 |= unit.difference(self.before.1);
+        if self.wait_s[AXES] == 0 && !self.risen.1.is_empty() {
+            tell(Event::Unit { flags: core::mem::take(&mut self.risen.1) });
+            self.wait_s[AXES] = PACE_S;
+        }
+        self.before = (axes, unit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::vec;
+    use std::vec::Vec;
+
+    /// Flash with a power cut after so many operations (a word programmed, a sector erased).
+    struct Memory {
+        sectors: [Vec<u8>; 2],
+        left: u32,
+        erased: u32,
+    }
+
+    impl Memory {
+        fn new(fill: u8) -> Self {
+            Self { sectors: [vec![fill; SECTOR], vec![fill; SECTOR]], left: u32::MAX, erased: 0 }
+        }
+        fn spend(&mut self) -> bool {
+            self.left = self.left.saturating_sub(1);
+            self.left > 0
+        }
+        fn all(&self) -> Vec<Record> {
+            records([&self.sectors[0], &self.sectors[1]]).collect()
+        }
+    }
+
+    impl Store for Memory {
+        fn log(&self, sector: usize) -> &[u8] {
+            &self.sectors[sector]
+        }
+        fn erase_log(&mut self, sector: usize) -> bool {
+            self.erased += 1;
+            let whole = self.spend();
+            let n = if whole { SECTOR } else { SECTOR / 3 };
+            self.sectors[sector][..n].fill(0xFF);
+            whole
+        }
+        fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; RECORD]) -> bool {
+            for (k, word) in record.chunks(4).enumerate() {
+                let whole = self.spend();
+                for (to, from) in self.sectors[sector][offset + 4 * k..].iter_mut().zip(word) {
+                    // Torn: some bits of the word are programmed.
+                    *to &= if whole { *from } else { *from | 0x5A };
+                }
+                if !whole {
+                    return false;
+                }
+            }
+            true
+        }
+    }
+
+    fn event(k: u32) -> Record {
+        Record { on_for_s: k, event: Event::Burn { answer: 0, calibration: k ^ 0x1234 } }
+    }
+
+    #[test]
+    fn records_come_back_as_they_were() {
+        let flags = AxisStatus::TEMPERATURE_RANGE | AxisStatus::NEIGHBOUR;
+        for event in [
+            Event::Start { cause: ResetCause::Watchdog, halt: Halt::Corruption, resets: 7, calibration: 0xDEAD_BEEF },
+            Event::Axis { axis: 2, flags, temperature: 61.5f32.to_bits() },
+            Event::Unit { flags: UnitStatus::ADC_FAULT },
+            Event::Burn { answer: 7, calibration: 1 },
+            Event::Lost { count: 3 },
+        ] {
+            let record = Record { on_for_s: 12_345, event };
+            let bytes = record.to_bytes();
+            assert_eq!(Record::from_bytes(&bytes), Some(record));
+            for bit in 0..RECORD * 8 {
+                let mut bad = bytes;
+                bad[bit / 8] ^= 1 << (bit % 8);
+                assert_eq!(Record::from_bytes(&bad), None);
+            }
+        }
+        assert_eq!(Record::from_bytes(&[0xFF; RECORD]), None);
+    }
+
+    #[test]
+    fn the_last_thousand_are_kept_over_many_power_ons() {
+        let mut store = Memory::new(0xA5);
+        let mut k = 0;
+        for _ in 0..40 {
+            let mut journal = Journal::open(&mut store, true);
+            for _ in 0..200 {
+                journal.write(&mut store, event(k));
+                k += 1;
+            }
+            assert_eq!(journal.lost(), 0);
+        }
+        let all = store.all();
+        let expected: Vec<Record> = (k - all.len() as u32..k).map(event).collect();
+        assert_eq!(all, expected);
+        assert!(all.len() >= 1000, "{}", all.len());
+        // Once in three quarters of a sector.
+        assert!(store.erased <= 1 + 8000 / 768, "{}", store.erased);
+    }
+
+    #[test]
+    fn a_full_log_takes_no_more_and_counts() {
+        let mut store = Memory::new(0xFF);
+        let mut journal = Journal::open(&mut store, true);
+        (0..2000).for_each(|k| journal.write(&mut store, event(k)));
+        assert_eq!(store.all().len() + usize::from(journal.lost()), 2000);
+        assert_eq!(store.erased, 1, "no erase in flight");
+        // A restart in flight does not erase either.
+        let journal = Journal::open(&mut store, false);
+        assert_eq!((store.erased, journal.next + 1), (1, RECORDS));
+    }
+
+    #[test]
+    fn a_cut_at_any_operation_loses_at_most_the_record_being_written() {
+        // From a log that is about to change its sector: some records, a power-on with its erase, some more.
+        let mut ready = Memory::new(0xFF);
+        let mut journal = Journal::open(&mut ready, true);
+        (0..800).for_each(|k| journal.write(&mut ready, event(k)));
+        for left in 1..60 {
+            let mut store = Memory { sectors: ready.sectors.clone(), left, erased: 0 };
+            let mut journal = Journal::open(&mut store, true);
+            (800..810).for_each(|k| journal.write(&mut store, event(k)));
+            let all = store.all();
+            let whole = (store.left == 0).then(|| all.len()).unwrap_or(810);
+            assert_eq!(all, (0..whole as u32).map(event).collect::<Vec<_>>(), "cut after {left}");
+            // Power comes back.
+            store.left = u32::MAX;
+            let mut journal = Journal::open(&mut store, true);
+            journal.write(&mut store, event(9999));
+            assert_eq!(store.all().last(), Some(&event(9999)), "cut after {left}");
+            assert!(store.all().len() > whole, "cut after {left}");
+        }
+    }
+
+    #[test]
+    fn flags_are_told_when_they_rise_and_not_more_than_once_a_minute() {
+        let mut watch = Watch::default();
+        let mut told = Vec::new();
+        for second in 0..600 {
+            let flicker = if second % 2 == 0 { AxisStatus::EDGE_ERRORS } else { AxisStatus::empty() };
+            let once = if second == 30 { AxisStatus::FREQUENCY_LOST } else { AxisStatus::empty() };
+            let axes = [flicker | once, AxisStatus::empty(), AxisStatus::empty()];
+            watch.second(axes, UnitStatus::IMAGE_REFUSED, [20.0; 3], |e| told.push((second, e)));
+        }
+        let unit: Vec<_> = told.iter().filter(|(_, e)| matches!(e, Event::Unit { .. })).collect();
+        assert_eq!(unit, [&(0, Event::Unit { flags: UnitStatus::IMAGE_REFUSED })]);
+        let axis: Vec<_> = told.iter().filter(|(_, e)| matches!(e, Event::Axis { .. })).collect();
+        assert_eq!(axis.len(), 10, "{axis:?}");
+        let lost = axis.iter().any(
+            |(_, e)| matches!(e, Event::Axis { flags, .. } if flags.contains(AxisStatus::FREQUENCY_LOST)),
+        );
+        assert!(lost, "nothing that rose is forgotten");
+    }
+}
