@@ -258,7 +258,13 @@ mod tests {
 
     #[test]
     fn a_pulse_after_the_end_of_a_step_waits_for_the_next() {
-        let step = |k: u64| StepFrequencies { end_ticks: k * 90_000_000, ..StepFrequencies::default() };
+        let step = |k: u64| StepFrequencies {
+            step: k as u32,
+            end_ticks: k * 90_000_000,
+            frequency_hz: [None; 3],
+            rejected: [0; 3],
+            missing: [0; 3],
+        };
         let (mut early, mut late) = (Pps::new(Timebase::REFERENCE), Pps::new(Timebase::REFERENCE));
         for k in 1..30 {
             // A tick after the end of step k, told before or after that step is closed.

@@ -245,6 +245,20 @@ impl<W: World> Board<W> {
         self.as_on_chip = true;
     }
 
+    /// A bit of a peripheral's register changes. What the peripheral then does is what it does after a write of that value.
+    ///
+    /// # Errors
+    /// A register that is not modelled.
+    pub fn flip_register(&mut self, address: u32, bit: u32) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        let value = chip.read(address);
+        chip.write(address, value ^ 1 << (bit & 31), 4);
+        match chip.error.take() {
+            Some(what) => Err(RunError::NotModelled { what, pc: self.pc() }),
+            None => Ok(()),
+        }
+    }
+
     /// Switches an interrupt off behind the firmware's back.
     pub fn disable_interrupt(&mut self, number: usize) {
         let register = 0xE000_E180 + 4 * (number as u32 / 32);

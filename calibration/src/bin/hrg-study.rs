@@ -3,7 +3,7 @@
 
 use anyhow::Result;
 use clap::Parser;
-use hrg_cal::numeric::stats::quantile;
+use hrg_cal::numeric::stats::{quantile, share_interval as interval};
 use hrg_cal::simulate::{EffectSpec, Noise, Plan, Profile, Source, Unmodelled};
 use hrg_cal::trace::cards;
 use hrg_cal::trace::{trace, Class, Trace, VerdictKind};
@@ -11,7 +11,6 @@ use hrg_cal::AXIS_NAMES;
 use hrg_core::effects::EffectId;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use statrs::distribution::{Beta, ContinuousCDF};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -348,14 +347,6 @@ fn share(part: usize, of: usize) -> String {
             100.0 * high
         )
     }
-}
-
-/// The 95 % interval of a share (Clopper and Pearson 1934).
-fn interval(part: usize, of: usize) -> (f64, f64) {
-    let quantile = |a: usize, b: usize, p: f64| Beta::new(a as f64, b as f64).map_or(f64::NAN, |d| d.inverse_cdf(p));
-    let low = if part == 0 { 0.0 } else { quantile(part, of - part + 1, 0.025) };
-    let high = if part == of { 1.0 } else { quantile(part + 1, of - part, 0.975) };
-    (low, high)
 }
 
 /// How often the class is right, by class and size, with intervals.

@@ -1,5 +1,16 @@
 //! Small statistics.
 
+use statrs::distribution::{Beta, ContinuousCDF};
+
+/// The 95 % interval of a share, `part` of `of` (Clopper and Pearson 1934).
+#[must_use]
+pub fn share_interval(part: usize, of: usize) -> (f64, f64) {
+    let quantile = |a: usize, b: usize, p: f64| Beta::new(a as f64, b as f64).map_or(f64::NAN, |d| d.inverse_cdf(p));
+    let low = if part == 0 { 0.0 } else { quantile(part, of - part + 1, 0.025) };
+    let high = if part == of { 1.0 } else { quantile(part + 1, of - part, 0.975) };
+    (low, high)
+}
+
 /// Sum of products. In eight sums, so that no addition waits for the one before, and the same on every processor. For functions
 /// that are compiled for wider vectors; others take [`dot`].
 #[inline(always)]

@@ -88,6 +88,9 @@ enum Command {
         /// One flipped bit of RAM again, by its number, with what happened on the way.
         #[arg(long, conflicts_with_all = ["short", "only"])]
         trial: Option<u64>,
+        /// Of which kind that one is.
+        #[arg(long, value_enum, default_value = "single")]
+        upset: faults::memory::Upset,
         /// Page whose table is written anew.
         #[arg(long, conflicts_with = "only")]
         page: Option<PathBuf>,
@@ -272,10 +275,10 @@ fn run(command: Command) -> Result<()> {
             print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);
             Ok(())
         }
-        Command::Faults { short, seed, only, trial, page, elf } => {
+        Command::Faults { short, seed, only, trial, upset, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             if let Some(trial) = trial {
-                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial);
+                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial, upset);
             }
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
             faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())

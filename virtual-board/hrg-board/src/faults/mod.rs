@@ -6,12 +6,14 @@
 //! | module | attacks |
 //! |---|---|
 //! | [`power`] | cuts while a calibration is written, and at random instructions |
-//! | [`memory`] | flipped bits in the image in flash, and in RAM |
+//! | [`memory`] | flipped bits in the image in flash, in RAM, and in registers |
+//! | [`chip`] | ADC, program, crystal, supply, starts |
 //! | [`sensors`] | resonators and ADC, one by one and in pairs |
 //! | [`link`] | noise, cut, mutated, replayed and reordered frames, floods |
 //! | [`load`] | everything at once |
 //! | [`time`] | 50 days of time stamps |
 
+pub mod chip;
 pub mod link;
 pub mod load;
 pub mod memory;
@@ -320,7 +322,7 @@ impl Extent {
 }
 
 /// The parts of a campaign, in order.
-pub const PARTS: [&str; 6] = ["power", "memory", "sensors", "link", "time", "load"];
+pub const PARTS: [&str; 7] = ["power", "memory", "chip", "sensors", "link", "time", "load"];
 
 /// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
@@ -338,6 +340,7 @@ pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> R
             match *part {
                 "power" => power::attack(&scene, seed, extent, &mut report)?,
                 "memory" => memory::attack(&scene, seed, extent, &mut report)?,
+                "chip" => chip::attack(&scene, seed, extent, &mut report)?,
                 "sensors" => sensors::attack(&scene, extent, &mut report)?,
                 "link" => link::attack(&scene, seed, extent, &mut report)?,
                 "time" => time::attack(extent, &mut report),
