@@ -1,10 +1,10 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
 use hrg_cal::unit::port::{Burn, Unit};
-use hrg_core::calibration::{Calibration, MAX_BYTES};
+use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
-use hrg_core::sectors::{newest, Sector};
+use hrg_core::sectors::{newest, room, Place, Sector, SECTOR_BYTES};
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::process::{Command as Process, Stdio};
@@ -34,8 +34,8 @@ impl Store for Flash {
         self.0[usize::from(sector.number())].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
-        self.0[usize::from(sector.number())][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
+        self.0[usize::from(at.sector.number())][at.offset as usize..][..bytes.len()].copy_from_slice(bytes);
         true
     }
     fn view(&self, sector: Sector) -> &[u8] {
@@ -59,12 +59,12 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     ours.set_timeout(Duration::from_millis(20)).expect("set");
     std::thread::spawn(move || {
         let _theirs = theirs;
-        let mut flash = Flash([vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]]);
+        let mut flash = Flash([vec![0xFF; SECTOR_BYTES], vec![0xFF; SECTOR_BYTES]]);
         let old = image(1, 1.0);
         let bytes = old.to_bytes().expect("fits");
         flash.0[0][..bytes.len()].copy_from_slice(&bytes);
         let start = |flash: &Flash| {
-            let (c, sector) = newest(&flash.0[0], &flash.0[1]).newest.expect("one is valid");
+            let (c, place) = newest(&flash.0[0], &flash.0[1], None).newest.expect("one is valid");
             let identity = Identity {
                 unit: c.unit,
                 calibration: c.checksum(),
@@ -72,7 +72,7 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
                 sequence: c.sequence,
                 ..Identity::default()
             };
-            (identity, Maintenance::new(c.unit, c.sequence, Some(sector), fault == Fault::Locked))
+            (identity, Maintenance::new(c.unit, c.sequence, Some(place), fault == Fault::Locked))
         };
         let (mut identity, mut maintenance) = start(&flash);
         let (mut deframer, mut chunks) = (Deframer::default(), 0);
@@ -128,14 +128,13 @@ fn burn(fault: Fault) -> (bool, String) {
 #[test]
 fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
     let (old, new) = (image(1, 1.0).checksum(), image(2, 2.0).checksum());
-    let runs =
-        format!("; asked now, unit HRG-7 runs image {old:08x}, number 1; sector A holds image {old:08x}, number 1; ");
-    let next = format!(
-        "sector B holds image {new:08x}, number 2; from its next start on it runs image {new:08x} of unit HRG-7"
-    );
+    let runs = format!("; asked now, unit HRG-7 runs image {old:08x}, number 1; ");
+    let behind = room(image(1, 1.0).to_bytes().expect("fits").len());
+    let next =
+        format!("from its next start on it runs image {new:08x} of unit HRG-7, number 2 (sector A, byte {behind})");
     for (fault, why, holds) in [
-        (Fault::Chunk, "writing: the unit says: the flash could not be written", "sector B holds no valid image"),
-        (Fault::End, "checking: the unit says: the image is not newer", "sector B holds no valid image"),
+        (Fault::Chunk, "writing: the unit says: the flash could not be written", "a restart changes nothing"),
+        (Fault::End, "checking: the unit says: the image is not newer", "a restart changes nothing"),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
         let (done, said) = burn(fault);

@@ -104,7 +104,7 @@ fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 
 #[inline(never)]
 fn start(spawner: Spawner) -> Watchdog {
     let board = board::Board::new();
-    let board::Loaded { calibration, sector, checksum, status } = board.calibration();
+    let board::Loaded { calibration, place, checksum, status } = board.calibration();
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
     static COMPENSATORS: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
@@ -131,10 +131,12 @@ fn start(spawner: Spawner) -> Watchdog {
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status);
+    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status)
+        .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
-    let maintenance = once(MAINTENANCE.try_init(Maintenance::new(identity.unit, identity.sequence, sector, locked)));
+    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked).with_key(maintain::KEY);
+    let maintenance = once(MAINTENANCE.try_init(maintenance));
 
     // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);

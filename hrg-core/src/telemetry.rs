@@ -29,6 +29,9 @@ pub struct Telemetry<S> {
     /// Link errors are flagged in the second in which they were counted.
     flag_link_errors: bool,
     maintenance: bool,
+    trims_in_maintenance_only: bool,
+    /// Commands refused since start.
+    refused: u16,
 }
 
 impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
@@ -43,12 +46,25 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             link_errors: 0,
             flag_link_errors: false,
             maintenance: false,
+            trims_in_maintenance_only: false,
+            refused: 0,
         }
     }
 
+    /// The same; where `only` is true, commands that change rates are refused outside maintenance mode.
+    #[must_use]
+    pub fn with_trims_in_maintenance_only(self, only: bool) -> Self {
+        Self { trims_in_maintenance_only: only, ..self }
+    }
+
     /// A command of the host to the alignment: gives the bias trim, deg/h, where it was accepted. Commands are taken before the
-    /// second in which they arrived.
+    /// second in which they arrived. One that is refused is counted and flagged as a bad frame; the alignment goes on.
     pub fn align(&mut self, command: Command) -> Option<[f32; AXES]> {
+        if self.trims_in_maintenance_only && !self.maintenance && command == Command::Accept {
+            self.refused = self.refused.saturating_add(1);
+            self.flag_link_errors = true;
+            return None;
+        }
         self.session.command(command)
     }
 
@@ -87,7 +103,7 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             h.unit_status |= UnitStatus::LINK_ERRORS;
         }
         h.dropped = self.dropped;
-        h.link_errors = self.link_errors;
+        h.link_errors = self.link_errors.saturating_add(self.refused);
         h.calibration = self.identity.calibration;
         h.sequence = self.identity.sequence;
         h.created_unix_s = self.identity.created_unix_s;
@@ -180,6 +196,22 @@ mod tests {
         t.set_link_errors(2);
         let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
         assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED, 2));
+    }
+
+    #[test]
+    fn a_trim_may_need_maintenance_mode() {
+        let mut t = telemetry().with_trims_in_maintenance_only(true);
+        let begin = Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 };
+        assert_eq!(t.align(begin), None);
+        let _ = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!(t.align(Command::Accept), None);
+        let (h, report) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED | UnitStatus::LINK_ERRORS, 1));
+        assert!(h.mode == mode::ALIGN && report.is_some(), "the alignment goes on");
+        t.set_maintenance(true);
+        let _ = t.align(Command::Accept);
+        let (h, _) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED, 1));
     }
 
     #[test]
