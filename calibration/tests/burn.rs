@@ -1,12 +1,15 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
+use hrg_cal::unit::keys;
 use hrg_cal::unit::port::{Burn, Unit};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
 use hrg_core::sectors::{newest, room, Place, Sector, SECTOR_BYTES};
+use hrg_core::signature::Key;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
+use std::path::Path;
 use std::process::{Command as Process, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -23,6 +26,8 @@ enum Fault {
     Restart,
     /// Maintenance mode is not built in.
     Locked,
+    /// None, but the firmware wants images signed with the key of `host-tests/keys`.
+    Signed,
     /// The cable is pulled at the second chunk.
     Cable,
 }
@@ -52,6 +57,12 @@ fn image(sequence: u32, constant: f32) -> Calibration {
     c
 }
 
+const KEY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tests/keys/test.key");
+
+fn public_key() -> Key {
+    Key::new(keys::load(Path::new(KEY)).expect("a key").verifying_key().to_bytes())
+}
+
 /// A unit that runs `image(1, 1.0)` and fails in one way; gives its port.
 fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     let (mut ours, theirs) = TTYPort::pair().expect("a pseudo-terminal");
@@ -72,7 +83,8 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
                 sequence: c.sequence,
                 ..Identity::default()
             };
-            (identity, Maintenance::new(c.unit, c.sequence, Some(place), fault == Fault::Locked))
+            let maintenance = Maintenance::new(c.unit, c.sequence, Some(place), fault == Fault::Locked);
+            (identity, maintenance.with_key(Some(public_key()).filter(|_| fault == Fault::Signed)))
         };
         let (mut identity, mut maintenance) = start(&flash);
         let (mut deframer, mut chunks) = (Deframer::default(), 0);
@@ -108,7 +120,7 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     name
 }
 
-fn burn(fault: Fault) -> (bool, String) {
+fn burn(fault: Fault, options: &[&str]) -> (bool, String) {
     let stop = Arc::new(AtomicBool::new(false));
     let port = unit(fault, stop.clone());
     let path = std::env::temp_dir().join(format!("hrg-burn-{}-{fault:?}.toml", std::process::id()));
@@ -117,6 +129,7 @@ fn burn(fault: Fault) -> (bool, String) {
         .arg("burn")
         .arg(&path)
         .args(["--port", &port])
+        .args(options)
         .stdin(Stdio::null())
         .output()
         .expect("hrg runs");
@@ -137,13 +150,23 @@ fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
         (Fault::End, "checking: the unit says: the image is not newer", "a restart changes nothing"),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
-        let (done, said) = burn(fault);
+        let (done, said) = burn(fault, &[]);
         assert!(!done && said.contains(why), "{fault:?}: {said}");
         assert!(said.contains(&format!("{runs}{holds}")), "{fault:?}: {said}");
         assert!(!said.contains("keeps"), "{fault:?}: {said}");
     }
-    let (done, said) = burn(Fault::Locked);
+    let (done, said) = burn(Fault::Locked, &[]);
     assert!(!done && said.contains("built without maintenance mode") && !said.contains("asked now"), "{said}");
+}
+
+#[test]
+fn a_unit_with_a_key_takes_what_is_burnt_with_it() {
+    let (done, said) = burn(Fault::Signed, &[]);
+    assert!(!done && said.contains("the image is not signed with the key of its firmware; asked now"), "{said}");
+    let (done, said) = burn(Fault::Signed, &["--key", KEY]);
+    assert!(done, "{said}");
+    let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../rustfmt.toml")]);
+    assert!(!done && said.contains("no key of hrg keygen") && !said.contains("asked now"), "{said}");
 }
 
 #[test]

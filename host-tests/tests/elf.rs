@@ -26,7 +26,7 @@ use hrg_core::history::KEPT_WORDS;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{chunks, Answer, Command};
 use hrg_core::reset::ResetCause;
-use hrg_core::sectors::STEP;
+use hrg_core::sectors::{room, SECTOR_BYTES, STEP};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -418,6 +418,41 @@ fn only_a_burn_without_room_stops_the_unit() {
     assert_eq!(maintain(&mut board, Command::Begin(length)).expect("answers"), Some(Answer::Done));
     let erase_s = (board.now() - begun) as f64 / CPU_HZ as f64;
     assert!((1.9..2.2).contains(&erase_s), "an erase by words takes 2 s at its slowest: {erase_s}");
+}
+
+#[test]
+fn a_start_looks_at_the_sectors_in_bounded_time() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let good = scene.calibration.to_bytes().expect("fits").to_vec();
+    let mut bad = good.clone();
+    bad[100] ^= 1;
+    let step = room(good.len());
+    let row = |image: &[u8]| -> Vec<u8> {
+        let mut sector = vec![0xFF; SECTOR_BYTES];
+        sector.chunks_exact_mut(step).for_each(|place| place[..image.len()].copy_from_slice(image));
+        sector
+    };
+    let (full, spoilt, erased) = (row(&good), row(&bad), vec![0xFF; SECTOR_BYTES]);
+    let mut first_good = spoilt.clone();
+    first_good[..good.len()].copy_from_slice(&good);
+    let mut one = erased.clone();
+    one[..good.len()].copy_from_slice(&good);
+    // Measured, and a tenth on top.
+    for (what, a, b, bound) in [
+        ("one image", &one, &erased, 106_000),
+        ("both sectors full", &full, &full, 119_500),
+        ("nothing but changed images behind the one in use", &first_good, &spoilt, 1_610_000),
+    ] {
+        let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
+        board.write_flash(CALIBRATION_A, a).expect("flash");
+        board.write_flash(CALIBRATION_B, b).expect("flash");
+        board.count_calls("hrg_core::sectors::newest").expect("in the ELF");
+        let identity = running(&mut board, 1.0).expect("answers");
+        assert_eq!(identity.calibration, scene.calibration.checksum(), "{what}");
+        let calls = &board.probe(0).expect("counted").calls;
+        println!("{what}: {calls:?} instructions to find the image");
+        assert!(calls.len() == 1 && calls[0] < bound, "{what}: {calls:?}");
+    }
 }
 
 #[test]
