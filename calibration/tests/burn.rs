@@ -1,12 +1,15 @@
 //! Burns that fail, against a unit made of the core's own maintenance mode, on a pseudo-terminal.
 
+use hrg_cal::unit::keys;
 use hrg_cal::unit::port::{Burn, Unit};
-use hrg_core::calibration::{Calibration, MAX_BYTES};
+use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
-use hrg_core::sectors::{newest, Sector};
+use hrg_core::sectors::{newest, room, Place, Sector, SECTOR_BYTES};
+use hrg_core::signature::Key;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
+use std::path::Path;
 use std::process::{Command as Process, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -23,6 +26,8 @@ enum Fault {
     Restart,
     /// Maintenance mode is not built in.
     Locked,
+    /// None, but the firmware wants images signed with the key of `host-tests/keys`.
+    Signed,
     /// The cable is pulled at the second chunk.
     Cable,
 }
@@ -34,8 +39,8 @@ impl Store for Flash {
         self.0[usize::from(sector.number())].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
-        self.0[usize::from(sector.number())][usize::from(offset)..][..bytes.len()].copy_from_slice(bytes);
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
+        self.0[usize::from(at.sector.number())][at.offset as usize..][..bytes.len()].copy_from_slice(bytes);
         true
     }
     fn view(&self, sector: Sector) -> &[u8] {
@@ -52,6 +57,12 @@ fn image(sequence: u32, constant: f32) -> Calibration {
     c
 }
 
+const KEY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tests/keys/test.key");
+
+fn public_key() -> Key {
+    Key::new(keys::load(Path::new(KEY)).expect("a key").verifying_key().to_bytes())
+}
+
 /// A unit that runs `image(1, 1.0)` and fails in one way; gives its port.
 fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     let (mut ours, theirs) = TTYPort::pair().expect("a pseudo-terminal");
@@ -59,12 +70,12 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     ours.set_timeout(Duration::from_millis(20)).expect("set");
     std::thread::spawn(move || {
         let _theirs = theirs;
-        let mut flash = Flash([vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]]);
+        let mut flash = Flash([vec![0xFF; SECTOR_BYTES], vec![0xFF; SECTOR_BYTES]]);
         let old = image(1, 1.0);
         let bytes = old.to_bytes().expect("fits");
         flash.0[0][..bytes.len()].copy_from_slice(&bytes);
         let start = |flash: &Flash| {
-            let (c, sector) = newest(&flash.0[0], &flash.0[1]).newest.expect("one is valid");
+            let (c, place) = newest(&flash.0[0], &flash.0[1], None).newest.expect("one is valid");
             let identity = Identity {
                 unit: c.unit,
                 calibration: c.checksum(),
@@ -72,7 +83,8 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
                 sequence: c.sequence,
                 ..Identity::default()
             };
-            (identity, Maintenance::new(c.unit, c.sequence, Some(sector), fault == Fault::Locked))
+            let maintenance = Maintenance::new(c.unit, c.sequence, Some(place), fault == Fault::Locked);
+            (identity, maintenance.with_key(Some(public_key()).filter(|_| fault == Fault::Signed)))
         };
         let (mut identity, mut maintenance) = start(&flash);
         let (mut deframer, mut chunks) = (Deframer::default(), 0);
@@ -108,7 +120,7 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
     name
 }
 
-fn burn(fault: Fault) -> (bool, String) {
+fn burn(fault: Fault, options: &[&str]) -> (bool, String) {
     let stop = Arc::new(AtomicBool::new(false));
     let port = unit(fault, stop.clone());
     let path = std::env::temp_dir().join(format!("hrg-burn-{}-{fault:?}.toml", std::process::id()));
@@ -117,6 +129,7 @@ fn burn(fault: Fault) -> (bool, String) {
         .arg("burn")
         .arg(&path)
         .args(["--port", &port])
+        .args(options)
         .stdin(Stdio::null())
         .output()
         .expect("hrg runs");
@@ -128,23 +141,32 @@ fn burn(fault: Fault) -> (bool, String) {
 #[test]
 fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
     let (old, new) = (image(1, 1.0).checksum(), image(2, 2.0).checksum());
-    let runs =
-        format!("; asked now, unit HRG-7 runs image {old:08x}, number 1; sector A holds image {old:08x}, number 1; ");
-    let next = format!(
-        "sector B holds image {new:08x}, number 2; from its next start on it runs image {new:08x} of unit HRG-7"
-    );
+    let runs = format!("; asked now, unit HRG-7 runs image {old:08x}, number 1; ");
+    let behind = room(image(1, 1.0).to_bytes().expect("fits").len());
+    let next =
+        format!("from its next start on it runs image {new:08x} of unit HRG-7, number 2 (sector A, byte {behind})");
     for (fault, why, holds) in [
-        (Fault::Chunk, "writing: the unit says: the flash could not be written", "sector B holds no valid image"),
-        (Fault::End, "checking: the unit says: the image is not newer", "sector B holds no valid image"),
+        (Fault::Chunk, "writing: the unit says: the flash could not be written", "a restart changes nothing"),
+        (Fault::End, "checking: the unit says: the image is not newer", "a restart changes nothing"),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
-        let (done, said) = burn(fault);
+        let (done, said) = burn(fault, &[]);
         assert!(!done && said.contains(why), "{fault:?}: {said}");
         assert!(said.contains(&format!("{runs}{holds}")), "{fault:?}: {said}");
         assert!(!said.contains("keeps"), "{fault:?}: {said}");
     }
-    let (done, said) = burn(Fault::Locked);
+    let (done, said) = burn(Fault::Locked, &[]);
     assert!(!done && said.contains("built without maintenance mode") && !said.contains("asked now"), "{said}");
+}
+
+#[test]
+fn a_unit_with_a_key_takes_what_is_burnt_with_it() {
+    let (done, said) = burn(Fault::Signed, &[]);
+    assert!(!done && said.contains("the image is not signed with the key of its firmware; asked now"), "{said}");
+    let (done, said) = burn(Fault::Signed, &["--key", KEY]);
+    assert!(done, "{said}");
+    let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../rustfmt.toml")]);
+    assert!(!done && said.contains("no key of hrg keygen") && !said.contains("asked now"), "{said}");
 }
 
 #[test]

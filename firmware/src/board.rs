@@ -31,7 +31,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::events::Journal;
 use hrg_core::maintenance::Store;
 use hrg_core::reset::ResetCause;
-use hrg_core::sectors::{self, Sector};
+use hrg_core::sectors::{self, Place, Sector};
 use hrg_core::status::UnitStatus;
 use static_cell::ConstStaticCell;
 
@@ -247,20 +247,21 @@ impl Board {
 
     /// The newest valid image of the two sectors, or the compiled-in default.
     pub fn calibration(&self) -> Loaded {
-        let found = sectors::newest(self.sectors.view(Sector::A), self.sectors.view(Sector::B));
+        let found = sectors::newest(self.sectors.view(Sector::A), self.sectors.view(Sector::B), maintain::KEY);
         let mut status = UnitStatus::empty();
         if let Some(error) = found.refused {
             defmt::error!("calibration refused: {}", error);
             status |= UnitStatus::IMAGE_REFUSED;
         }
         match found.newest {
-            Some((calibration, sector)) => {
-                let checksum = sectors::stored_checksum(self.sectors.view(sector)).unwrap_or(0);
-                Loaded { calibration, sector: Some(sector), checksum, status }
+            Some((calibration, place)) => {
+                let image = self.sectors.view(place.sector).get(place.offset as usize..);
+                let checksum = image.and_then(sectors::stored_checksum).unwrap_or(0);
+                Loaded { calibration, place: Some(place), checksum, status }
             }
             None => Loaded {
                 calibration: Calibration::uncalibrated(),
-                sector: None,
+                place: None,
                 checksum: 0,
                 status: status | UnitStatus::DEFAULT_CALIBRATION,
             },
@@ -273,7 +274,7 @@ pub struct Loaded {
     /// The calibration.
     pub calibration: Calibration,
     /// Where it lies; `None`: it is the default.
-    pub sector: Option<Sector>,
+    pub place: Option<Place>,
     /// Checksum of its image; 0: it is the default.
     pub checksum: u32,
     /// What to report of it.

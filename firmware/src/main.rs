@@ -112,7 +112,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let mut board = board::Board::new();
     let halt = kept::last_word(board.reset_cause);
     let verdict = board.program.whole();
-    let board::Loaded { calibration, sector, checksum, mut status } = board.calibration();
+    let board::Loaded { calibration, place, checksum, mut status } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
     status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
@@ -154,10 +154,12 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status);
+    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status)
+        .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
-    let maintenance = once(MAINTENANCE.try_init(Maintenance::new(identity.unit, identity.sequence, sector, locked)));
+    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked).with_key(maintain::KEY);
+    let maintenance = once(MAINTENANCE.try_init(maintenance));
 
     // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);

@@ -1,7 +1,8 @@
 //! Maintenance mode: what the host asks, done on the two calibration sectors. The rules are in `hrg_core::maintenance`.
 //!
 //! The chip has one bank of flash: while a sector is erased (2 s at most, STM32F446 data sheet) the processor stands still, and nothing is
-//! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other.
+//! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other. Most burns erase nothing; the
+//! programming of a word takes 16 us.
 
 use crate::channels::{ANSWER, EVENTS, MAINTAIN, MAINTENANCE_OPEN, ON_FOR_S};
 use crate::clock;
@@ -14,11 +15,11 @@ use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
 use embassy_time::{with_timeout, Timer};
-use hrg_core::calibration;
 use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
-use hrg_core::sectors::Sector;
+use hrg_core::sectors::{Place, Sector};
+use hrg_core::signature::Key;
 
 #[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
 unsafe extern "C" {
@@ -31,6 +32,13 @@ unsafe extern "C" {
     static _events_b_start: u8;
     static _events_b_end: u8;
 }
+
+/// The key whose signatures the unit wants; `None`: it takes images without.
+#[cfg(not(feature = "signed"))]
+pub const KEY: Option<Key> = None;
+/// The key whose signatures the unit wants (build.rs).
+#[cfg(feature = "signed")]
+pub const KEY: Option<Key> = Some(Key::new(include!(concat!(env!("OUT_DIR"), "/public-key.rs"))));
 
 /// The two sectors in flash: written through the controller, read where they lie.
 pub struct Sectors {
@@ -149,16 +157,15 @@ impl Store for Sectors {
     fn erase(&mut self, sector: Sector) -> bool {
         self.erase_range(Self::offsets(sector))
     }
-    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
-        self.program(Self::offsets(sector).start + u32::from(offset), bytes)
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
+        self.program(Self::offsets(at.sector).start + at.offset, bytes)
     }
     fn view(&self, sector: Sector) -> &[u8] {
-        let address = Self::range(sector).start;
-        // SAFETY: a calibration sector (memory.x), longer than that, which nothing but this type writes to, and only with
-        // `&mut self`.
+        let range = Self::range(sector);
+        // SAFETY: a calibration sector (memory.x), which nothing but this type writes to, and only with `&mut self`.
         #[allow(unsafe_code)]
         unsafe {
-            core::slice::from_raw_parts(core::ptr::with_exposed_provenance(address), calibration::MAX_BYTES)
+            core::slice::from_raw_parts(core::ptr::with_exposed_provenance(range.start), range.len())
         }
     }
 }

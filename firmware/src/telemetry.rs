@@ -27,6 +27,9 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
         TELEMETRY_ALIVE.signal(());
         let wait = Duration::from_millis(u64::from(RATES_WAIT_MS));
         let rates = with_timeout(wait, SECONDS.receive()).await.ok();
+        if let Some(open) = MAINTENANCE_OPEN.try_take() {
+            telemetry.set_maintenance(open);
+        }
         while let Ok(command) = ALIGN.try_receive() {
             if let Some(trim) = telemetry.align(command) {
                 TRIM.signal(trim);
@@ -34,9 +37,6 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
         }
         if let Some(errors) = LINK_ERRORS.try_take() {
             telemetry.set_link_errors(errors);
-        }
-        if let Some(open) = MAINTENANCE_OPEN.try_take() {
-            telemetry.set_maintenance(open);
         }
         telemetry.set_pps(report);
         telemetry.set_standing(channels::standing());

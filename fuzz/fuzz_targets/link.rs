@@ -1,24 +1,29 @@
-//! The link: any bytes in, and whatever comes out of them obeyed by the maintenance mode. The sector in use is never touched.
+//! The link: any bytes in, and whatever comes out of them obeyed by the maintenance mode. The newest image is never erased, nor
+//! is anything programmed where the flash is not erased.
 #![no_main]
 
-use hrg_core::calibration::{Calibration, MAX_BYTES};
+use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Message};
 use hrg_core::maintenance::{Maintenance, Store};
-use hrg_core::sectors::Sector;
+use hrg_core::sectors::{sequences, Place, Sector};
 use libfuzzer_sys::fuzz_target;
 
-struct Flash([[u8; MAX_BYTES]; 2]);
+/// Sectors of 8 KiB: soon full.
+struct Flash([[u8; 8192]; 2]);
 
 impl Store for Flash {
     fn erase(&mut self, sector: Sector) -> bool {
-        assert_eq!(sector, Sector::B, "the sector in use");
-        self.0[1].fill(0xFF);
+        let newest = sequences(&self.0[0], &self.0[1], None).newest;
+        assert!(newest.is_some_and(|(_, place)| place.sector != sector), "the newest image");
+        self.0[usize::from(sector.number())].fill(0xFF);
         true
     }
-    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
-        assert_eq!(sector, Sector::B, "the sector in use");
-        assert!(offset % 4 == 0 && bytes.len() % 4 == 0);
-        self.0[1][usize::from(offset)..usize::from(offset) + bytes.len()].copy_from_slice(bytes);
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
+        let from = at.offset as usize;
+        assert!(from % 4 == 0 && bytes.len() % 4 == 0);
+        let place = &mut self.0[usize::from(at.sector.number())][from..from + bytes.len()];
+        assert!(place.iter().all(|b| *b == 0xFF), "programmed twice");
+        place.copy_from_slice(bytes);
         true
     }
     fn view(&self, sector: Sector) -> &[u8] {
@@ -37,9 +42,11 @@ fn obey(m: &Message, mode: &mut Maintenance, flash: &mut Flash) {
 }
 
 fuzz_target!(|data: &[u8]| {
-    let mut flash = Flash([[0xFF; MAX_BYTES]; 2]);
+    let mut flash = Flash([[0xFF; 8192]; 2]);
     let image = Calibration::uncalibrated();
-    let mut mode = Maintenance::new(image.unit, 0, Some(Sector::A), false);
+    let bytes = image.to_bytes().expect("fits");
+    flash.0[0][..bytes.len()].copy_from_slice(&bytes);
+    let mut mode = Maintenance::new(image.unit, 0, Some(Place { sector: Sector::A, offset: 0 }), false);
     let mut deframer = Deframer::default();
     for &byte in data {
         if let Some(Ok(m)) = deframer.push(byte) {
@@ -56,6 +63,7 @@ fuzz_target!(|data: &[u8]| {
             obey(&m, &mut mode, &mut flash);
         }
     }
+    assert!(sequences(&flash.0[0], &flash.0[1], None).newest.is_some(), "always a valid image");
 });
 
 /// COBS, written down once more so that the fuzzed code does not check itself.

@@ -13,6 +13,7 @@ use hrg_cal::unit::record::{Recorder, Second};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command};
+use hrg_core::sectors::{room, Place, Sector};
 use hrg_core::unit_name::UnitName;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -84,10 +85,12 @@ fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice(
     });
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");
-        let (identity, sectors) = unit.read().expect("readable");
+        let (identity, images) = unit.read().expect("readable");
         assert_eq!(identity.sequence, 2);
-        let [a, b] = sectors.map(|s| s.expect("both hold an image"));
-        assert_eq!((a, b), (image(1, 1.5), image(2, 2.5)));
+        // Both burns went into the first sector, one behind the other.
+        let offset = room(image(1, 1.5).to_bytes().expect("fits").len()) as u32;
+        assert_eq!(images.in_use, Some((Place { sector: Sector::A, offset }, Ok(image(2, 2.5)))));
+        assert_eq!(images.newest, images.in_use);
         // A recording of the unit, with the image applied: its rates are the raw ones all the same.
         let mut recorder = Recorder::new(&d.join("run.csv"), "HRG-7");
         while recorder.rows < 200 {

@@ -240,8 +240,8 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
     ok(&d, "burn one.toml --port link --unit HRG-7");
     let took = start.elapsed();
     board.off();
-    // The next ones look at the sector in use first (a third of a burn), then erase, write and read back. A busy machine may be done
-    // before it is cut, or not have begun: then once more.
+    // The next ones look at the image in use first, then write and read back. A busy machine may be done before it is cut, or not have
+    // begun: then once more.
     let mut cut = 0;
     for share in [0.9, 0.7, 1.1, 0.5, 1.3, 0.9] {
         let board = Board::on(&d, speed);
@@ -260,10 +260,10 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
             running.split(word).nth(1).unwrap_or("").chars().take_while(|c| c.is_alphanumeric()).collect()
         };
         let (image, number) = (after("running image "), after(", number "));
-        let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; sector A ");
+        let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; ");
         assert!(said.contains("the port is gone") && said.contains(&wanted), "{said} - {running}");
         let then = said.contains("a restart changes nothing") || said.contains("from its next start on");
-        assert!(said.contains("; sector B ") && then, "{said}");
+        assert!(then, "{said}");
         cut += 1;
         break;
     }

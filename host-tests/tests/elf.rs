@@ -1,7 +1,7 @@
 //! The firmware ELF, as it is flashed, on the virtual board.
 
 use hrg_board::align::align;
-use hrg_board::faults::Scene;
+use hrg_board::faults::{good, Scene};
 use hrg_board::host::{maintain, running};
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
@@ -26,6 +26,7 @@ use hrg_core::history::KEPT_WORDS;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{chunks, Answer, Command};
 use hrg_core::reset::ResetCause;
+use hrg_core::sectors::{room, SECTOR_BYTES, STEP};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -385,15 +386,15 @@ fn an_image_of_another_unit_is_refused_and_never_runs() {
     stranger.sequence += 1;
     let bytes = stranger.to_bytes().expect("fits");
     // In a session that this unit has opened.
-    let begun = board.now();
     assert_eq!(maintain(&mut board, Command::Open(own.unit)).expect("answers"), Some(Answer::Done));
+    let samples = board.world.received.rates.len();
     assert_eq!(maintain(&mut board, Command::Begin(bytes.len() as u16)).expect("answers"), Some(Answer::Done));
-    let erase_s = (board.now() - begun) as f64 / CPU_HZ as f64;
-    assert!((1.9..2.2).contains(&erase_s), "an erase by words takes 2 s at its slowest: {erase_s}");
     for chunk in chunks(&bytes) {
         assert_eq!(maintain(&mut board, chunk).expect("answers"), Some(Answer::Done));
     }
     assert_eq!(maintain(&mut board, Command::End).expect("answers"), Some(Answer::Image));
+    let sent = &board.world.received.rates;
+    assert!(sent.len() > samples && sent.iter().all(good), "a burn that erases nothing disturbs nothing");
     board.power_cut().expect("starts");
     let identity = running(&mut board, 1.0).expect("answers");
     assert_eq!((identity.unit, identity.calibration), (own.unit, own.checksum()));
@@ -401,6 +402,57 @@ fn an_image_of_another_unit_is_refused_and_never_runs() {
     board.run_until(board.now() + 3 * CPU_HZ).expect("runs");
     let last = board.world.received.rates.last().expect("rates");
     assert_eq!(last.unit_status, UnitStatus::empty(), "what was refused is no fault of the flash");
+}
+
+#[test]
+fn only_a_burn_without_room_stops_the_unit() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
+    // The last place of sector A is taken.
+    board.write_flash(CALIBRATION_B - STEP as u32, &[0; 4]).expect("flash");
+    board.run_until(CPU_HZ / 10).expect("runs");
+    let own = scene.calibration.clone();
+    let length = own.to_bytes().expect("fits").len() as u16;
+    assert_eq!(maintain(&mut board, Command::Open(own.unit)).expect("answers"), Some(Answer::Done));
+    let begun = board.now();
+    assert_eq!(maintain(&mut board, Command::Begin(length)).expect("answers"), Some(Answer::Done));
+    let erase_s = (board.now() - begun) as f64 / CPU_HZ as f64;
+    assert!((1.9..2.2).contains(&erase_s), "an erase by words takes 2 s at its slowest: {erase_s}");
+}
+
+#[test]
+fn a_start_looks_at_the_sectors_in_bounded_time() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let good = scene.calibration.to_bytes().expect("fits").to_vec();
+    let mut bad = good.clone();
+    bad[100] ^= 1;
+    let step = room(good.len());
+    let row = |image: &[u8]| -> Vec<u8> {
+        let mut sector = vec![0xFF; SECTOR_BYTES];
+        sector.chunks_exact_mut(step).for_each(|place| place[..image.len()].copy_from_slice(image));
+        sector
+    };
+    let (full, spoilt, erased) = (row(&good), row(&bad), vec![0xFF; SECTOR_BYTES]);
+    let mut first_good = spoilt.clone();
+    first_good[..good.len()].copy_from_slice(&good);
+    let mut one = erased.clone();
+    one[..good.len()].copy_from_slice(&good);
+    // Measured, and a tenth on top.
+    for (what, a, b, bound) in [
+        ("one image", &one, &erased, 106_000),
+        ("both sectors full", &full, &full, 119_500),
+        ("nothing but changed images behind the one in use", &first_good, &spoilt, 1_610_000),
+    ] {
+        let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
+        board.write_flash(CALIBRATION_A, a).expect("flash");
+        board.write_flash(CALIBRATION_B, b).expect("flash");
+        board.count_calls("hrg_core::sectors::newest").expect("in the ELF");
+        let identity = running(&mut board, 1.0).expect("answers");
+        assert_eq!(identity.calibration, scene.calibration.checksum(), "{what}");
+        let calls = &board.probe(0).expect("counted").calls;
+        println!("{what}: {calls:?} instructions to find the image");
+        assert!(calls.len() == 1 && calls[0] < bound, "{what}: {calls:?}");
+    }
 }
 
 #[test]

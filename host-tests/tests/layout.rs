@@ -1,6 +1,7 @@
 //! Facts that stand in two files because the linker and the virtual board each read their own.
 
 use hrg_board::replay::{default_elf, read_elf, CALIBRATION_A, CALIBRATION_B};
+use hrg_core::sectors::SECTOR_BYTES;
 use virtual_board::{Firmware, FLASH_START};
 
 #[test]
@@ -12,7 +13,7 @@ fn linker_and_board_agree_on_the_calibration_sectors() {
             |end: &str| firmware.address_of(&format!("_calibration_{sector}_{end}")).expect("a symbol of memory.x");
         assert_eq!(
             (at("start"), at("end")),
-            (FLASH_START + offset, FLASH_START + offset + 0x2_0000),
+            (FLASH_START + offset, FLASH_START + offset + SECTOR_BYTES as u32),
             "sector {sector}"
         );
     }

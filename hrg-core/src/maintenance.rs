@@ -1,18 +1,20 @@
 //! Maintenance mode: a calibration into the unit over the link.
 //!
-//! # Two sectors, newest valid wins
-//! An image is only ever written into the sector that is *not* in use, and counts only once its first word stands before it
-//! ([`crate::sectors::newest`]). That word is programmed last, after the image was found to be one of this unit, valid and newer. So a
-//! power cut at any moment leaves the old image or the new one, never neither; and an image that is refused never counts,
-//! whatever comes. The sequence number counts burns; each sector has been erased half as often.
+//! # Newest valid wins
+//! An image is appended behind what its sector holds ([`crate::sectors`]); where there is no room, the *other* sector is erased and the
+//! image goes to its start. So the newest valid image is never written to nor erased. A new one counts only once its first word stands
+//! before it. That word is programmed last, after the image was found to be one of this unit, valid, newer, and signed where
+//! the firmware wants it. So a power cut at any moment leaves the old image or the new one, never neither; and an image that is refused
+//! never counts, whatever comes. The sequence number counts burns.
 //!
 //! # Who may write
 //! No command is executed before [`Command::Open`] has named the unit as its image names it. A build with the firmware's feature
-//! `locked` refuses that too. Chunks come in order; one that is repeated (its answer was lost) is answered again and
-//! not written twice.
+//! `locked` refuses that too; one with the feature `signed` takes only images that the owner of its key has signed. Chunks come in order;
+//! one that is repeated (its answer was lost) is answered again and not written twice.
 
-use crate::calibration::{Calibration, COMMIT, MAX_BYTES, REFUSED};
-use crate::sectors::{stored_checksum, Sector};
+use crate::calibration::{stated_length, Calibration, COMMIT, MAX_BYTES, REFUSED};
+use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, PAGE};
+use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
 
 /// Bytes of a chunk.
@@ -22,24 +24,32 @@ pub const CHUNK: usize = 128;
 pub trait Store {
     /// Erases a sector. `false`: it failed.
     fn erase(&mut self, sector: Sector) -> bool;
-    /// Programs bytes at an offset; both multiples of four. `false`: it failed.
-    fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool;
-    /// The first [`MAX_BYTES`] of a sector: flash is in the address space.
+    /// Programs bytes at a place, in their order; both multiples of four. `false`: it failed.
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool;
+    /// A whole sector: flash is in the address space.
     fn view(&self, sector: Sector) -> &[u8];
+}
+
+/// The number that stands for no place.
+pub const NOWHERE: u32 = u32::MAX;
+
+fn number(place: Option<Place>) -> u32 {
+    place.map_or(NOWHERE, Place::number)
 }
 
 /// What the host may ask.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// Enter maintenance mode; names the unit.
+    /// Enter maintenance mode; names the unit. Answered with the place of the image in use ([`Place::number`]).
     Open(UnitName),
     /// Leave it.
     Close,
-    /// An image of so many bytes will come: erases the sector that is not in use.
+    /// So many bytes will come: an image, and its signature where it has one. Answered with the place that they go to. Erases the other
+    /// sector where there is no room in that of the newest image.
     Begin(u16),
     /// A piece of it.
     Chunk {
-        /// Offset in the image.
+        /// Offset in what comes.
         offset: u16,
         /// Bytes in use.
         length: u8,
@@ -50,13 +60,15 @@ pub enum Command {
     End,
     /// Read a piece of a sector.
     Read {
-        /// Sector.
-        sector: Sector,
-        /// Offset.
+        /// Number of the page ([`page`]).
+        page: u8,
+        /// Offset in it.
         offset: u16,
     },
     /// Start anew, with the newest image.
     Restart,
+    /// Which image will run from the next start on? Answered with its place.
+    Newest,
 }
 
 /// An image cut into the chunks that carry it, in order.
@@ -93,8 +105,10 @@ pub enum Answer {
     Flash = 6,
     /// What was written is not a valid image of this unit.
     Image = 7,
-    /// The image is not newer than the one in use: it would never be used.
+    /// The image is not newer than the newest one in flash: it would never be used.
     NotNewer = 8,
+    /// The image is not signed with the key of this firmware.
+    Signature = 9,
 }
 
 impl Answer {
@@ -102,9 +116,20 @@ impl Answer {
     #[must_use]
     pub fn from_number(n: u8) -> Option<Self> {
         use Answer as A;
-        [A::Done, A::NotOpen, A::OtherUnit, A::Locked, A::Length, A::Order, A::Flash, A::Image, A::NotNewer]
-            .into_iter()
-            .find(|a| *a as u8 == n)
+        [
+            A::Done,
+            A::NotOpen,
+            A::OtherUnit,
+            A::Locked,
+            A::Length,
+            A::Order,
+            A::Flash,
+            A::Image,
+            A::NotNewer,
+            A::Signature,
+        ]
+        .into_iter()
+        .find(|a| *a as u8 == n)
     }
 }
 
@@ -119,7 +144,8 @@ impl core::fmt::Display for Answer {
             Self::Order => "a chunk does not follow the one before",
             Self::Flash => "the flash could not be written",
             Self::Image => "what was written is not a valid image of this unit",
-            Self::NotNewer => "the image is not newer than the one in use",
+            Self::NotNewer => "the image is not newer than the one that it holds",
+            Self::Signature => "the image is not signed with the key of its firmware",
         })
     }
 }
@@ -127,49 +153,65 @@ impl core::fmt::Display for Answer {
 /// What goes back.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// How it went, and a number: the next offset after a chunk, the image's checksum at its end.
+    /// How it went, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end.
     Answer(Answer, u32),
     /// A piece of a sector.
     Data {
-        /// Sector.
-        sector: Sector,
-        /// Offset.
+        /// Number of the page.
+        page: u8,
+        /// Offset in it.
         offset: u16,
         /// The bytes.
         data: [u8; CHUNK],
     },
 }
 
+/// What comes in a burn.
+#[derive(Debug, Clone, Copy)]
+struct Coming {
+    place: Place,
+    total: u16,
+    /// Bytes that are there.
+    next: u16,
+}
+
 /// The mode's state.
 #[derive(Debug)]
 pub struct Maintenance {
     unit: UnitName,
-    /// The sector in use; `None`: neither holds a valid image.
-    in_use: Option<Sector>,
-    sequence: u32,
+    /// The image in use; `None`: the compiled-in default.
+    in_use: Option<Place>,
+    /// The newest image in flash, which runs from the next start on, and its sequence number.
+    newest: Option<(Place, u32)>,
     locked: bool,
+    key: Option<Key>,
     open: bool,
-    /// Length of the image that comes, and what is there of it.
-    coming: Option<(u16, u16)>,
-    /// Its first bytes, which are programmed last.
+    coming: Option<Coming>,
+    /// The first bytes of what comes, which are programmed last.
     first: [u8; COMMIT],
 }
 
 impl Maintenance {
-    /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its sector.
+    /// Closed. `unit` and `sequence` are those of the calibration in use, `in_use` is its place.
     #[must_use]
-    pub const fn new(unit: UnitName, sequence: u32, in_use: Option<Sector>, locked: bool) -> Self {
-        Self { unit, in_use, sequence, locked, open: false, coming: None, first: [0; COMMIT] }
+    pub const fn new(unit: UnitName, sequence: u32, in_use: Option<Place>, locked: bool) -> Self {
+        let newest = match in_use {
+            Some(place) => Some((place, sequence)),
+            None => None,
+        };
+        Self { unit, in_use, newest, locked, key: None, open: false, coming: None, first: [0; COMMIT] }
+    }
+
+    /// The same that takes only images signed with a key.
+    #[must_use]
+    pub const fn with_key(self, key: Option<Key>) -> Self {
+        Self { key, ..self }
     }
 
     /// Whether a calibration may be written now.
     #[must_use]
     pub fn open(&self) -> bool {
         self.open
-    }
-
-    fn other_sector(&self) -> Sector {
-        self.in_use.map_or(Sector::A, Sector::other)
     }
 
     /// Obeys a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
@@ -185,7 +227,7 @@ impl Maintenance {
                 } else {
                     Answer::OtherUnit
                 };
-                (answer, self.sequence)
+                (answer, number(self.in_use))
             }
             _ if !self.open => (Answer::NotOpen, 0),
             Command::Close => {
@@ -193,33 +235,41 @@ impl Maintenance {
                 self.coming = None;
                 (Answer::Done, 0)
             }
-            Command::Begin(length) => {
-                self.coming = None;
-                if !(12..=MAX_BYTES).contains(&usize::from(*length)) {
-                    (Answer::Length, 0)
-                } else if store.erase(self.other_sector()) {
-                    self.coming = Some((*length, 0));
-                    (Answer::Done, 0)
-                } else {
-                    (Answer::Flash, 0)
-                }
-            }
+            Command::Begin(length) => self.begin(*length, store),
             Command::Chunk { offset, length, data } => self.chunk(*offset, *length, data, store),
             Command::End => self.end(store),
-            Command::Read { sector, offset } => {
-                let from = usize::from(*offset);
-                if let Some(data) = store.view(*sector).get(from..from + CHUNK).and_then(|p| p.first_chunk()) {
-                    return Reply::Data { sector: *sector, offset: *offset, data: *data };
+            Command::Read { page: number, offset } => {
+                let piece = page(*number).filter(|_| usize::from(*offset) + CHUNK <= PAGE).and_then(|start| {
+                    let from = start.offset as usize + usize::from(*offset);
+                    store.view(start.sector).get(from..)?.first_chunk()
+                });
+                if let Some(data) = piece {
+                    return Reply::Data { page: *number, offset: *offset, data: *data };
                 }
                 (Answer::Flash, 0)
             }
             Command::Restart => (Answer::Done, 0),
+            Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
         };
         Reply::Answer(answer, value)
     }
 
+    fn begin(&mut self, total: u16, store: &mut impl Store) -> (Answer, u32) {
+        self.coming = None;
+        if !(12..=MAX_BYTES + SIGNATURE).contains(&usize::from(total)) {
+            return (Answer::Length, 0);
+        }
+        let newest = self.newest.map(|(place, _)| place);
+        let (place, erase) = place_for(store.view(Sector::A), store.view(Sector::B), newest, usize::from(total));
+        if erase && !store.erase(place.sector) {
+            return (Answer::Flash, 0);
+        }
+        self.coming = Some(Coming { place, total, next: 0 });
+        (Answer::Done, place.number())
+    }
+
     fn chunk(&mut self, offset: u16, length: u8, data: &[u8; CHUNK], store: &mut impl Store) -> (Answer, u32) {
-        let Some((total, next)) = self.coming else {
+        let Some(Coming { place, total, next }) = self.coming else {
             return (Answer::Order, 0);
         };
         let end = u32::from(offset) + u32::from(length);
@@ -240,45 +290,63 @@ impl Maintenance {
         let (at, words) = match words.split_first_chunk() {
             Some((first, rest)) if offset == 0 => {
                 self.first = *first;
-                (COMMIT as u16, rest)
+                (COMMIT as u32, rest)
             }
-            _ => (offset, words),
+            _ => (u32::from(offset), words),
         };
-        if !words.is_empty() && !store.write(self.other_sector(), at, words) {
+        if !words.is_empty() && !store.write(Place { offset: place.offset + at, ..place }, words) {
             self.coming = None;
             return (Answer::Flash, 0);
         }
-        self.coming = Some((total, end as u16));
+        self.coming = Some(Coming { place, total, next: end as u16 });
         (Answer::Done, end)
     }
 
     fn end(&mut self, store: &mut impl Store) -> (Answer, u32) {
-        match self.coming {
-            Some((total, next)) if total == next => {}
-            _ => return (Answer::Order, 0),
-        }
-        self.coming = None;
-        let sector = self.other_sector();
-        let refused = match Calibration::from_uncommitted(self.first, store.view(sector)) {
-            Err(_) => Some(Answer::Image),
-            // A unit that was never calibrated takes its name from its first image.
-            Ok(image) if image.unit != self.unit && self.in_use.is_some() => Some(Answer::Image),
-            Ok(image) if self.in_use.is_some() && image.sequence.wrapping_sub(self.sequence) as i32 <= 0 => {
-                Some(Answer::NotNewer)
-            }
-            Ok(_) => None,
+        let Some(Coming { place, total, .. }) = self.coming.filter(|c| c.total == c.next) else {
+            return (Answer::Order, 0);
         };
-        if let Some(answer) = refused {
-            // (Should this fail, the first word is missing all the same.)
-            store.write(sector, 0, &REFUSED);
-            return (answer, 0);
-        }
-        let written = store.write(sector, 0, &self.first);
-        match stored_checksum(store.view(sector)) {
-            Some(checksum) if written && Calibration::from_bytes(store.view(sector)).is_ok() => {
+        self.coming = None;
+        let from = place.offset as usize;
+        let there = store.view(place.sector).get(from..from + usize::from(total)).unwrap_or_default();
+        let sequence = match self.judge(there) {
+            Ok(sequence) => sequence,
+            Err(answer) => {
+                // (Should this fail, the first word is missing all the same.)
+                store.write(place, &REFUSED);
+                return (answer, 0);
+            }
+        };
+        let written = store.write(place, &self.first);
+        let found = sequences(store.view(Sector::A), store.view(Sector::B), self.key).newest;
+        match store.view(place.sector).get(from..).and_then(stored_checksum) {
+            Some(checksum) if written && found == Some((sequence, place)) => {
+                self.newest = Some((place, sequence));
                 (Answer::Done, checksum)
             }
             _ => (Answer::Flash, 0),
+        }
+    }
+
+    /// Whether what has come, but for its first word, may run from the next start on: gives its sequence number.
+    // Out of line: its stack is needed for a short time only.
+    #[inline(never)]
+    fn judge(&self, there: &[u8]) -> Result<u32, Answer> {
+        let image = Calibration::from_uncommitted(self.first, there).map_err(|_| Answer::Image)?;
+        let own = stated_length(there).unwrap_or(0);
+        if there.len() != own && there.len() != own + SIGNATURE {
+            return Err(Answer::Image);
+        }
+        // A unit that was never calibrated takes its name from its first image.
+        if image.unit != self.unit && self.in_use.is_some() {
+            return Err(Answer::Image);
+        }
+        if self.newest.is_some_and(|(_, newest)| image.sequence.wrapping_sub(newest) as i32 <= 0) {
+            return Err(Answer::NotNewer);
+        }
+        match self.key {
+            Some(key) if !behind(there).is_some_and(|signature| key.signed(there, signature)) => Err(Answer::Signature),
+            _ => Ok(image.sequence),
         }
     }
 }
@@ -287,48 +355,78 @@ impl Maintenance {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::sectors::newest;
+    use crate::calibration::ImageError;
+    use crate::sectors::{newest, room, Found, SECTOR_BYTES};
     use std::vec;
     use std::vec::Vec;
 
-    /// Flash with a power cut after so many operations: a word programmed or a sector erased is one.
+    /// Flash with a power cut after so many operations: a word programmed or a sector erased is one. The last is left half done.
+    #[derive(Clone)]
     struct Memory {
         sectors: [Vec<u8>; 2],
         left: u32,
+        erased: u32,
     }
 
     impl Memory {
+        /// Erased sectors of so many bytes.
+        fn of(bytes: usize) -> Self {
+            Self { sectors: [vec![0xFF; bytes], vec![0xFF; bytes]], left: u32::MAX, erased: 0 }
+        }
+
+        fn at(&mut self, sector: Sector) -> &mut Vec<u8> {
+            &mut self.sectors[usize::from(sector.number())]
+        }
+
+        /// Whether the next operation is done to its end.
         fn spend(&mut self) -> bool {
             self.left = self.left.saturating_sub(1);
             self.left > 0
+        }
+
+        fn found(&self) -> Found<Calibration> {
+            newest(&self.sectors[0], &self.sectors[1], None)
+        }
+
+        /// The unit starts.
+        fn start(&self) -> Maintenance {
+            match self.found().newest {
+                Some((c, place)) => Maintenance::new(c.unit, c.sequence, Some(place), false),
+                None => Maintenance::new(Calibration::uncalibrated().unit, 0, None, false),
+            }
         }
     }
 
     impl Store for Memory {
         fn erase(&mut self, sector: Sector) -> bool {
-            if !self.spend() {
-                // Torn: half of it erased.
-                let n = self.sectors[usize::from(sector.number())].len() / 2;
-                self.sectors[usize::from(sector.number())][..n].fill(0xFF);
-                return false;
-            }
-            self.sectors[usize::from(sector.number())].fill(0xFF);
-            true
+            self.erased += 1;
+            let done = self.spend();
+            let bytes = self.at(sector);
+            let n = if done { bytes.len() } else { bytes.len() / 2 };
+            bytes[..n].fill(0xFF);
+            done
         }
-        fn write(&mut self, sector: Sector, offset: u16, bytes: &[u8]) -> bool {
+        fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
+            assert!(at.offset.is_multiple_of(4) && bytes.len().is_multiple_of(4));
             for (k, word) in bytes.chunks(4).enumerate() {
-                if !self.spend() {
+                let before = self.left;
+                let done = self.spend();
+                if before == 0 {
                     return false;
                 }
-                let at = usize::from(offset) + 4 * k;
-                for (to, from) in self.sectors[usize::from(sector.number())][at..at + 4].iter_mut().zip(word) {
-                    *to &= from;
+                let torn = if done { 0 } else { 0xA5 };
+                let from = at.offset as usize + 4 * k;
+                for (to, from) in self.at(at.sector)[from..from + 4].iter_mut().zip(word) {
+                    *to &= from | torn;
+                }
+                if !done {
+                    return false;
                 }
             }
             true
         }
         fn view(&self, sector: Sector) -> &[u8] {
-            &self.sectors[usize::from(sector.number())][..MAX_BYTES]
+            &self.sectors[usize::from(sector.number())]
         }
     }
 
@@ -340,9 +438,12 @@ mod tests {
         c
     }
 
-    fn burn(m: &mut Maintenance, store: &mut Memory, c: &Calibration) -> Answer {
-        let bytes = c.to_bytes().expect("fits");
-        for command in super::burn(c.unit, &bytes) {
+    fn bytes(sequence: u32) -> Vec<u8> {
+        image(sequence).to_bytes().expect("fits").to_vec()
+    }
+
+    fn burn_bytes(m: &mut Maintenance, store: &mut Memory, unit: UnitName, bytes: &[u8]) -> Answer {
+        for command in super::burn(unit, bytes) {
             match m.command(&command, store) {
                 Reply::Answer(Answer::Done, _) => {}
                 Reply::Answer(answer, _) => return answer,
@@ -352,51 +453,164 @@ mod tests {
         Answer::Done
     }
 
+    fn burn(m: &mut Maintenance, store: &mut Memory, c: &Calibration) -> Answer {
+        burn_bytes(m, store, c.unit, &c.to_bytes().expect("fits"))
+    }
+
+    /// A burn by a unit that has just started.
+    fn burn_next(store: &mut Memory, sequence: u32) -> Answer {
+        let mut m = store.start();
+        // A unit that never had an image has no name yet.
+        let unit = m.unit;
+        burn_bytes(&mut m, store, unit, &bytes(sequence))
+    }
+
     #[test]
-    fn a_cut_at_every_operation_leaves_the_old_or_the_new_image() {
-        let old = image(5);
-        let new = image(6);
-        for in_use in [Sector::A, Sector::B] {
-            let mut finished = false;
-            for left in 1..10_000 {
-                let mut sectors = [vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]];
-                let bytes = old.to_bytes().expect("fits");
-                sectors[usize::from(in_use.number())][..bytes.len()].copy_from_slice(&bytes);
-                // The other sector holds an older image still.
-                let older = image(4).to_bytes().expect("fits");
-                sectors[usize::from(in_use.other().number())][..older.len()].copy_from_slice(&older);
-                let mut store = Memory { sectors, left };
-                let mut m = Maintenance::new(old.unit, old.sequence, Some(in_use), false);
-                let answer = burn(&mut m, &mut store, &new);
-                let (found, sector) = newest(&store.sectors[0], &store.sectors[1]).newest.expect("always one");
+    fn a_cut_at_every_operation_of_70_burns_leaves_the_old_or_the_new_image() {
+        // Small sectors, so that they are full three times; numbers that wrap.
+        let first = u32::MAX - 30;
+        let mut store = Memory::of(20 * room(bytes(0).len()) + 300);
+        let (mut cuts, mut erases) = (0, 0);
+        for k in 0..70 {
+            let number = first.wrapping_add(k);
+            let old = store.found().newest.map(|(c, _)| c.sequence);
+            let mut left = 1;
+            let done = loop {
+                let mut cut = Memory { left, ..store.clone() };
+                let answer = burn_next(&mut cut, number);
+                let is = cut.found().newest.map(|(c, _)| c.sequence);
                 if answer == Answer::Done {
-                    assert_eq!((found, sector), (new.clone(), in_use.other()));
-                    finished = true;
-                    break;
+                    assert_eq!(is, Some(number));
+                    break cut;
                 }
-                assert!(found == old || found == new, "cut after {left} operations: no. {}", found.sequence);
-            }
-            assert!(finished);
+                assert!(is == old || is == Some(number), "burn {k} cut after {left} operations: {is:?}");
+                cuts += 1;
+                // The next burn goes through and ends all complaint, whatever was left; each third time.
+                if left.is_multiple_of(3) {
+                    let mut again = Memory { left: u32::MAX, ..cut };
+                    let next = is.map_or(number, |n| n.wrapping_add(1));
+                    assert_eq!(burn_next(&mut again, next), Answer::Done, "burn {k} after a cut at {left}");
+                    let found = again.found();
+                    assert_eq!((found.newest.map(|(c, _)| c.sequence), found.refused), (Some(next), None));
+                }
+                left += 1;
+            };
+            erases += done.erased - store.erased;
+            assert_eq!(done.found().refused, None);
+            store = Memory { left: u32::MAX, ..done };
         }
+        assert_eq!(erases, 3, "20 burns for each erase, the first sector never");
+        assert!(cuts > 7000, "{cuts}");
+    }
+
+    #[test]
+    fn a_cut_behind_a_torn_image_and_one_with_the_sector_full_of_torn_ones() {
+        let mut store = Memory::of(6 * room(bytes(0).len()));
+        assert_eq!(burn_next(&mut store, 5), Answer::Done);
+        let mut places = Vec::new();
+        for k in 0..20 {
+            // Cut somewhere in its middle, each time.
+            let mut cut = Memory { left: 10 + 4 * k, ..store };
+            assert_ne!(burn_next(&mut cut, 6), Answer::Done);
+            let found = cut.found();
+            assert_eq!(found.newest.map(|(c, p)| (c.sequence, p.number())), Some((5, 0)), "after {k} torn images");
+            assert_eq!(found.refused, Some(ImageError::Foreign), "it may be newer");
+            places.push(cut.erased);
+            store = Memory { left: u32::MAX, ..cut };
+        }
+        assert!(places[0] == 0 && places[19] > 5, "sector B is erased anew each time once A is full: {places:?}");
+        assert_eq!(burn_next(&mut store, 6), Answer::Done);
+        let found = store.found();
+        assert_eq!((found.newest.map(|(c, _)| c.sequence), found.refused), (Some(6), None));
+    }
+
+    #[test]
+    fn a_unit_whose_sectors_are_full_of_garbage_takes_a_burn_and_the_next_one_ends_the_flag() {
+        let mut store = Memory::of(SECTOR_BYTES);
+        store.sectors.iter_mut().for_each(|s| s.fill(0xA5));
+        assert_eq!(burn_next(&mut store, 1), Answer::Done);
+        let found = store.found();
+        assert_eq!((found.newest.map(|(_, p)| p.sector), found.refused), (Some(Sector::B), Some(ImageError::Foreign)));
+        assert_eq!(burn_next(&mut store, 2), Answer::Done);
+        let found = store.found();
+        assert_eq!((found.newest.map(|(_, p)| p.sector), found.refused), (Some(Sector::A), None));
+    }
+
+    #[test]
+    fn a_sector_takes_170_burns_between_two_erases() {
+        let mut c = image(0);
+        for id in [4u16, 6, 3] {
+            c.effects.push(crate::calibration::EffectTerm::new(id, [600.0, 1.0])).expect("room");
+        }
+        let mut store = Memory::of(SECTOR_BYTES);
+        let mut last_erase = 0;
+        for sequence in 1..=700 {
+            c.sequence = sequence;
+            let before = store.erased;
+            let mut m = store.start();
+            let unit = m.unit;
+            assert_eq!(burn_bytes(&mut m, &mut store, unit, &c.to_bytes().expect("fits")), Answer::Done);
+            if store.erased > before {
+                let length = c.to_bytes().expect("fits").len();
+                std::println!("{} burns of {length} bytes", sequence - last_erase - 1);
+                assert_eq!(sequence - last_erase - 1, (SECTOR_BYTES / room(length)) as u32 - u32::from(last_erase > 0));
+                last_erase = sequence;
+            }
+        }
+        assert_eq!(store.found().newest.map(|(c, _)| c.sequence), Some(700));
+    }
+
+    #[test]
+    fn an_old_units_image_loads_and_the_next_goes_behind_it() {
+        let mut store = Memory::of(SECTOR_BYTES);
+        for (sector, number) in [(Sector::A, 4), (Sector::B, 5)] {
+            let image = bytes(number);
+            store.at(sector)[..image.len()].copy_from_slice(&image);
+        }
+        let b = Place { sector: Sector::B, offset: 0 };
+        assert_eq!(store.found(), Found { newest: Some((image(5), b)), refused: None });
+        let mut m = store.start();
+        assert_eq!(burn(&mut m, &mut store, &image(6)), Answer::Done);
+        let behind = Place { offset: room(bytes(0).len()) as u32, ..b };
+        assert_eq!((store.found().newest, store.erased), (Some((image(6), behind)), 0));
+        // What the unit runs, what it will run, and what is read there.
+        assert_eq!(m.command(&Command::Open(image(6).unit), &mut store), Reply::Answer(Answer::Done, b.number()));
+        assert_eq!(m.command(&Command::Newest, &mut store), Reply::Answer(Answer::Done, behind.number()));
+        let (page, offset) = behind.in_page();
+        match m.command(&Command::Read { page, offset }, &mut store) {
+            Reply::Data { data, .. } => assert_eq!(data, bytes(6)[..CHUNK]),
+            other => panic!("{other:?}"),
+        }
+        // A second burn without a restart must be newer than the first.
+        assert_eq!(burn(&mut m, &mut store, &image(6)), Answer::NotNewer);
+        assert_eq!(burn(&mut m, &mut store, &image(7)), Answer::Done);
+        assert_eq!(store.found().newest.map(|(c, _)| c.sequence), Some(7));
     }
 
     #[test]
     fn nothing_is_done_for_strangers_or_in_disorder() {
-        let mut store = Memory { sectors: [vec![0xAA; MAX_BYTES], vec![0xAA; MAX_BYTES]], left: u32::MAX };
+        let mut store = Memory::of(SECTOR_BYTES);
+        let own = bytes(3);
+        store.sectors[0][..own.len()].copy_from_slice(&own);
         let untouched = store.sectors.clone();
-        let mut m = Maintenance::new(image(3).unit, 3, Some(Sector::A), false);
+        let mut m = store.start();
         let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
             Reply::Data { .. } => Answer::Done,
         };
-        assert_eq!(said(&mut m, &mut store, Command::Begin(500)), Answer::NotOpen);
-        assert_eq!(said(&mut m, &mut store, Command::Restart), Answer::NotOpen);
+        for command in [Command::Begin(500), Command::Restart, Command::Newest, Command::Read { page: 0, offset: 0 }] {
+            assert_eq!(said(&mut m, &mut store, command), Answer::NotOpen);
+        }
         assert_eq!(said(&mut m, &mut store, Command::Open(UnitName::new("????????????????"))), Answer::OtherUnit);
-        assert_eq!(said(&mut m, &mut store, Command::Read { sector: Sector::A, offset: 0 }), Answer::NotOpen);
-        let mut locked = Maintenance::new(image(3).unit, 3, Some(Sector::A), true);
+        let mut locked = Maintenance::new(image(3).unit, 3, None, true);
         assert_eq!(said(&mut locked, &mut store, Command::Open(image(3).unit)), Answer::Locked);
         assert_eq!(said(&mut m, &mut store, Command::Open(image(3).unit)), Answer::Done);
-        for length in [0, 11, MAX_BYTES as u16 + 1, u16::MAX] {
+        for (page, offset, answer) in
+            [(0, 0, Answer::Done), (63, 3968, Answer::Done), (63, 3969, Answer::Flash), (64, 0, Answer::Flash)]
+        {
+            assert_eq!(said(&mut m, &mut store, Command::Read { page, offset }), answer);
+        }
+        for length in [0, 11, (MAX_BYTES + SIGNATURE + 1) as u16, u16::MAX] {
             assert_eq!(said(&mut m, &mut store, Command::Begin(length)), Answer::Length);
         }
         let chunk = |offset, length| Command::Chunk { offset, length, data: [0; CHUNK] };
@@ -412,9 +626,11 @@ mod tests {
         assert_eq!(said(&mut m, &mut store, chunk(128, 128)), Answer::Done);
         assert_eq!(said(&mut m, &mut store, chunk(256, 44)), Answer::Done);
         assert_eq!(said(&mut m, &mut store, Command::End), Answer::Image, "zeros are no image");
-        assert_eq!(store.sectors[0], untouched[0], "the sector in use is never touched");
         assert_eq!(burn(&mut m, &mut store, &image(3)), Answer::NotNewer);
-        assert_eq!(newest(&[0xFF; MAX_BYTES], store.view(Sector::B)).refused, None, "what was refused is no fault");
+        assert_eq!(burn_bytes(&mut m, &mut store, image(3).unit, &[&bytes(4)[..], &[7; 4]].concat()), Answer::Image);
+        let own_end = room(own.len());
+        assert_eq!(store.sectors[0][..own_end], untouched[0][..own_end], "the image in use is never touched");
+        assert_eq!((store.found().refused, store.erased), (None, 0), "what was refused is no fault");
         let mut stranger = image(9);
         stranger.set_unit_name("HRG-8");
         assert_eq!(burn(&mut m, &mut store, &stranger), Answer::OtherUnit);
@@ -433,12 +649,12 @@ mod tests {
             (image(5).to_bytes().expect("fits"), Answer::NotNewer),
             (torn, Answer::Image),
         ] {
-            for left in (1..2000).chain([u32::MAX]) {
-                let mut sectors = [vec![0xFF; MAX_BYTES], vec![0xFF; MAX_BYTES]];
+            for left in (1..300).chain([u32::MAX]) {
+                let mut store = Memory::of(2 * MAX_BYTES);
                 let own = old.to_bytes().expect("fits");
-                sectors[0][..own.len()].copy_from_slice(&own);
-                let mut store = Memory { sectors, left };
-                let mut m = Maintenance::new(old.unit, old.sequence, Some(Sector::A), false);
+                store.sectors[0][..own.len()].copy_from_slice(&own);
+                store.left = left;
+                let mut m = store.start();
                 let mut last = Answer::Done;
                 let commands = [Command::Open(old.unit), Command::Begin(bytes.len() as u16)];
                 for command in commands.into_iter().chain(chunks(&bytes)).chain([Command::End]) {
@@ -446,11 +662,116 @@ mod tests {
                         last = a;
                     }
                 }
-                let found = newest(&store.sectors[0], &store.sectors[1]);
-                assert_eq!(found.newest, Some((old.clone(), Sector::A)), "cut after {left} operations");
+                let found = store.found();
+                let first = Place { sector: Sector::A, offset: 0 };
+                assert_eq!(found.newest, Some((old.clone(), first)), "cut after {left} operations");
                 if left == u32::MAX {
                     assert_eq!((last, found.refused), (answer, None));
                 }
+            }
+        }
+    }
+
+    #[cfg(feature = "signed")]
+    mod signed {
+        use super::*;
+        use crate::sectors::{sequences, MOST_SIGNATURES};
+        use ed25519_dalek::{Signer, SigningKey};
+
+        fn owner() -> SigningKey {
+            SigningKey::from_bytes(&[7; 32])
+        }
+
+        fn key(of: &SigningKey) -> Option<Key> {
+            Some(Key::new(of.verifying_key().to_bytes()))
+        }
+
+        /// The bytes of a burn: an image and its signature.
+        fn signed(image: &[u8], by: &SigningKey) -> Vec<u8> {
+            [image, &by.sign(image).to_bytes()[..]].concat()
+        }
+
+        /// A unit that runs image 5, signed, at the start of sector A.
+        fn unit() -> (Memory, Maintenance) {
+            let mut store = Memory::of(SECTOR_BYTES);
+            let own = signed(&bytes(5), &owner());
+            store.sectors[0][..own.len()].copy_from_slice(&own);
+            let m = store.start().with_key(key(&owner()));
+            (store, m)
+        }
+
+        fn runs(store: &Memory) -> (Option<u32>, Option<ImageError>) {
+            let found = sequences(&store.sectors[0], &store.sectors[1], key(&owner()));
+            (found.newest.map(|(n, _)| n), found.refused)
+        }
+
+        #[test]
+        fn an_image_counts_with_its_owners_signature_only() {
+            let unit_name = image(0).unit;
+            let (mut store, mut m) = unit();
+            assert_eq!(runs(&store), (Some(5), None));
+            let other = SigningKey::from_bytes(&[8; 32]);
+            for (what, coming) in [
+                ("missing", bytes(6)),
+                ("erased", [&bytes(6)[..], &[0xFF; SIGNATURE]].concat()),
+                ("zeros", [&bytes(6)[..], &[0; SIGNATURE]].concat()),
+                ("another key", signed(&bytes(6), &other)),
+                ("of another image", [&bytes(6)[..], &owner().sign(&bytes(7)).to_bytes()].concat()),
+            ] {
+                assert_eq!(burn_bytes(&mut m, &mut store, unit_name, &coming), Answer::Signature, "{what}");
+                assert_eq!(runs(&store), (Some(5), None), "{what}");
+            }
+            assert_eq!(burn_bytes(&mut m, &mut store, unit_name, &signed(&bytes(6), &owner())), Answer::Done);
+            assert_eq!(runs(&store), (Some(6), None));
+            // An older one is signed well, and older.
+            assert_eq!(burn_bytes(&mut m, &mut store, unit_name, &signed(&bytes(5), &owner())), Answer::NotNewer);
+            // A unit that asks for no signature takes both.
+            let mut m = store.start();
+            assert_eq!(burn_bytes(&mut m, &mut store, unit_name, &signed(&bytes(7), &other)), Answer::Done);
+            assert_eq!(burn_bytes(&mut m, &mut store, unit_name, &bytes(8)), Answer::Done);
+            assert_eq!(store.found().newest.map(|(c, _)| c.sequence), Some(8));
+            // And one that asks for it does not run them.
+            assert_eq!(runs(&store), (Some(6), Some(ImageError::Signature)));
+        }
+
+        #[test]
+        fn every_flipped_bit_of_image_and_signature_is_noticed() {
+            let unit_name = image(0).unit;
+            let good = signed(&bytes(6), &owner());
+            let image_bits = bytes(6).len() * 8;
+            // Each bit of the signature, and bits of the image whose checksum is made to fit again.
+            for bit in (image_bits..good.len() * 8).chain((8 * 12..image_bits - 32).step_by(97)) {
+                let mut bad = good.clone();
+                bad[bit / 8] ^= 1 << (bit % 8);
+                let end = image_bits / 8;
+                let crc = crate::bytes::crc32(&bad[..end - 4]).to_le_bytes();
+                bad[end - 4..end].copy_from_slice(&crc);
+                let (mut store, mut m) = unit();
+                let answer = burn_bytes(&mut m, &mut store, unit_name, &bad);
+                assert_ne!(answer, Answer::Done, "bit {bit}");
+                if bit >= image_bits {
+                    assert_eq!(answer, Answer::Signature, "bit {bit}");
+                }
+                // Put there by somebody else: it does not run either.
+                let (mut store, _) = unit();
+                let at = room(bytes(5).len());
+                store.sectors[0][at..at + bad.len()].copy_from_slice(&bad);
+                let (number, refused) = runs(&store);
+                assert!(number == Some(5) && refused.is_some(), "bit {bit}: {number:?} {refused:?}");
+            }
+        }
+
+        #[test]
+        fn a_start_checks_a_few_signatures_only() {
+            let other = SigningKey::from_bytes(&[8; 32]);
+            for (wrong, runs_at_last) in [(MOST_SIGNATURES - 1, Some(5)), (MOST_SIGNATURES, None)] {
+                let (mut store, _) = unit();
+                for k in 0..wrong {
+                    let mut m = store.start();
+                    let coming = signed(&bytes(6 + k), &other);
+                    assert_eq!(burn_bytes(&mut m, &mut store, image(0).unit, &coming), Answer::Done);
+                }
+                assert_eq!(runs(&store), (runs_at_last, Some(ImageError::Signature)));
             }
         }
     }

@@ -3,7 +3,6 @@
 
 use crate::bytes::{Reader, Writer};
 use crate::reset::ResetCause;
-use crate::sectors::Sector;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::unit_name::UnitName;
 
@@ -204,7 +203,6 @@ as_number! {
     AxisStatus, U16, u16, |s: AxisStatus| s.bits(), |b: u16| Some(AxisStatus::from_bits_retain(b));
     UnitStatus, U8, u8, |s: UnitStatus| s.bits(), |b: u8| Some(UnitStatus::from_bits_retain(b));
     ResetCause, U8, u8, |c: ResetCause| c as u8, ResetCause::from_number;
-    Sector, U8, u8, |s: Sector| s.number(), Sector::from_number;
 }
 
 impl Wire for UnitName {

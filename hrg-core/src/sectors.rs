@@ -1,6 +1,31 @@
 //! The two flash sectors that hold calibration images: the newest valid one is used.
+//!
+//! # Layout of a sector
+//! Images lie one behind the other, each with room for a signature, and each begins at a multiple of [`STEP`]. An old unit's only
+//! image at the start of a sector is the first of such a row. What begins with the magic is an image; with zeros, one that was
+//! refused; with erased flash and something behind it, one whose writing was cut short.
+//!
+//! # What a start reads
+//! The first word of each place, from the end of each sector backwards to its last valid image ([`PLACES`] words a sector at most); that
+//! image; two words of each place behind it. Images that are not valid are read on the way, none of them beyond the begin of the next.
+//! A unit with one image of 150 words at the start of a sector and the other one erased reads 3900 words: 512, 512 again and 1024 of the
+//! erased one, 512 and 1022 of the other, the image twice. Whatever the sectors hold, no word is read more
+//! than four times. In instructions, counted in the ELF by `a_start_looks_at_the_sectors_in_bounded_time`: 96 100, and 1.5 million (8 ms)
+//! where the image in use is followed by nothing but changed ones in both sectors.
 
-use crate::calibration::{Calibration, ImageError};
+use crate::calibration::{stated_length, Calibration, ImageError, MAGIC, MAX_BYTES, REFUSED};
+use crate::signature::{self, Key, SIGNATURE};
+
+/// Bytes of a sector.
+pub const SECTOR_BYTES: usize = 0x2_0000;
+/// Images begin at multiples of this.
+pub const STEP: usize = 256;
+/// Places in a sector where an image may begin.
+pub const PLACES: usize = SECTOR_BYTES / STEP;
+/// Bytes of a page, by which the link reads the sectors ([`page`]).
+pub const PAGE: usize = 4096;
+/// Most signatures that a start checks: each takes a while.
+pub const MOST_SIGNATURES: u32 = 4;
 
 /// One of the two.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,7 +47,7 @@ impl Sector {
         }
     }
 
-    /// As the link counts them: 0 and 1.
+    /// 0 and 1.
     #[must_use]
     pub const fn number(self) -> u8 {
         match self {
@@ -40,57 +65,259 @@ impl Sector {
             _ => None,
         }
     }
+
+    fn of<T>(self, [a, b]: [T; 2]) -> T {
+        match self {
+            Self::A => a,
+            Self::B => b,
+        }
+    }
+}
+
+/// Where an image begins.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Place {
+    /// Sector.
+    pub sector: Sector,
+    /// Bytes from its start.
+    pub offset: u32,
+}
+
+impl Place {
+    /// As the link counts: bytes from the start of sector A, B following it.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self.sector.number() as u32 * SECTOR_BYTES as u32 + self.offset
+    }
+
+    /// The place of a number.
+    #[must_use]
+    pub const fn from_number(number: u32) -> Option<Self> {
+        match Sector::from_number(if number < 2 * SECTOR_BYTES as u32 {
+            (number / SECTOR_BYTES as u32) as u8
+        } else {
+            2
+        }) {
+            Some(sector) => Some(Self { sector, offset: number % SECTOR_BYTES as u32 }),
+            None => None,
+        }
+    }
+
+    /// The page that it lies in, and the offset there.
+    #[must_use]
+    pub const fn in_page(self) -> (u8, u16) {
+        ((self.number() as usize / PAGE) as u8, (self.number() as usize % PAGE) as u16)
+    }
+}
+
+/// Where a page of the sectors begins, as the link's Read counts them: sector A has the first 32, sector B the next.
+#[must_use]
+pub const fn page(number: u8) -> Option<Place> {
+    Place::from_number(number as u32 * PAGE as u32)
+}
+
+impl core::fmt::Display for Place {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "sector {:?}, byte {}", self.sector, self.offset)
+    }
+}
+
+/// Bytes of a sector that an image of so many bytes takes, with room for its signature.
+#[must_use]
+pub const fn room(length: usize) -> usize {
+    (length + SIGNATURE).next_multiple_of(STEP)
 }
 
 /// The checksum that stands at the end of an image; `None` where there is no room for one.
 #[must_use]
 pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
-    let length = u16::from_le_bytes(*bytes.get(6..8)?.first_chunk()?);
-    let end = usize::from(length);
+    let end = stated_length(bytes)?;
     Some(u32::from_le_bytes(*bytes.get(end.checked_sub(4)?..end)?.first_chunk()?))
 }
 
 /// What the two flash sectors hold.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Found {
-    /// The newest valid image, with the sector it came from.
-    pub newest: Option<(Calibration, Sector)>,
-    /// Why a sector's content was refused that is no valid image and not erased either: an image whose memory has changed, or
-    /// one whose writing was cut short. The unit says so ([`crate::status::UnitStatus::IMAGE_REFUSED`]), for the one in use may be
-    /// the older.
+pub struct Found<T> {
+    /// The newest valid image, and the place that it came from.
+    pub newest: Option<(T, Place)>,
+    /// Why something was refused that may be newer than that: behind the last valid image of its sector, or in the other
+    /// sector where that holds no valid image at all. It is an image whose memory has changed, or whose writing was cut short, or
+    /// whose signature is not the key's. The unit says so ([`crate::status::UnitStatus::IMAGE_REFUSED`]).
     pub refused: Option<ImageError>,
 }
 
-/// Looks at both sectors.
+/// Looks at both sectors. `key`: images that it has not signed are refused.
 #[inline(never)]
 #[must_use]
-pub fn newest(a: &[u8], b: &[u8]) -> Found {
+pub fn newest(a: &[u8], b: &[u8], key: Option<Key>) -> Found<Calibration> {
     // An image is large, and the unit's stack small: one at a time, and the one that is used is read once more.
-    let number = |bytes| Calibration::from_bytes(bytes).map(|c| c.sequence);
-    let (x, y) = (number(a), number(b));
-    let refused = [x.err(), y.err()].into_iter().flatten().find(|e| *e != ImageError::NoImage);
-    let sector = match (x, y) {
-        // Sequence numbers compare across their wrap.
-        (Ok(x), Ok(y)) if y.wrapping_sub(x) as i32 > 0 => Some(Sector::B),
-        (Ok(_), _) => Some(Sector::A),
-        (Err(_), Ok(_)) => Some(Sector::B),
-        (Err(_), Err(_)) => None,
+    let Found { newest, refused } = sequences(a, b, key);
+    let read = |(_, place): (u32, Place)| {
+        let bytes = place.sector.of([a, b]).get(place.offset as usize..)?;
+        Some((Calibration::from_bytes(bytes).ok()?, place))
     };
-    let read = |sector| {
-        let bytes = match sector {
-            Sector::A => a,
-            Sector::B => b,
+    Found { newest: newest.and_then(read), refused }
+}
+
+/// The same, with the sequence number in the place of the image.
+#[must_use]
+pub fn sequences(a: &[u8], b: &[u8], key: Option<Key>) -> Found<u32> {
+    let sectors = [a, b];
+    let mut last = sectors.map(|bytes| last_valid(bytes, bytes.len()));
+    let mut unsigned = None;
+    let mut checks = MOST_SIGNATURES;
+    let newest = loop {
+        let (sector, (offset, sequence)) = match last {
+            // Sequence numbers compare across their wrap.
+            [Some(x), Some(y)] if y.1.wrapping_sub(x.1) as i32 > 0 => (Sector::B, y),
+            [Some(x), _] => (Sector::A, x),
+            [None, Some(y)] => (Sector::B, y),
+            [None, None] => break None,
         };
-        Some((Calibration::from_bytes(bytes).ok()?, sector))
+        let bytes = sector.of(sectors);
+        if bytes.get(offset..).is_some_and(|place| trusted(place, key, &mut checks)) {
+            break Some((sequence, Place { sector, offset: offset as u32 }));
+        }
+        unsigned = Some(ImageError::Signature);
+        *sector.of(last.each_mut()) = last_valid(bytes, offset);
     };
-    Found { newest: sector.and_then(read), refused }
+    let refused = unsigned.or_else(|| match newest {
+        Some((_, place)) => {
+            let own = place.sector.of(sectors);
+            first_refused(own, end_of(own, place.offset as usize)).or_else(|| spoilt(place.sector.other().of(sectors)))
+        }
+        None => first_refused(a, 0).or_else(|| first_refused(b, 0)),
+    });
+    Found { newest, refused }
+}
+
+/// The last valid image that begins and ends before `end`: where it begins, and its sequence number.
+fn last_valid(bytes: &[u8], end: usize) -> Option<(usize, u32)> {
+    let mut end = end;
+    for offset in (0..end).step_by(STEP).rev() {
+        // (An image ends where the next one begins: so no word is read for two of them.)
+        let Some(place) = bytes.get(offset..end).filter(|p| p.starts_with(&MAGIC)) else { continue };
+        if let Ok(image) = Calibration::from_bytes(place) {
+            return Some((offset, image.sequence));
+        }
+        end = offset;
+    }
+    None
+}
+
+/// Where the room of an image ends that begins at `offset`.
+fn end_of(bytes: &[u8], offset: usize) -> usize {
+    offset + room(bytes.get(offset..).and_then(stated_length).unwrap_or(MAX_BYTES).min(MAX_BYTES))
+}
+
+/// Whether the image at the front of `place` may be used. `checks`: how many signatures may still be checked.
+fn trusted(place: &[u8], key: Option<Key>, checks: &mut u32) -> bool {
+    let Some(key) = key else { return true };
+    let Some(signature) = signature::behind(place).filter(|_| *checks > 0) else { return false };
+    *checks -= 1;
+    key.signed(place, signature)
+}
+
+/// Why a sector holds no valid image though it is neither erased nor was refused; `None`: it holds one, or nothing.
+fn spoilt(bytes: &[u8]) -> Option<ImageError> {
+    match last_valid(bytes, bytes.len()) {
+        Some(_) => None,
+        None => first_refused(bytes, 0),
+    }
+}
+
+/// Why the first thing from a place on is no valid image, if there is any: neither erased flash nor an image that was refused in a burn.
+fn first_refused(bytes: &[u8], from: usize) -> Option<ImageError> {
+    let mut refused_until = 0;
+    for offset in (from..bytes.len()).step_by(STEP) {
+        let place = bytes.get(offset..)?;
+        // The second word is the first that a burn programs.
+        let head: &[u8; 8] = place.first_chunk()?;
+        if head.starts_with(&MAGIC) {
+            return Some(Calibration::from_bytes(place).err().unwrap_or(ImageError::Signature));
+        }
+        if head.starts_with(&REFUSED) {
+            // (Older firmware has overwritten the length.)
+            let overwritten = stated_length(place) == Some(0);
+            refused_until = if overwritten { offset + room(MAX_BYTES) } else { end_of(bytes, offset) };
+        } else if *head != [0xFF; 8] && offset >= refused_until {
+            return Some(ImageError::Foreign);
+        }
+    }
+    None
+}
+
+/// Where an image of so many bytes goes, and whether that sector must be erased first.
+///
+/// Behind all that was ever programmed in the sector of the newest image, with room for a signature. Into the other sector, which is then erased, where there is no
+/// room; or where the other one holds something that is refused at each start, so that a burn ends that.
+#[must_use]
+pub fn place_for(a: &[u8], b: &[u8], newest: Option<Place>, length: usize) -> (Place, bool) {
+    let own = newest.map_or(Sector::A, |p| p.sector);
+    let bytes = own.of([a, b]);
+    let programmed = bytes.iter().rposition(|b| *b != 0xFF).map_or(0, |last| room(last + 1));
+    // (An image may end with ones.)
+    let offset = programmed.max(newest.map_or(0, |place| end_of(bytes, place.offset as usize)));
+    if offset + room(length) <= bytes.len() && spoilt(own.other().of([a, b])).is_none() {
+        (Place { sector: own, offset: offset as u32 }, false)
+    } else {
+        (Place { sector: own.other(), offset: 0 }, true)
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    extern crate std;
     use super::*;
     use crate::calibration::tests::full;
     use crate::calibration::MAX_BYTES;
+    use std::vec;
+    use std::vec::Vec;
+
+    const ERASED: &[u8] = &[0xFF; SECTOR_BYTES];
+
+    fn numbered(sequence: u32) -> Calibration {
+        let mut c = full();
+        c.sequence = sequence;
+        c
+    }
+
+    fn bytes(sequence: u32) -> Vec<u8> {
+        numbered(sequence).to_bytes().expect("fits").to_vec()
+    }
+
+    /// A sector with these at its places, one behind the other.
+    fn sector(images: &[&[u8]]) -> Vec<u8> {
+        let mut out = ERASED.to_vec();
+        let mut at = 0;
+        for image in images {
+            out[at..at + image.len()].copy_from_slice(image);
+            at += room(image.len());
+        }
+        out
+    }
+
+    fn found(a: &[u8], b: &[u8]) -> (Option<(u32, Place)>, Option<ImageError>) {
+        let f = sequences(a, b, None);
+        (f.newest, f.refused)
+    }
+
+    fn at(sector: Sector, offset: usize) -> Place {
+        Place { sector, offset: offset as u32 }
+    }
+
+    #[test]
+    fn places_and_pages_have_numbers() {
+        for place in [at(Sector::A, 0), at(Sector::A, SECTOR_BYTES - STEP), at(Sector::B, 0), at(Sector::B, 768)] {
+            assert_eq!(Place::from_number(place.number()), Some(place));
+            let (number, offset) = place.in_page();
+            let start = page(number).expect("a page");
+            assert_eq!((start.sector, start.offset + u32::from(offset)), (place.sector, place.offset));
+        }
+        assert_eq!((Place::from_number(2 * SECTOR_BYTES as u32), Place::from_number(u32::MAX)), (None, None));
+        assert_eq!((page(63).map(|p| p.sector), page(64), page(255)), (Some(Sector::B), None, None));
+    }
 
     #[test]
     fn every_flipped_bit_is_noticed() {
@@ -98,26 +325,102 @@ mod tests {
         for bit in 0..good.len() * 8 {
             let mut bad = good.clone();
             bad[bit / 8] ^= 1 << (bit % 8);
-            let found = newest(&bad, &[0xFF; MAX_BYTES]);
+            let found = newest(&bad, &[0xFF; MAX_BYTES], None);
             assert!(found.newest.is_none() && found.refused.is_some(), "bit {bit}: {found:?}");
         }
     }
 
     #[test]
+    fn every_flipped_bit_of_the_last_image_of_a_row_is_noticed() {
+        let (x, y) = (bytes(1), bytes(2));
+        let good = sector(&[&x, &y]);
+        let start = room(x.len());
+        for bit in 0..y.len() * 8 {
+            let mut bad = good.clone();
+            bad[start + bit / 8] ^= 1 << (bit % 8);
+            let (newest, refused) = found(&bad, ERASED);
+            assert_eq!(newest, Some((1, at(Sector::A, 0))), "bit {bit}");
+            assert!(refused.is_some(), "bit {bit}");
+        }
+    }
+
+    #[test]
     fn newest_valid_image_wins() {
-        let (mut x, mut y) = (full(), full());
-        x.sequence = u32::MAX;
-        y.sequence = 0;
-        let (bx, mut by) = (x.to_bytes().expect("fits"), y.to_bytes().expect("fits"));
-        assert_eq!(newest(&bx, &by), Found { newest: Some((y, Sector::B)), refused: None });
+        let (x, y) = (numbered(u32::MAX), numbered(0));
+        let (bx, mut by) = (bytes(u32::MAX), bytes(0));
+        assert_eq!(newest(&bx, &by, None), Found { newest: Some((y, at(Sector::B, 0))), refused: None });
         by[20] ^= 4;
         let refused = Some(ImageError::Checksum);
         assert_eq!(
-            newest(&bx, &by),
-            Found { newest: Some((x, Sector::A)), refused },
+            newest(&bx, &by, None),
+            Found { newest: Some((x, at(Sector::A, 0))), refused },
             "the older is used, and that is said"
         );
-        assert_eq!(newest(&[0xFF; 8], &by), Found { newest: None, refused });
-        assert_eq!(newest(&[0xFF; 8], &[]), Found { newest: None, refused: None });
+        assert_eq!(newest(&[0xFF; 8], &by, None), Found { newest: None, refused });
+        assert_eq!(newest(&[0xFF; 8], &[], None), Found { newest: None, refused: None });
+    }
+
+    #[test]
+    fn the_last_of_a_row_wins_and_what_was_refused_before_it_is_forgotten() {
+        let (one, two, three) = (bytes(1), bytes(2), bytes(3));
+        let step = room(one.len());
+        let mut torn = three.clone();
+        torn[..4].fill(0xFF);
+        torn[300..].fill(0xFF);
+        let mut marked = three.clone();
+        marked[..4].fill(0);
+        // What older firmware leaves of an image that it refuses.
+        let mut marked_before = three.clone();
+        marked_before[..8].fill(0);
+        let mut changed = two.clone();
+        changed[200] ^= 1;
+        let foreign = Some(ImageError::Foreign);
+        for (images, newest, refused) in [
+            (vec![&one, &two, &three], Some((3, 2)), None),
+            (vec![&one, &torn], Some((1, 0)), foreign),
+            (vec![&one, &torn, &three], Some((3, 2)), None),
+            (vec![&one, &marked], Some((1, 0)), None),
+            (vec![&one, &marked, &torn], Some((1, 0)), foreign),
+            (vec![&one, &changed], Some((1, 0)), Some(ImageError::Checksum)),
+            (vec![&one, &changed, &three], Some((3, 2)), None),
+            (vec![&torn], None, foreign),
+            (vec![&marked_before], None, None),
+            (vec![&torn, &one], Some((1, 1)), None),
+        ] {
+            let row: Vec<&[u8]> = images.into_iter().map(Vec::as_slice).collect();
+            let s = sector(&row);
+            let place = |sector| newest.map(|(n, k): (u32, usize)| (n, at(sector, k * step)));
+            assert_eq!(found(&s, ERASED), (place(Sector::A), refused));
+            assert_eq!(found(ERASED, &s), (place(Sector::B), refused));
+        }
+        // The other sector counts where it holds no valid image, and only there.
+        let (old, new) = (sector(&[&one, &torn]), sector(&[&two]));
+        assert_eq!(found(&old, &new), (Some((2, at(Sector::B, 0))), None));
+        assert_eq!(found(&sector(&[&torn]), &new), (Some((2, at(Sector::B, 0))), foreign));
+        let garbage = vec![0xA5; SECTOR_BYTES];
+        assert_eq!(found(&garbage, &garbage), (None, foreign));
+    }
+
+    #[test]
+    fn a_burn_appends_until_there_is_no_room() {
+        let one = bytes(1);
+        let length = one.len();
+        assert_eq!(place_for(ERASED, ERASED, None, length), (at(Sector::A, 0), false));
+        let row = sector(&[&one]);
+        let own = Some(at(Sector::A, 0));
+        assert_eq!(place_for(&row, ERASED, own, length), (at(Sector::A, room(length)), false));
+        // Behind the last word that was ever programmed.
+        let mut torn = row.clone();
+        torn[room(length) + 1000] = 0xFE;
+        assert_eq!(place_for(&torn, ERASED, own, length), (at(Sector::A, room(room(length) + 1001)), false));
+        let mut full = row.clone();
+        full[SECTOR_BYTES - room(length)] = 0;
+        assert_eq!(place_for(&full, ERASED, own, length), (at(Sector::B, 0), true));
+        // What the other sector is flagged for ends with a burn.
+        let garbage = vec![0xA5; SECTOR_BYTES];
+        assert_eq!(place_for(&row, &garbage, own, length), (at(Sector::B, 0), true));
+        assert_eq!(place_for(&garbage, &row, Some(at(Sector::B, 0)), length), (at(Sector::A, 0), true));
+        assert_eq!(place_for(&garbage, &garbage, None, length), (at(Sector::B, 0), true));
+        assert_eq!(SECTOR_BYTES / room(MAX_BYTES), 30, "burns of the longest image for each erase");
     }
 }

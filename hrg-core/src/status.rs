@@ -47,7 +47,7 @@ bitflags! {
         const ADC_FAULT = 1 << 0;
         /// A bias arrived after the sample at which it was due.
         const BIAS_LATE = 1 << 1;
-        /// Garbage was seen on the link in the last second.
+        /// Garbage was seen on the link in the last second, or an alignment command was refused.
         const LINK_ERRORS = 1 << 2;
         /// Frames out were dropped because the link could not keep up.
         const FRAMES_DROPPED = 1 << 3;

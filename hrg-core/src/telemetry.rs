@@ -32,6 +32,9 @@ pub struct Telemetry<S> {
     maintenance: bool,
     pps: pps::Report,
     standing: UnitStatus,
+    trims_in_maintenance_only: bool,
+    /// Commands refused since start.
+    refused: u16,
 }
 
 impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
@@ -48,7 +51,15 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             maintenance: false,
             pps: pps::Report::NONE,
             standing: UnitStatus::empty(),
+            trims_in_maintenance_only: false,
+            refused: 0,
         }
+    }
+
+    /// The same; where `only` is true, commands that change rates are refused outside maintenance mode.
+    #[must_use]
+    pub fn with_trims_in_maintenance_only(self, only: bool) -> Self {
+        Self { trims_in_maintenance_only: only, ..self }
     }
 
     /// What the pulses per second have shown in the second that ends.
@@ -62,8 +73,13 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
     }
 
     /// A command of the host to the alignment: gives the bias trim, deg/h, where it was accepted. Commands are taken before the
-    /// second in which they arrived.
+    /// second in which they arrived. One that is refused is counted and flagged as a bad frame; the alignment goes on.
     pub fn align(&mut self, command: Command) -> Option<[f32; AXES]> {
+        if self.trims_in_maintenance_only && !self.maintenance && command == Command::Accept {
+            self.refused = self.refused.saturating_add(1);
+            self.flag_link_errors = true;
+            return None;
+        }
         self.session.command(command)
     }
 
@@ -106,7 +122,7 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
             h.unit_status |= UnitStatus::LINK_ERRORS;
         }
         h.dropped = self.dropped;
-        h.link_errors = self.link_errors;
+        h.link_errors = self.link_errors.saturating_add(self.refused);
         h.calibration = self.identity.calibration;
         h.sequence = self.identity.sequence;
         h.created_unix_s = self.identity.created_unix_s;
@@ -199,6 +215,22 @@ mod tests {
         t.set_link_errors(2);
         let h = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0))).0;
         assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED, 2));
+    }
+
+    #[test]
+    fn a_trim_may_need_maintenance_mode() {
+        let mut t = telemetry().with_trims_in_maintenance_only(true);
+        let begin = Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 1e-3 };
+        assert_eq!(t.align(begin), None);
+        let _ = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!(t.align(Command::Accept), None);
+        let (h, report) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED | UnitStatus::LINK_ERRORS, 1));
+        assert!(h.mode == mode::ALIGN && report.is_some(), "the alignment goes on");
+        t.set_maintenance(true);
+        let _ = t.align(Command::Accept);
+        let (h, _) = t.second(&STEP, &OUTPUT, Some(&rates(1000, 0)));
+        assert_eq!((h.unit_status, h.link_errors), (UnitStatus::IMAGE_REFUSED, 1));
     }
 
     #[test]

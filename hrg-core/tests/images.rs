@@ -3,7 +3,7 @@
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
-use hrg_core::sectors::{newest, Found, Sector};
+use hrg_core::sectors::{newest, Found, Place, Sector};
 
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
@@ -67,7 +67,7 @@ fn a_newer_image_is_refused_and_the_older_one_used() {
     let end = newer.len() - 4;
     let crc = hrg_core::bytes::crc32(&newer[..end]).to_le_bytes();
     newer[end..].copy_from_slice(&crc);
-    let found = newest(MODELS, &newer);
+    let found = newest(MODELS, &newer, None);
     let refused = Some(ImageError::Version(VERSION + 1));
-    assert_eq!(found, Found { newest: Some((read(MODELS), Sector::A)), refused });
+    assert_eq!(found, Found { newest: Some((read(MODELS), Place { sector: Sector::A, offset: 0 })), refused });
 }

@@ -1,6 +1,7 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
-//! ([`monitor`]), and sensors beside it ([`sensors`]).
+//! ([`monitor`]), keys that sign its calibrations ([`keys`]), and sensors beside it ([`sensors`]).
 
+pub mod keys;
 pub mod log;
 pub mod monitor;
 pub mod port;

@@ -3,12 +3,14 @@
 
 use crate::recording::metadata::{same_scale, scale_text};
 use crate::recording::names;
+use crate::unit::keys;
 use crate::BadInput;
 use anyhow::{Context, Result};
-use hrg_core::calibration::{Calibration, ImageError, MAX_BYTES};
+use ed25519_dalek::SigningKey;
+use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
-use hrg_core::sectors::{newest, Sector};
+use hrg_core::sectors::Place;
 use serialport::SerialPort;
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -17,7 +19,7 @@ use std::time::{Duration, Instant};
 pub const BAUD: u32 = 921_600;
 /// A read that finds nothing comes back after this.
 const POLL: Duration = Duration::from_millis(20);
-/// An answer comes within this; the erase of a sector takes 2 s at most.
+/// An answer comes within this. Most come at once; where the unit erases a sector to make room, that takes 2 s at most.
 const ANSWER: Duration = Duration::from_secs(6);
 /// A command whose answer was lost is sent again.
 const TRIES: usize = 3;
@@ -126,38 +128,48 @@ impl InUse {
     }
 }
 
+/// An image in the unit's flash: its place, and what was read there.
+pub type At = (Place, Result<Calibration, ImageError>);
+
 /// What a unit says that it holds.
 #[derive(Debug, Clone)]
 pub struct Held {
     /// Who it is, and what it runs.
     pub identity: Identity,
-    /// Its two sectors; `None` where it does not let anybody read them.
-    pub sectors: Option<[Vec<u8>; 2]>,
+    /// Its images; `None` where it does not let anybody read them.
+    pub images: Option<Images>,
+}
+
+/// The images of a unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Images {
+    /// The one that it runs; `None`: the default that it was built with.
+    pub in_use: Option<At>,
+    /// The newest one, which it runs from its next start on.
+    pub newest: Option<At>,
 }
 
 impl std::fmt::Display for Held {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let i = &self.identity;
         match i.calibration {
-            0 => write!(f, "asked now, the unit runs the default it was built with")?,
-            c => write!(f, "asked now, unit {} runs image {c:08x}, number {}", i.unit_name(), i.sequence)?,
+            0 => write!(f, "asked now, the unit runs the default it was built with; ")?,
+            c => write!(f, "asked now, unit {} runs image {c:08x}, number {}; ", i.unit_name(), i.sequence)?,
         }
-        let Some([a, b]) = &self.sectors else {
-            return write!(f, "; it does not let its sectors be read");
+        let Some(images) = &self.images else {
+            return write!(f, "it does not let its images be read");
         };
-        for (name, bytes) in [("A", a), ("B", b)] {
-            match Calibration::from_bytes(bytes) {
-                Ok(c) => write!(f, "; sector {name} holds image {:08x}, number {}", c.checksum(), c.sequence)?,
-                Err(ImageError::NoImage) => write!(f, "; sector {name} is empty")?,
-                Err(e) => write!(f, "; sector {name} holds no valid image ({e})")?,
-            }
-        }
-        match newest(a, b).newest {
-            Some((c, _)) if c.checksum() != i.calibration => {
-                write!(f, "; from its next start on it runs image {:08x} of unit {}", c.checksum(), c.unit_name())
-            }
-            None if i.calibration != 0 => write!(f, "; from its next start on it runs the default"),
-            _ => write!(f, "; a restart changes nothing"),
+        match &images.newest {
+            Some((place, Ok(c))) if c.checksum() != i.calibration => write!(
+                f,
+                "from its next start on it runs image {:08x} of unit {}, number {} ({place})",
+                c.checksum(),
+                c.unit_name(),
+                c.sequence
+            ),
+            Some((place, Err(e))) => write!(f, "its newest image ({place}) cannot be used: {e}"),
+            None if i.calibration != 0 => write!(f, "from its next start on it runs the default"),
+            _ => write!(f, "a restart changes nothing"),
         }
     }
 }
@@ -188,6 +200,8 @@ pub struct Burn {
     pub unit: Option<String>,
     /// The scale factor in the unit is to be replaced by another.
     pub new_scale_factor: bool,
+    /// The key that signs the image, for firmware that wants it.
+    pub key: Option<SigningKey>,
 }
 
 /// The link of a unit.
@@ -313,24 +327,40 @@ impl Unit {
         }
     }
 
-    /// A sector as it lies in flash, as far as an image reaches.
-    fn sector(&mut self, sector: Sector) -> Result<Vec<u8>> {
-        let mut bytes = Vec::with_capacity(MAX_BYTES);
-        while bytes.len() < MAX_BYTES {
-            let offset = bytes.len() as u16;
-            match self.maintain(Command::Read { sector, offset })? {
-                Reply::Data { sector: s, offset: o, data } if (s, o) == (sector, offset) => {
+    /// Bytes of the unit's flash.
+    fn flash(&mut self, from: Place, length: usize) -> Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(length + CHUNK);
+        while bytes.len() < length {
+            let (page, offset) = Place { offset: from.offset + bytes.len() as u32, ..from }.in_page();
+            match self.maintain(Command::Read { page, offset })? {
+                Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => {
                     bytes.extend_from_slice(&data);
                 }
                 Reply::Data { .. } => {}
                 Reply::Answer(answer, _) => {
-                    return Err(
-                        BadInput::new(format!("sector {sector:?} cannot be read; the unit says: {answer}")).into()
-                    )
+                    return Err(BadInput::new(format!("{from} cannot be read; the unit says: {answer}")).into())
                 }
             }
         }
+        bytes.truncate(length);
         Ok(bytes)
+    }
+
+    /// The image at a place; `number` is what the unit calls the place.
+    fn image_at(&mut self, number: u32) -> Result<Option<At>> {
+        let Some(place) = Place::from_number(number) else { return Ok(None) };
+        let head = self.flash(place, CHUNK)?;
+        let length = stated_length(&head).unwrap_or(0).clamp(CHUNK, MAX_BYTES);
+        let bytes = self.flash(place, length)?;
+        Ok(Some((place, Calibration::from_bytes(&bytes))))
+    }
+
+    /// What it runs and what it will run, in maintenance mode, which was opened with this answer.
+    fn images(&mut self, opened: u32) -> Result<Images> {
+        let in_use = self.image_at(opened)?;
+        let newest = self.done(Command::Newest, "asking for the newest image")?;
+        let newest = if newest == opened { in_use.clone() } else { self.image_at(newest)? };
+        Ok(Images { in_use, newest })
     }
 
     /// Asks who is there, for as long as `within`; the port is opened anew where that is possible.
@@ -352,21 +382,21 @@ impl Unit {
         }
     }
 
-    /// Who it is and what its sectors hold, asked from the unit; first it is looked for, for as long as `within`.
+    /// Who it is and what its flash holds, asked from the unit; first it is looked for, for as long as `within`.
     ///
     /// # Errors
     /// Where it does not answer.
     pub fn held(&mut self, within: Duration) -> Result<Held> {
         let identity = self.reconnect(within)?;
-        let sectors = match self.maintain(Command::Open(identity.unit))? {
-            Reply::Answer(Answer::Done, _) => {
-                let sectors = self.sector(Sector::A).and_then(|a| Ok([a, self.sector(Sector::B)?]));
+        let images = match self.maintain(Command::Open(identity.unit))? {
+            Reply::Answer(Answer::Done, opened) => {
+                let images = self.images(opened);
                 self.done(Command::Close, "maintenance mode")?;
-                Some(sectors?)
+                Some(images?)
             }
             _ => None,
         };
-        Ok(Held { identity, sectors })
+        Ok(Held { identity, images })
     }
 
     /// What a unit computes with.
@@ -377,38 +407,27 @@ impl Unit {
         if identity.calibration == 0 {
             return Ok(InUse::Default);
         }
-        match self.maintain(Command::Open(identity.unit))? {
-            Reply::Answer(Answer::Done, _) => {}
+        let opened = match self.maintain(Command::Open(identity.unit))? {
+            Reply::Answer(Answer::Done, opened) => opened,
             Reply::Answer(Answer::Locked, _) => return Ok(InUse::Locked),
             other => return Err(BadInput::new(format!("maintenance mode: the unit says: {other:?}")).into()),
-        }
-        let found = self.image(identity.calibration);
+        };
+        let found = self.image_at(opened);
         self.done(Command::Close, "maintenance mode")?;
-        found.map(|c| c.map_or(InUse::Locked, |c| InUse::Image(Box::new(c))))
+        let image = found?.and_then(|(_, image)| image.ok()).filter(|c| c.checksum() == identity.calibration);
+        Ok(image.map_or(InUse::Locked, |c| InUse::Image(Box::new(c))))
     }
 
-    /// The image with a checksum, in maintenance mode.
-    fn image(&mut self, checksum: u32) -> Result<Option<Calibration>> {
-        for sector in [Sector::A, Sector::B] {
-            let image = Calibration::from_bytes(&self.sector(sector)?).ok();
-            if let Some(image) = image.filter(|c| c.checksum() == checksum) {
-                return Ok(Some(image));
-            }
-        }
-        Ok(None)
-    }
-
-    /// Both sectors: the image in each, or why there is none.
+    /// Who it is, and its images.
     ///
     /// # Errors
     /// Where the unit refuses, or does not answer.
-    pub fn read(&mut self) -> Result<(Identity, [Result<Calibration, ImageError>; 2])> {
+    pub fn read(&mut self) -> Result<(Identity, Images)> {
         let identity = self.identity()?;
-        self.done(Command::Open(identity.unit), "maintenance mode")?;
-        let a = self.sector(Sector::A);
-        let b = self.sector(Sector::B);
+        let opened = self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let images = self.images(opened);
         self.done(Command::Close, "maintenance mode")?;
-        Ok((identity, [Calibration::from_bytes(&a?), Calibration::from_bytes(&b?)]))
+        Ok((identity, images?))
     }
 
     /// Burns a calibration: writes it, has the unit check it, reads it back, restarts the unit and sees that it runs it.
@@ -431,12 +450,21 @@ impl Unit {
             .map_err(|e| BurnError::before(BadInput::from(e)))?;
         let mut image = calibration.clone();
         image.set_unit_name(&name);
-        image.sequence = identity.sequence.wrapping_add(1);
-        let bytes = image.to_bytes().context("the calibration does not fit an image").map_err(BurnError::before)?;
         if !said.new_scale_factor {
             self.same_scale(&identity, &image).map_err(BurnError::before)?;
         }
-        self.done(Command::Open(identity.unit), "maintenance mode").map_err(BurnError::before)?;
+        let opened = self.done(Command::Open(identity.unit), "maintenance mode").map_err(BurnError::before)?;
+        // An image that was burnt since the last start is newer than the one in use.
+        let newest = match self.images(opened).map_err(BurnError::before)?.newest {
+            Some((_, Ok(newest))) => newest.sequence,
+            _ => identity.sequence,
+        };
+        image.sequence = newest.wrapping_add(1);
+        let bytes = image.to_bytes().context("the calibration does not fit an image").map_err(BurnError::before)?;
+        let bytes = match &said.key {
+            Some(key) => keys::sign(&bytes, key),
+            None => bytes.to_vec(),
+        };
         self.write(&bytes, image.checksum(), progress).map_err(BurnError::after)
     }
 
@@ -455,9 +483,10 @@ impl Unit {
         Ok(())
     }
 
-    /// Writes an image, in maintenance mode.
+    /// Writes an image (and its signature), in maintenance mode.
     fn write(&mut self, bytes: &[u8], checksum: u32, progress: impl Fn(f64)) -> Result<Identity> {
-        self.done(Command::Begin(bytes.len() as u16), "erasing")?;
+        let place = self.done(Command::Begin(bytes.len() as u16), "making room")?;
+        let place = Place::from_number(place).context("the unit names no place for the image")?;
         for (k, chunk) in chunks(bytes).enumerate() {
             self.done(chunk, "writing")?;
             progress((((k + 1) * CHUNK) as f64 / bytes.len() as f64).min(1.0));
@@ -467,9 +496,8 @@ impl Unit {
             told == checksum,
             "the unit's checksum is {told:08x}, the image's {checksum:08x}; burn it again"
         );
-        let back = [self.sector(Sector::A)?, self.sector(Sector::B)?];
         anyhow::ensure!(
-            back.iter().any(|s| s.starts_with(bytes)),
+            self.flash(place, bytes.len())? == bytes,
             "what was read back is not what was written; burn it again"
         );
         self.done(Command::Restart, "restarting")?;

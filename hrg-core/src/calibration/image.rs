@@ -14,10 +14,17 @@ use heapless::Vec;
 pub const COMMIT: usize = MAGIC.len();
 
 /// What stands in the place of the first bytes of an image that was refused.
-pub const REFUSED: [u8; 8] = [0; 8];
+pub const REFUSED: [u8; COMMIT] = [0; COMMIT];
 
 /// Bytes before the payload.
 const HEADER: usize = size(Header::FIELDS);
+
+/// The length that the header at the front of `bytes` states, whatever it is worth; `None` where there is no header.
+#[must_use]
+pub fn stated_length(bytes: &[u8]) -> Option<usize> {
+    let header: Header = take(&mut Reader::new(bytes))?;
+    Some(usize::from(header.length))
+}
 
 impl Calibration {
     /// The image, ready for flash. `None` cannot happen for a value that [`from_bytes`](Self::from_bytes) gave.

@@ -17,7 +17,7 @@
 
 mod check;
 mod image;
-pub use image::{COMMIT, REFUSED};
+pub use image::{stated_length, COMMIT, REFUSED};
 pub mod layouts;
 
 use crate::bias::{Coefficients, Scaling, TERMS};
@@ -155,6 +155,8 @@ pub enum ImageError {
     UnknownEffect(u16),
     /// It holds an effect that this unit cannot compute.
     NotOnUnit(u16),
+    /// It has no signature by the key of this firmware ([`crate::signature`]).
+    Signature,
 }
 
 impl core::fmt::Display for ImageError {
@@ -176,6 +178,7 @@ impl core::fmt::Display for ImageError {
                 write!(f, "the image holds effect number {id}, which this program does not know")
             }
             Self::NotOnUnit(id) => write!(f, "the image holds effect number {id}, which a unit cannot compute"),
+            Self::Signature => write!(f, "the image is not signed with the key of this firmware"),
         }
     }
 }

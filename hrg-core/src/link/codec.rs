@@ -67,8 +67,8 @@ impl Message {
                     Reply::Answer(maintenance::Answer::from_number(a.answer)?, a.value)
                 }
                 1 => {
-                    let layouts::Data { sector, offset, data } = take(r)?;
-                    Reply::Data { sector, offset, data }
+                    let layouts::Data { page, offset, data } = take(r)?;
+                    Reply::Data { page, offset, data }
                 }
                 _ => return None,
             }),
@@ -93,10 +93,11 @@ impl Message {
                 }
                 4 => C::End,
                 5 => {
-                    let layouts::Read { sector, offset } = take(r)?;
-                    C::Read { sector, offset }
+                    let layouts::Read { page, offset } = take(r)?;
+                    C::Read { page, offset }
                 }
                 6 => C::Restart,
+                7 => C::Newest,
                 _ => return None,
             }),
             _ => return None,
@@ -159,15 +160,16 @@ fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
         C::Begin(length) => put(w, &[0x83, 2], &layouts::Begin { length }),
         C::Chunk { offset, length, data } => put(w, &[0x83, 3], &layouts::Chunk { offset, length, data }),
         C::End => w.bytes(&[0x83, 4]),
-        C::Read { sector, offset } => put(w, &[0x83, 5], &layouts::Read { sector, offset }),
+        C::Read { page, offset } => put(w, &[0x83, 5], &layouts::Read { page, offset }),
         C::Restart => w.bytes(&[0x83, 6]),
+        C::Newest => w.bytes(&[0x83, 7]),
     }
 }
 
 fn write_reply(reply: &Reply, w: &mut Writer<'_>) {
     match *reply {
         Reply::Answer(answer, value) => put(w, &[0x05, 0], &layouts::Answer { answer: answer as u8, value }),
-        Reply::Data { sector, offset, data } => put(w, &[0x05, 1], &layouts::Data { sector, offset, data }),
+        Reply::Data { page, offset, data } => put(w, &[0x05, 1], &layouts::Data { page, offset, data }),
     }
 }
 

@@ -6,7 +6,6 @@ use crate::maintenance::CHUNK;
 use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
-use crate::sectors::Sector;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -37,7 +36,7 @@ layout! { Housekeeping {
     rejected: [u16; AXES], "rejected edges in this step";
     missing: [u16; AXES], "missing edges in this step";
     dropped: u16, "frames out dropped since start";
-    link_errors: u16, "bad frames in since start";
+    link_errors: u16, "bad frames in and refused alignment commands since start";
     calibration: u32, "checksum of the image in use; 0: the compiled-in default";
     sequence: u32, "its sequence number";
     created_unix_s: u32, "when it was made, seconds since 1970";
@@ -100,7 +99,7 @@ layout! { Open { unit: UnitName, "name of the unit that is meant"; } }
 pub(super) struct Begin {
     pub(super) length: u16,
 }
-layout! { Begin { length: u16, "bytes of the image that follows"; } }
+layout! { Begin { length: u16, "bytes that follow: the image, and its signature where it has one"; } }
 
 /// Fields of [`crate::maintenance::Command::Chunk`].
 pub(super) struct Chunk {
@@ -109,7 +108,7 @@ pub(super) struct Chunk {
     pub(super) data: [u8; CHUNK],
 }
 layout! { Chunk {
-    offset: u16, "place in the image";
+    offset: u16, "offset in what comes";
     length: u8, "bytes of it that count";
     data: [u8; CHUNK], "the bytes";
 } }
@@ -120,19 +119,15 @@ impl Default for Chunk {
 }
 
 /// Fields of [`crate::maintenance::Command::Read`].
+#[derive(Default)]
 pub(super) struct Read {
-    pub(super) sector: Sector,
+    pub(super) page: u8,
     pub(super) offset: u16,
 }
 layout! { Read {
-    sector: Sector, "0 or 1";
-    offset: u16, "place in it";
+    page: u8, "0 to 31: sector A in pages of 4096 bytes; 32 to 63: sector B";
+    offset: u16, "offset in the page";
 } }
-impl Default for Read {
-    fn default() -> Self {
-        Self { sector: Sector::A, offset: 0 }
-    }
-}
 
 /// Fields of [`crate::maintenance::Reply::Answer`].
 #[derive(Default)]
@@ -142,23 +137,23 @@ pub(super) struct Answer {
 }
 layout! { Answer {
     answer: u8, "number of the answer";
-    value: u32, "what it is about: a checksum, a sequence number, a place";
+    value: u32, "what it is about: a place (bytes from the start of sector A, B following it; all ones: none), an offset, a checksum";
 } }
 
 /// Fields of [`crate::maintenance::Reply::Data`].
 pub(super) struct Data {
-    pub(super) sector: Sector,
+    pub(super) page: u8,
     pub(super) offset: u16,
     pub(super) data: [u8; CHUNK],
 }
 layout! { Data {
-    sector: Sector, "0 or 1";
-    offset: u16, "place in it";
+    page: u8, "number of the page";
+    offset: u16, "offset in the page";
     data: [u8; CHUNK], "the bytes there";
 } }
 impl Default for Data {
     fn default() -> Self {
-        Self { sector: Sector::A, offset: 0, data: [0; CHUNK] }
+        Self { page: 0, offset: 0, data: [0; CHUNK] }
     }
 }
 
@@ -191,4 +186,5 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: end", lead: &[0x83, 4], fields: &[] },
     Table { name: "maintain: read", lead: &[0x83, 5], fields: Read::FIELDS },
     Table { name: "maintain: restart", lead: &[0x83, 6], fields: &[] },
+    Table { name: "maintain: newest", lead: &[0x83, 7], fields: &[] },
 ];

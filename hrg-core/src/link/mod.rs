@@ -63,7 +63,7 @@ pub struct Housekeeping {
     pub missing: [u16; AXES],
     /// Frames out dropped since start.
     pub dropped: u16,
-    /// Bad frames in since start.
+    /// Bad frames in, and alignment commands that were refused, since start.
     pub link_errors: u16,
     /// Checksum of the calibration in use; 0 for the compiled-in default.
     pub calibration: u32,
@@ -201,7 +201,6 @@ pub enum LinkError {
 mod tests {
     use super::*;
     use crate::alignment::session::Command;
-    use crate::sectors::Sector;
     use proptest::prelude::*;
 
     fn housekeeping() -> Housekeeping {
@@ -235,7 +234,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 20] {
+    fn messages() -> [Message; 21] {
         [
             Message::Rate(
                 RateFrame {
@@ -281,14 +280,11 @@ mod tests {
             Message::Maintain(maintenance::Command::Begin(453)),
             Message::Maintain(maintenance::Command::Chunk { offset: 128, length: 12, data: [7; maintenance::CHUNK] }),
             Message::Maintain(maintenance::Command::End),
-            Message::Maintain(maintenance::Command::Read { sector: Sector::B, offset: 256 }),
+            Message::Maintain(maintenance::Command::Read { page: 32, offset: 256 }),
             Message::Maintain(maintenance::Command::Restart),
+            Message::Maintain(maintenance::Command::Newest),
             Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
-            Message::Maintained(maintenance::Reply::Data {
-                sector: Sector::B,
-                offset: 0,
-                data: [9; maintenance::CHUNK],
-            }),
+            Message::Maintained(maintenance::Reply::Data { page: 32, offset: 0, data: [9; maintenance::CHUNK] }),
         ]
     }
 

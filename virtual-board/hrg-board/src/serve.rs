@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::unit::log::Decoder;
 use hrg_core::calibration::Calibration;
+use hrg_core::sectors::SECTOR_BYTES as SECTOR;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -26,7 +27,6 @@ pub struct Options {
 
 /// Calibration sectors, as offsets in flash.
 const SECTORS: [u32; 2] = [CALIBRATION_A, CALIBRATION_B];
-const SECTOR: usize = 0x2_0000;
 /// The board runs in slices of this.
 const SLICE: Duration = Duration::from_millis(20);
 

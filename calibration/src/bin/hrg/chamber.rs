@@ -8,15 +8,17 @@ use hrg_cal::image_file;
 use hrg_cal::recording::metadata::{same_scale, scale_factor, scale_text};
 use hrg_cal::recording::names;
 use hrg_cal::simulate::Profile;
+use hrg_cal::unit::keys;
 use hrg_cal::unit::log::Decoder;
 use hrg_cal::unit::monitor;
 use hrg_cal::unit::monitor::State;
-use hrg_cal::unit::port::{agreed_name, name_of, Burn, NameError, Unit};
+use hrg_cal::unit::port::{agreed_name, name_of, At, Burn, NameError, Unit};
 use hrg_cal::unit::record::{unit_in_log, Recorder, Second};
 use hrg_cal::unit::sensors::Sensors;
 use hrg_cal::BadInput;
-use hrg_core::calibration::Calibration;
+use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Housekeeping, Identity, Message};
+use hrg_core::sectors::{room, SECTOR_BYTES};
 use std::io::{BufRead, IsTerminal, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -279,6 +281,9 @@ pub struct BurnArguments {
     /// Replace the unit's scale factor by the calibration's.
     #[arg(long)]
     new_scale_factor: bool,
+    /// The key that signs the image (hrg keygen), for a unit whose firmware wants it.
+    #[arg(long)]
+    key: Option<PathBuf>,
 }
 
 /// A unit that fails in the middle of a burn is asked for so long what it holds.
@@ -286,7 +291,8 @@ const HELD_WITHIN: Duration = Duration::from_secs(15);
 
 /// `hrg burn`.
 pub fn burn(arguments: &BurnArguments) -> Result<()> {
-    let BurnArguments { calibration, port, unit: said, new_scale_factor } = arguments;
+    let BurnArguments { calibration, port, unit: said, new_scale_factor, key } = arguments;
+    let key = key.as_deref().map(keys::load).transpose()?;
     let c = image_file::load(calibration)?;
     let mut unit = Unit::open(port)?;
     let named = match said {
@@ -295,7 +301,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     };
     let bar = indicatif::ProgressBar::new(100);
     bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
-    let said = Burn { unit: named, new_scale_factor: *new_scale_factor };
+    let said = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
     let after = unit.burn(&c, &said, |done| bar.set_position((done * 100.0) as u64));
     bar.finish_and_clear();
     let after = match after {
@@ -310,10 +316,21 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
         after.sequence,
         scale_text(&c.scale_factors_dph_per_code())
     );
+    let length = c.to_bytes().map_or(MAX_BYTES, |b| b.len());
     println!(
-        "this was burn {} of the unit; a sector of flash endures 10000 erases, each burn erases one of two",
-        after.sequence
+        "this was burn {} of the unit; {} images of this length fit a sector, which is erased (the unit stands still for 2 s) when the other one is full, and endures 10000 erases",
+        after.sequence,
+        SECTOR_BYTES / room(length)
     );
+    Ok(())
+}
+
+/// `hrg keygen`.
+pub fn keygen(out: &Path) -> Result<()> {
+    let public = keys::generate(out)?;
+    println!("{}: the private key, readable for you only; who has it can calibrate your units", out.display());
+    println!("{}.pub: the public key", out.display());
+    println!("build the firmware with the feature signed and HRG_PUBLIC_KEY={public}");
     Ok(())
 }
 
@@ -354,28 +371,28 @@ fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyho
 
 /// `hrg read`.
 pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
-    let (identity, sectors) = Unit::open(port)?.read()?;
+    let (identity, images) = Unit::open(port)?.read()?;
     let name = name_of(&identity).unwrap_or("without a name");
     println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
-    let mut running = None;
-    for (name, sector) in ["A", "B"].iter().zip(sectors) {
-        match sector {
-            Ok(c) => {
-                let used = c.checksum() == identity.calibration;
-                println!(
-                    "sector {name}: image {:08x}, number {}, made {} (seconds since 1970){}",
-                    c.checksum(),
-                    c.sequence,
-                    c.created_unix_s,
-                    if used { ", in use" } else { "" }
-                );
-                if used {
-                    running = Some(c);
-                }
-            }
-            Err(e) => println!("sector {name}: {e}"),
-        }
+    let tell = |(place, image): &At, what: &str| match image {
+        Ok(c) => println!(
+            "{place}: image {:08x}, number {}, made {} (seconds since 1970), {what}",
+            c.checksum(),
+            c.sequence,
+            c.created_unix_s
+        ),
+        Err(e) => println!("{place}: {e}; {what}"),
+    };
+    if let Some(at) = &images.in_use {
+        tell(at, "in use");
     }
+    if let Some(at) = images.newest.as_ref().filter(|_| images.newest != images.in_use) {
+        tell(at, "runs from the next start on");
+    }
+    let running = match images.in_use {
+        Some((_, Ok(c))) => Some(c).filter(|c| c.checksum() == identity.calibration),
+        _ => None,
+    };
     match (out, running) {
         (Some(out), Some(c)) => {
             image_file::save(out, &c)?;

@@ -92,6 +92,14 @@ enum Command {
     ///
     /// Example: hrg burn cal.toml --port /dev/ttyUSB0
     Burn(chamber::BurnArguments),
+    /// Make a key that signs calibrations, for firmware built with the feature signed.
+    ///
+    /// Example: hrg keygen --out owner.key
+    Keygen {
+        /// Where the private key goes; the public one goes beside it, with .pub behind its name.
+        #[arg(long)]
+        out: PathBuf,
+    },
     /// Read the calibrations in a unit.
     ///
     /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
@@ -187,6 +195,7 @@ fn run(command: Command) -> Result<()> {
         Command::Import(arguments) => import::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Burn(arguments) => chamber::burn(&arguments),
+        Command::Keygen { out } => chamber::keygen(&out),
         Command::Read { port, out } => chamber::read(&port, out.as_deref()),
         Command::Align(arguments) => align::run(arguments),
         Command::SimulateAlignment(arguments) => simulate_alignment::run(arguments),

@@ -6,7 +6,6 @@ use anyhow::Result;
 use hrg_core::alignment::session;
 use hrg_core::link::{Deframer, Message};
 use hrg_core::maintenance::{self, Answer, Command, Reply};
-use hrg_core::sectors::Sector;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use virtual_board::{Board, CPU_HZ, FLASH_SIZE, FLASH_START};
@@ -157,10 +156,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     for (name, frame) in [
         ("link: flood of Identify", Message::Identify.encode()),
         ("link: flood of alignment commands", Message::Align(begin).encode()),
-        (
-            "link: flood of maintenance commands",
-            Message::Maintain(Command::Read { sector: Sector::A, offset: 0 }).encode(),
-        ),
+        ("link: flood of maintenance commands", Message::Maintain(Command::Read { page: 0, offset: 0 }).encode()),
     ] {
         let n = extent.bytes / 20 / frame.len() as u64;
         let bytes: Vec<u8> = std::iter::repeat_n(&frame[..], n as usize).flatten().copied().collect();

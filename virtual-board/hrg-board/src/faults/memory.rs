@@ -6,6 +6,7 @@ use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_cal::numeric::stats::share_interval;
 use hrg_core::rate_path::RateFrame;
+use hrg_core::sectors::room;
 use hrg_core::status::UnitStatus;
 use rand::Rng;
 use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START};
@@ -91,21 +92,25 @@ fn judge(sent: &Received, truth: &Received, reset_at: Option<u64>, flipped_at: u
     }
 }
 
-/// Flips in the image in flash: alone in sector A, and in the newer of two.
+/// Flips in the image in flash: alone in sector A, in the newer of two sectors, and in the newer of a row.
 fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
     let old = scene.calibration.clone();
     let mut new = old.clone();
     new.sequence = old.sequence + 1;
     let image = new.to_bytes().context("fits")?;
     let bits = image.len() as u64 * 8 / extent.every;
-    for two in [false, true] {
-        let sector = if two { CALIBRATION_B } else { CALIBRATION_A };
+    for (what, place) in [
+        ("bit of the image in flash", CALIBRATION_A),
+        ("bit of the newer of two images, in sector B", CALIBRATION_B),
+        ("bit of the newer of two images in a row", CALIBRATION_A + room(image.len()) as u32),
+    ] {
+        let two = place != CALIBRATION_A;
         let found = trials(
             bits,
             || {
                 let mut board = scene.off(scene.wires(), if two { &old } else { &new })?;
                 if two {
-                    board.write_flash(CALIBRATION_B, &image)?;
+                    board.write_flash(place, &image)?;
                 }
                 let start = board.snapshot()?;
                 Ok((board, start))
@@ -113,7 +118,7 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
             |(board, start), k| {
                 board.restore(start)?;
                 let bit = k * extent.every;
-                board.flip_bit(FLASH_START + sector + (bit / 8) as u32, (bit % 8) as u8)?;
+                board.flip_bit(FLASH_START + place + (bit / 8) as u32, (bit % 8) as u8)?;
                 run(board, cycles(0.1))?;
                 let expected =
                     UnitStatus::IMAGE_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
@@ -123,7 +128,7 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
         )?;
         let noticed = found.iter().filter(|f| **f).count();
         report.row(
-            if two { "bit of the newer of two images in flash" } else { "bit of the image in flash" },
+            what,
             bits,
             format!(
                 "flagged in every frame {noticed}, not flagged {}; then runs {}",

@@ -3,39 +3,89 @@
 use super::memory::{nearest, unsaid, SETTLES_S};
 use super::{cycles, draws, good, run, trials, Extent, Report, Scene, BOUND_DPH, RESTART_S};
 use crate::host::{burn, running, Burn};
-use crate::replay::CALIBRATION_B;
+use crate::replay::{CALIBRATION_A, CALIBRATION_B};
+use crate::wires::Wires;
 use anyhow::{Context, Result};
-use hrg_core::calibration::Calibration;
+use hrg_core::calibration::{Calibration, COMMIT, REFUSED};
+use hrg_core::sectors::{room, STEP};
 use hrg_core::status::AxisStatus;
 use rand::Rng;
+use virtual_board::Board;
 
 /// The unit must answer within this time after power comes back, s.
 const UP_S: f64 = 1.0;
+
+/// What a burn finds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Case {
+    /// Room behind the image in use.
+    Appended,
+    /// The same, with an image between whose burn was cut short.
+    BehindTorn,
+    /// No room: the other sector, which holds an older image, is erased.
+    Erased,
+}
+
+const CASES: [(Case, &str); 3] =
+    [(Case::Appended, "appended"), (Case::BehindTorn, "appended behind a torn one"), (Case::Erased, "with an erase")];
+
+/// A board that is just being switched on: in sector A an older image and the one in use, and what belongs to the case.
+fn prepared(scene: &Scene, case: Case) -> Result<Board<Wires>> {
+    let numbered = |back: u32| -> Result<Vec<u8>> {
+        let sequence = scene.calibration.sequence.wrapping_sub(back);
+        let image = Calibration { sequence, ..scene.calibration.clone() };
+        Ok(image.to_bytes().context("fits")?.to_vec())
+    };
+    let mut board = scene.off(
+        scene.wires(),
+        &Calibration { sequence: scene.calibration.sequence.wrapping_sub(1), ..scene.calibration.clone() },
+    )?;
+    let own = numbered(0)?;
+    let step = room(own.len()) as u32;
+    board.write_flash(CALIBRATION_A + step, &own)?;
+    match case {
+        Case::Appended => {}
+        Case::BehindTorn => board.write_flash(CALIBRATION_A + 2 * step + COMMIT as u32, &own[COMMIT..own.len() / 2])?,
+        Case::Erased => {
+            board.write_flash(CALIBRATION_B, &numbered(2)?)?;
+            board.write_flash(CALIBRATION_B - STEP as u32, &REFUSED)?;
+        }
+    }
+    Ok(board)
+}
 
 /// Cuts at every flash operation of a burn, and at random instructions of one.
 ///
 /// # Errors
 /// Where the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
+    for (k, (case, name)) in CASES.into_iter().enumerate() {
+        burns(scene, seed.wrapping_add(k as u64), extent, case, name, report)?;
+    }
+    for cold in [false, true] {
+        restarts(scene, seed, extent, cold, report)?;
+    }
+    Ok(())
+}
+
+fn burns(scene: &Scene, seed: u64, extent: &Extent, case: Case, name: &str, report: &mut Report) -> Result<()> {
     let old = scene.calibration.clone();
     let mut new = old.clone();
     new.sequence = old.sequence + 1;
     for a in &mut new.axes {
         a.scale_factor_dph_per_code *= 1.5;
     }
-    // Sector B holds an image from before, as it does from the second burn on.
-    let mut older = old.clone();
-    older.sequence = old.sequence.wrapping_sub(1);
     let ready = || -> Result<_> {
-        let mut board = scene.off(scene.wires(), &old)?;
-        board.write_flash(CALIBRATION_B, &older.to_bytes().context("fits")?)?;
+        let mut board = prepared(scene, case)?;
         run(&mut board, cycles(0.1))?;
         let start = board.snapshot()?;
         Ok((board, start))
     };
     let (mut board, _) = ready()?;
-    let (operations, instructions) = (board.flash_operations(), board.instructions());
+    let (operations, instructions, before) = (board.flash_operations(), board.instructions(), board.now());
     anyhow::ensure!(burn(&mut board, &new)? == Burn::Done, "an undisturbed burn");
+    let stood_still = board.now() - before > cycles(2.0);
+    anyhow::ensure!(stood_still == (case == Case::Erased), "an erase where there is no room, and only there");
     let operations = board.flash_operations() - operations;
     let instructions = board.instructions() - instructions;
 
@@ -69,18 +119,15 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         }
         Ok(first.calibration)
     })?;
-    tell(&found, report, format!("power cut within flash operation 1 to {operations}"));
-    let found = trials(extent.random, ready, |(board, start), k| {
+    tell(&found, report, format!("power cut within flash operation 1 to {operations} of a burn, {name}"));
+    let found = trials(extent.random / CASES.len() as u64, ready, |(board, start), k| {
         board.restore(start)?;
         board.stop_at_instruction(board.instructions() + draws(seed, 1, k).random_range(0..instructions));
         anyhow::ensure!(burn(board, &new)? == Burn::Stopped, "the cut did not come");
         board.power_cut()?;
         Ok(running(board, UP_S)?.calibration)
     })?;
-    tell(&found, report, "power cut at a random instruction of a burn".into());
-    for cold in [false, true] {
-        restarts(scene, seed, extent, cold, report)?;
-    }
+    tell(&found, report, format!("power cut at a random instruction of a burn, {name}"));
     Ok(())
 }
 

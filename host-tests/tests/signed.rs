@@ -1,0 +1,116 @@
+//! The firmware that wants signed calibrations, on the virtual board. Its key is that of `host-tests/keys`.
+
+use hrg_board::faults::Scene;
+use hrg_board::host::{maintain, running};
+use hrg_board::replay::{self, CALIBRATION_A};
+use hrg_board::wires::Wires;
+use hrg_cal::unit::keys;
+use hrg_core::alignment::session::Command as Align;
+use hrg_core::calibration::Calibration;
+use hrg_core::link::Message;
+use hrg_core::maintenance::{burn, Answer};
+use hrg_core::status::UnitStatus;
+use std::path::Path;
+use virtual_board::{Board, CPU_HZ};
+
+/// `cargo xtask test` builds it, as `cargo xtask size --signed` does.
+fn elf() -> Vec<u8> {
+    let usual = replay::default_elf();
+    let target = usual.ancestors().nth(3).expect("a folder of builds");
+    let elf = target.join("signed").join(usual.strip_prefix(target).expect("lies there"));
+    replay::read_elf(&elf).expect("cargo xtask size --signed builds it")
+}
+
+fn signed(image: &Calibration) -> Vec<u8> {
+    let key = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/keys/test.key"));
+    keys::sign(&image.to_bytes().expect("fits"), &keys::load(key).expect("a key"))
+}
+
+fn numbered(scene: &Scene, above: u32) -> Calibration {
+    Calibration { sequence: scene.calibration.sequence + above, ..scene.calibration.clone() }
+}
+
+/// Sends bytes as an image; gives the last answer.
+fn send(board: &mut Board<Wires>, image: &Calibration, bytes: &[u8]) -> Answer {
+    let mut last = Answer::Done;
+    for command in burn(image.unit, bytes) {
+        last = maintain(board, command).expect("answers").expect("nothing stops it");
+        if last != Answer::Done {
+            break;
+        }
+    }
+    last
+}
+
+/// A unit with a signed image that has just started.
+fn unit(scene: &Scene) -> Board<Wires> {
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
+    board.write_flash(CALIBRATION_A, &signed(&scene.calibration)).expect("flash");
+    board
+}
+
+#[test]
+fn a_unit_with_a_key_runs_what_its_owner_has_signed_and_nothing_else() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    // Unsigned, as the debug port may leave it.
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
+    assert_eq!(running(&mut board, 1.0).expect("answers").calibration, 0);
+    board.run_until(2 * CPU_HZ).expect("runs");
+    let last = board.world.received.rates.last().expect("rates");
+    assert_eq!(last.unit_status, UnitStatus::IMAGE_REFUSED | UnitStatus::DEFAULT_CALIBRATION);
+
+    let mut board = unit(&scene);
+    assert_eq!(running(&mut board, 1.0).expect("answers").calibration, scene.calibration.checksum());
+    let next = numbered(&scene, 1);
+    let bytes = next.to_bytes().expect("fits");
+    let mut changed = signed(&next);
+    changed[bytes.len() + 40] ^= 1;
+    for coming in [&bytes[..], &changed] {
+        assert_eq!(send(&mut board, &next, coming), Answer::Signature);
+    }
+    assert_eq!(send(&mut board, &scene.calibration, &signed(&scene.calibration)), Answer::NotNewer, "replayed");
+    board.power_cut().expect("starts");
+    assert_eq!(running(&mut board, 1.0).expect("answers").calibration, scene.calibration.checksum());
+    assert_eq!(send(&mut board, &next, &signed(&next)), Answer::Done);
+    board.power_cut().expect("starts");
+    assert_eq!(running(&mut board, 1.0).expect("answers").calibration, next.checksum());
+    board.run_until(board.now() + 2 * CPU_HZ).expect("runs");
+    assert!(board.world.received.rates.last().is_some_and(|r| r.unit_status.is_empty()));
+}
+
+#[test]
+fn an_alignment_is_accepted_in_maintenance_mode_only() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = unit(&scene);
+    board.run_until(3 * CPU_HZ).expect("runs");
+    board.world.hear(&Message::Align(Align::Accept).encode());
+    board.poll_link();
+    board.run_until(6 * CPU_HZ).expect("runs");
+    let h = &board.world.received.housekeeping;
+    let flagged = h.iter().filter(|h| h.unit_status.contains(UnitStatus::LINK_ERRORS)).count();
+    assert_eq!((h.last().expect("some").link_errors, flagged), (1, 1));
+}
+
+#[test]
+fn a_check_costs_a_start_what_is_documented() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let usual = Scene::new(&replay::read_elf(&replay::default_elf()).expect("built before"), 1).expect("a scene");
+    let mut without = unit(&usual);
+    running(&mut without, 1.0).expect("answers");
+    let mut board = unit(&scene);
+    board.count_calls("hrg_core::signature::Key::signed").expect("in the ELF");
+    running(&mut board, 1.0).expect("answers");
+    let (stack, stack_without) = (board.stack_used(), without.stack_used());
+    let at_start = board.probe(0).expect("counted").calls.clone();
+    let next = numbered(&scene, 1);
+    let begun = board.now();
+    assert_eq!(send(&mut board, &next, &signed(&next)), Answer::Done);
+    let burn_s = (board.now() - begun) as f64 / CPU_HZ as f64;
+    println!(
+        "a check of an image of {} bytes: {at_start:?} instructions; stack of a start {stack} bytes, {stack_without} without the feature; a signed burn but for its restart: {burn_s:.2} s",
+        next.to_bytes().expect("fits").len(),
+    );
+    // Measured, and a tenth on top.
+    assert!(at_start.len() == 1 && at_start[0] < 1_740_000, "{at_start:?}");
+    assert!(stack < 43_000, "{stack} bytes of stack");
+}

@@ -1,0 +1,63 @@
+//! Signatures of calibration images: Ed25519, by the crate `ed25519-dalek`.
+//!
+//! The signature lies right behind the image and signs the image's bytes, checksum included. So it covers the unit's name and the
+//! sequence number, too: an image signed for one unit is none for another, and an older one is not newer for being signed.
+//! A program without the feature `signed` has no [`Key`] and asks for no signature.
+
+use crate::calibration::stated_length;
+
+/// Bytes of a signature.
+pub const SIGNATURE: usize = 64;
+
+/// The public key whose signatures a unit wants. Without the feature `signed` there is none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg(not(feature = "signed"))]
+pub enum Key {}
+
+/// The public key whose signatures a unit wants.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg(feature = "signed")]
+pub struct Key([u8; 32]);
+
+/// The signature behind an image; `None`: the flash there is erased, or there is no more of it. `place` begins with the image.
+#[must_use]
+pub fn behind(place: &[u8]) -> Option<&[u8; SIGNATURE]> {
+    let signature = place.get(stated_length(place)?..)?.first_chunk()?;
+    Some(signature).filter(|s| **s != [0xFF; SIGNATURE])
+}
+
+#[cfg(not(feature = "signed"))]
+impl Key {
+    /// Whether a signature is this key's, of the image that `place` begins with.
+    #[must_use]
+    pub fn signed(&self, _: &[u8], _: &[u8; SIGNATURE]) -> bool {
+        match *self {}
+    }
+}
+
+#[cfg(feature = "signed")]
+impl Key {
+    /// A key of 32 bytes. Whether they are a point of the curve is found out at the first check: what is none has signed nothing.
+    #[must_use]
+    pub const fn new(bytes: [u8; 32]) -> Self {
+        Self(bytes)
+    }
+
+    /// Whether a signature is this key's, of the image that `place` begins with. (The first word of the image may be missing in
+    /// flash still: it is programmed last.)
+    // Out of line: its stack is needed for a short time only.
+    #[inline(never)]
+    #[must_use]
+    pub fn signed(&self, place: &[u8], signature: &[u8; SIGNATURE]) -> bool {
+        use crate::calibration::{COMMIT, MAGIC, MAX_BYTES};
+        let Ok(key) = ed25519_dalek::VerifyingKey::from_bytes(&self.0) else { return false };
+        let Some(image) = stated_length(place).and_then(|n| place.get(..n)) else { return false };
+        let mut message = [0; MAX_BYTES];
+        let Some((message, _)) = message.split_at_mut_checked(image.len()) else { return false };
+        message.iter_mut().zip(image).for_each(|(to, from)| *to = *from);
+        if let Some(first) = message.first_chunk_mut::<COMMIT>() {
+            *first = MAGIC;
+        }
+        key.verify_strict(message, &ed25519_dalek::Signature::from_bytes(signature)).is_ok()
+    }
+}
