@@ -160,6 +160,9 @@ impl Store for Sectors {
     fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
         self.program(Self::offsets(at.sector).start + at.offset, bytes)
     }
+    fn events(&self, sector: usize) -> &[u8] {
+        events::Store::log(self, sector)
+    }
     fn view(&self, sector: Sector) -> &[u8] {
         let range = Self::range(sector);
         // SAFETY: a calibration sector (memory.x), which nothing but this type writes to, and only with `&mut self`.

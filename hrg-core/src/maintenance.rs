@@ -28,7 +28,15 @@ pub trait Store {
     fn write(&mut self, at: Place, bytes: &[u8]) -> bool;
     /// A whole sector: flash is in the address space.
     fn view(&self, sector: Sector) -> &[u8];
+    /// A sector of the field log (0 or 1), where there is one: [`crate::events`].
+    fn events(&self, _sector: usize) -> &[u8] {
+        &[]
+    }
 }
+
+/// The pages that [`Command::Read`] has for the field log: four for each of its sectors.
+pub const LOG_PAGE: u8 = 248;
+const LOG_PAGES: usize = crate::events::SECTOR / PAGE;
 
 /// The number that stands for no place.
 pub const NOWHERE: u32 = u32::MAX;
@@ -239,9 +247,13 @@ impl Maintenance {
             Command::Chunk { offset, length, data } => self.chunk(*offset, *length, data, store),
             Command::End => self.end(store),
             Command::Read { page: number, offset } => {
-                let piece = page(*number).filter(|_| usize::from(*offset) + CHUNK <= PAGE).and_then(|start| {
-                    let from = start.offset as usize + usize::from(*offset);
-                    store.view(start.sector).get(from..)?.first_chunk()
+                let within = usize::from(*offset) + CHUNK <= PAGE;
+                let found = match number.checked_sub(LOG_PAGE).map(usize::from) {
+                    Some(page) => Some((store.events(page / LOG_PAGES), page % LOG_PAGES * PAGE)),
+                    None => page(*number).map(|start| (store.view(start.sector), start.offset as usize)),
+                };
+                let piece = found.filter(|_| within).and_then(|(sector, start)| {
+                    sector.get(start + usize::from(*offset)..)?.first_chunk()
                 });
                 if let Some(data) = piece {
                     return Reply::Data { page: *number, offset: *offset, data: *data };

@@ -9,8 +9,9 @@ use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
 use hrg_core::link::{Deframer, Identity, Message};
-use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK};
-use hrg_core::sectors::Place;
+use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
+use hrg_core::events::{records, Record, SECTOR};
+use hrg_core::sectors::{Place, PAGE};
 use serialport::SerialPort;
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -343,6 +344,38 @@ impl Unit {
             }
         }
         bytes.truncate(length);
+        Ok(bytes)
+    }
+
+    /// The field log, oldest event first.
+    ///
+    /// # Errors
+    /// Where the unit does not answer, or does not open its maintenance mode.
+    pub fn events(&mut self) -> Result<Vec<Record>> {
+        let identity = self.reconnect(Duration::ZERO)?;
+        self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let sectors = [0, 1].map(|sector| self.log_sector(sector));
+        self.done(Command::Close, "maintenance mode")?;
+        let [a, b] = sectors;
+        let (a, b) = (a?, b?);
+        Ok(records([&a, &b]).collect())
+    }
+
+    /// A sector of the field log as far as it is written.
+    fn log_sector(&mut self, sector: usize) -> Result<Vec<u8>> {
+        let mut bytes = Vec::with_capacity(SECTOR);
+        let pages = SECTOR / PAGE;
+        while bytes.len() < SECTOR && !bytes.ends_with(&[0xFF; CHUNK]) {
+            let page = LOG_PAGE + (sector * pages + bytes.len() / PAGE) as u8;
+            let offset = (bytes.len() % PAGE) as u16;
+            match self.maintain(Command::Read { page, offset })? {
+                Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => bytes.extend_from_slice(&data),
+                Reply::Data { .. } => {}
+                Reply::Answer(answer, _) => {
+                    return Err(BadInput::new(format!("the field log cannot be read; the unit says: {answer}")).into())
+                }
+            }
+        }
         Ok(bytes)
     }
 

@@ -8,6 +8,7 @@ use hrg_cal::image_file;
 use hrg_cal::recording::metadata::{same_scale, scale_factor, scale_text};
 use hrg_cal::recording::names;
 use hrg_cal::simulate::Profile;
+use hrg_cal::unit::events;
 use hrg_cal::unit::keys;
 use hrg_cal::unit::log::Decoder;
 use hrg_cal::unit::monitor;
@@ -404,6 +405,19 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
         }
         (None, _) => Ok(()),
     }
+}
+
+/// Prints the field log of a unit.
+///
+/// # Errors
+/// Where the unit does not answer.
+pub fn read_events(port: &str) -> Result<()> {
+    let all = Unit::open(port)?.events()?;
+    println!("{} events; times since power-on, over restarts", all.len());
+    for record in &all {
+        println!("{}", events::line(record));
+    }
+    Ok(())
 }
 
 /// What `hrg monitor` is told.

@@ -100,13 +100,16 @@ enum Command {
         #[arg(long)]
         out: PathBuf,
     },
-    /// Read the calibrations in a unit.
+    /// Read the calibrations in a unit, or its field log: what befell it, over power cuts.
     ///
     /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
     Read {
         /// Serial port of the link.
         #[arg(long)]
         port: String,
+        /// The field log instead: starts and their causes, flags that rose, burns; the newest last.
+        #[arg(long, conflicts_with = "out")]
+        events: bool,
         /// Where the image in use goes.
         #[arg(long)]
         out: Option<PathBuf>,
@@ -196,7 +199,8 @@ fn run(command: Command) -> Result<()> {
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Keygen { out } => chamber::keygen(&out),
-        Command::Read { port, out } => chamber::read(&port, out.as_deref()),
+        Command::Read { port, events: true, .. } => chamber::read_events(&port),
+        Command::Read { port, out, .. } => chamber::read(&port, out.as_deref()),
         Command::Align(arguments) => align::run(arguments),
         Command::SimulateAlignment(arguments) => simulate_alignment::run(arguments),
         Command::Lag(arguments) => lag::run(arguments),
