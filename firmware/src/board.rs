@@ -11,6 +11,8 @@
 //! | link out, in | PA9, PA10 | USART1 |
 
 use crate::adc::{self, Adc, Wiring};
+#[cfg(feature = "battery")]
+use crate::backup;
 use crate::capture::{self, Clock, Rings};
 use crate::halt::once;
 use crate::maintain::{self, Sectors};
@@ -180,11 +182,17 @@ impl Board {
         }
         let mut config = embassy_stm32::Config::default();
         config.rcc = clocks(crystal);
+        #[cfg(feature = "battery")]
+        if backup::clock() {
+            config.rcc.ls = rcc::LsConfig::default_lse();
+        }
         let p = embassy_stm32::init(config);
         if crystal {
             clock::watch();
         }
         clock::watch_supply();
+        #[cfg(feature = "battery")]
+        backup::start();
         maintain::cache();
         let reset_cause = reset_cause();
         let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);

@@ -21,6 +21,8 @@
 #![no_main]
 
 mod adc;
+#[cfg(feature = "battery")]
+mod backup;
 mod board;
 mod capture;
 mod channels;
@@ -102,6 +104,11 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
 fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 {
     if let Some(kept) = kept::newest(cause) {
         models.iter_mut().for_each(|m| m.resume(&kept));
+    } else {
+        #[cfg(feature = "battery")]
+        if let Some(kept) = backup::newest(cause) {
+            models.iter_mut().for_each(|m| m.resume(&kept));
+        }
     }
     models[0].resets()
 }

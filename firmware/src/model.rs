@@ -56,6 +56,8 @@ pub async fn task(
         };
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
         kept::keep(first, step.step);
+        #[cfg(feature = "battery")]
+        crate::backup::keep(second);
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output, report));
     }

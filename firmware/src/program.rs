@@ -47,10 +47,11 @@ pub enum Verdict {
 pub struct Check {
     unit: Crc<'static>,
     seal: [u32; 2],
-    /// What is checked, and how far this pass has come.
-    ranges: [Range<usize>; 2],
+    /// What is checked: the vector table, the rest.
+    table: Range<usize>,
+    rest: Range<usize>,
+    /// How far this pass has come.
     at: usize,
-    range: usize,
 }
 
 /// A word of flash.
@@ -69,8 +70,8 @@ impl Check {
         let seal = (&raw const SEAL).addr();
         let data = (&raw const __edata).addr() - (&raw const __sdata).addr();
         let end = ((&raw const __sidata).addr() + data).next_multiple_of(4);
-        let ranges = [table..seal, (&raw const _program_start).addr()..end];
-        Self { unit: Crc::new(unit), seal: [word(seal), word(seal + 4)], at: table, range: 0, ranges }
+        let rest = (&raw const _program_start).addr()..end;
+        Self { unit: Crc::new(unit), seal: [word(seal), word(seal + 4)], at: table, table: table..seal, rest }
     }
 
     /// The whole program at once: at start.
@@ -92,7 +93,8 @@ impl Check {
         if sealed != SEALED {
             return Some(Verdict::Unsealed);
         }
-        let end = self.ranges[self.range].end;
+        let in_table = self.at < self.table.end;
+        let end = if in_table { self.table.end } else { self.rest.end };
         let stop = end.min(self.at.saturating_add(words.saturating_mul(4)));
         while self.at < stop {
             self.unit.feed_word(word(self.at));
@@ -101,15 +103,13 @@ impl Check {
         if self.at < end {
             return None;
         }
-        if self.range == 0 {
-            self.range = 1;
-            self.at = self.ranges[1].start;
+        if in_table {
+            self.at = self.rest.start;
             return None;
         }
         let found = self.unit.read();
         self.unit.reset();
-        self.range = 0;
-        self.at = self.ranges[0].start;
+        self.at = self.table.start;
         Some(if found == sum { Verdict::Intact } else { Verdict::Changed })
     }
 }

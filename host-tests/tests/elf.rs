@@ -263,11 +263,11 @@ fn the_stack_stays_small_and_the_load_low() {
     let before = board.instructions();
     board.run_until(12 * CPU_HZ).expect("runs");
     let per_second = (board.instructions() - before) / 10;
-    // 1.5 % of 180 MHz. Counted, not timed: the same on every machine.
-    assert!(per_second < 2_700_000, "{per_second} instructions per second");
+    // 1.6 % of 180 MHz. Counted, not timed: the same on every machine.
+    assert!(per_second < 2_900_000, "{per_second} instructions per second");
     let stack = board.stack_used();
     // Together with static RAM it is bounded by cargo xtask bench.
-    assert!((1000..41_300).contains(&stack), "{stack} bytes of stack");
+    assert!((1000..42_900).contains(&stack), "{stack} bytes of stack");
     println!("{per_second} instructions per second, {stack} bytes of stack");
 }
 

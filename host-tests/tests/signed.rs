@@ -1,4 +1,4 @@
-//! The firmware that wants signed calibrations, on the virtual board. Its key is that of `host-tests/keys`.
+//! The firmware that wants signed calibrations and has a battery, on the virtual board. Its key is that of `host-tests/keys`.
 
 use hrg_board::faults::Scene;
 use hrg_board::host::{maintain, running};
@@ -113,4 +113,37 @@ fn a_check_costs_a_start_what_is_documented() {
     // Measured, and a tenth on top.
     assert!(at_start.len() == 1 && at_start[0] < 1_740_000, "{at_start:?}");
     assert!(stack < 43_000, "{stack} bytes of stack");
+}
+
+#[test]
+fn a_battery_carries_the_states_over_a_short_power_cut_and_no_longer() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let known = |battery: bool, off_s: f64| {
+        let wires = scene.wires();
+        let mut board = Board::new(&elf(), wires).expect("runs");
+        if battery {
+            board.fit_battery();
+        }
+        board.write_flash(CALIBRATION_A, &signed(&scene.calibration)).expect("in flash");
+        // The scene's kept states: a unit that has been on for hours.
+        board.run_until(CPU_HZ / 10).expect("runs");
+        scene.keep(&mut board).expect("kept");
+        board.reset_by_software().expect("restarts");
+        board.run_until(30 * CPU_HZ).expect("runs");
+        let on = board.world.received.housekeeping.last().expect("some").on_for_s;
+        assert!(on > 9000.0, "{on}");
+        board.power_off((off_s * CPU_HZ as f64) as u64).expect("restarts");
+        board.world.received = Default::default();
+        let until = board.now() + 3 * CPU_HZ;
+        board.run_until(until).expect("runs");
+        let h = board.world.received.housekeeping.last().expect("some");
+        let unknown = h.axis_status[0].contains(hrg_core::status::AxisStatus::HISTORY_UNKNOWN);
+        assert_eq!(unknown, h.on_for_s < 100.0, "{} s", h.on_for_s);
+        !unknown
+    };
+    assert!(known(true, 0.5));
+    assert!(known(true, 3.5));
+    assert!(!known(true, 20.0), "too long ago");
+    assert!(!known(true, 86_401.0), "a day and a second");
+    assert!(!known(false, 0.5), "no battery");
 }

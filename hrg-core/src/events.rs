@@ -203,8 +203,8 @@ impl Journal {
         };
         let next = if heads == [None; 2] { RECORDS } else { Self::end(store.log(sector)) };
         let mut journal = Self { sector, next, lost: 0 };
-        if may_erase && RECORDS - next < ROOM {
-            journal.change(store, number.wrapping_add(1));
+        if RECORDS - next < ROOM {
+            journal.change(store, number.wrapping_add(1), may_erase);
         }
         journal
     }
@@ -215,10 +215,12 @@ impl Journal {
         written.map_or(0, |at| at + 1).min(RECORDS)
     }
 
-    /// Goes over to the other sector.
-    fn change(&mut self, store: &mut impl Store, number: u32) {
+    /// Goes over to the other sector, if it is erased or may be.
+    fn change(&mut self, store: &mut impl Store, number: u32, may_erase: bool) {
         let other = 1 - self.sector;
-        if store.erase_log(other) && store.write_log(other, 0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
+        let blank = store.log(other).iter().all(|b| *b == 0xFF);
+        let ready = blank || may_erase && store.erase_log(other);
+        if ready && store.write_log(other, 0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
             *self = Self { sector: other, next: 1, lost: 0 };
         }
     }
@@ -387,10 +389,13 @@ mod tests {
         let mut journal = Journal::open(&mut store, true);
         (0..2000).for_each(|k| journal.write(&mut store, event(k)));
         assert_eq!(store.all().len() + usize::from(journal.lost()), 2000);
-        assert_eq!(store.erased, 1, "no erase in flight");
-        // A restart in flight does not erase either.
+        assert_eq!(store.erased, 0, "no erase in flight, nor of what is erased");
+        // A restart in flight does not erase either; it takes the other sector as long as that is erased.
+        let mut journal = Journal::open(&mut store, false);
+        assert_eq!((store.erased, journal.sector, journal.next), (0, 1, 1));
+        (0..2000).for_each(|k| journal.write(&mut store, event(k)));
         let journal = Journal::open(&mut store, false);
-        assert_eq!((store.erased, journal.next + 1), (1, RECORDS));
+        assert_eq!((store.erased, journal.next + 1), (0, RECORDS));
     }
 
     #[test]
@@ -399,6 +404,7 @@ mod tests {
         let mut ready = Memory::new(0xFF);
         let mut journal = Journal::open(&mut ready, true);
         (0..800).for_each(|k| journal.write(&mut ready, event(k)));
+        ready.sectors[1].fill(0xA5);
         for left in 1..60 {
             let mut store = Memory { sectors: ready.sectors.clone(), left, erased: 0 };
             let mut journal = Journal::open(&mut store, true);

@@ -57,6 +57,7 @@ pub struct Board<W: World> {
     /// Nobody reads the log.
     probe_gone: bool,
     hardware_watchdog: bool,
+    battery: bool,
 }
 
 /// A board at a moment, to come back to: [`Board::snapshot`].
@@ -122,6 +123,7 @@ impl<W: World> Board<W> {
             as_on_chip: false,
             mishaps: 0,
             hardware_watchdog: false,
+            battery: false,
             probe_gone: false,
         };
         for channel in 0..3 {
@@ -371,6 +373,20 @@ impl<W: World> Board<W> {
         self.open_or_close_flash()
     }
 
+    /// From now on a battery at VBAT carries what it carries.
+    pub fn fit_battery(&mut self) {
+        self.battery = true;
+    }
+
+    /// Cuts the power for so many cycles.
+    ///
+    /// # Errors
+    /// As [`run_until`](Self::run_until).
+    pub fn power_off(&mut self, cycles: u64) -> Result<(), RunError> {
+        self.cpu.get_data_mut().now += cycles;
+        self.power_cut()
+    }
+
     /// Resets the processor as its own program does; RAM stays as it is.
     ///
     /// # Errors
@@ -498,6 +514,9 @@ impl<W: World> Board<W> {
         chip.mark_rises = before.mark_rises.take();
         if cause != CSR_POWER_ON {
             chip.adc = before.adc.clone();
+        }
+        if cause != CSR_POWER_ON || self.battery {
+            chip.backup = before.backup.clone();
         }
         if self.hardware_watchdog {
             chip.iwdg = Iwdg::hardware(now);

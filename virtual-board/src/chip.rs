@@ -5,7 +5,7 @@ use crate::gpio::{Exti, Port, Syscfg};
 use crate::nvic::{irq, Nvic};
 use crate::probe::Probe;
 use crate::serial::{Spi, Usart};
-use crate::system::{CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
+use crate::system::{Backup, CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
 use crate::timer::Timer;
 
 /// A DMA request that a peripheral makes, with the streams that can serve it (RM0390 tables 28 and 29):
@@ -179,6 +179,7 @@ pub struct Chip {
     pub tim5: Timer,
     pub tim11: CrystalCounter,
     pub crc: ProgramCrc,
+    pub backup: Backup,
     /// Where a sample mark goes out, and, where they are watched, the cycles at which it rose.
     pub mark: (usize, usize),
     pub mark_rises: Option<Vec<u64>>,
@@ -237,6 +238,7 @@ impl Chip {
             tim5: Timer::default(),
             tim11: CrystalCounter::default(),
             crc: ProgramCrc::default(),
+            backup: Backup::default(),
             mark: (2, 8),
             mark_rises: None,
             ports: Default::default(),
@@ -267,6 +269,11 @@ impl Chip {
             0x4000_0C00 => self.tim5.read(word, now),
             0x4001_4800 => self.tim11.read(word, &self.rcc),
             0x4002_3000 => self.crc.read(word),
+            0x4000_2800 => self.backup.rtc(word, now),
+            0x4002_3800 if word == 0x1C => Some(self.backup.bdcr()),
+            a @ 0x4002_4000..=0x4002_4C00 if self.rcc.backup_clocked() => {
+                Some(self.backup.read((a - 0x4002_4000) as usize / 4 + word))
+            }
             0x4000_3000 => self.iwdg.read(word),
             0x4000_7000 => self.pwr.read(word),
             0x4001_1000 => self.usart1.read(word),
@@ -312,6 +319,19 @@ impl Chip {
                 let done = self.crc.write(word, value);
                 if done.is_none() {
                     self.finish(done, address);
+                }
+                return;
+            }
+            // Without DBP the backup domain cannot be written (RM0390 section 5.1.4).
+            0x4002_3800 if word == 0x1C => {
+                if self.pwr.backup_open() {
+                    self.backup.set_bdcr(value, now);
+                }
+                Some(())
+            }
+            a @ 0x4002_4000..=0x4002_4C00 if self.rcc.backup_clocked() => {
+                if self.pwr.backup_open() {
+                    self.backup.write((a - 0x4002_4000) as usize / 4 + word, value);
                 }
                 return;
             }

@@ -34,6 +34,10 @@ impl Rcc {
         regs[0x74 / 4] = cause;
         Self { regs, crystal_hz: Some(CRYSTAL_HZ) }
     }
+    /// AHB1ENR, BKPSRAMEN.
+    pub fn backup_clocked(&self) -> bool {
+        self.regs[0x30 / 4] & 1 << 18 != 0
+    }
     fn crystal_runs(&self) -> bool {
         self.regs[0] & HSE_ON != 0 && self.crystal_hz.is_some()
     }
@@ -158,6 +162,61 @@ impl ProgramCrc {
     }
 }
 
+/// What a battery at VBAT carries: RCC_BDCR, the RTC (a calendar from 2000 on, on a crystal of its own) and the backup SRAM.
+#[derive(Debug, Clone)]
+pub struct Backup {
+    bdcr: u32,
+    /// Cycle at which the RTC began.
+    began: Option<u64>,
+    sram: Vec<u32>,
+}
+
+impl Default for Backup {
+    fn default() -> Self {
+        // What the memory holds without a battery.
+        Self { bdcr: 0, began: None, sram: vec![0x5A5A_5A5A; 1024] }
+    }
+}
+
+impl Backup {
+    const BDRST: u32 = 1 << 16;
+    const RTCEN: u32 = 1 << 15;
+    pub fn bdcr(&self) -> u32 {
+        self.bdcr & !2 | (self.bdcr & 1) << 1
+    }
+    pub fn set_bdcr(&mut self, value: u32, now: u64) {
+        if value & Self::BDRST != 0 {
+            // (The SRAM stays: RM0390 section 6.3.20.)
+            (self.bdcr, self.began) = (Self::BDRST, None);
+            return;
+        }
+        self.bdcr = value & !2;
+        // RTCSEL: 1 is LSE, which must run.
+        let on_lse = value & Self::RTCEN != 0 && value >> 8 & 3 == 1 && value & 1 != 0;
+        self.began = on_lse.then(|| self.began.unwrap_or(now));
+    }
+    /// A register of the RTC: TR, DR, ISR.
+    pub fn rtc(&self, word: usize, now: u64) -> Option<u32> {
+        let seconds = self.began.map(|b| (now - b) / crate::CPU_HZ);
+        let bcd = |n: u64| (n / 10 << 4 | n % 10) as u32;
+        Some(match (word, seconds) {
+            (0, Some(s)) => bcd(s / 3600 % 24) << 16 | bcd(s / 60 % 60) << 8 | bcd(s % 60),
+            // (Days of January, which is enough.)
+            (1, Some(s)) => 0x2100 | bcd(1 + s / 86_400),
+            // RSF: the registers follow.
+            (3, Some(_)) => 1 << 5,
+            (0 | 1 | 3, None) => 0,
+            _ => return None,
+        })
+    }
+    pub fn read(&self, word: usize) -> u32 {
+        self.sram[word % 1024]
+    }
+    pub fn write(&mut self, word: usize, value: u32) {
+        self.sram[word % 1024] = value;
+    }
+}
+
 /// PWR: CR, CSR with every regulator ready.
 #[derive(Debug, Clone, Default)]
 pub struct Pwr {
@@ -182,6 +241,10 @@ impl Pwr {
     pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
         *self.regs.get_mut(word)? = value;
         Some(())
+    }
+    /// DBP: the backup domain may be written.
+    pub fn backup_open(&self) -> bool {
+        self.regs[0] & 1 << 8 != 0
     }
 }
 

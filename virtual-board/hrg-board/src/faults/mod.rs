@@ -150,11 +150,19 @@ impl Scene {
     /// As [`off`](Self::off).
     pub fn restarted(&self) -> Result<Board<Wires>> {
         let mut board = self.off(self.wires(), &self.calibration)?;
-        let address = board.firmware().address_of(KEPT_STATES).context("the firmware keeps no states")?;
-        let bytes: Vec<u8> = self.kept.iter().flat_map(|w| w.to_le_bytes()).collect();
-        board.write_ram(address, &bytes)?;
+        self.keep(&mut board)?;
         board.reset_by_software()?;
         Ok(board)
+    }
+
+    /// Puts the states of a unit that has been on for hours where a unit keeps them.
+    ///
+    /// # Errors
+    /// A firmware that keeps none.
+    pub fn keep(&self, board: &mut Board<Wires>) -> Result<()> {
+        let address = board.firmware().address_of(KEPT_STATES).context("the firmware keeps no states")?;
+        let bytes: Vec<u8> = self.kept.iter().flat_map(|w| w.to_le_bytes()).collect();
+        Ok(board.write_ram(address, &bytes)?)
     }
 
     /// A board that has settled and has nothing to complain of.

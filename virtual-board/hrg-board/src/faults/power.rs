@@ -89,19 +89,15 @@ fn burns(scene: &Scene, seed: u64, extent: &Extent, case: Case, name: &str, repo
     let operations = board.flash_operations() - operations;
     let instructions = board.instructions() - instructions;
 
-    let sums = |(o, n): (u32, u32), t: &u32| match *t {
-        c if c == old.checksum() => (o + 1, n),
-        c if c == new.checksum() => (o, n + 1),
-        _ => (o, n),
-    };
-    let tell = |found: &[u32], report: &mut Report, what: String| {
-        let (o, n) = found.iter().fold((0, 0), sums);
-        let neither = found.len() as u32 - o - n;
+    let tell = |found: &[Option<u32>], report: &mut Report, what: String| {
+        let count = |checksum: Option<u32>| found.iter().filter(|f| **f == checksum).count();
+        let (o, n, silent) = (count(Some(old.checksum())), count(Some(new.checksum())), count(None));
+        let neither = found.len() - o - n - silent;
         report.row(
             what,
             found.len() as u64,
-            format!("old image {o}, new image {n}, neither {neither}, no answer within {UP_S} s 0"),
-            neither == 0,
+            format!("old image {o}, new image {n}, neither {neither}, no answer within {UP_S} s {silent}"),
+            neither + silent == 0,
         );
     };
     let cuts = operations / extent.every;
@@ -110,14 +106,14 @@ fn burns(scene: &Scene, seed: u64, extent: &Extent, case: Case, name: &str, repo
         board.stop_at_flash_operation(1 + k * extent.every);
         anyhow::ensure!(burn(board, &new)? == Burn::Stopped, "the cut did not come");
         board.power_cut()?;
-        let first = running(board, UP_S)?;
+        let first = running(board, UP_S).ok();
         if k % 20 == 0 {
             // The burn can be done again.
             let again = Calibration { sequence: new.sequence + 1, ..new.clone() };
             anyhow::ensure!(burn(board, &again)? == Burn::Done, "the second burn");
             anyhow::ensure!(running(board, UP_S)?.calibration == again.checksum(), "the second burn is not used");
         }
-        Ok(first.calibration)
+        Ok(first.map(|i| i.calibration))
     })?;
     tell(&found, report, format!("power cut within flash operation 1 to {operations} of a burn, {name}"));
     let found = trials(extent.random / CASES.len() as u64, ready, |(board, start), k| {
@@ -125,7 +121,7 @@ fn burns(scene: &Scene, seed: u64, extent: &Extent, case: Case, name: &str, repo
         board.stop_at_instruction(board.instructions() + draws(seed, 1, k).random_range(0..instructions));
         anyhow::ensure!(burn(board, &new)? == Burn::Stopped, "the cut did not come");
         board.power_cut()?;
-        Ok(running(board, UP_S)?.calibration)
+        Ok(running(board, UP_S).ok().map(|i| i.calibration))
     })?;
     tell(&found, report, format!("power cut at a random instruction of a burn, {name}"));
     Ok(())
