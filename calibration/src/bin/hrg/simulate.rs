@@ -13,7 +13,7 @@ use std::path::PathBuf;
 #[derive(Args)]
 pub struct Arguments {
     /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag) or one like 20,-40@1,2h,50@1,2h
-    #[arg(long, default_value = "dong")]
+    #[arg(long, default_value = "dong", allow_hyphen_values = true)]
     profile: String,
     /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
     #[arg(long)]
