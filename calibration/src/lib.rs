@@ -14,6 +14,7 @@
 //! | [`numeric`] | least squares, statistics, Allan deviation |
 //! | [`compare`] | every method on the same data, the trace beside them |
 //! | [`measured`] | the loop on measured data |
+//! | [`wu2023`] | wu2023's loop on a simulated gyro with temperature sensors only |
 //! | [`report`] | figures of a data sheet from recordings alone |
 //! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
@@ -36,6 +37,7 @@ pub mod simulate;
 pub mod thermometer;
 pub mod trace;
 pub mod unit;
+pub mod wu2023;
 
 /// Names of the axes, in order.
 pub const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];

@@ -6,12 +6,15 @@ use crate::fit::method::Method;
 use crate::fit::methods;
 use crate::fit::{self, MEAN_S};
 use crate::numeric::stats::{block_means, mean, std_dev};
+use crate::plot::{svg, Panel, Series};
 use crate::recording::import::{self, map::Map};
 use crate::recording::steps::Steps;
 use crate::recording::Recording;
 use crate::thermometer::points::{self, Points};
+use crate::trace::report::{AxisModel, OnVerify};
 use crate::trace::{self, VerdictKind};
 use crate::{BadInput, AXIS_NAMES, MOST_RECORDING};
+use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -69,32 +72,49 @@ pub struct Row {
     pub axes: [Option<Figure>; AXES],
 }
 
-/// Every method on a train and a verify run. Methods that cannot be used come back as sentences.
+/// What came of methods and of the trace on a train and a verify run.
+#[derive(Debug)]
+pub struct Compared {
+    /// Raw, each method, the trace.
+    pub rows: Vec<Row>,
+    /// The images behind the rows after the first.
+    pub images: Vec<Calibration>,
+    /// Mean rate of the train run by axis: what stands for a calibration where there is none, deg/h.
+    pub constant_dph: [f64; AXES],
+    /// Methods that cannot be used: a sentence each.
+    pub left_out: Vec<String>,
+    /// The trace.
+    pub report: trace::Report,
+}
+
+/// Some methods and the trace on a train and a verify run.
 ///
 /// # Errors
 /// Recordings that cannot be used.
-pub fn rows(train: &Recording, verify: &Recording) -> Result<(Vec<Row>, Vec<String>, trace::Report), BadInput> {
+pub fn compare(train: &Recording, verify: &Recording, of: &[Method]) -> Result<Compared, BadInput> {
     let prepared = fit::prepare(std::slice::from_ref(train))?;
     let steps = Steps::new(verify)?;
     let by_axis = |residual: &[Vec<f64>; AXES], constant: [f64; AXES]| {
         [0, 1, 2].map(|a: usize| (!steps.absent[a]).then(|| Figure::of(&residual[a], constant[a])))
     };
     // A constant bias is the least that anybody takes off.
-    let constant = [0, 1, 2].map(|a: usize| mean(&prepared.runs[0].steps.rate_dph[a]));
-    let mut rows = vec![Row { method: "raw".into(), axes: by_axis(&steps.rate_dph, constant) }];
-    let mut left_out = Vec::new();
-    for method in Method::ALL {
-        match methods::identify(&prepared, method, 1) {
+    let constant_dph = [0, 1, 2].map(|a: usize| mean(&prepared.runs[0].steps.rate_dph[a]));
+    let mut rows = vec![Row { method: "raw".into(), axes: by_axis(&steps.rate_dph, constant_dph) }];
+    let (mut images, mut left_out) = (Vec::new(), Vec::new());
+    for method in of {
+        match methods::identify(&prepared, *method, 1) {
             Ok(found) => {
                 let axes = by_axis(&fit::correct(&found.calibration, &steps), [0.0; AXES]);
                 rows.push(Row { method: method.name().into(), axes });
+                images.push(found.calibration);
             }
             Err(e) => left_out.push(format!("{method}: {e}")),
         }
     }
     let t = trace::trace(std::slice::from_ref(train), verify)?;
     rows.push(Row { method: "trace".into(), axes: by_axis(&fit::correct(&t.image, &steps), [0.0; AXES]) });
-    Ok((rows, left_out, t.report))
+    images.push(t.image);
+    Ok(Compared { rows, images, constant_dph, left_out, report: t.report })
 }
 
 fn table(rows: &[Row], unit: &str, present: &[usize], digits: usize) -> String {
@@ -136,18 +156,134 @@ fn named(r: &trace::Report) -> String {
 /// # Errors
 /// Where the file is not there.
 pub fn imu(folder: &Path) -> anyhow::Result<String> {
-    let whole = load(folder, "imu_raw_data")?;
-    let (train, verify) = whole.split(IMU_TRAIN_S)?;
-    let (rows, left_out, report) = rows(&train, &verify)?;
-    let present: Vec<usize> = verify.present().collect();
+    let (whole, c) = imu_loop(folder, &Method::ALL)?;
+    let present: Vec<usize> = whole.present().collect();
     let mut s = format!(
         "imu_raw_data: learnt from rows up to {IMU_TRAIN_S:.0}, judged on the last cooling ({} rows), states carried through\n   standard deviation and RMS of 100 s means; raw less the mean of the train rows\n",
         whole.time_s.len() - IMU_TRAIN_S as usize
     );
-    s += &table(&rows, "deg/h", &present, 0);
-    left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
-    s += &format!("   trace: {}\n", named(&report));
+    s += &table(&c.rows, "deg/h", &present, 0);
+    c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+    s += &format!("   trace: {}\n", named(&c.report));
     Ok(s)
+}
+
+/// The whole log of the IMU, and what came of it.
+fn imu_loop(folder: &Path, of: &[Method]) -> anyhow::Result<(Recording, Compared)> {
+    let whole = load(folder, "imu_raw_data")?;
+    let (train, verify) = whole.split(IMU_TRAIN_S)?;
+    let compared = compare(&train, &verify, of)?;
+    Ok((whole, compared))
+}
+
+/// The loop on the IMU in short: raw, eq 7 and the trace, as a table and as a picture of the whole log.
+#[derive(Debug)]
+pub struct InShort {
+    /// The table, as plain text.
+    pub table: String,
+    /// What is shown, in lines.
+    pub caption: String,
+    /// The picture (SVG).
+    pub picture: String,
+}
+
+/// What the first page shows, and the demo prints.
+///
+/// # Errors
+/// Where the file is not there.
+pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
+    let (whole, c) = imu_loop(folder, &[Method::Lsq])?;
+    let present: Vec<usize> = whole.present().collect();
+    let kept_back = whole.time_s.len() - IMU_TRAIN_S as usize;
+    let names = ["raw", "eq 7", "trace"];
+    let rows: Vec<Row> = c.rows.iter().zip(names).map(|(r, n)| Row { method: n.into(), ..r.clone() }).collect();
+    let figures = |pick: &dyn Fn(Figure) -> f64| -> String {
+        let by_row = rows.iter().map(|r| {
+            let axes: Vec<String> = r.axes.iter().flatten().map(|f| format!("{:.0}", pick(*f))).collect();
+            format!("{} {}", r.method, axes.join(" / "))
+        });
+        by_row.collect::<Vec<_>>().join(", ")
+    };
+    let plain = |(n, b): (&String, &OnVerify)| (b.model == AxisModel::Baseline).then(|| n.clone());
+    let plain: Vec<String> = c.report.block.iter().flatten().filter_map(plain).collect();
+    let plain = if plain.is_empty() {
+        String::new()
+    } else {
+        format!(" On {} none of its effects holds there, and its image is eq 7.", crate::list(&plain))
+    };
+    let caption = format!(
+        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). Learnt from \
+         rows up to {IMU_TRAIN_S:.0}, judged on the {kept_back} rows of the last cooling, which were kept back. Standard deviation of \
+         100-row means there, x / y / z, deg/h: {}. Root mean square, the constant included: {}. The trace: {}.{plain}",
+        whole.time_s.len(),
+        figures(&|f| f.deviation),
+        figures(&|f| f.rms),
+        named(&c.report)
+    );
+    Ok(InShort {
+        table: table(&rows, "deg/h", &present, 0),
+        caption: wrapped(&caption),
+        picture: picture(&whole, &c, names)?,
+    })
+}
+
+/// Lines of at most this many characters in pages.
+const LINE: usize = 140;
+
+/// A text in lines.
+fn wrapped(text: &str) -> String {
+    let (mut out, mut width) = (String::new(), 0);
+    for word in text.split(' ') {
+        let long = word.chars().count();
+        if width > 0 {
+            let wraps = width + 1 + long > LINE;
+            out.push(if wraps { '\n' } else { ' ' });
+            width = if wraps { 0 } else { width + 1 };
+        }
+        out += word;
+        width += long;
+    }
+    out
+}
+
+/// The rates of the whole log before and after, learnt and kept back, an axis in each panel.
+fn picture(whole: &Recording, c: &Compared, names: [&str; 3]) -> anyhow::Result<String> {
+    let steps = Steps::new(whole)?;
+    let corrected: Vec<[Vec<f64>; AXES]> = c.images.iter().map(|image| fit::correct(image, &steps)).collect();
+    let line = |rate: &[f64], constant: f64| -> Vec<(f64, f64)> {
+        let means = block_means(rate, MEAN_S).into_iter().enumerate();
+        means.map(|(k, m)| ((k as f64 + 0.5) * MEAN_S as f64, m - constant)).collect()
+    };
+    let panels: Vec<Panel> = whole
+        .present()
+        .map(|a| {
+            let raw = line(&steps.rate_dph[a], c.constant_dph[a]);
+            let (low, high) = raw
+                .iter()
+                .filter(|p| p.1.is_finite())
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p.1), h.max(p.1)));
+            let mut series = vec![
+                Series { label: names[0].into(), points: raw, colour: 0, dots: false },
+                Series {
+                    label: String::new(),
+                    points: vec![(IMU_TRAIN_S, low), (IMU_TRAIN_S, high)],
+                    colour: 3,
+                    dots: false,
+                },
+            ];
+            for ((rates, name), colour) in corrected.iter().zip(&names[1..]).zip([2, 1]) {
+                series.push(Series { label: (*name).into(), points: line(&rates[a], 0.0), colour, dots: false });
+            }
+            Panel {
+                title: format!("axis {}: learnt up to row {IMU_TRAIN_S:.0}, then kept back", AXIS_NAMES[a]),
+                x: "row (measured)".into(),
+                y: "mean of 100 rows [deg/h]".into(),
+                log: false,
+                series,
+            }
+        })
+        .collect();
+    svg(&panels, 3, 460, 360)
 }
 
 /// Halves of a recording as two of their own.
@@ -176,12 +312,12 @@ pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
         (&first, &second, "first half learnt from, second judged"),
         (&second, &first, "second half learnt from, first judged"),
     ] {
-        let (rows, left_out, report) = rows(train, verify)?;
+        let c = compare(train, verify, &Method::ALL)?;
         s += &format!(" {name}\n");
-        s += &table(&rows, "ppb", &[0], 3);
-        left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
-        s += &format!("   trace: {}\n", named(&report));
-        let mut named: Vec<&str> = report.effects.iter().map(|e| e.class.name()).collect();
+        s += &table(&c.rows, "ppb", &[0], 3);
+        c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+        s += &format!("   trace: {}\n", named(&c.report));
+        let mut named: Vec<&str> = c.report.effects.iter().map(|e| e.class.name()).collect();
         named.sort_unstable();
         named.dedup();
         classes.push(named.join(", "));

@@ -85,7 +85,8 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
     let (x0, x1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.0)), panel.log);
     let (y0, y1) = range(panel.series.iter().flat_map(|s| s.points.iter().map(|p| p.1)), panel.log);
     // Room above the data for the legend.
-    let y1 = if panel.series.len() > 1 && !panel.log { y1 + 0.14 * panel.series.len() as f64 * (y1 - y0) } else { y1 };
+    let labels = panel.series.iter().filter(|s| !s.label.is_empty()).count();
+    let y1 = if labels > 1 && !panel.log { y1 + 0.14 * labels as f64 * (y1 - y0) } else { y1 };
     let mut builder = ChartBuilder::on(area);
     builder.caption(&panel.title, ("sans-serif", 17)).margin(12).x_label_area_size(42).y_label_area_size(64);
     // The two kinds of axis are different types; what is drawn on them is the same.
@@ -124,7 +125,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                     }
                 }
             }
-            if panel.series.iter().filter(|s| !s.label.is_empty()).count() > 1 {
+            if labels > 1 {
                 chart
                     .configure_series_labels()
                     .position(if panel.log { SeriesLabelPosition::UpperRight } else { SeriesLabelPosition::UpperLeft })

@@ -30,9 +30,11 @@ const USAGE: &str = "cargo xtask COMMAND
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, its cost counted, and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
-  study --controls [N] the trace on N clean units (default 500), a third with the spectra of measured residuals, into docs/controls-*.md
+  study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls-*.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
-  measured          the loop on the measured recordings: every method and the trace, before and after
+  measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
+                    picture and the README's caption
+  wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
@@ -62,7 +64,8 @@ fn main() -> ExitCode {
         Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
         Some("study") if rest.first().is_some_and(|a| a == "--controls") => controls(&rest[1..]),
         Some("study") => tool("hrg-study", rest),
-        Some("measured") => tool("hrg", &["measured".to_string()]),
+        Some("measured") => measured(),
+        Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -142,7 +145,7 @@ fn tool(name: &str, arguments: &[String]) -> Result<(), Failure> {
 fn controls(arguments: &[String]) -> Result<(), Failure> {
     let all: usize = match arguments.first() {
         Some(n) => n.parse().map_err(|_| Failure(format!("{n} is no number of units")))?,
-        None => 500,
+        None => 600,
     };
     let plant = foreign_plant()?;
     let measured = root().join("host-tests/recordings/measured");
@@ -155,20 +158,34 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
         ),
         ("gpsdo", "gpsdo.short.csv.gz", ["--skip", "0", "--columns", "2", "--against", "1"]),
     ];
+    // Units of an earlier run would be graded with these.
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder)
+            .map_err(|e| Failure(format!("{} cannot be emptied: {e}", folder.display())))?;
+    }
+    let mut first = 0;
     for (k, (name, file, select)) in sources.into_iter().enumerate() {
         let count = (all + k) / 2;
         run(Command::new(&plant)
-            .args(["clean", "--count", &count.to_string(), "--out"])
+            .args(["clean", "--first", &first.to_string(), "--count", &count.to_string(), "--out"])
             .arg(folder.join(name))
             .arg("--residuals")
             .arg(measured.join(file))
             .args(select))?;
         let heading = format!(
-            "# Clean units under the noise of {name}\n\nSimulated by `host-tests/foreign-plant`; each third unit has the spectrum of measured residuals ({file}), the others white noise, flicker,\nrandom walks and lines. Printed by `cargo xtask study --controls {all}`."
+            "# Clean units under the noise of {name}\n\nSimulated by `host-tests/foreign-plant`, seeds {first} to {}; each third unit has the spectrum of measured residuals\n({file}), the others white noise, flicker, random walks and lines. Printed by `cargo xtask study --controls {all}`.",
+            first + count.saturating_sub(1)
         );
+        first += count;
         grade(&plant, &folder.join(name), &format!("docs/controls-{name}.md"), &heading)?;
     }
     Ok(())
+}
+
+/// The loop on the measured recordings, and the pages that show it.
+fn measured() -> Result<(), Failure> {
+    let words = "measured --page docs/measured.md --caption README.md --picture docs/measured-imu.svg";
+    tool("hrg", &words.split(' ').map(String::from).collect::<Vec<_>>())
 }
 
 /// The trace on the units of the second plant, graded by their truths.

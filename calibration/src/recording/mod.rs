@@ -1,4 +1,4 @@
-//! Recordings: CSV with `#` metadata lines, one power-on each.
+//! Recordings: CSV with `#` metadata lines, or [Parquet](parquet), one power-on each.
 //!
 //! Reading is strict about form (a missing column or text in a number ends with the line and column) and
 //! lenient about content: missing values, gaps, times that repeat or go back, spikes and stuck values are found,
@@ -13,6 +13,7 @@ pub mod import;
 pub mod merge;
 pub mod metadata;
 pub mod names;
+pub mod parquet;
 mod reader;
 pub mod steps;
 mod writer;
@@ -150,7 +151,7 @@ impl Recording {
     /// # Errors
     /// [`BadInput`] with path, line and column.
     pub fn load_with(path: &Path, edit: impl FnOnce(&mut Self) -> Result<(), BadInput>) -> anyhow::Result<Self> {
-        let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
+        let bytes = parquet::read_text(path)?;
         let read = || -> Result<Self, BadInput> {
             let mut r = Self::parse(&bytes)?;
             edit(&mut r)?;

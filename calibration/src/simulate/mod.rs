@@ -3,6 +3,8 @@
 //! Chamber profile -> case (first-order lag) -> resonator (first-order lag of 694 s, zhao2022) with self-heating
 //! -> frequency by the curves of dong2023's Table 1 -> bias by eq 7, plus effects -> rate with white, flicker and
 //! random-walk noise, and the earth's rate of the attitude. The case sensor has the steps of a DS18B20 (0.0625 C).
+//! In the place of resonators platinum resistors at an ADC may stand, one in each gyro ([`Plan::thermometer`]): all that a gyro
+//! without a resonator has.
 
 mod defects;
 mod effects;
@@ -19,6 +21,7 @@ pub use units::Kind;
 
 use crate::numeric::stats::{block_means, std_dev};
 use crate::recording::columns::{self, Column};
+use crate::recording::format::Thermometer;
 use crate::recording::metadata::{self, Attitude, Direction};
 use crate::recording::Recording;
 use effects::{effect_bias, left_after_baseline};
@@ -35,6 +38,9 @@ use rand_chacha::ChaCha8Rng;
 pub struct Plan {
     /// What kind of unit.
     pub kind: Kind,
+    /// What gives its temperatures: resonators, or a sensor in each gyro ([`Thermometer::Sensors`]). With sensors the recording has no
+    /// column of a resonator: no frequency, no case sensor to calibrate it by, no drive, no quadrature.
+    pub thermometer: Thermometer,
     /// Chamber profile.
     pub profile: Profile,
     /// Effects put in.
@@ -85,7 +91,18 @@ impl Plan {
     #[must_use]
     pub fn of(profile: Profile, unit_seed: u64, seed: u64) -> Self {
         let kind = Kind::Hrg;
-        Self { kind, profile, effects: vec![], unit_seed, seed, noise: kind.noise(), sizing: None, attitude: ATTITUDE }
+        let thermometer = Thermometer::Frequency;
+        Self {
+            kind,
+            thermometer,
+            profile,
+            effects: vec![],
+            unit_seed,
+            seed,
+            noise: kind.noise(),
+            sizing: None,
+            attitude: ATTITUDE,
+        }
     }
 
     /// Sign and mix of each effect on each axis: they belong to the unit, not to the run.
@@ -128,8 +145,9 @@ impl Plan {
     }
 
     fn metadata(&self, default: &Calibration) -> Vec<(String, String)> {
-        let meta = [
-            ("hrg-recording", "1".to_string()),
+        let version = if self.thermometer.is_sensor() { "2" } else { "1" };
+        let mut meta = vec![
+            ("hrg-recording", version.to_string()),
             ("unit", format!("SIM-{}", self.unit_seed)),
             ("run", format!("simulated-{}", self.seed)),
             ("rate_unit", "deg/h".to_string()),
@@ -139,6 +157,9 @@ impl Plan {
             ("axes", self.attitude.axes_text()),
             (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
         ];
+        if self.thermometer.is_sensor() {
+            meta.push(("thermometer", "sensor".to_string()));
+        }
         meta.into_iter().map(|(k, v)| (k.to_string(), v)).collect()
     }
 
@@ -153,8 +174,6 @@ impl Plan {
         let scaling = &default.scaling;
         let monitors = Monitors::new(&plant, &mut rng);
         let has_clock_wander = self.effects.iter().any(|e| e.source == Source::Library(EffectId::Timebase));
-        let quantised: [Vec<f64>; AXES] =
-            [0, 1, 2].map(|a| plant.case_c[a].iter().map(|t| (t / 0.0625).round() * 0.0625).collect());
         let noise = [0; AXES].map(|_| rate_noise(n, &self.noise, &mut rng));
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
         let bias = self.kind.bias(self.unit_seed);
@@ -173,7 +192,11 @@ impl Plan {
             }
         }
         let raw_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&rate[a], 100)));
-        let frequency_hz = [0, 1, 2].map(|a: usize| -> Vec<f64> {
+        let with_sensors = self.thermometer.is_sensor();
+        let readings = [0, 1, 2].map(|a: usize| -> Vec<f64> {
+            if with_sensors {
+                return plant.resonator_c[a].iter().map(|t| t + SENSOR_NOISE_C * normal(&mut rng)).collect();
+            }
             let curve = &default.axes[a].curve;
             (0..n)
                 .map(|k| {
@@ -184,17 +207,23 @@ impl Plan {
                 .collect()
         });
         let alone = |column: Column, values: Vec<f64>| (column.name(0), values);
-        let mut optional: Vec<(&'static str, Vec<f64>)> = of_axes(columns::CASE, quantised).collect();
+        let mut optional: Vec<(&'static str, Vec<f64>)> = Vec::new();
+        if !with_sensors {
+            optional.extend(of_axes(columns::CASE, plant.case_c.each_ref().map(|c| in_sensor_steps(c))));
+        }
         optional.push(alone(columns::CHAMBER, chamber));
         optional.push(alone(columns::BOARD, monitors.board_c));
         optional.push(alone(columns::SUPPLY, monitors.supply_v));
-        optional.extend(of_axes(columns::DRIVE, monitors.drive_v));
-        optional.extend(of_axes(columns::QUADRATURE, monitors.quad_v));
+        if !with_sensors {
+            optional.extend(of_axes(columns::DRIVE, monitors.drive_v));
+            optional.extend(of_axes(columns::QUADRATURE, monitors.quad_v));
+        }
         Simulated {
             recording: Recording {
                 meta: self.metadata(&default),
                 time_s: (0..n).map(|k| (k + 1) as f64).collect(),
-                frequency_hz,
+                thermometer: self.thermometer,
+                frequency_hz: readings,
                 rate_dph: rate,
                 optional,
                 // As a file with it is after reading: the file has it.
@@ -205,6 +234,17 @@ impl Plan {
             truth: Truth { effects: self.effects.clone(), gains, floor_dph, raw_dph },
         }
     }
+}
+
+/// Noise of a platinum resistor at an ADC, one reading a second, C.
+const SENSOR_NOISE_C: f64 = 0.001;
+
+/// Step of a DS18B20 of 12 bits, C.
+const CASE_STEP_C: f64 = 0.0625;
+
+/// Temperatures as such a sensor gives them.
+fn in_sensor_steps(temperatures_c: &[f64]) -> Vec<f64> {
+    temperatures_c.iter().map(|t| (t / CASE_STEP_C).round() * CASE_STEP_C).collect()
 }
 
 /// Values under the names of a column that each axis has.
@@ -238,6 +278,26 @@ mod tests {
         let b = plan(&["kink:size=4"]).simulate().recording;
         assert_eq!(a.meta, b.meta);
         assert_eq!(a.optional.len(), b.optional.len());
+    }
+
+    #[test]
+    fn a_unit_with_sensors_is_the_same_unit_without_resonators() {
+        let by_frequency = Plan { kind: Kind::Fog, ..plan(&[]) };
+        let by_sensor = Plan { thermometer: Thermometer::Sensors, ..by_frequency.clone() };
+        let (a, b) = (by_frequency.simulate().recording, by_sensor.simulate().recording);
+        assert_eq!(a.rate_dph, b.rate_dph);
+        // One sensor in each gyro, which its thermal lag tells from the others'.
+        assert!(b.frequency_hz[0].iter().zip(&b.frequency_hz[2]).any(|(x, z)| (x - z).abs() > 1.0));
+        let mut read = Recording::parse(b.to_csv().as_bytes()).expect("readable");
+        read.clean().expect("usable");
+        assert_eq!((read.thermometer, read.meta("thermometer")), (Thermometer::Sensors, Some("sensor")));
+        let largest = |a: usize| {
+            let both = read.frequency_hz[a].iter().zip(&b.frequency_hz[a]);
+            both.map(|(r, b)| (r - b).abs()).fold(0.0, f64::max)
+        };
+        assert!((0..AXES).all(|a| largest(a) < 1e-4));
+        let names: Vec<&str> = read.optional.iter().map(|(n, _)| *n).collect();
+        assert_eq!(names, ["chamber_c", "board_c", "supply_v"]);
     }
 
     #[test]

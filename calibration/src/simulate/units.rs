@@ -13,8 +13,8 @@ pub enum Kind {
     /// A unit like dong2023's: eq 7.
     #[default]
     Hrg,
-    /// A fibre-optic gyro like wu2023's: four parameters and a breakpoint; its frequency column stands for its
-    /// temperature sensor.
+    /// A fibre-optic gyro like wu2023's: four parameters and a breakpoint. With resonators for thermometers, its frequency column
+    /// stands for its temperature sensor.
     Fog,
     /// A gyro like zhao2022's: bias a curve of temperature that bends more than a cubic.
     Zhao,

@@ -155,6 +155,8 @@ pub struct Data<'a> {
     pub blocks: Vec<usize>,
     /// The axes.
     pub axes: [AxisRows; AXES],
+    /// Whether what is judged goes on where the only run ends: a step that the run shows then holds on.
+    pub goes_on: bool,
 }
 
 /// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
@@ -204,7 +206,7 @@ impl<'a> Data<'a> {
             }
             rows
         });
-        Self { runs, scaling, lag_s: lag_s as f32, block_s, coarse_s, blocks, axes }
+        Self { runs, scaling, lag_s: lag_s as f32, block_s, coarse_s, blocks, axes, goes_on: false }
     }
 
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not

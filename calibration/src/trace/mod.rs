@@ -131,7 +131,8 @@ fn closed(
 ) -> Result<Trace, BadInput> {
     let mut settled = false;
     loop {
-        let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+        let mut data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+        data.goes_on = goes_on(train, verify);
         let mut search = Search::new(&data, SEED);
         let learnt = Learnt::new(&mut search);
         let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
@@ -151,6 +152,13 @@ fn closed(
             prepared.notes.push(memory.leave_out(&mut verify_run, "the verify run", false));
         }
     }
+}
+
+/// Whether what is judged goes on where the train run ends: the two parts of one log ([`Recording::split`]).
+fn goes_on(train: &[Recording], verify: &Recording) -> bool {
+    let Some(from_s) = verify.judged_from_s else { return false };
+    let before = verify.time_s.partition_point(|t| *t < from_s);
+    matches!(train, [one] if one.time_s == verify.time_s[..before])
 }
 
 /// The loop from what the search has learnt on.
@@ -173,6 +181,7 @@ fn judged(
     let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
+    notes.extend(there_after_steps(&fitted));
     notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
     learnt.terms.clone_from(&fitted.terms);
     let after_verify = fitted.residuals(verify_run, None, &scaling, &known);
@@ -245,6 +254,17 @@ fn judged(
         fitted,
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
+    })
+}
+
+/// A sentence where a step of the train run holds on.
+fn there_after_steps(fitted: &Fitted) -> Option<String> {
+    let axes: Vec<&str> = (0..AXES).filter(|a| !fitted.lasting(*a).is_empty()).map(|a| AXIS_NAMES[a]).collect();
+    (!axes.is_empty()).then(|| {
+        format!(
+            "the log goes on after the train part without a break: on {} the constant is the one after the step, in the image, too",
+            crate::list(&axes)
+        )
     })
 }
 
@@ -515,6 +535,24 @@ mod tests {
         for n in AXIS_NAMES {
             assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);
         }
+    }
+
+    #[test]
+    fn in_one_log_a_step_holds_on() {
+        // A step in the first part, by hand: 2 deg/h on y from 9000 s on.
+        let mut whole = plan("dong", &["thermal-lag:size=3"], 46, 93);
+        let after = whole.time_s.partition_point(|t| *t < 9000.0);
+        whole.rate_dph[1][after..].iter_mut().for_each(|v| *v += 2.0);
+        let (before, rest) = whole.split(20_000.0).expect("within");
+        let r = trace(std::slice::from_ref(&before), &rest).expect("traces").report;
+        assert!(names(&r).contains(&"step"), "{}", r.verdict);
+        assert!(r.notes.iter().any(|n| n.contains("on y the constant is the one after the step")), "{:?}", r.notes);
+        let b = &r.block.as_ref().expect("an image")["y"];
+        assert!(b.mean_dph.abs() < 3.0 * b.mean_std_dph && b.mean_std_dph < 0.7, "{b:?}");
+        // As runs of their own the second one has a constant that the first does not promise.
+        let r = trace(&[before], &rest.judged_part()).expect("traces").report;
+        assert!(r.notes.iter().all(|n| !n.contains("after the step")), "{:?}", r.notes);
+        assert!((r.block.as_ref().expect("an image")["y"].mean_dph - 2.0).abs() < 0.7);
     }
 
     #[test]

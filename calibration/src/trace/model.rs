@@ -9,7 +9,7 @@ use crate::recording::steps::Run;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
-use hrg_core::effects::MAX_OUTPUTS;
+use hrg_core::effects::{EffectId, MAX_OUTPUTS};
 use hrg_core::half::Half;
 use hrg_core::AXES;
 use nalgebra::{DMatrix, DVector};
@@ -103,6 +103,8 @@ pub struct Fitted {
     pub terms: Vec<Term>,
     /// The axes.
     pub axes: [AxisFit; AXES],
+    /// Whether what is judged goes on where the train run ends ([`Data::goes_on`]).
+    goes_on: bool,
 }
 
 impl Fitted {
@@ -130,7 +132,7 @@ impl Fitted {
             let days = coefficients.split_off(columns.len() + TERMS - rows.base.len());
             Ok(AxisFit { coefficients, std: fit.std, days, covariance: fit.covariance })
         };
-        Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?] })
+        Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
     }
 
     /// Where the gains of term `e` stand among an axis' coefficients; `None` where the axis does not have it.
@@ -138,6 +140,14 @@ impl Fitted {
         let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
         let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();
         self.terms[e].on(a).then(|| from..from + width(&self.terms[e]))
+    }
+
+    /// Where the gains of steps that hold on stand among an axis' coefficients. A step of the train run is over and done with there;
+    /// where the log goes on without a break, the unit is what it became by it.
+    pub fn lasting(&self, a: usize) -> Vec<usize> {
+        let steps =
+            self.terms.iter().enumerate().filter(|(_, t)| self.goes_on && t.lead().facts.effect == EffectId::Step);
+        steps.filter_map(|(e, _)| Some(self.gains(e, a)?.start)).collect()
     }
 
     /// The bias of a run on every step, of the baseline and those terms that `which` lets through. `number`: which of the
@@ -159,6 +169,9 @@ impl Fitted {
         if let Some(run) = number {
             let day: f64 = self.axes[a].days.iter().enumerate().map(|(d, k)| k * day_column(d, run)).sum();
             out.iter_mut().for_each(|o| *o += day);
+        } else {
+            let lasting: f64 = self.lasting(a).iter().map(|at| self.axes[a].coefficients[*at]).sum();
+            out.iter_mut().for_each(|o| *o += lasting);
         }
         for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
@@ -194,6 +207,8 @@ impl Fitted {
     ) -> (f64, f64) {
         let mut columns: Vec<(usize, Vec<f64>)> =
             baseline_columns(run, scaling, a).iter().map(|c| block_means(c, MEAN_S)).enumerate().collect();
+        let count = columns[0].1.len();
+        columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; count])));
         for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
             for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
@@ -239,7 +254,10 @@ impl Fitted {
         c.effects.clear();
         for a in 0..AXES {
             let fit = &self.axes[a];
-            c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| fit.coefficients[j] as f32));
+            let lasting: f64 = self.lasting(a).iter().map(|at| fit.coefficients[*at]).sum();
+            c.axes[a].coefficients = Coefficients::One(std::array::from_fn(|j| {
+                (fit.coefficients[j] + if j == 0 { lasting } else { 0.0 }) as f32
+            }));
             c.axes[a].bias_std_dph = [std::array::from_fn(|j| fit.std[j] as f32), [0.0; TERMS]];
             c.axes[a].uncertainty = Uncertainty::default();
             if let Some(s) = &stated[a] {

@@ -13,6 +13,8 @@ use std::sync::Mutex;
 const WORSE: f64 = 1.02;
 /// Floors from which on something that was not named counts as missed without a word.
 const MISSED: f64 = 1.5;
+/// How the cases of clean units whose noise has a measured spectrum are called.
+const MEASURED: &str = "clean-series-";
 
 /// How a report answers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -40,6 +42,8 @@ pub struct Graded {
     pub group: String,
     /// The grade.
     pub grade: Grade,
+    /// Whether its noise has a measured spectrum.
+    pub measured_spectrum: bool,
     /// Effects named, joined.
     pub named: String,
     /// Whether an image is recommended.
@@ -139,6 +143,7 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
         name,
         group: truth["group"].as_str().unwrap_or("?").to_string(),
         grade: Grade::Refused,
+        measured_spectrum: truth["case"].as_str().is_some_and(|case| case.starts_with(MEASURED)),
         named: String::new(),
         burn: false,
         worse: 0.0,
@@ -233,7 +238,7 @@ pub fn table(all: &[Graded]) -> String {
     let judged: Vec<&Graded> = all.iter().filter(|g| g.grade != Grade::Refused).collect();
     let count = |grade: Grade| judged.iter().filter(|g| g.grade == grade).count();
     let n = judged.len();
-    let share = |hits: usize| {
+    let share_of = |hits: usize, n: usize| {
         format!(
             "{hits}/{n} ({:.1} %, 95 % interval {:.1} to {:.1} %)",
             100.0 * hits as f64 / n.max(1) as f64,
@@ -241,6 +246,7 @@ pub fn table(all: &[Graded]) -> String {
             100.0 * upper(hits, n.max(1))
         )
     };
+    let share = |hits: usize| share_of(hits, n);
     let mut left: Vec<f64> = judged
         .iter()
         .filter(|g| g.compensable)
@@ -267,6 +273,12 @@ pub fn table(all: &[Graded]) -> String {
     }
     row("image worse than the baseline", share(judged.iter().filter(|g| g.worse > WORSE).count()));
     row("image recommended", share(judged.iter().filter(|g| g.burn).count()));
+    let measured: Vec<&&Graded> = judged.iter().filter(|g| g.measured_spectrum).collect();
+    if !measured.is_empty() {
+        let of = |hit: &dyn Fn(&Graded) -> bool| share_of(measured.iter().filter(|g| hit(g)).count(), measured.len());
+        row("units with a measured spectrum: something named", of(&|g| !g.named.is_empty()));
+        row("units with a measured spectrum: image recommended", of(&|g| g.burn));
+    }
     s += "\n| unit | grade | named | burn | floors left |\n|---|---|---|---|---|\n";
     for g in all {
         let left: Vec<String> = g.left.iter().map(|v| format!("{v:.2}")).collect();
@@ -314,6 +326,27 @@ mod tests {
         assert_eq!(of(&[], "nothing-lacks", 0.12), Grade::Small);
         assert!((left_in_floors(&truth(), &report(&[], "", 0.2))[0] - 2.0).abs() < 1e-12);
         assert!((against_baseline(&truth(), &report(&[], "", 0.6)) - 1.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn units_with_a_measured_spectrum_are_counted_by_themselves() {
+        let of = |measured_spectrum: bool, named: &str, burn: bool| Graded {
+            name: "c".into(),
+            group: "clean".into(),
+            grade: Grade::Right,
+            measured_spectrum,
+            named: named.into(),
+            burn,
+            worse: 1.0,
+            compensable: false,
+            left: vec![1.0],
+            why: String::new(),
+        };
+        let all = [of(true, "step", false), of(true, "", false), of(false, "lag", true)];
+        let t = table(&all);
+        assert!(t.contains("| units with a measured spectrum: something named | 1/2 (50.0 %"), "{t}");
+        assert!(t.contains("| units with a measured spectrum: image recommended | 0/2 (0.0 %"), "{t}");
+        assert!(!table(&all[2..]).contains("measured spectrum"));
     }
 
     #[test]

@@ -78,9 +78,12 @@ enum Command {
                             --columns imu.gyro.x,imu.gyro.y --against imu.temperature"
     )]
     Clean {
-        /// Number of units; unit k has seed k.
+        /// Number of units.
         #[arg(long, default_value_t = 30)]
         count: usize,
+        /// Seed of the first unit; each next one has the next seed. Seeds that do not overlap are other units.
+        #[arg(long, default_value_t = 0)]
+        first: usize,
         /// Folder to write into.
         #[arg(long)]
         out: PathBuf,
@@ -133,7 +136,7 @@ impl Command {
                         .with_context(|| format!("cannot write {}", path.display()))?,
                 }
             }
-            Self::Clean { count, out, residuals, columns, against, skip, step } => {
+            Self::Clean { count, first, out, residuals, columns, against, skip, step } => {
                 if step.is_some_and(|s| !(0.01..=3600.0).contains(&s)) {
                     bail!("--step must lie between 0.01 and 3600 s");
                 }
@@ -142,8 +145,10 @@ impl Command {
                     .iter()
                     .map(|path| Series::read(path, &selection).map(Arc::new))
                     .collect::<Result<Vec<_>>>()?;
-                let jobs: Vec<(Case, u64)> =
-                    (0..count).map(|k| (clean_case(k as u64, &control_noise(k, &series)), k as u64)).collect();
+                let jobs: Vec<(Case, u64)> = (0..count)
+                    .map(|k| first + k)
+                    .map(|k| (clean_case(k as u64, &control_noise(k, &series)), k as u64))
+                    .collect();
                 write_all(&jobs, &out)?;
             }
         }

@@ -58,6 +58,29 @@ fn clean_takes_the_spectrum_of_a_table_for_each_third_unit() {
 }
 
 #[test]
+fn parts_with_seeds_of_their_own_share_no_unit() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (first, out) in [("0", "a"), ("2", "b")] {
+        let output = run(&["clean", "--first", first, "--count", "2", "--out", out], folder.path());
+        assert!(output.status.success(), "{output:?}");
+    }
+    let seeds = |part: &str| -> Vec<u64> {
+        names(&folder.path().join(part))
+            .into_iter()
+            .filter(|n| n.ends_with("truth.json"))
+            .map(|n| {
+                let text = std::fs::read_to_string(folder.path().join(part).join(n)).expect("the truth");
+                serde_json::from_str::<foreign_plant::Truth>(&text).expect("the truth's format").seed
+            })
+            .collect()
+    };
+    let (mut a, mut b) = (seeds("a"), seeds("b"));
+    a.sort_unstable();
+    b.sort_unstable();
+    assert_eq!((a, b), (vec![0, 1], vec![2, 3]));
+}
+
+#[test]
 fn bad_input_gets_a_sentence_and_exit_status_2() {
     let folder = tempfile::tempdir().expect("a folder");
     for (arguments, sentence) in [

@@ -3,6 +3,7 @@
 use crate::replay::{self, Options, Outcome, Second};
 use anyhow::{Context, Result};
 use hrg_cal::image_file;
+use hrg_cal::measured;
 use hrg_cal::numeric::stats::block_means;
 use hrg_cal::plot::{svg, Panel, Series};
 use hrg_cal::recording::steps::Steps;
@@ -121,6 +122,15 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
         say!(told, "     p-value {:.1e}{twins}", e.p_value);
     }
     Ok(())
+}
+
+/// The loop on a measured recording.
+fn measured_loop(folder: &Path, out: &Path, told: &mut String) -> Result<()> {
+    say!(told, "7. Measured data: the loop on a MEMS IMU (hrg measured has every method, and two more recordings)");
+    let short = measured::imu_in_short(folder)?;
+    short.caption.lines().for_each(|line| say!(told, "   {line}"));
+    say!(told, "{}", short.table.trim_end());
+    hrg_cal::write_file(out, short.picture.as_bytes())
 }
 
 /// What the frames say, with both images.
@@ -244,6 +254,8 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     figures([&before, &after], [&rows_before, &rows_after], &verify, told);
     truth(&train, &t.report, told);
     table_1(table, told)?;
+    let measured = table.with_file_name("measured");
+    measured_loop(&measured, &to("measured-imu.svg"), told)?;
     say!(
         told,
         "\nreport {}, plot {}, logs {} and {}",

@@ -4,8 +4,7 @@ use anyhow::Result;
 use clap::Args;
 use hrg_cal::fit::correct;
 use hrg_cal::image_file;
-use hrg_cal::recording::facts;
-use hrg_cal::recording::Recording;
+use hrg_cal::recording::{facts, parquet, Recording};
 use hrg_cal::BadInput;
 use hrg_core::status::AxisStatus;
 use std::path::PathBuf;
@@ -21,7 +20,7 @@ pub struct Arguments {
     /// Use a calibration of another unit.
     #[arg(long)]
     different_units: bool,
-    /// Where the corrected recording goes.
+    /// Where the corrected recording goes: text, or Parquet if it ends in .parquet
     #[arg(long)]
     out: PathBuf,
 }
@@ -31,14 +30,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { recording, calibration, different_units, out } = arguments;
     let c = image_file::load(calibration)?;
     let here = |e: BadInput| BadInput::new(format!("{}: {e}", recording.display()));
-    let bytes = hrg_cal::read_file(recording, hrg_cal::MOST_RECORDING, true)?;
+    let bytes = parquet::read_text(recording)?;
     let r = Recording::parse(&bytes).map_err(here)?;
     let mut notes = facts::fits(&c, &r, *different_units).map_err(|e| here(e.into()))?;
     let corrected = correct::recording(&c, &r).map_err(here)?;
     notes.extend(corrected.notes);
     let seconds = corrected.seconds;
     let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
-    hrg_cal::write_file(out, text.as_bytes())?;
+    parquet::write_text(out, &text)?;
     for note in notes {
         println!("note: {note}");
     }

@@ -4,7 +4,7 @@ use anyhow::Result;
 use hrg_cal::recording::format::{named, Thermometer};
 use hrg_cal::recording::import;
 use hrg_cal::recording::import::map::{Map, BUILT_IN};
-use hrg_cal::recording::Recording;
+use hrg_cal::recording::{dialect, parquet, Recording};
 use hrg_cal::BadInput;
 use std::path::{Path, PathBuf};
 
@@ -12,10 +12,11 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// The file of another program.
     file: PathBuf,
-    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch
+    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch. Without it the file has the columns
+    /// of a recording
     #[arg(long)]
-    map: String,
-    /// Where the recording goes; without it the file is only looked at.
+    map: Option<String>,
+    /// Where the recording goes: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
     #[arg(long)]
     out: Option<PathBuf>,
 }
@@ -35,19 +36,34 @@ fn map(name: &str) -> Result<Map> {
 /// Makes a recording of another program's file.
 pub fn run(arguments: &Arguments) -> Result<()> {
     let Arguments { file, map: name, out } = arguments;
-    let map = map(name)?;
-    let r = import::read(file, &map)?;
-    let text = r.to_csv();
-    // Looked at as any recording is, before it is written.
     let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
+    let (text, notes) = match name {
+        Some(name) => {
+            let r = import::read(file, &map(name)?)?;
+            (r.to_csv(), r.notes)
+        }
+        // Every column is kept, those that a unit computed, too.
+        None => {
+            let bytes = parquet::read_text(file)?;
+            Recording::parse(&bytes).map_err(here)?;
+            let text = String::from_utf8_lossy(&bytes);
+            let text = if dialect::is_plain(&text) {
+                text.into_owned()
+            } else {
+                dialect::plain(&text).map_err(|e| here(e.into()))?
+            };
+            (text, Vec::new())
+        }
+    };
+    // Looked at as any recording is, before it is written.
     let mut clean = Recording::parse(text.as_bytes()).map_err(here)?;
     clean.clean().map_err(here)?;
-    for note in r.notes.iter().chain(&clean.notes) {
+    for note in notes.iter().chain(&clean.notes) {
         eprintln!("{}: {note}", file.display());
     }
     let shown = out.as_ref().map_or_else(|| file.display().to_string(), |o| o.display().to_string());
     if let Some(out) = out {
-        hrg_cal::write_file(out, text.as_bytes())?;
+        parquet::write_text(out, &text)?;
     }
     let range = |a: usize| {
         let v = clean.frequency_hz[a].iter().filter(|v| v.is_finite());

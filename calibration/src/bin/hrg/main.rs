@@ -21,7 +21,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use hrg_cal::fit::independence::Units;
 use hrg_cal::BadInput;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Calibration of hemispherical resonator gyros over temperature.
@@ -146,6 +146,27 @@ enum Command {
         /// Folder of the recordings.
         #[arg(default_value = "host-tests/recordings/measured")]
         folder: PathBuf,
+        /// Page into which all of it is written, between its marks.
+        #[arg(long)]
+        page: Option<PathBuf>,
+        /// Page into which the caption of the picture is written, between its marks.
+        #[arg(long)]
+        caption: Option<PathBuf>,
+        /// Where the picture of the IMU goes (SVG).
+        #[arg(long)]
+        picture: Option<PathBuf>,
+    },
+    /// wu2023 from end to end on a simulated gyro with temperature sensors and no resonator: identify, correct, measure again, one
+    /// direction after the other.
+    ///
+    /// Example: hrg wu2023 --out out/wu2023
+    Wu2023 {
+        /// Folder for the recordings, the calibrations and the corrected recordings.
+        #[arg(long, default_value = "out/wu2023")]
+        out: PathBuf,
+        /// Page into which the table is written, between its marks.
+        #[arg(long)]
+        page: Option<PathBuf>,
     },
     /// Print the columns of recordings, and the bytes of calibration images and of the link's messages, with formats of Python's struct.
     ///
@@ -182,11 +203,12 @@ fn run(command: Command) -> Result<()> {
         Command::Monitor(arguments) => chamber::monitor(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
         Command::Report(arguments) => report::run(arguments),
-        Command::Measured { folder } => {
-            println!("{}", hrg_cal::measured::imu(&folder)?);
-            println!("{}", hrg_cal::measured::gpsdo(&folder)?);
-            print!("{}", hrg_cal::measured::uberclock(&folder)?);
-            Ok(())
+        Command::Measured { folder, page, caption, picture } => measured(&folder, page, caption, picture),
+        Command::Wu2023 { out, page } => {
+            std::fs::create_dir_all(&out).map_err(|e| BadInput(format!("cannot make {}: {e}", out.display())))?;
+            let text = hrg_cal::wu2023::report(&out)?;
+            print!("{text}");
+            page.map_or(Ok(()), |page| hrg_cal::splice(&page, "wu2023", &format!("```\n{text}```\n")))
         }
         Command::Formats { page: None } => {
             hrg_cal::formats::tables().iter().for_each(|(_, table)| println!("{table}"));
@@ -205,6 +227,29 @@ fn run(command: Command) -> Result<()> {
         Command::SimulateAlignment(arguments) => simulate_alignment::run(arguments),
         Command::Lag(arguments) => lag::run(arguments),
     }
+}
+
+/// The loop on the measured recordings, printed, and written where it is wanted.
+fn measured(folder: &Path, page: Option<PathBuf>, caption: Option<PathBuf>, picture: Option<PathBuf>) -> Result<()> {
+    use hrg_cal::measured;
+    let mut all = String::new();
+    for part in [measured::imu, measured::gpsdo, measured::uberclock] {
+        let text = part(folder)?;
+        let gap = if all.is_empty() { "" } else { "\n" };
+        print!("{gap}{text}");
+        all += &format!("{gap}{text}");
+    }
+    if let Some(page) = page {
+        hrg_cal::splice(&page, "measured", &format!("```\n{all}```\n"))?;
+    }
+    if caption.is_none() && picture.is_none() {
+        return Ok(());
+    }
+    let short = measured::imu_in_short(folder)?;
+    if let Some(picture) = picture {
+        hrg_cal::write_file(&picture, short.picture.as_bytes())?;
+    }
+    caption.map_or(Ok(()), |page| hrg_cal::splice(&page, "measured", &format!("*{}*\n", short.caption)))
 }
 
 /// Whether recordings of different units are allowed.

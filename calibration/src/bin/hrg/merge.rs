@@ -3,6 +3,7 @@
 use anyhow::Result;
 use clap::Args;
 use hrg_cal::recording::merge::{merge, Wanted};
+use hrg_cal::recording::{parquet, Recording};
 use hrg_cal::{BadInput, MOST_RECORDING};
 use std::path::{Path, PathBuf};
 
@@ -44,15 +45,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
     let here = |path: &Path, e: BadInput| BadInput::new(format!("{}: {e}", path.display()));
     let read = |path: &Path| hrg_cal::read_file(path, MOST_RECORDING, true);
-    let run = read(recording)?;
-    hrg_cal::recording::Recording::parse(&run).map_err(|e| here(recording, e))?;
+    let run = parquet::read_text(recording)?;
+    Recording::parse(&run).map_err(|e| here(recording, e))?;
     // Chambers write their degree signs as they like; names of columns and numbers are ASCII.
     let (run, log) = (String::from_utf8_lossy(&run), read(with)?);
     let log = String::from_utf8_lossy(&log);
     let source = with.file_name().unwrap_or_default().to_string_lossy();
     let merged = merge(run.trim_start_matches('\u{feff}'), log.trim_start_matches('\u{feff}'), &source, &wanted)
         .map_err(|e| here(with, e))?;
-    hrg_cal::write_file(out, merged.text.as_bytes())?;
+    parquet::write_text(out, &merged.text)?;
     for note in &merged.notes {
         println!("note: {note}");
     }

@@ -3,6 +3,8 @@
 use crate::facts::Place;
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::recording::format::Thermometer;
+use hrg_cal::recording::parquet;
 use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use hrg_cal::BadInput;
 use std::path::PathBuf;
@@ -11,7 +13,7 @@ use std::path::PathBuf;
 #[derive(Args)]
 pub struct Arguments {
     /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag) or one like 20,-40@1,2h,50@1,2h
-    #[arg(long, default_value = "dong")]
+    #[arg(long, default_value = "dong", allow_hyphen_values = true)]
     profile: String,
     /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.
     #[arg(long)]
@@ -25,6 +27,9 @@ pub struct Arguments {
     /// Kind of unit: hrg (like dong2023's), fog (like wu2023's) or zhao (like zhao2022's)
     #[arg(long, default_value = "hrg")]
     kind: String,
+    /// What gives the temperatures: frequency (a resonator in each gyro) or sensor (a platinum resistor in each gyro, and no resonator)
+    #[arg(long, default_value = "frequency")]
+    thermometer: String,
     /// White noise: standard deviation of 100 s means, deg/h; by default that of the kind
     #[arg(long)]
     noise: Option<f64>,
@@ -37,7 +42,7 @@ pub struct Arguments {
     /// Leave latitude and axes out of the file: a fit then finds the earth's rate in the constants.
     #[arg(long)]
     no_attitude: bool,
-    /// Where the recording goes.
+    /// Where the recording goes: text, or Parquet if it ends in .parquet
     #[arg(long)]
     out: PathBuf,
 }
@@ -47,9 +52,17 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { profile, effect, seed, unit, kind, noise, defects, place, no_attitude, out } = arguments;
+    let Arguments { profile, effect, seed, unit, kind, thermometer, noise, defects, place, no_attitude, out } =
+        arguments;
     let kind = Kind::parse(&kind)?;
     let usual = kind.noise();
+    let thermometer = match thermometer.as_str() {
+        "frequency" => Thermometer::Frequency,
+        "sensor" => Thermometer::Sensors,
+        other => {
+            return Err(BadInput(format!("thermometer \"{other}\" is not known; there are frequency and sensor")).into())
+        }
+    };
     let effects = effect
         .iter()
         .map(|e| match e.strip_prefix("secret:") {
@@ -62,7 +75,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         .collect::<Result<Vec<_>, _>>()?;
     let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
     let attitude = place.attitude()?.unwrap_or(ATTITUDE);
-    let plan = Plan { kind, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
+    let plan = Plan { kind, thermometer, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
     let mut simulated = plan.simulate();
     if defects {
         hrg_cal::simulate::inject_defects(&mut simulated.recording, seed);
@@ -71,7 +84,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         simulated.recording.restore_earth_rate();
         simulated.recording.meta.retain(|(k, _)| k != "latitude_deg" && k != "axes");
     }
-    hrg_cal::write_file(&out, simulated.recording.to_csv().as_bytes())?;
+    parquet::write_text(&out, &simulated.recording.to_csv())?;
     println!(
         "{}: {} rows, simulated (unit SIM-{}, seed {seed})",
         out.display(),

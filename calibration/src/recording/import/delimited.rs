@@ -53,7 +53,7 @@ impl Separator {
 }
 
 /// A number with a decimal point or comma; NaN where there is none.
-fn number(cell: &str, iso: bool) -> Option<f64> {
+pub(super) fn number(cell: &str, iso: bool) -> Option<f64> {
     if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
         return Some(f64::NAN);
     }

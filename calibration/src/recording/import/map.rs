@@ -17,7 +17,7 @@ pub const BUILT_IN: [(&str, &str); 4] = [
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
-    /// Text with a separator.
+    /// Text with a separator; a Parquet file or an ArduPilot log, if it begins as one.
     #[default]
     Delimited,
     /// PX4's binary log.
@@ -40,7 +40,7 @@ pub struct Layout {
     pub drop_rows: usize,
     /// Rows that are kept: those with these words in these columns.
     pub keep: BTreeMap<String, String>,
-    /// PX4: the topic.
+    /// PX4: the topic. ArduPilot: the message.
     pub topic: Option<String>,
     /// PX4: which instance of the topic.
     pub instance: u8,

@@ -1,13 +1,15 @@
-//! Recordings from other programs' files: any delimited table, and PX4's logs, by a [map](map::Map) that says which column is what.
+//! Recordings from other programs' files: any table as text or Parquet, PX4's and ArduPilot's logs, by a [map](map::Map) that says which column is what.
 //!
 //! A map that does not fit ends with one sentence: the column that is missing, and those that are there.
 
+mod columnar;
+mod dataflash;
 mod delimited;
 pub mod map;
 mod ulog;
 
 use crate::recording::format::Thermometer;
-use crate::recording::{columns, Recording};
+use crate::recording::{columns, parquet, Recording};
 use crate::{BadInput, AXIS_NAMES};
 use map::{conversion, quantity_of, Column, Format, Map, Names};
 use std::path::Path;
@@ -60,6 +62,12 @@ fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput>
 pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
     let here = |e: BadInput| BadInput(format!("{}: {e}", path.display()));
     let table = match map.format {
+        Format::Delimited if parquet::begins_as_parquet(path) => {
+            columnar::read(crate::read_file(path, crate::MOST_RECORDING, false)?, map).map_err(here)?
+        }
+        Format::Delimited if dataflash::begins(path) => {
+            dataflash::read(&crate::read_file(path, crate::MOST_RECORDING, false)?, map).map_err(here)?
+        }
         Format::Delimited => {
             let bytes = crate::read_file(path, crate::MOST_RECORDING, true)?;
             delimited::read(&bytes, map).map_err(here)?
