@@ -28,6 +28,7 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use hrg_core::adc::{Dialogue, Fault, Heard, Next, FRAME, WORDS};
 use hrg_core::rate_path::CHANNELS;
+use hrg_core::AXES;
 
 /// Transfer complete, half and error of a stream, as they stand from its first bit in LISR and LIFCR (RM0390 section 9.5).
 const STREAM_FLAGS: u32 = 0b11_1000;
@@ -136,15 +137,16 @@ impl Adc {
     }
 
     /// The next sample: the timer's tick at its data-ready edge, and the codes of channels 0 to 4 (three rates, two
-    /// accelerometers) or what is wrong with the frame.
-    pub async fn sample(&mut self) -> (u32, Result<[i32; CHANNELS], Fault>) {
+    /// accelerometers) or what is wrong with the frame; then those of channels 5 to 7 (temperature sensors, where there are any).
+    pub async fn sample(&mut self) -> (u32, Result<[i32; CHANNELS], Fault>, [i32; AXES]) {
         loop {
             let tick = FETCHED.wait().await;
             fence(Ordering::SeqCst);
             self.quiet_looks = 0;
             let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
             let frame = [word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)];
-            let Heard { sample, command, next } = self.dialogue.heard(&frame, MISSED.swap(false, Ordering::Relaxed));
+            let Heard { sample, sensors, command, next } =
+                self.dialogue.heard(&frame, MISSED.swap(false, Ordering::Relaxed));
             send_next(command);
             match next {
                 Next::Wait => {}
@@ -156,7 +158,7 @@ impl Adc {
                 Next::Reset => self.reset(),
             }
             if let Some(sample) = sample {
-                return (tick, sample);
+                return (tick, sample, sensors);
             }
         }
     }

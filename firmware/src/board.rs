@@ -18,8 +18,8 @@ use crate::halt::once;
 use crate::maintain::{self, Sectors};
 use crate::params;
 use crate::pps::{self, PulseInput};
-use crate::{clock, program};
 use crate::watchdog::{Patience, Watchdog};
+use crate::{clock, program};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
@@ -207,7 +207,12 @@ impl Board {
         let pulses = pps::prepare(p.TIM3, capture_input!(p.PC6, TIM3, Ch1));
         let (rings, clock) = capture::start(
             p.TIM2,
-            [capture_input!(p.PA0, TIM2, Ch1), capture_input!(p.PA1, TIM2, Ch2), capture_input!(p.PB10, TIM2, Ch3), data_ready],
+            [
+                capture_input!(p.PA0, TIM2, Ch1),
+                capture_input!(p.PA1, TIM2, Ch2),
+                capture_input!(p.PB10, TIM2, Ch3),
+                data_ready,
+            ],
             capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
             Irqs,
         );

@@ -57,6 +57,9 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
+/// Rate path to model: the readings of the sensors of a second.
+#[cfg(feature = "sensors")]
+pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
 /// Whoever sees something to maintenance, which writes the field log; with the time since power-on, s.
 pub static EVENTS: Channel<Mutex, (u32, Event), EVENT_QUEUE> = Channel::new();
 

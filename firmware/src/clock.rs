@@ -69,9 +69,7 @@ pub fn crystal_is_right() -> bool {
 /// Ticks of HSI in [`CAPTURES`] captures; `None`: they do not come.
 fn count() -> Option<u32> {
     let timer = pac::TIM11;
-    let capture = || {
-        soon(|| timer.sr().read().ccif(0)).then(|| timer.ccr(0).read().ccr())
-    };
+    let capture = || soon(|| timer.sr().read().ccif(0)).then(|| timer.ccr(0).read().ccr());
     let mut before = capture()?;
     let mut ticks = 0;
     for _ in 0..CAPTURES {

@@ -146,7 +146,9 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     );
     match verdict {
         program::Verdict::Intact => {}
-        program::Verdict::Unsealed => defmt::warn!("the program was flashed unsealed and cannot check itself: use cargo xtask flash"),
+        program::Verdict::Unsealed => {
+            defmt::warn!("the program was flashed unsealed and cannot check itself: use cargo xtask flash");
+        }
         program::Verdict::Changed => defmt::error!("the program in flash has changed"),
     }
     if !board.crystal {

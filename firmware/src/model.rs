@@ -18,13 +18,7 @@ use hrg_core::AXES;
 /// See the module.
 #[embassy_executor::task]
 // (The input of the pulses is only held: a pin that is dropped is an input no more.)
-#[expect(clippy::used_underscore_binding)]
-pub async fn task(
-    mut rings: Rings,
-    clock: Clock,
-    _pulses: PulseInput,
-    redundant: [&'static mut Compensator; 2],
-) {
+pub async fn task(mut rings: Rings, clock: Clock, _pulses: PulseInput, redundant: [&'static mut Compensator; 2]) {
     let [first, second] = redundant;
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     let mut pps = Pps::new(TIMEBASE);
@@ -45,6 +39,9 @@ pub async fn task(
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
         let (step, report) = pps.second(step);
+        #[cfg(feature = "sensors")]
+        let step =
+            hrg_core::sensors::with_readings(step, channels::SENSORS.try_take().as_ref(), &crate::params::SENSOR);
         channels::stand(UnitStatus::TIMEBASE, report.out_of_bounds);
         if let Some(trim) = TRIM.try_take() {
             first.set_trim(trim);

@@ -41,6 +41,10 @@ pub const LINK_RING: usize = 512;
 /// Rate frames that may wait for the link: 40 ms at 200 Hz.
 pub const FRAME_QUEUE: usize = 8;
 
+/// The temperature sensors of a unit that has no resonators: feature `sensors`.
+#[cfg(feature = "sensors")]
+pub const SENSOR: hrg_core::sensors::Platinum = hrg_core::sensors::Platinum::PT1000;
+
 /// Events that may wait to be written: more than can happen in a second.
 pub const EVENT_QUEUE: usize = 8;
 

@@ -3,6 +3,8 @@
 //! [`hrg_core::rate_output`].
 
 use crate::adc::{self, Adc};
+#[cfg(feature = "sensors")]
+use crate::channels::SENSORS;
 use crate::channels::{self, BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
 use crate::halt::halt;
 use embassy_futures::select::{select, Either};
@@ -17,6 +19,8 @@ fn send(frame: RateFrame) -> bool {
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
+    #[cfg(feature = "sensors")]
+    let mut sensors = hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE);
     adc.start();
     loop {
         let input = select(adc.sample(), TICK.wait()).await;
@@ -28,7 +32,15 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
             output.set_decimation(decimation);
         }
         let second = match input {
-            Either::First((tick, codes)) => output.sample(tick, codes, send),
+            Either::First((tick, codes, thermometers)) => {
+                #[cfg(feature = "sensors")]
+                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, thermometers)).flatten() {
+                    SENSORS.signal(window);
+                }
+                #[cfg(not(feature = "sensors"))]
+                let [_, _, _] = thermometers;
+                output.sample(tick, codes, send)
+            }
             Either::Second(now) => {
                 adc.look();
                 output.look(now, send)

@@ -2,7 +2,8 @@
 //! in [`hrg_core::telemetry`].
 
 use crate::channels::{
-    self, ALIGN, ALIGNMENT, EVENTS, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP, TELEMETRY_ALIVE, TRIM,
+    self, ALIGN, ALIGNMENT, EVENTS, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP,
+    TELEMETRY_ALIVE, TRIM,
 };
 use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};

@@ -114,7 +114,9 @@ fn a_crystal_that_stops_ends_in_a_restart_on_the_chips_own_oscillator() {
 
 #[test]
 fn a_crystal_of_another_frequency_is_not_used() {
-    for (hz, right) in [(8e6, true), (8.0004e6, true), (7e6, false), (12e6, false), (16e6, false), (25e6, false), (4e6, false)] {
+    for (hz, right) in
+        [(8e6, true), (8.0004e6, true), (7e6, false), (12e6, false), (16e6, false), (25e6, false), (4e6, false)]
+    {
         let mut board = board();
         board.set_crystal(hz);
         board.run_until(2 * CPU_HZ).expect("runs");
@@ -268,11 +270,16 @@ fn the_field_log_tells_what_befell_the_unit() {
         calibration: calibration.checksum(),
     };
     // (A burn ends with a restart.)
-    let restart = Event::Start { cause: ResetCause::Software, halt: Halt::None, resets: 1, calibration: new.checksum() };
+    let restart =
+        Event::Start { cause: ResetCause::Software, halt: Halt::None, resets: 1, calibration: new.checksum() };
     assert_eq!(starts, [&start(&scene.calibration), &restart, &start(&new)]);
-    assert!(all.iter().any(|r| r.event == Event::Burn { answer: 0, calibration: new.checksum() } && r.on_for_s >= 9), "{all:?}");
     assert!(
-        all.iter().any(|r| matches!(r.event, Event::Axis { axis: 0, flags, .. } if flags.contains(AxisStatus::SETTLING))),
+        all.iter().any(|r| r.event == Event::Burn { answer: 0, calibration: new.checksum() } && r.on_for_s >= 9),
+        "{all:?}"
+    );
+    assert!(
+        all.iter()
+            .any(|r| matches!(r.event, Event::Axis { axis: 0, flags, .. } if flags.contains(AxisStatus::SETTLING))),
         "{all:?}"
     );
 }

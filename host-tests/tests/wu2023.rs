@@ -2,8 +2,12 @@
 //! heating run, corrected and measured again on others.
 
 use host_tests::program;
+use hrg_board::replay::{self, Options};
+use hrg_cal::image_file;
 use hrg_cal::numeric::stats::{block_means, std_dev};
+use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
+use hrg_core::status::AxisStatus;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -79,4 +83,54 @@ fn the_command_prints_what_the_files_say() {
             assert!(line.contains(&format!("{f:.5} (")), "{f}: {line}");
         }
     }
+}
+
+/// `cargo xtask test` builds it, as `cargo xtask size --sensors` does.
+fn elf_with_sensors() -> Vec<u8> {
+    let usual = replay::default_elf();
+    let target = usual.ancestors().nth(3).expect("a folder of builds");
+    let elf = target.join("sensors").join(usual.strip_prefix(target).expect("lies there"));
+    replay::read_elf(&elf).expect("cargo xtask size --sensors builds it")
+}
+
+#[test]
+fn the_unit_reads_platinum_resistors_and_sends_what_the_desktop_does_bit_for_bit() {
+    let d = temporary("elf");
+    let unit = "--kind fog --thermometer sensor --unit 4";
+    for (name, profile, seed) in
+        [("cooling", "60,1h,-40@1,1h", 41), ("heating", "-40,1h,60@1,1h", 42), ("fly", "45,4m,20@3,3m,45@3,3m", 43)]
+    {
+        ok(&d, &format!("simulate {unit} --profile {profile} --seed {seed} --out {name}.csv"));
+    }
+    ok(&d, "fit cooling.csv heating.csv --method fog-lsq --out cal.toml");
+    let calibration = image_file::load(&d.join("cal.toml")).expect("a calibration");
+    let mut steps = Steps::new(&Recording::load(&d.join("fly.csv")).expect("a recording")).expect("long enough");
+    // The wire of y is open for a minute.
+    steps.frequency_hz[1][600..660].fill(f64::NAN);
+    let options = Options { compare: true, ..Options::default() };
+    let o = replay::run(&elf_with_sensors(), Some(&calibration), &steps, &options, |_| {}).expect("runs");
+    let r = &o.received;
+    assert_eq!(r.differing, 0, "{:?}", r.first_difference);
+    assert_eq!((o.watchdog_resets, r.bad_frames), (0, 0));
+    let lost = AxisStatus::FREQUENCY_LOST;
+    for (k, h) in r.housekeeping.iter().enumerate().skip(30) {
+        // The sensor of the second about it: the chamber moves by 0.05 C a second at most. (An ADC's code is 0.00007 C.)
+        for a in [0, 2] {
+            let t = steps.frequency_hz[a][k] as f32;
+            assert!((h.temperature_c[a] - t).abs() < 0.11, "step {k}, axis {a}: {} {t}", h.temperature_c[a]);
+            assert!(!h.axis_status[a].contains(lost) && h.bias_dph[a].is_finite(), "step {k}: {:?}", h.axis_status);
+        }
+        // (A second is of two steps where the timer began within one.)
+        if (603..659).contains(&k) {
+            assert!(h.axis_status[1].contains(lost), "step {k}: {:?}", h.axis_status[1]);
+        } else if !(598..664).contains(&k) {
+            assert!(!h.axis_status[1].contains(lost), "step {k}: {:?}", h.axis_status[1]);
+        }
+    }
+    // A unit for resonators finds none here, and says so.
+    let usual = replay::read_elf(&replay::default_elf()).expect("built");
+    let options = Options { seconds: Some(30), ..Options::default() };
+    let o = replay::run(&usual, Some(&calibration), &steps, &options, |_| {}).expect("runs");
+    let last = o.received.rates.last().expect("rates");
+    assert!(last.axis_status.iter().all(|s| s.contains(AxisStatus::TEMPERATURE_STALE)), "{:?}", last.axis_status);
 }

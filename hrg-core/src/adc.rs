@@ -14,6 +14,7 @@
 //! holds an old sample. It is refused, and a second one is fetched at once and dropped; then the store is empty.
 
 use crate::rate_path::CHANNELS;
+use crate::AXES;
 
 /// Bytes of a frame.
 pub const FRAME: usize = 30;
@@ -113,6 +114,8 @@ pub enum Next {
 pub struct Heard {
     /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
     pub sample: Option<Result<[i32; CHANNELS], Fault>>,
+    /// The codes of the three channels behind them, where temperature sensors may be ([`crate::sensors`]); of use where there is a sample.
+    pub sensors: [i32; AXES],
     /// The first two words of the next frame out.
     pub command: [u16; 2],
     /// What is to be done.
@@ -167,13 +170,15 @@ impl Dialogue {
         };
         if self.bad_in_a_row >= BAD_IN_A_ROW {
             *self = Self::default();
-            return Heard { sample: Some(sample), command: Command::Null.words(), next: Next::Reset };
+            let command = Command::Null.words();
+            return Heard { sample: Some(sample), sensors: [0; AXES], command, next: Next::Reset };
         }
         self.emptying = sample == Err(Fault::Gap);
         self.before = self.carried;
         self.carried = self.choose();
         Heard {
             sample: (!emptying || sample.is_err()).then_some(sample),
+            sensors: core::array::from_fn(|k| code(frame, CHANNELS + k)),
             command: self.carried.words(),
             next: if self.emptying { Next::FetchAgain } else { Next::Wait },
         }
@@ -233,6 +238,14 @@ const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 const WORD: usize = 3;
 const CRC_AT: usize = FRAME - WORD;
 
+/// The code of a channel: big-endian, sign-extended from 24 bits.
+#[inline(always)]
+fn code(frame: &[u32; WORDS], channel: usize) -> i32 {
+    let at = WORD * (channel + 1);
+    let byte = |n: usize| frame.get(n / 4).map_or(0, |word| word.to_le_bytes()[n % 4]);
+    i32::from_be_bytes([byte(at), byte(at + 1), byte(at + 2), 0]) >> 8
+}
+
 /// The first word of a frame (an answer), and the codes of the channels in use.
 ///
 /// # Errors
@@ -246,11 +259,7 @@ pub fn decode(frame: &[u32; WORDS]) -> Result<(u16, [i32; CHANNELS]), Fault> {
     if CRC.checksum(&bytes[..CRC_AT]) != crc {
         return Err(Fault::Crc);
     }
-    // Codes are big-endian, sign-extended from 24 bits.
-    let codes = core::array::from_fn(|channel| {
-        let at = WORD * (channel + 1);
-        i32::from_be_bytes([bytes[at], bytes[at + 1], bytes[at + 2], 0]) >> 8
-    });
+    let codes = core::array::from_fn(|channel| code(frame, channel));
     Ok((u16::from_be_bytes([bytes[0], bytes[1]]), codes))
 }
 

@@ -435,9 +435,9 @@ mod tests {
         assert_eq!(unit, [&(0, Event::Unit { flags: UnitStatus::IMAGE_REFUSED })]);
         let axis: Vec<_> = told.iter().filter(|(_, e)| matches!(e, Event::Axis { .. })).collect();
         assert_eq!(axis.len(), 10, "{axis:?}");
-        let lost = axis.iter().any(
-            |(_, e)| matches!(e, Event::Axis { flags, .. } if flags.contains(AxisStatus::FREQUENCY_LOST)),
-        );
+        let lost = axis
+            .iter()
+            .any(|(_, e)| matches!(e, Event::Axis { flags, .. } if flags.contains(AxisStatus::FREQUENCY_LOST)));
         assert!(lost, "nothing that rose is forgotten");
     }
 }

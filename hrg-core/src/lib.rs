@@ -54,6 +54,7 @@ pub mod rate_path;
 pub mod reset;
 pub mod schema;
 pub mod sectors;
+pub mod sensors;
 pub mod signature;
 pub mod status;
 pub mod supervision;

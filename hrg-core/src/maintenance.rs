@@ -252,9 +252,9 @@ impl Maintenance {
                     Some(page) => Some((store.events(page / LOG_PAGES), page % LOG_PAGES * PAGE)),
                     None => page(*number).map(|start| (store.view(start.sector), start.offset as usize)),
                 };
-                let piece = found.filter(|_| within).and_then(|(sector, start)| {
-                    sector.get(start + usize::from(*offset)..)?.first_chunk()
-                });
+                let piece = found
+                    .filter(|_| within)
+                    .and_then(|(sector, start)| sector.get(start + usize::from(*offset)..)?.first_chunk());
                 if let Some(data) = piece {
                     return Reply::Data { page: *number, offset: *offset, data: *data };
                 }

@@ -85,17 +85,16 @@ impl AxisStatus {
 
 impl UnitStatus {
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 8] =
-        [
-            "adc-fault",
-            "bias-late",
-            "link-errors",
-            "frames-dropped",
-            "default-calibration",
-            "timebase",
-            "image-refused",
-            "program",
-        ];
+    pub const NAMES: [&str; 8] = [
+        "adc-fault",
+        "bias-late",
+        "link-errors",
+        "frames-dropped",
+        "default-calibration",
+        "timebase",
+        "image-refused",
+        "program",
+    ];
 }
 
 #[cfg(test)]

@@ -1,10 +1,10 @@
 //! The firmware's ELF, read once: what lies where in flash, and what is called how.
 
-use std::ops::Range;
 use crate::error::RunError;
 use crate::{FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Object, ObjectSegment, ObjectSymbol, SymbolKind};
+use std::ops::Range;
 
 /// A function or variable.
 #[derive(Debug, Clone)]

@@ -93,13 +93,6 @@ impl Exti {
         }
         Some(())
     }
-    /// An edge on a line.
-    pub fn edge(&mut self, line: usize, rising: bool) {
-        let wanted = if rising { self.regs[2] } else { self.regs[3] };
-        if wanted & (1 << line) != 0 {
-            self.regs[5] |= 1 << line;
-        }
-    }
     /// Whether any of the lines of a mask asks for an interrupt.
     pub fn irq(&self, mask: u32) -> bool {
         self.regs[5] & self.regs[0] & mask != 0

@@ -65,7 +65,11 @@ impl Rcc {
             // CR: HSI, HSE, PLL, PLLI2S, PLLSAI ready follow their on bits.
             0 => {
                 let ready = value & !0x2A02_0002 | (value & 0x1501_0001) << 1;
-                if self.crystal_runs() { ready } else { ready & !HSE_READY }
+                if self.crystal_runs() {
+                    ready
+                } else {
+                    ready & !HSE_READY
+                }
             }
             // CFGR: SWS follows SW.
             2 => value & !0xC | (value & 3) << 2,
@@ -104,7 +108,8 @@ impl CrystalCounter {
         const CCMR1: usize = 6;
         const CCER: usize = 8;
         const OR: usize = 20;
-        let set_up = self.regs[CR1] & 1 != 0 && self.regs[CCER] & 1 != 0 && self.regs[CCMR1] & 3 == 1 && self.regs[OR] & 3 == 2;
+        let set_up =
+            self.regs[CR1] & 1 != 0 && self.regs[CCER] & 1 != 0 && self.regs[CCMR1] & 3 == 1 && self.regs[OR] & 3 == 2;
         let prescaler = f64::from(1u32 << (self.regs[CCMR1] >> 2 & 3));
         set_up.then(|| rcc.divided_crystal()).flatten().map(|ratio| prescaler / ratio)
     }

@@ -18,7 +18,8 @@ const USAGE: &str = "cargo xtask COMMAND
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery)
+  size [--signed | --sensors]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
+                    --sensors: the one with platinum resistors in the place of resonators)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
   flash             put the firmware on a board and show its log (probe-rs)
@@ -57,6 +58,7 @@ fn main() -> ExitCode {
         Some("test") => test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
+        Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
         Some("size") => size(),
         Some("flash") => flash(),
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
@@ -313,6 +315,19 @@ fn other_chip(t: &Toolchain) -> Result<(), Failure> {
     bounds(&elf, "STM32F405RG: ", FLASH_BOUND)
 }
 
+/// The firmware that reads platinum resistors in the place of resonators, in a folder of its own.
+fn sensors(t: &Toolchain) -> Result<(), Failure> {
+    let folder = root().join("target/sensors");
+    run(t
+        .cargo("build")
+        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
+        .args(["--features", "sensors", "--target-dir"])
+        .arg(&folder))?;
+    let elf = folder.join(setup::TARGET).join("firmware/firmware");
+    seal(&elf)?;
+    bounds(&elf, "sensors: ", FLASH_BOUND)
+}
+
 /// The firmware that wants signed calibrations and keeps its states over power cuts by a battery, in a folder of its own. Its key is that of the tests, which protects nothing.
 fn signed(t: &Toolchain) -> Result<(), Failure> {
     let key = root().join("host-tests/keys/test.key.pub");
@@ -378,6 +393,8 @@ fn test() -> Result<(), Failure> {
     other_chip(&t)?;
     println!("the firmware that wants signed calibrations");
     signed(&t)?;
+    println!("the firmware with temperature sensors");
+    sensors(&t)?;
     println!("lints, target");
     run(t.cargo("clippy").args([
         "--quiet",

@@ -130,6 +130,16 @@ const COLUMNS: [Written<Second>; 7] = [
     (columns::UNIT_STATUS, |s, _| s.status[AXES].into()),
 ];
 
+/// Those of a unit with temperature sensors: what it sends in the place of frequencies are their readings, C.
+const COLUMNS_OF_SENSORS: [Written<Second>; 6] = [
+    (columns::TEMPERATURE, |s, a| s.frequency_hz[a].into()),
+    COLUMNS[1],
+    COLUMNS[3],
+    COLUMNS[4],
+    COLUMNS[5],
+    COLUMNS[6],
+];
+
 /// A unit records all its axes.
 const EACH_AXIS: [usize; AXES] = [0, 1, 2];
 
@@ -180,6 +190,8 @@ pub struct Recorder {
     pub head: Head,
     /// Sensors beside the unit.
     pub sensors: Option<Sensors>,
+    /// The unit has temperature sensors in the place of resonators.
+    pub of_sensors: bool,
     file: Option<(std::fs::File, PathBuf)>,
     /// Bytes in it.
     length: u64,
@@ -202,6 +214,7 @@ impl Recorder {
             base: path.to_path_buf(),
             head: Head { unit: unit.into(), ..Head::default() },
             sensors: None,
+            of_sensors: false,
             file: None,
             length: 0,
             last: None,
@@ -209,6 +222,14 @@ impl Recorder {
             power_ons: 0,
             rows: 0,
             gaps: 0,
+        }
+    }
+
+    fn columns(&self) -> &'static [Written<Second>] {
+        if self.of_sensors {
+            &COLUMNS_OF_SENSORS
+        } else {
+            &COLUMNS
         }
     }
 
@@ -238,7 +259,7 @@ impl Recorder {
             })
         })?;
         let mut head = self.head.text(second);
-        head.push_str(&columns::header(&COLUMNS, &EACH_AXIS));
+        head.push_str(&columns::header(self.columns(), &EACH_AXIS));
         if self.sensors.is_some() {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
@@ -292,7 +313,7 @@ impl Recorder {
             let _ = writeln!(row, "# gap: no data from {last_s} to {now_s} s");
         }
         let _ = write!(row, "{now_s}");
-        columns::cells(&mut row, &COLUMNS, &EACH_AXIS, second);
+        columns::cells(&mut row, self.columns(), &EACH_AXIS, second);
         for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
             let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
         }
@@ -348,6 +369,21 @@ mod tests {
         let again = crate::recording::Recording::parse(text.as_bytes()).expect("a recording");
         assert_eq!(again.time_s.len(), 10);
         assert!(again.time_s.windows(2).all(|w| (w[1] - w[0] - 1.0).abs() < 1e-6), "{:?}", again.time_s);
+    }
+
+    #[test]
+    fn a_unit_with_sensors_gives_a_recording_with_sensors() {
+        let path = std::env::temp_dir().join(format!("hrg-record-sensors-{}.csv", std::process::id()));
+        let _ = std::fs::remove_file(&path);
+        let mut r = Recorder::new(&path, "FOG-7");
+        r.of_sensors = true;
+        for k in 1..200 {
+            r.push(&Second { frequency_hz: [20.25, f64::NAN, -3.5], ..second(k * 1000) }).expect("written");
+        }
+        let again = crate::recording::Recording::load(&path).expect("a recording");
+        assert_eq!(again.thermometer, crate::recording::format::Thermometer::Sensors);
+        assert_eq!((again.frequency_hz[0][7], again.frequency_hz[2][7]), (20.25, -3.5));
+        assert!(again.frequency_hz[1][7].is_nan());
     }
 
     #[test]

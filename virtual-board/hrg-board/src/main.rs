@@ -6,6 +6,7 @@ use hrg_board::replay::{self, Options};
 use hrg_board::{bench, cost, faults, serve};
 use hrg_cal::image_file;
 use hrg_cal::recording::facts;
+use hrg_cal::recording::format::Thermometer;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Plan, Profile};
@@ -222,8 +223,8 @@ fn run(command: Command) -> Result<()> {
     match command {
         Command::Run(arguments) => play(arguments),
         Command::Cost { recording, calibrations, seconds, json, elf } => {
+            let steps = Steps::new(&load_raw(&recording, elf.as_ref())?)?;
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            let steps = Steps::new(&load_raw(&recording)?)?;
             let costs = cost::costs(&elf, &calibrations, &steps, seconds)?;
             if json {
                 println!("{}", serde_json::to_string(&costs)?);
@@ -236,9 +237,8 @@ fn run(command: Command) -> Result<()> {
             if !(0.01..=1000.0).contains(&speed) {
                 return Err(BadInput::new("--speed must lie between 0.01 and 1000").into());
             }
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let source = match recording {
-                Some(path) => load_raw(&path)?,
+                Some(path) => load_raw(&path, elf.as_ref())?,
                 None => {
                     println!("a simulated unit, profile cycle");
                     let mut simulated = Plan::of(Profile::parse("cycle")?, 1, 1).simulate().recording;
@@ -246,6 +246,7 @@ fn run(command: Command) -> Result<()> {
                     simulated
                 }
             };
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let calibration = matching(calibration, &source)?;
             let stop = Arc::new(AtomicBool::new(false));
             let set = stop.clone();
@@ -299,7 +300,7 @@ fn run(command: Command) -> Result<()> {
 /// `hrg-board run`.
 fn play(arguments: RunArguments) -> Result<()> {
     let RunArguments { recording, calibration, out, log, defmt, elf, jitter_ns, seed, seconds, profile } = arguments;
-    let source = load_raw(&recording)?;
+    let source = load_raw(&recording, elf.as_ref())?;
     let calibration = matching(calibration, &source)?;
     let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
     let steps = Steps::new(&source)?;
@@ -360,10 +361,15 @@ fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibrat
 }
 
 /// A recording of raw rates, as the unit measures them: with the earth's rate left in.
-fn load_raw(path: &std::path::Path) -> Result<Recording> {
+/// Sensors in the place of resonators are for a firmware of one's own (feature `sensors`).
+fn load_raw(path: &std::path::Path, elf: Option<&PathBuf>) -> Result<Recording> {
     let mut source = hrg_cal::load_recording(path)?;
-    hrg_cal::recording::format::require_resonators(&source)
-        .map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+    if elf.is_none() || source.thermometer != Thermometer::Sensors {
+        hrg_cal::recording::format::require_resonators(&source).map_err(|e| {
+            let own = "a firmware with the feature sensors (cargo xtask size --sensors builds target/sensors) is given with --elf";
+            BadInput::new(format!("{}: {e}; {own}", path.display()))
+        })?;
+    }
     source.restore_earth_rate();
     if source.corrected() {
         return Err(BadInput::new(format!(

@@ -5,6 +5,7 @@ use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
 use hrg_cal::fit::correct;
 use hrg_cal::numeric::stats::{block_means, std_dev};
+use hrg_cal::recording::format::Thermometer;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::unit::log::Decoder;
@@ -127,6 +128,8 @@ pub fn run(
     let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
     let scale = used.scale_factors_dph_per_code();
     let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
+    let sensors = steps.thermometer == Thermometer::Sensors;
+    let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
         .with_faults(options.faults.clone());
     let wires = match &options.accelerations {

@@ -15,6 +15,7 @@ use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{RatePath, DECIMATION};
+use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
@@ -27,6 +28,8 @@ pub struct Twin {
     pps: Pps,
     model: Model,
     adc: Dialogue,
+    /// Temperature sensors in the place of resonators, and their last second.
+    sensors: Option<(SensorBank, Option<Window>)>,
     output: RateOutput,
     telemetry: Telemetry<Box<dyn AlignMode + Send>>,
     now: u64,
@@ -65,6 +68,7 @@ impl Twin {
             pps: Pps::new(Timebase::REFERENCE),
             model: Model::new(calibration, 0.0),
             adc: Dialogue::default(),
+            sensors: None,
             output: RateOutput::new(path, start_status),
             telemetry: Telemetry::new(session, Timebase::REFERENCE, identity, start_status),
             link: VecDeque::new(),
@@ -75,6 +79,13 @@ impl Twin {
             rates: VecDeque::new(),
             housekeeping: VecDeque::new(),
         }
+    }
+
+    /// Of a firmware that is built with the feature sensors.
+    #[must_use]
+    pub fn with_sensors(mut self) -> Self {
+        self.sensors = Some((SensorBank::new(Timebase::REFERENCE), None));
+        self
     }
 
     /// Has the model go on from states that were kept before a reset. Before anything else.
@@ -101,7 +112,10 @@ impl Twin {
         while self.now > self.bank.close_tick() {
             let at = self.bank.close_tick();
             if let Some(step) = self.bank.poll(at as u32) {
-                let (step, report) = self.pps.second(step);
+                let (mut step, report) = self.pps.second(step);
+                if let Some((_, window)) = &mut self.sensors {
+                    step = with_readings(step, window.take().as_ref(), &Platinum::PT1000);
+                }
                 let Stepped { output, pending, .. } = self.model.step(&step);
                 self.output.set_bias(pending);
                 self.steps.push_back((step, output, report));
@@ -142,9 +156,12 @@ impl Twin {
     pub fn fetched(&mut self, stamp: u32, frame: &[u8]) {
         self.advance(stamp);
         let byte = |n: usize| frame.get(n).copied().unwrap_or(0);
-        let words: [u32; WORDS] =
-            std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte(4 * k + n))));
-        let Some(codes) = self.adc.heard(&words, false).sample else { return };
+        let words: [u32; WORDS] = std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte(4 * k + n))));
+        let heard = self.adc.heard(&words, false);
+        let Some(codes) = heard.sample else { return };
+        if let Some((bank, window)) = self.sensors.as_mut().filter(|_| codes.is_ok()) {
+            *window = bank.push(stamp, heard.sensors).or(*window);
+        }
         let rates = &mut self.rates;
         let send = |frame| {
             rates.push_back(Message::Rate(frame));

@@ -1,6 +1,7 @@
 //! What is on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
 use crate::twin::Twin;
+use hrg_cal::recording::format::Thermometer;
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::unit::log::Decoder;
 use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
@@ -120,6 +121,13 @@ impl Clone for Observers {
     }
 }
 
+/// The code of a platinum resistor of 1000 ohm at 0 C with 0.5 mA, at a full scale of 1.2 V and 23 bits: its resistance by IEC 60751.
+fn platinum_code(t: f64) -> f64 {
+    let cold = if t < 0.0 { -4.183e-12 * (t - 100.0) * t.powi(3) } else { 0.0 };
+    let ohm = 1000.0 * (1.0 + 3.9083e-3 * t - 5.775e-7 * t * t + cold);
+    ohm * 0.5e-3 / 1.2 * f64::from(1 << 23)
+}
+
 /// A recording on the wires.
 #[derive(Clone)]
 pub struct Wires {
@@ -138,6 +146,7 @@ pub struct Wires {
     /// Time (s) from which, and increments of velocity second by second.
     accelerations: Option<(f64, Vec<[f64; 2]>)>,
     acceleration_carry: [f64; 2],
+    sensor_carry: [f64; 3],
     frames_out: u32,
     invalid: bool,
     link_at: usize,
@@ -191,6 +200,7 @@ impl Wires {
             faults: WireFaults::default(),
             accelerations: None,
             acceleration_carry: [0.0; 2],
+            sensor_carry: [0.0; 3],
             frames_out: 0,
             invalid: false,
             link_at: 0,
@@ -296,6 +306,9 @@ impl Wires {
 
 impl World for Wires {
     fn next_edge(&mut self, channel: usize) -> Option<u64> {
+        if self.steps.thermometer == Thermometer::Sensors {
+            return None;
+        }
         if let Some(extra) = self.extra[channel].take() {
             return Some(extra);
         }
@@ -385,6 +398,19 @@ impl World for Wires {
                 let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
                 self.acceleration_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
                 codes[3 + k] = rounded as i32;
+            }
+        }
+        if self.steps.thermometer == Thermometer::Sensors {
+            for (k, code) in codes[5..].iter_mut().enumerate() {
+                if let Some(t) = self.steps.frequency_hz[k].get(second).filter(|t| t.is_finite()) {
+                    let wanted = platinum_code(*t) + self.sensor_carry[k];
+                    let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
+                    self.sensor_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
+                    *code = rounded as i32;
+                } else {
+                    // A wire that is open: the current drives the input to its end.
+                    *code = 0x7F_FFFF;
+                }
             }
         }
         for fault in faults {

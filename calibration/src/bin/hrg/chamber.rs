@@ -45,6 +45,9 @@ pub struct RecordArguments {
     /// Scale factor that makes the unit's rates, deg/h per code, where it cannot be read from the unit.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     scale_factor: Option<String>,
+    /// What the unit has for a thermometer: frequency (resonators), or sensor (firmware with the feature sensors)
+    #[arg(long, default_value = "frequency")]
+    thermometer: String,
     /// Sensors on the cases and in the chamber: lines like "case_x_c=23.5 chamber_c=25.1" from a file, a pipe or a port (PORT@BAUD)
     #[arg(long, value_name = "FILE|PORT")]
     case_sensors: Option<String>,
@@ -57,6 +60,17 @@ impl RecordArguments {
         let mut recorder = Recorder::new(out, unit.unwrap_or(""));
         recorder.head.attitude = self.place.attitude()?;
         recorder.head.scale_factor = self.scale_factor()?;
+        recorder.of_sensors = match self.thermometer.as_str() {
+            // (Empty: made without the command line.)
+            "frequency" | "" => false,
+            "sensor" => true,
+            other => {
+                return Err(BadInput::new(format!(
+                    "thermometer \"{other}\" is not known; there are frequency and sensor"
+                ))
+                .into())
+            }
+        };
         let sensors = if live { Sensors::open } else { Sensors::of_file };
         recorder.sensors = self.case_sensors.as_deref().map(sensors).transpose()?;
         Ok(recorder)

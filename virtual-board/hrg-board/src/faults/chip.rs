@@ -144,7 +144,10 @@ fn crystal(scene: &Scene, report: &mut Report) -> Result<()> {
     report.row(
         "crystal stops",
         1,
-        format!("{resets} reset, rates again after {back_s:.1} s, all flagged timebase: {}", if flagged { "yes" } else { "no" }),
+        format!(
+            "{resets} reset, rates again after {back_s:.1} s, all flagged timebase: {}",
+            if flagged { "yes" } else { "no" }
+        ),
         resets == 1 && flagged && back_s <= RESTART_S,
     );
     let wrong = [0.5, 0.8, 0.87, 1.15, 1.25, 1.5, 2.0, 3.125];

@@ -314,8 +314,7 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64, upset: Upset) -> (Vec<(u32,
     let at = draw.random_range(0..statics + stack);
     // Statics from their start up, the stack from its top down.
     let program = board.firmware();
-    let address =
-        if at < statics { program.statics().start + at } else { program.stack().end - 1 - (at - statics) };
+    let address = if at < statics { program.statics().start + at } else { program.stack().end - 1 - (at - statics) };
     let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
     let bit = draw.random_range(0..8);
     (upset.bits(address, bit, &mut draw), flipped_at)
