@@ -26,9 +26,6 @@ const TIME: usize = KEPT_WORDS;
 const DATE: usize = KEPT_WORDS + 1;
 const _: () = assert!(DATE < WORDS);
 
-/// Loops of some ten cycles of the chip's own oscillator that the crystal is given at the very first start: more than the 2 s that it may take.
-const PATIENCE: u32 = 6_000_000;
-
 fn word(k: usize) -> *mut u32 {
     with_exposed_provenance_mut(START + 4 * k.min(WORDS - 1))
 }
@@ -49,26 +46,27 @@ fn write(k: usize, value: u32) {
     }
 }
 
-/// Whether the RTC runs on its crystal; it is started if it does not. Before clocks are set up, which resets a backup domain that runs otherwise.
-pub fn clock() -> bool {
+/// Has the RTC run on its crystal, which may take seconds to start: nobody waits for it, and until then there is no time. Before clocks are set up,
+/// which resets a backup domain that is set up otherwise.
+pub fn clock() {
     RCC.apb1enr().modify(|w| w.set_pwren(true));
+    // (See `clock.rs` on writing what was just given its clock.)
+    let _ = RCC.apb1enr().read();
+    cortex_m::asm::dsb();
     PWR.cr1().modify(|w| w.set_dbp(true));
+    let _ = PWR.cr1().read();
     let domain = RCC.bdcr();
     let now = domain.read();
-    if now.lserdy() && now.rtcen() && now.rtcsel() == Rtcsel::LSE {
-        return true;
+    if now.lseon() && now.rtcen() && now.rtcsel() == Rtcsel::LSE {
+        return;
     }
     domain.write(|w| w.set_bdrst(true));
     domain.write(|w| w.set_bdrst(false));
     domain.modify(|w| w.set_lseon(true));
-    let runs = (0..PATIENCE).any(|_| domain.read().lserdy());
-    if runs {
-        domain.modify(|w| {
-            w.set_rtcsel(Rtcsel::LSE);
-            w.set_rtcen(true);
-        });
-    }
-    runs
+    domain.modify(|w| {
+        w.set_rtcsel(Rtcsel::LSE);
+        w.set_rtcen(true);
+    });
 }
 
 /// Has the battery carry the memory. After clocks were set up.
@@ -80,7 +78,8 @@ pub fn start() {
 /// Time and date of the RTC, as they stand in its registers; `None`: it does not run.
 fn time() -> Option<(u32, u32)> {
     // After a reset the registers follow the RTC within two of its cycles (RM0390 section 22.3.6).
-    (0..100_000).any(|_| RTC.isr().read().rsf()).then(|| (RTC.tr().read().0, RTC.dr().read().0))
+    (RCC.bdcr().read().lserdy() && (0..3000).any(|_| RTC.isr().read().rsf()))
+        .then(|| (RTC.tr().read().0, RTC.dr().read().0))
 }
 
 /// Seconds of the day of a time in the RTC's form (BCD).

@@ -183,7 +183,8 @@ impl Board {
         let mut config = embassy_stm32::Config::default();
         config.rcc = clocks(crystal);
         #[cfg(feature = "battery")]
-        if backup::clock() {
+        {
+            backup::clock();
             config.rcc.ls = rcc::LsConfig::default_lse();
         }
         let p = embassy_stm32::init(config);
@@ -196,6 +197,7 @@ impl Board {
         maintain::cache();
         let reset_cause = reset_cause();
         let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
+        clock::wait_for_supply();
         let mut sectors = Sectors::new(Flash::new_blocking(p.FLASH), patience);
         // Before anything is measured: it may erase, half a second long.
         let journal = Journal::open(&mut sectors, !reset_cause.is_brief());

@@ -48,6 +48,9 @@ pub fn crystal_is_right() -> bool {
     }
     rcc.cfgr().modify(|w| w.set_rtcpre(RTCPRE));
     rcc.apb2enr().modify(|w| w.set_tim11en(true));
+    // A peripheral must not be written in the cycles after its clock was switched on (errata, "delay after an RCC peripheral clock enabling").
+    let _ = rcc.apb2enr().read();
+    cortex_m::asm::dsb();
     let timer = pac::TIM11;
     timer.or().write_value(HSE_TO_CHANNEL_1);
     timer.arr().write(|w| w.set_arr(u16::MAX));
@@ -98,14 +101,19 @@ pub fn watch() {
     pac::RCC.cr().modify(|w| w.set_csson(true));
 }
 
-/// The supply is watched: flash is not written below 2.9 V ([`supplied`]). The level at which the chip resets itself is an option byte
+/// The supply is watched: flash is not written below 2.75 V at the least ([`supplied`]). The level at which the chip resets itself is an option byte
 /// (docs/hardening.md).
 pub fn watch_supply() {
     pac::PWR.cr1().modify(|w| {
-        // 2.9 V: STM32F446 data sheet, table 22.
-        w.set_pls(0b111);
+        // Level 5: 2.75 to 2.92 V falling, 2.86 to 2.99 V rising (data sheet, characteristics of the reset and power control block).
+        w.set_pls(0b101);
         w.set_pvde(true);
     });
+}
+
+/// Waits for a supply that is still rising, 50 ms at most.
+pub fn wait_for_supply() {
+    let _ = (0..2_000_000).any(|_| supplied());
 }
 
 /// Whether the supply is good enough to write flash 32 bits at a time (2.7 V at least: RM0390 section 3.4.1).

@@ -26,6 +26,11 @@ static LAST_WORD: AtomicU32 = AtomicU32::new(0);
 #[unsafe(link_section = ".uninit.resumed")]
 static RESUMED: AtomicU32 = AtomicU32::new(0);
 
+/// The correction of the clock, parts per 1e9 as a float, and its bits turned over.
+#[allow(unsafe_code)] // As above.
+#[unsafe(link_section = ".uninit.correction")]
+static CORRECTION: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+
 /// Marks a number in memory that a reset leaves alone as written by this program.
 const WORD: u32 = 0x4852_4700;
 
@@ -76,6 +81,31 @@ pub fn newest(cause: ResetCause) -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
         return None;
     }
     (before < RESUMPTIONS).then(|| newer(PLACES.each_ref().map(words))).flatten()
+}
+
+/// The correction of the clock before a brief reset; 0: none is known.
+pub fn correction(cause: ResetCause) -> f64 {
+    let [bits, turned] = CORRECTION.each_ref().map(read);
+    let ppb = f32::from_bits(bits);
+    if cause.is_brief() && bits == !turned && ppb.is_finite() {
+        f64::from(ppb) / 1e9
+    } else {
+        0.0
+    }
+}
+
+/// What was kept is worth nothing any more: the unit runs on a false clock.
+pub fn forget() {
+    for place in &PLACES {
+        place[0].store(0, Ordering::Relaxed);
+    }
+}
+
+/// Keeps the correction of the clock.
+pub fn keep_correction(correction: f64) {
+    let bits = ((correction * 1e9) as f32).to_bits();
+    CORRECTION[0].store(bits, Ordering::Relaxed);
+    CORRECTION[1].store(!bits, Ordering::Relaxed);
 }
 
 /// Keeps the states of a model after a step, in the older place. `step` counts the steps.

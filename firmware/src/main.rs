@@ -170,13 +170,14 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked).with_key(maintain::KEY);
     let maintenance = once(MAINTENANCE.try_init(maintenance));
 
+    let model_start = model::Start { crystal: board.crystal, correction: kept::correction(board.reset_cause) };
     // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);
     interrupt::UART4.set_priority(Priority::P8);
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
     spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
-    spawned(model::task(board.rings, board.clock, board.pulses, compensators), |t| model_spawner.spawn(t));
+    spawned(model::task(board.rings, board.clock, board.pulses, model_start, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity), |t| model_spawner.spawn(t));
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));

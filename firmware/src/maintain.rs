@@ -14,7 +14,7 @@ use embassy_futures::select::{select, Either};
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
-use embassy_time::{with_timeout, Timer};
+use embassy_time::{with_deadline, Instant, Timer};
 use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
@@ -176,20 +176,27 @@ impl Store for Sectors {
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors, mut journal: Journal) {
+    // (Events do not keep the mode open.)
+    let mut idle = Instant::now() + params::MAINTENANCE_IDLE;
     loop {
-        let command = match with_timeout(params::MAINTENANCE_IDLE, select(MAINTAIN.receive(), EVENTS.receive())).await {
+        let command = match with_deadline(idle, select(MAINTAIN.receive(), EVENTS.receive())).await {
             Ok(Either::First(command)) => command,
             Ok(Either::Second((on_for_s, event))) => {
                 journal.write(&mut sectors, Record { on_for_s, event });
                 continue;
             }
             Err(_) if maintenance.open() => {
+                idle = Instant::now() + params::MAINTENANCE_IDLE;
                 maintenance.command(&Command::Close, &mut sectors);
                 MAINTENANCE_OPEN.signal(false);
                 continue;
             }
-            Err(_) => continue,
+            Err(_) => {
+                idle = Instant::now() + params::MAINTENANCE_IDLE;
+                continue;
+            }
         };
+        idle = Instant::now() + params::MAINTENANCE_IDLE;
         let reply = maintenance.command(&command, &mut sectors);
         if let (Command::End, Reply::Answer(answer, value)) = (command, reply) {
             let event = Event::Burn { answer: answer as u8, calibration: value };

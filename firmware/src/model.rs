@@ -15,13 +15,27 @@ use hrg_core::reset::Halt;
 use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
 
+/// What the start has found.
+pub struct Start {
+    /// The crystal is right.
+    pub crystal: bool,
+    /// The correction of the clock before a reset.
+    pub correction: f64,
+}
+
 /// See the module.
 #[embassy_executor::task]
 // (The input of the pulses is only held: a pin that is dropped is an input no more.)
-pub async fn task(mut rings: Rings, clock: Clock, _pulses: PulseInput, redundant: [&'static mut Compensator; 2]) {
+pub async fn task(
+    mut rings: Rings,
+    clock: Clock,
+    _pulses: PulseInput,
+    start: Start,
+    redundant: [&'static mut Compensator; 2],
+) {
     let [first, second] = redundant;
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
-    let mut pps = Pps::new(TIMEBASE);
+    let mut pps = Pps::new(TIMEBASE).with_correction(start.correction);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
         ticker.next().await;
@@ -52,9 +66,15 @@ pub async fn task(mut rings: Rings, clock: Clock, _pulses: PulseInput, redundant
             halt(Halt::Corruption)
         };
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
-        kept::keep(first, step.step);
-        #[cfg(feature = "battery")]
-        crate::backup::keep(second);
+        // States that a false clock has made are worth nothing after the next start.
+        if !start.crystal || report.out_of_bounds {
+            kept::forget();
+        } else {
+            kept::keep_correction(pps.correction());
+            kept::keep(first, step.step);
+            #[cfg(feature = "battery")]
+            crate::backup::keep(second);
+        }
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output, report));
     }

@@ -91,7 +91,8 @@ impl Check {
     fn some(&mut self, words: usize) -> Option<Verdict> {
         let [sealed, sum] = self.seal;
         if sealed != SEALED {
-            return Some(Verdict::Unsealed);
+            // What was erased was never sealed; anything else was.
+            return Some(if self.seal == [u32::MAX; 2] { Verdict::Unsealed } else { Verdict::Changed });
         }
         let in_table = self.at < self.table.end;
         let end = if in_table { self.table.end } else { self.rest.end };

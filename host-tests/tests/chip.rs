@@ -131,7 +131,7 @@ fn a_sagging_supply_lets_nothing_into_flash() {
     board.run_until(2 * CPU_HZ).expect("runs");
     let mut new = scene.calibration.clone();
     new.sequence += 1;
-    board.sag(5);
+    board.sag(6);
     let operations = board.flash_operations();
     assert!(burn(&mut board, &new).is_err(), "the unit says that the flash could not be written");
     assert_eq!(board.flash_operations(), operations);
@@ -282,4 +282,57 @@ fn the_field_log_tells_what_befell_the_unit() {
             .any(|r| matches!(r.event, Event::Axis { axis: 0, flags, .. } if flags.contains(AxisStatus::SETTLING))),
         "{all:?}"
     );
+}
+
+/// FLASH_OPTCR as docs/hardening.md has a unit fly.
+const FLYING: u32 = 0x0FC6_55C1;
+
+#[test]
+fn with_the_option_bytes_that_fly_burns_and_the_field_log_are_written_and_the_program_is_not() {
+    let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/hardening.md")).expect("there");
+    assert!(page.contains("as it should fly, `0x0FC6 55C1`"), "docs/hardening.md and this test differ");
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.off(scene.wires(), &scene.calibration).expect("a board");
+    board.set_options(FLYING);
+    board.power_cut().expect("restarts");
+    board.run_until(2 * CPU_HZ).expect("runs");
+    assert_eq!(events(&board).iter().filter(|r| matches!(r.event, Event::Start { .. })).count(), 1);
+    let mut new = scene.calibration.clone();
+    new.sequence += 1;
+    assert_eq!(burn(&mut board, &new).expect("runs"), Burn::Done);
+    // Sectors 1 and 2 are the log, 6 and 7 the calibrations; all others are protected.
+    assert_eq!(FLYING >> 16 & 0xFF, 1 << 1 | 1 << 2 | 1 << 6 | 1 << 7);
+}
+
+#[test]
+fn every_bit_of_the_seal_counts() {
+    let elf = elf();
+    let firmware = virtual_board::Firmware::parse(&elf).expect("parses");
+    let seal = firmware.flash().windows(4).position(|w| w == b"SEAL").expect("cargo xtask build seals it") as u32;
+    for bit in (0..64).step_by(5) {
+        let mut board = board();
+        board.flip_bit(FLASH_START + seal + bit / 8, (bit % 8) as u8).expect("flash");
+        board.run_until(CPU_HZ / 4).expect("runs");
+        let rates = &board.world.received.rates;
+        assert!(!rates.is_empty() && rates.iter().all(|f| f.unit_status.contains(UnitStatus::PROGRAM)), "bit {bit}");
+    }
+}
+
+#[test]
+fn states_of_a_false_clock_are_not_gone_on_from() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = scene.settled().expect("settles");
+    board.stop_crystal();
+    let at = board.now();
+    assert_eq!(board.run_until(at + 2 * CPU_HZ).expect("runs"), Stop::Watchdog);
+    board.run_until(at + 5 * CPU_HZ).expect("runs");
+    // The crystal is back, and the unit is told to start anew.
+    board.set_crystal(8e6);
+    board.reset_by_software().expect("restarts");
+    board.world.received = Default::default();
+    let now = board.now();
+    board.run_until(now + 3 * CPU_HZ).expect("runs");
+    let last = board.world.received.rates.last().expect("rates");
+    assert!(!last.unit_status.contains(UnitStatus::TIMEBASE));
+    assert!(last.axis_status.iter().all(|s| s.contains(AxisStatus::HISTORY_UNKNOWN)), "{:?}", last.axis_status);
 }

@@ -23,27 +23,36 @@ pub const WORDS: usize = FRAME.div_ceil(4);
 /// Status bit: the ADC has been reset and has lost its settings.
 const STATUS_RESET: u16 = 1 << 10;
 
-/// Registers that the unit sets, each with its value: address, value (section 8.6).
-pub const SETTINGS: [(u8, u16); 10] = [
+/// Channels of the ADC.
+const ALL_CHANNELS: usize = 8;
+
+/// Registers that the unit sets, each with its value: address, value (section 8.6). All that have a say in a code are among them.
+pub const SETTINGS: [(u8, u16); 7 + 5 * ALL_CHANNELS] = {
+    let mut all = [(0, 0); 7 + 5 * ALL_CHANNELS];
     // CLOCK: all channels on, oversampling 4096 (1 kSPS at 8.192 MHz), high resolution.
-    (0x03, 0xFF00 | 0b101 << 2 | 0b10),
+    all[0] = (0x03, 0xFF00 | 0b101 << 2 | 0b10);
     // GAIN1, GAIN2: 1.
-    (0x04, 0),
-    (0x05, 0),
+    (all[1], all[2]) = ((0x04, 0), (0x05, 0));
     // CFG: global chop off, its delay as after a reset; current detection off.
-    (0x06, 0x0600),
-    // CH0_CFG to CH4_CFG: input pins connected, no phase delay, DC block as set globally (off).
-    (0x09, 0),
-    (0x0E, 0),
-    (0x13, 0),
-    (0x18, 0),
-    (0x1D, 0),
+    all[3] = (0x06, 0x0600);
+    // THRSHLD_MSB, THRSHLD_LSB: no current detection, no DC block.
+    (all[4], all[5]) = ((0x07, 0), (0x08, 0));
+    let mut k = 0;
+    while k < ALL_CHANNELS {
+        let (at, base) = (6 + 5 * k, 0x09 + 5 * k as u8);
+        // CHn_CFG: input pins connected, no phase delay, DC block off. CHn_OCAL: 0. CHn_GCAL: 1.
+        all[at] = (base, 1 << 2);
+        (all[at + 1], all[at + 2]) = ((base + 1, 0), (base + 2, 0));
+        (all[at + 3], all[at + 4]) = ((base + 3, 0x8000), (base + 4, 0));
+        k += 1;
+    }
     // MODE: 24-bit words, time-out on; clears the flag of a reset. It comes last.
-    (0x02, 0x0110),
-];
+    all[6 + 5 * ALL_CHANNELS] = (0x02, 0x0110);
+    all
+};
 
 /// One setting is read back in so many frames.
-pub const READ_EVERY: u16 = 100;
+pub const READ_EVERY: u16 = 20;
 
 /// So many frames in a row with a wrong checksum have bus and ADC reset.
 pub const BAD_IN_A_ROW: u8 = 3;
@@ -396,7 +405,7 @@ mod tests {
             let noticed =
                 (0..within).any(|_| talk(&mut d, &mut adc, &mut command, 1).sample == Some(Err(Fault::Setting)));
             assert!(noticed, "setting {k}");
-            assert_eq!(talk(&mut d, &mut adc, &mut command, 40).sample, GOOD);
+            assert_eq!(talk(&mut d, &mut adc, &mut command, 2 * usize::from(SET_UP)).sample, GOOD);
             assert_eq!(adc.registers[usize::from(address)], value);
         }
     }
@@ -404,7 +413,7 @@ mod tests {
     #[test]
     fn a_reset_adc_is_set_up_again() {
         let (mut d, mut adc, mut command) = ready();
-        let refused = (0..60)
+        let refused = (0..3 * u32::from(SET_UP))
             .map(|k| {
                 if k == 5 {
                     adc = Adc::new();

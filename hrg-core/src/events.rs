@@ -26,6 +26,9 @@ const RECORDS: usize = SECTOR / RECORD;
 /// With fewer free records than this at power-on the other sector is erased and used.
 const ROOM: usize = RECORDS / 4;
 
+/// Places at the end of a sector that are for starts and burns.
+const RESERVED: usize = 33;
+
 /// Flags of an axis, or of the unit, are told once in so many seconds.
 pub const PACE_S: u32 = 60;
 
@@ -74,9 +77,9 @@ pub enum Event {
         /// Checksum.
         calibration: u32,
     },
-    /// Events that were not written, for want of room.
+    /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
-        /// How many.
+        /// Whether starts and burns are written still.
         count: u16,
     },
 }
@@ -225,13 +228,24 @@ impl Journal {
         }
     }
 
-    /// Writes a record; where there is no room it is counted.
+    /// Writes a record; where there is no room it is counted, and the log says that it is full.
     pub fn write(&mut self, store: &mut impl Store, record: Record) {
-        // The last place is for what was lost.
-        if self.next + 1 >= RECORDS {
+        let matters = matches!(record.event, Event::Start { .. } | Event::Burn { .. });
+        let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
+        if self.next >= room {
+            // Said once at the first flag without room, and once in the very last place.
+            let first = !matters && self.next == room;
+            if first || self.next == RECORDS - 1 {
+                let event = Event::Lost { count: u16::from(first) };
+                self.put(store, Record { event, ..record });
+            }
             self.lost = self.lost.saturating_add(1);
             return;
         }
+        self.put(store, record);
+    }
+
+    fn put(&mut self, store: &mut impl Store, record: Record) {
         let at = self.next;
         // A place that could not be written is not tried again.
         self.next += 1;
@@ -387,15 +401,22 @@ mod tests {
     fn a_full_log_takes_no_more_and_counts() {
         let mut store = Memory::new(0xFF);
         let mut journal = Journal::open(&mut store, true);
-        (0..2000).for_each(|k| journal.write(&mut store, event(k)));
-        assert_eq!(store.all().len() + usize::from(journal.lost()), 2000);
+        let flag = |k: u32| Record { on_for_s: k, event: Event::Unit { flags: UnitStatus::ADC_FAULT } };
+        (0..1000).for_each(|k| journal.write(&mut store, flag(k)));
+        let said = |store: &Memory, count| store.all().iter().filter(|r| r.event == Event::Lost { count }).count();
+        assert_eq!((said(&store, 1), said(&store, 0)), (1, 0));
+        // Starts and burns have places of their own.
+        (0..1000).for_each(|k| journal.write(&mut store, event(k)));
+        assert_eq!((said(&store, 1), said(&store, 0)), (1, 1));
+        assert_eq!(store.all().len() + usize::from(journal.lost()), 2002);
+        assert_eq!(store.all().len(), RECORDS - 1);
         assert_eq!(store.erased, 0, "no erase in flight, nor of what is erased");
         // A restart in flight does not erase either; it takes the other sector as long as that is erased.
         let mut journal = Journal::open(&mut store, false);
         assert_eq!((store.erased, journal.sector, journal.next), (0, 1, 1));
         (0..2000).for_each(|k| journal.write(&mut store, event(k)));
         let journal = Journal::open(&mut store, false);
-        assert_eq!((store.erased, journal.next + 1), (0, RECORDS));
+        assert_eq!((store.erased, journal.next), (0, RECORDS));
     }
 
     #[test]

@@ -18,6 +18,7 @@ use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::compensator::HOLD_S;
 use crate::effects::{OnUnit, Sums, MAX_MEMORY, MAX_OUTPUTS};
+use crate::half::Half;
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
@@ -216,14 +217,17 @@ impl Side {
 /// Words of an effect that are kept for each axis: the memory of the effect and of its two copies, how far they are apart, and were at
 /// most.
 const AXIS_WORDS: usize = 3 * MAX_MEMORY + 2;
-/// Words of an effect: number, parameters, axes.
-const EFFECT_WORDS: usize = 3 + AXES * AXIS_WORDS;
+/// Words of an effect's gains, two in each.
+const GAIN_WORDS: usize = AXES * MAX_OUTPUTS / 2;
+const _: () = assert!(MAX_OUTPUTS.is_multiple_of(2));
+/// Words of an effect: number, parameters, gains, axes.
+const EFFECT_WORDS: usize = 3 + GAIN_WORDS + AXES * AXIS_WORDS;
 /// Words before the effects.
 const HEAD_WORDS: usize = 5;
 /// Words that are kept, the checksum included.
 pub const KEPT_WORDS: usize = HEAD_WORDS + MAX_EFFECTS * EFFECT_WORDS + 1;
 /// First word: what it is, and the version of its layout.
-const KEPT: u32 = u32::from_le_bytes(*b"HRG\x01");
+const KEPT: u32 = u32::from_le_bytes(*b"HRG\x02");
 
 /// What is kept beside the states of the effects.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -267,8 +271,16 @@ impl<W: Fn(usize) -> u32> Kept<W> {
 
     /// Gives an effect back what it remembered, and its two copies theirs; `None` where it was not there.
     fn resume(&self, term: &EffectTerm, mut copies: [&mut OnUnit; 3], past: &mut [Past; AXES]) -> Option<()> {
-        let mut at = self.find(term)? + 3;
+        let gains = self.find(term)? + 3;
+        let mut at = gains + GAIN_WORDS;
         for (k, past) in past.iter_mut().enumerate() {
+            // What was known to NEGLIGIBLE_DPH with small gains is known to ten times that, which still is nothing, with gains of up to
+            // ten times; with larger ones only the effect's own memory is gone on from.
+            let larger = term.gains[k].chunks(2).enumerate().any(|(n, pair)| {
+                let kept = (self.words)(gains + k * MAX_OUTPUTS / 2 + n);
+                let before = [kept as u16, (kept >> 16) as u16].map(|bits| Half::from_bits(bits).value().abs());
+                pair.iter().zip(before).any(|(now, before)| now.abs() > 10.0 * before + 1e-6)
+            });
             for copy in &mut copies {
                 for (m, to) in copy.memory(k).iter_mut().enumerate() {
                     *to = f32::from_bits((self.words)(at + m));
@@ -280,6 +292,9 @@ impl<W: Fn(usize) -> u32> Kept<W> {
                 [apart, _] if apart < 0.0 => Past::Known,
                 [apart, most] => Past::Apart(apart, most),
             };
+            if larger {
+                *past = Past::Coming;
+            }
             at += 2;
         }
         Some(())
@@ -313,6 +328,10 @@ pub(crate) fn keep(
     for ((((main, low), high), past), term) in copies.zip(terms) {
         add(u32::from(term.id));
         term.parameters.iter().for_each(|p| add(p.to_bits()));
+        for pair in term.gains.as_flattened().chunks(2) {
+            let bits = |g: Option<&f32>| u32::from(Half::of(g.map_or(0.0, |g| g.abs())).bits());
+            add(bits(pair.first()) | bits(pair.get(1)) << 16);
+        }
         for (k, past) in past.iter().enumerate() {
             for copy in [&mut *main, &mut *low, &mut *high] {
                 let memory = copy.memory(k);
@@ -564,6 +583,30 @@ mod tests {
                 assert!(!l.status[2].contains(AxisStatus::HISTORY_UNKNOWN), "z looks at nobody");
             }
             assert!(worst > 0.5, "{}: {worst}", effect.name());
+        }
+    }
+
+    #[test]
+    fn what_was_known_with_small_gains_is_not_with_larger_ones() {
+        // A minute after power-on, in a ramp, another image is burned; the unit starts anew with it.
+        for (first, second, unknown) in [(0.0f32, 10.0f32, true), (0.002, 10.0, true), (10.0, 9.0, true)] {
+            let image = |gain| calibration(&[(EffectId::ThermalLag, [4796.0, 0.0], gain)], &[1]);
+            let mut unit = Compensator::new(image(first), 0.0);
+            let _ = run(&mut unit, 10_000..10_060);
+            let words = kept(&mut unit);
+            let mut unit = again(&image(second), &words);
+            let last = *run(&mut unit, 10_060..10_160).last().expect("some");
+            assert_eq!(last.status[1].contains(AxisStatus::HISTORY_UNKNOWN), unknown, "{first} -> {second}: {last:?}");
+        }
+        // After hours it is known, with gains that are about the same as with the same ones.
+        let image = |gain| calibration(&[(EffectId::ThermalLag, [600.0, 0.0], gain)], &[1]);
+        let mut unit = Compensator::new(image(1.0), 0.0);
+        let _ = run(&mut unit, 0..10_060);
+        let words = kept(&mut unit);
+        for (gain, unknown) in [(1.0, false), (1.3, false), (30.0, true)] {
+            let mut unit = again(&image(gain), &words);
+            let last = *run(&mut unit, 10_060..10_100).last().expect("some");
+            assert_eq!(last.status[1].contains(AxisStatus::HISTORY_UNKNOWN), unknown, "1 -> {gain}: {last:?}");
         }
     }
 }

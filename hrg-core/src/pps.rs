@@ -24,8 +24,12 @@ pub const BOUND: f64 = 100e-6;
 /// The correction changes by so much a second at most: for the model 0.0002 C per second.
 pub const SLEW_PER_S: f64 = 0.02e-6;
 
-/// A pulse that is further from its second than this share of it is none.
+/// A pulse that is further from its second than this share of it is none; but so many in a row that are off alike show a clock that is far off.
 const RHYTHM: f64 = 500e-6;
+const ALIKE: u8 = 10;
+
+/// A clock whose error is further from its correction than this, as after pulses that came late, is flagged: it is 0.01 C.
+const UNCORRECTED: f64 = 1e-6;
 
 /// Pulses that are further apart than this, s, begin anew: the timer wraps each 47 s.
 const GAP_S: u32 = 20;
@@ -46,7 +50,7 @@ pub struct Report {
     pub age_ms: u32,
     /// What the unit takes off: how much its clock is fast, in parts per 1e9; 0 before the first measurement.
     pub correction_ppb: f32,
-    /// The clock is further off than [`BOUND`].
+    /// The clock is further off than [`BOUND`], as far as is known, or more than 1 ppm further than it is corrected.
     pub out_of_bounds: bool,
 }
 
@@ -76,6 +80,10 @@ pub struct Pps {
     /// Model steps since the last pulse.
     quiet_steps: u32,
     steps: u32,
+    /// Pulses in a row that were out of rhythm by tenths of a second at most.
+    alike: u8,
+    /// The last that is known of the clock is that it is out of bounds.
+    far: bool,
 }
 
 impl Pps {
@@ -91,7 +99,21 @@ impl Pps {
             correction: 0.0,
             quiet_steps: 0,
             steps: 0,
+            alike: 0,
+            far: false,
         }
+    }
+
+    /// The same, with the correction of before a reset.
+    #[must_use]
+    pub fn with_correction(self, correction: f64) -> Self {
+        Self { correction: correction.clamp(-BOUND, BOUND), ..self }
+    }
+
+    /// How much the clock is taken to be fast.
+    #[must_use]
+    pub const fn correction(&self) -> f64 {
+        self.correction
     }
 
     /// A pulse came at a tick of the timer. It counts for the step in which it was, whenever that is told.
@@ -107,6 +129,8 @@ impl Pps {
                 let seconds = ticks.saturating_add(rate / 2) / rate;
                 let deviation = i64::from(ticks) - i64::from(seconds) * i64::from(rate);
                 let within = deviation.unsigned_abs() as f64 <= RHYTHM * f64::from(seconds) * f64::from(rate);
+                let near = deviation.unsigned_abs() <= u64::from(rate / 8);
+                self.alike = if near && !within { self.alike.saturating_add(1) } else { 0 };
                 if (1..=GAP_S).contains(&seconds) && within {
                     self.now.second += seconds;
                     self.now.deviation_ticks += deviation;
@@ -157,11 +181,14 @@ impl Pps {
         }
         let error = self.error();
         if let Some(error) = error {
+            self.far = error.abs() > BOUND;
             let wanted = error.clamp(-BOUND, BOUND);
             let settling = self.steps <= WINDOW as u32;
             let most = if settling { f64::INFINITY } else { SLEW_PER_S };
             self.correction += (wanted - self.correction).clamp(-most, most);
         }
+        self.far |= self.alike >= ALIKE;
+        let behind = error.is_some_and(|e| (e - self.correction).abs() > UNCORRECTED);
         // A clock that is fast counts too many ticks a cycle: the frequency comes out too low. Without a correction nothing is touched.
         if self.correction != 0.0 {
             for f in step.frequency_hz.iter_mut().flatten() {
@@ -177,7 +204,7 @@ impl Pps {
                     tick,
                     age_ms: if long { self.quiet_steps.saturating_mul(1000) } else { ms },
                     correction_ppb: (self.correction * 1e9) as f32,
-                    out_of_bounds: error.is_some_and(|e| e.abs() > BOUND),
+                    out_of_bounds: self.far || behind,
                 }
             }
         };
@@ -279,7 +306,13 @@ mod tests {
 
     #[test]
     fn a_clock_out_of_bounds_is_flagged_and_disturbances_are_not_pulses() {
-        assert!(run(200e-6, 60, 0.0, |_| false).last().expect("some").1.out_of_bounds);
+        for error in [110e-6, 200e-6, 499e-6, 510e-6, 1e-3, -1e-3, 0.02] {
+            assert!(run(error, 60, 0.0, |_| false).last().expect("some").1.out_of_bounds, "{error}");
+            // It stays so when the pulses stop.
+            assert!(run(error, 90, 0.0, |k| k > 60).last().expect("some").1.out_of_bounds, "{error}");
+        }
+        let late = run(30e-6, 100, 0.0, |k| k < 60);
+        assert!(late[75].1.out_of_bounds, "known and not corrected yet: {:?}", late[75].1);
         let mut pps = Pps::new(Timebase::REFERENCE);
         for k in 0..60u32 {
             pps.take(k.wrapping_mul(90_000_000));

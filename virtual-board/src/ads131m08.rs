@@ -42,6 +42,7 @@ impl Default for Ads131m08 {
         registers[0x02] = 0x0510; // MODE
         registers[0x03] = 0xFF0E; // CLOCK
         registers[0x06] = 0x0600; // CFG
+        (0..8).for_each(|n| registers[0x0C + 5 * n] = 0x8000); // GCAL: 1
         Self {
             registers,
             answer: 0xFF28,
@@ -128,8 +129,8 @@ impl Ads131m08 {
         self.codes = self.store.pop_front().unwrap_or(self.codes);
         let mut words = [0u32; WORDS];
         words[0] = u32::from(self.answer) << 8;
-        for (w, code) in words[1..9].iter_mut().zip(self.codes) {
-            *w = code as u32 & 0xFF_FFFF;
+        for (n, w) in words[1..9].iter_mut().enumerate() {
+            *w = self.converted(n) as u32 & 0xFF_FFFF;
         }
         for (bytes, w) in self.out.chunks_exact_mut(3).zip(words) {
             bytes.copy_from_slice(&w.to_be_bytes()[1..]);
@@ -139,6 +140,19 @@ impl Ads131m08 {
         if self.corrupt {
             self.out[4] ^= 0x10;
         }
+    }
+
+    /// What the registers make of a channel's code (sections 8.3 and 8.6): multiplexer, gain, DC block, calibration.
+    fn converted(&self, n: usize) -> i32 {
+        let r = |k: usize| self.registers[k];
+        let channel = |k: usize| r(0x09 + 5 * n + k);
+        let gain = r(0x04 + n / 4) >> (4 * (n % 4)) & 7;
+        let blocked = r(0x08) & 0xF != 0 && channel(0) & 1 << 2 == 0;
+        // Any other place of the multiplexer than the pins is a short or a test voltage.
+        let input = if channel(0) & 3 == 0 && !blocked { i64::from(self.codes[n]) << gain } else { 0 };
+        let offset = i64::from((i32::from(channel(1) as i16) << 8) | i32::from(channel(2) >> 8));
+        let scale = i64::from(channel(3)) << 8 | i64::from(channel(4) >> 8);
+        (((input - offset) * scale) >> 23).clamp(-8_388_608, 8_388_607) as i32
     }
 
     /// Moves one byte each way.

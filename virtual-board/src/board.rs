@@ -411,6 +411,11 @@ impl<W: World> Board<W> {
         }
     }
 
+    /// Sets the option bytes, as a programmer does: FLASH_OPTCR.
+    pub fn set_options(&mut self, optcr: u32) {
+        self.cpu.get_data_mut().flash.set_options(optcr);
+    }
+
     /// The supply sags by so many tenths of a volt, or comes back.
     pub fn sag(&mut self, tenths: u32) {
         self.cpu.get_data_mut().pwr.sag_tenths = tenths;
@@ -509,6 +514,7 @@ impl<W: World> Board<W> {
         chip.probes.iter_mut().for_each(Probe::interrupt);
         // What lies outside the processor does not mind its reset.
         let before = self.cpu.get_data_mut();
+        chip.flash.set_options(before.flash.options());
         chip.rcc.crystal_hz = before.rcc.crystal_hz;
         chip.pwr.sag_tenths = before.pwr.sag_tenths;
         chip.mark_rises = before.mark_rises.take();

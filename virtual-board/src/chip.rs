@@ -270,7 +270,7 @@ impl Chip {
             0x4001_4800 => self.tim11.read(word, &self.rcc),
             0x4002_3000 => self.crc.read(word),
             0x4000_2800 => self.backup.rtc(word, now),
-            0x4002_3800 if word == 0x1C => Some(self.backup.bdcr()),
+            0x4002_3800 if word == 0x1C => Some(self.backup.bdcr(now)),
             a @ 0x4002_4000..=0x4002_4C00 if self.rcc.backup_clocked() => {
                 Some(self.backup.read((a - 0x4002_4000) as usize / 4 + word))
             }
@@ -342,25 +342,7 @@ impl Chip {
             0x4001_3800 => self.syscfg.write(word, value),
             0x4001_3C00 => self.exti.write(word, value),
             a @ 0x4002_0000..=0x4002_1C00 => {
-                let port = ((a - 0x4002_0000) / 0x400) as usize;
-                let (p, pin) = self.mark;
-                let before = self.ports[p].driven(pin);
-                let done = self.ports[port].write(word, value);
-                if !before && self.ports[p].driven(pin) && self.ports[p].is_output(pin) {
-                    if let Some(rises) = &mut self.mark_rises {
-                        rises.push(now);
-                    }
-                }
-                let (p, pin) = self.adc_select;
-                if p == port {
-                    let selected = !self.ports[p].driven(pin);
-                    self.adc.select(selected, self.corrupt);
-                }
-                let (p, pin) = self.adc_reset;
-                if p == port && self.ports[p].is_output(pin) {
-                    self.adc.sync_reset(self.ports[p].driven(pin), now, crate::CPU_HZ);
-                }
-                return self.finish(done, address);
+                return self.write_port(((a - 0x4002_0000) / 0x400) as usize, word, value, address);
             }
             0x4002_3800 => {
                 // APB2RSTR: SPI1 begins anew.
@@ -385,6 +367,29 @@ impl Chip {
         self.finish(done, address);
         self.start_transfers();
         self.update_lines();
+    }
+
+    /// A write to a port, and what its pins do with it.
+    fn write_port(&mut self, port: usize, word: usize, value: u32, address: u32) {
+        let now = self.now;
+        let (p, pin) = self.mark;
+        let before = self.ports[p].driven(pin);
+        let done = self.ports[port].write(word, value);
+        if !before && self.ports[p].driven(pin) && self.ports[p].is_output(pin) {
+            if let Some(rises) = &mut self.mark_rises {
+                rises.push(now);
+            }
+        }
+        let (p, pin) = self.adc_select;
+        if p == port {
+            let selected = !self.ports[p].driven(pin);
+            self.adc.select(selected, self.corrupt);
+        }
+        let (p, pin) = self.adc_reset;
+        if p == port && self.ports[p].is_output(pin) {
+            self.adc.sync_reset(self.ports[p].driven(pin), now, crate::CPU_HZ);
+        }
+        self.finish(done, address);
     }
 
     fn finish(&mut self, done: Option<()>, address: u32) {

@@ -63,7 +63,8 @@ impl<W: World> Board<W> {
             if wrong_width {
                 flash.refuse_width();
             }
-            let programming = flash.programming() && !wrong_width;
+            let protected = flash.programming() && flash.protects(address - FLASH_START);
+            let programming = flash.programming() && !wrong_width && !protected;
             let mut new = [0; 4];
             self.get(address, &mut new)?;
             // Cut short, some of the bits that were to become zero have not.
@@ -71,7 +72,7 @@ impl<W: World> Board<W> {
             let kept = old.iter().zip(new).zip(short.to_le_bytes());
             let kept: Vec<u8> = kept.map(|((o, n), s)| if programming { o & (n | s) } else { *o }).collect();
             self.put(address, &kept)?;
-            if !programming && !wrong_width {
+            if !programming && !wrong_width && !protected {
                 self.cpu.get_data_mut().flash.refuse();
             }
         }
@@ -81,6 +82,9 @@ impl<W: World> Board<W> {
     /// Erases the sector that the firmware has asked for, if any.
     pub(crate) fn erase_sector(&mut self) -> Result<(), RunError> {
         let Some(sector) = self.cpu.get_data_mut().flash.erase.take() else { return Ok(()) };
+        if SECTORS.get(sector).is_some_and(|from| self.cpu.get_data_mut().flash.protects(*from)) {
+            return Ok(());
+        }
         let mut times = None;
         if let (Some(&from), Some(&to)) = (SECTORS.get(sector), SECTORS.get(sector + 1)) {
             times = ERASE_MS.iter().find(|(kib, _)| kib * 1024 == to - from).map(|(_, ms)| ms);

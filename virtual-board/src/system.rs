@@ -173,37 +173,45 @@ pub struct Backup {
     bdcr: u32,
     /// Cycle at which the RTC began.
     began: Option<u64>,
+    /// Cycle at which LSE was switched on.
+    lse_on: Option<u64>,
     sram: Vec<u32>,
 }
 
 impl Default for Backup {
     fn default() -> Self {
         // What the memory holds without a battery.
-        Self { bdcr: 0, began: None, sram: vec![0x5A5A_5A5A; 1024] }
+        Self { bdcr: 0, began: None, lse_on: None, sram: vec![0x5A5A_5A5A; 1024] }
     }
 }
 
 impl Backup {
     const BDRST: u32 = 1 << 16;
     const RTCEN: u32 = 1 << 15;
-    pub fn bdcr(&self) -> u32 {
-        self.bdcr & !2 | (self.bdcr & 1) << 1
+    /// LSE takes two seconds to start (data sheet, typical).
+    const LSE_START: u64 = 2 * crate::CPU_HZ;
+    fn crystal_runs(&self, now: u64) -> bool {
+        self.lse_on.is_some_and(|at| now >= at + Self::LSE_START)
+    }
+    pub fn bdcr(&self, now: u64) -> u32 {
+        self.bdcr & !2 | u32::from(self.crystal_runs(now)) << 1
     }
     pub fn set_bdcr(&mut self, value: u32, now: u64) {
         if value & Self::BDRST != 0 {
             // (The SRAM stays: RM0390 section 6.3.20.)
-            (self.bdcr, self.began) = (Self::BDRST, None);
+            (self.bdcr, self.began, self.lse_on) = (Self::BDRST, None, None);
             return;
         }
         self.bdcr = value & !2;
+        self.lse_on = (value & 1 != 0).then(|| self.lse_on.unwrap_or(now));
         // RTCSEL: 1 is LSE, which must run.
         let on_lse = value & Self::RTCEN != 0 && value >> 8 & 3 == 1 && value & 1 != 0;
-        self.began = on_lse.then(|| self.began.unwrap_or(now));
+        self.began = on_lse.then(|| self.began.unwrap_or(now + Self::LSE_START));
     }
     /// A register of the RTC: TR, DR, ISR.
     pub fn rtc(&self, word: usize, now: u64) -> Option<u32> {
-        let seconds = self.began.map(|b| (now - b) / crate::CPU_HZ);
-        let bcd = |n: u64| (n / 10 << 4 | n % 10) as u32;
+        let seconds = self.began.filter(|b| now >= *b).map(|b| (now - b) / crate::CPU_HZ);
+        let bcd = |n: u64| (16 * (n / 10) + n % 10) as u32;
         Some(match (word, seconds) {
             (0, Some(s)) => bcd(s / 3600 % 24) << 16 | bcd(s / 60 % 60) << 8 | bcd(s % 60),
             // (Days of January, which is enough.)
@@ -235,9 +243,11 @@ impl Pwr {
         match word {
             0 => Some(self.regs[0]),
             1 => {
-                // PVDO: the supply is below the level that PLS sets, 2.2 V and 0.1 V a step up to 2.9 V (data sheet, table 22).
-                let level = 22 + (self.regs[0] >> 5 & 7);
-                let below = self.regs[0] & 1 << 4 != 0 && 33 - self.sag_tenths < level;
+                // PVDO: the supply is below the level that PLS sets. Typical levels, falling, mV (STM32F405 data sheet, table 19; the F446's is the
+                // same).
+                const FALLING_MV: [u32; 8] = [2040, 2190, 2340, 2470, 2600, 2840, 2930, 3030];
+                let level = FALLING_MV[(self.regs[0] >> 5 & 7) as usize];
+                let below = self.regs[0] & 1 << 4 != 0 && 3300 - 100 * self.sag_tenths < level;
                 Some(self.regs[1] | 1 << 14 | 1 << 16 | 1 << 17 | u32::from(below) << 2)
             }
             _ => None,
@@ -311,6 +321,23 @@ impl Flash {
     /// Whether the control register is unlocked.
     pub fn unlocked(&self) -> bool {
         self.regs[CR] & LOCK == 0
+    }
+    /// Option bytes, as FLASH_OPTCR shows them after the next reset.
+    pub fn set_options(&mut self, optcr: u32) {
+        self.regs[5] = optcr;
+    }
+    /// The option bytes.
+    pub fn options(&self) -> u32 {
+        self.regs[5]
+    }
+    /// Whether a sector is write-protected (nWRP; RM0390 section 3.6.4), which is an error (WRPERR).
+    pub fn protects(&mut self, offset: u32) -> bool {
+        let sector = SECTORS.iter().rposition(|start| *start <= offset).unwrap_or(0);
+        let protected = self.regs[5] & 1 << (16 + sector) == 0;
+        if protected {
+            self.regs[SR] |= 1 << 4;
+        }
+        protected
     }
     /// Whether a write to flash programs it.
     pub fn programming(&self) -> bool {

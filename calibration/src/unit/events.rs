@@ -45,7 +45,8 @@ pub fn line(record: &Record) -> String {
             let why = Answer::from_number(answer).map_or_else(|| format!("answer {answer}"), |a| a.to_string());
             format!("burn refused: {why}")
         }
-        Event::Lost { count } => format!("{count} events were not written: the log was full"),
+        Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
+        Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),
     };
     format!("{:>12}  {what}", time(record.on_for_s))
 }
@@ -71,6 +72,6 @@ mod tests {
         assert_eq!(say(59, axis), "    00:00:59  y: temperature-range, neighbour at 61.3 C");
         assert_eq!(say(0, Event::Unit { flags: UnitStatus::ADC_FAULT }), "    00:00:00  unit: adc-fault");
         assert!(say(0, Event::Burn { answer: 7, calibration: 0 }).contains("not a valid image"));
-        assert!(say(0, Event::Lost { count: 3 }).contains("3 events"));
+        assert!(say(0, Event::Lost { count: 1 }).contains("only starts and burns"));
     }
 }

@@ -12,7 +12,7 @@ use rand::Rng;
 use virtual_board::{AdcMishap, Firmware, FLASH_START};
 
 /// A setting of the ADC is read back within so many seconds, and written again within some twenty frames more.
-const SETTINGS_S: f64 = READ_EVERY as f64 * SETTINGS.len() as f64 / 1000.0 + 0.1;
+const SETTINGS_S: f64 = READ_EVERY as f64 * SETTINGS.len() as f64 / 1000.0 + 0.2;
 
 /// The program is gone through within so many seconds: pieces of 256 words (`firmware/src/program.rs`), one each look, of 192 KiB at most.
 const PROGRAM_S: f64 = (192 * 1024 / 4 / 256) as f64 * LOOK_MS as f64 / 1000.0;
@@ -46,10 +46,8 @@ fn adc(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result
             let mishap = match k % 3 {
                 0 => AdcMishap::LosesSettings,
                 1 => AdcMishap::SlipsAByte,
-                _ => {
-                    let (register, _) = SETTINGS[draw.random_range(0..SETTINGS.len())];
-                    AdcMishap::Flips(register.into(), draw.random_range(0..16))
-                }
+                // MODE to the last of the channels' registers.
+                _ => AdcMishap::Flips(draw.random_range(0x02..=0x30), draw.random_range(0..16)),
             };
             let begin = board.now();
             let at = begin + draw.random_range(cycles(0.5)..cycles(1.5));
@@ -174,14 +172,14 @@ fn supply(scene: &Scene, report: &mut Report) -> Result<()> {
     run(&mut board, cycles(1.0))?;
     let mut new = scene.calibration.clone();
     new.sequence += 1;
-    board.sag(5);
+    board.sag(6);
     let operations = board.flash_operations();
     let refused = burn(&mut board, &new).is_err();
     let untouched = board.flash_operations() == operations;
     board.sag(0);
     let done = burn(&mut board, &new).is_ok();
     report.row(
-        "burn at 2.8 V",
+        "burn at 2.7 V",
         1,
         format!(
             "{}, flash {}; burnt when the supply is back: {}",
