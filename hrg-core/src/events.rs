@@ -431,7 +431,7 @@ mod tests {
             let mut journal = Journal::open(&mut store, true);
             (800..810).for_each(|k| journal.write(&mut store, event(k)));
             let all = store.all();
-            let whole = (store.left == 0).then(|| all.len()).unwrap_or(810);
+            let whole = if store.left == 0 { all.len() } else { 810 };
             assert_eq!(all, (0..whole as u32).map(event).collect::<Vec<_>>(), "cut after {left}");
             // Power comes back.
             store.left = u32::MAX;

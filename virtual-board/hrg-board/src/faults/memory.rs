@@ -184,7 +184,7 @@ impl Upset {
             Self::Double => {
                 let other = draw.random_range(1..32u32);
                 let at = (u32::from(bit) + 8 * (address % 4) + other) % 32;
-                vec![(address, bit), (address & !3 | at / 8, (at % 8) as u8)]
+                vec![(address, bit), ((address & !3) + at / 8, (at % 8) as u8)]
             }
             Self::Burst => (0..8u32)
                 .map(|k| {
