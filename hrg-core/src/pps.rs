@@ -6,7 +6,7 @@
 //! laboratory's standard), its ticks are the true seconds.
 //!
 //! # Design
-//! Pulses are counted and what they deviate from the timer's own seconds is summed up; each [`MARK_S`] seconds that sum is kept. The clock's error is its change
+//! Pulses are counted and what they deviate from the timer's own seconds is summed up; each ten seconds that sum is kept. The clock's error is its change
 //! over the longest time kept, up to 100 s. With stamps good to 30 ns that is 0.0005 ppm.
 //!
 //! The correction follows the measured error slowly ([`SLEW_PER_S`]): a step of it would be a step of temperature, and for the model a ramp.
