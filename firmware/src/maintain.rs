@@ -198,9 +198,14 @@ pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors, m
         };
         idle = Instant::now() + params::MAINTENANCE_IDLE;
         let reply = maintenance.command(&command, &mut sectors);
-        if let (Command::End, Reply::Answer(answer, value)) = (command, reply) {
-            let event = Event::Burn { answer: answer as u8, calibration: value };
-            let _ = EVENTS.try_send((ON_FOR_S.load(Ordering::Relaxed), event));
+        match (command, reply) {
+            // (An end without a burn is none, and must not fill the log.)
+            (Command::End, Reply::Answer(Answer::NotOpen | Answer::Order, _)) => {}
+            (Command::End, Reply::Answer(answer, value)) => {
+                let event = Event::Burn { answer: answer as u8, calibration: value };
+                let _ = EVENTS.try_send((ON_FOR_S.load(Ordering::Relaxed), event));
+            }
+            _ => {}
         }
         ANSWER.signal(Message::Maintained(reply));
         MAINTENANCE_OPEN.signal(maintenance.open());

@@ -14,8 +14,9 @@ use virtual_board::{AdcMishap, Firmware, FLASH_START};
 /// A setting of the ADC is read back within so many seconds, and written again within some twenty frames more.
 const SETTINGS_S: f64 = READ_EVERY as f64 * SETTINGS.len() as f64 / 1000.0 + 0.2;
 
-/// The program is gone through within so many seconds: pieces of 256 words (`firmware/src/program.rs`), one each look, of 192 KiB at most.
-const PROGRAM_S: f64 = (192 * 1024 / 4 / 256) as f64 * LOOK_MS as f64 / 1000.0;
+/// The program is gone through within half of this, and a bit behind the place that is looked at waits for the next pass: pieces of 256 words
+/// (`firmware/src/program.rs`), one each look, of 208 KiB at most.
+const PROGRAM_S: f64 = 2.0 * (208 * 1024 / 4 / 256) as f64 * LOOK_MS as f64 / 1000.0;
 
 /// All of these.
 ///

@@ -119,7 +119,8 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
                 board.restore(start)?;
                 let bit = k * extent.every;
                 board.flip_bit(FLASH_START + place + (bit / 8) as u32, (bit % 8) as u8)?;
-                run(board, cycles(0.1))?;
+                // (The ADC is set up in the first tenth.)
+                run(board, cycles(0.3))?;
                 let expected =
                     UnitStatus::IMAGE_REFUSED | if two { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
                 let frames = &board.world.received.rates;
@@ -424,7 +425,8 @@ fn upsets(scene: &Scene, seed: u64, n: u64, upset: Upset, report: &mut Report) -
             100.0 * low,
             100.0 * high,
         ),
-        silent == 0 && unwell == 0 && low <= ADMITTED,
+        // (Of registers docs/promises.md promises no more than that nothing wrong is sent.)
+        (upset == Upset::Register || silent == 0 && unwell == 0) && low <= ADMITTED,
     );
     Ok(())
 }
