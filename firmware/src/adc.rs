@@ -30,8 +30,9 @@ use hrg_core::adc::{Dialogue, Fault, Heard, Next, FRAME, WORDS};
 use hrg_core::rate_path::CHANNELS;
 use hrg_core::AXES;
 
-/// Transfer complete, half and error of a stream, as they stand from its first bit in LISR and LIFCR (RM0390 section 9.5).
-const STREAM_FLAGS: u32 = 0b11_1000;
+/// All flags of a stream (transfer complete, half, error, direct mode error, FIFO error), as they stand from its first bit in LISR and LIFCR
+/// (RM0390 section 9.5).
+const STREAM_FLAGS: u32 = 0b11_1101;
 
 /// A frame has come: the timer's tick at its data-ready edge.
 static FETCHED: Signal<CriticalSectionRawMutex, u32> = Signal::new();
@@ -67,7 +68,12 @@ pub struct Adc {
     wiring: Wiring,
     /// Looks at the time since the last frame.
     quiet_looks: u8,
+    /// Looks at the time until a reset of the ADC ends.
+    reset_looks: u8,
 }
+
+/// A reset of the ADC ends at the second look: the first may follow at once, and less than 2048 of its clocks (0.25 ms) are only a SYNC.
+const RESET_LOOKS: u8 = 2;
 
 /// Looks at the time (one each 10 ms) without a frame after which the ADC is reset.
 const QUIET_LOOKS: u8 = 20;
@@ -128,7 +134,7 @@ impl Adc {
     /// Sets up the bus and the streams; the ADC itself is set up by [`sample`](Self::sample).
     pub fn new(wiring: Wiring) -> Self {
         set_up_bus();
-        Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0 }
+        Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_looks: 0 }
     }
 
     /// Fetches from the next data-ready edge on: when somebody is there to take the frames.
@@ -165,16 +171,20 @@ impl Adc {
 
     /// Time has gone on by 10 ms: ends a reset of the ADC; begins one where it has been silent for long.
     pub fn look(&mut self) {
-        self.wiring.reset.set_high();
+        self.reset_looks = self.reset_looks.saturating_sub(1);
+        if self.reset_looks == 0 {
+            self.wiring.reset.set_high();
+        }
         self.quiet_looks += 1;
         if self.quiet_looks >= QUIET_LOOKS {
             self.reset();
         }
     }
 
-    /// Resets the ADC by its pin, until the next look (2048 of its clocks, 0.25 ms, are enough: data sheet section 8.4.1), and the bus.
+    /// Resets the ADC by its pin, for [`RESET_LOOKS`] looks (data sheet section 8.4.1), and the bus.
     fn reset(&mut self) {
         self.quiet_looks = 0;
+        self.reset_looks = RESET_LOOKS;
         self.wiring.reset.set_low();
         for stream in [wired::RX, wired::TX] {
             let cr = pac::DMA2.st(stream).cr();

@@ -7,7 +7,8 @@
 //! # The dialogue
 //! The ADC forgets its settings where its supply fails. So [`Dialogue`] writes all of them ([`SETTINGS`]), reads them back, and only then
 //! takes samples; while it takes them it reads one setting back every [`READ_EVERY`] frames. A flag of a reset or a setting that has changed
-//! begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset.
+//! begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset. So
+//! they are after [`SET_UPS_TRIED`] set-ups that were read back wrongly: frames may be valid and old, where the bus no longer fills them.
 //!
 //! # After a gap
 //! The ADC keeps two samples (section 8.5.1.9.1, "after a pause in data collection"): where one was not fetched, the next frame
@@ -56,6 +57,9 @@ pub const READ_EVERY: u16 = 20;
 
 /// So many frames in a row with a wrong checksum have bus and ADC reset.
 pub const BAD_IN_A_ROW: u8 = 3;
+
+/// So many set-ups in a row that are not read back as they were written have bus and ADC reset.
+pub const SET_UPS_TRIED: u8 = 3;
 
 /// Why a frame gives no sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -149,6 +153,8 @@ pub struct Dialogue {
     set_up: u8,
     frames: u16,
     bad_in_a_row: u8,
+    /// Set-ups in a row that failed.
+    failed: u8,
 }
 
 impl Default for Dialogue {
@@ -162,6 +168,7 @@ impl Default for Dialogue {
             set_up: 0,
             frames: 0,
             bad_in_a_row: 0,
+            failed: 0,
         }
     }
 }
@@ -177,7 +184,7 @@ impl Dialogue {
             Err(fault) => self.invalid(fault),
             Ok((answer, codes)) => self.valid(answer, codes),
         };
-        if self.bad_in_a_row >= BAD_IN_A_ROW {
+        if self.bad_in_a_row >= BAD_IN_A_ROW || self.failed >= SET_UPS_TRIED {
             *self = Self::default();
             let command = Command::Null.words();
             return Heard { sample: Some(sample), sensors: [0; AXES], command, next: Next::Reset };
@@ -209,12 +216,14 @@ impl Dialogue {
             // (The flag of a reset stands until MODE is written.)
             if !setting_up || fault == Fault::Setting {
                 self.set_up = 0;
+                self.failed += u8::from(setting_up);
             }
             return Err(fault);
         }
         if setting_up {
             return Err(Fault::SetUp);
         }
+        self.failed = 0;
         if core::mem::take(&mut self.behind) {
             return Err(Fault::Gap);
         }
@@ -448,5 +457,19 @@ mod tests {
         }
         adc = Adc::new();
         assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample, GOOD);
+    }
+
+    #[test]
+    fn valid_frames_that_no_longer_change_have_bus_and_adc_reset() {
+        let (mut d, mut adc, mut command) = ready();
+        let old = adc.exchange(command);
+        let within = usize::from(READ_EVERY) + usize::from(SET_UPS_TRIED + 1) * usize::from(SET_UP);
+        let frames = (0..within).position(|_| d.heard(&old, false).next == Next::Reset);
+        assert!(frames.is_some(), "no reset in {within} frames");
+        // The bus works again, and the attempts that failed are forgotten.
+        command = [0; 2];
+        adc = Adc::new();
+        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample, GOOD);
+        assert_eq!(d.failed, 0);
     }
 }
