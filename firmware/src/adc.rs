@@ -15,7 +15,7 @@
 //! Registers: RM0390 for SPI, DMA and TIM2.
 
 use crate::board::wired;
-use crate::params;
+use crate::params::{self, TIMER_HZ};
 use crate::pps;
 use core::sync::atomic::{fence, AtomicBool, AtomicU32, Ordering};
 use embassy_stm32::gpio::{Flex, Output};
@@ -68,12 +68,13 @@ pub struct Adc {
     wiring: Wiring,
     /// Looks at the time since the last frame.
     quiet_looks: u8,
-    /// Looks at the time until a reset of the ADC ends.
-    reset_looks: u8,
+    /// Since when the ADC is held in reset, as the timer counts.
+    reset_since: u32,
 }
 
-/// A reset of the ADC ends at the second look: the first may follow at once, and less than 2048 of its clocks (0.25 ms) are only a SYNC.
-const RESET_LOOKS: u8 = 2;
+/// A reset of the ADC ends at the first look after this, ticks of the timer: 1 ms. Less than 2048 of the ADC's clocks (0.25 ms) are only a SYNC (data
+/// sheet section 8.4.1).
+const RESET_TICKS: u32 = TIMER_HZ / 1000;
 
 /// Looks at the time (one each 10 ms) without a frame after which the ADC is reset.
 const QUIET_LOOKS: u8 = 20;
@@ -134,7 +135,7 @@ impl Adc {
     /// Sets up the bus and the streams; the ADC itself is set up by [`sample`](Self::sample).
     pub fn new(wiring: Wiring) -> Self {
         set_up_bus();
-        Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_looks: 0 }
+        Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_since: 0 }
     }
 
     /// Fetches from the next data-ready edge on: when somebody is there to take the frames.
@@ -171,8 +172,7 @@ impl Adc {
 
     /// Time has gone on by 10 ms: ends a reset of the ADC; begins one where it has been silent for long.
     pub fn look(&mut self) {
-        self.reset_looks = self.reset_looks.saturating_sub(1);
-        if self.reset_looks == 0 {
+        if pac::TIM2.cnt().read().wrapping_sub(self.reset_since) >= RESET_TICKS {
             self.wiring.reset.set_high();
         }
         self.quiet_looks += 1;
@@ -181,10 +181,10 @@ impl Adc {
         }
     }
 
-    /// Resets the ADC by its pin, for [`RESET_LOOKS`] looks (data sheet section 8.4.1), and the bus.
+    /// Resets the ADC by its pin, until the first look after [`RESET_TICKS`], and the bus.
     fn reset(&mut self) {
         self.quiet_looks = 0;
-        self.reset_looks = RESET_LOOKS;
+        self.reset_since = pac::TIM2.cnt().read();
         self.wiring.reset.set_low();
         for stream in [wired::RX, wired::TX] {
             let cr = pac::DMA2.st(stream).cr();

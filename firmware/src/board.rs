@@ -186,6 +186,8 @@ impl Board {
         {
             backup::clock();
             config.rcc.ls = rcc::LsConfig::default_lse();
+            // (embassy writes this as well, to the same register.)
+            config.rcc.mux.rtcsel = rcc::mux::Rtcsel::LSE;
         }
         let p = embassy_stm32::init(config);
         if crystal {

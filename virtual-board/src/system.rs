@@ -202,7 +202,13 @@ impl Backup {
             (self.bdcr, self.began, self.lse_on) = (Self::BDRST, None, None);
             return;
         }
+        // RTCSEL is written once: another clock needs a reset of the domain (RM0390 section 6.3.20).
+        let chosen = self.bdcr & 3 << 8;
         self.bdcr = value & !2;
+        if chosen != 0 {
+            self.bdcr = self.bdcr & !(3 << 8) | chosen;
+        }
+        let value = self.bdcr;
         self.lse_on = (value & 1 != 0).then(|| self.lse_on.unwrap_or(now));
         // RTCSEL: 1 is LSE, which must run.
         let on_lse = value & Self::RTCEN != 0 && value >> 8 & 3 == 1 && value & 1 != 0;
