@@ -8,6 +8,7 @@
 
 use crate::chip::Chip;
 use crate::cpu::{self, uc, Cpu};
+use crate::cycles::Cycles;
 use crate::elf::Firmware;
 use crate::error::{RunError, Stop};
 use crate::memory::Memory;
@@ -186,10 +187,24 @@ impl<W: World> Board<W> {
         out
     }
 
+    /// Estimates cycles from now on, beside the count of instructions ([`crate::cycles`]).
+    pub fn start_estimate(&mut self) {
+        let chip = self.cpu.get_data_mut();
+        chip.watched = true;
+        chip.estimate = Some(Box::default());
+    }
+
+    /// Cycles since [`start_estimate`](Self::start_estimate); zero without.
+    #[must_use]
+    pub fn estimate(&self) -> Cycles {
+        self.cpu.get_data().estimate.as_ref().map_or_else(Cycles::default, |e| e.cycles())
+    }
+
     /// Counts the calls of all probes anew.
     pub fn forget_calls(&mut self) {
         for p in &mut self.cpu.get_data_mut().probes {
             p.calls.clear();
+            p.estimates.clear();
             p.latency = Default::default();
         }
     }

@@ -1,9 +1,10 @@
 //! The chip behind the CPU: which address belongs to which peripheral, the DMA controllers, interrupt lines.
 
 use crate::ads131m08::Ads131m08;
+use crate::cycles::Estimate;
 use crate::gpio::{Exti, Port, Syscfg};
 use crate::nvic::{irq, Nvic};
-use crate::probe::Probe;
+use crate::probe::{Moment, Probe};
 use crate::serial::{Spi, Usart};
 use crate::system::{Backup, CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
 use crate::timer::Timer;
@@ -145,7 +146,9 @@ pub struct Chip {
     pub probes: Vec<Probe>,
     /// Instructions of each block, by half its offset in flash, where asked for.
     pub profile: Option<Vec<u64>>,
-    /// There are probes or a profile.
+    /// The estimate of cycles, where asked for.
+    pub estimate: Option<Box<Estimate>>,
+    /// There are probes, a profile or an estimate.
     pub watched: bool,
     /// The CPU must be stopped at the first block at or after this cycle.
     pub deadline: u64,
@@ -162,8 +165,8 @@ pub struct Chip {
     pub nmi: bool,
     /// A fault within a fault: the CPU stands until a reset.
     pub locked_up: bool,
-    /// When the ADC was last ready: cycles, instructions.
-    pub ready: (u64, u64),
+    /// When the ADC was last ready.
+    pub ready: Moment,
     /// The event register of WFE.
     pub event: bool,
     pub returning: bool,
@@ -215,6 +218,7 @@ impl Chip {
             instructions: 0,
             probes: Vec::new(),
             profile: None,
+            estimate: None,
             watched: false,
             deadline: 0,
             attention: false,
@@ -224,7 +228,7 @@ impl Chip {
             asleep: false,
             nmi: false,
             locked_up: false,
-            ready: (0, 0),
+            ready: Moment::default(),
             event: false,
             returning: false,
             error: None,
@@ -260,7 +264,30 @@ impl Chip {
         }
     }
 
+    /// Now, in all the ways that it is counted.
+    pub fn moment(&self) -> Moment {
+        Moment {
+            cycles: self.now,
+            instructions: self.instructions,
+            estimate: self.estimate.as_ref().map_or(0, |e| e.cycles().total()),
+        }
+    }
+
+    /// A register is accessed: the processor waits for its bus (RM0390 section 2.1: APB1, APB2, AHB1; others are the core's own).
+    fn wait_for_bus(&mut self, address: u32) {
+        let divider = match address >> 16 {
+            0x4000 => self.rcc.apb_dividers()[0],
+            0x4001 => self.rcc.apb_dividers()[1],
+            0x4002 => 1,
+            _ => return,
+        };
+        if let Some(estimate) = &mut self.estimate {
+            estimate.peripheral(divider);
+        }
+    }
+
     pub fn read(&mut self, address: u32) -> u32 {
+        self.wait_for_bus(address);
         let now = self.now;
         let word = ((address & 0x3FF) / 4) as usize;
         let value = match address & !0x3FF {
@@ -300,6 +327,7 @@ impl Chip {
     }
 
     pub fn write(&mut self, address: u32, value: u32, size: usize) {
+        self.wait_for_bus(address);
         let now = self.now;
         let word = ((address & 0x3FF) / 4) as usize;
         let done = match address & !0x3FF {
@@ -415,6 +443,9 @@ impl Chip {
 
     /// Counts `items` moved by a stream; wraps or stops it at its end and raises its flags.
     pub fn moved(&mut self, (c, n): (usize, usize), items: u32) {
+        if let Some(estimate) = &mut self.estimate {
+            (0..items).for_each(|_| estimate.dma());
+        }
         let s = &mut self.dma[c].streams[n];
         let before = s.ndtr;
         s.ndtr = s.ndtr.saturating_sub(items);

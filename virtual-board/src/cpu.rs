@@ -1,6 +1,7 @@
 //! The CPU: Unicorn, set up as a Cortex-M4 that counts its instructions, stops for events and shows its peripherals.
 
 use crate::chip::Chip;
+use crate::cycles::Accelerator;
 use crate::error::RunError;
 use crate::memory::Memory;
 use crate::thumb::{self, IT_STATE};
@@ -134,7 +135,11 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
         if chip.watched {
             let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
             let chip = c.get_data_mut();
-            let now = (chip.now, chip.instructions);
+            let now = chip.moment();
+            if let Some(estimate) = &mut chip.estimate {
+                let flash = Accelerator::from_acr(chip.flash.acr());
+                estimate.block(address as u32, size, &code, flash);
+            }
             let ready = chip.ready;
             chip.probes.iter_mut().for_each(|p| p.block(address as u32, now, ready, || link));
             if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {

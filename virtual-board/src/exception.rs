@@ -77,6 +77,9 @@ impl<W: World> Board<W> {
         uc(cpu.reg_write(RegisterARM::PC, u64::from(u32::from_le_bytes(vector) | 1)))?;
         let chip = cpu.get_data_mut();
         chip.probes.iter_mut().for_each(Probe::interrupt);
+        if let Some(estimate) = &mut chip.estimate {
+            estimate.enter();
+        }
         chip.nvic.enter(exception);
         chip.event = true;
         Ok(())
@@ -102,6 +105,9 @@ impl<W: World> Board<W> {
         uc(cpu.reg_write(RegisterARM::SP, u64::from(sp)))?;
         uc(cpu.reg_write(RegisterARM::PC, u64::from(word(6) | 1)))?;
         let chip = cpu.get_data_mut();
+        if let Some(estimate) = &mut chip.estimate {
+            estimate.leave();
+        }
         chip.nvic.leave();
         chip.event = true;
         chip.update_lines();

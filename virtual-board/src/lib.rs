@@ -7,8 +7,8 @@
 //!
 //! # Time
 //! One instruction is one cycle of 180 MHz, so runs repeat exactly. While the CPU sleeps, time jumps to the
-//! next event. Wait states, pipeline and bus contention are not modelled: instruction counts are exact, cycle
-//! counts are not.
+//! next event. Wait states, pipeline and bus contention do not move time; what they would cost is estimated beside it, on request
+//! ([`cycles`]).
 //!
 //! # What is not modelled is an error
 //! An access to a register that is not modelled stops the run with its address.
@@ -34,11 +34,13 @@
 //! | `system` | RCC, PWR, FLASH, IWDG, DBGMCU |
 //! | `ads131m08` | the ADC's protocol |
 //! | `probe` | instructions of a function's calls |
+//! | `cycles` | an estimate of cycles beside the count of instructions |
 
 pub mod ads131m08;
 pub mod board;
 mod chip;
 mod cpu;
+pub mod cycles;
 pub mod elf;
 pub mod error;
 mod exception;
@@ -55,9 +57,10 @@ mod timer;
 mod wires;
 
 pub use board::{Board, Snapshot};
+pub use cycles::Cycles;
 pub use elf::Firmware;
 pub use error::{RunError, Stop};
-pub use probe::{Latency, Probe};
+pub use probe::{Latency, Moment, Probe};
 
 /// Cycles per second.
 pub const CPU_HZ: u64 = 180_000_000;

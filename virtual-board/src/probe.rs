@@ -1,5 +1,16 @@
 //! Counts the instructions of a function's calls, in the ELF as it is.
 
+/// A moment, counted in three ways.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Moment {
+    /// Cycles of the board's time: one for each instruction, and sleep.
+    pub cycles: u64,
+    /// Instructions executed.
+    pub instructions: u64,
+    /// Estimated cycles of the processor ([`crate::cycles`]), sleep left out; 0 where nobody estimates.
+    pub estimate: u64,
+}
+
 /// How long after the ADC was ready a function came back.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Latency {
@@ -9,6 +20,10 @@ pub struct Latency {
     pub most_instructions: u64,
     /// All of them.
     pub instructions: u64,
+    /// Most estimated cycles in which the processor was awake meanwhile.
+    pub most_estimated: u64,
+    /// All of them.
+    pub estimated: u64,
     /// Most cycles: time on the wire and sleep included.
     pub most_cycles: u64,
 }
@@ -19,11 +34,13 @@ pub struct Probe {
     /// Where the function begins.
     pub(crate) entry: u32,
     /// Return address and count at entry of the call that runs.
-    running: Option<(u32, u64)>,
+    running: Option<(u32, Moment)>,
     /// Return address of the call that runs, interrupted or not.
     back: Option<u32>,
     /// Instructions of each call that no interrupt came into, callees included.
     pub calls: Vec<u32>,
+    /// Estimated cycles of each of them.
+    pub estimates: Vec<u32>,
     /// Of all calls, interrupted or not.
     pub latency: Latency,
 }
@@ -33,22 +50,26 @@ impl Probe {
         Self { entry, ..Self::default() }
     }
 
-    /// A block of code at `address` begins at `now` (cycles, instructions); the ADC was `ready` at the other.
-    pub(crate) fn block(&mut self, address: u32, now: (u64, u64), ready: (u64, u64), link: impl FnOnce() -> u32) {
+    /// A block of code at `address` begins at `now`; the ADC was last `ready` at the other.
+    pub(crate) fn block(&mut self, address: u32, now: Moment, ready: Moment, link: impl FnOnce() -> u32) {
         if address == self.entry {
             let back = link() & !1;
-            self.running = Some((back, now.1));
+            self.running = Some((back, now));
             self.back = Some(back);
         } else if self.back == Some(address) {
             self.back = None;
             if let Some((_, start)) = self.running.take() {
-                self.calls.push((now.1 - start) as u32);
+                self.calls.push((now.instructions - start.instructions) as u32);
+                self.estimates.push((now.estimate - start.estimate) as u32);
             }
-            let (cycles, instructions) = (now.0 - ready.0, now.1 - ready.1);
+            let (cycles, instructions) = (now.cycles - ready.cycles, now.instructions - ready.instructions);
+            let estimated = now.estimate - ready.estimate;
             let l = &mut self.latency;
             l.calls += 1;
             l.instructions += instructions;
             l.most_instructions = l.most_instructions.max(instructions);
+            l.estimated += estimated;
+            l.most_estimated = l.most_estimated.max(estimated);
             l.most_cycles = l.most_cycles.max(cycles);
         }
     }
@@ -61,7 +82,17 @@ impl Probe {
     /// Mean instructions of a call.
     #[must_use]
     pub fn mean(&self) -> Option<f64> {
-        let n = self.calls.len();
-        (n > 0).then(|| self.calls.iter().map(|c| f64::from(*c)).sum::<f64>() / n as f64)
+        mean(&self.calls)
     }
+
+    /// Mean estimated cycles of a call.
+    #[must_use]
+    pub fn mean_estimate(&self) -> Option<f64> {
+        mean(&self.estimates)
+    }
+}
+
+fn mean(of: &[u32]) -> Option<f64> {
+    let n = of.len();
+    (n > 0).then(|| of.iter().map(|c| f64::from(*c)).sum::<f64>() / n as f64)
 }

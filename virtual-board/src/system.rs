@@ -38,6 +38,13 @@ impl Rcc {
     pub fn backup_clocked(&self) -> bool {
         self.regs[0x30 / 4] & 1 << 18 != 0
     }
+    /// Dividers of APB1 and APB2 from the processor's clock (CFGR; RM0390 section 6.3.3).
+    pub fn apb_dividers(&self) -> [u64; 2] {
+        [10, 13].map(|at| match self.regs[2] >> at & 7 {
+            by @ 4.. => 1 << (by - 3),
+            _ => 1,
+        })
+    }
     fn crystal_runs(&self) -> bool {
         self.regs[0] & HSE_ON != 0 && self.crystal_hz.is_some()
     }
@@ -292,6 +299,11 @@ impl Default for Flash {
 }
 
 impl Flash {
+    /// FLASH_ACR.
+    pub fn acr(&self) -> u32 {
+        self.regs[0]
+    }
+
     pub fn read(&self, word: usize) -> Option<u32> {
         match word {
             1 | 2 => Some(0),

@@ -3,6 +3,7 @@
 use crate::board::Board;
 use crate::chip::Request;
 use crate::error::RunError;
+use crate::probe::Moment;
 use crate::{AdcMishap, World, CPU_HZ};
 
 impl<W: World> Board<W> {
@@ -56,7 +57,7 @@ impl<W: World> Board<W> {
         if chip.adc.held() {
             return;
         }
-        chip.ready = (at.min(chip.now), chip.instructions);
+        chip.ready = Moment { cycles: at.min(chip.now), ..chip.moment() };
         chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
         // Data-ready falls at channel 4 of TIM2.
