@@ -1,9 +1,11 @@
 //! Methods side by side: the same training runs, the same unseen runs, one table.
 
 use crate::fit::evidence;
+use crate::fit::history::{self, History};
 use crate::fit::independence::{self, Units};
 use crate::fit::method::Method;
 use crate::fit::methods::{identify, Identified};
+use crate::fit::stages::{self, Stage};
 use crate::fit::{self, MEAN_S};
 use crate::image_file;
 use crate::numeric::allan;
@@ -77,6 +79,23 @@ impl Contender {
     }
 }
 
+/// Three sigma of 100 s means, per axis, deg/h, and what else is read off corrected rates.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct Judged {
+    /// On the training runs.
+    pub train_3sigma_dph: [f64; AXES],
+    /// The same of each stage, cooling and heating, as dong2023's Table 4 has them.
+    pub train_stages_3sigma_dph: [[f64; AXES]; 2],
+    /// The same on the unseen runs: the mean over them.
+    pub verify_3sigma_dph: [f64; AXES],
+    /// The mean over those unseen runs that repeat a training profile; none where there is no such run.
+    pub repeat_3sigma_dph: Option<[f64; AXES]>,
+    /// The mean over those of another profile.
+    pub other_3sigma_dph: Option<[f64; AXES]>,
+    /// Bias instability of the unseen runs by Allan deviation (its least value over 0.664), deg/h.
+    pub bias_instability_dph: [f64; AXES],
+}
+
 /// A method in the comparison.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Row {
@@ -84,12 +103,9 @@ pub struct Row {
     pub method: String,
     /// Numbers identified per axis.
     pub parameters: usize,
-    /// Three sigma of 100 s means on the training runs, per axis, deg/h.
-    pub train_3sigma_dph: [f64; AXES],
-    /// The same on the unseen runs: the mean over them.
-    pub verify_3sigma_dph: [f64; AXES],
-    /// Bias instability of the unseen runs by Allan deviation (its least value over 0.664), deg/h.
-    pub bias_instability_dph: [f64; AXES],
+    /// What it reaches.
+    #[serde(flatten)]
+    pub judged: Judged,
     /// How long the identification took, s.
     pub identification_s: f64,
     /// What it costs on the unit; missing where `hrg-board` was not at hand.
@@ -97,6 +113,9 @@ pub struct Row {
     pub cost: Option<Cost>,
     /// What the search reached.
     pub notes: Vec<String>,
+    /// How each search went.
+    #[serde(skip)]
+    pub history: Vec<History>,
 }
 
 /// The comparison.
@@ -104,12 +123,12 @@ pub struct Row {
 pub struct Comparison {
     /// The unit.
     pub unit: String,
-    /// Three sigma of 100 s means of the raw rate on the unseen runs, per axis, deg/h.
-    pub raw_3sigma_dph: [f64; AXES],
-    /// Bias instability of the raw rate.
-    pub raw_bias_instability_dph: [f64; AXES],
+    /// The raw rate, as a method that does nothing.
+    pub raw: Judged,
     /// The methods.
     pub rows: Vec<Row>,
+    /// Which unseen runs repeat a training profile, and which do not: one sentence.
+    pub about_verify: String,
     /// Methods that could not be used, and why.
     pub left_out: Vec<String>,
 }
@@ -123,13 +142,14 @@ pub fn over_axes(v: &[f64; AXES]) -> f64 {
 
 /// Mean over runs of a figure of each axis.
 fn over_runs(runs: &[[Vec<f64>; AXES]], figure: impl Fn(&[f64]) -> f64) -> [f64; AXES] {
-    // (An axis that is not there has no finite rate.)
-    let there = |a: usize| runs.iter().any(|r| r[a].iter().any(|v| v.is_finite()));
     [0, 1, 2].map(|a: usize| {
-        if !there(a) {
+        // (An axis that is not there has no finite rate, and so has a run without a stage.)
+        let there: Vec<f64> =
+            runs.iter().filter(|r| r[a].iter().any(|v| v.is_finite())).map(|r| figure(&r[a])).collect();
+        if there.is_empty() {
             f64::NAN
         } else {
-            runs.iter().map(|r| figure(&r[a])).sum::<f64>() / runs.len().max(1) as f64
+            there.iter().sum::<f64>() / there.len() as f64
         }
     })
 }
@@ -142,6 +162,88 @@ fn three_sigma(v: &[f64]) -> f64 {
 fn bias_instability(v: &[f64]) -> f64 {
     let points = allan::overlapping(v, f64::from(hrg_core::MODEL_STEP_S), &allan::octaves(v.len()));
     points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
+}
+
+/// A verify run whose temperatures differ by less than this from a training run's repeats its profile, C.
+const REPEATS_WITHIN_C: f64 = 1.0;
+
+/// Temperatures of the first axis, one a minute.
+fn by_minutes(run: &Run) -> Vec<f64> {
+    let a = run.steps.present().next().unwrap_or(0);
+    (0..run.steps.len()).step_by(60).map(|k| run.state(k, a).map_or(f64::NAN, |(t, _)| f64::from(t))).collect()
+}
+
+/// Whether a run has the temperatures of another, minute by minute, and lasts as long.
+fn repeats(a: &Run, b: &Run) -> bool {
+    let (a, b) = (by_minutes(a), by_minutes(b));
+    let apart: Vec<f64> = a.iter().zip(&b).map(|(x, y)| (x - y).abs()).filter(|d| d.is_finite()).collect();
+    let mean = apart.iter().sum::<f64>() / apart.len().max(1) as f64;
+    100 * a.len().abs_diff(b.len()) <= a.len().max(b.len()) && mean < REPEATS_WITHIN_C
+}
+
+/// The runs on which images are judged.
+struct Bench {
+    train: Vec<Steps>,
+    /// The stage of each step of each training run, axis by axis.
+    stages: Vec<[Vec<Option<Stage>>; AXES]>,
+    verify: Vec<Steps>,
+    /// Which of the verify runs repeat a training profile.
+    repeats: Vec<bool>,
+    /// Steps at the start of each run that are not judged.
+    skip: usize,
+}
+
+impl Bench {
+    fn new(prepared: &fit::Prepared, verify: Vec<Steps>, from_s: f64) -> Self {
+        let scaling = &prepared.calibration.scaling;
+        let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
+        let again = |v: &Steps| prepared.runs.iter().any(|t| repeats(t, &Run::new(v.clone(), curves)));
+        Self {
+            train: prepared.runs.iter().map(|r| r.steps.clone()).collect(),
+            stages: prepared.runs.iter().map(|r| [0, 1, 2].map(|a| stages::of_run(r, scaling, a))).collect(),
+            repeats: verify.iter().map(again).collect(),
+            verify,
+            skip: from_s as usize,
+        }
+    }
+
+    /// What rates reach that are corrected somehow.
+    fn judge(&self, correct: impl Fn(&Steps) -> [Vec<f64>; AXES]) -> Judged {
+        let judged = |steps: &Steps| {
+            let mut rates = correct(steps);
+            rates.iter_mut().for_each(|r| r.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN));
+            rates
+        };
+        let train: Vec<_> = self.train.iter().map(judged).collect();
+        let verify: Vec<_> = self.verify.iter().map(judged).collect();
+        let of_stage = |stage| -> Vec<[Vec<f64>; AXES]> {
+            let both = train.iter().zip(&self.stages);
+            both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect()
+        };
+        let of_kind = |kind: bool| {
+            let chosen: Vec<_> =
+                verify.iter().zip(&self.repeats).filter(|(_, r)| **r == kind).map(|(v, _)| v.clone()).collect();
+            (!chosen.is_empty()).then(|| over_runs(&chosen, three_sigma))
+        };
+        Judged {
+            train_3sigma_dph: over_runs(&train, three_sigma),
+            train_stages_3sigma_dph: Stage::ALL.map(|s| over_runs(&of_stage(s), three_sigma)),
+            verify_3sigma_dph: over_runs(&verify, three_sigma),
+            repeat_3sigma_dph: of_kind(true),
+            other_3sigma_dph: of_kind(false),
+            bias_instability_dph: over_runs(&verify, |v| bias_instability(&v[self.skip.min(v.len())..])),
+        }
+    }
+
+    /// Which unseen runs say what.
+    fn about(&self) -> String {
+        let repeats = self.repeats.iter().filter(|r| **r).count();
+        match (repeats, self.repeats.len() - repeats) {
+            (_, 0) => "every verify run repeats a training profile: what a method does on another one is not known; give --verify a run of another profile as well".into(),
+            (0, _) => "no verify run repeats a training profile".into(),
+            (repeats, others) => format!("of the verify runs {repeats} repeat a training profile and {others} do not"),
+        }
+    }
 }
 
 /// The image of the traced model.
@@ -166,8 +268,20 @@ fn traced(train: &[Recording], verify: &Recording, units: Units) -> Result<Ident
                 format!("found {}", names.join(", "))
             }],
             calibration: t.image,
+            history: Vec::new(),
         }
     })
+}
+
+/// What a comparison is told beside its recordings.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// Seed of swarms and genetic searches.
+    pub seed: u64,
+    /// Whether recordings of different units are allowed.
+    pub units: Units,
+    /// From this time of each run on the images are judged, s: a paper may leave the soak before its ramp out.
+    pub from_s: f64,
 }
 
 /// Compares methods, the traced model among them. Calibrations go to `out` as `METHOD.toml`.
@@ -178,16 +292,24 @@ pub fn compare(
     train: &[Recording],
     verify: &[Recording],
     methods: &[Contender],
-    seed: u64,
-    units: Units,
+    options: &Options,
     out: &Path,
     mut progress: impl FnMut(&str),
 ) -> anyhow::Result<Comparison> {
+    let &Options { seed, units, from_s } = options;
     let prepared = fit::prepare_for(train, units)?;
     let steps = unseen_steps(train, verify, &prepared, units)?;
+    if let Some(short) =
+        steps.iter().chain(prepared.runs.iter().map(|r| &r.steps)).find(|s| (s.len() as f64) < from_s + 600.0)
+    {
+        return Err(BadInput::new(format!(
+            "a run lasts {} s: judged from {from_s} s on, less than ten minutes of it are left; give an earlier --from",
+            short.len()
+        ))
+        .into());
+    }
     let first = verify.first().ok_or_else(|| BadInput::new("no recording to verify on was given"))?;
-    let train_steps: Vec<Steps> = prepared.runs.iter().map(|r| r.steps.clone()).collect();
-    let raw: Vec<[Vec<f64>; AXES]> = steps.iter().map(|s| s.rate_dph.clone()).collect();
+    let bench = Bench::new(&prepared, steps, from_s);
     let mut rows = Vec::new();
     let mut left_out = Vec::new();
     for contender in methods {
@@ -205,32 +327,28 @@ pub fn compare(
             }
         };
         let path = out.join(format!("{method}.toml"));
-        let corrected =
-            |steps: &[Steps]| -> Vec<_> { steps.iter().map(|s| fit::correct(&found.calibration, s)).collect() };
-        let (on_train, on_verify) = (corrected(&train_steps), corrected(&steps));
+        let judged = bench.judge(|s| fit::correct(&found.calibration, s));
         let mut calibration: Calibration = found.calibration;
         calibration.sequence = 1;
-        let (t, v) = (over_runs(&on_train, three_sigma), over_runs(&on_verify, three_sigma));
-        for a in train_steps[0].present() {
-            calibration.axes[a].train_rms_dph = (t[a] / 3.0) as f32;
-            calibration.axes[a].verify_rms_dph = (v[a] / 3.0) as f32;
+        for a in bench.train[0].present() {
+            calibration.axes[a].train_rms_dph = (judged.train_3sigma_dph[a] / 3.0) as f32;
+            calibration.axes[a].verify_rms_dph = (judged.verify_3sigma_dph[a] / 3.0) as f32;
         }
         image_file::save(&path, &calibration)?;
         rows.push(Row {
             method: method.to_string(),
             parameters: found.parameters,
-            train_3sigma_dph: t,
-            verify_3sigma_dph: v,
-            bias_instability_dph: over_runs(&on_verify, bias_instability),
+            judged,
             identification_s: found.seconds,
             cost: None,
             notes: found.notes,
+            history: found.history,
         });
     }
     Ok(Comparison {
         unit: first.unit().to_string(),
-        raw_3sigma_dph: over_runs(&raw, three_sigma),
-        raw_bias_instability_dph: over_runs(&raw, bias_instability),
+        raw: bench.judge(|s| s.rate_dph.clone()),
+        about_verify: bench.about(),
         rows,
         left_out,
     })
@@ -291,53 +409,56 @@ pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Pat
     Ok(())
 }
 
+/// Headings of the table.
+const HEADER: [&str; 13] = [
+    "method",
+    "numbers",
+    "train 3s",
+    "cooling",
+    "heating",
+    "repeat 3s",
+    "other 3s",
+    "instability",
+    "time s",
+    "f to bias",
+    "update",
+    "bytes",
+    "ELF differs",
+];
+
 /// A column more: its heading, and what stands there for a method.
 pub type Column<'a> = (&'a str, &'a dyn Fn(&str) -> String);
 
 /// The table, plain text or Markdown. `last` adds a column.
 #[must_use]
 pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String {
-    let header = [
-        "method",
-        "numbers",
-        "train 3s",
-        "verify 3s",
-        "instability",
-        "time s",
-        "f to bias",
-        "update",
-        "bytes",
-        "ELF differs",
-    ];
-    let mut lines: Vec<Vec<String>> = vec![header.map(String::from).to_vec()];
     let dash = || "-".to_string();
-    let figure = |v: f64| if v < 0.1 { format!("{v:.4}") } else { format!("{v:.3}") };
-    lines.push(
-        [
-            "raw".into(),
-            dash(),
-            dash(),
-            figure(over_axes(&c.raw_3sigma_dph)),
-            figure(over_axes(&c.raw_bias_instability_dph)),
-        ]
-        .into_iter()
-        .chain((0..5).map(|_| dash()))
-        .collect(),
-    );
+    let figure = |v: f64| match v {
+        v if v.is_nan() => dash(),
+        v if v < 0.1 => format!("{v:.4}"),
+        v => format!("{v:.3}"),
+    };
+    let judged = |j: &Judged| -> Vec<String> {
+        let [cooling, heating] = &j.train_stages_3sigma_dph;
+        let unseen = [&j.repeat_3sigma_dph, &j.other_3sigma_dph];
+        let all =
+            [Some(&j.train_3sigma_dph), Some(cooling), Some(heating)].into_iter().chain(unseen.map(Option::as_ref));
+        all.chain([Some(&j.bias_instability_dph)]).map(|v| v.map_or_else(dash, |v| figure(over_axes(v)))).collect()
+    };
+    let mut lines: Vec<Vec<String>> = vec![HEADER.map(String::from).to_vec()];
+    lines.push(["raw".to_string(), dash()].into_iter().chain(judged(&c.raw)).chain((0..5).map(|_| dash())).collect());
     for r in &c.rows {
         let w = r.cost.as_ref();
-        lines.push(vec![
-            r.method.clone(),
-            r.parameters.to_string(),
-            figure(over_axes(&r.train_3sigma_dph)),
-            figure(over_axes(&r.verify_3sigma_dph)),
-            figure(over_axes(&r.bias_instability_dph)),
+        let costs = [
             format!("{:.2}", r.identification_s),
             w.map_or_else(dash, |w| format!("{:.0}", w.bias_instructions + w.curve_instructions)),
             w.map_or_else(dash, |w| format!("{:.0}", w.update_instructions)),
             w.map_or_else(dash, |w| w.bytes.to_string()),
             w.map_or_else(dash, |w| format!("{} of {}", w.differing, w.frames)),
-        ]);
+        ];
+        lines.push(
+            [r.method.clone(), r.parameters.to_string()].into_iter().chain(judged(&r.judged)).chain(costs).collect(),
+        );
     }
     if let Some((heading, cell)) = last {
         for (n, line) in lines.iter_mut().enumerate() {
@@ -375,24 +496,36 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
 /// # Errors
 /// Where the drawing library fails.
 pub fn picture(c: &Comparison) -> anyhow::Result<String> {
-    let bars = |title: &str, y: &dyn Fn(&Row) -> [f64; 2], raw: Option<f64>| plot::Bars {
-        title: title.to_string(),
+    let pair = |j: &Judged| match (&j.repeat_3sigma_dph, &j.other_3sigma_dph) {
+        (Some(repeat), Some(other)) => [over_axes(repeat), over_axes(other)],
+        _ => [over_axes(&j.train_3sigma_dph), over_axes(&j.verify_3sigma_dph)],
+    };
+    let both = c.raw.repeat_3sigma_dph.is_some() && c.raw.other_3sigma_dph.is_some();
+    let labels = if both {
+        ["repeat of the training run", "another profile"]
+    } else {
+        ["on the training runs", "on runs never seen"]
+    };
+    let bars = plot::Bars {
+        title: format!("{}: three sigma of 100 s means, RMS of the axes", c.unit),
         unit: "deg/h".to_string(),
-        labels: ["on the training runs".into(), "on runs never seen".into()],
-        rows: raw
-            .map(|r| ("raw".to_string(), [f64::NAN, r]))
+        labels: labels.map(String::from),
+        rows: [("raw".to_string(), pair(&c.raw))]
             .into_iter()
-            .chain(c.rows.iter().map(|r| (r.method.clone(), y(r))))
+            .chain(c.rows.iter().map(|r| (r.method.clone(), pair(&r.judged))))
             .collect(),
     };
-    plot::bars(
-        &bars(
-            &format!("{}: three sigma of 100 s means, RMS of the axes", c.unit),
-            &|r| [over_axes(&r.train_3sigma_dph), over_axes(&r.verify_3sigma_dph)],
-            Some(over_axes(&c.raw_3sigma_dph)),
-        ),
-        860,
-    )
+    plot::bars(&bars, 860)
+}
+
+/// The searches drawn: objective and coefficients over the iterations.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn searches(c: &Comparison) -> anyhow::Result<String> {
+    let all: Vec<_> =
+        c.rows.iter().filter(|r| !r.history.is_empty()).map(|r| (r.method.clone(), r.history.clone())).collect();
+    history::picture(&all)
 }
 
 /// One line per axis and method: corrected 100 s means over time, for looking closer.

@@ -315,3 +315,56 @@ fn rest_log_and_profile() {
     assert!(words.contains("hysteresis") && words.contains("ramp to -40 C at 1 C/min (60 min)"), "{words}");
     assert!(refused(&d, &["profile", "--for", "gremlins"]).contains("gremlins"));
 }
+
+#[test]
+fn a_profile_may_begin_below_zero() {
+    let d = folder("below-zero");
+    let text = ok(&d, &["profile", "--for", "cubic", "--profile", "-40,50@1,30m,-40@1,30m"]);
+    assert!(text.contains("Begin at -40 C"), "{text}");
+    let error = refused(&d, &["monitor", "--port", "/dev/null/none", "--profile", "-40,5x"]);
+    assert!(error.contains("5x"), "{error}");
+}
+
+#[test]
+fn a_reader_that_has_had_enough_is_no_error_and_files_are_written_all_the_same() {
+    let d = folder("pipe");
+    let table = concat!(env!("CARGO_MANIFEST_DIR"), "/../host-tests/recordings/dong2023-table1.csv");
+    for k in 0..10 {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_hrg"))
+            .current_dir(&d)
+            .args(["points", table, "--out", &format!("{k}.json")])
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .expect("hrg runs");
+        drop(child.stdout.take());
+        let o = child.wait_with_output().expect("ends");
+        assert!(o.status.success() && o.stderr.is_empty(), "{}", String::from_utf8_lossy(&o.stderr));
+        assert!(d.join(format!("{k}.json")).exists());
+    }
+}
+
+#[test]
+fn a_log_is_shown_as_the_link_is() {
+    let d = folder("monitor-log");
+    let second = |k: u32| {
+        format!("INFO  t={} on={k}.0 f=4898.6,4890.7,4702.3 T=6.3,4.9,5.0 dT=0.2,0.2,0.2 b=1.0,2.0,3.0 raw=4.5,5.5,6.5 status=00,00,00,00 cal=deadbeef no=4 made=1795219200 mode=0\n", 1000 * k)
+    };
+    let head =
+        "INFO  hrg firmware 0.1.0: unit HRG-9, calibration deadbeef no. 4, status 00, start after power-on, 0 resets\n";
+    std::fs::write(d.join("log.txt"), head.to_string() + &(1..90).map(second).collect::<String>()).expect("written");
+    let text = ok(&d, &["monitor", "--defmt", "log.txt", "--snapshot", "60", "--profile", "-40,50@1,2h"]);
+    for part in [
+        "unit HRG-9",
+        "image deadbeef no. 4 of 2026-11-21",
+        "on for 0:01:00",
+        "+0.200",
+        "3.48 h left",
+        "this is the unit's log",
+    ] {
+        assert!(text.contains(part), "{part} is not on\n{text}");
+    }
+    std::fs::write(d.join("none.txt"), "nothing\n").expect("written");
+    assert!(refused(&d, &["monitor", "--defmt", "none.txt", "--snapshot", "1"]).contains("no line of a second"));
+    assert!(!hrg(&d, &["monitor"]).status.success());
+}

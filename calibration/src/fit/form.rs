@@ -1,6 +1,7 @@
 //! Models that are linear in their coefficients: their regressors by the unit's own code, and their data.
 
 use super::method::{Method, Model};
+use super::stages::{self, Stage};
 use crate::numeric::lsq;
 use crate::numeric::stats::{block_means, mean, quantile};
 use crate::recording::steps::Run;
@@ -15,6 +16,7 @@ use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 pub(super) enum Form {
     Baseline,
     TwoSets,
+    TwoSetsHeld,
     Polynomial,
     Direct,
     Four { breakpoint_c: f32, origin_c: f32 },
@@ -26,6 +28,7 @@ impl Form {
         match method.parts().model {
             Model::OneSet => Some(Self::Baseline),
             Model::CoolingHeating => Some(Self::TwoSets),
+            Model::CoolingHeatingHeld => Some(Self::TwoSetsHeld),
             Model::Polynomial => Some(Self::Polynomial),
             Model::Frequency => Some(Self::Direct),
             Model::FourParameters | Model::FourParametersLiteral | Model::Network => None,
@@ -39,19 +42,35 @@ impl Form {
     pub(super) fn names(self) -> Vec<&'static str> {
         match self {
             Self::Baseline => crate::fit::NAMES.to_vec(),
-            Self::TwoSets => crate::fit::NAMES.iter().chain(&crate::fit::NAMES).copied().collect(),
+            Self::TwoSets | Self::TwoSetsHeld => crate::fit::NAMES.iter().chain(&crate::fit::NAMES).copied().collect(),
             Self::Polynomial => Self::POLYNOMIAL.to_vec(),
             Self::Direct => Self::DIRECT.to_vec(),
             Self::Four { .. } => Self::FOUR.to_vec(),
         }
     }
 
-    /// The regressors of one step, by the unit's own code.
-    pub(super) fn row(self, scaling: &Scaling, s: &State, out: &mut [f64]) {
+    /// The stage of each step of a run, where the form has a set for each.
+    fn stages(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
+        match self {
+            Self::TwoSetsHeld => stages::of_run(run, scaling, a),
+            _ => vec![None; run.steps.len()],
+        }
+    }
+
+    /// The regressors of one step, by the unit's own code; a set of a stage has none in a step of the other stage, and neither
+    /// has before the first.
+    pub(super) fn row(self, scaling: &Scaling, s: &State, stage: Option<Stage>, out: &mut [f64]) {
         let (t, r) = (s.temperature_c, s.ramp_c_per_min);
+        if self == Self::TwoSetsHeld {
+            out.fill(if stage.is_none() { f64::NAN } else { 0.0 });
+            let from = if stage == Some(Stage::Heating) { TERMS } else { 0 };
+            let own = out.iter_mut().skip(from).zip(regressors(scaling, t, r));
+            own.filter(|_| stage.is_some()).for_each(|(o, x)| *o = f64::from(x));
+            return;
+        }
         let mut fill = |values: &[f32]| out.iter_mut().zip(values).for_each(|(o, v)| *o = f64::from(*v));
         match self {
-            Self::Baseline => fill(&regressors(scaling, t, r)),
+            Self::Baseline | Self::TwoSetsHeld => fill(&regressors(scaling, t, r)),
             Self::TwoSets => {
                 let (x, w) = (regressors(scaling, t, r), bias::heating_weight(scaling, r));
                 let both: [f32; 2 * TERMS] =
@@ -74,21 +93,28 @@ impl Form {
         fn take<const N: usize>(k: &[f64], at: usize) -> [f32; N] {
             std::array::from_fn(|j| k.get(at + j).map_or(0.0, |x| *x as f32))
         }
-        let axis = &mut c.axes[a];
-        axis.bias_std_dph = [take(std, 0), take(std, TERMS)];
-        axis.coefficients = match self {
+        c.axes[a].bias_std_dph = [take(std, 0), take(std, TERMS)];
+        c.axes[a].coefficients = match self {
             Self::Baseline => Coefficients::One(take(k, 0)),
             Self::TwoSets => Coefficients::CoolingHeating(take(k, 0), take(k, TERMS)),
+            Self::TwoSetsHeld => {
+                // The mean of both sets, and the effect that adds half their difference one way or the other.
+                let of = |from: &[f64], j: usize| from.get(j).copied().unwrap_or(0.0);
+                for j in 0..TERMS {
+                    let std = of(std, j).hypot(of(std, TERMS + j));
+                    let term = effect(c, EffectId::CoolingHeatingHeld);
+                    term.gains[a][j] = (of(k, TERMS + j) - of(k, j)) as f32;
+                    term.gain_std[a][j] = std as f32;
+                    c.axes[a].bias_std_dph[0][j] = (0.5 * std) as f32;
+                }
+                c.axes[a].bias_std_dph[1] = [0.0; TERMS];
+                Coefficients::One(std::array::from_fn(|j| (0.5 * (of(k, j) + of(k, TERMS + j))) as f32))
+            }
             Self::Polynomial => {
                 let std3 = std.get(3).map_or(0.0, |x| *x as f32);
-                axis.bias_std_dph[0][3] = 0.0;
-                let cubic = EffectId::Cubic.facts();
-                if c.effects.is_empty() {
-                    let term = EffectTerm::new(cubic.id, [0.0; MAX_PARAMETERS]);
-                    let _ = c.effects.push(term);
-                }
-                c.effects[0].gains[a][0] = k[3] as f32;
-                c.effects[0].gain_std[a][0] = std3;
+                c.axes[a].bias_std_dph[0][3] = 0.0;
+                let term = effect(c, EffectId::Cubic);
+                (term.gains[a][0], term.gain_std[a][0]) = (k[3] as f32, std3);
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
             Self::Direct => Coefficients::Direct(take(k, 0)),
@@ -99,6 +125,14 @@ impl Form {
             }),
         };
     }
+}
+
+/// The only effect of a method's image, which is put in with its first axis.
+fn effect(c: &mut Calibration, id: EffectId) -> &mut EffectTerm {
+    if c.effects.is_empty() {
+        let _ = c.effects.push(EffectTerm::new(id.facts().id, [0.0; MAX_PARAMETERS]));
+    }
+    &mut c.effects[0]
 }
 
 /// Columns and rates of one axis over all runs, run after run.
@@ -117,9 +151,9 @@ impl Data {
         let mut y = Vec::with_capacity(total);
         let mut row = vec![0.0; names.len()];
         for run in runs {
-            for k in 0..run.steps.len() {
+            for (k, stage) in form.stages(run, scaling, a).into_iter().enumerate() {
                 match run.bias_state(k, a) {
-                    Some(s) => form.row(scaling, s, &mut row),
+                    Some(s) => form.row(scaling, s, stage, &mut row),
                     None => row.fill(f64::NAN),
                 }
                 columns.iter_mut().zip(&row).for_each(|(c, v)| c.push(*v));
@@ -152,6 +186,21 @@ impl Data {
         Self { columns, y, lengths: vec![n], names: self.names.clone() }
     }
 
+    /// The data of one of two sets, whose columns are zero in the rows of the other.
+    pub(super) fn of_set(&self, stage: Stage) -> Self {
+        let from = if stage == Stage::Heating { TERMS } else { 0 };
+        let own = &self.columns[from..from + TERMS];
+        // (The first regressor of a set is one in its rows.)
+        let rows: Vec<usize> = (0..self.y.len()).filter(|&k| own[0][k] == 1.0).collect();
+        let take = |v: &[f64]| rows.iter().map(|&k| v[k]).collect::<Vec<_>>();
+        Self {
+            columns: own.iter().map(|c| take(c)).collect(),
+            y: take(&self.y),
+            lengths: vec![rows.len()],
+            names: self.names[from..from + TERMS].to_vec(),
+        }
+    }
+
     pub(super) fn residuals(&self, k: &[f64]) -> Vec<f64> {
         (0..self.y.len()).map(|i| self.y[i] - self.columns.iter().zip(k).map(|(c, k)| c[i] * k).sum::<f64>()).collect()
     }
@@ -179,12 +228,16 @@ pub(super) fn fit_directly(
     weights: Option<&[f64]>,
 ) -> Result<lsq::Fit, BadInput> {
     let names = form.names();
-    let mut steps = runs.iter().flat_map(|run| (0..run.steps.len()).map(move |k| (run, k)));
+    let stages: Vec<_> = runs.iter().map(|run| form.stages(run, scaling, a)).collect();
+    let mut steps = runs.iter().zip(&stages).flat_map(|(run, s)| s.iter().enumerate().map(move |(k, s)| (run, k, *s)));
     lsq::fit_rows(runs.iter().map(|r| r.steps.len()).sum(), names.len(), &names, |k, row| {
         let weight = weights.map_or(1.0, |w| w[k]);
-        let Some((run, step)) = steps.next() else { return false };
+        let Some((run, step, stage)) = steps.next() else { return false };
         let Some(state) = run.bias_state(step, a) else { return false };
-        form.row(scaling, state, row);
+        if form == Form::TwoSetsHeld && stage.is_none() {
+            return false;
+        }
+        form.row(scaling, state, stage, row);
         row[names.len()] = run.steps.rate_dph[a][step];
         row.iter_mut().for_each(|v| *v *= weight.sqrt());
         weight > 0.0

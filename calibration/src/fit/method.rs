@@ -7,6 +7,8 @@ pub enum Model {
     OneSet,
     /// Eq 7 with a set for cooling and one for heating.
     CoolingHeating,
+    /// The same, with the set of the last direction held.
+    CoolingHeatingHeld,
     /// Four parameters, continuous at the breakpoint.
     FourParameters,
     /// Four parameters with the temperature from 0 C: the bias jumps at the breakpoint.
@@ -61,6 +63,10 @@ pub enum Method {
     Lsq,
     /// A cooling and a heating set by least squares.
     TwoSets,
+    /// A cooling and a heating set by least squares, each held until the other direction begins.
+    TwoSetsHeld,
+    /// The same by a swarm for each stage, as dong2023 has it.
+    PsoTwoSets,
     /// Eq 7 with outliers counting less.
     Huber,
     /// Eq 7 by a swarm.
@@ -81,6 +87,10 @@ pub enum Method {
     FogPsoRange,
     /// Four parameters as their paper writes them.
     FogLiteral,
+    /// The same, by the swarm of its paper in the box of its paper.
+    FogPsoLiteral,
+    /// The same, for the smallest range.
+    FogPsoRangeLiteral,
     /// A cubic of temperature.
     Polynomial,
     /// A network.
@@ -91,9 +101,11 @@ pub enum Method {
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 19] = [
         Self::Lsq,
         Self::TwoSets,
+        Self::TwoSetsHeld,
+        Self::PsoTwoSets,
         Self::Huber,
         Self::Pso,
         Self::PsoLiteral,
@@ -104,6 +116,8 @@ impl Method {
         Self::FogLp,
         Self::FogPsoRange,
         Self::FogLiteral,
+        Self::FogPsoLiteral,
+        Self::FogPsoRangeLiteral,
         Self::Polynomial,
         Self::GaBp,
         Self::Direct,
@@ -115,6 +129,8 @@ impl Method {
         match self {
             Self::Lsq => "lsq",
             Self::TwoSets => "two-sets",
+            Self::TwoSetsHeld => "two-sets-held",
+            Self::PsoTwoSets => "pso-two-sets",
             Self::Huber => "huber",
             Self::Pso => "pso",
             Self::PsoLiteral => "pso-literal",
@@ -125,6 +141,8 @@ impl Method {
             Self::FogLp => "fog-lp",
             Self::FogPsoRange => "fog-pso-range",
             Self::FogLiteral => "fog-literal",
+            Self::FogPsoLiteral => "fog-pso-literal",
+            Self::FogPsoRangeLiteral => "fog-pso-range-literal",
             Self::Polynomial => "polynomial",
             Self::GaBp => "ga-bp",
             Self::Direct => "direct",
@@ -134,12 +152,17 @@ impl Method {
     /// What it is made of.
     #[must_use]
     pub const fn parts(self) -> Parts {
-        use Model::{CoolingHeating, FourParameters, FourParametersLiteral, Frequency, Network, OneSet, Polynomial};
+        use Model::{
+            CoolingHeating, CoolingHeatingHeld, FourParameters, FourParametersLiteral, Frequency, Network, OneSet,
+            Polynomial,
+        };
         use Objective::{Range, Squares};
         use Search::{Exact, Genetic, LiteralSwarm, Robust, Swarm};
         let (model, search, objective) = match self {
             Self::Lsq => (OneSet, Exact, Squares),
             Self::TwoSets => (CoolingHeating, Exact, Squares),
+            Self::TwoSetsHeld => (CoolingHeatingHeld, Exact, Squares),
+            Self::PsoTwoSets => (CoolingHeatingHeld, Swarm, Squares),
             Self::Huber => (OneSet, Robust, Squares),
             Self::Pso => (OneSet, Swarm, Squares),
             Self::PsoLiteral => (OneSet, LiteralSwarm, Squares),
@@ -150,6 +173,8 @@ impl Method {
             Self::FogLp => (FourParameters, Exact, Range),
             Self::FogPsoRange => (FourParameters, Swarm, Range),
             Self::FogLiteral => (FourParametersLiteral, Exact, Squares),
+            Self::FogPsoLiteral => (FourParametersLiteral, LiteralSwarm, Squares),
+            Self::FogPsoRangeLiteral => (FourParametersLiteral, LiteralSwarm, Range),
             Self::Polynomial => (Polynomial, Exact, Squares),
             Self::GaBp => (Network, Genetic, Squares),
             Self::Direct => (Frequency, Exact, Squares),
@@ -161,15 +186,19 @@ impl Method {
     #[must_use]
     pub const fn is_weighable(self) -> bool {
         let p = self.parts();
-        matches!(p.search, Search::Exact)
-            && matches!(p.objective, Objective::Squares)
-            && !matches!(p.model, Model::FourParameters | Model::FourParametersLiteral)
+        matches!(p.search, Search::Exact) && matches!(p.objective, Objective::Squares) && !self.has_a_breakpoint()
     }
 
     /// Whether it has coefficients of their own for cooling and heating.
     #[must_use]
     pub const fn needs_both_directions(self) -> bool {
-        matches!(self.parts().model, Model::CoolingHeating | Model::FourParameters | Model::FourParametersLiteral)
+        matches!(self.parts().model, Model::CoolingHeating | Model::CoolingHeatingHeld) || self.has_a_breakpoint()
+    }
+
+    /// Whether its model has a breakpoint.
+    #[must_use]
+    pub const fn has_a_breakpoint(self) -> bool {
+        matches!(self.parts().model, Model::FourParameters | Model::FourParametersLiteral)
     }
 
     /// The method with a name.
@@ -206,6 +235,6 @@ mod tests {
             assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
         }
         let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        assert_eq!(weighable, ["lsq", "two-sets", "polynomial", "direct"]);
+        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct"]);
     }
 }

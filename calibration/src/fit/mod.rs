@@ -5,12 +5,14 @@ pub mod correct;
 pub mod evidence;
 mod form;
 mod four_parameter;
+pub mod history;
 pub mod independence;
 pub mod method;
 pub mod methods;
 pub mod minimax;
 pub mod network;
 pub mod search;
+pub mod stages;
 pub mod swarm;
 
 use crate::numeric::stats::{block_means, std_dev};

@@ -80,8 +80,10 @@ fn error(w: &[f64], u: &[f64], y: &[f64]) -> f64 {
     u.iter().zip(y).map(|(u, y)| (forward(w, *u, |_, _| {}) - y).powi(2)).sum()
 }
 
-/// Breeds starting weights: tournaments, blended crossover, mutation, the two best kept. Best first.
-fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
+/// Breeds starting weights: tournaments, blended crossover, mutation, the two best kept. Best first, and the least error of each
+/// generation.
+fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> (Vec<Vec<f64>>, Vec<f64>) {
+    let mut history = Vec::with_capacity(GENERATIONS);
     let mut population: Vec<(f64, Vec<f64>)> = (0..POPULATION)
         .map(|_| {
             let w: Vec<f64> = (0..WEIGHTS).map(|_| rng.random_range(-SPAN..SPAN)).collect();
@@ -90,6 +92,7 @@ fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
         .collect();
     for generation in 0..GENERATIONS {
         population.sort_by(|a, b| a.0.total_cmp(&b.0));
+        history.push(population[0].0);
         let spread = SPAN * 0.2 * (1.0 - generation as f64 / GENERATIONS as f64);
         let mut next: Vec<(f64, Vec<f64>)> = population[..2].to_vec();
         while next.len() < POPULATION {
@@ -115,15 +118,24 @@ fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
         population = next;
     }
     population.sort_by(|a, b| a.0.total_cmp(&b.0));
-    population.into_iter().map(|(_, w)| w).collect()
+    (population.into_iter().map(|(_, w)| w).collect(), history)
 }
 
-/// Trains on inputs `u` (about -1 to 1) and biases `y` (deg/h); gives the weights for
-/// [`hrg_core::bias::network::evaluate`].
+/// A network that was trained.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trained {
+    /// The weights for [`hrg_core::bias::network::evaluate`].
+    pub weights: [f32; WEIGHTS],
+    /// RMS of what the best of each generation of the genetic search leaves, deg/h: before the slope is gone down.
+    pub generations_rms_dph: Vec<f64>,
+}
+
+/// Trains on inputs `u` (about -1 to 1) and biases `y` (deg/h); the same seed gives the same
+/// network.
 ///
 /// # Errors
 /// Too few points.
-pub fn train(u: &[f64], y: &[f64], seed: u64) -> Result<[f32; WEIGHTS], BadInput> {
+pub fn train(u: &[f64], y: &[f64], seed: u64) -> Result<Trained, BadInput> {
     if u.len() < 3 * WEIGHTS {
         return Err(BadInput::new(format!(
             "{} points are too few for {WEIGHTS} weights of a network; record a longer run",
@@ -135,7 +147,8 @@ pub fn train(u: &[f64], y: &[f64], seed: u64) -> Result<[f32; WEIGHTS], BadInput
     let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)));
     let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(1e-9));
     let scaled: Vec<f64> = y.iter().map(|v| (v - middle) / half).collect();
-    let best = breed(u, &scaled, &mut rng)
+    let (starts, errors) = breed(u, &scaled, &mut rng);
+    let best = starts
         .into_iter()
         .take(STARTS)
         .map(|w| {
@@ -146,11 +159,12 @@ pub fn train(u: &[f64], y: &[f64], seed: u64) -> Result<[f32; WEIGHTS], BadInput
         .filter(|(e, w)| e.is_finite() && w.iter().all(|x| x.is_finite()))
         .min_by(|a, b| a.0.total_cmp(&b.0))
         .ok_or_else(|| BadInput::new("the network's training came to no end; record a longer run"))?;
-    Ok(std::array::from_fn(|k| {
+    let weights = std::array::from_fn(|k| {
         let w = best.1[k];
         let out = if k >= 2 * HIDDEN { w * half } else { w };
         (if k == WEIGHTS - 1 { out + middle } else { out }) as f32
-    }))
+    });
+    Ok(Trained { weights, generations_rms_dph: errors.iter().map(|e| half * (e / u.len() as f64).sqrt()).collect() })
 }
 
 #[cfg(test)]
@@ -161,14 +175,16 @@ mod tests {
     fn learns_a_curve_and_repeats_itself() {
         let u: Vec<f64> = (0..400).map(|k| f64::from(k) / 200.0 - 1.0).collect();
         let y: Vec<f64> = u.iter().map(|u| -6.0 - 4.0 * (3.0 * u).tanh() + 0.5 * (4.0 * u).sin()).collect();
-        let w = train(&u, &y, 3).expect("trains");
+        let trained = train(&u, &y, 3).expect("trains");
+        let w = trained.weights;
+        assert!(trained.generations_rms_dph.windows(2).all(|g| g[1] <= g[0]));
         let worst = u
             .iter()
             .zip(&y)
             .map(|(u, y)| (f64::from(hrg_core::bias::network::evaluate(&w, *u as f32)) - y).abs())
             .fold(0.0, f64::max);
         assert!(worst < 0.02, "{worst}");
-        assert_eq!(w, train(&u, &y, 3).expect("trains"));
+        assert_eq!(trained, train(&u, &y, 3).expect("trains"));
         assert!(train(&u[..20], &y[..20], 3).is_err());
     }
 

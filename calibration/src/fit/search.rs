@@ -1,6 +1,7 @@
 //! How the coefficients of a linear model are found where least squares is not all: outliers, swarms, the smallest range.
 
 use super::form::{range, Data};
+use super::history::History;
 use super::{minimax, swarm};
 use crate::numeric::lsq;
 use crate::numeric::stats::median;
@@ -54,6 +55,25 @@ impl Folded {
     }
 }
 
+/// What a swarm has found, in the coefficients of the model.
+pub(super) struct Searched {
+    pub(super) k: Vec<f64>,
+    /// By how much the objective is above the least there is, as a share.
+    pub(super) above: f64,
+    /// The objective after each iteration.
+    pub(super) objective: Vec<f64>,
+    /// The best coefficients after each iteration.
+    pub(super) path: Vec<Vec<f64>>,
+}
+
+impl Searched {
+    /// How it went.
+    pub(super) fn history(&self, of: String, objective_name: &'static str, names: &[&'static str]) -> History {
+        let (objective, coefficients) = (self.objective.clone(), self.path.clone());
+        History { of, objective_name, objective, names: names.to_vec(), coefficients }
+    }
+}
+
 /// Huber's weights: residuals beyond 1.345 robust standard deviations count linearly.
 const HUBER: f64 = 1.345;
 
@@ -92,7 +112,7 @@ pub(super) fn huber(d: &Data) -> Result<(lsq::Fit, f64), BadInput> {
 /// dong2023's swarm where it can work: columns made orthogonal and of unit length, so that the coordinates of the
 /// solution are within the length of `y` about its mean (which the constant takes), and its box of -1..1 holds it once `y`
 /// is scaled to less than length one. Gives the coefficients and by how much their sum of squares is above the least.
-pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
+pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<Searched, BadInput> {
     let exact = d.fit(None)?;
     let mean = crate::numeric::stats::mean(&d.y);
     let about: Vec<f64> = d.y.iter().map(|y| y - mean).collect();
@@ -114,16 +134,25 @@ pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<(Vec<f64>, f64), B
     let found = swarm::minimise(&swarm::DONG, &vec![([-1.0, 1.0], 1.0); p], seed, |z| {
         -2.0 * z.iter().zip(&target).map(|(z, t)| z * t).sum::<f64>() + z.iter().map(|z| z * z).sum::<f64>()
     });
-    let z = DVector::from_vec(found.position);
-    let scaled = lower
-        .transpose()
-        .solve_upper_triangular(&(&z * length))
-        .ok_or_else(|| BadInput::new("the normal equations are singular"))?;
-    let mut k: Vec<f64> = scaled.iter().zip(&scale).map(|(k, s)| k / s).collect();
-    k[0] += mean;
+    let upper = lower.transpose();
+    let coefficients = |z: &[f64]| -> Result<Vec<f64>, BadInput> {
+        let scaled = upper
+            .solve_upper_triangular(&(DVector::from_column_slice(z) * length))
+            .ok_or_else(|| BadInput::new("the normal equations are singular"))?;
+        let mut k: Vec<f64> = scaled.iter().zip(&scale).map(|(k, s)| k / s).collect();
+        k[0] += mean;
+        Ok(k)
+    };
     let least = exact.squares;
-    let above = (z - target).norm_squared() * length * length / least;
-    Ok((k, above))
+    // The sum of squares is the least one and the square of the distance to its place.
+    let distance = |z: &[f64]| z.iter().zip(target.iter()).map(|(z, t)| (z - t).powi(2)).sum::<f64>() * length * length;
+    let rms = |squares: f64| (squares / exact.rows as f64).sqrt();
+    Ok(Searched {
+        k: coefficients(&found.position)?,
+        above: distance(&found.position) / least,
+        objective: found.path.iter().map(|z| rms(least + distance(z))).collect(),
+        path: found.path.iter().map(|z| coefficients(z)).collect::<Result<_, _>>()?,
+    })
 }
 
 /// dong2023's swarm in its orthogonal coordinates, on columns of one's own: the coefficients, and by how much their sum of
@@ -133,7 +162,40 @@ pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<(Vec<f64>, f64), B
 /// Where the columns cannot be told apart.
 pub fn swarm_on(columns: Vec<Vec<f64>>, y: Vec<f64>, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
     let (lengths, names) = (vec![y.len()], vec!["column"; columns.len()]);
-    orthogonal_swarm(&Data { columns, y, lengths, names }, seed)
+    let found = orthogonal_swarm(&Data { columns, y, lengths, names }, seed)?;
+    Ok((found.k, found.above))
+}
+
+/// Units in which dong2023's box of -1..1 may be meant: its Table 3 prints none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LiteralUnits {
+    /// Rates of this unit in a deg/h.
+    rate: f64,
+    /// Ramps of this unit in a C per minute.
+    ramp: f64,
+}
+
+impl LiteralUnits {
+    /// deg/s and C/s: the coefficients of Table 3 lie in -1..1 with them, and so do those of our units.
+    pub(super) const SECONDS: Self = Self { rate: 1.0 / 3600.0, ramp: 1.0 / 60.0 };
+    /// deg/h and C per minute.
+    pub(super) const HOURS: Self = Self { rate: 1.0, ramp: 1.0 };
+
+    /// What the coefficients of eq 7 in deg/h and C per minute are multiplied by to have them in these units.
+    fn factors(self) -> [f64; TERMS] {
+        let (y, r) = (self.rate, self.ramp);
+        [y, y, y, y / r, y / (r * r), y / r]
+    }
+}
+
+/// What dong2023's swarm as printed has found.
+pub(super) struct LiteralSearched {
+    /// In the unit's centred terms.
+    pub(super) found: Searched,
+    /// The largest coefficient of the least-squares solution in the units of the box: up to 1 the box holds it.
+    pub(super) largest: f64,
+    /// Condition number of the regressors in those units.
+    pub(super) condition: f64,
 }
 
 /// dong2023's swarm as printed: coefficients of `1, T, T^2, dT/dt, (dT/dt)^2, T dT/dt` with T in C, each within -1..1.
@@ -143,33 +205,59 @@ pub(super) fn literal_swarm(
     d: &Data,
     a: usize,
     seed: u64,
-) -> Result<(Vec<f64>, f64), BadInput> {
+    units: LiteralUnits,
+) -> Result<LiteralSearched, BadInput> {
     let mut columns = vec![Vec::new(); TERMS];
     for run in runs {
         for k in 0..run.steps.len() {
-            let (t, r) = run
-                .bias_state(k, a)
-                .map_or((f64::NAN, f64::NAN), |s| (f64::from(s.temperature_c), f64::from(s.ramp_c_per_min)));
+            let (t, r) = run.bias_state(k, a).map_or((f64::NAN, f64::NAN), |s| {
+                (f64::from(s.temperature_c), units.ramp * f64::from(s.ramp_c_per_min))
+            });
             for (c, v) in columns.iter_mut().zip([1.0, t, t * t, r, r * r, t * r]) {
                 c.push(if t.is_nan() { f64::NAN } else { v });
             }
         }
     }
-    let folded = Folded::new(&columns, &d.y);
+    let y: Vec<f64> = d.y.iter().map(|y| units.rate * y).collect();
+    let folded = Folded::new(&columns, &y);
     let found = swarm::minimise(&swarm::DONG, &[([-1.0, 1.0], 1.0); TERMS], seed, |k| folded.sum_of_squares(k));
-    let least = d.fit(None)?.squares;
-    // The same model in the unit's centred terms.
+    let exact = d.fit(None)?;
     let (t0, s) = (f64::from(scaling.t_ref_c), f64::from(scaling.t_scale_c));
-    let k = &found.position;
-    let centred = vec![
-        k[0] + k[1] * t0 + k[2] * t0 * t0,
-        (k[1] + 2.0 * k[2] * t0) * s,
-        k[2] * s * s,
-        k[3] + k[5] * t0,
-        k[4],
-        k[5] * s,
+    let factors = units.factors();
+    // The same model in the unit's centred terms, and back.
+    let centred = |k: &[f64]| {
+        let k: Vec<f64> = k.iter().zip(factors).map(|(k, f)| k / f).collect();
+        vec![
+            k[0] + k[1] * t0 + k[2] * t0 * t0,
+            (k[1] + 2.0 * k[2] * t0) * s,
+            k[2] * s * s,
+            k[3] + k[5] * t0,
+            k[4],
+            k[5] * s,
+        ]
+    };
+    let c = &exact.coefficients;
+    let printed = [
+        c[0] - c[1] * t0 / s + c[2] * t0 * t0 / (s * s),
+        c[1] / s - 2.0 * c[2] * t0 / (s * s),
+        c[2] / (s * s),
+        c[3] - c[5] * t0 / s,
+        c[4],
+        c[5] / s,
     ];
-    Ok((centred, found.value / least - 1.0))
+    let largest = printed.iter().zip(factors).map(|(k, f)| (k * f).abs()).fold(0.0, f64::max);
+    let squares = |value: f64| value / (units.rate * units.rate);
+    let values = folded.a.clone().symmetric_eigenvalues();
+    Ok(LiteralSearched {
+        found: Searched {
+            k: centred(&found.position),
+            above: squares(found.value) / exact.squares - 1.0,
+            objective: found.history.iter().map(|v| (squares(*v).max(0.0) / exact.rows as f64).sqrt()).collect(),
+            path: found.path.iter().map(|k| centred(k)).collect(),
+        },
+        largest,
+        condition: (values.max() / values.min().max(f64::MIN_POSITIVE)).sqrt(),
+    })
 }
 
 pub(super) fn smallest_range(d: &Data) -> Result<(Vec<f64>, f64), BadInput> {
@@ -179,7 +267,8 @@ pub(super) fn smallest_range(d: &Data) -> Result<(Vec<f64>, f64), BadInput> {
 
 /// The swarm on the range, about the least-squares solution: coordinates are standard deviations of 100 s means over
 /// the spread of each centred column, the box three of them either way.
-pub(super) fn range_swarm(d: &Data, seed: u64) -> Result<Vec<f64>, BadInput> {
+pub(super) fn range_swarm(d: &Data, seed: u64) -> Result<Searched, BadInput> {
+    let smallest = smallest_range(d)?.1;
     let fit = d.fit(None)?;
     let centre = d.residuals(&fit.coefficients);
     let width = 3.0 * range(&centre);
@@ -194,7 +283,14 @@ pub(super) fn range_swarm(d: &Data, seed: u64) -> Result<Vec<f64>, BadInput> {
         let (low, high) = work.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), w| (l.min(*w), h.max(*w)));
         high - low
     });
-    let rest: Vec<f64> =
-        found.position.iter().zip(&columns).zip(&fit.coefficients[1..]).map(|((z, (_, s)), k)| k + z * s).collect();
-    Ok(d.with_constant(&rest))
+    let coefficients = |z: &[f64]| {
+        let both = z.iter().zip(&columns).zip(&fit.coefficients[1..]);
+        d.with_constant(&both.map(|((z, (_, s)), k)| k + z * s).collect::<Vec<f64>>())
+    };
+    Ok(Searched {
+        k: coefficients(&found.position),
+        above: (found.value / smallest - 1.0).max(0.0),
+        path: found.path.iter().map(|z| coefficients(z)).collect(),
+        objective: found.history,
+    })
 }

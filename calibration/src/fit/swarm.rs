@@ -36,6 +36,8 @@ pub struct Found {
     pub value: f64,
     /// Best objective after each iteration.
     pub history: Vec<f64>,
+    /// Best position after each iteration.
+    pub path: Vec<Vec<f64>>,
 }
 
 /// Minimises `objective` in a box. `limits` are the box and the greatest speed (per iteration) of each dimension.
@@ -59,6 +61,7 @@ pub fn minimise(
     let first = (0..own.len()).min_by(|a, b| own_value[*a].total_cmp(&own_value[*b])).unwrap_or(0);
     let (mut best, mut best_value) = (own[first].clone(), own_value[first]);
     let mut history = Vec::with_capacity(constants.iterations);
+    let mut path = Vec::with_capacity(constants.iterations);
     let [w_first, w_last] = constants.inertia;
     for iteration in 0..constants.iterations {
         let w = w_first - (w_first - w_last) * iteration as f64 / constants.iterations as f64;
@@ -82,8 +85,9 @@ pub fn minimise(
             }
         }
         history.push(best_value);
+        path.push(best.clone());
     }
-    Found { position: best, value: best_value, history }
+    Found { position: best, value: best_value, history, path }
 }
 
 #[cfg(test)]

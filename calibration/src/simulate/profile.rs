@@ -28,11 +28,23 @@ pub const PROFILES: [(&str, &str); 10] = [
     ("stairs", "20,-40@1,1h,-20@1,1h,0@1,1h,20@1,1h,40@1,1h,50@1,40m,0@1,40m"),
     ("ramps", "20,50@0.5,30m,-40@1.5,40m,50@3,40m,-40@3,40m,20@1,30m"),
     ("fast", "10,40@4,6m,-10@5,10m,45@5,10m,10@3"),
-    ("zhao", "0,2h,60@5,100m"),
+    ("zhao", "0,5h,60@5,100m"),
     ("wu", "20,-40@1,1h,60@1,1h,20@1,30m"),
-    ("lag", "20,4h,30@10,3h"),
+    ("lag", "0,5h,10@5,5h"),
     ("up", "-40,2h,50@1,2h"),
 ];
+
+/// A time such as `5h`, `90m` or `600s`, in seconds.
+#[must_use]
+pub fn duration_s(text: &str) -> Option<f64> {
+    let unit_s = match text.chars().last()? {
+        'h' => 3600.0,
+        'm' => 60.0,
+        's' => 1.0,
+        _ => return None,
+    };
+    text[..text.len() - 1].parse::<f64>().ok().map(|n| n * unit_s).filter(|s| *s >= 0.0)
+}
 
 impl Profile {
     /// A named profile, or one written out: start temperature, then `TARGET@RATE` (C, C per minute) and soaks
@@ -60,14 +72,7 @@ impl Profile {
                 }
                 Leg::Ramp(target.parse().map_err(|_| bad(leg))?, rate)
             } else {
-                let (number, unit) = leg.split_at(leg.len().saturating_sub(1));
-                let seconds = match unit {
-                    "h" => 3600.0,
-                    "m" => 60.0,
-                    "s" => 1.0,
-                    _ => return Err(bad(leg)),
-                };
-                Leg::Soak(number.parse::<f64>().map_err(|_| bad(leg))? * seconds)
+                Leg::Soak(duration_s(leg).ok_or_else(|| bad(leg))?)
             });
         }
         if legs.is_empty() {

@@ -236,6 +236,7 @@ pub fn card(effect: EffectId) -> Card {
         E::Relay => (Class::Hysteresis, Simple, Refine::Places(0.04), thresholds),
         E::Extremes => (Class::Hysteresis, Family, Refine::No, once),
         E::CoolingHeating => (Class::Rate, Simple, Refine::No, once),
+        E::CoolingHeatingHeld => (Class::Rate, Idle, Refine::No, nowhere),
         E::RateSaturation => {
             (Class::Rate, Simple, Refine::Scale, |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10))
         }
@@ -291,7 +292,7 @@ fn generator(effect: EffectId) -> Generator {
         E::RateCurve | E::RateCurveByTemperature => of([1.5, 0.0]),
         E::RateSaturation => of([0.3, 0.0]),
         E::FrequencyDirect | E::CoolingHeating | E::NeighbourLags | E::RampByShape | E::HeatingByShape => of([0.0; 2]),
-        E::Extremes | E::RecordedQuantity => of([0.0; 2]),
+        E::Extremes | E::RecordedQuantity | E::CoolingHeatingHeld => of([0.0; 2]),
     }
 }
 
@@ -349,6 +350,7 @@ fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
         | E::PowerOnLadderByStart
         | E::Extremes
         | E::RecordedQuantity
+        | E::CoolingHeatingHeld
         | E::RateSaturation => (Needs::Nothing, false, None),
     }
 }

@@ -35,6 +35,8 @@ pub struct State {
     pub port_error: Option<String>,
     /// The chamber profile that runs, begun at the unit's power-on.
     pub profile: Option<Profile>,
+    /// The unit's log tells all of this, and nothing of the link.
+    pub of_log: bool,
 }
 
 impl State {
@@ -205,10 +207,14 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
         (None, None) => "profile: none given (--profile)".into(),
     };
     let unit = words(h.unit_status.bits().into(), &UnitStatus::NAMES);
-    let link = format!(
-        "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} ADC errors",
-        state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.adc_errors
-    );
+    let link = if state.of_log {
+        "link: not watched; this is the unit's log".to_string()
+    } else {
+        format!(
+            "link: {} rate frames a second, {} bad frames here, {} bad at the unit, {} dropped; {} samples, {} ADC errors",
+            state.frames.1, state.bad_frames, h.link_errors, h.dropped, h.samples, h.adc_errors
+        )
+    };
     let unit_style = if h.unit_status.is_empty() { Style::default() } else { bad };
     let mut text = vec![
         Line::from(soak),

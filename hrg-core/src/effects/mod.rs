@@ -394,6 +394,7 @@ effects! {
     recorded_quantity::{RecordedQuantity},
     thermometer_error::{ThermometerError},
     rate_saturation::{RateSaturation},
+    cooling_heating_held::{CoolingHeatingHeld},
 }
 
 impl EffectId {

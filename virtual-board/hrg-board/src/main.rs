@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
+use hrg_board::methods::Work;
 use hrg_board::replay::{self, Options};
 use hrg_board::{bench, cost, faults, serve};
 use hrg_cal::image_file;
@@ -153,9 +154,15 @@ enum Command {
         /// Fly only so many seconds of the repeat runs.
         #[arg(long)]
         seconds: Option<u64>,
+        /// Fly only the image of this unit (dong-like, wu-like or zhao-like).
+        #[arg(long)]
+        fly: Option<String>,
         /// Write the tables as Markdown to this file, and the pictures beside it.
         #[arg(long)]
         table: Option<PathBuf>,
+        /// Write the short table into this page, between its marks.
+        #[arg(long)]
+        page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -284,9 +291,10 @@ fn run(command: Command) -> Result<()> {
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
             faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
         }
-        Command::Methods { seed, out, seconds, table, elf } => {
+        Command::Methods { seed, out, seconds, fly, table, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            hrg_board::methods::methods(&elf, &out, seed, seconds, table.as_deref())
+            let (fly, table, page) = (fly.as_deref(), table.as_deref(), page.as_deref());
+            hrg_board::methods::methods(&elf, &Work { out: &out, seed, seconds, fly, table, page })
         }
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));

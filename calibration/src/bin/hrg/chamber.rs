@@ -10,17 +10,16 @@ use hrg_cal::recording::names;
 use hrg_cal::simulate::Profile;
 use hrg_cal::unit::events;
 use hrg_cal::unit::keys;
-use hrg_cal::unit::log::Decoder;
 use hrg_cal::unit::monitor;
 use hrg_cal::unit::monitor::State;
 use hrg_cal::unit::port::{agreed_name, name_of, At, Burn, NameError, Unit};
-use hrg_cal::unit::record::{unit_in_log, Recorder, Second};
+use hrg_cal::unit::record::{Recorder, Second};
 use hrg_cal::unit::sensors::Sensors;
 use hrg_cal::BadInput;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Housekeeping, Identity, Message};
 use hrg_core::sectors::{room, SECTOR_BYTES};
-use std::io::{BufRead, IsTerminal, Read};
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -55,7 +54,7 @@ pub struct RecordArguments {
 
 impl RecordArguments {
     /// A recorder with all of it but the unit's own part. `live`: the unit runs now.
-    fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
+    pub(crate) fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
         let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
         let mut recorder = Recorder::new(out, unit.unwrap_or(""));
         recorder.head.attitude = self.place.attitude()?;
@@ -81,7 +80,7 @@ impl RecordArguments {
     }
 
     /// The name of a unit that has one, or the one that is said; empty where nobody knows.
-    fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
+    pub(crate) fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
         match (own, self.unit.as_deref()) {
             (Some(own), Some(said)) if own != said => Err(BadInput::new(format!(
                 "the unit is {own}, --unit says {said}; leave --unit out, or connect the right unit"
@@ -216,70 +215,11 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
     Ok(())
 }
 
-fn report(recorder: &Recorder, out: &Path) {
+pub(crate) fn report(recorder: &Recorder, out: &Path) {
     println!("{}: {} rows, {} gaps marked", recorder.path().unwrap_or(out).display(), recorder.rows, recorder.gaps);
     if let Some(sensors) = &recorder.sensors {
         println!("{}", sensors.summary());
     }
-}
-
-/// `hrg record --defmt`: decoded lines, or the raw stream with the ELF that made it; `-` is standard input.
-pub fn record_log(log: &Path, elf: Option<&Path>, out: &Path, arguments: &RecordArguments) -> Result<()> {
-    let from: Box<dyn Read> = if log == Path::new("-") {
-        Box::new(std::io::stdin())
-    } else {
-        let f = std::fs::File::open(log).map_err(|e| BadInput::new(format!("cannot read {}: {e}", log.display())))?;
-        Box::new(f)
-    };
-    let mut reader = std::io::BufReader::new(from);
-    let mut recorder = arguments.recorder(out, log == Path::new("-"))?;
-    let mut take = |line: &str| -> Result<()> {
-        if let Some(name) = unit_in_log(line) {
-            let own = Some(name).filter(|n| !names::is_unnamed(n));
-            recorder.head.unit = arguments.name(own).map_err(|e| BadInput::new(format!("{}: {e}", log.display())))?;
-        }
-        match Second::from_log(line) {
-            Some(second) => recorder.push(&second),
-            None => Ok(()),
-        }
-    };
-    // A raw stream is not text, and only an ELF tells what it says.
-    let raw = reader.fill_buf()?.iter().take(512).any(|b| *b == 0 || *b >= 0x80);
-    if raw {
-        let elf = elf.ok_or_else(|| {
-            BadInput::new(
-                "this is a raw defmt stream; give the firmware that made it with --elf, or pipe it through defmt-print",
-            )
-        })?;
-        let bytes = hrg_cal::read_file(elf, hrg_cal::MOST_ELF, false)?;
-        let mut decoder = Decoder::new(&bytes)?;
-        let mut buffer = [0; 4096];
-        loop {
-            let n = reader.read(&mut buffer)?;
-            if n == 0 {
-                break;
-            }
-            for line in decoder.push(&buffer[..n]) {
-                take(&line)?;
-            }
-        }
-    } else {
-        let mut bytes = Vec::new();
-        // A line of a megabyte is none of a log.
-        while reader.by_ref().take(1 << 20).read_until(b'\n', &mut bytes)? > 0 {
-            take(String::from_utf8_lossy(&bytes).trim_end())?;
-            bytes.clear();
-        }
-    }
-    if recorder.rows == 0 {
-        return Err(BadInput::new(format!(
-            "{}: no line of a second (t=... f=... T=...) in it; the unit logs one a second at level info",
-            log.display()
-        ))
-        .into());
-    }
-    report(&recorder, out);
-    Ok(())
 }
 
 /// What `hrg burn` is told.
@@ -438,10 +378,16 @@ pub fn read_events(port: &str) -> Result<()> {
 #[derive(Args)]
 pub struct MonitorArguments {
     /// Serial port of the link.
+    #[arg(long, conflicts_with = "defmt", required_unless_present = "defmt")]
+    port: Option<String>,
+    /// The unit's log instead: lines as probe-rs or defmt-print show them, or the raw stream; - for standard input.
+    #[arg(long, conflicts_with = "out")]
+    defmt: Option<PathBuf>,
+    /// The firmware that made a raw stream.
     #[arg(long)]
-    port: String,
+    elf: Option<PathBuf>,
     /// Chamber profile that runs since power-on, named or written out: for the remaining time.
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     profile: Option<String>,
     /// Print the screen once, as text, after so many seconds of the unit.
     #[arg(long)]
@@ -455,10 +401,14 @@ pub struct MonitorArguments {
 
 /// `hrg monitor`.
 pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
-    let MonitorArguments { port, profile, snapshot, out, record } = arguments;
-    let mut unit = Unit::open(port)?;
+    let MonitorArguments { port, defmt, elf, profile, snapshot, out, record } = arguments;
     let mut state = State::default();
     state.profile = profile.as_deref().map(Profile::parse).transpose()?;
+    if let Some(log) = defmt {
+        return crate::log::monitor(log, elf.as_deref(), state, *snapshot);
+    }
+    let port = port.as_deref().ok_or_else(|| BadInput::new("give --port or --defmt"))?;
+    let mut unit = Unit::open(port)?;
     state.identity = Some(unit.identity()?);
     if let Some(seconds) = *snapshot {
         let mut seen = 0;
@@ -516,14 +466,22 @@ fn watch(
         if drawn.elapsed() > Duration::from_millis(200) {
             terminal.draw(|f| monitor::draw(f, state))?;
             drawn = Instant::now();
-            while crossterm::event::poll(Duration::ZERO)? {
-                if let crossterm::event::Event::Key(key) = crossterm::event::read()? {
-                    let ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
-                    if ctrl_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
-                        return Ok(());
-                    }
-                }
+            if ended()? {
+                return Ok(());
             }
         }
     }
+}
+
+/// Whether somebody has pressed a key that ends the screen.
+pub(crate) fn ended() -> Result<bool> {
+    while crossterm::event::poll(Duration::ZERO)? {
+        if let crossterm::event::Event::Key(key) = crossterm::event::read()? {
+            let ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            if ctrl_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
 }

@@ -3,8 +3,9 @@
 use crate::units;
 use anyhow::Result;
 use clap::Args;
-use hrg_cal::compare::{self, Contender};
-use hrg_cal::fit::independence::Units;
+use hrg_cal::compare::{self, Contender, Options};
+use hrg_cal::fit::history;
+use hrg_cal::simulate::profile::duration_s;
 use hrg_cal::{load_recording, BadInput};
 use std::path::{Path, PathBuf};
 
@@ -23,6 +24,9 @@ pub struct Arguments {
     /// Seed of swarms and genetic searches.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Judge each run from this time on, such as 5h, 90m or 600s: leaves a first soak out.
+    #[arg(long, default_value = "0s")]
+    from: String,
     /// Folder for the images, the table (JSON and Markdown) and the pictures.
     #[arg(long, default_value = "out/compare")]
     out: PathBuf,
@@ -39,16 +43,19 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, verify, methods, seed, out, board, different_units } = arguments;
-    compare_methods(&recordings, &verify, &methods, seed, units(different_units), &out, board)
+    let Arguments { recordings, verify, methods, seed, from, out, board, different_units } = arguments;
+    let from_s = duration_s(&from).ok_or_else(|| {
+        BadInput(format!("--from {from}: not a time; give hours, minutes or seconds, such as 5h, 90m or 600s"))
+    })?;
+    let options = Options { seed, units: units(different_units), from_s };
+    compare_methods(&recordings, &verify, &methods, &options, &out, board)
 }
 
 fn compare_methods(
     recordings: &[PathBuf],
     verify: &[PathBuf],
     methods: &[String],
-    seed: u64,
-    units: Units,
+    options: &Options,
     out: &Path,
     board: Option<PathBuf>,
 ) -> Result<()> {
@@ -61,7 +68,7 @@ fn compare_methods(
     let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
     let bar = indicatif::ProgressBar::new_spinner();
-    let mut c = compare::compare(&train, &unseen, &contenders, seed, units, out, |m| {
+    let mut c = compare::compare(&train, &unseen, &contenders, options, out, |m| {
         bar.set_message(format!("identifying by {m}"));
         bar.tick();
     })?;
@@ -87,8 +94,17 @@ fn compare_methods(
     hrg_cal::write_file(&out.join("compare.md"), compare::table(&c, true, None).as_bytes())?;
     hrg_cal::write_file(&out.join("compare.svg"), compare::picture(&c)?.as_bytes())?;
     hrg_cal::write_file(&out.join("residuals.svg"), compare::residuals(&c, &unseen[0], out)?.as_bytes())?;
+    let searched = c.rows.iter().any(|r| !r.history.is_empty());
+    if searched {
+        hrg_cal::write_file(&out.join("searches.svg"), compare::searches(&c)?.as_bytes())?;
+    }
+    for r in c.rows.iter().filter(|r| !r.history.is_empty()) {
+        hrg_cal::write_file(&out.join(format!("{}-history.csv", r.method)), history::csv(&r.history).as_bytes())?;
+    }
     print!("{}", compare::table(&c, false, None));
-    println!("3s: three sigma of 100 s means; instability: least Allan deviation / 0.664; deg/h, RMS of the axes");
+    println!("3s: three sigma of 100 s means; cooling, heating: the same of each stage of the training runs, a soak with the ramp before it;");
+    println!("repeat, other: on unseen runs of a training profile, and of other profiles; instability: least Allan deviation / 0.664;");
+    println!("deg/h, RMS of the axes. {}.", c.about_verify);
     println!("instructions on the unit: f to bias, of one axis' temperature law and bias model; update, of all three axes with");
     println!(
         "slopes, states and checks; ELF differs: frames of two minutes that are not those of hrg-core on this machine"
@@ -99,6 +115,10 @@ fn compare_methods(
     for l in &c.left_out {
         println!("left out, {l}");
     }
-    println!("{}: images, compare.json, compare.md, compare.svg, residuals.svg", out.display());
+    println!(
+        "{}: images, compare.json, compare.md, compare.svg, residuals.svg{}",
+        out.display(),
+        if searched { ", searches.svg, METHOD-history.csv" } else { "" }
+    );
     Ok(())
 }

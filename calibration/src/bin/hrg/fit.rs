@@ -4,9 +4,10 @@ use crate::facts::FactsArguments;
 use crate::{now, units};
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::fit::history::csv;
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::{self, evidence, methods};
-use hrg_cal::{image_file, AXIS_NAMES};
+use hrg_cal::{image_file, BadInput, AXIS_NAMES};
 use std::path::PathBuf;
 
 /// What `hrg fit` is told.
@@ -24,6 +25,12 @@ pub struct Arguments {
     /// Give every degree the same weight instead of every second.
     #[arg(long)]
     uniform: bool,
+    /// The breakpoint of the four-parameter methods (fog-...), C, instead of searching it: wu2023's div_a.
+    #[arg(long, allow_negative_numbers = true)]
+    breakpoint: Option<f64>,
+    /// Where the course of the search goes: objective and best coefficients after each iteration (CSV).
+    #[arg(long)]
+    history: Option<PathBuf>,
     /// Allow recordings of different units.
     #[arg(long)]
     different_units: bool,
@@ -39,10 +46,20 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, method, seed, uniform, different_units, facts, out } = arguments;
+    let Arguments { recordings, method, seed, uniform, breakpoint, history, different_units, facts, out } = arguments;
     let recordings = facts.load(&recordings)?;
     let prepared = fit::prepare_for(&recordings, units(different_units))?;
-    let mut found = methods::identify_weighted(&prepared, method, seed, uniform)?;
+    let options = methods::Options { seed, uniform, breakpoint_c: breakpoint };
+    let mut found = methods::identify_with(&prepared, method, &options)?;
+    if let Some(history) = history {
+        if found.history.is_empty() {
+            return Err(BadInput(format!(
+                "{method} is solved exactly: there is no course of a search to write; leave --history out"
+            ))
+            .into());
+        }
+        hrg_cal::write_file(&history, csv(&found.history).as_bytes())?;
+    }
     found.calibration.created_unix_s = now();
     found.calibration.sequence = 1;
     let raw = fit::spread(prepared.runs.iter().map(|r| &r.steps.rate_dph));

@@ -1,5 +1,15 @@
 //! `hrg`: recordings of HRG chamber runs in, coefficients and reports out.
 
+// Standard output may be a pipe whose reader has had enough (`| head`): that is no error, and files are written all the
+// same. These two stand before the modules and so take the place of std's in all of them.
+macro_rules! print {
+    ($($part:tt)*) => { $crate::say(format_args!($($part)*)) };
+}
+macro_rules! println {
+    () => { $crate::say(format_args!("\n")) };
+    ($($part:tt)*) => { $crate::say(format_args!("{}\n", format_args!($($part)*))) };
+}
+
 mod align;
 mod allan;
 mod chamber;
@@ -9,6 +19,7 @@ mod facts;
 mod fit;
 mod import;
 mod lag;
+mod log;
 mod merge;
 mod points;
 mod profile;
@@ -195,7 +206,7 @@ fn run(command: Command) -> Result<()> {
         Command::Compare(arguments) => compare::run(arguments),
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
-            (None, Some(log)) => chamber::record_log(&log, elf.as_deref(), &out, &facts),
+            (None, Some(log)) => log::record(&log, elf.as_deref(), &out, &facts),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
         Command::Profile(arguments) => profile::run(arguments),
@@ -250,6 +261,17 @@ fn measured(folder: &Path, page: Option<PathBuf>, caption: Option<PathBuf>, pict
         hrg_cal::write_file(&picture, short.picture.as_bytes())?;
     }
     caption.map_or(Ok(()), |page| hrg_cal::splice(&page, "measured", &format!("*{}*\n", short.caption)))
+}
+
+/// Prints to standard output. Once nobody reads it any more, nothing is printed.
+fn say(text: std::fmt::Arguments<'_>) {
+    use std::io::Write;
+    if let Err(e) = std::io::stdout().write_fmt(text) {
+        if e.kind() != std::io::ErrorKind::BrokenPipe {
+            eprintln!("hrg: cannot write to standard output: {e}");
+            std::process::exit(1);
+        }
+    }
 }
 
 /// Whether recordings of different units are allowed.

@@ -20,7 +20,7 @@ pub struct Arguments {
     #[arg(long)]
     check: Vec<PathBuf>,
     /// Judge this profile, written out like 20,-40@1,2h,50@1,2h
-    #[arg(long)]
+    #[arg(long, allow_hyphen_values = true)]
     profile: Option<String>,
 }
 

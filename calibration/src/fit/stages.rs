@@ -1,0 +1,69 @@
+//! Stages of a run as dong2023 has them: a ramp and the soak after it are one stage, cooling or heating.
+
+use crate::recording::steps::Run;
+use hrg_core::bias::Scaling;
+use hrg_core::effects::EffectId;
+
+/// Which stage a step belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Cooling, and the soak after it.
+    Cooling,
+    /// Heating, and the soak after it.
+    Heating,
+}
+
+impl Stage {
+    /// Both, in the order of dong2023's tables.
+    pub const ALL: [Self; 2] = [Self::Cooling, Self::Heating];
+
+    /// The name in tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Cooling => "cooling",
+            Self::Heating => "heating",
+        }
+    }
+}
+
+/// The stage of each step for an axis; `None` before the first direction. By the unit's own code, so that a step belongs to the stage
+/// whose set of coefficients corrects it.
+#[must_use]
+pub fn of_run(run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
+    // The first regressor is the weight itself, times one.
+    run.effect(EffectId::CoolingHeatingHeld.facts().id, &[0.0; 2], 0.0, scaling, a)
+        .iter()
+        .map(|x| match x[0] {
+            w if w < 0.0 => Some(Stage::Cooling),
+            w if w > 0.0 => Some(Stage::Heating),
+            _ => None,
+        })
+        .collect()
+}
+
+/// The values of one stage; NaN elsewhere.
+#[must_use]
+pub fn only(values: &[f64], stages: &[Option<Stage>], stage: Stage) -> Vec<f64> {
+    values.iter().zip(stages).map(|(v, s)| if *s == Some(stage) { *v } else { f64::NAN }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::prepare;
+    use crate::simulate::{Plan, Profile};
+
+    #[test]
+    fn a_soak_belongs_to_the_ramp_before_it() {
+        let profile = Profile::parse("20,30m,-10@1,1h,30@1,30m").expect("a profile");
+        let p = prepare(&[Plan::of(profile, 1, 1).simulate().recording]).expect("prepares");
+        let stages = of_run(&p.runs[0], &p.calibration.scaling, 1);
+        assert_eq!(stages.len(), p.runs[0].steps.len());
+        // The chamber stands again from 1 h 00 on; the resonators still follow, and then rest.
+        assert!(stages[3600..7200].iter().all(|s| *s == Some(Stage::Cooling)), "the soak after cooling");
+        assert_eq!(stages.last(), Some(&Some(Stage::Heating)));
+        let changes = stages.windows(2).filter(|w| w[0] != w[1]).count();
+        assert!(changes <= 3, "{changes} changes: a soak's noise is no direction");
+    }
+}
