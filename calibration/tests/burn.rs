@@ -177,3 +177,37 @@ fn a_unit_that_has_gone_is_not_said_to_hold_anything() {
     assert!(e.begun, "{}", e.why);
     assert!(unit.held(Duration::from_millis(100)).is_err());
 }
+
+/// What `hrg image` writes is what a unit finds in its flash: one with a key only where it is signed.
+#[test]
+fn an_image_for_the_debug_port_is_found_by_the_unit() {
+    let folder = std::env::temp_dir().join(format!("hrg-image-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("made");
+    hrg_cal::image_file::save(&folder.join("c.toml"), &image(0, 2.0)).expect("written");
+    let key = keys::load(Path::new(KEY)).expect("a key");
+    let public = Key::new(key.verifying_key().to_bytes());
+    let run = |options: &[&str]| {
+        let mut all = vec!["image", "c.toml", "--out", "i.bin"];
+        all.extend(options);
+        let o = Process::new(env!("CARGO_BIN_EXE_hrg")).current_dir(&folder).args(all).output().expect("hrg runs");
+        (o.status.success(), String::from_utf8_lossy(&o.stderr).into_owned())
+    };
+    for (options, by_key) in [(&["--number", "7"][..], false), (&["--number", "7", "--key", KEY], true)] {
+        let (done, said) = run(options);
+        assert!(done, "{said}");
+        let bytes = std::fs::read(folder.join("i.bin")).expect("written");
+        let mut sectors = [vec![0xFF; SECTOR_BYTES], vec![0xFF; SECTOR_BYTES]];
+        sectors[0][..bytes.len()].copy_from_slice(&bytes);
+        for (key, expected) in [(None, true), (Some(public), by_key)] {
+            let found = newest(&sectors[0], &sectors[1], key).newest;
+            assert_eq!(
+                found.map(|(c, _)| (c.sequence, c.unit)),
+                expected.then(|| (7, image(0, 2.0).unit)),
+                "{options:?}"
+            );
+        }
+    }
+    let (done, said) = run(&["--unit", "HRG-8"]);
+    assert!(!done && said.contains("it is of unit HRG-7, not of HRG-8"), "{said}");
+    std::fs::remove_dir_all(&folder).expect("removed");
+}

@@ -280,6 +280,62 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     Ok(())
 }
 
+/// What `hrg image` is told.
+#[derive(Args)]
+pub struct ImageArguments {
+    /// Calibration.
+    calibration: PathBuf,
+    /// File that the image goes to, signature and all.
+    #[arg(long)]
+    out: PathBuf,
+    /// The unit's name, where the calibration names none, or as a check.
+    #[arg(long)]
+    unit: Option<String>,
+    /// Number of the image: of several in a unit's flash it runs the one with the largest.
+    #[arg(long, default_value_t = 1)]
+    number: u32,
+    /// Private key that signs it (hrg keygen).
+    #[arg(long)]
+    key: Option<PathBuf>,
+}
+
+/// Where a calibration sector begins, for a debug probe: sector A (memory.x).
+const SECTOR_A: u32 = 0x0804_0000;
+
+/// `hrg image`.
+pub fn image(arguments: &ImageArguments) -> Result<()> {
+    let ImageArguments { calibration, out, unit, number, key } = arguments;
+    let key = key.as_deref().map(keys::load).transpose()?;
+    let mut c = image_file::load(calibration)?;
+    if !c.calibrated {
+        let empty = "holds no calibration, but the default of an uncalibrated unit";
+        return Err(BadInput::new(format!("{}: {empty}", calibration.display())).into());
+    }
+    let name = match (names::of(&c), unit.as_deref()) {
+        (Some(own), Some(said)) if own != said => {
+            return Err(BadInput::new(format!("{}: it is of unit {own}, not of {said}", calibration.display())).into());
+        }
+        (Some(name), _) | (None, Some(name)) => name.to_string(),
+        (None, None) => {
+            return Err(BadInput::new(format!("{}: it names no unit; give --unit NAME", calibration.display())).into());
+        }
+    };
+    c.set_unit_name(&name);
+    c.sequence = *number;
+    let bytes = c.to_bytes().context("the calibration does not fit an image")?;
+    let bytes = key.as_ref().map_or_else(|| bytes.to_vec(), |key| keys::sign(&bytes, key));
+    hrg_cal::write_file(out, &bytes)?;
+    println!(
+        "{}: image {:08x} of unit {name}, number {number}, {} bytes{}",
+        out.display(),
+        c.checksum(),
+        bytes.len(),
+        if key.is_some() { ", signed" } else { "" }
+    );
+    println!("into an erased calibration sector by the debug port, for one: probe-rs download --chip STM32F446RETx --binary-format bin --base-address {SECTOR_A:#010x} {}", out.display());
+    Ok(())
+}
+
 /// `hrg keygen`.
 pub fn keygen(out: &Path) -> Result<()> {
     let public = keys::generate(out)?;

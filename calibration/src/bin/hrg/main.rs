@@ -103,6 +103,10 @@ enum Command {
     ///
     /// Example: hrg burn cal.toml --port /dev/ttyUSB0
     Burn(chamber::BurnArguments),
+    /// Write the image of a calibration into a file, for a unit whose images come by the debug port.
+    ///
+    /// Example: hrg image cal.toml --unit HRG-7 --out image.bin
+    Image(chamber::ImageArguments),
     /// Make a key that signs calibrations, for firmware built with the feature signed.
     ///
     /// Example: hrg keygen --out owner.key
@@ -231,6 +235,7 @@ fn run(command: Command) -> Result<()> {
         Command::Import(arguments) => import::run(&arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Burn(arguments) => chamber::burn(&arguments),
+        Command::Image(arguments) => chamber::image(&arguments),
         Command::Keygen { out } => chamber::keygen(&out),
         Command::Read { port, events: true, .. } => chamber::read_events(&port),
         Command::Read { port, out, .. } => chamber::read(&port, out.as_deref()),
