@@ -148,7 +148,11 @@ fn clocks(crystal: bool) -> rcc::Config {
         prediv: if crystal { rcc::PllPreDiv::DIV4 } else { rcc::PllPreDiv::DIV8 },
         mul: rcc::PllMul::from_bits(params::PLL_MUL),
         divp: Some(rcc::PllPDiv::DIV2),
-        divq: None,
+        // Nothing runs on these two, but 0, which stands for none, is no setting of the chip (RM0390 section 6.3.2).
+        divq: Some(rcc::PllQDiv::DIV8),
+        #[cfg(not(feature = "stm32f405rg"))]
+        divr: Some(rcc::PllRDiv::DIV4),
+        #[cfg(feature = "stm32f405rg")]
         divr: None,
     });
     c.sys = rcc::Sysclk::PLL1_P;

@@ -51,6 +51,8 @@ fn events(board: &Board<Wires>) -> Vec<Record> {
 
 #[test]
 fn an_adc_that_loses_its_settings_or_its_step_is_set_up_again() {
+    // In the middle of a second: at its turn, how many errors its report counts depends on when the report is made.
+    const AT_S: f64 = 20.4;
     for (name, mishap) in [
         ("supply", AdcMishap::LosesSettings),
         ("sample rate", AdcMishap::Flips(0x03, 2)),
@@ -58,7 +60,7 @@ fn an_adc_that_loses_its_settings_or_its_step_is_set_up_again() {
         ("channel", AdcMishap::Flips(0x0E, 0)),
         ("byte", AdcMishap::SlipsAByte),
     ] {
-        let faults = WireFaults { adc_mishaps: vec![(20.0, mishap)], ..WireFaults::default() };
+        let faults = WireFaults { adc_mishaps: vec![(AT_S, mishap)], ..WireFaults::default() };
         let o = run(30, faults);
         let r = &o.received;
         assert_eq!(r.differing, 0, "{name}: {:?}", r.first_difference);
@@ -74,8 +76,8 @@ fn an_adc_that_loses_its_settings_or_its_step_is_set_up_again() {
             .collect();
         let (first, last) = (flagged.first().expect("flagged"), flagged.last().expect("flagged"));
         // A setting is looked at within a second; the set-up takes some twenty frames.
-        assert!(*first > 20.0 && *first < 21.1 && *last < 21.2, "{name}: flagged from {first} to {last}");
-        println!("{name}: flagged after {:.3} s, good again after {:.3} s", first - 20.0, last - 20.0);
+        assert!(*first > AT_S && *first < AT_S + 1.1 && *last < AT_S + 1.2, "{name}: flagged from {first} to {last}");
+        println!("{name}: flagged after {:.3} s, good again after {:.3} s", first - AT_S, last - AT_S);
     }
 }
 
@@ -88,7 +90,8 @@ fn samples_that_were_not_fetched_leave_no_old_one_behind() {
     board.disable_interrupt(28);
     board.run_until(5 * CPU_HZ + CPU_HZ / 200).expect("runs");
     board.enable_interrupt(28);
-    board.run_until(6 * CPU_HZ).expect("runs");
+    // (Not to the moment of a sample, which is not fetched yet then.)
+    board.run_until(6 * CPU_HZ + CPU_HZ / 8000).expect("runs");
     let after = &board.world.received.rates[before..];
     let flagged = after.iter().filter(|f| f.unit_status.contains(UnitStatus::ADC_FAULT)).count();
     assert!((1..=2).contains(&flagged), "{flagged}");

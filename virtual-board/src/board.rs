@@ -12,6 +12,7 @@ use crate::cycles::Cycles;
 use crate::elf::Firmware;
 use crate::error::{RunError, Stop};
 use crate::memory::Memory;
+use crate::part::{Part, STM32F446RE};
 use crate::probe::Probe;
 use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG};
 use crate::thumb::IT_STATE;
@@ -54,11 +55,11 @@ pub struct Board<W: World> {
     pub(crate) stop_at_operation: u64,
     pub(crate) torn: bool,
     pub(crate) as_on_chip: bool,
-    mishaps: u64,
+    pub(crate) mishaps: u64,
     /// Nobody reads the log.
-    probe_gone: bool,
-    hardware_watchdog: bool,
-    battery: bool,
+    pub(crate) probe_gone: bool,
+    pub(crate) hardware_watchdog: bool,
+    pub(crate) battery: bool,
 }
 
 /// A board at a moment, to come back to: [`Board::snapshot`].
@@ -83,22 +84,27 @@ impl<W: World> std::fmt::Debug for Board<W> {
     }
 }
 
-/// Where the flags of up channel 0 lie in the control block of RTT.
-const RTT_FLAGS: u32 = 44;
-
 impl<W: World> Board<W> {
     /// Puts the firmware into flash and switches the board on.
     ///
     /// # Errors
     /// Where the ELF does not fit the board.
     pub fn new(elf: &[u8], world: W) -> Result<Self, RunError> {
+        Self::on(&STM32F446RE, elf, world)
+    }
+
+    /// The same with another chip on the board.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn on(part: &'static Part, elf: &[u8], world: W) -> Result<Self, RunError> {
         let firmware = Firmware::parse(elf)?;
         let mut flash = Memory::new(FLASH_START, FLASH_SIZE)?;
         let mut ram = Memory::new(RAM_START, RAM_SIZE)?;
         // RAM is not zero at power-on; painted, it shows how far the stack came.
         ram.write(RAM_START, &vec![PAINT; RAM_SIZE as usize]).ok_or(RunError::Flash(0))?;
         flash.write(FLASH_START, firmware.flash()).ok_or(RunError::Flash(0))?;
-        let cpu = cpu::emulator(Chip::new(CSR_POWER_ON, 0), &flash, &ram, firmware.flash())?;
+        let cpu = cpu::emulator(Chip::new(part, CSR_POWER_ON, 0), &flash, &ram, firmware.flash())?;
         let mut board = Self {
             cpu,
             flash,
@@ -222,22 +228,6 @@ impl<W: World> Board<W> {
         self.cpu.get_data().probes.get(number)
     }
 
-    /// Writes into flash from outside, as a programmer does: erased bits and all. `offset` from its start.
-    ///
-    /// # Errors
-    /// Outside the flash.
-    pub fn write_flash(&mut self, offset: u32, bytes: &[u8]) -> Result<(), RunError> {
-        self.flash.write(FLASH_START + offset, bytes).ok_or(RunError::Flash(offset))
-    }
-
-    /// Reads memory.
-    ///
-    /// # Errors
-    /// Where there is none.
-    pub fn read_memory(&self, address: u32, bytes: &mut [u8]) -> Result<(), RunError> {
-        self.get(address, bytes)
-    }
-
     /// Has [`run_until`](Self::run_until) stop at the first block of code at or after this many instructions since
     /// power-on.
     pub fn stop_at_instruction(&mut self, instructions: u64) {
@@ -260,53 +250,7 @@ impl<W: World> Board<W> {
     /// where there is no stack for that. An access to a register that is not modelled counts as a bus fault.
     pub fn faults_as_on_chip(&mut self) {
         self.as_on_chip = true;
-    }
-
-    /// A bit of a peripheral's register changes. What the peripheral then does is what it does after a write of that value.
-    ///
-    /// # Errors
-    /// A register that is not modelled.
-    pub fn flip_register(&mut self, address: u32, bit: u32) -> Result<(), RunError> {
-        let chip = self.cpu.get_data_mut();
-        let value = chip.read(address);
-        chip.write(address, value ^ 1 << (bit & 31), 4);
-        match chip.error.take() {
-            Some(what) => Err(RunError::NotModelled { what, pc: self.pc() }),
-            None => Ok(()),
-        }
-    }
-
-    /// Switches an interrupt off behind the firmware's back.
-    pub fn disable_interrupt(&mut self, number: usize) {
-        let register = 0xE000_E180 + 4 * (number as u32 / 32);
-        let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
-    }
-
-    /// Switches it on again.
-    pub fn enable_interrupt(&mut self, number: usize) {
-        let register = 0xE000_E100 + 4 * (number as u32 / 32);
-        let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
-    }
-
-    /// Samples that the ADC keeps because no frame has taken them.
-    #[must_use]
-    pub fn adc_backlog(&self) -> usize {
-        self.cpu.get_data().adc.backlog()
-    }
-
-    /// Sets the option byte WDG_SW to 0 and cuts the power: from now on the watchdog runs from every reset.
-    ///
-    /// # Errors
-    /// As [`run_until`](Self::run_until).
-    pub fn watch_from_reset(&mut self) -> Result<(), RunError> {
-        self.hardware_watchdog = true;
-        self.power_cut()
-    }
-
-    /// Faults taken since then.
-    #[must_use]
-    pub fn faults(&self) -> u64 {
-        self.mishaps
+        self.cpu.get_data_mut().strict = false;
     }
 
     /// The board as it is, world and all.
@@ -388,88 +332,6 @@ impl<W: World> Board<W> {
         self.open_or_close_flash()
     }
 
-    /// From now on a battery at VBAT carries what it carries.
-    pub fn fit_battery(&mut self) {
-        self.battery = true;
-    }
-
-    /// Cuts the power for so many cycles.
-    ///
-    /// # Errors
-    /// As [`run_until`](Self::run_until).
-    pub fn power_off(&mut self, cycles: u64) -> Result<(), RunError> {
-        self.cpu.get_data_mut().now += cycles;
-        self.power_cut()
-    }
-
-    /// Resets the processor as its own program does; RAM stays as it is.
-    ///
-    /// # Errors
-    /// As [`run_until`](Self::run_until).
-    pub fn reset_by_software(&mut self) -> Result<(), RunError> {
-        self.restart(CSR_SOFTWARE)
-    }
-
-    /// Another crystal: its frequency, Hz. Before the program looks at it.
-    pub fn set_crystal(&mut self, hz: f64) {
-        self.cpu.get_data_mut().rcc.crystal_hz = Some(hz);
-    }
-
-    /// The crystal stops, for good.
-    pub fn stop_crystal(&mut self) {
-        let chip = self.cpu.get_data_mut();
-        if chip.rcc.crystal_stops() {
-            chip.nmi = true;
-        } else {
-            chip.locked_up = true;
-            chip.asleep = true;
-        }
-    }
-
-    /// Sets the option bytes, as a programmer does: FLASH_OPTCR.
-    pub fn set_options(&mut self, optcr: u32) {
-        self.cpu.get_data_mut().flash.set_options(optcr);
-    }
-
-    /// The supply sags by so many tenths of a volt, or comes back.
-    pub fn sag(&mut self, tenths: u32) {
-        self.cpu.get_data_mut().pwr.sag_tenths = tenths;
-    }
-
-    /// Takes down from now on when the sample mark rises.
-    pub fn watch_marks(&mut self) {
-        self.cpu.get_data_mut().mark_rises = Some(Vec::new());
-    }
-
-    /// The cycles at which it rose.
-    #[must_use]
-    pub fn marks(&self) -> &[u64] {
-        self.cpu.get_data().mark_rises.as_deref().unwrap_or_default()
-    }
-
-    /// Writes to RAM, as a probe does.
-    ///
-    /// # Errors
-    /// Where there is none.
-    pub fn write_ram(&mut self, address: u32, bytes: &[u8]) -> Result<(), RunError> {
-        self.ram.write(address, bytes).ok_or_else(|| self.outside(address))
-    }
-
-    /// A probe sets the log to wait where its buffer is full, as probe-rs does, and then reads no more.
-    ///
-    /// # Errors
-    /// A firmware without a log.
-    pub fn leave_probe_blocking(&mut self) -> Result<(), RunError> {
-        let block = self.firmware.rtt().ok_or_else(|| RunError::Elf("the firmware has no log".into()))?;
-        // Flags of up channel 0: the lowest two bits are its mode; 2 blocks (SEGGER, UM08001).
-        let mut flags = [0; 4];
-        self.get(block + RTT_FLAGS, &mut flags)?;
-        flags[0] = flags[0] & !3 | 2;
-        self.put(block + RTT_FLAGS, &flags)?;
-        self.probe_gone = true;
-        Ok(())
-    }
-
     /// Bytes of stack used so far: from its top down to the lowest byte ever written above the statics or the start of RAM.
     #[must_use]
     pub fn stack_used(&self) -> u32 {
@@ -495,17 +357,6 @@ impl<W: World> Board<W> {
         self.firmware.statics().len() as u32
     }
 
-    /// Flips one bit of RAM or flash.
-    ///
-    /// # Errors
-    /// Where there is no memory.
-    pub fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), RunError> {
-        let mut byte = [0];
-        self.read_memory(address, &mut byte)?;
-        byte[0] ^= 1 << (bit & 7);
-        self.put(address, &byte)
-    }
-
     pub(crate) fn get(&self, address: u32, out: &mut [u8]) -> Result<(), RunError> {
         self.ram.read(address, out).or_else(|| self.flash.read(address, out)).ok_or_else(|| self.outside(address))
     }
@@ -515,23 +366,30 @@ impl<W: World> Board<W> {
         done.ok_or_else(|| self.outside(address))
     }
 
-    fn outside(&self, address: u32) -> RunError {
+    pub(crate) fn outside(&self, address: u32) -> RunError {
         RunError::NotModelled { what: format!("no memory at {address:#010x}"), pc: self.pc() }
     }
 
-    fn restart(&mut self, cause: u32) -> Result<(), RunError> {
+    pub(crate) fn restart(&mut self, cause: u32) -> Result<(), RunError> {
         let (now, instructions) = (self.now(), self.instructions());
-        let mut chip = Chip::new(cause, now);
+        let mut chip = Chip::new(self.cpu.get_data().part, cause, now);
+        chip.writes = std::mem::take(&mut self.cpu.get_data_mut().writes);
         chip.instructions = instructions;
         chip.watched = self.cpu.get_data().watched;
         chip.profile = self.cpu.get_data_mut().profile.take();
         chip.probes = std::mem::take(&mut self.cpu.get_data_mut().probes);
         chip.probes.iter_mut().for_each(Probe::interrupt);
+        chip.strict = !self.as_on_chip;
+        // Causes of resets stand until the program clears them (RM0390 section 6.3.21).
+        if cause != CSR_POWER_ON {
+            chip.rcc.add_causes(&self.cpu.get_data().rcc);
+        }
         // What lies outside the processor does not mind its reset.
         let before = self.cpu.get_data_mut();
         chip.flash.set_options(before.flash.options());
         chip.rcc.crystal_hz = before.rcc.crystal_hz;
         chip.pwr.sag_tenths = before.pwr.sag_tenths;
+        chip.iwdg.lsi_hz = before.iwdg.lsi_hz;
         chip.mark_rises = before.mark_rises.take();
         if cause != CSR_POWER_ON {
             chip.adc = before.adc.clone();
@@ -540,7 +398,7 @@ impl<W: World> Board<W> {
             chip.backup = before.backup.clone();
         }
         if self.hardware_watchdog {
-            chip.iwdg = Iwdg::hardware(now);
+            chip.iwdg = Iwdg::hardware(now, chip.iwdg.lsi_hz);
         }
         *self.cpu.get_data_mut() = chip;
         let (mut sp, mut pc) = ([0; 4], [0; 4]);
@@ -600,6 +458,7 @@ impl<W: World> Board<W> {
             let left = self.stop_at.saturating_sub(self.instructions());
             let chip = self.cpu.get_data_mut();
             // While it is awake, a cycle is an instruction.
+            let left = left.saturating_mul(chip.pace.units) / chip.pace.ticks;
             chip.deadline = next.min(chip.now.saturating_add(left));
             chip.nvic.changed = false;
             let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
@@ -637,6 +496,11 @@ impl<W: World> Board<W> {
 
     /// Sleeps until the next event that is not an edge, or an edge that has something to say to the CPU.
     fn sleep(&mut self, cycles: u64) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        if !chip.locked_up {
+            chip.judge_sleep();
+            self.complain()?;
+        }
         let other = self.next_but_edges().min(cycles);
         loop {
             let (channel, edge) = match self.wires.next_edge {
@@ -662,6 +526,14 @@ impl<W: World> Board<W> {
         }
     }
 
+    /// What the chip would suffer in silence, found outside the CPU's own running.
+    pub(crate) fn complain(&mut self) -> Result<(), RunError> {
+        match self.cpu.get_data_mut().error.take() {
+            Some(what) => Err(RunError::NotModelled { what, pc: self.pc() }),
+            None => Ok(()),
+        }
+    }
+
     /// Where the CPU is.
     #[must_use]
     pub fn pc(&self) -> u32 {
@@ -677,6 +549,7 @@ impl<W: World> Board<W> {
         let mut next = self.wires.next_sample.min(self.wires.next_look).min(self.wires.link_idle);
         next = next.min(self.wires.next_byte.map_or(u64::MAX, |(t, _)| t)).min(self.wires.next_pulse);
         next.min(chip.tim2.next_event())
+            .min(chip.tim3.next_event())
             .min(chip.tim5.next_event())
             .min(chip.spi_done)
             .min(chip.usart_done)
@@ -694,7 +567,7 @@ impl<W: World> Board<W> {
             }
         }
         while self.wires.next_sample <= now {
-            self.sample();
+            self.sample()?;
             any = true;
         }
         while self.wires.next_pulse <= now {
@@ -704,6 +577,10 @@ impl<W: World> Board<W> {
         let chip = self.cpu.get_data_mut();
         if chip.tim2.next_event() <= now {
             chip.tim2.advance(now);
+            any = true;
+        }
+        if chip.tim3.next_event() <= now {
+            chip.tim3.advance(now);
             any = true;
         }
         if chip.tim5.next_event() <= now {
@@ -735,6 +612,7 @@ impl<W: World> Board<W> {
         }
         if any {
             self.cpu.get_data_mut().update_lines();
+            self.complain()?;
         }
         Ok(())
     }

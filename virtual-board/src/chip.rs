@@ -1,139 +1,19 @@
 //! The chip behind the CPU: which address belongs to which peripheral, the DMA controllers, interrupt lines.
 
 use crate::ads131m08::Ads131m08;
+use crate::clocks::{Clocks, Pace};
 use crate::cycles::Estimate;
+use crate::dma::{Dma, Request, COMPLETE, HALF};
 use crate::gpio::{Exti, Port, Syscfg};
+use crate::judge::{Signal, SIGNALS};
+use crate::mutation::{RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
+use crate::part::Part;
 use crate::probe::{Moment, Probe};
 use crate::serial::{Spi, Usart};
 use crate::system::{Backup, CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
+use crate::tables::Pin;
 use crate::timer::Timer;
-
-/// A DMA request that a peripheral makes, with the streams that can serve it (RM0390 tables 28 and 29):
-/// controller (0 is DMA1), stream, channel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Request {
-    Tim2(usize),
-    Spi1Rx,
-    Spi1Tx,
-    Usart1Rx,
-    Usart1Tx,
-}
-
-impl Request {
-    fn streams(self) -> &'static [(usize, usize, u32)] {
-        match self {
-            Self::Tim2(0) => &[(0, 5, 3)],
-            Self::Tim2(1) => &[(0, 6, 3)],
-            Self::Tim2(2) => &[(0, 1, 3)],
-            Self::Tim2(_) => &[(0, 7, 3), (0, 6, 3)],
-            Self::Spi1Rx => &[(1, 0, 3), (1, 2, 3)],
-            Self::Spi1Tx => &[(1, 3, 3), (1, 5, 3)],
-            Self::Usart1Rx => &[(1, 2, 4), (1, 5, 4)],
-            Self::Usart1Tx => &[(1, 7, 4)],
-        }
-    }
-}
-
-/// One DMA stream.
-#[derive(Debug, Default, Clone)]
-pub struct Stream {
-    cr: u32,
-    pub ndtr: u32,
-    par: u32,
-    m0ar: u32,
-    m1ar: u32,
-    fcr: u32,
-    reload: u32,
-}
-
-impl Stream {
-    fn enabled(&self) -> bool {
-        self.cr & 1 != 0
-    }
-    /// Where the next item goes or comes from in memory.
-    pub fn memory(&self) -> u32 {
-        if self.cr & (1 << 10) != 0 {
-            self.m0ar.wrapping_add(self.reload.wrapping_sub(self.ndtr).wrapping_mul(1 << (self.cr >> 13 & 3)))
-        } else {
-            self.m0ar
-        }
-    }
-}
-
-const FLAG_AT: [u32; 4] = [0, 6, 16, 22];
-const HALF: u32 = 1 << 4;
-const COMPLETE: u32 = 1 << 5;
-
-/// One DMA controller.
-#[derive(Debug, Default, Clone)]
-pub struct Dma {
-    isr: [u32; 2],
-    pub streams: [Stream; 8],
-}
-
-impl Dma {
-    fn raise(&mut self, n: usize, flags: u32) {
-        self.isr[n / 4] |= flags << FLAG_AT[n % 4];
-    }
-
-    fn read(&self, offset: u32) -> Option<u32> {
-        Some(match offset {
-            0 | 4 => self.isr[(offset / 4) as usize],
-            8 | 0xC => 0,
-            _ => {
-                let s = self.streams.get(((offset - 0x10) / 0x18) as usize)?;
-                match (offset - 0x10) % 0x18 {
-                    0 => s.cr,
-                    4 => s.ndtr,
-                    8 => s.par,
-                    0xC => s.m0ar,
-                    0x10 => s.m1ar,
-                    _ => s.fcr,
-                }
-            }
-        })
-    }
-
-    fn write(&mut self, offset: u32, value: u32) -> Option<()> {
-        match offset {
-            0 | 4 => {}
-            8 | 0xC => self.isr[(offset / 4 - 2) as usize] &= !value,
-            _ => {
-                let n = ((offset - 0x10) / 0x18) as usize;
-                let s = self.streams.get_mut(n)?;
-                match (offset - 0x10) % 0x18 {
-                    0 => {
-                        let was = s.enabled();
-                        s.cr = value;
-                        if s.enabled() && !was {
-                            s.reload = s.ndtr;
-                        } else if was && !s.enabled() && s.ndtr > 0 {
-                            self.raise(n, COMPLETE);
-                        }
-                    }
-                    4 => s.ndtr = value & 0xFFFF,
-                    8 => s.par = value,
-                    0xC => s.m0ar = value,
-                    0x10 => s.m1ar = value,
-                    _ => s.fcr = value,
-                }
-            }
-        }
-        Some(())
-    }
-
-    /// Whether any stream has something to say.
-    pub fn speaks(&self) -> bool {
-        self.isr != [0, 0]
-    }
-
-    fn irq(&self, n: usize) -> bool {
-        let flags = self.isr[n / 4] >> FLAG_AT[n % 4];
-        let cr = self.streams[n].cr;
-        (flags & HALF != 0 && cr & 8 != 0) || (flags & COMPLETE != 0 && cr & 16 != 0) || (flags & 8 != 0 && cr & 4 != 0)
-    }
-}
 
 /// Everything behind the CPU.
 #[derive(Debug, Clone)]
@@ -171,6 +51,21 @@ pub struct Chip {
     pub event: bool,
     pub returning: bool,
     pub error: Option<String>,
+    /// What the chip suffers in silence ends the run.
+    pub strict: bool,
+    /// Frequencies, and instructions in the board's time.
+    pub clocks: Clocks,
+    pub pace: Pace,
+    /// What is left over of the last block.
+    pub rest: u64,
+    /// Whether pins carry the signals of the board, as far as it was asked since they changed.
+    pub carried: [Option<bool>; SIGNALS],
+    /// Which chip it is.
+    pub part: &'static Part,
+    /// What was written to registers.
+    pub writes: Writes,
+    /// Where the block of code begins that runs.
+    pub block: u32,
 
     pub nvic: Nvic,
     pub rcc: Rcc,
@@ -183,8 +78,7 @@ pub struct Chip {
     pub tim11: CrystalCounter,
     pub crc: ProgramCrc,
     pub backup: Backup,
-    /// Where a sample mark goes out, and, where they are watched, the cycles at which it rose.
-    pub mark: (usize, usize),
+    /// The cycles at which a sample mark rose, where they are watched.
     pub mark_rises: Option<Vec<u64>>,
     pub ports: [Port; 8],
     pub syscfg: Syscfg,
@@ -193,10 +87,9 @@ pub struct Chip {
     pub spi1: Spi,
     pub usart1: Usart,
     pub adc: Ads131m08,
-    /// Chip select of the ADC: port and pin.
-    pub adc_select: (usize, usize),
-    /// SYNC/RESET of the ADC: port and pin.
-    pub adc_reset: (usize, usize),
+    /// What goes over the SPI, or out over the link, is lost.
+    pub bus_dead: bool,
+    pub line_dead: bool,
     /// The next ADC frame is invalid.
     pub corrupt: bool,
     /// Bytes too many in the receiver of the SPI, and the last of a frame that they keep for the next.
@@ -212,8 +105,11 @@ pub struct Chip {
 }
 
 impl Chip {
-    pub fn new(cause: u32, now: u64) -> Self {
+    pub fn new(part: &'static Part, cause: u32, now: u64) -> Self {
         Self {
+            part,
+            writes: Writes::default(),
+            block: 0,
             now,
             instructions: 0,
             probes: Vec::new(),
@@ -232,28 +128,32 @@ impl Chip {
             event: false,
             returning: false,
             error: None,
+            strict: true,
+            clocks: Clocks::RESET,
+            pace: Pace::of(Clocks::RESET.hclk),
+            rest: 0,
+            carried: [None; SIGNALS],
             nvic: Nvic::default(),
             rcc: Rcc::new(cause),
             pwr: Pwr::default(),
             flash: Flash::default(),
             iwdg: Iwdg::default(),
             tim2: Timer::default(),
-            tim3: Timer::default(),
+            tim3: Timer::new(0xFFFF),
             tim5: Timer::default(),
             tim11: CrystalCounter::default(),
             crc: ProgramCrc::default(),
             backup: Backup::default(),
-            mark: (2, 8),
             mark_rises: None,
-            ports: Default::default(),
+            ports: std::array::from_fn(Port::of),
             syscfg: Syscfg::default(),
             exti: Exti::default(),
             dma: Default::default(),
             spi1: Spi::default(),
             usart1: Usart::default(),
             adc: Ads131m08::default(),
-            adc_select: (1, 6),
-            adc_reset: (2, 7),
+            bus_dead: false,
+            line_dead: false,
             corrupt: false,
             slipped: 0,
             left_over: 0,
@@ -288,6 +188,9 @@ impl Chip {
 
     pub fn read(&mut self, address: u32) -> u32 {
         self.wait_for_bus(address);
+        if !self.awake(address, "a read gives 0") {
+            return 0;
+        }
         let now = self.now;
         let word = ((address & 0x3FF) / 4) as usize;
         let value = match address & !0x3FF {
@@ -314,7 +217,7 @@ impl Chip {
             0x4002_6400 => self.dma[1].read(address & 0x3FF),
             0xE000_E000..=0xE000_EC00 => self.nvic.read(address & !3),
             0xE004_2000 => match word {
-                0 => Some(0x1000_6421), // IDCODE: STM32F446
+                0 => Some(self.part.id),
                 1 => Some(self.dbgmcu),
                 _ => Some(0),
             },
@@ -326,22 +229,57 @@ impl Chip {
         })
     }
 
+    /// Instructions are executed: one is one cycle of HCLK.
+    pub fn pass(&mut self, instructions: u64) {
+        if self.pace.ticks == 1 {
+            self.now += instructions * self.pace.units;
+        } else {
+            let t = instructions * self.pace.units + self.rest;
+            self.now += t / self.pace.ticks;
+            self.rest = t % self.pace.ticks;
+        }
+    }
+
+    /// A write of the firmware.
+    pub fn store(&mut self, address: u32, value: u32, size: usize) {
+        let before = if self.writes.recording() { self.clone().read(address & !3) } else { 0 };
+        let write = RegisterWrite {
+            number: 0,
+            exception: self.nvic.stack.last().copied().unwrap_or(0),
+            block: self.block,
+            address,
+            value,
+            size,
+            before,
+        };
+        if let Some((address, value)) = self.writes.pass(write) {
+            self.write(address, value, size);
+        }
+    }
+
     pub fn write(&mut self, address: u32, value: u32, size: usize) {
         self.wait_for_bus(address);
+        if !self.awake(address, "a write is lost") {
+            return;
+        }
         let now = self.now;
         let word = ((address & 0x3FF) / 4) as usize;
         let done = match address & !0x3FF {
             0x4000_0000 => {
                 let done = self.tim2.write(word, value, now);
+                self.judge_timer(address);
                 // TIM2 is internal trigger 1 of TIM3 (RM0390 table 100).
                 if self.tim2.triggers_by_start() && self.tim3.waits_for(1) {
                     let _ = self.tim3.write(0, 1, now);
                 }
                 done
             }
-            0x4000_0400 => self.tim3.write(word, value, now),
-            0x4000_0C00 => self.tim5.write(word, value, now),
-            0x4001_4800 => self.tim11.write(word, value),
+            0x4000_0400 | 0x4000_0C00 => {
+                let timer = if address & 0x800 == 0 { &mut self.tim3 } else { &mut self.tim5 };
+                let done = timer.write(word, value, now);
+                self.judge_timer(address);
+                done
+            }
             // (Thousands of words: no line changes.)
             0x4002_3000 => {
                 let done = self.crc.write(word, value);
@@ -363,8 +301,9 @@ impl Chip {
                 }
                 return;
             }
-            0x4000_3000 => self.iwdg.write(word, value, now),
-            0x4000_7000 => self.pwr.write(word, value),
+            0x4000_3000 | 0x4000_7000 | 0x4001_4800 | 0x4002_3800 | 0x4002_3C00 => {
+                self.write_system(address & !0x3FF, word, value)
+            }
             0x4001_1000 => self.usart1.write(word, value),
             0x4001_3000 => self.spi1.write(word, value),
             0x4001_3800 => self.syscfg.write(word, value),
@@ -372,17 +311,13 @@ impl Chip {
             a @ 0x4002_0000..=0x4002_1C00 => {
                 return self.write_port(((a - 0x4002_0000) / 0x400) as usize, word, value, address);
             }
-            0x4002_3800 => {
-                // APB2RSTR: SPI1 begins anew.
-                if word == 9 && value & 1 << 12 != 0 {
-                    self.spi1 = Spi::default();
-                    self.slipped = 0;
+            0x4002_6000 | 0x4002_6400 => {
+                let c = (address >> 10 & 1) as usize;
+                if let Some((n, what)) = self.dma[c].refuses(address & 0x3FF, value) {
+                    self.mismatch(|| format!("DMA{} stream {n}: {what} (RM0390 section 9.5.5)", c + 1));
                 }
-                self.rcc.write(word, value)
+                self.dma[c].write(address & 0x3FF, value)
             }
-            0x4002_3C00 => self.flash.write(word, value),
-            0x4002_6000 => self.dma[0].write(address & 0x3FF, value),
-            0x4002_6400 => self.dma[1].write(address & 0x3FF, value),
             0xE000_E000..=0xE000_EC00 => self.nvic.write(address, value, size),
             0xE004_2000 => {
                 if word == 1 {
@@ -397,27 +332,123 @@ impl Chip {
         self.update_lines();
     }
 
+    /// A write to what keeps the chip itself running: clocks, power, flash, watchdog, the look at the crystal.
+    fn write_system(&mut self, base: u32, word: usize, value: u32) -> Option<()> {
+        match base {
+            0x4001_4800 => {
+                let done = self.tim11.write(word, value);
+                if let Some(what) = self.tim11.strange() {
+                    self.mismatch(|| format!("TIM11_{what} (RM0390 section 18.5)"));
+                }
+                done
+            }
+            0x4000_3000 => {
+                if matches!(word, 1 | 2) && !self.iwdg.open() {
+                    self.mismatch(|| "IWDG_PR or IWDG_RLR is written without the key 0x5555 in IWDG_KR: the write is lost (RM0390 section 20.3.2)".into());
+                }
+                self.iwdg.write(word, value, self.now)
+            }
+            0x4000_7000 => {
+                let done = self.pwr.write(word, value);
+                self.follow_clocks();
+                done
+            }
+            0x4002_3800 => {
+                self.pll_locked(word, value);
+                let done = self.rcc.write(word, value);
+                if (4..=9).contains(&word) {
+                    self.reset_peripherals();
+                }
+                self.follow_clocks();
+                done
+            }
+            0x4002_3C00 => {
+                let done = self.flash.write(word, value);
+                self.follow_clocks();
+                done
+            }
+            _ => None,
+        }
+    }
+
     /// A write to a port, and what its pins do with it.
     fn write_port(&mut self, port: usize, word: usize, value: u32, address: u32) {
+        const BSRR: usize = 6;
         let now = self.now;
-        let (p, pin) = self.mark;
+        let wiring = &self.part.wiring;
+        let Pin(p, pin) = wiring.mark;
         let before = self.ports[p].driven(pin);
         let done = self.ports[port].write(word, value);
-        if !before && self.ports[p].driven(pin) && self.ports[p].is_output(pin) {
+        if word != BSRR {
+            self.carried = [None; SIGNALS];
+        }
+        if !before && self.ports[p].driven(pin) && self.carries(Signal::Mark) {
             if let Some(rises) = &mut self.mark_rises {
                 rises.push(now);
             }
         }
-        let (p, pin) = self.adc_select;
+        let Pin(p, pin) = wiring.select;
         if p == port {
-            let selected = !self.ports[p].driven(pin);
+            let selected = self.ports[p].is_output(pin) && !self.ports[p].driven(pin);
             self.adc.select(selected, self.corrupt);
         }
-        let (p, pin) = self.adc_reset;
+        let Pin(p, pin) = wiring.reset;
         if p == port && self.ports[p].is_output(pin) {
             self.adc.sync_reset(self.ports[p].driven(pin), now, crate::CPU_HZ);
         }
         self.finish(done, address);
+    }
+
+    /// Those whose reset is asked for are as at power-on (RM0390 sections 6.3.5 to 6.3.9).
+    fn reset_peripherals(&mut self) {
+        let part = self.part;
+        let held = |address: u32| {
+            let gate = part.gate(address);
+            gate.and_then(|g| g.reset)
+        };
+        let asked = |rcc: &Rcc, address: u32| held(address).is_some_and(|bit| rcc.bit(bit));
+        for (address, timer, top) in [
+            (0x4000_0000, &mut self.tim2, u32::MAX),
+            (0x4000_0400, &mut self.tim3, 0xFFFF),
+            (0x4000_0C00, &mut self.tim5, u32::MAX),
+        ] {
+            if asked(&self.rcc, address) {
+                *timer = Timer::new(top);
+                timer.set_pace(Pace::of(self.clocks.timers), self.now);
+            }
+        }
+        if asked(&self.rcc, 0x4001_4800) {
+            self.tim11 = CrystalCounter::default();
+        }
+        if asked(&self.rcc, 0x4001_3000) {
+            self.spi1 = Spi::default();
+            self.slipped = 0;
+        }
+        if asked(&self.rcc, 0x4001_1000) {
+            self.usart1 = Usart::default();
+        }
+        if asked(&self.rcc, 0x4000_7000) {
+            let sag_tenths = self.pwr.sag_tenths;
+            self.pwr = Pwr::default();
+            self.pwr.sag_tenths = sag_tenths;
+        }
+        if asked(&self.rcc, 0x4002_3000) {
+            self.crc = ProgramCrc::default();
+        }
+        if asked(&self.rcc, 0x4001_3800) {
+            self.syscfg = Syscfg::default();
+        }
+        for (c, address) in [0x4002_6000, 0x4002_6400].into_iter().enumerate() {
+            if asked(&self.rcc, address) {
+                self.dma[c] = Dma::default();
+            }
+        }
+        for port in 0..self.ports.len() {
+            if asked(&self.rcc, 0x4002_0000 + 0x400 * port as u32) {
+                self.ports[port] = Port::of(port);
+                self.carried = [None; SIGNALS];
+            }
+        }
     }
 
     fn finish(&mut self, done: Option<()>, address: u32) {
@@ -433,9 +464,9 @@ impl Chip {
         self.attention = true;
     }
 
-    /// The enabled stream that serves a request, if any.
+    /// The enabled stream that a request goes to, if any.
     pub fn stream(&self, request: Request) -> Option<(usize, usize)> {
-        request.streams().iter().find_map(|&(c, s, channel)| {
+        self.part.places(request).iter().find_map(|&(c, s, channel)| {
             let stream = &self.dma[c].streams[s];
             (stream.enabled() && stream.cr >> 25 & 7 == channel).then_some((c, s))
         })
@@ -467,13 +498,19 @@ impl Chip {
 
     fn start_transfers(&mut self) {
         if self.spi_done == u64::MAX && self.spi1.moving() {
-            if let (Some((c, n)), Some(_)) = (self.stream(Request::Spi1Rx), self.stream(Request::Spi1Tx)) {
-                self.spi_done = self.now + u64::from(self.dma[c].streams[n].ndtr) * self.spi1.cycles_per_byte();
+            if let (Some(_), Some(_)) = (self.stream(Request::Spi1Rx), self.stream(Request::Spi1Tx)) {
+                self.bus_dead = !self.bus_works();
+                if let (Some((c, n)), Some(_)) = (self.serving(Request::Spi1Rx), self.serving(Request::Spi1Tx)) {
+                    let time = self.spi1.time_per_byte(self.clocks.pclk2);
+                    self.spi_done = self.now + u64::from(self.dma[c].streams[n].ndtr) * time;
+                }
             }
         }
         if self.usart_done == u64::MAX && self.usart1.transmitting() {
-            if let Some((c, n)) = self.stream(Request::Usart1Tx) {
-                self.usart_done = self.now + u64::from(self.dma[c].streams[n].ndtr) * self.usart1.cycles_per_byte();
+            if let Some((c, n)) = self.serving(Request::Usart1Tx) {
+                self.line_dead = !self.line_works(true);
+                let time = self.usart1.time_per_byte(self.clocks.pclk2);
+                self.usart_done = self.now + u64::from(self.dma[c].streams[n].ndtr) * time;
             }
         }
     }

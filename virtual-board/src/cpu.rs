@@ -70,7 +70,7 @@ fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
                 let chip = c.get_data_mut();
                 // Registers are written whole, but for byte-wide interrupt priorities and half-words
                 // written to a register's lower half.
-                chip.write(address, value as u32, size);
+                chip.store(address, value as u32, size);
             }),
         ))?;
     }
@@ -147,7 +147,8 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
             }
         }
         let chip = c.get_data_mut();
-        chip.now += n;
+        chip.block = address as u32;
+        chip.pass(n);
         chip.instructions += n;
     }))?;
     Ok(())

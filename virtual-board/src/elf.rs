@@ -131,7 +131,8 @@ impl Firmware {
     }
 
     /// The path of the function that begins last before an address in flash.
-    pub(crate) fn function_before(&self, address: u32) -> Option<&str> {
+    #[must_use]
+    pub fn function_before(&self, address: u32) -> Option<&str> {
         let before = self.symbols.partition_point(|s| s.address <= address);
         self.symbols[..before].iter().rev().find(|s| s.function && s.address >= FLASH_START).map(|s| s.path.as_str())
     }

@@ -9,6 +9,10 @@ pub struct Port {
 }
 
 const MODER: usize = 0;
+const OTYPER: usize = 1;
+const OSPEEDR: usize = 2;
+const PUPDR: usize = 3;
+const AFRL: usize = 8;
 const IDR: usize = 4;
 const ODR: usize = 5;
 const BSRR: usize = 6;
@@ -42,14 +46,45 @@ impl Port {
         Some(())
     }
 
-    /// Whether a pin is an output.
-    pub fn is_output(&self, pin: usize) -> bool {
-        self.regs[MODER] >> (2 * pin) & 3 == 1
+    /// As a reset leaves it: port A (0) and B (1) have the debug port's pins (RM0390 section 7.4).
+    pub fn of(port: usize) -> Self {
+        let mut regs = [0; 10];
+        (regs[MODER], regs[OSPEEDR], regs[PUPDR]) = match port {
+            0 => (0xA800_0000, 0x0C00_0000, 0x6400_0000),
+            1 => (0x0000_0280, 0x0000_00C0, 0x0000_0100),
+            _ => (0, 0, 0),
+        };
+        Self { regs, input: 0 }
     }
 
-    /// The alternate function that a pin is given to.
-    pub fn alternate(&self, pin: usize) -> Option<u32> {
-        (self.regs[MODER] >> (2 * pin) & 3 == 2).then(|| self.regs[8 + pin / 8] >> (4 * (pin % 8)) & 0xF)
+    /// Whether a pin is an output.
+    pub fn is_output(&self, pin: usize) -> bool {
+        self.mode(pin) == 1
+    }
+
+    /// Input, output, alternate function, analog.
+    pub fn mode(&self, pin: usize) -> u32 {
+        self.regs[MODER] >> (2 * pin) & 3
+    }
+
+    /// The number in AFR.
+    pub fn function(&self, pin: usize) -> u32 {
+        self.regs[AFRL + pin / 8] >> (4 * (pin % 8)) & 0xF
+    }
+
+    /// Open drain.
+    pub fn open_drain(&self, pin: usize) -> bool {
+        self.regs[OTYPER] & 1 << pin != 0
+    }
+
+    /// 0 is the lowest.
+    pub fn speed(&self, pin: usize) -> u32 {
+        self.regs[OSPEEDR] >> (2 * pin) & 3
+    }
+
+    /// None, up, down.
+    pub fn pull(&self, pin: usize) -> u32 {
+        self.regs[PUPDR] >> (2 * pin) & 3
     }
 
     /// Level of a pin as an output.

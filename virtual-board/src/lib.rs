@@ -1,4 +1,4 @@
-//! A desktop twin of an STM32F446 board that runs the very ELF that gets flashed.
+//! A desktop twin of an STM32F446 (or STM32F405) board that runs the very ELF that gets flashed.
 //!
 //! The CPU is Unicorn; this library adds what Unicorn has not (interrupt controller, exception entry and
 //! return, sleep) and the peripherals that the firmware uses, down to their registers. It knows the chip, the
@@ -6,12 +6,13 @@
 //! [`World`].
 //!
 //! # Time
-//! One instruction is one cycle of 180 MHz, so runs repeat exactly. While the CPU sleeps, time jumps to the
-//! next event. Wait states, pipeline and bus contention do not move time; what they would cost is estimated beside it, on request
-//! ([`cycles`]).
+//! Time is counted in cycles of 180 MHz ([`CPU_HZ`]). One instruction takes one cycle of HCLK, as RCC sets
+//! it, so runs repeat exactly. While the CPU sleeps, time jumps to the next event. Wait states, pipeline and bus contention do not move time; what they
+//! would cost is estimated beside it, on request ([`cycles`]).
 //!
 //! # What is not modelled is an error
-//! An access to a register that is not modelled stops the run with its address.
+//! An access to a register that is not modelled stops the run with its address. So does a signal that would not pass on the chip: a wrong pin,
+//! clock, bus mode or stream (`judge`), with a sentence that names the register and the section of the manual.
 //!
 //! # Navigating
 //! | file | models |
@@ -23,9 +24,16 @@
 //! | `exception` | entry and return of exceptions |
 //! | `wires` | edges, ADC frames, bytes of the link |
 //! | `flash` | programming and erasing, cut short or not |
+//! | `outside` | what a test does to the board from outside |
 //! | `rtt` | the debug probe that reads the log |
 //! | `error` | why a run stops |
-//! | `chip` | which address belongs to which peripheral; DMA and its requests |
+//! | `part` | the chips that the board can carry, and what is wired to them |
+//! | `tables` | pins, clock gates, DMA requests, interrupts and bits of a chip |
+//! | `mutation` | writes to registers, recorded and changed |
+//! | `chip` | which address belongs to which peripheral |
+//! | `judge` | what must be so for a signal to pass: the sentences that end a run |
+//! | `clocks` | the clock tree, wait states, voltage scale, over-drive |
+//! | `dma` | streams and their requests |
 //! | `memory` | flash and RAM |
 //! | `nvic` | NVIC, SCB, SysTick registers; exception priorities |
 //! | `timer` | TIM2, TIM5 |
@@ -39,19 +47,26 @@
 pub mod ads131m08;
 pub mod board;
 mod chip;
+mod clocks;
 mod cpu;
 pub mod cycles;
+mod dma;
 pub mod elf;
 pub mod error;
 mod exception;
 mod flash;
 mod gpio;
+mod judge;
 mod memory;
+pub mod mutation;
 mod nvic;
+mod outside;
+pub mod part;
 mod probe;
 mod rtt;
 mod serial;
 mod system;
+pub mod tables;
 mod thumb;
 mod timer;
 mod wires;
@@ -62,9 +77,9 @@ pub use elf::Firmware;
 pub use error::{RunError, Stop};
 pub use probe::{Latency, Moment, Probe};
 
-/// Cycles per second.
+/// Units of the board's time per second: cycles of the STM32F446 at its highest clock.
 pub const CPU_HZ: u64 = 180_000_000;
-/// Cycles per tick of the timers.
+/// Cycles per tick of the timers of the STM32F446 at its highest clock.
 pub const CYCLES_PER_TICK: u64 = 2;
 /// Start of flash.
 pub const FLASH_START: u32 = 0x0800_0000;

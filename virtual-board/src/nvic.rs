@@ -143,6 +143,22 @@ impl Nvic {
         self.changed = true;
     }
 
+    /// SCR, SLEEPDEEP.
+    pub fn deep_sleep(&self) -> bool {
+        self.scr & 4 != 0
+    }
+
+    /// CPACR: CP10 and CP11 may be used.
+    pub fn float_unit_on(&self) -> bool {
+        matches!(self.cpacr >> 20 & 0xF, 0x5 | 0xF)
+    }
+
+    /// A line is high for a moment.
+    pub fn pulse(&mut self, n: usize) {
+        self.pending[n / 32] |= 1 << (n % 32);
+        self.changed = true;
+    }
+
     pub fn read(&self, address: u32) -> Option<u32> {
         let word = |base: u32| ((address - base) / 4) as usize;
         Some(match address {

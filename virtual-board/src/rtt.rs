@@ -8,6 +8,11 @@ impl<W: World> Board<W> {
     /// Takes what is in up channel 0.
     pub(crate) fn look_at_rtt(&mut self) -> Result<(), RunError> {
         let Some(block) = self.firmware.rtt() else { return Ok(()) };
+        if !self.cpu.get_data().probe_connected() {
+            let what = "PA13 or PA14 is not the debug port's any more: GPIOA_MODER or AFRH; no probe reads the log (RM0390 section 33.4)";
+            self.cpu.get_data_mut().mismatch(|| what.into());
+            return Ok(());
+        }
         let mut b = [0u8; 48];
         self.get(block, &mut b)?;
         let field = |at: usize| u32::from_le_bytes([b[at], b[at + 1], b[at + 2], b[at + 3]]);

@@ -1,6 +1,11 @@
 //! SPI1 and USART1. Both move their data by DMA in this firmware; a whole transfer is one event, at the time
 //! its last bit is on the wire.
 
+use crate::CPU_HZ;
+
+/// Of the wire at the other end (docs/formats.md).
+pub const LINE_BAUD: f64 = 921_600.0;
+
 /// SPI: CR1, CR2, SR, DR, CRCPR, RXCRCR, TXCRCR, I2SCFGR, I2SPR.
 #[derive(Debug, Clone, Default)]
 pub struct Spi {
@@ -23,10 +28,31 @@ impl Spi {
     pub fn moving(&self) -> bool {
         self.regs[0] & 0x44 == 0x44 && self.regs[1] & 3 == 3
     }
-    /// Cycles per byte.
-    pub fn cycles_per_byte(&self) -> u64 {
-        // APB2 is half the CPU clock.
-        8 * 2 * (2u64 << ((self.regs[0] >> 3) & 7))
+    /// Its clock, Hz, of PCLK2.
+    pub fn hz(&self, pclk2: u64) -> u64 {
+        pclk2 / (2 << (self.regs[0] >> 3 & 7))
+    }
+    /// The board's time per byte.
+    pub fn time_per_byte(&self, pclk2: u64) -> u64 {
+        8 * CPU_HZ / self.hz(pclk2).max(1)
+    }
+    /// What it does that the ADC (mode 1, most significant bit first, full duplex) does not understand.
+    pub fn unfit(&self) -> Option<&'static str> {
+        let (cr1, cr2, i2s) = (self.regs[0], self.regs[1], self.regs[7]);
+        [
+            (i2s & 1 << 11 != 0, "I2SCFGR.I2SMOD makes it an I2S (RM0390 section 26.7.8)"),
+            (cr1 & 1 == 0, "CR1.CPHA is 0: data are taken at the first edge, and the ADC shifts there: SPI mode 1 is needed (RM0390 section 26.7.1; SBAS950 section 8.5.1)"),
+            (cr1 & 2 != 0, "CR1.CPOL is 1: the clock idles high, and SPI mode 1 is needed (RM0390 section 26.7.1; SBAS950 section 8.5.1)"),
+            (cr1 & 1 << 7 != 0, "CR1.LSBFIRST is 1: bytes come mirrored, the ADC has its most significant bit first (RM0390 section 26.7.1; SBAS950 section 8.5.1)"),
+            (cr1 & 3 << 8 != 3 << 8, "CR1.SSM and SSI must be 1, or NSS low ends the master's mode: MODF (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 10 != 0, "CR1.RXONLY is 1: nothing is sent to the ADC (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 11 != 0, "CR1.DFF is 1: frames of 16 bits, and the streams move bytes (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 13 != 0, "CR1.CRCEN is 1: the SPI appends its own CRC (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 15 != 0, "CR1.BIDIMODE is 1: one line for both directions (RM0390 section 26.7.1)"),
+            (cr2 & 1 << 4 != 0, "CR2.FRF is 1: TI frames (RM0390 section 26.7.2)"),
+        ]
+        .into_iter()
+        .find_map(|(unfit, what)| unfit.then_some(what))
     }
 }
 
@@ -84,10 +110,36 @@ impl Usart {
     pub fn receives_by_dma(&self) -> bool {
         self.regs[5] & 0x40 != 0
     }
-    /// Cycles per byte: start, eight data, stop.
-    pub fn cycles_per_byte(&self) -> u64 {
-        // APB2 is half the CPU clock; BRR is in its cycles per bit.
-        10 * 2 * u64::from(self.regs[2].max(1))
+    /// Baud that BRR makes of PCLK2 (RM0390 section 25.4.4).
+    pub fn baud(&self, pclk2: u64) -> f64 {
+        let brr = self.regs[2] & 0xFFFF;
+        let divider = if self.regs[3] & 1 << 15 != 0 { (brr >> 4) * 8 + (brr & 7) } else { brr };
+        pclk2 as f64 / f64::from(divider.max(1))
+    }
+    /// The board's time per byte: start, eight data, stop.
+    pub fn time_per_byte(&self, pclk2: u64) -> u64 {
+        (10.0 * CPU_HZ as f64 / self.baud(pclk2)) as u64
+    }
+    /// What it does that the wire (eight data bits, no parity, one stop bit) does not have.
+    pub fn unfit(&self, out: bool) -> Option<&'static str> {
+        let (cr1, cr2, cr3) = (self.regs[3], self.regs[4], self.regs[5]);
+        [
+            (
+                cr1 & 1 << 12 != 0,
+                "CR1.M is 1: nine data bits, and the wire has eight: framing errors (RM0390 section 25.6.4)",
+            ),
+            (cr1 & 1 << 10 != 0, "CR1.PCE is 1: the last data bit is a parity bit (RM0390 section 25.6.4)"),
+            (out && cr1 & 1 != 0, "CR1.SBK is 1: it sends breaks (RM0390 section 25.6.4)"),
+            (!out && cr1 & 2 != 0, "CR1.RWU is 1: the receiver is mute (RM0390 section 25.6.4)"),
+            (cr2 & 3 << 12 != 0, "CR2.STOP is not one stop bit (RM0390 section 25.6.5)"),
+            (cr2 & 1 << 14 != 0, "CR2.LINEN is 1: LIN frames (RM0390 section 25.6.5)"),
+            (cr3 & 1 << 1 != 0, "CR3.IREN is 1: pulses for infrared (RM0390 section 25.6.6)"),
+            (cr3 & 1 << 3 != 0, "CR3.HDSEL is 1: RX is not connected (RM0390 section 25.6.6)"),
+            (cr3 & 1 << 5 != 0, "CR3.SCEN is 1: smartcard mode (RM0390 section 25.6.6)"),
+            (out && cr3 & 1 << 9 != 0, "CR3.CTSE is 1: it waits for CTS, which is not wired (RM0390 section 25.6.6)"),
+        ]
+        .into_iter()
+        .find_map(|(unfit, what)| unfit.then_some(what))
     }
     /// A byte has come and nobody fetched the one before.
     pub fn received_by_hand(&mut self, byte: u8) {

@@ -12,9 +12,10 @@ pub struct Rcc {
 pub const CRYSTAL_HZ: f64 = 8e6;
 /// Of the chip's own oscillator, Hz.
 const HSI_HZ: f64 = 16e6;
-/// RCC_CR: HSEON, HSERDY, CSSON. RCC_CIR: CSSF, CSSC.
+/// RCC_CR: HSEON, HSERDY, HSEBYP, CSSON. RCC_CIR: CSSF, CSSC.
 const HSE_ON: u32 = 1 << 16;
 const HSE_READY: u32 = 1 << 17;
+const HSE_BYPASS: u32 = 1 << 18;
 const CSS_ON: u32 = 1 << 19;
 const CSS_FLAG: u32 = 1 << 7;
 const CSS_CLEAR: u32 = 1 << 23;
@@ -31,8 +32,20 @@ impl Rcc {
         let mut regs = [0; 0x98 / 4];
         regs[0] = 0x83;
         regs[1] = 0x2400_3010;
+        // Clocks in sleep mode: all of them.
+        regs[0x50 / 4..=0x64 / 4].fill(u32::MAX);
+        // RTCAPBEN.
+        regs[0x40 / 4] = 0x400;
         regs[0x74 / 4] = cause;
         Self { regs, crystal_hz: Some(CRYSTAL_HZ) }
+    }
+    /// Keeps the causes of earlier resets that nobody has cleared.
+    pub fn add_causes(&mut self, before: &Self) {
+        self.regs[0x74 / 4] |= before.regs[0x74 / 4] & 0xFE00_0000;
+    }
+    /// Clears them.
+    pub fn clear_causes(&mut self) {
+        self.regs[0x74 / 4] &= !0xFE00_0000;
     }
     /// AHB1ENR, BKPSRAMEN.
     pub fn backup_clocked(&self) -> bool {
@@ -45,8 +58,37 @@ impl Rcc {
             _ => 1,
         })
     }
+    /// The board has an oscillator at OSC_IN, as a NUCLEO-F446RE has: HSE must be bypassed (RM0390 section 6.2.1).
     fn crystal_runs(&self) -> bool {
-        self.regs[0] & HSE_ON != 0 && self.crystal_hz.is_some()
+        self.regs[0] & (HSE_ON | HSE_BYPASS) == HSE_ON | HSE_BYPASS && self.crystal_hz.is_some()
+    }
+    /// HSE, Hz, where it runs.
+    pub fn crystal(&self) -> Option<u64> {
+        self.crystal_hz.filter(|_| self.crystal_runs()).map(|hz| hz.round() as u64)
+    }
+    /// RCC_CR.
+    pub fn control(&self) -> u32 {
+        self.regs[0]
+    }
+    /// RCC_PLLCFGR.
+    pub fn pll_settings(&self) -> u32 {
+        self.regs[1]
+    }
+    /// RCC_CFGR.
+    pub fn configuration(&self) -> u32 {
+        self.regs[2]
+    }
+    /// RCC_CFGR, SW: what drives the processor.
+    pub fn switch(&self) -> u32 {
+        self.regs[2] & 3
+    }
+    /// RCC_DCKCFGR, TIMPRE.
+    pub fn fast_timers(&self) -> bool {
+        self.regs[0x8C / 4] & 1 << 24 != 0
+    }
+    /// A bit of a register: offset and bit.
+    pub fn bit(&self, (offset, bit): (u32, u32)) -> bool {
+        self.regs.get(offset as usize / 4).is_some_and(|r| r & 1 << bit != 0)
     }
     /// The crystal stops. With the clock security system on the chip goes over to HSI (RM0390 section 6.2.7), and this says that the NMI is due;
     /// without, a processor that runs on it stands still.
@@ -94,6 +136,12 @@ impl Rcc {
         } else if word == 3 {
             let flag = if value & CSS_CLEAR != 0 { 0 } else { *slot & CSS_FLAG };
             *slot = value & !(CSS_FLAG | CSS_CLEAR) | flag;
+        } else if word == 0 {
+            // Ready bits and HSICAL are the chip's.
+            *slot = value & !0x2A02_FF02;
+        } else if word == 2 {
+            // SWS is the chip's.
+            *slot = value & !0xC;
         } else {
             *slot = value;
         }
@@ -103,13 +151,34 @@ impl Rcc {
 
 /// TIM11 as far as it counts the crystal: its channel 1 on HSE / RTCPRE (TIM11_OR), the counter on HSI. Only the counter's reading at each
 /// capture matters, so time has no part in it: each look at a capture that was taken is the next one.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct CrystalCounter {
     regs: [u32; 0x54 / 4],
     captures: u32,
 }
 
+impl Default for CrystalCounter {
+    fn default() -> Self {
+        let mut regs = [0; 0x54 / 4];
+        regs[11] = 0xFFFF; // ARR
+        Self { regs, captures: 0 }
+    }
+}
+
 impl CrystalCounter {
+    /// What is set up while it counts that makes another count of it, and is not modelled.
+    pub fn strange(&self) -> Option<&'static str> {
+        let r = &self.regs;
+        [
+            (r[0] & 0x308 != 0, "CR1 has OPM or CKD"),
+            (r[6] >> 4 & 0xF != 0, "CCMR1 has a filter"),
+            (r[10] & 0xFFFF != 0, "PSC divides its clock"),
+            (r[11] & 0xFFFF != 0xFFFF, "ARR is not its longest: it counts from 0 again in between"),
+            (r[8] & 0xA == 8 || r[8] & 0xA == 0xA, "CCER has it capture both edges"),
+        ]
+        .into_iter()
+        .find_map(|(strange, what)| (r[0] & 1 != 0 && strange).then_some(what))
+    }
     fn captures(&self, rcc: &Rcc) -> Option<f64> {
         const CR1: usize = 0;
         const CCMR1: usize = 6;
@@ -244,11 +313,18 @@ impl Backup {
 }
 
 /// PWR: CR, CSR with every regulator ready.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Pwr {
     regs: [u32; 2],
     /// The supply is at so many tenths of a volt less than 3.3 V.
     pub sag_tenths: u32,
+}
+
+impl Default for Pwr {
+    fn default() -> Self {
+        // VOS: scale 1 of the STM32F405 and its kin; of the STM32F446, the highest (RM0390 section 5.4.1).
+        Self { regs: [3 << 14, 0], sag_tenths: 0 }
+    }
 }
 
 impl Pwr {
@@ -261,7 +337,10 @@ impl Pwr {
                 const FALLING_MV: [u32; 8] = [2040, 2190, 2340, 2470, 2600, 2840, 2930, 3030];
                 let level = FALLING_MV[(self.regs[0] >> 5 & 7) as usize];
                 let below = self.regs[0] & 1 << 4 != 0 && 3300 - 100 * self.sag_tenths < level;
-                Some(self.regs[1] | 1 << 14 | 1 << 16 | 1 << 17 | u32::from(below) << 2)
+                // Over-drive is ready when it is on, and switched when it is ready.
+                let over_drive = self.regs[0] & 1 << 16;
+                let switched = over_drive << 1 & self.regs[0];
+                Some(self.regs[1] | 1 << 14 | over_drive | switched | u32::from(below) << 2)
             }
             _ => None,
         }
@@ -269,6 +348,10 @@ impl Pwr {
     pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
         *self.regs.get_mut(word)? = value;
         Some(())
+    }
+    /// PWR_CR.
+    pub fn control(&self) -> u32 {
+        self.regs[0]
     }
     /// DBP: the backup domain may be written.
     pub fn backup_open(&self) -> bool {
@@ -336,6 +419,10 @@ impl Flash {
         }
         Some(())
     }
+    /// FLASH_ACR.
+    pub fn access_control(&self) -> u32 {
+        self.regs[0]
+    }
     /// Whether the control register is unlocked.
     pub fn unlocked(&self) -> bool {
         self.regs[CR] & LOCK == 0
@@ -379,24 +466,34 @@ impl Flash {
     }
 }
 
-/// IWDG on the 32 kHz LSI.
-#[derive(Debug, Clone, Default)]
+/// IWDG on LSI.
+#[derive(Debug, Clone)]
 pub struct Iwdg {
     prescaler: u32,
     reload: u32,
     running: bool,
+    /// LSI, Hz; 17 to 47 kHz (data sheet).
+    pub lsi_hz: u64,
+    /// PR and RLR may be written: 0x5555 was the last key.
+    open: bool,
     /// Cycle at which it bites.
     pub bites: u64,
+}
+
+impl Default for Iwdg {
+    fn default() -> Self {
+        Self { prescaler: 0, reload: 0xFFF, running: false, lsi_hz: 32_000, open: false, bites: 0 }
+    }
 }
 
 impl Iwdg {
     fn restart(&mut self, now: u64) {
         let lsi_cycles = (4u64 << self.prescaler) * (u64::from(self.reload) + 1);
-        self.bites = now + lsi_cycles * crate::CPU_HZ / 32_000;
+        self.bites = now + lsi_cycles * crate::CPU_HZ / self.lsi_hz.max(1);
     }
     /// As the option byte WDG_SW = 0 has it: running from reset, with the longest reload at the shortest prescaler (0.5 s).
-    pub fn hardware(now: u64) -> Self {
-        let mut iwdg = Self { prescaler: 0, reload: 0xFFF, running: true, bites: 0 };
+    pub fn hardware(now: u64, lsi_hz: u64) -> Self {
+        let mut iwdg = Self { running: true, lsi_hz, ..Self::default() };
         iwdg.restart(now);
         iwdg
     }
@@ -411,6 +508,7 @@ impl Iwdg {
     pub fn write(&mut self, word: usize, value: u32, now: u64) -> Option<()> {
         match word {
             0 => {
+                self.open = value & 0xFFFF == 0x5555;
                 if value == 0xCCCC {
                     self.running = true;
                 }
@@ -418,11 +516,16 @@ impl Iwdg {
                     self.restart(now);
                 }
             }
-            1 => self.prescaler = (value & 7).min(6),
-            2 => self.reload = value & 0xFFF,
+            1 if self.open => self.prescaler = (value & 7).min(6),
+            2 if self.open => self.reload = value & 0xFFF,
+            1 | 2 => {}
             _ => return None,
         }
         Some(())
+    }
+    /// Whether PR and RLR may be written.
+    pub fn open(&self) -> bool {
+        self.open
     }
     pub fn next_event(&self) -> u64 {
         if self.running {

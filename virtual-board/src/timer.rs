@@ -1,14 +1,19 @@
-//! TIM2 and TIM5: 32-bit counters at half the CPU clock with capture (TIM2) and compare (TIM5).
+//! TIM2, TIM3 and TIM5: counters on the clock of their bus, with capture (TIM2, TIM3) and compare (TIM5).
 
-use crate::CYCLES_PER_TICK;
+use crate::clocks::{Pace, HSI_HZ};
 
 /// Registers by word offset: CR1, CR2, SMCR, DIER, SR, EGR, CCMR1, CCMR2, CCER, CNT, PSC, ARR, CCR1-4, DCR,
 /// DMAR, OR.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Timer {
     regs: [u32; 0x54 / 4],
+    /// The highest count: 16 bits or 32.
+    top: u32,
+    pace: Pace,
+    /// The prescaler that counts; PSC is the next.
+    prescaler: u32,
     /// Cycle at which the counter would have been zero.
-    zero: u64,
+    zero: i64,
     /// Counter while stopped.
     held: u32,
     /// Compare and overflow have been looked at up to this cycle.
@@ -25,13 +30,46 @@ const PSC: usize = 10;
 const ARR: usize = 11;
 const CCR1: usize = 13;
 
+const CR2: usize = 1;
+const SMCR: usize = 2;
+const CCMR1: usize = 6;
+
+/// What a timer did at an edge.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Captured {
+    /// The counter.
+    pub stamp: u32,
+    /// It asks for DMA.
+    pub dma: bool,
+    /// It asks for an interrupt, too.
+    pub interrupt: bool,
+}
+
+impl Default for Timer {
+    fn default() -> Self {
+        Self::new(u32::MAX)
+    }
+}
+
 impl Timer {
+    /// With a counter up to `top`.
+    pub fn new(top: u32) -> Self {
+        let mut regs = [0; 0x54 / 4];
+        regs[ARR] = top;
+        Self { regs, top, pace: Pace::of(HSI_HZ), prescaler: 0, zero: 0, held: 0, looked: 0 }
+    }
+
     fn running(&self) -> bool {
         self.regs[CR1] & 1 != 0
     }
 
-    fn cycles_per_count(&self) -> u64 {
-        CYCLES_PER_TICK * (u64::from(self.regs[PSC]) + 1)
+    /// Counts since the counter would have been zero.
+    fn counts(&self, now: u64) -> u64 {
+        self.pace.ticks_in((now as i64 - self.zero).max(0) as u64) / self.divider()
+    }
+
+    fn divider(&self) -> u64 {
+        u64::from(self.prescaler) + 1
     }
 
     fn span(&self) -> u64 {
@@ -40,9 +78,38 @@ impl Timer {
 
     pub fn count(&self, now: u64) -> u32 {
         if self.running() {
-            ((now.saturating_sub(self.zero) / self.cycles_per_count()) % self.span()) as u32
+            (self.counts(now) % self.span()) as u32
         } else {
             self.held
+        }
+    }
+
+    /// The time at which the counter, in its `counts`-th count since zero, begins that count.
+    fn time_of(&self, counts: u64) -> u64 {
+        (self.zero + self.pace.time_of(counts * self.divider()) as i64).max(0) as u64
+    }
+
+    /// The counter shows `count` from now on.
+    fn set_count(&mut self, count: u32, now: u64) {
+        self.held = count;
+        self.zero = now as i64 - self.pace.time_of(u64::from(count) * self.divider()) as i64;
+        self.looked = now;
+    }
+
+    /// Its clock changes.
+    pub fn set_pace(&mut self, pace: Pace, now: u64) {
+        if pace != self.pace {
+            let count = self.count(now);
+            self.pace = pace;
+            self.set_count(count, now);
+        }
+    }
+
+    /// An update event: the prescaler that was written counts from now on (RM0390 section 17.4.11).
+    fn update(&mut self, now: u64) {
+        if self.regs[CR1] & 2 == 0 {
+            self.prescaler = self.regs[PSC] & 0xFFFF;
+            self.set_count(0, now);
         }
     }
 
@@ -62,7 +129,7 @@ impl Timer {
     }
 
     fn is_capture(&self, channel: usize) -> bool {
-        self.regs[6 + channel / 2] >> (8 * (channel % 2)) & 3 != 0
+        self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2)) & 3 != 0
     }
 
     pub fn write(&mut self, word: usize, value: u32, now: u64) -> Option<()> {
@@ -72,8 +139,7 @@ impl Timer {
                 let count = self.count(now);
                 self.regs[CR1] = value;
                 if self.running() && !was {
-                    self.zero = now - u64::from(self.held) * self.cycles_per_count();
-                    self.looked = now;
+                    self.set_count(self.held, now);
                 } else if was && !self.running() {
                     self.held = count;
                 }
@@ -81,32 +147,73 @@ impl Timer {
             SR => self.regs[SR] &= value,
             EGR => {
                 if value & 1 != 0 {
-                    self.zero = now;
-                    self.held = 0;
-                    self.looked = now;
-                    // URS set: no flag.
-                    if self.regs[CR1] & 4 == 0 {
+                    self.set_count(0, now);
+                    self.update(now);
+                    // Neither UDIS nor URS: the flag.
+                    if self.regs[CR1] & 6 == 0 {
                         self.regs[SR] |= 1;
                     }
                 }
+                for channel in (0..4).filter(|c| value & 2 << c != 0) {
+                    if self.is_capture(channel) {
+                        self.regs[CCR1 + channel] = self.count(now);
+                    }
+                    self.regs[SR] |= 2 << channel;
+                }
+                // TG: TIF.
+                self.regs[SR] |= value & 0x40;
             }
-            CNT => {
-                self.held = value;
-                self.zero = now.saturating_sub(u64::from(value) * self.cycles_per_count());
-            }
+            CNT => self.set_count(value & self.top, now),
+            ARR => self.regs[ARR] = value & self.top,
+            // What a channel captured cannot be written (RM0390 section 17.4.13).
+            n if (CCR1..CCR1 + 4).contains(&n) && self.is_capture(n - CCR1) => {}
             n => *self.regs.get_mut(n)? = value,
         }
         Some(())
     }
 
+    /// What is set up that is not modelled, or makes no sense on this board: register and words.
+    pub fn strange(&self) -> Option<&'static str> {
+        let r = &self.regs;
+        [
+            (
+                self.running() && r[CR1] & 0x78 != 0,
+                "CR1 has OPM, DIR or CMS: the counter stops at its end, or counts down",
+            ),
+            (self.running() && r[CR1] & 0x300 != 0, "CR1 has CKD: the inputs are sampled more slowly"),
+            (r[DIER] & 0x4140 != 0, "DIER has TIE, UDE or TDE: interrupts or DMA requests that nobody serves"),
+            (r[SMCR] & 0xFF08 != 0, "SMCR has an external trigger or clock"),
+            (r[CR2] & 0x80 != 0, "CR2 has TI1S: channel 1 takes the exclusive or of three pins"),
+            (
+                r[CR2] & 8 != 0 && r[DIER] & 0x1E00 != 0,
+                "CR2 has CCDS: DMA requests come with update events, not with captures",
+            ),
+        ]
+        .into_iter()
+        .find_map(|(strange, what)| strange.then_some(what))
+    }
+
     /// Whether its start is its trigger output (CR2, MMS = 1), and it runs.
     pub fn triggers_by_start(&self) -> bool {
-        self.regs[1] >> 4 & 7 == 1 && self.running()
+        self.regs[CR2] >> 4 & 7 == 1 && self.running()
     }
 
     /// Whether it waits for internal trigger `n` to start (SMCR: SMS = 6).
     pub fn waits_for(&self, n: u32) -> bool {
-        self.regs[2] & 7 == 6 && self.regs[2] >> 4 & 7 == n && !self.running()
+        self.regs[SMCR] & 7 == 6 && self.regs[SMCR] >> 4 & 7 == n && !self.running()
+    }
+
+    /// A slave mode other than to wait for a start.
+    pub fn enslaved(&self) -> bool {
+        !matches!(self.regs[SMCR] & 7, 0 | 6)
+    }
+
+    /// First time at or after `looked` at which the counter begins to be `at`.
+    fn next(&self, at: u64) -> u64 {
+        let span = self.span();
+        let seen = self.counts(self.looked);
+        let turn = seen.saturating_sub(at) / span;
+        (turn..).map(|k| self.time_of(at + k * span)).find(|t| *t >= self.looked).unwrap_or(u64::MAX)
     }
 
     /// Time of the next compare match or overflow that raises an enabled interrupt.
@@ -114,25 +221,14 @@ impl Timer {
         if !self.running() || self.regs[DIER] & 0x1F == 0 {
             return u64::MAX;
         }
-        let per = self.cycles_per_count();
-        let span = self.span() * per;
-        let next = |at: u64| {
-            // First time at or after `looked` at which the counter is `at`.
-            let phase = self.zero + at * per;
-            if phase >= self.looked {
-                phase
-            } else {
-                phase + (self.looked - phase).div_ceil(span) * span
-            }
-        };
         let mut best = u64::MAX;
         if self.regs[DIER] & 1 != 0 {
-            best = best.min(next(self.span()));
+            best = best.min(self.next(self.span()));
         }
         for ch in 0..4 {
             let at = u64::from(self.regs[CCR1 + ch]);
             if self.regs[DIER] & (2 << ch) != 0 && !self.is_capture(ch) && at < self.span() {
-                best = best.min(next(at));
+                best = best.min(self.next(at));
             }
         }
         best
@@ -143,35 +239,49 @@ impl Timer {
         if !self.running() || now < self.looked {
             return;
         }
-        let per = self.cycles_per_count();
-        let span = self.span() * per;
-        let happened = |at: u64| {
-            let phase = self.zero + at * per;
-            let first = if phase >= self.looked { phase } else { phase + (self.looked - phase).div_ceil(span) * span };
-            first <= now
-        };
         let mut sr = self.regs[SR];
-        if happened(self.span()) {
+        let overflow = self.next(self.span()) <= now;
+        if overflow && self.regs[CR1] & 2 == 0 {
             sr |= 1;
         }
         for ch in 0..4 {
             let at = u64::from(self.regs[CCR1 + ch]);
-            if !self.is_capture(ch) && at < self.span() && happened(at) {
+            if !self.is_capture(ch) && at < self.span() && self.next(at) <= now {
                 sr |= 2 << ch;
             }
         }
         self.regs[SR] = sr;
+        if overflow && self.regs[CR1] & 2 == 0 && self.prescaler != self.regs[PSC] & 0xFFFF {
+            let count = self.count(now);
+            self.prescaler = self.regs[PSC] & 0xFFFF;
+            self.set_count(count, now);
+        }
         self.looked = now + 1;
     }
 
-    /// An edge at the input of a channel (0 to 3). Gives the stamp if the channel captures that edge, and
-    /// whether it asks for DMA.
-    pub fn edge(&mut self, channel: usize, rising: bool, at: u64) -> Option<(u32, bool)> {
-        let ccer = self.regs[CCER] >> (4 * channel);
-        let falling_wanted = ccer & 2 != 0;
-        if !self.running() || ccer & 1 == 0 || !self.is_capture(channel) || rising == falling_wanted {
-            return None;
+    /// Whether a channel (0 to 3) is on, and the timer runs.
+    pub fn listens(&self, channel: usize) -> bool {
+        self.running() && self.regs[CCER] >> (4 * channel) & 1 != 0
+    }
+
+    /// Why an edge at the pin of a channel that is on is not captured as such, if so.
+    pub fn deaf(&self, channel: usize, rising: bool) -> Option<&'static str> {
+        let mode = self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2));
+        let polarity = self.regs[CCER] >> (4 * channel) & 0xA;
+        match (mode & 3, mode >> 2 & 3, mode >> 4 & 0xF, polarity) {
+            (0, ..) => Some("it is an output (CCMR.CCS = 0), and drives the wire"),
+            (2, ..) => Some("it captures the input of its neighbour (CCMR.CCS = 2)"),
+            (3, ..) => Some("it captures the internal trigger (CCMR.CCS = 3)"),
+            (_, 1.., ..) => Some("it captures only some of the edges (CCMR.ICPSC)"),
+            (_, _, 1.., _) => Some("its filter delays the edges (CCMR.ICF), which is not modelled"),
+            (.., 8) => Some("CCER.CCNP without CCP is not allowed"),
+            (.., 0xA) => Some("it captures both edges (CCER.CCNP and CCP)"),
+            (.., p) => (rising == (p == 2)).then_some("it captures the other edge (CCER.CCP)"),
         }
+    }
+
+    /// An edge at the input of a channel that is not [`deaf`](Self::deaf) to it.
+    pub fn edge(&mut self, channel: usize, at: u64) -> Captured {
         let stamp = self.count(at);
         if self.regs[SR] & (2 << channel) != 0 {
             self.regs[SR] |= 0x200 << channel;
@@ -183,7 +293,7 @@ impl Timer {
             // The DMA reads CCRx at once.
             self.regs[SR] &= !(2 << channel);
         }
-        Some((stamp, dma))
+        Captured { stamp, dma, interrupt: self.regs[DIER] & (2 << channel) != 0 }
     }
 
     /// What a channel captured last.

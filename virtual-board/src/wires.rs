@@ -1,36 +1,49 @@
 //! What comes and goes on the wires: captured edges, ADC frames over SPI, bytes of the link.
 
 use crate::board::Board;
-use crate::chip::Request;
+use crate::dma::Request;
 use crate::error::RunError;
+use crate::judge::Signal;
+use crate::nvic::irq;
 use crate::probe::Moment;
+use crate::timer::Captured;
 use crate::{AdcMishap, World, CPU_HZ};
 
 impl<W: World> Board<W> {
     pub(crate) fn edge(&mut self, channel: usize) -> Result<(), RunError> {
         let at = self.wires.next_edge[channel];
         let chip = self.cpu.get_data_mut();
-        if let Some((stamp, dma)) = chip.tim2.edge(channel, true, at) {
-            if dma {
-                if let Some(stream) = chip.stream(Request::Tim2(channel)) {
-                    let to = chip.dma[stream.0].streams[stream.1].memory();
-                    chip.moved(stream, 1);
-                    let done = self.put(to, &stamp.to_le_bytes());
-                    self.moved_by_dma(done)?;
-                }
-            }
-            self.world.captured(channel, stamp);
+        if chip.captures(Signal::Capture(channel), true) {
+            let captured = chip.tim2.edge(channel, at);
+            self.capture_dma(channel, captured)?;
+            self.world.captured(channel, captured.stamp);
         }
         self.wires.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
         Ok(())
     }
 
+    /// The DMA that a capture of TIM2 asks for.
+    fn capture_dma(&mut self, channel: usize, captured: Captured) -> Result<(), RunError> {
+        if !captured.dma {
+            return Ok(());
+        }
+        let chip = self.cpu.get_data_mut();
+        if captured.interrupt {
+            chip.nvic.pulse(irq::TIM2);
+            chip.attention = true;
+        }
+        let Some(stream) = chip.serving(Request::Tim2(channel)) else { return Ok(()) };
+        let to = chip.dma[stream.0].streams[stream.1].memory();
+        chip.moved(stream, 1);
+        let done = self.put(to, &captured.stamp.to_le_bytes());
+        self.moved_by_dma(done)
+    }
+
     pub(crate) fn pulse(&mut self) {
         let at = self.wires.next_pulse;
         let chip = self.cpu.get_data_mut();
-        // PC6 is channel 1 of TIM3 by alternate function 2 (data sheet, table 11).
-        let connected = chip.ports[2].alternate(6) == Some(2);
-        if let Some((stamp, _)) = connected.then(|| chip.tim3.edge(0, true, at)).flatten() {
+        if chip.captures(Signal::Pulse, true) {
+            let stamp = chip.tim3.edge(0, at).stamp;
             // As TIM2 counts: the two run on the same clock.
             let apart = chip.tim2.count(at).wrapping_sub(stamp);
             let stamp = stamp.wrapping_add(apart);
@@ -39,11 +52,11 @@ impl<W: World> Board<W> {
         self.wires.next_pulse = self.world.next_pulse().unwrap_or(u64::MAX);
     }
 
-    pub(crate) fn sample(&mut self) {
+    pub(crate) fn sample(&mut self) -> Result<(), RunError> {
         let at = self.wires.next_sample;
         self.wires.next_sample = at + self.cpu.get_data().adc.period(CPU_HZ).max(1);
         let Some(codes) = self.world.convert(at) else {
-            return;
+            return Ok(());
         };
         self.wires.invalid = self.world.invalidate_adc_frame();
         let mishap = self.world.adc_mishap(at);
@@ -55,15 +68,18 @@ impl<W: World> Board<W> {
             Some(AdcMishap::SlipsAByte) => chip.slipped += 1,
         }
         if chip.adc.held() {
-            return;
+            return Ok(());
         }
         chip.ready = Moment { cycles: at.min(chip.now), ..chip.moment() };
         chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
         // Data-ready falls at channel 4 of TIM2.
-        if let Some((stamp, _)) = chip.tim2.edge(3, false, at) {
-            self.wires.ready_stamp = stamp;
+        if chip.captures(Signal::Capture(3), false) {
+            let captured = chip.tim2.edge(3, at);
+            self.wires.ready_stamp = captured.stamp;
+            self.capture_dma(3, captured)?;
         }
+        Ok(())
     }
 
     pub(crate) fn finish_spi(&mut self) -> Result<(), RunError> {
@@ -81,7 +97,7 @@ impl<W: World> Board<W> {
         self.moved_by_dma(done)?;
         let chip = self.cpu.get_data_mut();
         for b in &mut bytes {
-            *b = chip.adc.exchange(*b);
+            *b = if chip.bus_dead { 0 } else { chip.adc.exchange(*b) };
         }
         // A byte too many in the receiver puts all that follow it off by one, until the SPI is reset.
         for _ in 0..chip.slipped {
@@ -115,7 +131,9 @@ impl<W: World> Board<W> {
         let mut bytes = vec![0; n as usize];
         let done = self.get(from, &mut bytes);
         self.moved_by_dma(done)?;
-        self.world.link_out(now, &bytes);
+        if !self.cpu.get_data().line_dead {
+            self.world.link_out(now, &bytes);
+        }
         Ok(())
     }
 
@@ -125,10 +143,13 @@ impl<W: World> Board<W> {
         if !chip.usart1.receiving() {
             return Ok(());
         }
-        let idle_after = at + chip.usart1.cycles_per_byte();
+        if !chip.line_works(false) {
+            return Ok(());
+        }
+        let idle_after = at + chip.usart1.time_per_byte(chip.clocks.pclk2);
         self.wires.link_idle =
             if self.wires.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
-        match chip.usart1.receives_by_dma().then(|| chip.stream(Request::Usart1Rx)).flatten() {
+        match chip.usart1.receives_by_dma().then(|| chip.serving(Request::Usart1Rx)).flatten() {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();
                 chip.moved(rx, 1);

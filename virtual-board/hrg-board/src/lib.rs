@@ -7,6 +7,7 @@
 //! | [`demo`] | the main job from end to end |
 //! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
 //! | [`faults`] | attacks the promises of docs/promises.md |
+//! | [`mutate`] | proof by mutation: set-up code made wrong, which the board must notice |
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
 
@@ -18,6 +19,7 @@ pub mod faults;
 pub mod fingerprint;
 pub mod host;
 pub mod methods;
+pub mod mutate;
 pub mod replay;
 pub mod serve;
 pub mod twin;

@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::methods::Work;
 use hrg_board::replay::{self, Options};
-use hrg_board::{bench, cost, faults, serve};
+use hrg_board::{bench, cost, faults, mutate, serve};
 use hrg_cal::image_file;
 use hrg_cal::recording::facts;
 use hrg_cal::recording::format::Thermometer;
@@ -95,6 +95,29 @@ enum Command {
         upset: faults::memory::Upset,
         /// Page whose table is written anew.
         #[arg(long, conflicts_with = "only")]
+        page: Option<PathBuf>,
+        /// Firmware; by default the one that cargo xtask build makes.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
+    /// Make the set-up code wrong in one write after the other; the board must notice.
+    ///
+    /// Example: hrg-board mutate --short
+    Mutate {
+        /// Seed of every draw.
+        #[arg(long, default_value_t = 1)]
+        seed: u64,
+        /// So many mutants.
+        #[arg(long, default_value_t = mutate::COUNT)]
+        count: u64,
+        /// A tenth of them, as the tests do.
+        #[arg(long)]
+        short: bool,
+        /// Print every mutant, not only those that were not noticed.
+        #[arg(long)]
+        list: bool,
+        /// Page whose table is written anew.
+        #[arg(long, conflicts_with = "short")]
         page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
@@ -290,6 +313,10 @@ fn run(command: Command) -> Result<()> {
             }
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
             faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
+        }
+        Command::Mutate { seed, count, short, list, page, elf } => {
+            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
+            mutate::mutate(&elf, seed, if short { count.div_ceil(10) } else { count }, list, page.as_deref())
         }
         Command::Methods { seed, out, seconds, fly, table, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

@@ -12,7 +12,9 @@ use hrg_cal::unit::log::Decoder;
 use hrg_cal::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::status::UnitStatus;
+use hrg_core::timebase::Timebase;
 use std::path::{Path, PathBuf};
+use virtual_board::part::{self, Part};
 use virtual_board::{Board, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).
@@ -42,6 +44,8 @@ pub struct Options {
     pub accelerations: Option<(f64, Vec<[f64; 2]>)>,
     /// Count instructions function by function.
     pub profile: bool,
+    /// The chip on the board.
+    pub part: &'static Part,
 }
 
 impl Default for Options {
@@ -56,6 +60,7 @@ impl Default for Options {
             count: vec![],
             accelerations: None,
             profile: false,
+            part: &part::STM32F446RE,
         }
     }
 }
@@ -127,7 +132,8 @@ pub fn run(
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
     let scale = used.scale_factors_dph_per_code();
-    let twin = options.compare.then(|| Twin::new(used, start_status, options.particles));
+    let timebase = Timebase::at(options.part.timer_hz() as u32);
+    let twin = options.compare.then(|| Twin::at(timebase, used, start_status, options.particles));
     let sensors = steps.thermometer == Thermometer::Sensors;
     let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
@@ -136,7 +142,7 @@ pub fn run(
         Some((start, increments)) => wires.with_accelerations(*start, increments.clone()),
         None => wires,
     };
-    let mut board = Board::new(elf, wires)?;
+    let mut board = Board::on(options.part, elf, wires)?;
     if let Some(c) = calibration {
         let image = c.to_bytes().context("the calibration does not fit an image")?;
         board.write_flash(CALIBRATION_A, &image)?;

@@ -14,7 +14,7 @@ use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
-use hrg_core::rate_path::{RatePath, DECIMATION};
+use hrg_core::rate_path::{PendingBias, RatePath, DECIMATION};
 use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
@@ -24,6 +24,7 @@ use virtual_board::CYCLES_PER_TICK;
 
 /// The twin of one power-on.
 pub struct Twin {
+    timebase: Timebase,
     bank: CounterBank,
     pps: Pps,
     model: Model,
@@ -49,12 +50,18 @@ impl Twin {
     /// built with the feature upf.
     #[must_use]
     pub fn new(calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
+        Self::at(Timebase::REFERENCE, calibration, start_status, particles)
+    }
+
+    /// The same with a timer of another rate.
+    #[must_use]
+    pub fn at(timebase: Timebase, calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
         let session: Box<dyn AlignMode + Send> = if particles {
             Box::new(Session::<Kernels<f32, CHEN>>::IDLE)
         } else {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
-        let path = RatePath::new(Timebase::REFERENCE, calibration.scale_factors_dph_per_code(), DECIMATION);
+        let path = RatePath::new(timebase, calibration.scale_factors_dph_per_code(), DECIMATION);
         let default = start_status.contains(UnitStatus::DEFAULT_CALIBRATION);
         let identity = Identity {
             unit: calibration.unit,
@@ -64,13 +71,14 @@ impl Twin {
             ..Identity::default()
         };
         Self {
-            bank: CounterBank::new(Config::REFERENCE, GATES_PER_STEP),
-            pps: Pps::new(Timebase::REFERENCE),
+            timebase,
+            bank: CounterBank::new(Config::at(timebase), GATES_PER_STEP),
+            pps: Pps::new(timebase),
             model: Model::new(calibration, 0.0),
             adc: Dialogue::default(),
             sensors: None,
             output: RateOutput::new(path, start_status),
-            telemetry: Telemetry::new(session, Timebase::REFERENCE, identity, start_status),
+            telemetry: Telemetry::new(session, timebase, identity, start_status),
             link: VecDeque::new(),
             deframer: Deframer::default(),
             alignment: VecDeque::new(),
@@ -84,7 +92,7 @@ impl Twin {
     /// Of a firmware that is built with the feature sensors.
     #[must_use]
     pub fn with_sensors(mut self) -> Self {
-        self.sensors = Some((SensorBank::new(Timebase::REFERENCE), None));
+        self.sensors = Some((SensorBank::new(self.timebase), None));
         self
     }
 
@@ -116,8 +124,8 @@ impl Twin {
                 if let Some((_, window)) = &mut self.sensors {
                     step = with_readings(step, window.take().as_ref(), &Platinum::PT1000);
                 }
-                let Stepped { output, pending, .. } = self.model.step(&step);
-                self.output.set_bias(pending);
+                let Stepped { output, .. } = self.model.step(&step);
+                self.output.set_bias(PendingBias::new(self.timebase, &step, &output));
                 self.steps.push_back((step, output, report));
             }
         }

@@ -228,12 +228,12 @@ pub(crate) fn cycles(seconds: f64) -> u64 {
 }
 
 /// The random numbers of a trial.
-fn draws(seed: u64, part: u64, trial: u64) -> ChaCha8Rng {
+pub(crate) fn draws(seed: u64, part: u64, trial: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed ^ part.rotate_left(48) ^ trial.wrapping_mul(0x9E37_79B9_7F4A_7C15))
 }
 
 /// Trials 0 to `n` on all cores; `make` sets a worker up, `trial` does one. In the order of their numbers.
-fn trials<S, T: Send>(
+pub(crate) fn trials<S, T: Send>(
     n: u64,
     make: impl Fn() -> Result<S> + Sync,
     trial: impl Fn(&mut S, u64) -> Result<T> + Sync,

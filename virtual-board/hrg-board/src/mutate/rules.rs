@@ -1,0 +1,296 @@
+//! What does not matter, by the manual: a mutant that nobody noticed is excused by a rule, or stays unnoticed.
+
+use std::collections::BTreeMap;
+use virtual_board::mutation::RegisterWrite;
+use virtual_board::part::Part;
+use virtual_board::tables::Pin;
+
+/// The chip is in the state of the unmutated program when its start is over.
+pub const SAME_STATE: &str =
+    "the chip ends in the same state: bits that are read-only or cleared by 1, or a later write of the start puts it right before it is used";
+
+/// Bits of a register, or of every register of a name, that do not matter.
+struct Rule {
+    /// Register, by the end of its name in the tables.
+    register: &'static str,
+    /// Fields; none: all of them.
+    fields: &'static [&'static str],
+    why: &'static str,
+}
+
+const fn rule(register: &'static str, fields: &'static [&'static str], why: &'static str) -> Rule {
+    Rule { register, fields, why }
+}
+
+const RESERVED: &str = "reserved bits (the register's description)";
+const UNWIRED: &str = "a pin that nothing is wired to (docs/bench.md)";
+const UNUSED_INTERRUPT: &str =
+    "an interrupt that nothing raises, or that is not enabled, has no effect (PM0214 section 4.3)";
+const UNUSED_CLOCK: &str =
+    "the clock or the reset of a peripheral that the program does not use: only current (RM0390 section 6.3)";
+const ORDER: &str = "an interrupt keeps its order to those of the tasks, and may wait for its equals, whose handlers take microseconds (PM0214 section 4.3.7)";
+const WAKES: &str =
+    "an interrupt that only wakes tasks of UART4's priority comes no later than they run (PM0214 section 4.3.7)";
+const DRIVEN: &str = "the other end drives the line, push-pull: a pull of 40 kilohm does not move it (data sheet, I/O static characteristics)";
+const NO_OUTPUT: &str = "ODR says nothing where the pin is no output of the program's own (RM0390 section 7.3.11)";
+const SELECTED: &str =
+    "the ADC is selected from the set-up of the pin until the first frame ends: that frame is the set-up's, and no sample of it is used (SBAS950 section 8.5.1.1)";
+const FASTER: &str = "the pin is fast enough at either setting (data sheet, I/O AC characteristics)";
+
+/// Rules that need nothing but the register and its fields.
+const RULES: &[Rule] = &[
+    rule("FLASH.ACR", &["ICEN", "DCEN", "PRFTEN", "ICRST", "DCRST"], "caches and prefetch change the time that instructions take, and no result (RM0390 section 3.4.2)"),
+    rule("FLASH.ACR", &["LATENCY"], "more wait states than needed: slower, and no result changes (RM0390 section 3.4.1)"),
+    rule("FLASH.CR", &["EOPIE", "ERRIE"], UNUSED_INTERRUPT),
+    rule("FLASH.CR", &["SNB"], "the sector's number is looked at when an erase starts (RM0390 section 3.8.5)"),
+    rule("ST?.CR", &["TEIE", "DMEIE"], "no transfer error comes of addresses that are there (RM0390 section 9.3.17)"),
+    rule("ST?.CR", &["MSIZE", "MBURST", "PBURST"], "in direct mode the chip sets widths and bursts itself (RM0390 section 9.5.5)"),
+    rule("ST?.CR", &["CT", "PINCOS"], "without DBM, and without PINC, it has no effect (RM0390 section 9.5.5)"),
+    rule("ST?.CR", &["PL"], "a stream waits for another for one access of the bus, and each is asked for once in 10 us at most (RM0390 section 9.3.4)"),
+    rule("ST?.FCR", &["FTH", "FEIE", "FS"], "the FIFO is not used in direct mode (RM0390 section 9.5.10)"),
+    rule("ST?.M1AR", &[], "the second buffer is used with DBM only (RM0390 section 9.5.9)"),
+    rule("CR1", &["ARPE"], "ARR is not changed while the timer runs (RM0390 section 17.4.1)"),
+    rule("TIM2.CR1", &["URS", "UIFREMAP"], "no interrupt or DMA request of an update event is enabled (RM0390 section 17.4.1)"),
+    rule("TIM3.CR1", &["URS", "UIFREMAP"], "no interrupt or DMA request of an update event is enabled (RM0390 section 17.4.1)"),
+    rule("TIM5.CR1", &["UIFREMAP"], RESERVED),
+    rule("TIM2.SMCR", &["TS", "ETF", "ETPS", "ETP"], "trigger input that no slave mode uses (RM0390 section 17.4.3)"),
+    rule("TIM5.SMCR", &["TS", "ETF", "ETPS", "ETP"], "trigger input that no slave mode uses (RM0390 section 17.4.3)"),
+    rule("SMCR", &["MSM"], "it delays the trigger input by some clocks, and nothing else (RM0390 section 17.4.3)"),
+    rule("TIM5.CR2", &[], "nothing takes the trigger output of TIM5, and it has no DMA request (RM0390 section 17.4.2)"),
+    rule("TIM3.CR2", &["MMS", "CCDS"], "nothing takes the trigger output of TIM3, and it has no DMA request (RM0390 section 17.4.2)"),
+    rule("TIM5.DIER", &["UIE", "CCIE0"], "its flags stand without the interrupt, and are served with the alarms, some milliseconds later (RM0390 section 17.4.5)"),
+    rule("TIM2.SR", &["UIF", "CCIF0", "CCIF1", "CCIF2", "CCOF0", "CCOF1", "CCOF2", "TIF"], "flags that nobody looks at: these channels are served by DMA (RM0390 section 17.4.5)"),
+    rule("TIM3.CCER", &["CCE1", "CCE2", "CCE3", "CCP1", "CCP2", "CCP3", "CCNP1", "CCNP2", "CCNP3"], "channels 2 to 4 have no pin (RM0390 section 17.4.9)"),
+    rule("TIM3.SR", &["UIF", "CCIF1", "CCIF2", "CCIF3", "CCOF0", "TIF"], "flags that nobody looks at (RM0390 section 17.4.5)"),
+    rule("TIM11.CR1", &["ARPE", "URS", "UDIS"], "the counter runs freely for a millisecond (RM0390 section 18.5.1)"),
+    rule("TIM11.CCER", &["CCP0"], "either edge comes at the same rate (RM0390 section 18.5.9)"),
+    rule("TIM11.DIER", &[], UNUSED_INTERRUPT),
+    rule("SPI1.CR1", &["CRCNEXT", "BIDIOE"], "without CRCEN, and without BIDIMODE, it has no effect (RM0390 section 26.7.1)"),
+    rule("SPI1.CR2", &["ERRIE", "RXNEIE", "TXEIE"], UNUSED_INTERRUPT),
+    rule("SPI1.CR2", &["SSOE"], "with SSM, NSS is no pin (RM0390 section 26.7.2)"),
+    rule("SPI1.CRCPR", &[], "without CRCEN it has no effect (RM0390 section 26.7.5)"),
+    rule("USART1.CR1", &["WAKE", "PS", "PEIE"], "without a mute receiver, and without parity, it has no effect (RM0390 section 25.6.4)"),
+    rule("USART1.CR2", &["ADD", "LBDL", "LBDIE", "LBCL", "CPHA", "CPOL", "CLKEN"], "LIN, addresses and the synchronous clock, whose pin is not wired, are not used (RM0390 section 25.6.5)"),
+    rule("USART1.CR3", &["IRLP", "NACK", "RTSE", "CTSIE"], "infrared, smartcards and the lines of flow control, which are not wired, are not used (RM0390 section 25.6.6)"),
+    rule("USART1.CR3", &["ONEBIT"], "one sample a bit in the place of three: it matters on a noisy line (RM0390 section 25.6.6)"),
+    rule("USART1.GTPR", &[], "infrared and smartcards are not used (RM0390 section 25.6.7)"),
+    rule("PWR.CR1", &["LPDS", "PDDS", "CWUF", "CSBF", "FPDS", "LPLVDS", "MRLVDS", "UDEN", "FMSSR", "FISSR"], "stop and standby modes are not used (RM0390 section 5.4.1)"),
+    rule("PWR.CR1", &["ADCDC1"], "the chip's own ADC is not used (RM0390 section 5.4.1)"),
+    rule("PWR.CR1", &["DBP"], "the backup domain is used with a battery only (RM0390 section 5.4.1)"),
+    rule("RCC.CR", &["HSITRIM"], "HSI is a measure of the crystal within 10 % only, and its trim changes it by 8 % at most (RM0390 section 6.3.1)"),
+    rule("RCC.CR", &["HSION"], "HSI is asked for by nothing once the PLL runs on HSE (RM0390 section 6.2.2)"),
+    rule("RCC.CR", &["PLLI2SON", "PLLSAION"], "nothing takes the clock of this PLL: only current (RM0390 section 6.3.1)"),
+    rule("RCC.PLLCFGR", &["PLLQ", "PLLR"], "nothing takes these outputs of the PLL, and the setting is an allowed one (RM0390 section 6.3.2)"),
+    rule("RCC.PLLI2SCFGR", &[], "this PLL is off (RM0390 section 6.3.23)"),
+    rule("RCC.PLLSAICFGR", &[], "this PLL is off (RM0390 section 6.3.24)"),
+    rule("RCC.CFGR", &["MCO1PRE", "MCO1SEL", "MCO1EN", "MCO2PRE", "MCO2SEL", "MCO2EN", "I2SSRC"], "clock outputs, whose pins are not set to them, and I2S are not used (RM0390 section 6.3.3)"),
+    rule("RCC.CFGR", &["RTCPRE"], "HSE / RTCPRE goes to the RTC and TIM11, which do not use it from then on (RM0390 section 6.3.3)"),
+    rule("RCC.BDCR", &[], "the backup domain is used with a battery only (RM0390 section 6.3.20)"),
+    rule("RCC.CIR", &[], UNUSED_INTERRUPT),
+    rule("RCC.CSR", &["LSION"], "the watchdog switches LSI on itself (RM0390 section 6.2.5)"),
+    rule("RCC.DCKCFGR", &["CKDFSDM1ASEL", "CKDFSDM1SEL", "CKDFSDM2ASEL", "CLK48SEL", "DSISEL", "I2S1SRC", "I2S2SRC", "I2SSRC", "PLLDIVR", "PLLI2SDIVQ", "PLLI2SDIVR", "PLLSAIDIVQ", "PLLSAIDIVR", "SAI1ASRC", "SAI1BSRC", "SAI1SRC", "SAI2SRC", "SDMMCSEL"], "clocks of audio and USB, which the program does not use (RM0390 section 6.3.25)"),
+    rule("RCC.DCKCFGR2", &[], "clocks of peripherals that the program does not use (RM0390 section 6.3.27)"),
+    rule("DBGMCU.CR", &[], "what a debugger sees of sleep; the program does not change (RM0390 section 33.16.3)"),
+    rule("DBGMCU.APB1FZR", &[], "what stands while a debugger halts the processor (RM0390 section 33.16.4)"),
+    rule("LCKR", &[], "without the key's sequence nothing is locked (RM0390 section 7.4.8)"),
+    rule("EXTI.IMR0", &[], "no line has an edge selected, and no interrupt of EXTI is enabled (RM0390 section 10.3.1)"),
+];
+
+/// Those of them that do nothing but wake tasks which run in UART4's interrupt.
+const WAKING: [&str; 6] = ["DMA1_STREAM1", "DMA1_STREAM5", "DMA1_STREAM6", "DMA2_STREAM5", "DMA2_STREAM7", "USART1"];
+
+/// Peripherals that the program uses.
+const USED: [&str; 16] = [
+    "DMA1", "DMA2", "GPIOA", "GPIOB", "GPIOC", "TIM2", "TIM3", "TIM5", "TIM11", "SPI1", "USART1", "PWR", "CRC",
+    "FLASH", "RCC", "IWDG",
+];
+
+/// Interrupts that the program lives by: those of its streams, timers and link, and those that run tasks.
+const RAISED: [&str; 12] = [
+    "DMA1_STREAM1",
+    "DMA1_STREAM5",
+    "DMA1_STREAM6",
+    "DMA2_STREAM0",
+    "DMA2_STREAM5",
+    "DMA2_STREAM7",
+    "TIM2",
+    "TIM3",
+    "TIM5",
+    "USART1",
+    "UART4",
+    "UART5",
+];
+
+/// The rules, with what they must know of the program.
+pub struct Rules {
+    part: &'static Part,
+    wired: Vec<Pin>,
+    /// Priorities at the end of the start, by interrupt.
+    priorities: BTreeMap<usize, u32>,
+}
+
+/// First byte of the priorities.
+const PRIORITIES: u32 = 0xE000_E400;
+
+impl Rules {
+    /// For a program that writes this.
+    pub fn new(part: &'static Part, recorded: &[RegisterWrite]) -> Self {
+        let w = &part.wiring;
+        let single =
+            [w.data_ready, w.pulse, w.mark, w.clock, w.from_adc, w.to_adc, w.select, w.reset, w.link_out, w.link_in];
+        // And the debug port.
+        let wired = w.resonators.into_iter().chain(single).chain([Pin(0, 13), Pin(0, 14)]).collect();
+        let mut priorities = BTreeMap::new();
+        for r in recorded.iter().filter(|r| (PRIORITIES..PRIORITIES + 0x100).contains(&r.address)) {
+            for k in 0..r.size as u32 {
+                priorities.insert((r.address - PRIORITIES + k) as usize, r.value >> (8 * k) & 0xF0);
+            }
+        }
+        Self { part, wired, priorities }
+    }
+
+    /// The rule by which a mutant that nobody noticed is harmless, if any: every bit in which the registers differ after the start must be.
+    pub fn harmless(&self, good: &BTreeMap<u32, u32>, found: &BTreeMap<u32, u32>) -> Option<&'static str> {
+        let mut first = None;
+        for (address, value) in good {
+            let other = found.get(address).copied().unwrap_or(0);
+            if other != *value {
+                let why = self.bits(*address, value ^ other, other)?;
+                first = first.or(Some(why));
+            }
+        }
+        Some(first.unwrap_or(SAME_STATE))
+    }
+
+    /// Bits of a register that change, to this value.
+    fn bits(&self, address: u32, bits: u32, value: u32) -> Option<&'static str> {
+        match address {
+            0xE000_E100..=0xE000_E3FF => return self.interrupts(address, bits),
+            0xE000_E400..=0xE000_E4FF => return self.priorities(address, bits, value),
+            0x4002_0000..=0x4002_1FFF => {
+                if let Some(why) = self.pins(address, bits, value) {
+                    return Some(why);
+                }
+            }
+            _ => {}
+        }
+        let name = self.part.tables.register_name(address);
+        let register = self.part.tables.registers.get(&address)?;
+        let peripheral = self.part.tables.peripheral_at(address)?;
+        if !USED.contains(&peripheral.name.as_str()) && address < 0xE000_0000 {
+            return Some("a peripheral that the program does not use");
+        }
+        let left = bits & register.mask();
+        if left == 0 {
+            return Some(RESERVED);
+        }
+        if name.starts_with("RCC.A") && (name.contains("ENR") || name.ends_with("RSTR")) {
+            return self.gates(address, left);
+        }
+        if name == "USART1.BRR" && (96..=99).contains(&value) {
+            return Some("the baud rate is off by less than 2 % (RM0390 section 25.4.5)");
+        }
+        let mut why = None;
+        for field in register.fields.iter().filter(|f| f.mask() & left != 0) {
+            why = Some(
+                RULES
+                    .iter()
+                    .find(|r| r.of(&name) && (r.fields.is_empty() || r.fields.contains(&field.name.as_str())))?
+                    .why,
+            );
+        }
+        if register.fields.is_empty() {
+            why = RULES.iter().find(|r| r.of(&name) && r.fields.is_empty()).map(|r| r.why);
+        }
+        why
+    }
+
+    /// Bits that enable, disable or pend interrupts.
+    fn interrupts(&self, address: u32, bits: u32) -> Option<&'static str> {
+        let first = ((address & 0x7F) / 4 * 32) as usize;
+        let raised = |n: usize| self.part.tables.interrupts.get(&n).is_some_and(|name| RAISED.contains(&name.as_str()));
+        (0..32).filter(|b| bits & 1 << b != 0).all(|b| !raised(first + b)).then_some(UNUSED_INTERRUPT)
+    }
+
+    /// Priorities of four interrupts.
+    fn priorities(&self, address: u32, bits: u32, value: u32) -> Option<&'static str> {
+        let changed = (0..4).filter(|k| bits >> (8 * k) & 0xFF != 0);
+        let each = changed.map(|k| self.priority((address - PRIORITIES + k) as usize, value >> (8 * k) & 0xF0));
+        each.collect::<Option<Vec<_>>>()?.first().copied()
+    }
+
+    /// A priority, which must not change the order of interrupts that are raised.
+    fn priority(&self, n: usize, new: u32) -> Option<&'static str> {
+        let name = |n: usize| self.part.tables.interrupts.get(&n).map_or("", String::as_str);
+        let raised = |n: usize| RAISED.contains(&name(n));
+        if !raised(n) {
+            return Some(UNUSED_INTERRUPT);
+        }
+        let of = |wanted: &str| self.priorities.iter().find(|(k, _)| name(**k) == wanted).map_or(0, |(_, p)| *p);
+        if WAKING.contains(&name(n)) && new <= of("UART4") {
+            return Some(WAKES);
+        }
+        let old = self.priorities.get(&n).copied().unwrap_or(0);
+        let kept = |other: u32| old == other || (old < other) == (new < other) && new != other;
+        self.priorities.iter().filter(|(k, _)| **k != n && raised(**k)).all(|(_, p)| kept(*p)).then_some(ORDER)
+    }
+
+    /// Clock gates and resets.
+    fn gates(&self, address: u32, bits: u32) -> Option<&'static str> {
+        let offset = address - 0x4002_3800;
+        // Gates in sleep lie 0x20 behind those awake.
+        let used = |bit: u32| {
+            self.part.tables.peripherals.values().any(|p| {
+                let mine =
+                    |b: Option<(u32, u32)>| b.is_some_and(|(o, b)| b == bit && (o == offset || o + 0x20 == offset));
+                USED.contains(&p.name.as_str()) && (mine(p.enable) || mine(p.reset))
+            })
+        };
+        (0..32).filter(|b| bits & 1 << b != 0).all(|b| !used(b)).then_some(UNUSED_CLOCK)
+    }
+
+    /// What ports are told.
+    fn pins(&self, address: u32, bits: u32, value: u32) -> Option<&'static str> {
+        let (port, register) = ((address - 0x4002_0000) as usize / 0x400, address & 0x3FF);
+        // The mask of the k-th pin in the register, and the pins that it has.
+        let mask = |k: usize| match register {
+            0x00 | 0x08 | 0x0C => 3 << (2 * k),
+            0x04 | 0x14 => 1 << k,
+            0x18 => 0x1_0001 << k,
+            _ => 0xFu32 << (4 * (k % 8)),
+        };
+        let pins = match register {
+            0x00 | 0x04 | 0x08 | 0x0C | 0x14 | 0x18 => 0..16,
+            0x20 => 0..8,
+            0x24 => 8..16,
+            _ => return None,
+        };
+        let touched: Vec<Pin> = pins.filter(|k| bits & mask(*k) != 0).map(|k| Pin(port, k)).collect();
+        let wired: Vec<Pin> = touched.into_iter().filter(|p| self.wired.contains(p)).collect();
+        if wired.is_empty() {
+            return Some(UNWIRED);
+        }
+        let w = &self.part.wiring;
+        let fast = [w.clock, w.to_adc];
+        let pulled = w.resonators.contains(&wired[0]) || wired[0] == w.from_adc;
+        match register {
+            // The data of a pin that is no output.
+            0x14 | 0x18 if wired.iter().all(|p| ![w.select, w.reset, w.mark].contains(p)) => Some(NO_OUTPUT),
+            0x14 | 0x18 if wired.iter().all(|p| *p == w.select) && value == 0 => Some(SELECTED),
+            // At a pin that is fast, the lowest is too slow.
+            0x08 if wired.iter().all(|p| !fast.contains(p) || value >> (2 * p.1) & 3 != 0) => Some(FASTER),
+            0x0C if wired.iter().all(|p| !pulled || matches!(value >> (2 * p.1) & 3, 1 | 2)) => Some(DRIVEN),
+            _ => None,
+        }
+    }
+}
+
+impl Rule {
+    /// Whether it is about a register of this name; `?` is any stream.
+    fn of(&self, name: &str) -> bool {
+        match self.register.split_once('?') {
+            Some((before, after)) => name.contains(before) && name.ends_with(after),
+            None => name == self.register || name.ends_with(&format!(".{}", self.register)),
+        }
+    }
+}

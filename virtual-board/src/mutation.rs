@@ -1,0 +1,117 @@
+//! Writes to registers: recorded, and changed. What a firmware with another constant, a forgotten line or a wrong instance would do to the
+//! chip, with no need of building it: the n-th write since power-on reaches the chip as something else.
+
+use crate::board::Board;
+use crate::World;
+use std::collections::BTreeMap;
+
+/// A write of the firmware to a register.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RegisterWrite {
+    /// Writes to registers before it, since power-on.
+    pub number: u64,
+    /// The exception that runs: 0 is none, from 16 on interrupts.
+    pub exception: u16,
+    /// Where the block of code begins that it is in.
+    pub block: u32,
+    /// Of the register.
+    pub address: u32,
+    /// As the processor writes it.
+    pub value: u32,
+    /// Bytes.
+    pub size: usize,
+    /// What the register read before.
+    pub before: u32,
+}
+
+/// What becomes of a write.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Change {
+    /// It does not happen.
+    LeftOut,
+    /// It writes this, at this address.
+    Becomes {
+        /// Where.
+        address: u32,
+        /// What.
+        value: u32,
+    },
+}
+
+/// A write that is changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mutation {
+    /// Its [`RegisterWrite::number`].
+    pub number: u64,
+    /// What becomes of it.
+    pub change: Change,
+}
+
+/// The book of the writes.
+#[derive(Debug, Clone, Default)]
+pub struct Writes {
+    count: u64,
+    /// The one that is changed.
+    pub mutation: Option<Mutation>,
+    /// All since asked for.
+    pub recorded: Option<Vec<RegisterWrite>>,
+}
+
+impl Writes {
+    /// Whether something is to be taken down of the next write.
+    pub fn recording(&self) -> bool {
+        self.recorded.is_some()
+    }
+    /// Takes a write down; gives where it goes, and what it writes; `None`: it does not happen.
+    pub fn pass(&mut self, mut write: RegisterWrite) -> Option<(u32, u32)> {
+        write.number = self.count;
+        self.count += 1;
+        if let Some(all) = &mut self.recorded {
+            all.push(write);
+        }
+        match self.mutation.filter(|m| m.number == write.number).map(|m| m.change) {
+            None => Some((write.address, write.value)),
+            Some(Change::LeftOut) => None,
+            Some(Change::Becomes { address, value }) => Some((address, value)),
+        }
+    }
+}
+
+impl<W: World> Board<W> {
+    /// Takes down from now on what is written to registers.
+    pub fn record_writes(&mut self) {
+        self.cpu.get_data_mut().writes.recorded = Some(Vec::new());
+    }
+
+    /// What was written since.
+    #[must_use]
+    pub fn recorded_writes(&self) -> &[RegisterWrite] {
+        self.cpu.get_data().writes.recorded.as_deref().unwrap_or_default()
+    }
+
+    /// Stops taking down.
+    pub fn forget_writes(&mut self) {
+        self.cpu.get_data_mut().writes.recorded = None;
+    }
+
+    /// What all registers read, by address: those of the tables and of the core. Reading here has no effect.
+    #[must_use]
+    pub fn registers(&self) -> BTreeMap<u32, u32> {
+        let mut chip = self.cpu.get_data().clone();
+        // SCB's, and those of the NVIC.
+        let core = (0xE000_ED08..=0xE000_ED24).chain([0xE000_ED88, 0xE000_EF34]).chain(0xE000_E100..0xE000_E110);
+        let core = core.chain(0xE000_E400..0xE000_E461).filter(|a| a % 4 == 0);
+        let all: Vec<u32> = chip.part.tables.registers.keys().copied().chain(core).collect();
+        let read = |address| {
+            let value = chip.read(address);
+            // One that is not modelled, or not clocked, shows nothing.
+            chip.error.take().map_or(Some((address, value)), |_| None)
+        };
+        all.into_iter().filter_map(read).collect()
+    }
+
+    /// Changes one write. The count goes on over resets of the processor.
+    pub fn mutate(&mut self, mutation: Mutation) {
+        self.cpu.get_data_mut().writes.mutation = Some(mutation);
+    }
+}
