@@ -131,14 +131,8 @@ const COLUMNS: [Written<Second>; 7] = [
 ];
 
 /// Those of a unit with temperature sensors: what it sends in the place of frequencies are their readings, C.
-const COLUMNS_OF_SENSORS: [Written<Second>; 6] = [
-    (columns::TEMPERATURE, |s, a| s.frequency_hz[a].into()),
-    COLUMNS[1],
-    COLUMNS[3],
-    COLUMNS[4],
-    COLUMNS[5],
-    COLUMNS[6],
-];
+const COLUMNS_OF_SENSORS: [Written<Second>; 6] =
+    [(columns::SENSOR, |s, a| s.frequency_hz[a].into()), COLUMNS[1], COLUMNS[3], COLUMNS[4], COLUMNS[5], COLUMNS[6]];
 
 /// A unit records all its axes.
 const EACH_AXIS: [usize; AXES] = [0, 1, 2];
