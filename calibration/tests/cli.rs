@@ -237,6 +237,22 @@ fn methods_side_by_side() {
         row["verify_3sigma_dph"][0].as_f64().expect("a number")
     };
     assert!((error("pso") / error("lsq") - 1.0).abs() < 1e-4);
+    let about = c["about_verify"].as_str().expect("a sentence");
+    assert!(about.starts_with("every verify run repeats a training profile"), "{about}");
+    assert!(c["rows"][0]["repeat_3sigma_dph"].is_array() && c["rows"][0]["other_3sigma_dph"].is_null());
+    assert!(c["raw"]["train_stages_3sigma_dph"][1][0].as_f64().is_some_and(|v| v > 0.0));
+    for file in ["searches.svg", "pso-history.csv"] {
+        assert!(d.join("c").join(file).exists(), "{file}");
+    }
+    let o = Command::new(&alone)
+        .current_dir(&d)
+        .args(["compare", "t.csv", "--verify", "v.csv", "--verify", "up.csv", "--methods", "lsq", "--from", "10m"])
+        .args(["--out", "c2"])
+        .output()
+        .expect("runs");
+    let text = String::from_utf8_lossy(&o.stdout).into_owned();
+    assert!(text.contains("of the verify runs 1 repeat a training profile and 1 do not"), "{text}");
+    assert!(refused(&d, &["compare", "t.csv", "--verify", "v.csv", "--from", "9h", "--out", "c"]).contains("earlier"));
     assert!(error("pso-literal") > error("lsq") && (error("direct") / error("lsq") - 1.0).abs() < 0.15);
     assert!(std::fs::read_to_string(d.join("c/compare.svg")).expect("written").contains("pso-literal"));
 
@@ -367,4 +383,83 @@ fn a_log_is_shown_as_the_link_is() {
     std::fs::write(d.join("none.txt"), "nothing\n").expect("written");
     assert!(refused(&d, &["monitor", "--defmt", "none.txt", "--snapshot", "1"]).contains("no line of a second"));
     assert!(!hrg(&d, &["monitor"]).status.success());
+}
+
+/// dong2023's section 2 from a unit's run: soaks, their curves, a fit on these curves; and zhao2022's path: a time constant from the rate,
+/// predicted temperatures, a fit on them, an image that flies by frequency.
+#[test]
+fn soaks_curves_and_predicted_temperatures_end_in_images() {
+    let d = folder("soaks");
+    let soaks = "25,-40@set,3h,-20@set,3h,0@set,3h,15@set,3h,30@set,3h,40@set,3h,50@set,3h";
+    ok(&d, &["simulate", "--profile", soaks, "--unit", "6", "--out", "soaks.csv"]);
+    ok(&d, &["simulate", "--profile", "cycle", "--unit", "6", "--seed", "2", "--out", "run.csv"]);
+    let text = ok(&d, &["soaks", "soaks.csv", "--out", "table.csv"]);
+    assert!(text.contains("table.csv: 7 soaks"), "{text}");
+    let text = ok(&d, &["points", "table.csv", "--calibration", "curves.toml"]);
+    assert!(text.contains("z: T(f) about") && text.contains("referred to the case"), "{text}");
+    assert!(std::fs::read_to_string(d.join("curves.toml")).expect("written").contains("SIM-6"));
+    let text = ok(&d, &["fit", "run.csv", "--curve", "curves.toml", "--out", "cal.toml"]);
+    assert!(text.contains("temperatures are those of the curves that were given"), "{text}");
+    let line = |file: &str, key: &str| {
+        let text = std::fs::read_to_string(d.join(file)).expect("written");
+        text.lines().filter(|l| l.starts_with(key)).map(String::from).collect::<Vec<_>>()
+    };
+    let key = "temperature_coefficients_c";
+    assert!(line("cal.toml", key).len() == 3 && line("cal.toml", key) == line("curves.toml", key));
+    let error = refused(&d, &["soaks", "run.csv", "--hold", "5h", "--out", "no.csv"]);
+    assert!(error.contains("no soak") && !d.join("no.csv").exists(), "{error}");
+
+    ok(
+        &d,
+        &[
+            "simulate",
+            "--kind",
+            "zhao",
+            "--profile",
+            "25,4h,35@5,5h",
+            "--unit",
+            "6",
+            "--seed",
+            "3",
+            "--out",
+            "step.csv",
+        ],
+    );
+    ok(&d, &["simulate", "--kind", "zhao", "--profile", "zhao", "--unit", "6", "--seed", "4", "--out", "train.csv"]);
+    ok(&d, &["lag", "step.csv", "--from", "rate", "--predict", "train.csv", "--recording-out", "predicted.csv"]);
+    let text = ok(
+        &d,
+        &[
+            "fit",
+            "predicted.csv",
+            "--method",
+            "ga-bp",
+            "--curve",
+            "curves.toml",
+            "--history",
+            "h.csv",
+            "--out",
+            "net.toml",
+        ],
+    );
+    assert!(text.contains("ga-bp"), "{text}");
+    assert_eq!(line("net.toml", key), line("curves.toml", key), "it flies by frequency");
+    assert_eq!(std::fs::read_to_string(d.join("h.csv")).expect("written").lines().count(), 1 + 3 * 60);
+    // On the unit, by frequency, it takes most of the bias off.
+    ok(&d, &["correct", "train.csv", "--calibration", "net.toml", "--out", "corrected.csv"]);
+    let spread = |file: &str| {
+        let text = std::fs::read_to_string(d.join(file)).expect("written");
+        let mut rows = text.lines().filter(|l| !l.starts_with('#')).map(|l| l.split(',').collect::<Vec<_>>());
+        let header = rows.next().expect("a header");
+        let x = header.iter().position(|h| *h == "rate_x_dph").expect("a rate");
+        // From the ramp on.
+        let v: Vec<f64> = rows.skip(5 * 3600).filter_map(|r| r[x].parse().ok()).collect();
+        let mean = v.iter().sum::<f64>() / v.len() as f64;
+        (v.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / v.len() as f64).sqrt()
+    };
+    assert!(spread("corrected.csv") < 0.5 * spread("train.csv"), "{} {}", spread("corrected.csv"), spread("train.csv"));
+    let e = refused(&d, &["fit", "run.csv", "--method", "lsq", "--history", "h2.csv", "--out", "no.toml"]);
+    assert!(e.contains("solved exactly"), "{e}");
+    let e = refused(&d, &["fit", "run.csv", "--curve", "net.csv", "--out", "no.toml"]);
+    assert!(e.contains("net.csv"), "{e}");
 }

@@ -1,10 +1,15 @@
 //! Self-alignment on the desktop: recordings of a platform at rest, the four filters of `hrg_core::alignment`, reports.
 
+pub mod accelerometers;
+pub mod closed_form;
+pub mod drifts;
+pub mod heading;
 pub mod plant;
 pub mod study;
 
 use crate::numeric::stats::median;
 use crate::BadInput;
+use closed_form::ClosedForm;
 use hrg_core::alignment::aligner::Aligner;
 use hrg_core::alignment::ekf::Ekf;
 use hrg_core::alignment::linear::Linear;
@@ -26,6 +31,10 @@ pub struct Recording {
     pub angle_walk_deg_per_root_h: Option<f64>,
     /// White noise of the accelerometers, micro-g per root hertz; optional.
     pub accelerometer_ug_per_root_hz: Option<f64>,
+    /// What the drifts may be, one sigma, deg/h; optional.
+    pub drift_dph: Option<f64>,
+    /// What the tilts may be at the start, one sigma, arc minutes; optional.
+    pub tilt_arcmin: Option<f64>,
     /// Angle of the turn between the positions, degrees.
     pub turn_deg: f64,
     /// Time (s), position (1 or 2), velocities (m/s).
@@ -208,6 +217,8 @@ impl Recording {
             "velocity_noise_mps" => self.velocity_noise_mps = Some(number()?),
             "angle_walk_deg_per_root_h" => self.angle_walk_deg_per_root_h = Some(number()?),
             "accelerometer_ug_per_root_hz" => self.accelerometer_ug_per_root_hz = Some(number()?),
+            "drift_dph" => self.drift_dph = Some(number()?),
+            "tilt_arcmin" => self.tilt_arcmin = Some(number()?),
             "turn_deg" => self.turn_deg = number()?,
             _ => {}
         }
@@ -225,6 +236,8 @@ impl Recording {
             velocity_noise_mps: None,
             angle_walk_deg_per_root_h: None,
             accelerometer_ug_per_root_hz: None,
+            drift_dph: None,
+            tilt_arcmin: None,
             turn_deg: 90.0,
             rows: vec![],
         };
@@ -286,6 +299,8 @@ impl Recording {
             ("velocity_noise_mps", self.velocity_noise_mps),
             ("angle_walk_deg_per_root_h", self.angle_walk_deg_per_root_h),
             ("accelerometer_ug_per_root_hz", self.accelerometer_ug_per_root_hz),
+            ("drift_dph", self.drift_dph),
+            ("tilt_arcmin", self.tilt_arcmin),
             ("turn_deg", Some(self.turn_deg)),
         ] {
             if let Some(v) = value {
@@ -313,6 +328,13 @@ impl Recording {
         }
         if let Some(noise) = self.accelerometer_ug_per_root_hz {
             config.velocity_walk = Some(noise).filter(possible).ok_or(Refusal::Site)? * 1e-6 * gravity;
+        }
+        // What there may be at the start: up to a hundred degrees an hour, and as far as a tilt is small.
+        if let Some(drift) = self.drift_dph {
+            config.drift = Some(drift).filter(|d| (1e-4..=100.0).contains(d)).ok_or(Refusal::Site)? * DPH;
+        }
+        if let Some(tilt) = self.tilt_arcmin {
+            config.tilt = Some(tilt).filter(|t| (1e-2..=120.0).contains(t)).ok_or(Refusal::Site)? * ARCMIN;
         }
         Ok(config)
     }
@@ -360,6 +382,10 @@ pub struct Report {
     pub converged_at_s: Option<f64>,
     /// Chi-square, one degree of freedom, of the two positions against each other (linear filter only).
     pub integrity: Option<f64>,
+    /// When the tilts were known to 1' (two sigma), s; null if they never were.
+    pub level_at_s: Option<f64>,
+    /// The azimuth without a filter, and the drift of each position by itself; null where the turn parts nothing.
+    pub closed_form: Option<ClosedForm>,
     /// Second by second; the first position's azimuths are no results.
     pub history: Vec<Moment>,
 }
@@ -444,6 +470,10 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
     let refused = |r: Refusal| BadInput::new(format!("no azimuth: {r}"));
     let config = recording.config().map_err(refused)?;
     let (outcome, converged_at_s, history) = filter.run(recording, &config, start);
+    let wide = Config { drift: WIDE * config.drift, ..config };
+    if let Some(why) = beyond_the_prior(&outcome, &config, || filter.run(recording, &wide, start).0) {
+        return Err(why);
+    }
     let e = outcome.map_err(refused)?;
     Ok(Report {
         filter: filter.name().into(),
@@ -457,8 +487,44 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
         drift_std_dph: e.drift_std.map(|d| d / DPH),
         converged_at_s,
         integrity: e.integrity,
+        level_at_s: level_at_s(&history),
+        closed_form: closed_form::closed_form(recording, &config, Some(e.azimuth)),
         history: history.iter().map(|(t, p, e)| moment(*t, *p, e)).collect(),
     })
+}
+
+/// Tilts are known where twice their standard deviations are below this: a minute of arc.
+const LEVEL: f64 = ARCMIN;
+
+/// Since when in the first position both tilts were known, s.
+fn level_at_s(history: &[(f64, u8, Estimate)]) -> Option<f64> {
+    let known = |e: &Estimate| e.tilt_std.iter().all(|s| 2.0 * s <= LEVEL);
+    history.iter().find(|(_, _, e)| known(e)).map(|h| h.0)
+}
+
+/// Drifts beyond so many standard deviations of what was expected are none that were expected.
+const BEYOND: f64 = 4.0;
+/// Where there is no azimuth, drifts are allowed to be so many times as large, to see whether they explain it.
+const WIDE: f64 = 50.0;
+
+/// Where the drifts are larger than the filter was told, it is wrong and does not know it, or takes them for a base that moves: that has a
+/// sentence of its own. `again`: the outcome with drifts allowed to be much larger.
+fn beyond_the_prior(
+    outcome: &Result<Estimate, Refusal>,
+    config: &Config,
+    again: impl Fn() -> Result<Estimate, Refusal>,
+) -> Option<BadInput> {
+    let found = match outcome {
+        Ok(e) => Some(*e),
+        Err(Refusal::BaseMoving | Refusal::Inconsistent) => again().ok(),
+        Err(_) => None,
+    }
+    .filter(|e| e.drift.iter().any(|d| d.abs() > BEYOND * config.drift))?;
+    let [d1, d2] = found.drift.map(|d| d / DPH);
+    Some(BadInput::new(format!(
+        "no azimuth: drifts of {d1:.2} and {d2:.2} deg/h are found, far beyond the {:.2} deg/h (one sigma) that were expected; if the gyros drift that much, say so with --drift or # drift_dph, else check them and the base",
+        config.drift / DPH
+    )))
 }
 
 /// What a run gives: the outcome, when it converged, and what it estimated each second.
@@ -607,6 +673,25 @@ mod tests {
         let moved = Plant { heading_drift: [2.0 * DPH, -1.5 * DPH], ..Plant::chen(1) }.play().0;
         let e = align(&moved, FilterKind::Linear, Start::default()).expect_err("refused").0;
         assert!(e.contains("contradict each other"), "{e}");
+    }
+
+    /// Drifts of which the filter was not told: a sentence of their own, and with them told an azimuth.
+    #[test]
+    fn drifts_beyond_the_prior_are_named_and_may_be_expected() {
+        for (drift, filters) in [(1.5, &[FilterKind::Linear, FilterKind::Upf][..]), (3.0, &[FilterKind::Linear][..])] {
+            for filter in filters {
+                let plant = Plant { drift: [drift * DPH, -drift * DPH, 0.0], ..Plant::chen(1) };
+                let (recording, truth) = plant.play();
+                let e = align(&recording, *filter, Start::default()).expect_err("refused").0;
+                assert!(e.contains("--drift") && e.contains("0.20 deg/h"), "{filter:?} {drift}: {e}");
+                let told = Recording { drift_dph: Some(2.0 * drift), tilt_arcmin: Some(3.0), ..recording };
+                let r = align(&told, *filter, Start::default()).expect("aligns");
+                let off = wrap(r.azimuth_deg * DEGREE - truth.azimuth) / ARCMIN;
+                assert!(off.abs() < 15.0 && off.abs() < 4.0 * r.azimuth_std_arcmin, "{filter:?} {drift}: {off}'");
+            }
+        }
+        let odd = Recording { drift_dph: Some(-1.0), ..Plant::chen(1).play().0 };
+        assert!(align(&odd, FilterKind::Linear, Start::default()).is_err());
     }
 
     #[test]

@@ -171,6 +171,8 @@ impl Plant {
             velocity_noise_mps: Some((self.velocity_noise.powi(2) + self.pulse.powi(2) / 12.0).sqrt()),
             angle_walk_deg_per_root_h: Some(self.angle_random_walk * 60.0 / DEGREE),
             accelerometer_ug_per_root_hz: Some(self.velocity_walk / g * 1e6),
+            drift_dph: None,
+            tilt_arcmin: None,
             turn_deg: self.turn / DEGREE,
             rows,
         };

@@ -49,6 +49,14 @@ impl Form {
         }
     }
 
+    /// Where a held set begins: with the first stage of the first run.
+    pub(super) fn begin(self, c: &mut Calibration, runs: &[Run], scaling: &Scaling, a: usize) {
+        let first = runs.first().and_then(|run| *self.stages(run, scaling, a).first()?);
+        if let (Self::TwoSetsHeld, Some(stage)) = (self, first) {
+            effect(c, EffectId::CoolingHeatingHeld).start = stages::start_of(stage);
+        }
+    }
+
     /// The stage of each step of a run, where the form has a set for each.
     fn stages(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
         match self {
@@ -57,8 +65,7 @@ impl Form {
         }
     }
 
-    /// The regressors of one step, by the unit's own code; a set of a stage has none in a step of the other stage, and neither
-    /// has before the first.
+    /// The regressors of one step, by the unit's own code; a set of a stage has none in a step of the other stage.
     pub(super) fn row(self, scaling: &Scaling, s: &State, stage: Option<Stage>, out: &mut [f64]) {
         let (t, r) = (s.temperature_c, s.ramp_c_per_min);
         if self == Self::TwoSetsHeld {

@@ -48,6 +48,15 @@ pub fn csv(all: &[History]) -> String {
     out
 }
 
+/// Points of a curve.
+const DRAWN: usize = 100;
+
+/// Iterations that are drawn: evenly, and the last.
+fn drawn(iterations: usize) -> impl Iterator<Item = usize> {
+    let step = iterations.div_ceil(DRAWN).max(1);
+    (0..iterations).filter(move |k| k % step == 0 || k + 1 == iterations)
+}
+
 /// The searches of some methods drawn: one row a method, the objective first, then each coefficient.
 ///
 /// # Errors
@@ -67,7 +76,7 @@ pub fn picture(methods: &[(String, Vec<History>)]) -> anyhow::Result<String> {
                 .enumerate()
                 .map(|(n, h)| Series {
                     label: h.of.clone(),
-                    points: (0..h.objective.len()).filter_map(|k| Some(((k + 1) as f64, value(h, k)?))).collect(),
+                    points: drawn(h.objective.len()).filter_map(|k| Some(((k + 1) as f64, value(h, k)?))).collect(),
                     colour: n + 1,
                     dots: false,
                 })

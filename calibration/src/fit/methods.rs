@@ -145,7 +145,9 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         let task = Task { runs: &prepared.runs, scaling, method, options, a };
         let mut told = Told { axis: a, notes: &mut notes, history: &mut history };
         parameters = match Form::of(method) {
-            Some(form) => task.linear(form, &mut calibration, &mut told),
+            Some(form) => task.linear(form, &mut calibration, &mut told).inspect(|_| {
+                form.begin(&mut calibration, &prepared.runs, &scaling, a);
+            }),
             None => task.not_linear(&mut calibration, &mut told),
         }
         .map_err(here)?;

@@ -25,6 +25,7 @@ use crate::thermometer::curve;
 use crate::BadInput;
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
+use hrg_core::temperature::TemperatureCurve;
 use hrg_core::AXES;
 use independence::Units;
 
@@ -73,6 +74,19 @@ pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
 /// # Errors
 /// One sentence.
 pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
+    prepare_with(recordings, units, None)
+}
+
+/// As [`prepare_for`], with curves of frequency over temperature that are known already, from soaks for instance. Recordings of sensors
+/// have no use for them: there they go into an image with [`fly_by`].
+///
+/// # Errors
+/// One sentence; also where a curve is not that of the resonator in the recording.
+pub fn prepare_with(
+    recordings: &[Recording],
+    units: Units,
+    known: Option<[TemperatureCurve; AXES]>,
+) -> Result<Prepared, BadInput> {
     let mut notes = Vec::new();
     let steps = recordings.iter().map(raw_steps).collect::<Result<Vec<_>, _>>()?;
     let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
@@ -87,7 +101,10 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
         )));
     }
     independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
-    let curve::Identified { curves, reference, lag_s } = curve::from_steps(&steps)?;
+    let curve::Identified { curves, reference, lag_s } = match known {
+        Some(known) if !first.thermometer.is_sensor() => curve::given(&steps, known)?,
+        _ => curve::from_steps(&steps)?,
+    };
     notes.push(about_reference(reference, first, lag_s));
     let mut calibration = Calibration::uncalibrated();
     if first.unit() != names::NONE {
@@ -139,6 +156,21 @@ pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, B
     Ok(Prepared { runs, calibration, notes, lag_s, fastest })
 }
 
+/// Puts the curves of resonators into an image that was identified on temperatures (predicted ones, as zhao2022 has them, or those of
+/// sensors): the unit then has its temperatures by frequency.
+///
+/// # Errors
+/// Where the method looks at the reading itself.
+pub fn fly_by(calibration: &mut Calibration, curves: [TemperatureCurve; AXES]) -> Result<(), BadInput> {
+    for (axis, curve) in calibration.axes.iter_mut().zip(curves) {
+        if matches!(axis.coefficients, hrg_core::bias::Coefficients::Direct(_)) {
+            return Err(BadInput::new("direct is a curve of the reading itself, which is a temperature in this recording and a frequency on the unit; use another method"));
+        }
+        axis.curve = curve;
+    }
+    Ok(())
+}
+
 /// A recording on the unit's grid; one that is corrected already is refused.
 fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
     if r.corrected() {
@@ -164,6 +196,7 @@ fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; 
             "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
             lag_s[0], lag_s[1], lag_s[2]
         ),
+        curve::Reference::Given => "temperatures are those of the curves that were given".into(),
         curve::Reference::Chamber => "no case sensor: temperatures are referred to the chamber".into(),
         curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
         curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),

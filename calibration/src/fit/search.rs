@@ -176,7 +176,7 @@ pub(super) struct LiteralUnits {
 }
 
 impl LiteralUnits {
-    /// deg/s and C/s: the coefficients of Table 3 lie in -1..1 with them, and so do those of our units.
+    /// deg/s and C/s: with them the coefficients of a unit that eq 7 describes lie in -1..1, as those of Table 3 do.
     pub(super) const SECONDS: Self = Self { rate: 1.0 / 3600.0, ramp: 1.0 / 60.0 };
     /// deg/h and C per minute.
     pub(super) const HOURS: Self = Self { rate: 1.0, ramp: 1.0 };

@@ -27,19 +27,35 @@ impl Stage {
     }
 }
 
-/// The stage of each step for an axis; `None` before the first direction. By the unit's own code, so that a step belongs to the stage
-/// whose set of coefficients corrects it.
+/// The stage of each step for an axis; what comes before the first direction belongs to the stage that follows, and a run without a
+/// direction has no stage. By the unit's own code, so that a step belongs to the stage whose set of coefficients corrects it.
 #[must_use]
 pub fn of_run(run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
     // The first regressor is the weight itself, times one.
-    run.effect(EffectId::CoolingHeatingHeld.facts().id, &[0.0; 2], 0.0, scaling, a)
+    let mut stages: Vec<Option<Stage>> = run
+        .effect(EffectId::CoolingHeatingHeld.facts().id, &[0.0; 2], 0.0, scaling, a)
         .iter()
         .map(|x| match x[0] {
             w if w < 0.0 => Some(Stage::Cooling),
             w if w > 0.0 => Some(Stage::Heating),
             _ => None,
         })
-        .collect()
+        .collect();
+    if let Some(first) = stages.iter().position(Option::is_some) {
+        let stage = stages[first];
+        stages[..first].fill(stage);
+    }
+    stages
+}
+
+/// Where an effect that holds the last direction begins ([`hrg_core::effects::Effect::start_on`]) so that a run which begins with this
+/// stage has it from its first step on.
+#[must_use]
+pub const fn start_of(stage: Stage) -> f32 {
+    match stage {
+        Stage::Cooling => 1.0,
+        Stage::Heating => -1.0,
+    }
 }
 
 /// The values of one stage; NaN elsewhere.
@@ -62,8 +78,8 @@ mod tests {
         assert_eq!(stages.len(), p.runs[0].steps.len());
         // The chamber stands again from 1 h 00 on; the resonators still follow, and then rest.
         assert!(stages[3600..7200].iter().all(|s| *s == Some(Stage::Cooling)), "the soak after cooling");
-        assert_eq!(stages.last(), Some(&Some(Stage::Heating)));
+        assert_eq!((stages.first(), stages.last()), (Some(&Some(Stage::Cooling)), Some(&Some(Stage::Heating))));
         let changes = stages.windows(2).filter(|w| w[0] != w[1]).count();
-        assert!(changes <= 3, "{changes} changes: a soak's noise is no direction");
+        assert!(changes == 1, "{changes} changes: a soak's noise is no direction");
     }
 }

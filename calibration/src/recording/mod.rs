@@ -61,6 +61,25 @@ pub struct Recording {
 }
 
 impl Recording {
+    /// The same run, second by second, with temperatures in the place of readings of its thermometers.
+    #[must_use]
+    pub fn with_temperatures(&self, steps: &steps::Steps, temperatures_c: [Vec<f64>; AXES]) -> Self {
+        let mut meta = self.meta.clone();
+        meta.retain(|(k, _)| k != "thermometer" && k != "hrg-recording");
+        meta.insert(0, ("hrg-recording".into(), "2".into()));
+        meta.push(("thermometer".into(), "sensor".into()));
+        Self {
+            meta,
+            time_s: (0..steps.len()).map(|k| steps.start_s + k as f64).collect(),
+            thermometer: format::Thermometer::Sensors,
+            frequency_hz: temperatures_c,
+            rate_dph: steps.rate_dph.clone(),
+            earth_rate_dph: self.earth_rate_dph,
+            absent: self.absent,
+            ..Self::default()
+        }
+    }
+
     /// Rates on an even grid of the recording's own step, and that step in s; NaN where no row stands.
     #[must_use]
     pub fn even_rates(&self) -> ([Vec<f64>; 3], f64) {

@@ -1,5 +1,6 @@
 //! Profiles of a chamber: where it starts, its ramps and soaks.
 
+use super::plant::Plant;
 use crate::BadInput;
 
 /// One leg of a chamber profile.
@@ -9,7 +10,18 @@ pub enum Leg {
     Ramp(f64, f64),
     /// Hold for a time (s).
     Soak(f64),
+    /// Let the chamber go to a temperature (C) by itself: its set point jumps.
+    SetPoint(f64),
+    /// Hold until every resonator has come to a temperature (C).
+    UntilGyros(f64),
 }
+
+/// How a simulated chamber goes to its set point: a first-order lag, s. (dong2023 prints no rate of its chamber.)
+const CHAMBER_TAU_S: f64 = 900.0;
+/// It is there when it is so near, C.
+const THERE_C: f64 = 0.1;
+/// Longest wait for the gyros, s.
+const LONGEST_WAIT_S: usize = 86_400;
 
 /// A chamber profile: where it starts (C), and its legs.
 #[derive(Debug, Clone, PartialEq)]
@@ -21,8 +33,9 @@ pub struct Profile {
 }
 
 /// Profiles with a name.
-pub const PROFILES: [(&str, &str); 10] = [
+pub const PROFILES: [(&str, &str); 12] = [
     ("dong", "25,-40@1,5h,50@1,1h"),
+    ("dong2023", "25,-40@set,5h,50@1,until gyros=50"),
     ("cycle", "20,-40@1,110m,50@1,110m,20@1,20m"),
     ("verify", "20,50@0.8,100m,-35@1.2,2h,30@0.6,1h,-10@1,90m"),
     ("stairs", "20,-40@1,1h,-20@1,1h,0@1,1h,20@1,1h,40@1,1h,50@1,40m,0@1,40m"),
@@ -32,6 +45,10 @@ pub const PROFILES: [(&str, &str); 10] = [
     ("wu", "20,-40@1,1h,60@1,1h,20@1,30m"),
     ("lag", "0,5h,10@5,5h"),
     ("up", "-40,2h,50@1,2h"),
+    (
+        "soaks",
+        "25,-40@set,5h,-30@set,5h,-20@set,5h,-10@set,5h,0@set,5h,10@set,5h,20@set,5h,30@set,5h,40@set,5h,50@set,5h",
+    ),
 ];
 
 /// A time such as `5h`, `90m` or `600s`, in seconds.
@@ -47,8 +64,8 @@ pub fn duration_s(text: &str) -> Option<f64> {
 }
 
 impl Profile {
-    /// A named profile, or one written out: start temperature, then `TARGET@RATE` (C, C per minute) and soaks
-    /// (`90m`, `5h`, `600s`), separated by commas.
+    /// A named profile, or one written out: start temperature, then `TARGET@RATE` (C, C per minute), `TARGET@set` (the chamber goes
+    /// there by itself), soaks (`90m`, `5h`, `600s`) and `until gyros=TEMPERATURE`, separated by commas.
     ///
     /// # Errors
     /// A sentence that names the leg.
@@ -56,7 +73,7 @@ impl Profile {
         let text = PROFILES.iter().find(|(n, _)| *n == text).map_or(text, |(_, t)| t);
         let bad = |leg: &str| {
             BadInput::new(format!(
-                "profile: \"{leg}\" is neither a start temperature, a ramp like -40@1, nor a soak like 90m; named ones are {}",
+                "profile: \"{leg}\" is neither a start temperature, a ramp like -40@1 or -40@set, a soak like 90m, nor like until gyros=50; named ones are {}",
                 PROFILES.map(|(n, _)| n).join(", ")
             ))
         };
@@ -65,7 +82,11 @@ impl Profile {
         let start_c: f64 = first.parse().map_err(|_| bad(first))?;
         let mut legs = Vec::new();
         for leg in parts {
-            legs.push(if let Some((target, rate)) = leg.split_once('@') {
+            legs.push(if let Some(target) = leg.strip_prefix("until gyros=") {
+                Leg::UntilGyros(target.parse().map_err(|_| bad(leg))?)
+            } else if let Some(target) = leg.strip_suffix("@set") {
+                Leg::SetPoint(target.parse().map_err(|_| bad(leg))?)
+            } else if let Some((target, rate)) = leg.split_once('@') {
                 let rate: f64 = rate.parse().map_err(|_| bad(leg))?;
                 if !(rate > 0.0) {
                     return Err(bad(leg));
@@ -78,12 +99,32 @@ impl Profile {
         if legs.is_empty() {
             return Err(bad(text));
         }
-        Ok(Self { start_c, legs })
+        let profile = Self { start_c, legs };
+        match profile.walk().1 {
+            Some(never) => Err(BadInput::new(format!(
+                "profile: the gyros never come to {never} C there, a day long; let the chamber go further before \"until gyros={never}\""
+            ))),
+            None => Ok(profile),
+        }
     }
 
-    /// Chamber temperature each second.
+    /// Where the profile ends by what the gyros read: the temperature, C.
+    #[must_use]
+    pub fn ends_by_gyros(&self) -> Option<f64> {
+        match self.legs.last() {
+            Some(Leg::UntilGyros(t)) => Some(*t),
+            _ => None,
+        }
+    }
+
+    /// Chamber temperature each second; how long the gyros take is that of the simulated unit.
     #[must_use]
     pub fn temperatures(&self) -> Vec<f64> {
+        self.walk().0
+    }
+
+    /// The temperatures, and the first one that the gyros are waited for in vain.
+    fn walk(&self) -> (Vec<f64>, Option<f64>) {
         let mut out = vec![self.start_c];
         let mut t = self.start_c;
         for leg in &self.legs {
@@ -97,9 +138,31 @@ impl Profile {
                     t = target;
                 }
                 Leg::Soak(s) => out.extend(std::iter::repeat_n(t, s as usize)),
+                Leg::SetPoint(target) => {
+                    let (from, mut k) = (t, 0.0);
+                    while (t - target).abs() > THERE_C {
+                        k += 1.0;
+                        t = target + (from - target) * f64::exp(-k / CHAMBER_TAU_S);
+                        out.push(t);
+                    }
+                    t = target;
+                }
+                Leg::UntilGyros(wanted) => {
+                    let from = out.len();
+                    out.extend(std::iter::repeat_n(t, LONGEST_WAIT_S));
+                    let gyros = Plant::new(&out).resonator_c;
+                    let lowest = |k: usize| gyros.iter().map(|g| g[k]).fold(f64::INFINITY, f64::min);
+                    let highest = |k: usize| gyros.iter().map(|g| g[k]).fold(f64::NEG_INFINITY, f64::max);
+                    let rising = lowest(from - 1) < wanted;
+                    let there = |k: usize| if rising { lowest(k) >= wanted } else { highest(k) <= wanted };
+                    match (from - 1..out.len()).find(|k| there(*k)) {
+                        Some(at) => out.truncate(at + 1),
+                        None => return (out, Some(wanted)),
+                    }
+                }
             }
         }
-        out
+        (out, None)
     }
 }
 
@@ -116,5 +179,22 @@ mod tests {
         assert!(Profile::parse("nothing").is_err());
         let p = Profile::parse("20,50@3,10m").expect("fine").temperatures();
         assert_eq!(p.len(), 1 + 600 + 600);
+    }
+
+    /// dong2023, section 4: cooled in set-point mode, five hours of soak, heated at 1 C/min until all gyros read 50 C.
+    #[test]
+    fn the_printed_profile_ends_by_the_gyros() {
+        let profile = Profile::parse("dong2023").expect("named");
+        assert_eq!(profile.ends_by_gyros(), Some(50.0));
+        let chamber = profile.temperatures();
+        let gyros = Plant::new(&chamber).resonator_c;
+        let (end, before) = (chamber.len() - 1, chamber.len() - 2);
+        assert!(gyros.iter().all(|g| g[end] >= 50.0) && gyros.iter().any(|g| g[before] < 50.0));
+        let soaked = chamber.iter().filter(|t| **t == -40.0).count();
+        assert!((18_000..18_060).contains(&soaked), "{soaked} s");
+        // Cooling is no ramp: the chamber is fastest at its beginning.
+        assert!(chamber[60] - chamber[120] > 2.0 * (chamber[1800] - chamber[1860]));
+        assert!(Profile::parse("20,50@1,until gyros=90").expect_err("never").0.contains("never come to 90"));
+        assert_eq!(Profile::parse("soaks").expect("named").legs.len(), 20);
     }
 }

@@ -25,6 +25,8 @@ pub enum Reference {
     Narrow,
     /// The thermometers are sensors: no curve is needed.
     Sensor,
+    /// Curves that were known already.
+    Given,
 }
 
 /// Centred cubic `T(f)` by least squares.
@@ -194,6 +196,32 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
         _ => return Ok(Identified { curves, reference, lag_s }),
     };
     Ok(Identified { curves, reference, lag_s: [0.0; AXES] })
+}
+
+/// A resonator may be so far outside the fitted range of a curve that is given for it, C.
+const BEYOND_C: f32 = 20.0;
+
+/// Curves that are known already; their range becomes that of the frequencies seen.
+///
+/// # Errors
+/// Where a resonator is none of the curve's.
+pub fn given(runs: &[Steps], known: [TemperatureCurve; AXES]) -> Result<Identified, BadInput> {
+    let mut curves = known;
+    for (a, curve) in curves.iter_mut().enumerate().filter(|(a, _)| runs.iter().any(|s| !s.absent[*a])) {
+        let (low, high) = span(runs, a, LEAST_SPAN_C * HZ_PER_C)?;
+        let ends = [low, high].map(|f| curve.temperature_c(f));
+        let (from, to) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+        if curve.is_of_sensor() || from < curve.valid_from_c - BEYOND_C || to > curve.valid_to_c + BEYOND_C {
+            return Err(BadInput::new(format!(
+                "axis {}: frequencies of {low:.3} to {high:.3} Hz are {from:.0} to {to:.0} C by the curve that was given, which holds from {:.0} to {:.0} C; give the curves of this unit",
+                crate::AXIS_NAMES[a],
+                curve.valid_from_c,
+                curve.valid_to_c
+            )));
+        }
+        (curve.valid_from_c, curve.valid_to_c) = (from, to);
+    }
+    Ok(Identified { curves, reference: Reference::Given, lag_s: [0.0; AXES] })
 }
 
 /// Lowest and highest reading of an axis.

@@ -5,6 +5,9 @@
 //! `T_0` and the state at the start are linear. Where a second lag in series explains clearly more, it is given as well.
 //!
 //! With it, the resonator's temperature can be predicted where no frequency is at hand.
+//!
+//! Where the curve of frequency over temperature is not known either, the gyro's own output answers the step ([`Output::Rate`], as in
+//! zhao2022): its bias follows the resonator. What it finds is a little off where the bias depends on dT/dt as well.
 
 use crate::numeric::lsq;
 use crate::recording::columns;
@@ -23,18 +26,39 @@ pub enum Input {
     Case,
 }
 
+/// What answers the step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// The resonator's temperature, by its frequency.
+    Frequency,
+    /// The rate.
+    Rate,
+}
+
+impl Output {
+    /// The unit of the answer.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Frequency => "C",
+            Self::Rate => "deg/h",
+        }
+    }
+}
+
 /// A first-order lag, or two in series.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Lag {
-    /// Gain `K`, C per C.
+    /// Gain `K`, C (or deg/h) per C.
     pub gain: f64,
     /// Its standard deviation for white residuals.
     pub gain_std: f64,
     /// Time constants, s: one or two.
     pub tau_s: Vec<f64>,
-    /// Resonator temperature where the input is zero, C.
+    /// Resonator temperature (or rate) where the input is zero.
     pub offset_c: f64,
-    /// RMS of what the lag leaves, C.
+    /// RMS of what the lag leaves, C (or deg/h).
     pub residual_c: f64,
 }
 
@@ -43,6 +67,8 @@ pub struct Lag {
 pub struct Response {
     /// What drove it.
     pub input: Input,
+    /// What answered.
+    pub output: Output,
     /// The first-order lag (zhao2022's model).
     pub first_order: Lag,
     /// Two lags in series, where they leave less than half of the residual.
@@ -52,6 +78,21 @@ pub struct Response {
 /// A step of the input must span this, C, for its answer to be read.
 const SMALLEST_STEP_C: f64 = 3.0;
 const LONGEST_S: f64 = 20_000.0;
+/// The rate answers a step where its gain is so many standard deviations.
+const LEAST_ANSWER: f64 = 10.0;
+
+impl Response {
+    /// The lag of the resonator's temperature. The rate tells its time constant alone: in equilibrium the resonator is then taken to
+    /// be as warm as what drives it, as zhao2022 does.
+    #[must_use]
+    pub fn of_temperature(&self) -> Lag {
+        let lag = self.second_order.as_ref().unwrap_or(&self.first_order).clone();
+        match self.output {
+            Output::Frequency => lag,
+            Output::Rate => Lag { gain: 1.0, gain_std: f64::NAN, offset_c: 0.0, residual_c: f64::NAN, ..lag },
+        }
+    }
+}
 
 impl Lag {
     /// Resonator temperatures for an input, beginning in equilibrium (or with `start_c`, where it is known).
@@ -207,7 +248,7 @@ fn step_at(input: &[f64]) -> usize {
 ///
 /// # Errors
 /// One sentence: no sensor, no step, no rest before it, too short a hold after it.
-pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
+pub fn identify(run: &Run, input: Input, output: Output) -> Result<[Response; AXES], BadInput> {
     if run.steps.absent.contains(&true) {
         return Err(BadInput::new("the lags of the three axes are wanted, and the recording does not have three"));
     }
@@ -228,7 +269,11 @@ pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
             )));
         }
         let from = step_at(&u);
-        let (u, y) = (u[from..].to_vec(), resonator(run, a)[from..].to_vec());
+        let answer = match output {
+            Output::Frequency => resonator(run, a),
+            Output::Rate => run.steps.rate_dph[a].clone(),
+        };
+        let (u, y) = (u[from..].to_vec(), answer[from..].to_vec());
         let cost = |taus: &[f64]| cost(&u, &y, taus);
         let tau = search(|t| cost(&[t]));
         let (first_order, squares) = with_taus(&u, &y, &[tau])?;
@@ -239,6 +284,19 @@ pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
                 crate::AXIS_NAMES[a]
             )));
         }
+        if output == Output::Rate {
+            if !(first_order.gain.abs() > LEAST_ANSWER * first_order.gain_std) {
+                return Err(BadInput::new(format!(
+                    "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C); its bias does not change there: step elsewhere, or further",
+                    crate::AXIS_NAMES[a],
+                    first_order.gain,
+                    first_order.gain_std
+                )));
+            }
+            // Its noise hides a second lag.
+            out.push(Response { input, output, first_order, second_order: None });
+            continue;
+        }
         // Two lags in series, the longer one first found again for each shorter one.
         let short = search(|s| {
             let long = search(|l| cost(&[l, s]));
@@ -247,7 +305,7 @@ pub fn identify(run: &Run, input: Input) -> Result<[Response; AXES], BadInput> {
         let long = search(|l| cost(&[l, short]));
         let (second, squares_2) = with_taus(&u, &y, &[long.max(short), long.min(short)])?;
         let second_order = (squares_2 < 0.25 * squares).then_some(second);
-        out.push(Response { input, first_order, second_order });
+        out.push(Response { input, output, first_order, second_order });
     }
     out.try_into().map_err(|_| BadInput::new("three axes were expected"))
 }
@@ -270,14 +328,14 @@ mod tests {
         let curves = prepare(&[cycle]).expect("prepares").calibration.axes.map(|a| a.curve);
         let step = Plan::of(Profile::parse("lag").expect("named"), 3, 5).simulate().recording;
         let run = Run::new(crate::recording::steps::Steps::new(&step).expect("long enough"), curves);
-        let case = identify(&run, Input::Case).expect("a step");
+        let case = identify(&run, Input::Case, Output::Frequency).expect("a step");
         for (r, tau) in case.iter().zip([694.0, 655.0, 741.0]) {
             // Self-heating, which builds up in the first hour, is not part of the model.
             assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
             assert!((r.first_order.gain - 1.0).abs() < 0.05, "{:?}", r.first_order);
         }
         // Behind the chamber stand two lags in series.
-        let chamber = identify(&run, Input::Chamber).expect("a step");
+        let chamber = identify(&run, Input::Chamber, Output::Frequency).expect("a step");
         for (r, [long, short]) in chamber.iter().zip([[694.0, 420.0], [655.0, 380.0], [741.0, 450.0]]) {
             let second = r.second_order.as_ref().expect("two lags");
             let sum = second.tau_s[0] + second.tau_s[1];
@@ -285,10 +343,39 @@ mod tests {
         }
     }
 
+    /// zhao2022's experiment 1: the time constant from the gyro's output, with no frequency at all.
+    #[test]
+    fn the_output_answers_the_step_as_the_resonator_does() {
+        use crate::recording::steps::Steps;
+        use crate::simulate::Kind;
+        let curves = hrg_core::calibration::Calibration::uncalibrated().axes.map(|a| a.curve);
+        let plan = Plan::of(Profile::parse("lag").expect("named"), 4, 6);
+        let simulated = Plan { noise: Kind::Zhao.noise(), ..plan }.simulate();
+        let mut steps = Steps::new(&simulated.recording).expect("long enough");
+        // A bias that is linear in the resonator's temperature, as zhao2022 takes it to be over its step; and no frequency.
+        let run = Run::new(steps.clone(), curves);
+        for a in 0..AXES {
+            let both = resonator(&run, a).into_iter().zip(&simulated.noise_dph[a]);
+            steps.rate_dph[a] = both.map(|(t, noise)| -2.0 - 0.4 * t + noise).collect();
+            steps.frequency_hz[a].fill(f64::NAN);
+        }
+        let found = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect("a step");
+        for (r, tau) in found.iter().zip([694.0, 655.0, 741.0]) {
+            assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
+            assert_eq!(r.of_temperature().gain, 1.0);
+        }
+        // At 0 to 10 C the bias of a simulated unit like zhao2022's is flat.
+        let kind = Kind::Zhao;
+        let flat = Plan { kind, noise: kind.noise(), ..Plan::of(Profile::parse("lag").expect("named"), 4, 6) };
+        let steps = Steps::new(&flat.simulate().recording).expect("long enough");
+        let e = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect_err("refused").0;
+        assert!(e.contains("does not answer"), "{e}");
+    }
+
     #[test]
     fn a_lost_frequency_is_predicted() {
         let run = run("fast");
-        let r = &identify(&run, Input::Case).expect("ramps do as well")[0];
+        let r = &identify(&run, Input::Case, Output::Frequency).expect("ramps do as well")[0];
         let u = input_of(&run, 0, Input::Case).expect("recorded");
         let truth = resonator(&run, 0);
         let at = 1200;
@@ -301,8 +388,11 @@ mod tests {
     fn no_step_is_said() {
         let mut flat = run("fast");
         flat.steps.chamber_c.fill(20.0);
-        assert!(identify(&flat, Input::Chamber).expect_err("refused").0.contains("needs a step"));
+        assert!(identify(&flat, Input::Chamber, Output::Frequency).expect_err("refused").0.contains("needs a step"));
         flat.steps.chamber_c.clear();
-        assert!(identify(&flat, Input::Chamber).expect_err("refused").0.contains("chamber_c is missing"));
+        assert!(identify(&flat, Input::Chamber, Output::Frequency)
+            .expect_err("refused")
+            .0
+            .contains("chamber_c is missing"));
     }
 }

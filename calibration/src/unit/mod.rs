@@ -1,6 +1,7 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
 //! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]), and sensors beside it ([`sensors`]).
 
+pub mod align;
 pub mod events;
 pub mod keys;
 pub mod log;

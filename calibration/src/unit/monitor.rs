@@ -201,7 +201,13 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
         Some(min) => format!("soak: stable to {STABLE_C_PER_MIN} C/min for {min:.0} min"),
         None => format!("soak: not stable (some resonator changes by {STABLE_C_PER_MIN} C/min or more)"),
     };
+    let gyros = h.temperature_c.iter().filter(|t| t.is_finite());
+    let (low, high) = gyros.fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), t| (l.min(*t), h.max(*t)));
     let profile = match (state.remaining_h(), &state.profile) {
+        (Some(left), Some(p)) if p.ends_by_gyros().is_some() => format!(
+            "profile: ends when every gyro reads {:.0} C (now {low:.1} to {high:.1}); about {left:.2} h left",
+            p.ends_by_gyros().unwrap_or(f64::NAN)
+        ),
         (Some(left), _) => format!("profile: {left:.2} h left"),
         (None, Some(_)) => "profile: waiting for the unit".into(),
         (None, None) => "profile: none given (--profile)".into(),
@@ -333,6 +339,14 @@ mod tests {
         ] {
             assert!(text.contains(part), "{part} is not on\n{text}");
         }
+    }
+
+    #[test]
+    fn a_profile_that_ends_by_the_gyros_shows_where_they_are() {
+        let mut state = State { profile: Profile::parse("dong2023").ok(), ..State::default() };
+        state.take(&Message::Housekeeping(housekeeping(3_600_000, 0.2)));
+        let text = screen(&state).expect("drawn");
+        assert!(text.contains("ends when every gyro reads 50 C (now 4.9 to 6.3)"), "{text}");
     }
 
     #[test]

@@ -191,6 +191,8 @@ pub fn demo(
     say(&mut text, "\n## chen2015's case\n45 degrees, tilts 3', azimuth 100 degrees, drifts 0.2, 0.1, 0.2 deg/h (north, east, vertical), 200 s in two positions. Drifts\nhere are about the platform's axes; tilts as they stand at the end.\n");
     say(&mut text, &study::chen(seed));
     say(&mut text, "Theirs (its Table 1, turntable data through its filter; found, reference, error bound): azimuth 100.722, 100.545 deg (0.25); \ntilts 1.251, 1.052' (1) and 1.086, 1.037' (1); drifts 0.136, 0.126 deg/h (0.01) and -0.126, -0.106 deg/h (0.02).\n");
+    say(&mut text, study::CLAIMS);
+    say(&mut text, &study::claims(seed));
     let curves = study::curves(seed)?;
     hrg_cal::write_file(&out.join("alignment.svg"), curves.as_bytes())?;
     say(&mut text, "## Cost on the unit\nInstructions of one step (a second of alignment), counted by the virtual board:\n\n| what | instructions | of a second |\n|---|--:|--:|");

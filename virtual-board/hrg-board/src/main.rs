@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
 use hrg_board::methods::Work;
 use hrg_board::replay::{self, Options};
-use hrg_board::{bench, cost, faults, mutate, serve};
+use hrg_board::{cost, faults, mutate, serve};
 use hrg_cal::image_file;
 use hrg_cal::recording::facts;
 use hrg_cal::recording::format::Thermometer;
@@ -290,17 +290,7 @@ fn run(command: Command) -> Result<()> {
             let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
-        Command::Bench { page } => {
-            let elf = replay::read_elf(&replay::default_elf())?;
-            let alternatives = replay::read_elf(&replay::default_elf().with_file_name("alternatives"))?;
-            let (tables, within) = bench::tables(&elf, &alternatives)?;
-            print!("{tables}");
-            if let Some(page) = page {
-                hrg_cal::splice(&page, "unit", &tables)?;
-            }
-            anyhow::ensure!(within, "a figure is over its bound");
-            Ok(())
-        }
+        Command::Bench { page } => bench(page.as_deref()),
         Command::Fingerprint { elf, file } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);
@@ -330,6 +320,19 @@ fn run(command: Command) -> Result<()> {
             page.map_or(Ok(()), |page| hrg_cal::splice(&page, "demo", &format!("```\n{told}```\n")))
         }
     }
+}
+
+/// `hrg-board bench`.
+fn bench(page: Option<&Path>) -> Result<()> {
+    let elf = replay::read_elf(&replay::default_elf())?;
+    let alternatives = replay::read_elf(&replay::default_elf().with_file_name("alternatives"))?;
+    let (tables, within) = hrg_board::bench::tables(&elf, &alternatives)?;
+    print!("{tables}");
+    if let Some(page) = page {
+        hrg_cal::splice(page, "unit", &tables)?;
+    }
+    anyhow::ensure!(within, "a figure is over its bound");
+    Ok(())
 }
 
 /// `hrg-board run`.

@@ -1,52 +1,272 @@
-//! `hrg align`: azimuth, tilts and drifts of a platform at rest.
+//! `hrg align`: azimuth, tilts and drifts of a platform at rest, from a recording or by a unit on a port.
 
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::align::accelerometers::Accelerometers;
+use hrg_cal::align::drifts::{self, Entry};
 use hrg_cal::align::{self, FilterKind};
+use hrg_cal::simulate::profile::duration_s;
+use hrg_cal::unit::align::{Operator, Outcome, Plan};
+use hrg_cal::unit::port::Unit;
 use hrg_cal::BadInput;
-use std::path::PathBuf;
+use hrg_core::alignment::session::Report;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{channel, Receiver, TryRecvError};
 
 /// What `hrg align` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording: time_s,position,v1_mps,v2_mps
-    #[arg(long)]
-    recording: PathBuf,
+    #[arg(long, conflicts_with = "port", required_unless_present = "port")]
+    recording: Option<PathBuf>,
     /// Filter.
     #[arg(long, default_value = "linear")]
     filter: FilterKind,
     /// First azimuth of the EKF, degrees.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     first_azimuth: f64,
+    /// What the gyros may drift by, one sigma, deg/h; 0.2 where neither this nor the recording says it.
+    #[arg(long)]
+    drift: Option<f64>,
+    /// What the tilts may be at the start, one sigma, arc minutes; 10 where neither this nor the recording says it.
+    #[arg(long)]
+    tilt: Option<f64>,
+    /// File of hrg accelerometers: their bias, scale and cross-axis are taken out of the velocities.
+    #[arg(long)]
+    accelerometers: Option<PathBuf>,
     /// Seed of the literal particle filter.
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// File of the drifts of all alignments (CSV): this one is compared with those before, and added.
+    #[arg(long)]
+    drifts: Option<PathBuf>,
+    #[command(flatten)]
+    on_unit: OnUnit,
     /// Where the report (JSON) goes.
     #[arg(long)]
-    out: PathBuf,
+    out: Option<PathBuf>,
+}
+
+/// An alignment in the unit's align mode.
+#[derive(Args)]
+struct OnUnit {
+    /// Serial port of a unit: it aligns itself, in its align mode.
+    #[arg(long, requires = "latitude", conflicts_with_all = ["filter", "drift", "tilt", "accelerometers", "drifts"])]
+    port: Option<String>,
+    /// Latitude, degrees, north positive.
+    #[arg(long, requires = "port", allow_negative_numbers = true)]
+    latitude: Option<f64>,
+    /// Gravity, m/s^2; by default that of the latitude.
+    #[arg(long, requires = "port", default_value_t = 0.0)]
+    gravity: f64,
+    /// Noise of a velocity reading, m/s.
+    #[arg(long, requires = "port", default_value_t = 0.001)]
+    velocity_noise: f64,
+    /// Time in each position, such as 85s or 3m.
+    #[arg(long, requires = "port", default_value = "85s")]
+    stay: String,
+    /// Angle of the turn, clockwise from above, degrees.
+    #[arg(long, requires = "port", default_value_t = 90.0, allow_negative_numbers = true)]
+    turn: f64,
+    /// The turn begins by itself after the first position and takes so long (a turntable), such as 30s; by default you are asked.
+    #[arg(long, requires = "port")]
+    turn_takes: Option<String>,
+    /// Accept the result without a question: the drifts become a bias trim of the unit.
+    #[arg(long, requires = "port")]
+    accept: bool,
 }
 
 /// Runs the command.
 ///
 /// # Errors
 /// Bad input, or a file that cannot be written.
-pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recording, filter, first_azimuth, seed, out } = arguments;
-    let r = align::Recording::load(&recording)?;
-    let start = align::Start { azimuth_deg: first_azimuth, seed, ..align::Start::default() };
-    let report = align::align(&r, filter, start).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
-    hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
+pub fn run(arguments: &Arguments) -> Result<()> {
+    match (&arguments.recording, &arguments.on_unit.port) {
+        (Some(recording), _) => of_recording(arguments, recording),
+        (None, Some(port)) => on_unit(&arguments.on_unit, port, arguments.out.as_deref()),
+        (None, None) => Err(BadInput::new("give --recording or --port").into()),
+    }
+}
+
+fn of_recording(arguments: &Arguments, recording: &Path) -> Result<()> {
+    let Arguments { filter, first_azimuth, drift, tilt, accelerometers, seed, drifts, out, .. } = arguments;
+    let mut r = align::Recording::load(recording)?;
+    (r.drift_dph, r.tilt_arcmin) = (drift.or(r.drift_dph), tilt.or(r.tilt_arcmin));
+    if let Some(path) = accelerometers {
+        Accelerometers::load(path)?.correct(&mut r);
+    }
+    let start = align::Start { azimuth_deg: *first_azimuth, seed: *seed, ..align::Start::default() };
+    let report =
+        align::align(&r, *filter, start).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+    if let Some(out) = out {
+        hrg_cal::write_file(out, serde_json::to_string_pretty(&report)?.as_bytes())?;
+    }
     println!("azimuth  {:>9.4} deg    +- {:.2}'", report.azimuth_deg, report.azimuth_std_arcmin);
     let [t1, t2] = report.tilt_std_arcmin;
     println!("tilts    {:>9.3}' {:>9.3}'   +- {t1:.3}' {t2:.3}'", report.tilt1_arcmin, report.tilt2_arcmin);
     let [d1, d2] = report.drift_std_dph;
     println!("drifts   {:>9.4} {:>9.4} deg/h   +- {d1:.4} {d2:.4}", report.drift1_dph, report.drift2_dph);
+    match report.level_at_s {
+        Some(t) => println!("tilts known to 1' (two sigma) since {t:.0} s"),
+        None => println!("tilts not known to 1' (two sigma)"),
+    }
     match report.converged_at_s {
-        Some(t) => println!("known to 15' (two sigma) since {t:.0} s"),
-        None => println!("not known to 15' (two sigma)"),
+        Some(t) => println!("azimuth known to 15' (two sigma) since {t:.0} s"),
+        None => println!("azimuth not known to 15' (two sigma)"),
     }
     if let Some(i) = report.integrity {
         println!("the two positions agree: chi-square {i:.2} (limit 10.8)");
     }
+    if let Some(c) = &report.closed_form {
+        println!(
+            "in closed form, without a filter: {:.4} deg, {:+.2}' from it; length of the difference {:.5} of what it must be",
+            c.azimuth_deg,
+            c.apart_arcmin(report.azimuth_deg),
+            c.length_ratio
+        );
+        let [[a, b], [c, d]] = c.drift_by_position_dph;
+        println!(
+            "drifts   position 1 {a:.4} {b:.4}, position 2 {c:.4} {d:.4} deg/h: changed by {:+.4} {:+.4}",
+            c - a,
+            d - b
+        );
+    }
+    if let (Some(path), Some(c)) = (drifts, &report.closed_form) {
+        let mut all = drifts::load(path)?;
+        let (azimuth_deg, turn_deg) = (report.azimuth_deg, r.turn_deg);
+        let now = Entry { unix_s: crate::now(), azimuth_deg, turn_deg, drift_by_position_dph: c.drift_by_position_dph };
+        drifts::compare(&all, &now).iter().for_each(|line| println!("{line}"));
+        all.push(now);
+        drifts::save(path, &all)?;
+        println!("{}: {} alignments", path.display(), all.len());
+    }
     Ok(())
+}
+
+/// Somebody at a terminal, or a turntable that turns by the clock.
+struct Person {
+    /// Seconds of the turn, where it is made by the clock.
+    turn_s: Option<f64>,
+    turned_s: f64,
+    accept: bool,
+    lines: Option<Receiver<String>>,
+    bar: indicatif::ProgressBar,
+}
+
+impl Person {
+    /// Lines that are typed, as they come.
+    fn lines(&mut self) -> &Receiver<String> {
+        self.lines.get_or_insert_with(|| {
+            let (send, receive) = channel();
+            std::thread::spawn(move || {
+                for line in std::io::stdin().lines().map_while(Result::ok) {
+                    if send.send(line).is_err() {
+                        return;
+                    }
+                }
+            });
+            receive
+        })
+    }
+
+    /// Waits for a line.
+    fn ask(&mut self, question: &str) -> Result<String> {
+        self.bar.suspend(|| eprintln!("{question}"));
+        self.lines()
+            .recv()
+            .map_err(|_| BadInput::new("nobody is there to answer; give --turn-takes and --accept").into())
+    }
+}
+
+impl Operator for Person {
+    fn begin_turn(&mut self) -> Result<()> {
+        if self.turn_s.is_none() {
+            self.ask("first position done: press Enter as the turn begins, and again when the platform stands")?;
+        }
+        Ok(())
+    }
+
+    fn turn_has_ended(&mut self) -> Result<bool> {
+        self.turned_s += 1.0;
+        match self.turn_s {
+            Some(wanted) => Ok(self.turned_s >= wanted),
+            None => match self.lines().try_recv() {
+                Ok(_) => Ok(true),
+                Err(TryRecvError::Empty) => Ok(false),
+                Err(TryRecvError::Disconnected) => {
+                    Err(BadInput::new("nobody is there to say when the turn has ended").into())
+                }
+            },
+        }
+    }
+
+    fn second(&mut self, r: &Report) {
+        let stage = ["", "first position", "turn", "second position", "over"][usize::from(r.stage.min(4))];
+        self.bar.set_message(format!(
+            "{stage}, {} s: azimuth {:.3} deg +- {:.1}'; tilts {:.2}' {:.2}'; drifts {:.3} {:.3} deg/h",
+            r.second,
+            r.azimuth_deg,
+            r.azimuth_std_arcmin,
+            r.tilt_arcmin[0],
+            r.tilt_arcmin[1],
+            r.drift_dph[0],
+            r.drift_dph[1]
+        ));
+        self.bar.tick();
+    }
+
+    fn accepts(&mut self, r: &Report) -> Result<bool> {
+        let [d1, d2] = r.drift_dph;
+        Ok(self.accept
+            || self
+                .ask(&format!(
+                    "accept? Drifts of {d1:.4} and {d2:.4} deg/h become a bias trim until power-off (y or n)"
+                ))?
+                .trim()
+                == "y")
+    }
+}
+
+fn on_unit(arguments: &OnUnit, port: &str, out: Option<&Path>) -> Result<()> {
+    let time = |option: &str, text: &str| {
+        duration_s(text)
+            .ok_or_else(|| BadInput(format!("--{option} {text}: not a time; give seconds or minutes, such as 85s")))
+    };
+    let stay = time("stay", &arguments.stay)? as u32;
+    let plan = Plan {
+        latitude_deg: arguments.latitude.ok_or_else(|| BadInput::new("give the latitude with --latitude"))?,
+        gravity_mps2: arguments.gravity,
+        velocity_noise_mps: arguments.velocity_noise,
+        seconds: [stay; 2],
+        turn_deg: arguments.turn,
+    };
+    let mut person = Person {
+        turn_s: arguments.turn_takes.as_deref().map(|t| time("turn-takes", t)).transpose()?,
+        turned_s: 0.0,
+        accept: arguments.accept,
+        lines: None,
+        bar: indicatif::ProgressBar::new_spinner(),
+    };
+    let mut unit = Unit::open(port)?;
+    unit.identity()?;
+    let outcome = hrg_cal::unit::align::align(&mut unit, &plan, &mut person);
+    person.bar.finish_and_clear();
+    let Outcome { report: r, accepted } = outcome?;
+    println!("azimuth  {:>9.4} deg    +- {:.2}'", r.azimuth_deg, r.azimuth_std_arcmin);
+    println!("tilts    {:>9.3}' {:>9.3}'", r.tilt_arcmin[0], r.tilt_arcmin[1]);
+    let ([d1, d2], [s1, s2]) = (r.drift_dph, r.drift_std_dph);
+    println!("drifts   {d1:>9.4} {d2:>9.4} deg/h   +- {s1:.4} {s2:.4}");
+    if r.integrity.is_finite() {
+        println!("the two positions agree: chi-square {:.2} (limit 10.8)", r.integrity);
+    }
+    println!(
+        "{}",
+        if accepted { "accepted: the drifts are a bias trim of the unit until power-off" } else { "not accepted" }
+    );
+    let report = serde_json::json!({
+        "filter": "unit", "azimuth_deg": r.azimuth_deg, "azimuth_std_arcmin": r.azimuth_std_arcmin,
+        "tilt1_arcmin": r.tilt_arcmin[0], "tilt2_arcmin": r.tilt_arcmin[1],
+        "drift1_dph": r.drift_dph[0], "drift2_dph": r.drift_dph[1], "accepted": accepted, "seconds": r.second,
+    });
+    out.map_or(Ok(()), |out| hrg_cal::write_file(out, serde_json::to_string_pretty(&report)?.as_bytes()))
 }

@@ -25,6 +25,10 @@ pub struct Arguments {
     /// Give every degree the same weight instead of every second.
     #[arg(long)]
     uniform: bool,
+    /// A calibration whose curves of frequency over temperature are taken, of soaks (hrg points --calibration) for instance. The
+    /// temperatures of a recording of sensors, or of predicted ones, stay; the image then has these curves.
+    #[arg(long, value_name = "CAL")]
+    curve: Option<PathBuf>,
     /// The breakpoint of the four-parameter methods (fog-...), C, instead of searching it: wu2023's div_a.
     #[arg(long, allow_negative_numbers = true)]
     breakpoint: Option<f64>,
@@ -46,9 +50,11 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, method, seed, uniform, breakpoint, history, different_units, facts, out } = arguments;
+    let Arguments { recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, out } =
+        arguments;
     let recordings = facts.load(&recordings)?;
-    let prepared = fit::prepare_for(&recordings, units(different_units))?;
+    let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
+    let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = methods::Options { seed, uniform, breakpoint_c: breakpoint };
     let mut found = methods::identify_with(&prepared, method, &options)?;
     if let Some(history) = history {
@@ -68,6 +74,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
     for &a in &present {
         found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
+    }
+    if let Some(known) = known.filter(|_| recordings.iter().all(|r| r.thermometer.is_sensor())) {
+        fit::fly_by(&mut found.calibration, known)?;
     }
     image_file::save(&out, &found.calibration)?;
     println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");

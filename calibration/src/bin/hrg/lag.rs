@@ -2,9 +2,11 @@
 
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::recording::parquet;
 use hrg_cal::recording::steps::{Run, Steps};
-use hrg_cal::thermometer::lag;
+use hrg_cal::thermometer::lag::{self, Input, Output};
 use hrg_cal::{fit, image_file, load_recording, BadInput, AXIS_NAMES};
+use hrg_core::calibration::Calibration;
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::AXES;
 use std::path::{Path, PathBuf};
@@ -20,9 +22,15 @@ pub struct Arguments {
     /// What drives the lag: case or chamber (shell: an old name of case)
     #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
     input: String,
+    /// What answers the step: frequency, or rate where no curve of frequency is known (as zhao2022 has it)
+    #[arg(long, default_value = "frequency", value_parser = ["frequency", "rate"])]
+    from: String,
     /// Predict the resonator temperatures of this recording where its frequencies are missing.
     #[arg(long)]
     predict: Option<PathBuf>,
+    /// Where a recording of that run with the predicted temperatures in the place of frequencies goes: for hrg fit.
+    #[arg(long, requires = "predict")]
+    recording_out: Option<PathBuf>,
     /// Where the report (JSON), or the prediction (CSV), goes.
     #[arg(long)]
     out: Option<PathBuf>,
@@ -32,29 +40,29 @@ pub struct Arguments {
 ///
 /// # Errors
 /// Bad input, or a file that cannot be written.
-pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recording, calibration, input, predict, out } = arguments;
-    let input = if input == "chamber" { lag::Input::Chamber } else { lag::Input::Case };
-    thermal_lag(&recording, calibration.as_deref(), input, predict.as_deref(), out.as_deref())
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let input = if arguments.input == "chamber" { Input::Chamber } else { Input::Case };
+    let output = if arguments.from == "rate" { Output::Rate } else { Output::Frequency };
+    thermal_lag(arguments, input, output)
 }
 
-fn thermal_lag(
-    path: &Path,
-    calibration: Option<&Path>,
-    input: lag::Input,
-    predict: Option<&Path>,
-    out: Option<&Path>,
-) -> Result<()> {
-    let recording = load_recording(path)?;
-    let curves = match calibration {
-        Some(p) => image_file::load(p)?.axes.map(|a| a.curve),
-        None => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.curve),
+fn thermal_lag(arguments: &Arguments, input: Input, output: Output) -> Result<()> {
+    let recording = load_recording(&arguments.recording)?;
+    let curves = match (&arguments.calibration, output) {
+        (Some(p), _) => image_file::load(p)?.axes.map(|a| a.curve),
+        (None, Output::Frequency) => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.curve),
+        // (Nobody looks at them.)
+        (None, Output::Rate) => Calibration::uncalibrated().axes.map(|a| a.curve),
     };
     let run = Run::new(Steps::new(&recording)?, curves);
-    let responses = lag::identify(&run, input)?;
+    let responses = lag::identify(&run, input, output)?;
     println!(
-        "{:<5} {:>8} {:>9} {:>16} {:>12}   two lags in series",
-        "axis", "gain", "+-", "time constant s", "residual C"
+        "{:<5} {:>8} {:>9} {:>16} {:>14}   two lags in series",
+        "axis",
+        "gain",
+        "+-",
+        "time constant s",
+        format!("residual {}", output.unit())
     );
     for (name, r) in AXIS_NAMES.iter().zip(&responses) {
         let f = &r.first_order;
@@ -62,12 +70,12 @@ fn thermal_lag(
             format!("{:.0} s and {:.0} s leave {:.3} C", s.tau_s[0], s.tau_s[1], s.residual_c)
         });
         println!(
-            "{name:<5} {:>8.4} {:>9.4} {:>16.1} {:>12.3}   {second}",
+            "{name:<5} {:>8.4} {:>9.4} {:>16.1} {:>14.3}   {second}",
             f.gain, f.gain_std, f.tau_s[0], f.residual_c
         );
     }
-    match (predict, out) {
-        (Some(predict), out) => predicted(predict, &responses, curves, input, out),
+    match (&arguments.predict, &arguments.out) {
+        (Some(predict), _) => predicted(predict, &responses, curves, input, arguments),
         (None, Some(out)) => hrg_cal::write_file(out, serde_json::to_string_pretty(&responses)?.as_bytes()),
         (None, None) => Ok(()),
     }
@@ -78,8 +86,8 @@ fn predicted(
     predict: &Path,
     responses: &[lag::Response],
     curves: [TemperatureCurve; AXES],
-    input: lag::Input,
-    out: Option<&Path>,
+    input: Input,
+    arguments: &Arguments,
 ) -> Result<()> {
     let other = load_recording(predict)?;
     let run = Run::new(Steps::new(&other)?, curves);
@@ -87,9 +95,10 @@ fn predicted(
     for (a, r) in responses.iter().enumerate() {
         let u = lag::input_of(&run, a, input)
             .ok_or_else(|| BadInput::new(format!("{}: the {input:?} temperature is missing", predict.display())))?;
-        let truth = lag::resonator(&run, a);
-        let model = r.second_order.as_ref().unwrap_or(&r.first_order);
-        let predicted = model.predict(&u, truth.first().copied().filter(|t| t.is_finite()));
+        // By the curves of a calibration of another kind a frequency would be no truth.
+        let known = arguments.calibration.is_some() || r.output == Output::Frequency;
+        let truth = if known { lag::resonator(&run, a) } else { vec![f64::NAN; run.steps.len()] };
+        let predicted = r.of_temperature().predict(&u, truth.first().copied().filter(|t| t.is_finite()));
         let errors: Vec<f64> = predicted.iter().zip(&truth).map(|(p, t)| p - t).filter(|e| e.is_finite()).collect();
         if !errors.is_empty() {
             let rms = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
@@ -102,7 +111,13 @@ fn predicted(
         }
         columns.push((predicted, truth));
     }
-    if let Some(out) = out {
+    if let Some(path) = &arguments.recording_out {
+        let temperatures = columns.iter().map(|(p, _)| p.clone()).collect::<Vec<_>>();
+        let temperatures = temperatures.try_into().map_err(|_| BadInput::new("three axes were expected"))?;
+        parquet::write_text(path, &other.with_temperatures(&run.steps, temperatures).to_csv())?;
+        println!("{}: a recording with these temperatures in the place of frequencies", path.display());
+    }
+    if let Some(out) = &arguments.out {
         let mut csv = String::from("time_s");
         for n in AXIS_NAMES {
             csv.push_str(&format!(",predicted_{n}_c,temperature_{n}_c"));

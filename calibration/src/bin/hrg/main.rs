@@ -10,6 +10,7 @@ macro_rules! println {
     ($($part:tt)*) => { $crate::say(format_args!("{}\n", format_args!($($part)*))) };
 }
 
+mod accelerometers;
 mod align;
 mod allan;
 mod chamber;
@@ -17,6 +18,7 @@ mod compare;
 mod correct;
 mod facts;
 mod fit;
+mod heading;
 mod import;
 mod lag;
 mod log;
@@ -26,6 +28,7 @@ mod profile;
 mod report;
 mod simulate;
 mod simulate_alignment;
+mod soaks;
 mod trace;
 
 use anyhow::Result;
@@ -53,6 +56,10 @@ enum Command {
     ///
     /// Example: hrg points host-tests/recordings/dong2023-table1.csv --out points.json
     Points(points::Arguments),
+    /// Take the soaks out of runs: a row of frequencies and temperatures for each, for hrg points.
+    ///
+    /// Example: hrg soaks run.csv --out table.csv
+    Soaks(soaks::Arguments),
     /// Identify the coefficients of a bias model.
     ///
     /// Example: hrg fit run.csv --method lsq --out cal.toml
@@ -133,6 +140,14 @@ enum Command {
     ///
     /// Example: hrg align --recording a.csv --filter linear --out report.json
     Align(align::Arguments),
+    /// Bias, scale and cross-axis of a platform's accelerometers, from tilts that are known.
+    ///
+    /// Example: hrg accelerometers tilts.csv --latitude 45 --out accelerometers.json
+    Accelerometers(accelerometers::Arguments),
+    /// Which two positions to align in: those whose drifts are nearly equal and repeat best.
+    ///
+    /// Example: hrg heading day1.csv day2.csv day3.csv
+    Heading(heading::Arguments),
     /// Simulate a platform to align, in two positions.
     ///
     /// Example: hrg simulate-alignment --seed 3 --out a.csv
@@ -205,6 +220,7 @@ fn run(command: Command) -> Result<()> {
     match command {
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Points(arguments) => points::run(arguments),
+        Command::Soaks(arguments) => soaks::run(&arguments),
         Command::Trace(arguments) => trace::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
@@ -239,9 +255,11 @@ fn run(command: Command) -> Result<()> {
         Command::Keygen { out } => chamber::keygen(&out),
         Command::Read { port, events: true, .. } => chamber::read_events(&port),
         Command::Read { port, out, .. } => chamber::read(&port, out.as_deref()),
-        Command::Align(arguments) => align::run(arguments),
+        Command::Align(arguments) => align::run(&arguments),
+        Command::Accelerometers(arguments) => accelerometers::run(&arguments),
+        Command::Heading(arguments) => heading::run(&arguments),
         Command::SimulateAlignment(arguments) => simulate_alignment::run(arguments),
-        Command::Lag(arguments) => lag::run(arguments),
+        Command::Lag(arguments) => lag::run(&arguments),
     }
 }
 

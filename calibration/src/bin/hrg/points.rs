@@ -2,9 +2,11 @@
 
 use anyhow::Result;
 use clap::Args;
+use hrg_cal::recording::names;
 use hrg_cal::thermometer::points;
-use hrg_cal::BadInput;
-use std::path::PathBuf;
+use hrg_cal::{image_file, BadInput, AXIS_NAMES};
+use hrg_core::calibration::Calibration;
+use std::path::{Path, PathBuf};
 
 /// What `hrg points` is told.
 #[derive(Args)]
@@ -14,6 +16,12 @@ pub struct Arguments {
     /// Where the report goes.
     #[arg(long)]
     out: Option<PathBuf>,
+    /// Where an image goes that has the curves of this table and no bias yet, for hrg fit --curve: text, or binary if it ends in .bin
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// Name of the unit, for that image; by default the one in the table.
+    #[arg(long)]
+    unit: Option<String>,
 }
 
 /// Runs the command.
@@ -21,15 +29,48 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { table, out } = arguments;
+    let Arguments { table, out, calibration, unit } = arguments;
     let bytes = hrg_cal::read_file(&table, hrg_cal::MOST_RECORDING, true)?;
-    let p = points::Points::parse(&String::from_utf8_lossy(&bytes))
-        .map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let p = points::Points::parse(&text).map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
     let report = points::report(&p)?;
     print_points(&report);
     if let Some(out) = out {
         hrg_cal::write_file(&out, serde_json::to_string_pretty(&report)?.as_bytes())?;
     }
+    if let Some(path) = calibration {
+        let in_table = text.lines().find_map(|l| l.strip_prefix("# unit:")).map(|n| n.trim().to_string());
+        write_curves(&p, unit.or(in_table.filter(|n| n != names::NONE)), &path)?;
+    }
+    Ok(())
+}
+
+/// Writes an image with the curves of the table.
+fn write_curves(p: &points::Points, unit: Option<String>, path: &Path) -> Result<()> {
+    let mut image = Calibration::uncalibrated();
+    image.created_unix_s = crate::now();
+    image.sequence = 1;
+    if let Some(unit) = unit {
+        image.set_unit_name(names::check(&unit).map_err(BadInput::from)?);
+    }
+    let found = points::curves(p)?;
+    for (a, found) in found.into_iter().enumerate() {
+        let Some((curve, reference)) = found else {
+            println!("{}: not in the table; the image has the compiled-in curve", AXIS_NAMES[a]);
+            continue;
+        };
+        println!(
+            "{}: T(f) about {:.3} Hz, from {:.2} to {:.2} C, referred to the {reference}",
+            AXIS_NAMES[a], curve.frequency_centre_hz, curve.valid_from_c, curve.valid_to_c
+        );
+        image.axes[a].curve = curve;
+    }
+    image_file::save(path, &image)?;
+    println!(
+        "{}: these curves, and no bias yet: hrg fit RUN.csv --curve {} --out cal.toml",
+        path.display(),
+        path.display()
+    );
     Ok(())
 }
 

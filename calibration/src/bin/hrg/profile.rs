@@ -57,16 +57,16 @@ pub fn run(arguments: Arguments) -> Result<()> {
         println!("{}", in_words(&p));
         return Ok(());
     }
-    println!("{:<8} {:>6}   not told apart, from two noise floors up", "profile", "hours");
+    println!("{:<9} {:>6}   not told apart, from two noise floors up", "profile", "hours");
     let mut judged = Vec::new();
     for (name, text) in PROFILES {
         let one = profiles::Judged::new(name, Profile::parse(text)?, &wanted);
         let hours = one.hours;
         match &one.not_told {
             Ok(rest) => {
-                println!("{name:<8} {hours:>6.1}   {}", if rest.is_empty() { "-".into() } else { rest.join("; ") });
+                println!("{name:<9} {hours:>6.1}   {}", if rest.is_empty() { "-".into() } else { rest.join("; ") });
             }
-            Err(e) => println!("{name:<8} {hours:>6.1}   cannot be used: {e}"),
+            Err(e) => println!("{name:<9} {hours:>6.1}   cannot be used: {e}"),
         }
         judged.push(one);
     }
@@ -101,6 +101,11 @@ fn in_words(p: &Profile) -> String {
                 text
             }
             Leg::Soak(s) => format!("soak {:.0} min", s / 60.0),
+            Leg::SetPoint(to) => {
+                t = *to;
+                format!("set the chamber to {to} C and let it come there")
+            }
+            Leg::UntilGyros(wanted) => format!("hold until every gyro reads {wanted} C"),
         });
     }
     format!("{}; {:.1} h in all", parts.join(", "), p.temperatures().len() as f64 / 3600.0)

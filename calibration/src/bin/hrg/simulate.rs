@@ -12,7 +12,8 @@ use std::path::PathBuf;
 /// What `hrg simulate` is told.
 #[derive(Args)]
 pub struct Arguments {
-    /// A named profile (dong, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag) or one like 20,-40@1,2h,50@1,2h
+    /// A named profile (dong, dong2023, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag, soaks) or one like
+    /// 20,-40@1,2h,50@1,2h; -40@set lets the chamber go there by itself, "until gyros=50" holds until all resonators are there
     #[arg(long, default_value = "dong", allow_hyphen_values = true)]
     profile: String,
     /// Effect to put in: NAME[:key=value,...], or secret:SEED. Several may be given.

@@ -20,8 +20,11 @@ pub use left_over::{BeforeAfter, LeftOver};
 pub use pairs::Pair;
 pub use table::{Points, TableError};
 
+use crate::thermometer::curve;
 use crate::{BadInput, AXIS_NAMES};
 use hrg_core::effects::EffectId;
+use hrg_core::temperature::TemperatureCurve;
+use hrg_core::AXES;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use table::LEAST_SOAKS;
@@ -42,6 +45,28 @@ pub struct Report {
     pub effects: Vec<LeftOver>,
     /// What to do.
     pub advice: Vec<String>,
+}
+
+/// The curve of each axis as the unit evaluates it, and what it is referred to: the cases, or the chamber where an axis has no case
+/// sensor. `None` for an axis that the table does not have.
+///
+/// # Errors
+/// Where a fit is not possible.
+pub fn curves(p: &Points) -> Result<[Option<(TemperatureCurve, &'static str)>; AXES], BadInput> {
+    let mut out = [None; AXES];
+    for (a, out) in out.iter_mut().enumerate() {
+        for (reference, name) in [("shell", "case"), ("chamber", "chamber")] {
+            let (f, t) = both(&p.frequency_hz[a], p.temperatures(reference, a));
+            if f.len() >= LEAST_SOAKS {
+                *out = Some((curve::fit_inverse(&f, &t, None, 3)?, name));
+                break;
+            }
+        }
+    }
+    if out.iter().all(Option::is_none) {
+        return Err(BadInput::new("no axis has six soaks with a frequency and a temperature"));
+    }
+    Ok(out)
 }
 
 /// The report of a table.

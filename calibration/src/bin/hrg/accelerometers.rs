@@ -1,0 +1,55 @@
+//! `hrg accelerometers`: bias, scale and cross-axis of the accelerometers of a platform.
+
+use anyhow::Result;
+use clap::Args;
+use hrg_cal::align::accelerometers::identify;
+use hrg_cal::BadInput;
+use hrg_core::alignment::normal_gravity;
+use std::path::PathBuf;
+
+/// What `hrg accelerometers` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Tilts of a tilting table and what the accelerometers read: a1_mps2,a2_mps2,tilt1_arcmin,tilt2_arcmin
+    table: PathBuf,
+    /// Latitude, degrees, for gravity.
+    #[arg(long, allow_negative_numbers = true)]
+    latitude: f64,
+    /// Gravity, m/s^2, where it is known better.
+    #[arg(long)]
+    gravity: Option<f64>,
+    /// Where they go (JSON), for hrg align --accelerometers
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { table, latitude, gravity, out } = arguments;
+    let gravity = gravity.unwrap_or_else(|| normal_gravity(*latitude));
+    if !(latitude.abs() <= 90.0 && (9.0..10.5).contains(&gravity)) {
+        return Err(BadInput::new("latitude or gravity is impossible; give degrees and m/s^2").into());
+    }
+    let bytes = hrg_cal::read_file(table, hrg_cal::MOST_RECORDING, true)?;
+    let found = identify(&String::from_utf8_lossy(&bytes), gravity)
+        .map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
+    hrg_cal::write_file(out, serde_json::to_string_pretty(&found)?.as_bytes())?;
+    println!("{:<5} {:>22} {:>24} {:>24} {:>15}", "", "bias m/s^2", "along axis 1", "along axis 2", "residual m/s^2");
+    for k in 0..2 {
+        let (a, s) = (&found.accelerometers, &found.std[k]);
+        let pair = |value: f64, std: f64| format!("{value:.6} +- {std:.6}");
+        println!(
+            "{:<5} {:>22} {:>24} {:>24} {:>15.6}",
+            k + 1,
+            pair(a.bias_mps2[k], s[0]),
+            pair(a.matrix[k][0], s[1]),
+            pair(a.matrix[k][1], s[2]),
+            found.residual_mps2[k]
+        );
+    }
+    println!("{}: {} tilts", out.display(), found.rows);
+    Ok(())
+}
