@@ -13,7 +13,7 @@ use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Plan, Profile};
 use hrg_cal::{BadInput, AXIS_NAMES};
 use hrg_core::calibration::Calibration;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;

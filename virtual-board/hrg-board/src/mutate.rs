@@ -6,9 +6,9 @@
 //! register ([`virtual_board::mutation`]), which is the same as another constant in the instruction that writes it, with no program to be built.
 //! Which bits exist is taken from the tables of stm32-metapac, not from the program.
 //!
-//! Each mutant then goes through an [`exam`]: start, a second of flight with pulses per second and commands, a damaged byte, a crystal that
+//! Each mutant then goes through an `exam`: start, a second of flight with pulses per second and commands, a damaged byte, a crystal that
 //! stops, a sagging supply, a burn. It is *noticed* where the board ends the run with a sentence, or where what the unit sends or logs differs
-//! from the unmutated program. It is *harmless* where a rule of [`rules`](mod@rules) says so, with the manual's section. Nothing else may be left.
+//! from the unmutated program. It is *harmless* where a rule of `rules` says so, with the manual's section. Nothing else may be left.
 
 mod exam;
 mod rules;
