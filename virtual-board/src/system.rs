@@ -271,6 +271,10 @@ impl Backup {
             (self.bdcr, self.began, self.lse_on) = (Self::BDRST, None, None);
             return;
         }
+        // A source of the RTC, once selected, stays until the domain is reset (RM0390 section 6.3.20).
+        const RTCSEL: u32 = 3 << 8;
+        let selected = self.bdcr & RTCSEL;
+        let value = if selected == 0 { value } else { value & !RTCSEL | selected };
         self.bdcr = value & !2;
         self.lse_on = (value & 1 != 0).then(|| self.lse_on.unwrap_or(now));
         // RTCSEL: 1 is LSE, which must run.
