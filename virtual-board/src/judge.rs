@@ -269,11 +269,15 @@ impl Chip {
         if !timer.listens(channel) {
             return false;
         }
+        let late = timer.filters(channel);
         if let Some(why) = timer.deaf(channel, rising) {
             self.mismatch(|| {
                 format!("{} is not captured: {}: {why} (RM0390 section 17.4)", signal.wire(), signal.name())
             });
-            return false;
+            // A filter alone lets the edge through, later.
+            if !late {
+                return false;
+            }
         }
         self.carries(signal) && self.awake(base, "it captures nothing")
     }

@@ -273,16 +273,27 @@ impl Timer {
             (2, ..) => Some("it captures the input of its neighbour (CCMR.CCS = 2)"),
             (3, ..) => Some("it captures the internal trigger (CCMR.CCS = 3)"),
             (_, 1.., ..) => Some("it captures only some of the edges (CCMR.ICPSC)"),
-            (_, _, 1.., _) => Some("its filter delays the edges (CCMR.ICF), which is not modelled"),
+            (_, _, 1.., _) => Some("its filter delays the edges (CCMR.ICF)"),
             (.., 8) => Some("CCER.CCNP without CCP is not allowed"),
             (.., 0xA) => Some("it captures both edges (CCER.CCNP and CCP)"),
             (.., p) => (rising == (p == 2)).then_some("it captures the other edge (CCER.CCP)"),
         }
     }
 
+    /// Counts by which a channel's filter delays an edge: samples that must agree, times the clocks between them (RM0390 section 17.4.7).
+    fn filter_delay(&self, channel: usize) -> u32 {
+        const DELAY: [u32; 16] = [0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192, 256];
+        DELAY[(self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2) + 4) & 0xF) as usize] / self.divider() as u32
+    }
+
+    /// Whether a channel has no other fault than that its filter delays edges.
+    pub fn filters(&self, channel: usize) -> bool {
+        self.filter_delay(channel) > 0 && self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2)) & 0xF == 1
+    }
+
     /// An edge at the input of a channel that is not [`deaf`](Self::deaf) to it.
     pub fn edge(&mut self, channel: usize, at: u64) -> Captured {
-        let stamp = self.count(at);
+        let stamp = self.count(at).wrapping_add(self.filter_delay(channel));
         if self.regs[SR] & (2 << channel) != 0 {
             self.regs[SR] |= 0x200 << channel;
         }
