@@ -278,13 +278,11 @@ impl Backup {
             (self.bdcr, self.began, self.lse_on) = (Self::BDRST, None, None);
             return;
         }
-        // RTCSEL is written once: another clock needs a reset of the domain (RM0390 section 6.3.20).
-        let chosen = self.bdcr & 3 << 8;
+        // A source of the RTC, once selected, stays until the domain is reset (RM0390 section 6.3.20).
+        const RTCSEL: u32 = 3 << 8;
+        let selected = self.bdcr & RTCSEL;
+        let value = if selected == 0 { value } else { value & !RTCSEL | selected };
         self.bdcr = value & !2;
-        if chosen != 0 {
-            self.bdcr = self.bdcr & !(3 << 8) | chosen;
-        }
-        let value = self.bdcr;
         self.lse_on = (value & 1 != 0).then(|| self.lse_on.unwrap_or(now));
         // RTCSEL: 1 is LSE, which must run.
         let on_lse = value & Self::RTCEN != 0 && value >> 8 & 3 == 1 && value & 1 != 0;

@@ -372,7 +372,8 @@ mod tests {
         let mut r = Recorder::new(&path, "FOG-7");
         r.of_sensors = true;
         for k in 1..200 {
-            r.push(&Second { frequency_hz: [20.25, f64::NAN, -3.5], ..second(k * 1000) }).expect("written");
+            let y = if k == 8 { f64::NAN } else { 21.5 };
+            r.push(&Second { frequency_hz: [20.25, y, -3.5], ..second(k * 1000) }).expect("written");
         }
         let again = crate::recording::Recording::load(&path).expect("a recording");
         assert_eq!(again.thermometer, crate::recording::format::Thermometer::Sensors);

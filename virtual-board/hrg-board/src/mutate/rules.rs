@@ -31,8 +31,13 @@ const UNUSED_CLOCK: &str =
 const ORDER: &str = "an interrupt keeps its order to those of the tasks, and may wait for its equals, whose handlers take microseconds (PM0214 section 4.3.7)";
 const WAKES: &str =
     "an interrupt that only wakes tasks of UART4's priority comes no later than they run (PM0214 section 4.3.7)";
+const RING_LASTS: &str =
+    "an interrupt that counts the turns of a ring may wait for tasks, which run for a millisecond or two: a ring lasts 25 ms (PM0214 section 4.3.7)";
+const IDLE_STREAM: &str = "a stream that the program does not use moves nothing without EN (RM0390 section 9.5.5)";
+const INPUT: &str = "OTYPER says nothing of an input (RM0390 section 7.4.2)";
 const DRIVEN: &str = "the other end drives the line, push-pull: a pull of 40 kilohm does not move it (data sheet, I/O static characteristics)";
 const NO_OUTPUT: &str = "ODR says nothing where the pin is no output of the program's own (RM0390 section 7.3.11)";
+const NO_FUNCTION: &str = "AFR says nothing where the pin is not on its alternate function (RM0390 section 7.4.9)";
 const SELECTED: &str =
     "the ADC is selected from the set-up of the pin until the first frame ends: that frame is the set-up's, and no sample of it is used (SBAS950 section 8.5.1.1)";
 const FASTER: &str = "the pin is fast enough at either setting (data sheet, I/O AC characteristics)";
@@ -61,10 +66,10 @@ const RULES: &[Rule] = &[
     rule("TIM5.DIER", &["UIE", "CCIE0"], "its flags stand without the interrupt, and are served with the alarms, some milliseconds later (RM0390 section 17.4.5)"),
     rule("TIM2.SR", &["UIF", "CCIF0", "CCIF1", "CCIF2", "CCOF0", "CCOF1", "CCOF2", "TIF"], "flags that nobody looks at: these channels are served by DMA (RM0390 section 17.4.5)"),
     rule("TIM3.CCER", &["CCE1", "CCE2", "CCE3", "CCP1", "CCP2", "CCP3", "CCNP1", "CCNP2", "CCNP3"], "channels 2 to 4 have no pin (RM0390 section 17.4.9)"),
+    rule("TIM3.CCMR_INPUT1", &[], "channels 3 and 4 are off and have no pin (RM0390 section 17.4.8)"),
+    rule("TIM3.CCMR_INPUT0", &["CCS1", "ICPSC1", "ICF1", "OCCE1", "OCFE1", "OCM1", "OCPE1"], "channel 2 is off and has no pin (RM0390 section 17.4.7)"),
+    rule("TIM5.DIER", &["CCIE2", "CCIE3"], "one more call a turn of a handler that clears every flag it reads (RM0390 section 17.4.5)"),
     rule("TIM3.SR", &["UIF", "CCIF1", "CCIF2", "CCIF3", "CCOF0", "TIF"], "flags that nobody looks at (RM0390 section 17.4.5)"),
-    rule("TIM11.CR1", &["ARPE", "URS", "UDIS"], "the counter runs freely for a millisecond (RM0390 section 18.5.1)"),
-    rule("TIM11.CCER", &["CCP0"], "either edge comes at the same rate (RM0390 section 18.5.9)"),
-    rule("TIM11.DIER", &[], UNUSED_INTERRUPT),
     rule("SPI1.CR1", &["CRCNEXT", "BIDIOE"], "without CRCEN, and without BIDIMODE, it has no effect (RM0390 section 26.7.1)"),
     rule("SPI1.CR2", &["ERRIE", "RXNEIE", "TXEIE"], UNUSED_INTERRUPT),
     rule("SPI1.CR2", &["SSOE"], "with SSM, NSS is no pin (RM0390 section 26.7.2)"),
@@ -87,7 +92,7 @@ const RULES: &[Rule] = &[
     rule("RCC.CFGR", &["RTCPRE"], "HSE / RTCPRE goes to the RTC and TIM11, which do not use it from then on (RM0390 section 6.3.3)"),
     rule("RCC.BDCR", &[], "the backup domain is used with a battery only (RM0390 section 6.3.20)"),
     rule("RCC.CIR", &[], UNUSED_INTERRUPT),
-    rule("RCC.CSR", &["LSION"], "the watchdog switches LSI on itself (RM0390 section 6.2.5)"),
+    rule("RCC.CSR", &["LSION", "LSIRDY"], "the watchdog switches LSI on itself (RM0390 section 6.2.5)"),
     rule("RCC.DCKCFGR", &["CKDFSDM1ASEL", "CKDFSDM1SEL", "CKDFSDM2ASEL", "CLK48SEL", "DSISEL", "I2S1SRC", "I2S2SRC", "I2SSRC", "PLLDIVR", "PLLI2SDIVQ", "PLLI2SDIVR", "PLLSAIDIVQ", "PLLSAIDIVR", "SAI1ASRC", "SAI1BSRC", "SAI1SRC", "SAI2SRC", "SDMMCSEL"], "clocks of audio and USB, which the program does not use (RM0390 section 6.3.25)"),
     rule("RCC.DCKCFGR2", &[], "clocks of peripherals that the program does not use (RM0390 section 6.3.27)"),
     rule("DBGMCU.CR", &[], "what a debugger sees of sleep; the program does not change (RM0390 section 33.16.3)"),
@@ -99,10 +104,16 @@ const RULES: &[Rule] = &[
 /// Those of them that do nothing but wake tasks which run in UART4's interrupt.
 const WAKING: [&str; 6] = ["DMA1_STREAM1", "DMA1_STREAM5", "DMA1_STREAM6", "DMA2_STREAM5", "DMA2_STREAM7", "USART1"];
 
-/// Peripherals that the program uses.
-const USED: [&str; 16] = [
-    "DMA1", "DMA2", "GPIOA", "GPIOB", "GPIOC", "TIM2", "TIM3", "TIM5", "TIM11", "SPI1", "USART1", "PWR", "CRC",
-    "FLASH", "RCC", "IWDG",
+/// Those of them whose rings last 25 ms, longer than any task runs.
+const RINGS: [&str; 3] = ["DMA1_STREAM1", "DMA1_STREAM5", "DMA1_STREAM6"];
+
+/// Streams that the program uses: address of CR.
+const STREAMS: [u32; 7] = [0x4002_6028, 0x4002_6088, 0x4002_60A0, 0x4002_6410, 0x4002_6458, 0x4002_6488, 0x4002_64B8];
+
+/// Peripherals that the program uses once its start is over. (TIM11 has counted the crystal by then, and is off.)
+const USED: [&str; 15] = [
+    "DMA1", "DMA2", "GPIOA", "GPIOB", "GPIOC", "TIM2", "TIM3", "TIM5", "SPI1", "USART1", "PWR", "CRC", "FLASH", "RCC",
+    "IWDG",
 ];
 
 /// Interrupts that the program lives by: those of its streams, timers and link, and those that run tasks.
@@ -167,6 +178,12 @@ impl Rules {
         match address {
             0xE000_E100..=0xE000_E3FF => return self.interrupts(address, bits),
             0xE000_E400..=0xE000_E4FF => return self.priorities(address, bits, value),
+            0x4002_6010..=0x4002_67FF if address & 0x3FF >= 0x10 => {
+                let cr = address - ((address & 0x3FF) - 0x10) % 0x18;
+                if !STREAMS.contains(&cr) && (address != cr || value & 1 == 0) {
+                    return Some(IDLE_STREAM);
+                }
+            }
             0x4002_0000..=0x4002_1FFF => {
                 if let Some(why) = self.pins(address, bits, value) {
                     return Some(why);
@@ -180,7 +197,9 @@ impl Rules {
         if !USED.contains(&peripheral.name.as_str()) && address < 0xE000_0000 {
             return Some("a peripheral that the program does not use");
         }
-        let left = bits & register.mask();
+        // stm32-metapac has one set of registers for the timers of all families: here they have 16 bits, but for counters.
+        let narrow = name.starts_with("TIM") && !register.fields.is_empty();
+        let left = bits & register.mask() & if narrow { 0xFFFF } else { u32::MAX };
         if left == 0 {
             return Some(RESERVED);
         }
@@ -227,6 +246,9 @@ impl Rules {
             return Some(UNUSED_INTERRUPT);
         }
         let of = |wanted: &str| self.priorities.iter().find(|(k, _)| name(**k) == wanted).map_or(0, |(_, p)| *p);
+        if RINGS.contains(&name(n)) {
+            return Some(RING_LASTS);
+        }
         if WAKING.contains(&name(n)) && new <= of("UART4") {
             return Some(WAKES);
         }
@@ -271,11 +293,14 @@ impl Rules {
             return Some(UNWIRED);
         }
         let w = &self.part.wiring;
+        let inputs = [&w.resonators[..], &[w.data_ready, w.pulse, w.from_adc, w.link_in]].concat();
         let fast = [w.clock, w.to_adc];
         let pulled = w.resonators.contains(&wired[0]) || wired[0] == w.from_adc;
         match register {
             // The data of a pin that is no output.
             0x14 | 0x18 if wired.iter().all(|p| ![w.select, w.reset, w.mark].contains(p)) => Some(NO_OUTPUT),
+            0x04 if wired.iter().all(|p| inputs.contains(p)) => Some(INPUT),
+            0x20 | 0x24 if wired.iter().all(|p| [w.select, w.reset, w.mark].contains(p)) => Some(NO_FUNCTION),
             0x14 | 0x18 if wired.iter().all(|p| *p == w.select) && value == 0 => Some(SELECTED),
             // At a pin that is fast, the lowest is too slow.
             0x08 if wired.iter().all(|p| !fast.contains(p) || value >> (2 * p.1) & 3 != 0) => Some(FASTER),
