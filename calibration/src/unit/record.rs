@@ -373,7 +373,7 @@ mod tests {
         r.of_sensors = true;
         for k in 1..200 {
             let y = if k == 8 { f64::NAN } else { 21.5 };
-            r.push(&Second { frequency_hz: [20.25, y, -3.5], ..second(k * 1000) }).expect("written");
+            r.push(&Second { frequency_hz: [20.25, y, -3.5], raw_dph: [1.5; 3], ..second(k * 1000) }).expect("written");
         }
         let again = crate::recording::Recording::load(&path).expect("a recording");
         assert_eq!(again.thermometer, crate::recording::format::Thermometer::Sensors);
