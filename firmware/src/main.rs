@@ -163,7 +163,9 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status)
+    let session: &mut Session<_> = once(SESSION.try_take());
+    session.set_accelerometers(calibration.accelerometers);
+    let telemetry = Telemetry::new(session, params::TIMEBASE, identity, status)
         .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();

@@ -1,5 +1,6 @@
 //! Stored calibration images of each version: what a unit in the field holds must load in every firmware to come.
 
+use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
@@ -9,6 +10,8 @@ const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
 const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
+
+const ACCELEROMETERS: &[u8] = include_bytes!("images/version-3-accelerometers.bin");
 
 fn read(image: &[u8]) -> Calibration {
     Calibration::from_bytes(image).expect("an image of version 1 loads")
@@ -41,7 +44,7 @@ fn version_1_holds_what_was_put_into_it() {
 #[test]
 fn version_2_states_its_uncertainty() {
     let u = read(UNCERTAIN);
-    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), VERSION);
+    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), 2);
     assert_eq!((u.axes[0].uncertainty.rest_dph2, u.axes[2].uncertainty.baseline[0]), (0.25, [0.5; 6]));
     assert_eq!(u.effects.iter().map(|t| t.start).collect::<Vec<_>>(), [0.0, -1.0, 0.0]);
     let directions: Vec<(f32, f32)> =
@@ -51,9 +54,19 @@ fn version_2_states_its_uncertainty() {
 }
 
 #[test]
+fn version_3_holds_the_errors_of_accelerometers() {
+    assert_eq!(u16::from_le_bytes([ACCELEROMETERS[4], ACCELEROMETERS[5]]), 3);
+    let (c, before) = (read(ACCELEROMETERS), read(UNCERTAIN));
+    assert_eq!(c.accelerometers.bias_mps2, [2.103_628_2e-4, -8.969_197_5e-4]);
+    assert_eq!(c.accelerometers.matrix, [[1.019_075, 0.002_941_191_4], [-0.005_269_312_3, 1.002_997_9]]);
+    assert_eq!(Calibration { accelerometers: before.accelerometers, ..c }, before);
+    assert_eq!(before.accelerometers, Accelerometers::IDEAL, "older versions hold none");
+}
+
+#[test]
 fn an_image_is_written_as_it_was_stored() {
     // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
-    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN] {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
         let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
         assert!(again == image, "the layout of version {version} has changed");

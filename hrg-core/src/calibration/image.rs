@@ -2,6 +2,7 @@
 
 use super::layouts::{Channel, EffectHead, Header};
 use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
+use crate::alignment::accelerometers::Accelerometers;
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
@@ -36,6 +37,9 @@ impl Calibration {
         self.write_payload(&mut w);
         if self.version() >= 2 {
             self.write_since_2(&mut w);
+        }
+        if self.version() >= 3 {
+            self.accelerometers.put_fields(&mut w);
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -99,6 +103,9 @@ impl Calibration {
         if version >= 2 {
             calibration.read_since_2(&mut payload).ok_or(ImageError::Length(length))??;
         }
+        if version >= 3 {
+            calibration.accelerometers.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -145,9 +152,12 @@ impl Calibration {
 
     /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
     fn version(&self) -> u16 {
+        if self.accelerometers != Accelerometers::IDEAL {
+            return 3;
+        }
         let started = self.effects.iter().any(|e| e.start != 0.0);
         if started || self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
-            VERSION
+            2
         } else {
             1
         }
