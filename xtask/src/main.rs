@@ -3,6 +3,7 @@
 mod elf;
 mod fingerprint;
 mod fuzz;
+mod python;
 mod setup;
 
 use setup::Toolchain;
@@ -37,6 +38,7 @@ const USAGE: &str = "cargo xtask COMMAND
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
+  wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
@@ -73,6 +75,7 @@ fn main() -> ExitCode {
         Some("study") => tool("hrg-study", rest),
         Some("measured") => measured(),
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
+        Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -413,9 +416,13 @@ fn test() -> Result<(), Failure> {
         "warnings",
     ]))?;
     println!("lints, host");
-    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"])
-        .args(&packages)
-        .args(["--", "-D", "warnings"]))?;
+    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
+        "-p",
+        "hrg-python",
+        "--",
+        "-D",
+        "warnings",
+    ]))?;
     println!("documentation");
     run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
         .args(&packages)
@@ -465,6 +472,11 @@ fn tests(packages: &[&str]) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
+    println!("the Python package");
+    let python = python::tests()?;
+    passed += python.passed;
+    failed += python.failed;
+    skipped.extend(python.skipped);
     println!("{passed} passed, {failed} failed, {} of the passed skipped", skipped.len());
     skipped.iter().for_each(|s| println!("{s}"));
     if status.success() && failed == 0 && passed > 0 {
