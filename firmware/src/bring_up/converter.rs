@@ -1,5 +1,5 @@
 //! SPI2 as a slave that answers as the ADS131M08 does (SBAS950): its frames, its registers, its reset. What it does not have: conversions of its own, and the
-//! two samples that the ADC keeps. Its codes never change.
+//! two samples that the ADC keeps.
 
 use super::{give, pin};
 use core::cell::RefCell;
@@ -26,8 +26,8 @@ const DMA_CHANNEL: u8 = 0;
 const RX_FLAGS: u32 = 0x3D << 22;
 const TX_FLAGS: u32 = 0x3D;
 
-/// Codes of the eight channels.
-pub const CODES: [i32; 8] = [10_000, -20_000, 30_000, 100_000, -100_000, 1, -2, 3];
+/// Codes of the eight channels; one more and one less by turns, for the unit flags an ADC whose codes never change.
+const CODES: [i32; 8] = [10_000, -20_000, 30_000, 100_000, -100_000, 1, -2, 3];
 
 const FRAME: usize = 30;
 const WORDS: usize = FRAME.div_ceil(4);
@@ -54,6 +54,8 @@ struct Converter {
     /// To the command of the frame before.
     answer: u16,
     held: bool,
+    /// Frames, by two.
+    odd: bool,
 }
 
 static CONVERTER: Mutex<CriticalSectionRawMutex, RefCell<Converter>> = Mutex::new(RefCell::new(Converter::RESET));
@@ -69,7 +71,7 @@ impl Converter {
             registers[0x0C + 5 * channel] = 0x8000;
             channel += 1;
         }
-        Self { registers, answer: 0xFF28, held: false }
+        Self { registers, answer: 0xFF28, held: false, odd: false }
     };
 
     /// Does what a frame has asked for (section 8.5.1.10).
@@ -96,6 +98,7 @@ impl Converter {
         let mut bytes = [0; 4 * WORDS];
         bytes[..2].copy_from_slice(&self.answer.to_be_bytes());
         for (to, code) in bytes[3..27].chunks_exact_mut(3).zip(CODES) {
+            let code = if self.odd { code + 1 } else { code - 1 };
             to.copy_from_slice(&code.to_be_bytes()[1..]);
         }
         let sum = crc(&bytes[..27]);
@@ -122,6 +125,7 @@ impl Converter {
             *self = Self { held, ..Self::RESET };
         }
         self.held = held;
+        self.odd = !self.odd;
         self.arm();
     }
 

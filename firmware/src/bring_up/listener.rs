@@ -41,6 +41,8 @@ pub struct Heard {
     pub edges_lost: u32,
     /// Pulses per second: how often another one was told.
     pub pulses: u32,
+    /// Flags of the unit, in any frame.
+    pub flags: u8,
     /// The last housekeeping.
     pub last: Option<Housekeeping>,
     /// Answers to [`Message::Identify`].
@@ -114,10 +116,12 @@ impl Listener {
         match message {
             Message::Rate(frame) => {
                 heard.rates += 1;
+                heard.flags |= frame.unit_status.bits();
                 heard.sums.iter_mut().zip(frame.rate_dph).for_each(|(sum, rate)| *sum += f64::from(rate));
             }
             Message::Housekeeping(h) => {
                 heard.seconds += 1;
+                heard.flags |= h.unit_status.bits();
                 heard.samples += u32::from(h.samples);
                 heard.adc_errors += u32::from(h.adc_errors);
                 let lost = h.missing.iter().chain(&h.rejected);

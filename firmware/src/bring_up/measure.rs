@@ -123,7 +123,7 @@ impl Bench {
             reached.set(item, f as f32);
         }
         reached.set(Item::Clock, last.clock_ppb);
-        reached.set(Item::Status, f32::from(last.unit_status.bits()));
+        reached.set(Item::Status, f32::from(heard.flags));
     }
 
     /// Periods of wave x as TIM2 captures them: its capture register, looked at without pause for half a second. (The DMA takes it as well.)

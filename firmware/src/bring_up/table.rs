@@ -99,7 +99,7 @@ impl Reached {
             let (least, most) = match bound {
                 Bound::By(by) => (expected - by, expected + by),
                 Bound::Share(share) => (expected - share * expected, expected + share * expected),
-                Bound::AtMost => (f32::MIN_POSITIVE, expected),
+                Bound::AtMost => (0.0, expected),
             };
             let pass = (least..=most).contains(&reached);
             passed += u32::from(pass);

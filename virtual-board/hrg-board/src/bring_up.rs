@@ -137,13 +137,30 @@ pub fn run(elf: &[u8], jumpers: &[Jumper], estimate: bool, mut shown: impl FnMut
     bail!("the program did not come to its end within {LONGEST_S} s")
 }
 
+/// Puts the lines of a log into a page, each in the place of the line that begins as it does, up to its first number.
+fn show(page: &Path, log: &[String]) -> Result<()> {
+    let key = |line: &str| match line.trim().split_once(": reached ") {
+        Some((name, _)) => name.to_string(),
+        None => line.trim().split(char::is_numeric).next().unwrap_or("").to_string(),
+    };
+    let text = std::fs::read_to_string(page).with_context(|| format!("cannot read {}", page.display()))?;
+    let new = text.lines().map(|line| {
+        let printed = line.starts_with("    INFO ").then(|| log.iter().find(|l| key(l) == key(line))).flatten();
+        printed.map_or_else(|| line.to_string(), |l| format!("    {}", l.trim_end()))
+    });
+    hrg_cal::write_file(page, (new.collect::<Vec<_>>().join("\n") + "\n").as_bytes())
+}
+
 /// `hrg-board bring-up`.
 ///
 /// # Errors
 /// As [`run`]; and where a row fails.
-pub fn command(elf: &[u8], without: Option<&str>, expect: Option<&Path>) -> Result<()> {
+pub fn command(elf: &[u8], without: Option<&str>, expect: Option<&Path>, page: Option<&Path>) -> Result<()> {
     let out = run(elf, &jumpers(without)?, true, |line| println!("{line}"))?;
     let rows = out.rows();
+    if let Some(page) = page {
+        show(page, &out.log)?;
+    }
     if let Some(path) = expect {
         if let Some(row) = rows.iter().find(|r| r.reached.is_nan()) {
             bail!("{} was not measured: nothing is written", row.name);

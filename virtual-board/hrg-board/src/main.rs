@@ -87,6 +87,9 @@ enum Command {
         /// Write what was reached into the program's sources, as what is expected.
         #[arg(long)]
         expect: bool,
+        /// Page whose log lines are written anew.
+        #[arg(long, conflicts_with = "without")]
+        page: Option<PathBuf>,
     },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
@@ -305,9 +308,10 @@ fn run(command: Command) -> Result<()> {
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
         Command::Bench { page } => bench(page.as_deref()),
-        Command::BringUp { elf, without, expect } => {
+        Command::BringUp { elf, without, expect, page } => {
             let expect = expect.then(|| top.join("firmware/src/bring_up/expected.rs"));
-            hrg_board::bring_up::command(&replay::read_elf(&elf)?, without.as_deref(), expect.as_deref())
+            let elf = replay::read_elf(&elf)?;
+            hrg_board::bring_up::command(&elf, without.as_deref(), expect.as_deref(), page.as_deref())
         }
         Command::Fingerprint { elf, file } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
