@@ -31,10 +31,12 @@ pub fn bring_up(arguments: &[String]) -> Result<(), Failure> {
     if on_virtual.is_empty() && !rest.is_empty() {
         return Err(Failure(format!("{} goes with --virtual only", rest[0])));
     }
+    if on_virtual.is_empty() {
+        probe()?;
+    }
     let t = setup::toolchain()?;
     let elf = elf(&t)?;
     if on_virtual.is_empty() {
-        probe()?;
         return judge(&on_board(&elf)?);
     }
     programs()?;
@@ -50,7 +52,7 @@ pub fn build() -> Result<(), Failure> {
 fn probe() -> Result<(), Failure> {
     let list = output(Command::new("probe-rs").arg("list")).ok_or_else(|| {
         Failure(
-            "probe-rs is not installed. Run\n\n    cargo install probe-rs-tools --locked\n\nand then this again".into(),
+            "no board can be reached, because probe-rs is not installed (cargo install probe-rs-tools --locked)".into(),
         )
     })?;
     if list.contains("No debug probes were found") || list.trim().is_empty() {

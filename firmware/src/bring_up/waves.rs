@@ -10,7 +10,7 @@ use embassy_stm32::rcc;
 
 /// Counts of a period: of TIM4 and TIM12 at 90 MHz, of TIM1 at 180 MHz. Near the frequencies of a unit with the default calibration at 10 C: 4900.093,
 /// 4891.969 and 4703.669 Hz.
-const PERIODS: [u16; 3] = [18_367, 36_795, 19_134];
+pub const PERIODS: [u16; 3] = [18_367, 36_795, 19_134];
 
 /// The periods go through these, one each 10 ms: so the resolution of the captures shows.
 const DITHER: [i16; 4] = [0, 1, 0, -1];
