@@ -133,7 +133,7 @@ def test_ctrl_c_stops_it(trained, tmp_path):
         f"r = hrg.read({str(tmp_path / 'train.csv')!r})\n"
         "v, _ = hrg.simulate('cycle', effects=['thermal-lag:tau_s=600'], seed=2)\n"
         "def tell(n):\n    print(n, flush=True)\n"
-        "hrg.trace(r, v, progress=tell)\n"
+        "while True:\n    hrg.trace(r, v, progress=tell)\n"
     )
     child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert int(child.stdout.readline()) >= 0, "it works"
