@@ -6,7 +6,7 @@ use hrg_board::replay::{default_elf, read_elf};
 use hrg_board::wires::Wires;
 use std::sync::LazyLock;
 use virtual_board::mutation::{Change, Mutation, RegisterWrite};
-use virtual_board::{Board, RunError, CPU_HZ};
+use virtual_board::{Board, RunError, Stop, CPU_HZ};
 
 static SCENE: LazyLock<Scene> = LazyLock::new(|| {
     let elf = read_elf(&default_elf()).expect("cargo xtask test builds the firmware first");
@@ -164,4 +164,33 @@ fn a_tenth_of_the_mutants_is_noticed_or_harmless() {
     println!("{}", all.markdown());
     let unnoticed: Vec<&str> = all.unnoticed().collect();
     assert!(unnoticed.is_empty(), "{unnoticed:#?}");
+}
+
+#[test]
+fn a_transfer_to_no_memory_ends_the_run_or_stops_the_stream() {
+    // Stream 5 of DMA1 (TIM2_CH1): M0AR behind the end of RAM.
+    let to = write_to(DMA1 + 0x94, |_| true);
+    let wrong = Change::Becomes { address: to.address, value: 0x2002_0000 };
+    expect(&ends(to.number, wrong), &["no memory at 0x20020000"]);
+    let mut board = board();
+    board.faults_as_on_chip();
+    board.mutate(Mutation { number: to.number, change: wrong });
+    // embassy's handler panics at TEIF: the unit says where, stands still, and the watchdog starts it anew.
+    assert_eq!(board.run_until(10 * CPU_HZ).expect("runs"), Stop::Watchdog);
+    assert!(board.world.received.rates.is_empty() && !board.world.received.log_bytes.is_empty());
+}
+
+#[test]
+fn a_stream_that_was_stopped_half_way_must_be_set_up_anew() {
+    let mut board = board();
+    board.run_until(CPU_HZ).expect("runs");
+    // Of the stream that receives from the link: a byte, then off and on.
+    board.world.hear(&[0]);
+    board.poll_link();
+    board.run_until(CPU_HZ + CPU_HZ / 100).expect("runs");
+    let cr = board.read_register(DMA2 + 0x88).expect("there");
+    board.write_register(DMA2 + 0x88, cr & !1).expect("off");
+    board.write_register(DMA2 + 0xC, 0x3D << 6).expect("its flags");
+    let end = board.write_register(DMA2 + 0x88, cr).expect_err("on");
+    expect(&end.to_string(), &["DMA2 stream 5", "stopped half way", "RM0390 section 9.5"]);
 }

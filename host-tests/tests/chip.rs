@@ -54,3 +54,11 @@ fn a_wrong_byte_fails_its_test() {
     assert_eq!(outcome, Outcome::Failed("exit code 134".into()));
     assert!(log.iter().any(|l| l.contains("expected fba2fc38")), "{log:?}");
 }
+
+/// Without a debugger, a breakpoint is a HardFault.
+#[test]
+fn semihosting_without_a_debugger_ends_the_run() {
+    let mut board = virtual_board::Board::new(&elf(), virtual_board::NothingConnected).expect("it fits the board");
+    let end = board.run_until(virtual_board::CPU_HZ).expect_err("it asks for its command line");
+    assert!(end.to_string().contains("none is attached"), "{end}");
+}

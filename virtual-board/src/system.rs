@@ -184,6 +184,47 @@ impl Rcc {
     }
 }
 
+#[cfg(test)]
+mod readiness {
+    use super::*;
+
+    const MS: u64 = crate::CPU_HZ / 1000;
+    const HSE_AND_BYPASS: u32 = HSE_ON | HSE_BYPASS;
+
+    #[test]
+    fn oscillators_and_pll_are_ready_when_the_data_sheet_says() {
+        let mut rcc = Rcc::new(CSR_POWER_ON);
+        let ready = |rcc: &Rcc, now: u64| rcc.read(0, now).unwrap_or(0) & (HSE_READY | PLL_READY);
+        // PLLSRC: HSE.
+        rcc.write(1, 0x2400_3010 | 1 << 22, 0);
+        rcc.write(0, 1 | HSE_AND_BYPASS | 1 << 24, MS);
+        assert_eq!(ready(&rcc, 3 * MS - 1), 0);
+        assert_eq!(ready(&rcc, 3 * MS), HSE_READY);
+        assert_eq!(ready(&rcc, 3 * MS + MS * 3 / 10), HSE_READY | PLL_READY, "it locks on to what runs");
+        // Another write of the same starts nothing anew; off is off at once.
+        rcc.write(0, 1 | HSE_AND_BYPASS | 1 << 24, 4 * MS);
+        assert_eq!(ready(&rcc, 4 * MS), HSE_READY | PLL_READY);
+        rcc.write(0, 1 | HSE_AND_BYPASS, 5 * MS);
+        assert_eq!(ready(&rcc, 5 * MS), HSE_READY);
+        let lsi = |rcc: &Rcc, now: u64| rcc.read(0x1D, now).unwrap_or(0) & 3;
+        rcc.write(0x1D, 1, 6 * MS);
+        assert_eq!((lsi(&rcc, 6 * MS), lsi(&rcc, 7 * MS)), (1, 3));
+    }
+
+    #[test]
+    fn a_dead_crystal_is_never_ready_and_a_slow_one_later() {
+        let mut dead = Rcc { crystal_hz: None, ..Rcc::new(CSR_POWER_ON) };
+        dead.write(0, 1 | HSE_AND_BYPASS, 0);
+        assert_eq!(dead.read(0, 1_000_000 * MS).unwrap_or(0) & HSE_READY, 0);
+        let mut slow = Rcc { crystal_start: 50 * MS, ..Rcc::new(CSR_POWER_ON) };
+        slow.write(0, 1 | HSE_AND_BYPASS, 0);
+        assert_eq!([49, 50].map(|ms| slow.read(0, ms * MS).unwrap_or(0) & HSE_READY), [0, HSE_READY]);
+        // Switched to before that, the chip would not follow.
+        slow.write(2, 1, 0);
+        assert!(crate::clocks::clocks(&slow, MS).is_err_and(|e| e.contains("before it is ready")));
+    }
+}
+
 /// TIM11 as far as it counts the crystal: its channel 1 on HSE / RTCPRE (TIM11_OR), the counter on HSI. Only the counter's reading at each
 /// capture matters, so time has no part in it: each look at a capture that was taken is the next one.
 #[derive(Debug, Clone)]

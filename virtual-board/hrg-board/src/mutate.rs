@@ -238,10 +238,23 @@ pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
                 }
                 verdict => verdict,
             };
+            let told = match verdict {
+                Verdict::Unnoticed => format!("{told}; {}", different(&part.tables, &good.registers, &found.registers)),
+                _ => told,
+            };
             Ok((told, verdict))
         },
     )?;
     Ok(Campaign { mutants, writes: writes.len() })
+}
+
+/// Registers that differ after the start, with both values.
+fn different(tables: &Tables, good: &BTreeMap<u32, u32>, found: &BTreeMap<u32, u32>) -> String {
+    let differs = good.iter().filter_map(|(address, value)| {
+        let other = found.get(address).copied().unwrap_or(0);
+        (other != *value).then(|| format!("{} {value:#010x} -> {other:#010x}", tables.register_name(*address)))
+    });
+    format!("after the start: {}", differs.collect::<Vec<_>>().join(", "))
 }
 
 fn judge(good: &Outcome, found: &Outcome) -> Verdict {

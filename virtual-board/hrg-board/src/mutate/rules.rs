@@ -31,6 +31,8 @@ const UNUSED_CLOCK: &str =
 const ORDER: &str = "an interrupt keeps its order to those of the tasks, and may wait for its equals, whose handlers take microseconds (PM0214 section 4.3.7)";
 const WAKES: &str =
     "an interrupt that only wakes tasks of UART4's priority comes no later than they run (PM0214 section 4.3.7)";
+const RATE_TASK: &str =
+    "the rate task runs between the end of a frame and the next data-ready, for less than 100 us: what has to wait for it at its own level can (PM0214 section 4.3.7)";
 const RING_LASTS: &str =
     "an interrupt that counts the turns of a ring may wait for tasks, which run for a millisecond or two: a ring lasts 25 ms (PM0214 section 4.3.7)";
 const IDLE_STREAM: &str = "a stream that the program does not use moves nothing without EN (RM0390 section 9.5.5)";
@@ -58,6 +60,7 @@ const RULES: &[Rule] = &[
     rule("TIM2.CR1", &["URS", "UIFREMAP"], "no interrupt or DMA request of an update event is enabled (RM0390 section 17.4.1)"),
     rule("TIM3.CR1", &["URS", "UIFREMAP"], "no interrupt or DMA request of an update event is enabled (RM0390 section 17.4.1)"),
     rule("TIM5.CR1", &["UIFREMAP"], RESERVED),
+    rule("TIM5.CR1", &["URS"], "UG is not written after the start, so the flag means the end of a count either way (RM0390 section 17.4.1)"),
     rule("TIM2.SMCR", &["TS", "ETF", "ETPS", "ETP"], "trigger input that no slave mode uses (RM0390 section 17.4.3)"),
     rule("TIM5.SMCR", &["TS", "ETF", "ETPS", "ETP"], "trigger input that no slave mode uses (RM0390 section 17.4.3)"),
     rule("SMCR", &["MSM"], "it delays the trigger input by some clocks, and nothing else (RM0390 section 17.4.3)"),
@@ -69,6 +72,8 @@ const RULES: &[Rule] = &[
     rule("TIM3.CCMR_INPUT1", &[], "channels 3 and 4 are off and have no pin (RM0390 section 17.4.8)"),
     rule("TIM3.CCMR_INPUT0", &["CCS1", "ICPSC1", "ICF1", "OCCE1", "OCFE1", "OCM1", "OCPE1"], "channel 2 is off and has no pin (RM0390 section 17.4.7)"),
     rule("TIM5.DIER", &["CCIE2", "CCIE3"], "one more call a turn of a handler that clears every flag it reads (RM0390 section 17.4.5)"),
+    rule("TIM5.DIER", &["CCDE0", "CCDE1", "CCDE2", "CCDE3"], "no stream is set to a request of TIM5, and nothing else comes of one (RM0390 table 28)"),
+    rule("USART1.CR3", &["EIE"], "an error then does at once what it does when the line falls idle: it is counted (RM0390 section 25.6.6)"),
     rule("TIM3.SR", &["UIF", "CCIF1", "CCIF2", "CCIF3", "CCOF0", "TIF"], "flags that nobody looks at (RM0390 section 17.4.5)"),
     rule("SPI1.CR1", &["CRCNEXT", "BIDIOE"], "without CRCEN, and without BIDIMODE, it has no effect (RM0390 section 26.7.1)"),
     rule("SPI1.CR2", &["ERRIE", "RXNEIE", "TXEIE"], UNUSED_INTERRUPT),
@@ -252,6 +257,9 @@ impl Rules {
         if WAKING.contains(&name(n)) && new <= of("UART4") {
             return Some(WAKES);
         }
+        if name(n) == "UART5" && new < of("UART4") {
+            return Some(RATE_TASK);
+        }
         let old = self.priorities.get(&n).copied().unwrap_or(0);
         let kept = |other: u32| old == other || (old < other) == (new < other) && new != other;
         self.priorities.iter().filter(|(k, _)| **k != n && raised(**k)).all(|(_, p)| kept(*p)).then_some(ORDER)
@@ -277,12 +285,12 @@ impl Rules {
         // The mask of the k-th pin in the register, and the pins that it has.
         let mask = |k: usize| match register {
             0x00 | 0x08 | 0x0C => 3 << (2 * k),
-            0x04 | 0x14 => 1 << k,
+            0x04 | 0x10 | 0x14 => 1 << k,
             0x18 => 0x1_0001 << k,
             _ => 0xFu32 << (4 * (k % 8)),
         };
         let pins = match register {
-            0x00 | 0x04 | 0x08 | 0x0C | 0x14 | 0x18 => 0..16,
+            0x00 | 0x04 | 0x08 | 0x0C | 0x10 | 0x14 | 0x18 => 0..16,
             0x20 => 0..8,
             0x24 => 8..16,
             _ => return None,
