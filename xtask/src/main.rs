@@ -4,6 +4,7 @@ mod bring_up;
 mod elf;
 mod fingerprint;
 mod fuzz;
+mod library;
 mod python;
 mod setup;
 
@@ -20,8 +21,9 @@ const USAGE: &str = "cargo xtask COMMAND
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --sensors | --stm32f405rg | --bring-up]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
-                    --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg: the one for that chip)
+  size [--signed | --sensors | --stm32f405rg | --bring-up | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
+                    --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg: the one for that chip; --nrf52840: the example
+                    for users of hrg-core)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
   bring-up          the first hour with a bare NUCLEO-F446RE and jumpers (docs/bring-up.md): measures, and prints a table (--virtual: on the virtual
@@ -71,6 +73,9 @@ fn main() -> ExitCode {
         }
         Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
+        Some("size") if rest.first().is_some_and(|a| a == "--nrf52840") => {
+            setup::toolchain().and_then(|t| library::example(&t))
+        }
         Some("size") => size(),
         Some("bring-up") => bring_up::bring_up(rest),
         Some("hil") => bring_up::hil(rest),
@@ -412,6 +417,10 @@ fn test() -> Result<(), Failure> {
     sensors(&t)?;
     println!("the bring-up program");
     bring_up::build()?;
+    println!("hrg-core in a firmware of another kind");
+    library::example(&t)?;
+    println!("hrg-core as it would be published");
+    library::package()?;
     println!("lints, target");
     for features in ["", "bring-up"] {
         let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--features", features];
