@@ -163,7 +163,9 @@ pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8
             )));
         }
         if text {
-            if let Some(at) = bytes[start..].iter().position(|b| *b == 0) {
+            // (`contains` is many times as fast, and nearly always says no.)
+            let zero = bytes[start..].contains(&0).then(|| bytes[start..].iter().position(|b| *b == 0));
+            if let Some(at) = zero.flatten() {
                 return Err(BadInput::new(format!(
                     "{}: byte {} is zero: this is a binary file, or text in UTF-16; save it as text in UTF-8",
                     path.display(),

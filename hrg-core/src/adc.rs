@@ -13,6 +13,17 @@
 //! # After a gap
 //! The ADC keeps two samples (section 8.5.1.9.1, "after a pause in data collection"): where one was not fetched, the next frame
 //! holds an old sample. It is refused, and a second one is fetched at once and dropped; then the store is empty.
+//!
+//! # Example
+//! ```
+//! use hrg_core::adc::{Dialogue, Fault, Next, WORDS};
+//!
+//! // Of a new ADC nothing is known: it is set up first. A frame of zeros has a wrong checksum, whatever is expected of it.
+//! let mut dialogue = Dialogue::default();
+//! let heard = dialogue.heard(&[0; WORDS], false);
+//! assert_eq!(heard.sample, Some(Err(Fault::Crc)));
+//! assert_eq!(heard.next, Next::Wait);
+//! ```
 
 use crate::rate_path::CHANNELS;
 use crate::AXES;

@@ -1,4 +1,18 @@
 //! Little-endian writing and reading of fixed buffers, shared by the calibration image and the link.
+//!
+//! # Example
+//! ```
+//! use hrg_core::bytes::{crc32, Reader, Writer};
+//!
+//! let mut buffer = [0; 6];
+//! let mut w = Writer::new(&mut buffer);
+//! w.u16(7);
+//! w.f32(1.5);
+//! assert_eq!(w.finish(), Some(6));
+//! let mut r = Reader::new(&buffer);
+//! assert_eq!((r.u16(), r.f32(), r.u8()), (Some(7), Some(1.5), None));
+//! assert_eq!(crc32(b"123456789"), 0xCBF4_3926);
+//! ```
 
 /// That of zip and Ethernet.
 static CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);

@@ -1,4 +1,18 @@
 //! The three axes together: frequencies in, temperatures, their rates, biases and status out, once per model step.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::compensator::Compensator;
+//! use hrg_core::status::AxisStatus;
+//!
+//! let mut model = Compensator::new(Calibration::uncalibrated(), 0.0);
+//! let output = model.step(&[Some(4900.0), Some(4892.0), None]);
+//! // The default image corrects nothing, and says so; the third axis has no frequency.
+//! assert_eq!(output.bias_dph, [0.0; 3]);
+//! assert!(output.status[0].contains(AxisStatus::UNCALIBRATED));
+//! assert!(output.status[2].contains(AxisStatus::FREQUENCY_LOST) && output.temperature_c[2].is_nan());
+//! ```
 
 use crate::bias;
 use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};

@@ -11,6 +11,19 @@
 //!
 //! # Why not `sequential-storage`
 //! That crate erases when the next record needs it, and takes an asynchronous flash. Here the moment of the erase is what matters.
+//!
+//! # Example
+//! ```
+//! use hrg_core::events::{Event, Record};
+//! use hrg_core::status::UnitStatus;
+//!
+//! let record = Record { on_for_s: 12, event: Event::Unit { flags: UnitStatus::ADC_FAULT } };
+//! let mut bytes = record.to_bytes();
+//! assert_eq!(Record::from_bytes(&bytes), Some(record));
+//! // Half written, it is none.
+//! bytes[4..].fill(0xFF);
+//! assert_eq!(Record::from_bytes(&bytes), None);
+//! ```
 
 use crate::bytes;
 use crate::reset::{Halt, ResetCause};

@@ -1,5 +1,14 @@
 //! Numbers of half a single's length: its upper sixteen bits. As wide a range, and 0.4 % of a number: enough for what states how
 //! uncertain another number is.
+//!
+//! # Example
+//! ```
+//! use hrg_core::half::Half;
+//!
+//! let half = Half::of(0.1);
+//! assert!((half.value() / 0.1 - 1.0).abs() < 0.004);
+//! assert_eq!(Half::from_bits(half.bits()), half);
+//! ```
 
 /// The upper half of an `f32`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -12,6 +12,25 @@
 //!
 //! A reset that leaves the memory alone does not end a past: [`crate::compensator::Compensator::keep`] writes all states into words
 //! that a reset leaves alone, and the unit goes on from them ([`crate::compensator::Compensator::resume`]).
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::compensator::Compensator;
+//! use hrg_core::history::{Kept, KEPT_WORDS};
+//!
+//! // A unit keeps its states in memory that a reset leaves alone.
+//! let mut words = [0u32; KEPT_WORDS];
+//! assert!(Kept::of(|k| words[k]).is_none(), "after power-on there are none");
+//! let mut model = Compensator::new(Calibration::uncalibrated(), 0.0);
+//! model.step(&[Some(4900.0); 3]);
+//! model.keep(|k, word| words[k] = word);
+//!
+//! let mut restarted = Compensator::new(Calibration::uncalibrated(), 0.0);
+//! restarted.resume(&Kept::of(|k| words[k]).expect("kept"));
+//! assert_eq!(restarted.resets(), 1);
+//! assert!(restarted.on_for_s() > model.on_for_s());
+//! ```
 
 use crate::bias::clamp;
 use crate::bytes;

@@ -1,4 +1,4 @@
-//! Everything that a hemispherical resonator gyro (HRG) unit computes, and nothing that touches hardware.
+#![doc = include_str!("../README.md")]
 //!
 //! # The field in one page
 //! An HRG is a wine glass of fused silica that rings at a few kilohertz. In *force-rebalance* mode a loop

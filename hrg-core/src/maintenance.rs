@@ -11,6 +11,19 @@
 //! No command is executed before [`Command::Open`] has named the unit as its image names it. A build with the firmware's feature
 //! `locked` refuses that too; one with the feature `signed` takes only images that the owner of its key has signed. Chunks come in order;
 //! one that is repeated (its answer was lost) is answered again and not written twice.
+//!
+//! # Example
+//! ```
+//! use hrg_core::maintenance::{burn, chunks, Command, CHUNK};
+//! use hrg_core::unit_name::UnitName;
+//!
+//! // What a host sends to write an image: open, begin, its chunks, end.
+//! let image = [7; 300];
+//! assert_eq!(chunks(&image).count(), image.len().div_ceil(CHUNK));
+//! let commands: Vec<Command> = burn(UnitName::new("HRG-042"), &image).collect();
+//! assert_eq!(commands.first(), Some(&Command::Open(UnitName::new("HRG-042"))));
+//! assert_eq!((commands.len(), commands.last()), (6, Some(&Command::End)));
+//! ```
 
 use crate::calibration::{stated_length, Calibration, COMMIT, MAX_BYTES, REFUSED};
 use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, PAGE};

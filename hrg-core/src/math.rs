@@ -4,6 +4,15 @@
 //! the bound of 131072 (`cargo xtask size`): they reduce arguments of any size, and the one of singles computes in doubles, in
 //! software. The functions here take angles up to a thousand turns, in the arithmetic of their type, and are good to two units in
 //! the last place (test `as_libm`).
+//!
+//! # Example
+//! ```
+//! use hrg_core::math::{double, single};
+//!
+//! let (sine, cosine) = double::sin_cos(core::f64::consts::FRAC_PI_2);
+//! assert!((sine - 1.0).abs() < 1e-15 && cosine.abs() < 1e-15);
+//! assert!(single::sin_cos(1e9).0.is_nan(), "beyond a thousand turns");
+//! ```
 
 /// Reciprocals of 3!, 5!, ... with the signs of the sine's series, last first.
 const SINE: [f64; 8] = [
@@ -30,7 +39,7 @@ const COSINE: [f64; 8] = [
 
 macro_rules! functions {
     ($module:ident, $type:ty, terms $terms:expr, quarter $quarter:expr) => {
-        #[doc = concat!("In `", stringify!($type), "`.")]
+        #[doc = concat!("In `", stringify!($type), "`.\n\n# Example\n```\nuse hrg_core::math::", stringify!($module), "::sin_cos;\n\nassert_eq!(sin_cos(0.0), (0.0, 1.0));\n```")]
         pub mod $module {
             /// Sine and cosine of an angle, rad; NaN beyond 6283 rad.
             #[must_use]

@@ -13,6 +13,32 @@
 //! Only while the model settles after a start is it taken over at once. Without pulses the last correction is held.
 //!
 //! A run in the chamber that was recorded without pulses holds the clock's own error in its curve of frequency over temperature. Record and fly alike.
+//!
+//! # Example
+//! ```
+//! use hrg_core::frequency::StepFrequencies;
+//! use hrg_core::pps::Pps;
+//! use hrg_core::timebase::Timebase;
+//!
+//! let mut pps = Pps::new(Timebase::REFERENCE);
+//! assert_eq!(pps.error(), None, "nothing is known before the first pulses");
+//! // A crystal that is fast by 1 ppm: 90 ticks more a second.
+//! for second in 0..60u32 {
+//!     pps.pulse((u64::from(second) * 90_000_090) as u32);
+//!     let step = StepFrequencies {
+//!         step: second,
+//!         end_ticks: u64::from(second) * 90_000_000 + 45_000_000,
+//!         frequency_hz: [Some(4900.0); 3],
+//!         rejected: [0; 3],
+//!         missing: [0; 3],
+//!     };
+//!     let (corrected, report) = pps.second(step);
+//!     if second == 59 {
+//!         assert!((report.correction_ppb - 1000.0).abs() < 1.0);
+//!         assert!((corrected.frequency_hz[0].expect("kept") / 4900.0 - 1.000_001).abs() < 1e-9);
+//!     }
+//! }
+//! ```
 
 use crate::frequency::StepFrequencies;
 use crate::rate_of_change::WINDOW;

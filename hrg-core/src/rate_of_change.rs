@@ -11,6 +11,20 @@
 //! A resonator's temperature is known to 0.01 mK in a second, so noise is no matter: 0.02 mK per minute. Delay is:
 //! at the start of a ramp the window lags behind the physics, and what the model then misses looks like a second
 //! derivative that is not there. Even a counter that only shows millihertz (2 mK) gives 5 mK per minute.
+//!
+//! # Example
+//! ```
+//! use hrg_core::rate_of_change::{Difference, SlopeWindow};
+//!
+//! // A ramp of 0.02 a second is one of 1.2 a minute.
+//! let (mut slope, mut difference) = (SlopeWindow::default(), Difference::default());
+//! let (mut s, mut d) = (0.0, 0.0);
+//! for k in 0..70 {
+//!     s = slope.push(Some(0.02 * k as f32));
+//!     d = difference.push(0.02 * k as f32);
+//! }
+//! assert!((s - 1.2).abs() < 1e-5 && (d - 1.2).abs() < 1e-3);
+//! ```
 
 /// Steps in the window of the slope: 20 s at one step a second.
 pub const WINDOW: usize = 20;

@@ -2,6 +2,28 @@
 //!
 //! The firmware's rate task, the desktop twin and the fuzz target drive this type alike: a bias and a decimation in, samples and
 //! looks at the time in, frames and the means of a second out.
+//!
+//! # Example
+//! ```
+//! use hrg_core::adc::Fault;
+//! use hrg_core::rate_output::RateOutput;
+//! use hrg_core::rate_path::RatePath;
+//! use hrg_core::status::UnitStatus;
+//! use hrg_core::timebase::Timebase;
+//!
+//! let mut output = RateOutput::new(RatePath::new(Timebase::REFERENCE, [0.01; 3], 1), UnitStatus::empty());
+//! let mut frames = Vec::new();
+//! let mut send = |frame| {
+//!     frames.push(frame);
+//!     true
+//! };
+//! output.sample(90_000, Ok([100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! output.sample(180_000, Err(Fault::Crc), &mut send).expect("intact");
+//! output.sample(270_000, Ok([100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! // The sample with a wrong checksum is not sent; the frame after it says so.
+//! assert_eq!(frames.len(), 2);
+//! assert_eq!((frames[0].unit_status, frames[1].unit_status), (UnitStatus::empty(), UnitStatus::ADC_FAULT));
+//! ```
 
 use crate::adc::Fault;
 use crate::rate_path::{Event, PendingBias, RateFrame, RatePath, Summary, CHANNELS};

@@ -5,6 +5,19 @@
 //! data-ready edge, captured by the same timer, is at or after that tick. So the sample is defined by time
 //! stamps, not by when a task ran, and a replay on a desktop does the same. A bias that arrives after its
 //! tick has passed takes effect at the next sample and raises [`UnitStatus::BIAS_LATE`].
+//!
+//! # Example
+//! ```
+//! use hrg_core::rate_path::{PendingBias, RatePath};
+//! use hrg_core::status::AxisStatus;
+//! use hrg_core::timebase::Timebase;
+//!
+//! let mut path = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
+//! path.set_bias(PendingBias::at(180_000, 0, [0.25; 3], [AxisStatus::empty(); 3]));
+//! let mut rate = |tick| path.sample(tick, [100, 100, 100, 0, 0]).frame.expect("one a sample").rate_dph[0];
+//! // 100 codes of 0.01 deg/h; the bias holds from its tick on.
+//! assert_eq!((rate(90_000), rate(180_000)), (1.0, 0.75));
+//! ```
 
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;

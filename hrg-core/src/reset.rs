@@ -1,4 +1,13 @@
 //! Why a unit started, and what a start is told.
+//!
+//! # Example
+//! ```
+//! use hrg_core::reset::{Halt, ResetCause};
+//!
+//! assert_eq!(ResetCause::from_number(3), Some(ResetCause::Watchdog));
+//! assert_eq!(ResetCause::Watchdog.name(), "watchdog");
+//! assert_eq!(Halt::from_number(200), None);
+//! ```
 
 /// Why the processor started anew.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -1,5 +1,19 @@
 //! Fields of calibration images and of the link's frames, each written once: `layout!` makes of a list of fields both directions
 //! and the table that `docs/formats.md` and a Python `struct` string are printed from.
+//!
+//! # Example
+//! ```
+//! use hrg_core::bytes::{Reader, Writer};
+//! use hrg_core::rate_path::RateFrame;
+//! use hrg_core::schema::{size, take, Layout, Number};
+//!
+//! let mut frame = RateFrame::default();
+//! frame.sample = 5;
+//! let mut buffer = [0; size(RateFrame::FIELDS)];
+//! frame.put_fields(&mut Writer::new(&mut buffer));
+//! let again: RateFrame = take(&mut Reader::new(&buffer)).expect("enough bytes");
+//! assert_eq!(again.number(0, 0), Some(Number::Whole(5)));
+//! ```
 
 use crate::bytes::{Reader, Writer};
 use crate::reset::ResetCause;

@@ -12,6 +12,20 @@
 //! erased one, 512 and 1022 of the other, the image twice. Whatever the sectors hold, no word is read more
 //! than four times. In instructions, counted in the ELF by `a_start_looks_at_the_sectors_in_bounded_time`: 96 100, and 1.5 million (8 ms)
 //! where the image in use is followed by nothing but changed ones in both sectors.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::sectors::{newest, Place, Sector, SECTOR_BYTES};
+//!
+//! let (mut a, mut b) = (vec![0xFF; SECTOR_BYTES], vec![0xFF; SECTOR_BYTES]);
+//! for (sector, sequence) in [(&mut a, 1), (&mut b, 2)] {
+//!     let image = Calibration { sequence, ..Calibration::uncalibrated() }.to_bytes().expect("fits");
+//!     sector[..image.len()].copy_from_slice(&image);
+//! }
+//! let (image, place) = newest(&a, &b, None).newest.expect("both are valid");
+//! assert_eq!((image.sequence, place), (2, Place { sector: Sector::B, offset: 0 }));
+//! ```
 
 use crate::calibration::{stated_length, Calibration, ImageError, MAGIC, MAX_BYTES, REFUSED};
 use crate::signature::{self, Key, SIGNATURE};

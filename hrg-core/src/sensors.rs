@@ -4,6 +4,17 @@
 //! [`LEAD_MS`] before the step does, by the ticks of the samples: so they are there when the step is closed, and the desktop makes the same
 //! ones bit for bit. In the steps they stand in the place of frequencies, in C; the image's curve is that of a sensor
 //! ([`crate::temperature::TemperatureCurve::is_of_sensor`]).
+//!
+//! # Example
+//! ```
+//! use hrg_core::sensors::Platinum;
+//!
+//! // A Pt1000 at 0 C has 1000 ohm.
+//! let sensor = Platinum::PT1000;
+//! let t = sensor.temperature_c(1000.0 / sensor.ohm_per_code).expect("a sensor");
+//! assert!(t.abs() < 1e-6);
+//! assert_eq!(sensor.temperature_c(0.0), None, "a short circuit is none");
+//! ```
 
 use crate::frequency::StepFrequencies;
 use crate::rate_path::FULL_SCALE_CODE;

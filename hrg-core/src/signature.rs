@@ -3,6 +3,18 @@
 //! The signature lies right behind the image and signs the image's bytes, checksum included. So it covers the unit's name and the
 //! sequence number, too: an image signed for one unit is none for another, and an older one is not newer for being signed.
 //! A program without the feature `signed` has no [`Key`] and asks for no signature.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::signature::{behind, SIGNATURE};
+//!
+//! // What lies behind an image in flash, whether or not it is a signature of anyone's.
+//! let mut place = Calibration::uncalibrated().to_bytes().expect("fits").to_vec();
+//! assert_eq!(behind(&place), None);
+//! place.extend_from_slice(&[7; SIGNATURE]);
+//! assert_eq!(behind(&place), Some(&[7; SIGNATURE]));
+//! ```
 
 use crate::calibration::stated_length;
 

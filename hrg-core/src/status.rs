@@ -2,6 +2,15 @@
 //!
 //! A rate whose axis byte and unit byte are both zero is one that the unit stands behind. The bits of an axis and those of the unit
 //! are two types, which do not mix.
+//!
+//! # Example
+//! ```
+//! use hrg_core::status::AxisStatus;
+//!
+//! let status = AxisStatus::SETTLING | AxisStatus::TEMPERATURE_RANGE;
+//! assert!(status.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
+//! assert_eq!(AxisStatus::NAMES[status.bits().trailing_zeros() as usize], "temperature-range");
+//! ```
 
 use bitflags::bitflags;
 

@@ -1,4 +1,14 @@
 //! When the watchdog is fed: only while every part of the unit runs.
+//!
+//! # Example
+//! ```
+//! use hrg_core::supervision::{Alive, Supervision};
+//!
+//! let mut supervision = Supervision::default();
+//! let all = Alive { rates: true, model: true, link: true, telemetry: true };
+//! assert!(supervision.look(all), "the watchdog is fed");
+//! assert!(!supervision.look(Alive { rates: false, ..all }), "it is not: the rates stand still");
+//! ```
 
 /// How often the parts are looked at, ms. The rate path runs each millisecond and the model each ten, so both have run between
 /// two looks.

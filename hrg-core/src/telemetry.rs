@@ -2,6 +2,43 @@
 //! alignment, which lives on the same seconds.
 //!
 //! The firmware's telemetry task and the desktop twin drive this type alike.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{linear::Linear, session::Session};
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::compensator::Compensator;
+//! use hrg_core::frequency::StepFrequencies;
+//! use hrg_core::link::Identity;
+//! use hrg_core::reset::ResetCause;
+//! use hrg_core::status::UnitStatus;
+//! use hrg_core::telemetry::Telemetry;
+//! use hrg_core::timebase::Timebase;
+//! use hrg_core::unit_name::UnitName;
+//!
+//! let identity = Identity {
+//!     unit: UnitName::UNNAMED,
+//!     calibration: 0,
+//!     created_unix_s: 0,
+//!     sequence: 0,
+//!     reset_cause: ResetCause::Power,
+//!     resets: 0,
+//! };
+//! let mut session = Session::<Linear<f32>>::IDLE;
+//! let mut telemetry = Telemetry::new(&mut session, Timebase::REFERENCE, identity, UnitStatus::DEFAULT_CALIBRATION);
+//! let step = StepFrequencies {
+//!     step: 0,
+//!     end_ticks: 90_000_000,
+//!     frequency_hz: [Some(4900.0), Some(4892.0), None],
+//!     rejected: [0; 3],
+//!     missing: [0; 3],
+//! };
+//! let output = Compensator::new(Calibration::uncalibrated(), 0.0).update(&step);
+//! // A second in which the rate path has said nothing: its means are missing, all else is there.
+//! let (housekeeping, report) = telemetry.second(&step, &output, None);
+//! assert_eq!((housekeeping.time_ms, housekeeping.samples, report), (1000, 0, None));
+//! assert!(housekeeping.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION));
+//! ```
 
 use crate::alignment::session::{AlignMode, Command, Report};
 use crate::compensator::Output;

@@ -4,6 +4,22 @@
 //! and f32 suffices. dong2023 prints the same cubic uncentred, with terms of 2e6 that cancel to 50: evaluated
 //! so, its temperatures sit 0.022 C low. The forward curve `f(T)` with its root by Newton's method is kept as
 //! the reference that the inverse replaces.
+//!
+//! # Example
+//! ```
+//! use hrg_core::temperature::TemperatureCurve;
+//!
+//! let curve = TemperatureCurve {
+//!     frequency_centre_hz: 4900.0,
+//!     frequency_scale_hz: 22.0,
+//!     temperature_coefficients_c: [9.6, 45.0, 0.4, -0.2],
+//!     valid_from_c: -36.0,
+//!     valid_to_c: 55.0,
+//! };
+//! assert_eq!(curve.temperature_c(4900.0), 9.6);
+//! let f = curve.frequency_hz(25.0).expect("within the range");
+//! assert!((curve.temperature_c(f) - 25.0).abs() < 2e-5);
+//! ```
 
 /// `T(f)`: a cubic about a centre. What the unit evaluates.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,6 +2,19 @@
 //!
 //! A fit and a unit share this state, so that a coefficient means the same to both. A frequency that no resonator can have is
 //! rejected here: one too far from the calibrated range, or one that jumped.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::thermal::Thermometer;
+//!
+//! let curves = Calibration::uncalibrated().axes.map(|a| a.curve);
+//! let mut thermometer = Thermometer::new(curves, 0.0);
+//! thermometer.step(&[Some(4900.0), None, None]);
+//! let thermal = thermometer.now();
+//! assert!(thermal.axes[0].known && !thermal.axes[1].known);
+//! assert_eq!(thermal.time_s, 1.0);
+//! ```
 
 use crate::bias::State;
 use crate::rate_of_change::{Difference, SlopeWindow};

@@ -2,6 +2,15 @@
 //!
 //! All durations of the unit are constants in milliseconds or microseconds. Only this type turns them into ticks, so a board with
 //! another timer has to state its rate and nothing else.
+//!
+//! # Example
+//! ```
+//! use hrg_core::timebase::Timebase;
+//!
+//! let timer = Timebase::at(16_000_000);
+//! assert_eq!((timer.ms(100), timer.us(100)), (1_600_000, 1_600));
+//! assert_eq!(timer.to_ms(48_000_000), 3000);
+//! ```
 
 /// A free-running timer of 32 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

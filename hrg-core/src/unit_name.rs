@@ -1,4 +1,13 @@
 //! The name of a unit: what keeps one unit's calibration out of another.
+//!
+//! # Example
+//! ```
+//! use hrg_core::unit_name::UnitName;
+//!
+//! assert_eq!(UnitName::new("HRG-042").as_str(), "HRG-042");
+//! // Blanks go, and so does what is longer than sixteen characters.
+//! assert_eq!(UnitName::new("unit of the laboratory").as_str(), "unitofthelaborat");
+//! ```
 
 /// A name as calibration images and the link carry it: up to 16 ASCII characters without blanks, padded with zeros.
 #[derive(Clone, Copy, PartialEq, Eq)]

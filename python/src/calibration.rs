@@ -2,7 +2,7 @@
 
 use crate::recording::{bytes, Recording};
 use crate::tools::of_json;
-use crate::{bad, refused, work};
+use crate::{bad, own, refused, work};
 use hrg_cal::fit::independence::Units;
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::{self as fits, methods as identify};
@@ -23,7 +23,7 @@ pub struct Calibration {
 }
 
 impl Calibration {
-    fn of(inner: Inner) -> Self {
+    pub fn of(inner: Inner) -> Self {
         Self { inner, notes: Vec::new() }
     }
 }
@@ -203,8 +203,7 @@ impl Report {
         })
     }
     fn _repr_html_(&self) -> String {
-        let page = self.html.replace('&', "&amp;").replace('"', "&quot;");
-        format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"900\" style=\"border:0\"></iframe>")
+        crate::pages::framed(&self.html)
     }
     fn to_json(&self) -> &str {
         &self.json
@@ -219,7 +218,8 @@ impl Report {
 
 /// See `_hrg.pyi`.
 #[pyfunction]
-#[pyo3(signature = (train, verify, *, in_use = None, different_units = false, jobs = None, progress = None))]
+#[pyo3(signature = (train, verify, *, in_use = None, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
+#[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn trace(
     py: Python<'_>,
     train: Vec<Bound<'_, Recording>>,
@@ -228,6 +228,7 @@ pub fn trace(
     different_units: bool,
     jobs: Option<usize>,
     progress: Option<Py<PyAny>>,
+    own_effects: Vec<Bound<'_, PyAny>>,
 ) -> PyResult<Report> {
     let train: Vec<_> = train.iter().map(|r| r.get().clean.clone()).collect();
     let verify = verify.get().clean.clone();
@@ -235,12 +236,15 @@ pub fn trace(
     if let Some(c) = &in_use {
         facts::fits(c, &verify, different_units).map_err(|e| refused(BadInput::from(e)))?;
     }
+    let raised = own::Raised::default();
+    let own = own_effects.iter().map(|e| own::effect(e, &raised)).collect::<PyResult<Vec<_>>>()?;
     let options = tracing::Options {
+        own,
         units: units(different_units),
         in_use,
         jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
     };
-    work::run(py, progress.as_ref(), move || {
+    let traced = work::run(py, progress.as_ref(), move || {
         let t: Trace = tracing::trace_with(&train, &verify, &options)?;
         let mut image = (t.report.image != tracing::Image::None).then(|| t.image.clone());
         if let Some(image) = &mut image {
@@ -253,5 +257,6 @@ pub fn trace(
             image,
             baseline: t.baseline,
         })
-    })
+    });
+    traced.inspect_err(|e| raised.cause(py, e))
 }

@@ -4,10 +4,13 @@
 #![allow(clippy::needless_pass_by_value)]
 
 mod calibration;
+mod own;
+mod pages;
 mod recording;
 mod tools;
 mod work;
 
+use calibration::Calibration;
 use hrg_cal::BadInput;
 use pyo3::prelude::*;
 
@@ -35,12 +38,17 @@ fn _hrg(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<recording::Corrected>()?;
     m.add_class::<calibration::Calibration>()?;
     m.add_class::<calibration::Report>()?;
+    m.add_class::<pages::Figures>()?;
     m.add_class::<tools::LinkDecoder>()?;
     m.add_class::<tools::LogDecoder>()?;
     for function in [
         wrap_pyfunction!(calibration::fit, m)?,
         wrap_pyfunction!(calibration::methods, m)?,
         wrap_pyfunction!(calibration::trace, m)?,
+        wrap_pyfunction!(pages::compare, m)?,
+        wrap_pyfunction!(pages::data_sheet, m)?,
+        wrap_pyfunction!(pages::soaks, m)?,
+        wrap_pyfunction!(pages::identify_accelerometers, m)?,
         wrap_pyfunction!(recording::correct, m)?,
         wrap_pyfunction!(recording::import_table, m)?,
         wrap_pyfunction!(recording::simulate, m)?,

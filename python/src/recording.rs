@@ -55,7 +55,7 @@ impl Said {
 impl Recording {
     fn new(mut raw: Inner, said: &Said) -> Result<Self, BadInput> {
         said.facts()?.apply(&mut raw)?;
-        let mut clean = raw.clone();
+        let mut clean = raw.copied();
         clean.clean()?;
         Ok(Self { raw, clean })
     }

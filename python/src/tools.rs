@@ -1,13 +1,14 @@
 //! Allan deviation, alignment, static points, effects, and what a unit sends.
 
 use crate::recording::{path_of, Recording};
-use crate::{bad, refused, work};
+use crate::{bad, refused, work, Calibration};
+use hrg_cal::align::accelerometers::Accelerometers;
 use hrg_cal::align::{self as alignment, FilterKind};
 use hrg_cal::numeric::allan as curve;
 use hrg_cal::thermometer::points as static_points;
 use hrg_cal::trace::cards::card;
 use hrg_cal::unit::log::{housekeeping_of_line, Decoder};
-use hrg_cal::{MOST_ELF, MOST_RECORDING};
+use hrg_cal::MOST_ELF;
 use hrg_core::effects::{Facts, Reach};
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
@@ -57,24 +58,46 @@ pub fn of_json<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> 
     py.import("json")?.call_method1("loads", (text,))
 }
 
+/// Errors of accelerometers: a file of them, what [`crate::pages::identify_accelerometers`] gave, or a calibration that holds them.
+fn accelerometers_of(source: &Bound<'_, PyAny>) -> PyResult<Accelerometers> {
+    if let Ok(c) = source.cast::<Calibration>() {
+        return Ok(Accelerometers::of_image(&c.get().inner.accelerometers));
+    }
+    if let Ok(d) = source.cast::<PyDict>() {
+        let text: String = source.py().import("json")?.call_method1("dumps", (d,))?.extract()?;
+        return Accelerometers::parse(&text)
+            .map_err(|e| bad(format!("accelerometers: {e}; give what hrg.accelerometers gave")));
+    }
+    Accelerometers::load(&source.extract::<PathBuf>()?).map_err(refused)
+}
+
 /// See `_hrg.pyi`.
 #[pyfunction]
-#[pyo3(signature = (path, filter = "linear", *, drift_dph = None, tilt_arcmin = None))]
+#[pyo3(signature = (path, filter = "linear", *, drift_dph = None, tilt_arcmin = None, accelerometers = None, first_azimuth_deg = 0.0, seed = 1))]
+#[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn align<'py>(
     py: Python<'py>,
     path: PathBuf,
     filter: &str,
     drift_dph: Option<f64>,
     tilt_arcmin: Option<f64>,
+    accelerometers: Option<Bound<'py, PyAny>>,
+    first_azimuth_deg: f64,
+    seed: u64,
 ) -> PyResult<Bound<'py, PyAny>> {
     let kind = FilterKind::ALL.into_iter().find(|k| k.name() == filter).ok_or_else(|| {
         let known: Vec<&str> = FilterKind::ALL.into_iter().map(FilterKind::name).collect();
         bad(format!("there is no filter \"{filter}\"; there are {}", known.join(", ")))
     })?;
+    let errors = accelerometers.map(|a| accelerometers_of(&a)).transpose()?;
     let report = work::run(py, None, move || {
         let mut r = alignment::Recording::load(&path)?;
+        if let Some(errors) = errors {
+            errors.correct(&mut r);
+        }
+        let start = alignment::Start { azimuth_deg: first_azimuth_deg, seed, ..alignment::Start::default() };
         (r.drift_dph, r.tilt_arcmin) = (drift_dph.or(r.drift_dph), tilt_arcmin.or(r.tilt_arcmin));
-        Ok(serde_json::to_string(&alignment::align(&r, kind, alignment::Start::default())?)?)
+        Ok(serde_json::to_string(&alignment::align(&r, kind, start)?)?)
     })?;
     of_json(py, &report)
 }
@@ -83,8 +106,7 @@ pub fn align<'py>(
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work::run(py, None, move || {
-        let bytes = hrg_cal::read_file(&path, MOST_RECORDING, true)?;
-        let p = static_points::Points::parse(&String::from_utf8_lossy(&bytes))
+        let p = static_points::Points::parse(&crate::pages::table(&path)?)
             .map_err(|e| hrg_cal::BadInput::new(format!("{}: {e}", path.display())))?;
         Ok(serde_json::to_string(&static_points::report(&p)?)?)
     })?;

@@ -1,5 +1,6 @@
 """Fits, traces and corrections are those of the command and of the unit."""
 
+import json
 import os
 import signal
 import subprocess
@@ -140,3 +141,36 @@ def test_ctrl_c_stops_it(trained, tmp_path):
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
     assert child.returncode != 0 and "KeyboardInterrupt" in said, said
+
+
+def test_a_comparison_is_that_of_the_command(trained, hrg_command, tmp_path):
+    train, verify, _ = trained
+    train.write(tmp_path / "train.csv")
+    verify.write(tmp_path / "verify.csv")
+    methods = ["lsq", "two-sets"]
+    ours = hrg.compare(train, verify, methods=methods)
+    run(hrg_command, "compare", tmp_path / "train.csv", "--verify", tmp_path / "verify.csv", "--methods", ",".join(methods), "--out", tmp_path)
+    theirs = json.loads((tmp_path / "compare.json").read_text())
+    for a, b in zip(ours.rows, theirs["rows"]):
+        timeless = lambda row: {k: v for k, v in row.items() if k not in ("identification_s", "cost")}
+        assert timeless(a) == timeless(b)
+    assert ours.raw == theirs["raw"] and set(ours.calibrations) == set(methods)
+    assert "two-sets" in str(ours) and "<svg" in ours.to_html() and ours._repr_html_().startswith("<iframe")
+    with pytest.raises(hrg.HrgError, match="guess"):
+        hrg.compare(train, verify, methods=["guess"])
+    with pytest.raises(AttributeError, match="a comparison has no"):
+        ours.guess
+
+
+def test_a_data_sheet_is_that_of_the_command(hrg_command, tmp_path):
+    paths = []
+    for seed in (1, 2):
+        recording, _ = hrg.simulate("20,1h", seed=seed)
+        paths.append(tmp_path / f"{seed}.csv")
+        recording.write(paths[-1])
+    said = run(hrg_command, "report", *paths, "--json", tmp_path / "report.json")
+    sheet = hrg.data_sheet([hrg.read(p) for p in paths])
+    assert sheet.to_dict() == json.loads((tmp_path / "report.json").read_text())
+    assert str(sheet) == said and "<html" in sheet.to_html().lower()
+    with pytest.raises(hrg.HrgError):
+        hrg.data_sheet([])

@@ -1,5 +1,6 @@
 """Allan deviation, effects, points, alignment, and what a unit sends."""
 
+import json
 import subprocess
 
 import numpy as np
@@ -68,3 +69,42 @@ def test_another_programs_file_is_imported(root):
     assert len(imu) > 8000 and imu.axes == ["x", "y", "z"]
     with pytest.raises(hrg.HrgError, match="built in are px4"):
         hrg.import_table(folder / "imu_raw_data.csv.gz", "nowhere")
+
+
+def test_soaks_are_those_of_the_command(hrg_command, tmp_path):
+    recording, _ = hrg.simulate("soaks", seed=1)
+    recording.write(tmp_path / "run.csv")
+    subprocess.run([hrg_command, "soaks", tmp_path / "run.csv", "--out", tmp_path / "soaks.csv"], check=True, capture_output=True)
+    found = hrg.soaks(recording)
+    lines = [l for l in (tmp_path / "soaks.csv").read_text().splitlines() if not l.startswith("#")]
+    assert list(found) == lines[0].split(",") and len(found["fx_hz"]) == len(lines) - 1 > 3
+    assert [f"{v:g}" for v in found["fx_hz"]] == [f"{float(l.split(',')[list(found).index('fx_hz')]):g}" for l in lines[1:]]
+    with pytest.raises(hrg.HrgError, match="above zero"):
+        hrg.soaks(recording, hold_s=0)
+
+
+def test_errors_of_accelerometers_are_taken_out(hrg_command, tmp_path):
+    # A tilting table: g times tilt along an axis, with bias, scale and cross-axis.
+    g, tilts = 9.80665, np.radians(np.array([[0, 0], [60, 0], [-60, 0], [0, 60], [0, -60], [40, 40]]) / 60)
+    bias, matrix = np.array([2e-4, -3e-4]), np.array([[1.02, 0.003], [-0.002, 0.98]])
+    lines = ["a1_mps2,a2_mps2,tilt1_arcmin,tilt2_arcmin"]
+    for t1, t2 in tilts:
+        a = bias + matrix @ (g * np.array([np.sin(t2), -np.sin(t1)]))
+        lines.append(f"{a[0]:.12f},{a[1]:.12f},{np.degrees(t1) * 60},{np.degrees(t2) * 60}")
+    table = tmp_path / "table.csv"
+    table.write_text("\n".join(lines) + "\n")
+    command = [hrg_command, "accelerometers", table, "--latitude", "45", "--gravity", str(g), "--out", tmp_path / "a.json"]
+    subprocess.run(command, check=True, capture_output=True)
+    found = hrg.accelerometers(table, latitude_deg=45.0, gravity_mps2=g)
+    assert found == json.loads((tmp_path / "a.json").read_text())
+    path = tmp_path / "run.csv"
+    subprocess.run([hrg_command, "simulate-alignment", "--seed", "0", "--out", path], check=True, capture_output=True)
+    subprocess.run(
+        [hrg_command, "align", "--recording", path, "--accelerometers", tmp_path / "a.json", "--out", tmp_path / "r.json"],
+        check=True, capture_output=True,
+    )
+    theirs = json.loads((tmp_path / "r.json").read_text())
+    assert hrg.align(path, accelerometers=found) == hrg.align(path, accelerometers=tmp_path / "a.json") == theirs
+    assert theirs["azimuth_deg"] != hrg.align(path)["azimuth_deg"]
+    with pytest.raises(hrg.HrgError, match="no file of hrg accelerometers"):
+        hrg.align(path, accelerometers={"bias": 1})

@@ -5,6 +5,7 @@ mod elf;
 mod fingerprint;
 mod fuzz;
 mod hil;
+mod library;
 mod python;
 mod setup;
 
@@ -21,8 +22,9 @@ const USAGE: &str = "cargo xtask COMMAND
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --sensors | --stm32f405rg | --bring-up | --chip-tests]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
-                    --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg: the one for that chip)
+  size [--signed | --sensors | --stm32f405rg | --bring-up | --chip-tests | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one
+                    with signed calibrations and a battery; --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg:
+                    the one for that chip; --nrf52840: the example for users of hrg-core)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
   bring-up          the first hour with a bare NUCLEO-F446RE and jumpers (docs/bring-up.md): measures, and prints a table (--virtual: on the virtual
@@ -75,6 +77,9 @@ fn main() -> ExitCode {
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
         Some("size") if rest.first().is_some_and(|a| a == "--chip-tests") => {
             setup::toolchain().and_then(|t| hil::chip_tests(&t)).map(drop)
+        }
+        Some("size") if rest.first().is_some_and(|a| a == "--nrf52840") => {
+            setup::toolchain().and_then(|t| library::example(&t))
         }
         Some("size") => size(),
         Some("bring-up") => bring_up::bring_up(rest),
@@ -418,6 +423,10 @@ fn test() -> Result<(), Failure> {
     println!("the bring-up program");
     bring_up::build()?;
     hil::chip_tests(&t)?;
+    println!("hrg-core in a firmware of another kind");
+    library::example(&t)?;
+    println!("hrg-core as it would be published");
+    library::package()?;
     println!("lints, target");
     for features in ["", "bring-up"] {
         let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--features", features];

@@ -132,13 +132,19 @@ impl Accelerometers {
         if bytes.first() != Some(&b'{') {
             return Ok(Self::of_image(&crate::image_file::load(path)?.accelerometers));
         }
-        let found: Self = serde_json::from_slice(&bytes).map_err(|e| {
-            BadInput::new(format!(
-                "{}: no file of hrg accelerometers ({e}); make one with hrg accelerometers",
-                path.display()
-            ))
+        let here = |e: BadInput| BadInput::new(format!("{}: {e}", path.display()));
+        Ok(Self::parse(&String::from_utf8_lossy(&bytes)).map_err(here)?)
+    }
+
+    /// Reads the text of such a file.
+    ///
+    /// # Errors
+    /// One sentence.
+    pub fn parse(text: &str) -> Result<Self, BadInput> {
+        let found: Self = serde_json::from_str(text).map_err(|e| {
+            BadInput::new(format!("no file of hrg accelerometers ({e}); make one with hrg accelerometers"))
         })?;
-        found.check().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        found.check()?;
         Ok(found)
     }
 

@@ -5,4 +5,5 @@ pub mod allan;
 pub mod draws;
 pub mod lsq;
 pub mod progress;
+pub mod side_by_side;
 pub mod stats;

@@ -2,6 +2,7 @@
 
 use super::format::Thermometer;
 use super::{columns, Recording};
+use crate::numeric::side_by_side;
 use crate::numeric::stats::median;
 use crate::BadInput;
 
@@ -117,28 +118,8 @@ impl Recording {
             let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
             self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
         }
-        let mut counts = Vec::new();
         let axes: Vec<usize> = self.present().collect();
-        for &a in &axes {
-            let readings = &mut self.frequency_hz[a];
-            let (stuck, spikes) = match self.thermometer {
-                Thermometer::None => (0, 0),
-                Thermometer::Frequency => (remove_stuck(readings, step), remove_spikes(readings, 8.0, 5e-4)),
-                // As any coarse sensor.
-                _ => (0, remove_spikes(readings, 12.0, 0.01)),
-            };
-            if self.thermometer.parts_axes() || a == axes[0] {
-                counts.push((self.thermometer.column(a).to_string(), stuck, spikes));
-            }
-            let stuck = remove_stuck(&mut self.rate_dph[a], step);
-            let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
-            counts.push((columns::RATE.name(a).to_string(), stuck, spikes));
-        }
-        for (name, values) in &mut self.optional {
-            // Coarse sensors stand still for long by nature: spikes only.
-            let spikes = remove_spikes(values, 12.0, 0.01);
-            counts.push(((*name).to_string(), 0, spikes));
-        }
+        let counts = self.defects_taken_out(step, &axes);
         for (column, stuck, spikes) in counts {
             if stuck > 0 {
                 self.notes
@@ -166,6 +147,46 @@ impl Recording {
         }
         self.remove_earth_rate()
     }
+
+    /// Takes stuck values and spikes out of all columns, side by side; how many of each, by the column's name.
+    fn defects_taken_out(&mut self, step: f64, axes: &[usize]) -> Vec<(String, usize, usize)> {
+        let thermometer = self.thermometer;
+        let mut jobs: Vec<(String, Cells, &mut Vec<f64>)> = Vec::new();
+        let columns = self.frequency_hz.iter_mut().zip(&mut self.rate_dph).enumerate();
+        for (a, (readings, rates)) in columns.filter(|(a, _)| axes.contains(a)) {
+            let named = thermometer.parts_axes() || a == axes[0];
+            let name = if named { thermometer.column(a).to_string() } else { String::new() };
+            match thermometer {
+                Thermometer::None => {}
+                Thermometer::Frequency => jobs.push((name, Cells::Frequency, readings)),
+                _ => jobs.push((name, Cells::Sensor, readings)),
+            }
+            jobs.push((columns::RATE.name(a).to_string(), Cells::Rate, rates));
+        }
+        for (name, values) in &mut self.optional {
+            jobs.push(((*name).to_string(), Cells::Sensor, values));
+        }
+        let mut counts = side_by_side::each(jobs, |(name, cells, values)| {
+            let (stuck, spikes) = match cells {
+                Cells::Frequency => (remove_stuck(values, step), remove_spikes(values, 8.0, 5e-4)),
+                Cells::Rate => (remove_stuck(values, step), remove_spikes(values, 6.5, 0.0)),
+                // Coarse sensors stand still for long by nature: spikes only.
+                Cells::Sensor => (0, remove_spikes(values, 12.0, 0.01)),
+            };
+            (name, stuck, spikes)
+        });
+        // (One sensor for all axes is counted once.)
+        counts.retain(|(name, _, _)| !name.is_empty());
+        counts
+    }
+}
+
+/// What the cells of a column hold.
+#[derive(Clone, Copy)]
+enum Cells {
+    Frequency,
+    Rate,
+    Sensor,
 }
 
 /// Runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. What counts

@@ -15,12 +15,14 @@ pub mod metadata;
 pub mod names;
 pub mod parquet;
 mod reader;
+mod rows;
 pub mod steps;
 mod writer;
 
 pub use cleaning::{Cleaned, Defect};
 pub(crate) use reader::utf8;
 
+use crate::numeric::side_by_side;
 use crate::BadInput;
 use format::Thermometer;
 use hrg_core::AXES;
@@ -181,6 +183,30 @@ impl Recording {
         Ok(read().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?)
     }
 
+    /// A copy, its columns made side by side: for recordings of hundreds of megabytes.
+    #[must_use]
+    pub fn copied(&self) -> Self {
+        let columns = [&self.time_s].into_iter().chain(&self.frequency_hz).chain(&self.rate_dph);
+        let columns = columns.chain(self.optional.iter().map(|(_, v)| v)).collect();
+        let mut columns = side_by_side::each(columns, Vec::clone).into_iter();
+        let mut next = || columns.next().unwrap_or_default();
+        Self {
+            time_s: next(),
+            frequency_hz: std::array::from_fn(|_| next()),
+            rate_dph: std::array::from_fn(|_| next()),
+            optional: self.optional.iter().map(|(name, _)| (*name, next())).collect(),
+            meta: self.meta.clone(),
+            thermometer: self.thermometer,
+            absent: self.absent,
+            status: self.status.clone(),
+            notes: self.notes.clone(),
+            cleaned: self.cleaned.clone(),
+            judged_from_s: self.judged_from_s,
+            source: self.source.clone(),
+            earth_rate_dph: self.earth_rate_dph,
+        }
+    }
+
     pub(super) fn columns_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
         self.frequency_hz.iter_mut().chain(&mut self.rate_dph).chain(self.optional.iter_mut().map(|(_, v)| v))
     }
@@ -274,6 +300,20 @@ pub(crate) mod samples {
 mod tests {
     use super::samples::rows;
     use super::*;
+
+    #[test]
+    fn a_copy_is_the_same() {
+        let text =
+            rows(30).replace(",rate_z_dph\n", ",rate_z_dph,board_c,supply_v\n").replace("# unit", "# run: 3\n# unit");
+        let text: String = text
+            .lines()
+            .map(|l| format!("{l}{}\n", if l.starts_with(|c: char| c.is_ascii_digit()) { ",20.5,5.1" } else { "" }))
+            .collect();
+        let mut r = Recording::parse(text.as_bytes()).expect("readable");
+        assert_eq!((r.copied(), r.optional.len()), (r.clone(), 2));
+        r.clean().expect("usable");
+        assert_eq!(r.copied(), r);
+    }
 
     #[test]
     fn a_recording_is_parted_with_its_states() {

@@ -2,9 +2,15 @@
 
 use super::columns::{self, Role};
 use super::format::{named, Thermometer};
+use super::rows::Header;
 use super::{dialect, metadata, Cleaned, Defect, Recording};
 use crate::BadInput;
 use hrg_core::AXES;
+
+/// Pieces for each processor: one that is busy with other work takes fewer.
+const PIECES: usize = 4;
+/// Smaller pieces are not worth a thread, bytes.
+const LEAST_PIECE: usize = 1 << 20;
 
 impl Recording {
     /// Reads the text of a recording, as it is. Other dialects than plain CSV are read as [`dialect`] says.
@@ -24,48 +30,45 @@ impl Recording {
     }
 
     fn parse_plain(text: &str) -> Result<Self, BadInput> {
-        let bad = |s: String| Err(BadInput(s));
+        let threads = std::thread::available_parallelism().map_or(1, usize::from);
+        Self::parse_in_pieces(text, text.len().div_ceil(PIECES * threads).max(LEAST_PIECE))
+    }
+
+    /// The header and what stands before it, then the rows, in pieces of about so many bytes. Whatever the pieces, the result is the same
+    /// to the bit.
+    fn parse_in_pieces(text: &str, piece: usize) -> Result<Self, BadInput> {
         let mut out = Self::default();
-        let mut header: Option<Vec<Slot>> = None;
-        let mut names: Vec<&str> = Vec::new();
         let mut metadata = metadata::Lines::default();
-        let mut missing = Vec::new();
-        let mut first_missing = None;
-        let rows_guess = text.len() / 80;
         let (mut rest, mut number) = (text, 0);
-        while let Some(first) = rest.bytes().next() {
-            number += 1;
-            // Nearly all lines: a row of data, taken off the front of the text without a look for its end.
-            if let (Some(slots), b'0'..=b'9' | b'-') = (&header, first) {
-                let row = Row { line: number, slots, names: &names };
-                rest = out.row(row, rest, &mut missing, &mut first_missing)?;
-                continue;
+        let names: Vec<&str> = loop {
+            if rest.is_empty() {
+                return Err(BadInput::new(
+                    "the file is empty: there is no header line; a recording begins with time_s,fx_hz,...",
+                ));
             }
-            let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
-            rest = after;
+            let line;
+            (line, rest) = rest.split_once('\n').unwrap_or((rest, ""));
+            number += 1;
             let line = line.trim_end_matches('\r');
             if let Some(meta) = line.trim_start().strip_prefix('#') {
                 metadata.take(number, meta)?;
-            } else if line.trim().is_empty() {
-            } else if let Some(slots) = &header {
-                let row = Row { line: number, slots, names: &names };
-                out.row(row, line, &mut missing, &mut first_missing)?;
-            } else {
-                names = line.split(',').map(str::trim).collect();
-                header = Some(out.slots(&names, number, rows_guess, &metadata)?);
-                missing = vec![0usize; names.len()];
+            } else if !line.trim().is_empty() {
+                break line.split(',').map(str::trim).collect();
             }
-        }
-        if header.is_none() {
-            return bad("the file is empty: there is no header line; a recording begins with time_s,fx_hz,...".into());
-        }
+        };
+        let slots = out.slots(&names, number, &metadata)?;
+        let kept: Vec<bool> = slots.iter().map(|s| *s != Slot::Ignored).collect();
+        let rows = Header { names: &names, kept: &kept }.read(rest, number + 1, piece, &mut metadata)?;
         metadata::check(&metadata.entries)?;
         out.meta = metadata.entries;
+        for (slot, values) in slots.into_iter().zip(rows.columns) {
+            out.place(slot, values);
+        }
         out.complete()?;
-        if let Some((line, column, name)) = first_missing {
-            let total: usize = missing.iter().sum();
+        if let Some((line, column)) = rows.first_missing {
+            let (total, name) = (rows.missing.iter().sum::<usize>(), names[column - 1]);
             out.notes.push(format!("{total} values are missing, the first at line {line}, column {column} ({name})"));
-            for (name, count) in names.iter().zip(missing).filter(|(_, count)| *count > 0) {
+            for (name, count) in names.iter().zip(rows.missing).filter(|(_, count)| *count > 0) {
                 out.cleaned.push(Cleaned { column: (*name).to_string(), defect: Defect::Missing, count });
             }
         }
@@ -95,7 +98,7 @@ impl Recording {
         let header: Vec<&str> = names.iter().map(String::as_str).collect();
         // (There are no lines to name.)
         let slots = out
-            .slots(&header, 0, 0, &lines)
+            .slots(&header, 0, &lines)
             .map_err(|e| BadInput(e.0.trim_start_matches("line 0: ").trim_start_matches("line 0, ").to_string()))?;
         metadata::check(&lines.entries)?;
         for ((slot, name), values) in slots.into_iter().zip(&names).zip(values) {
@@ -117,65 +120,12 @@ impl Recording {
             Slot::Reading(a) => self.frequency_hz[a] = values,
             Slot::Rate(a) => self.rate_dph[a] = values,
             Slot::Optional(k) => self.optional[k].1 = values,
-            Slot::Status { k, .. } => {
+            Slot::Status(k) => {
                 self.status.resize(values.len(), [0; 4]);
                 self.status.iter_mut().zip(values).for_each(|(row, v)| row[k] = v as u16);
             }
             Slot::Ignored => {}
         }
-    }
-
-    /// Takes a row of data off the front of `text`; gives what follows it.
-    fn row<'t>(
-        &mut self,
-        row: Row<'_>,
-        text: &'t str,
-        missing: &mut [usize],
-        first_missing: &mut Option<(usize, usize, String)>,
-    ) -> Result<&'t str, BadInput> {
-        let bytes = text.as_bytes();
-        let (mut at, mut cells) = (0, 0);
-        loop {
-            let slot = row.slots.get(cells).copied();
-            cells += 1;
-            let (value, end) = match plain_number(&bytes[at..]) {
-                Some((value, n)) => (value, at + n),
-                None => {
-                    let end =
-                        bytes[at..].iter().position(|b| matches!(b, b',' | b'\n')).map_or(bytes.len(), |n| at + n);
-                    let value = match slot {
-                        None | Some(Slot::Ignored) => 0.0,
-                        Some(_) => row.number(text[at..end].trim(), cells)?,
-                    };
-                    (value, end)
-                }
-            };
-            if let Some(slot) = slot.filter(|s| !matches!(s, Slot::Ignored)) {
-                if value.is_nan() {
-                    missing[cells - 1] += 1;
-                    first_missing.get_or_insert_with(|| (row.line, cells, row.names[cells - 1].to_string()));
-                }
-                self.push(slot, value);
-            }
-            at = (end + 1).min(bytes.len());
-            if bytes.get(end) != Some(&b',') {
-                break;
-            }
-        }
-        if cells != row.slots.len() {
-            // A decimal comma makes two cells of one.
-            let commas = if cells > row.slots.len() {
-                " (numbers with decimal commas need semicolons between the cells)"
-            } else {
-                ""
-            };
-            return Err(BadInput(format!(
-                "line {} has {cells} cells, the header has {}; mend or remove the line{commas}",
-                row.line,
-                row.slots.len()
-            )));
-        }
-        Ok(&text[at..])
     }
 
     /// Gives times to rows that have none, and columns to axes that the file does not have.
@@ -211,13 +161,7 @@ impl Recording {
         Ok(())
     }
 
-    fn slots(
-        &mut self,
-        names: &[&str],
-        line: usize,
-        rows: usize,
-        metadata: &metadata::Lines,
-    ) -> Result<Vec<Slot>, BadInput> {
+    fn slots(&mut self, names: &[&str], line: usize, metadata: &metadata::Lines) -> Result<Vec<Slot>, BadInput> {
         let commented = metadata.commented_header;
         let first = self.axes_of_header(names, line, metadata)?;
         if names.iter().all(|n| n.parse::<f64>().is_ok()) {
@@ -248,13 +192,10 @@ impl Recording {
                 }
                 Role::Rate => Slot::Rate(a),
                 Role::Optional => {
-                    self.optional.push((column.name(a), Vec::with_capacity(rows)));
+                    self.optional.push((column.name(a), Vec::new()));
                     Slot::Optional(self.optional.len() - 1)
                 }
-                Role::Status => Slot::Status {
-                    k: if column.is_of_axes() { a } else { AXES },
-                    first: !slots.iter().any(|s| matches!(s, Slot::Status { .. })),
-                },
+                Role::Status => Slot::Status(if column.is_of_axes() { a } else { AXES }),
                 Role::Computed => Slot::Ignored,
             };
             slots.push(slot);
@@ -315,24 +256,6 @@ impl Recording {
         }
         Ok(self.present().next().unwrap_or(0))
     }
-
-    fn push(&mut self, slot: Slot, value: f64) {
-        match slot {
-            Slot::Time => self.time_s.push(value),
-            Slot::Reading(a) => self.frequency_hz[a].push(value),
-            Slot::Rate(a) => self.rate_dph[a].push(value),
-            Slot::Optional(k) => self.optional[k].1.push(value),
-            Slot::Status { k, first } => {
-                if first {
-                    self.status.push([0; 4]);
-                }
-                if let Some(row) = self.status.last_mut() {
-                    row[k] = value as u16;
-                }
-            }
-            Slot::Ignored => {}
-        }
-    }
 }
 
 /// The text of a file, without its byte-order mark.
@@ -363,70 +286,9 @@ enum Slot {
     Reading(usize),
     Rate(usize),
     Optional(usize),
-    /// Of an axis or the unit; the first such column of the file.
-    Status {
-        k: usize,
-        first: bool,
-    },
+    /// Of an axis or the unit.
+    Status(usize),
     Ignored,
-}
-
-/// What is known of a row before it is read.
-#[derive(Clone, Copy)]
-struct Row<'a> {
-    line: usize,
-    slots: &'a [Slot],
-    names: &'a [&'a str],
-}
-
-impl Row<'_> {
-    /// A cell that is not a plain number: missing, with an exponent, very long, or wrong.
-    fn number(&self, cell: &str, column: usize) -> Result<f64, BadInput> {
-        if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
-            return Ok(f64::NAN);
-        }
-        cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
-            BadInput(format!(
-                "line {}, column {column} ({}): \"{}\" is not a number; mend or empty the cell",
-                self.line,
-                self.names.get(column - 1).unwrap_or(&""),
-                shorten(cell)
-            ))
-        })
-    }
-}
-
-/// Powers of ten that an f64 holds exactly.
-const EXACT: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
-
-/// A number of at most 15 digits, with or without sign and point, and the place of the comma or line feed that ends it. Such a
-/// number is a quotient of two that an f64 holds exactly, so that one division gives what the standard library's parser gives.
-#[inline]
-fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
-    let negative = bytes.first() == Some(&b'-');
-    let start = usize::from(negative);
-    let (mut mantissa, mut point, mut at) = (0u64, None, start);
-    while let Some(&b) = bytes.get(at) {
-        match b {
-            b'0'..=b'9' => mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(b - b'0')),
-            b'.' if point.is_none() => point = Some(at),
-            b',' | b'\n' => break,
-            b'\r' if matches!(bytes.get(at + 1), None | Some(b'\n')) => break,
-            _ => return None,
-        }
-        at += 1;
-    }
-    let digits = at - start - usize::from(point.is_some());
-    if digits == 0 || digits > 15 {
-        return None;
-    }
-    let value = mantissa as f64 / EXACT[point.map_or(0, |p| at - p - 1)];
-    let end = at + usize::from(bytes.get(at) == Some(&b'\r'));
-    Some((if negative { -value } else { value }, end))
-}
-
-fn shorten(cell: &str) -> String {
-    cell.chars().take(24).collect()
 }
 
 #[cfg(test)]
@@ -460,22 +322,48 @@ mod tests {
     }
 
     #[test]
-    fn plain_numbers_are_what_the_standard_library_reads() {
-        let mut draws = crate::numeric::draws::Draws::new(1);
-        for k in 0..200_000u32 {
-            let x = draws.bits();
-            let value = (x >> 12) as f64 / EXACT[(x % 16) as usize] * if k % 2 == 0 { -1e-4 } else { 1e-4 };
-            let text = format!("{value:.*}", (x % 13) as usize);
-            let wanted: f64 = text.parse().expect("a number");
-            for (end, more) in [("", 0), (",1", 0), ("\n", 0), ("\r\n", 1), ("\r", 1)] {
-                match plain_number(format!("{text}{end}").as_bytes()) {
-                    Some((v, at)) => assert_eq!((v.to_bits(), at), (wanted.to_bits(), text.len() + more), "{text}"),
-                    None => assert!(text.len() > 15, "{text}"),
-                }
+    fn pieces_of_any_size_give_the_same() {
+        let mut text = rows(60);
+        let at = |text: &str, n: usize| text.match_indices('\n').nth(n).map_or(0, |(k, _)| k + 1);
+        for (line, insert) in [
+            (10, "# run: 7\n"),
+            (20, "\n \n"),
+            (30, "\r\n"),
+            (35, " 31.5,,4890,4700,1,2,3\n"),
+            (40, "38.25,4900,nan,4700,1e0,2,3\r\n"),
+            (50, "  # unit: A\n"),
+        ] {
+            let k = at(&text, line);
+            text.insert_str(k, insert);
+        }
+        let mut texts = vec![text.clone(), text.replace('\n', "\r\n"), text.trim_end().to_string()];
+        // What is wrong is told with its line: in a row, in the number of cells, in metadata, and of two the first.
+        for (line, insert) in [(45, "1,two,3,4,5,6,7\n"), (55, "1,2\n"), (33, "# unit: B\n"), (12, "# unit = B\n")] {
+            let k = at(&text, line);
+            let mut wrong = text.clone();
+            wrong.insert_str(k, insert);
+            texts.push(wrong.clone());
+            let k = at(&wrong, 58);
+            wrong.insert_str(k, "x\n");
+            texts.push(wrong);
+        }
+        let mut errors = 0;
+        for text in &texts {
+            let whole = Recording::parse_in_pieces(text, usize::MAX);
+            errors += usize::from(whole.is_err());
+            for piece in 1..text.len() + 2 {
+                let parted = Recording::parse_in_pieces(text, piece);
+                // (NaN is not equal to itself.)
+                assert_eq!(format!("{parted:?}"), format!("{whole:?}"), "{piece} bytes");
             }
         }
-        for odd in ["", "-", ".", "1e5", "+1", "0x1", "inf", "1.2.3", " 1", "1 ", "--1", "1_0", "1\r\r\n", "1\r2"] {
-            assert_eq!(plain_number(odd.as_bytes()), None, "{odd}");
-        }
+        assert_eq!(errors, 8);
+        let whole = Recording::parse_in_pieces(&text, usize::MAX).expect("readable");
+        assert_eq!((whole.time_s.len(), whole.meta("run")), (62, Some("7")));
+        assert!(
+            whole.notes.iter().any(|n| n.contains("2 values are missing, the first at line 37, column 2")),
+            "{:?}",
+            whole.notes
+        );
     }
 }

@@ -2,12 +2,14 @@
 
 use crate::recording::columns::{self, Column};
 use crate::recording::Recording;
+use crate::trace::own::OwnColumns;
 use crate::BadInput;
 use hrg_core::bias::{Scaling, State};
 use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
+use std::sync::Arc;
 
 /// A recording brought to one row per model step (one second).
 ///
@@ -158,7 +160,7 @@ impl Steps {
         (0..AXES).filter(|&a| !self.absent[a])
     }
 
-    fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
+    pub(crate) fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
         [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
     }
 
@@ -256,6 +258,8 @@ pub struct Run {
     pub thermal: Vec<Thermal>,
     /// The curves by which the temperatures were made.
     pub curves: [TemperatureCurve; AXES],
+    /// Columns of effects of a user's own.
+    pub own: Vec<Arc<OwnColumns>>,
 }
 
 impl Run {
@@ -266,7 +270,7 @@ impl Run {
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(curves, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal, curves }
+        Self { steps, thermal, curves, own: Vec::new() }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
@@ -290,6 +294,12 @@ impl Run {
         Some(Inputs { scaling, thermal, axis: a, recorded })
     }
 
+    /// The columns of an effect of a user's own, if it is one.
+    #[must_use]
+    pub fn own_columns(&self, id: u16, parameters: &[f32; MAX_PARAMETERS]) -> Option<&OwnColumns> {
+        self.own.iter().find(|o| o.are_of(id, parameters)).map(AsRef::as_ref)
+    }
+
     /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
     #[must_use]
     pub fn effect(
@@ -300,6 +310,9 @@ impl Run {
         scaling: &Scaling,
         a: usize,
     ) -> Vec<[f32; MAX_OUTPUTS]> {
+        if let Some(own) = self.own_columns(id, parameters) {
+            return own.on(a).to_vec();
+        }
         let mut running = Running::new(id, parameters, MODEL_STEP_S);
         if let Some(r) = &mut running {
             r.start_on(start);

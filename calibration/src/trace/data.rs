@@ -218,12 +218,18 @@ impl<'a> Data<'a> {
         let recorded = matches!(c.facts.reach, Reach::NeedsInput(_));
         let mut all: Vec<[f64; MAX_OUTPUTS]> = Vec::new();
         for (number, (run, &n)) in self.runs.iter().zip(&self.blocks).enumerate() {
+            let own = run.own_columns(c.facts.id, &c.parameters);
             if c.run.is_some_and(|r| r != number) {
                 all.extend(std::iter::repeat_n([0.0; MAX_OUTPUTS], n));
                 continue;
             }
-            let mut running = Running::new(c.facts.id, &c.parameters, every as f32 * MODEL_STEP_S)?;
-            running.start_on(c.starts.of(Some(number)));
+            let mut running = match own {
+                Some(_) => None,
+                None => Some(Running::new(c.facts.id, &c.parameters, every as f32 * MODEL_STEP_S)?),
+            };
+            if let Some(r) = &mut running {
+                r.start_on(c.starts.of(Some(number)));
+            }
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
@@ -232,7 +238,10 @@ impl<'a> Data<'a> {
                     let Some(inputs) = run.inputs(&self.scaling, at, a, recorded) else {
                         continue;
                     };
-                    let x = running.step(&inputs);
+                    let x = match (&mut running, own) {
+                        (Some(r), _) => r.step(&inputs),
+                        (None, own) => own.map_or([f32::NAN; MAX_OUTPUTS], |own| own.on(a)[at]),
+                    };
                     if x[0].is_nan() {
                         continue;
                     }
@@ -298,9 +307,15 @@ impl<'a> Data<'a> {
         }
     }
 
-    /// The library: every effect with the values of its parameters, and how many values each is one of.
+    /// The library: every effect with the values of its parameters, and how many values each is one of; then those of a user's own.
     pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
         let extent = self.extent();
+        let own = self.runs.first().map_or(&[][..], |r| &r.own);
+        let values = |facts: &Facts| own.iter().filter(|o| o.facts == facts).count() as f64;
+        let of_user = own.iter().map(|o| {
+            let c = Candidate { parameters: [o.parameter, 0.0], facts: o.facts, run: None, starts: Starts::default() };
+            (c, values(o.facts))
+        });
         cards::all()
             .flat_map(|(facts, card)| {
                 let grid = (card.grid)(&extent);
@@ -311,6 +326,7 @@ impl<'a> Data<'a> {
                     .filter(move |_| offered)
                     .map(move |parameters| (Candidate::new(facts.effect, parameters).starting(starts), tries))
             })
+            .chain(of_user)
             .collect()
     }
 

@@ -15,6 +15,7 @@ pub mod judge;
 mod leftover;
 pub mod model;
 mod on_verify;
+pub mod own;
 mod proposals;
 pub mod report;
 pub mod search;
@@ -69,6 +70,8 @@ pub struct Options {
     pub in_use: Option<Calibration>,
     /// Processors to use; 0 counts as 1.
     pub jobs: usize,
+    /// Effects of the caller's own.
+    pub own: Vec<own::OwnEffect>,
 }
 
 /// Everything that came of a trace.
@@ -112,11 +115,11 @@ pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) ->
     let work = progress::inherit();
     let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
     std::thread::scope(|scope| {
-        let witness =
-            (long && options.jobs > 1).then(|| scope.spawn(|| progress::continued(work, || second_search(verify))));
+        let witness = (long && options.jobs > 1)
+            .then(|| scope.spawn(|| progress::continued(work, || second_search(verify, &options.own))));
         let witness = || match witness {
             Some(running) => running.join().unwrap_or_default(),
-            None if long => second_search(verify),
+            None if long => second_search(verify, &options.own),
             None => None,
         };
         closed(train, verify, options, prepared, verify_run, witness)
@@ -331,10 +334,11 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
         independence::require(&[(r, "train"), (verify, "verify")])?;
     }
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
-    let run = Run::new(Steps::new(verify)?, curves);
+    let mut run = Run::new(Steps::new(verify)?, curves);
     let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
     evidence::require(&run, &format!("the verify run{name}"))?;
     prepared.notes.extend(evidence::few(&run, "the verify run"));
+    prepared.runs.iter_mut().chain([&mut run]).try_for_each(|run| own::attach(&options.own, run))?;
     Ok((prepared, run))
 }
 

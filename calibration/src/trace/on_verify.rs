@@ -1,9 +1,10 @@
 //! The verify run: what it says of each effect, and the image that it bears out.
 
-use super::cards::{card, Kind};
+use super::cards::Kind;
 use super::data::{Candidate, Data, Starts};
 use super::judge::{agreement, Means, Noise};
 use super::model::{drop_idle_effects, take_axis, with_axes_of, Fitted, Term};
+use super::own::card_of;
 use super::report::{by_axis, Agreement, AxisModel, ByAxis, Found, Gain, Image, OnVerify, Ranked};
 use super::search::{Rival, Search};
 use super::uncertainty::{self, Stated, Weights};
@@ -74,14 +75,13 @@ impl OnVerifyRun<'_> {
                 .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
                 .map_or(0.0, |r| r.evidence);
             // A family spans its simple members: they are no rivals.
-            let family = |r: &Rival| card(r.candidate.facts.effect).kind != Kind::Simple;
-            let class = card(c.facts.effect).class;
+            let family = |r: &Rival| card_of(r.candidate.facts).kind != Kind::Simple;
+            let class = card_of(c.facts).class;
             let equal = rank
                 .iter()
                 .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
                 .filter(|r| {
-                    card(r.candidate.facts.effect).class != class
-                        || !(family(r) || card(c.facts.effect).kind != Kind::Simple)
+                    card_of(r.candidate.facts).class != class || !(family(r) || card_of(c.facts).kind != Kind::Simple)
                 })
                 .map(|r| r.candidate.facts.name)
                 .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));

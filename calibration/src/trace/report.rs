@@ -36,6 +36,8 @@ pub enum Class {
     Thermometer,
     /// Happens once, or cannot be predicted.
     Event,
+    /// A user's own, whose physics nobody told.
+    Own,
 }
 
 impl Class {
@@ -51,6 +53,7 @@ impl Class {
             Self::Input => "input",
             Self::Thermometer => "thermometer",
             Self::Event => "event",
+            Self::Own => "own",
         }
     }
 }

@@ -1,8 +1,8 @@
 //! The curve or the loop that each effect found stands for, so that a person recognises it.
 
-use super::cards::card;
 use super::data::Data;
 use super::model::{columns, Fitted};
+use super::own::card_of;
 use super::report::Class;
 use crate::plot::{Panel, Series};
 use crate::AXIS_NAMES;
@@ -19,7 +19,7 @@ pub fn of(data: &Data<'_>, fitted: &Fitted) -> Vec<Vec<Panel>> {
         .iter()
         .enumerate()
         .map(|(e, t)| {
-            let class = card(t.lead().facts.effect).class;
+            let class = card_of(t.lead().facts).class;
             let mut panel = Panel {
                 title: format!("{}: what it adds to the bias, train runs", t.lead().facts.name),
                 x: abscissa(class).into(),
@@ -58,7 +58,7 @@ fn line(a: usize, points: Vec<(f64, f64)>, dots: bool) -> Series {
 
 /// Whether an effect of a class is recognised in its course.
 fn in_time(class: Class) -> bool {
-    matches!(class, Class::Memory | Class::PowerOn | Class::Input | Class::Thermometer | Class::Event)
+    matches!(class, Class::Memory | Class::PowerOn | Class::Input | Class::Thermometer | Class::Event | Class::Own)
 }
 
 fn abscissa(class: Class) -> &'static str {

@@ -5,10 +5,10 @@
 //! largest directions are kept, each as a bias made of the regressors that the unit has; what they do not hold, on average over
 //! the rows, and the scatter of the constants of the days make the rest, which is the same at all times.
 
-use super::cards::card;
 use super::data::{Candidate, Data};
 use super::gls::{NoiseModel, NOISE_MODELS};
 use super::model::{columns, Columns, Fitted, Term};
+use super::own::card_of;
 use crate::numeric::stats::dot;
 use hrg_core::calibration::DIRECTIONS;
 use hrg_core::effects::MAX_PARAMETERS;
@@ -48,7 +48,7 @@ fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     let (low, high) = data.temperature_range();
     let mut out = Vec::new();
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
-        let how = card(t.lead().facts.effect).refine;
+        let how = card_of(t.lead().facts).refine;
         for place in 0..how.places() {
             let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
             out.push((e, place, SHARE * of));

@@ -1,7 +1,7 @@
 //! The second witness: the same search on the verify run. A class that it does not find is not confirmed.
 
-use super::cards::card;
 use super::data::{Candidate, Data};
+use super::own::{self, card_of, OwnEffect};
 use super::report::{Class, Exchanged, Found};
 use super::search::Search;
 use super::SEED;
@@ -17,8 +17,9 @@ pub(super) fn shortest(run: &Run) -> usize {
 }
 
 /// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
-pub(super) fn second_search(verify: &Recording) -> Option<Vec<Candidate>> {
-    let prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
+pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option<Vec<Candidate>> {
+    let mut prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
+    prepared.runs.iter_mut().try_for_each(|run| own::attach(effects, run)).ok()?;
     let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
     let mut search = Search::new(&data, SEED);
     Some(search.run().effects().copied().collect())
@@ -27,7 +28,7 @@ pub(super) fn second_search(verify: &Recording) -> Option<Vec<Candidate>> {
 /// What the second witness found, beside the effects of the report.
 pub(super) fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
     let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
-    let classes: BTreeSet<Class> = found.iter().map(|c| card(c.facts.effect).class).collect();
+    let classes: BTreeSet<Class> = found.iter().map(|c| card_of(c.facts).class).collect();
     let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
     Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
 }

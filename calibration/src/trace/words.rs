@@ -152,7 +152,17 @@ fn to_do(r: &Report) -> String {
         }
         _ => s += " No image is written: not even the baseline beats the raw rates on the verify run by more than its uncertainty.",
     }
-    let mend: Vec<&str> = r.effects.iter().filter(|e| e.reach != "unit").map(|e| e.name.as_str()).collect();
+    let own: Vec<&str> = r.effects.iter().filter(|e| e.class == Class::Own).map(|e| e.name.as_str()).collect();
+    if !own.is_empty() {
+        let (are, them) = if own.len() == 1 { ("is", "it") } else { ("are", "them") };
+        let _ = write!(
+            s,
+            " {} {are} your own: the unit does not have {them} and no image holds {them}; the figures of the image are without {them}. docs/own-effects.md says how to write {them} into the unit.",
+            list(&own)
+        );
+    }
+    let at_cause = |e: &&Found| e.reach != "unit" && e.class != Class::Own;
+    let mend: Vec<&str> = r.effects.iter().filter(at_cause).map(|e| e.name.as_str()).collect();
     if !mend.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
         let _ = write!(s, " Mend {} at the cause: the unit cannot compensate it.", list(&mend));
     }

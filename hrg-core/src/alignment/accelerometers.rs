@@ -2,6 +2,16 @@
 //!
 //! `a = b + M A`: `A` is what there is along axes 1 and 2, `a` what the two read. Found by `hrg accelerometers`, kept in the
 //! calibration, the same in the unit's align mode and on the desktop. The vertical accelerometer takes no part.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::accelerometers::Accelerometers;
+//!
+//! let a = Accelerometers { bias_mps2: [1e-3, 0.0], ..Accelerometers::IDEAL };
+//! assert!(a.possible());
+//! // After ten seconds at rest the first has read 0.01 m/s, all of it bias.
+//! assert!(a.correct([0.01, 0.0], 10.0)[0].abs() < 1e-9);
+//! ```
 
 use crate::schema::layout;
 

@@ -1,5 +1,16 @@
 //! An alignment from start to end over any filter: positions, the turn, what is wrong with the base or the readings, and
 //! whether there is an azimuth to give out.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{aligner::Aligner, linear::Linear, Config, Refusal};
+//!
+//! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
+//! let mut aligner = Aligner::new(Linear::<f64>::new(config), &config);
+//! aligner.step([0.0, 0.0]);
+//! // One position is no alignment: the result is a refusal, not a number.
+//! assert!(matches!(aligner.outcome(), Err(Refusal::OnePosition)));
+//! ```
 
 use super::{Begin, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE};
 use core::f64::consts::PI;

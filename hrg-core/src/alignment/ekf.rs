@@ -1,6 +1,17 @@
 //! The nonlinear model, and the extended Kalman filter over it (chen2015's baseline): states `th1 th2 A d1 d2 v1 v2`.
 //!
 //! It needs a first azimuth, and from a wrong one it may end anywhere.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{ekf::Ekf, Config, Filter, DEGREE};
+//!
+//! // It needs an azimuth to start from, and how well that is known.
+//! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
+//! let mut filter = Ekf::<f64>::new(config, 30.0 * DEGREE, 5.0 * DEGREE);
+//! filter.step([0.0, 0.0]).expect("still works");
+//! assert!((filter.estimate().expect("still works").azimuth - 30.0 * DEGREE).abs() < 1.0 * DEGREE);
+//! ```
 
 use super::real::{congruence, product, zeros, Matrix, Real};
 use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Config, Estimate, Filter};

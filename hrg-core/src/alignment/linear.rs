@@ -5,6 +5,17 @@
 //! That `c^2 + s^2 = 1` enters at the output only: normalising inside would make later updates inconsistent. The output
 //! is the point of the circle nearest to `(c, s)` by their covariance; how far off the circle `(c, s)` lies is a check of
 //! the whole alignment for free.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{linear::Linear, Config, Filter};
+//!
+//! // It needs no azimuth to start from. A reading that is missing (NaN) lets time go on.
+//! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
+//! let mut filter = Linear::<f32>::new(config);
+//! assert_eq!(filter.step([f64::NAN; 2]), Some([1.0; 2]));
+//! assert!(filter.estimate().is_some());
+//! ```
 
 use super::real::{congruence, transition, zeros, Matrix, Real};
 use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Begin, Config, Estimate, Filter};

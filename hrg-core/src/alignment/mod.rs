@@ -19,6 +19,25 @@
 //! [`particles::Literal`], the unscented particle filter in a form that works and as chen2015 has it.
 //!
 //! Derived afresh: the equations that chen2015 prints disagree with each other.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{linear::Linear, Config, Filter, DEGREE, DPH};
+//!
+//! // A level platform without drift at 45 degrees, axis 1 to the north: it tilts about axis 1 only, by the horizontal earth rate.
+//! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
+//! let mut filter = Linear::<f64>::new(config);
+//! let (horizontal, _) = config.earth();
+//! for k in 1..=60 {
+//!     let t = f64::from(k) * config.step;
+//!     let v2 = config.gravity * horizontal * t * t / 2.0;
+//!     filter.step([0.0, v2]).expect("still works");
+//! }
+//! let found = filter.estimate().expect("still works");
+//! assert!(found.azimuth.abs() < 0.5 * DEGREE);
+//! // One position cannot tell azimuth and drift apart: the filter says how uncertain both are.
+//! assert!(found.azimuth_std > 0.1 * DEGREE && found.drift_std[1] > 0.05 * DPH);
+//! ```
 
 pub mod accelerometers;
 pub mod aligner;

@@ -6,6 +6,17 @@
 //! - [`Kernels`]: the same filters as a mixture. Each keeps its mean and is weighted by how well it predicted the reading;
 //!   when few weights are left, the heavy ones are split along the azimuth, their covariance shared out among the
 //!   children.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::{particles::Kernels, Config, Filter};
+//!
+//! // Sixteen kernels around the circle; nothing is known of the azimuth.
+//! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
+//! let mut filter = Kernels::<f64, 16>::new(config);
+//! filter.step([0.0, 0.0]).expect("still works");
+//! assert!(filter.estimate().expect("still works").azimuth_std > 0.5);
+//! ```
 
 use super::ekf::{estimate, prior, walk, Model, A, D, STATES, TH, V};
 use super::real::{cholesky, zeros, Matrix, Real};

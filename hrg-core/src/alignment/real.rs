@@ -1,5 +1,16 @@
 //! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions
 //! of `libm` and the sine of [`crate::math`], on both sides.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::real::{cholesky, identity, product};
+//!
+//! let root = cholesky(&[[4.0, 2.0], [2.0, 5.0]]).expect("positive");
+//! assert_eq!(root, [[2.0, 0.0], [1.0, 2.0]]);
+//! assert_eq!(product(&root, &identity()), root);
+//! // A matrix that is no covariance has none.
+//! assert_eq!(cholesky(&[[1.0f64, 2.0], [2.0, 1.0]]), None);
+//! ```
 
 use crate::math::{double, single};
 use core::fmt::Debug;

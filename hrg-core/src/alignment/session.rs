@@ -3,6 +3,18 @@
 //! Commands are taken before the second in which they arrived is handed over ([`Session::command`], then
 //! [`Session::second`]). Velocities are sums of accelerometer codes, exact integers; one filter step a second. A command takes effect with the
 //! second in which it has arrived: the whole of that second counts as turn where a turn begins or ends in it.
+//!
+//! # Example
+//! ```
+//! use hrg_core::alignment::linear::Linear;
+//! use hrg_core::alignment::session::{Command, Session};
+//!
+//! let mut session = Session::<Linear<f32>>::IDLE;
+//! session.command(Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 0.002 });
+//! assert!(session.running());
+//! // Whoever leaves it before there is a result gets no trim.
+//! assert_eq!(session.command(Command::Abandon), None);
+//! ```
 
 use super::accelerometers::Accelerometers;
 use super::aligner::Aligner;

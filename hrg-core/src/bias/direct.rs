@@ -3,6 +3,16 @@
 //!
 //! `B = k0 + k1 v + k2 v^2 + k3 v^3 + k4 w + k5 w^2 + k6 v w`, `v` about -1 to 1 over the calibrated range, `w` its
 //! change per minute. No temperature curve and no sensor is needed to identify or to evaluate it.
+//!
+//! # Example
+//! ```
+//! use hrg_core::bias::direct::{evaluate, regressors, TERMS};
+//!
+//! let k: [f32; TERMS] = [1.0, 2.0, 0.0, 0.0, 0.5, 0.0, 0.0];
+//! let (v, w, w_linear) = (0.5, 0.1, 0.2);
+//! assert_eq!(evaluate(&k, v, w, w_linear), 1.0 + 2.0 * 0.5 + 0.5 * 0.1);
+//! assert_eq!(regressors(v, w, w_linear)[1], v);
+//! ```
 
 use super::{clamp, cube_or_tangent, square_or_tangent};
 

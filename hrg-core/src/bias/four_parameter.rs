@@ -8,6 +8,14 @@
 //! # Origin
 //! wu2023 counts temperature from 0 C, so its compensation jumps by `(u - l) b` where `T` passes the breakpoint. With
 //! the origin at the breakpoint it is continuous, which is what a system should fly; both can be stored.
+//!
+//! # Example
+//! ```
+//! use hrg_core::bias::four_parameter::regressors;
+//!
+//! // 10 C above a breakpoint of 20 C, cooling by half a degree per minute: constant, cooling, heating, low, high.
+//! assert_eq!(regressors(20.0, 20.0, 30.0, -0.5), [1.0, -0.5, 0.0, 0.0, 10.0]);
+//! ```
 
 /// Linear coefficients: constant, cooling, heating, low, high.
 pub const TERMS: usize = 5;

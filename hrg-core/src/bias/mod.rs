@@ -9,6 +9,25 @@
 //! dong2023 switches sets where `r` changes sign; as its two `k0` differ, its bias steps there. Here the sets
 //! blend: weight of heating `w = (r + band) / (2 band)`, clamped to 0..1, so the bias is continuous and on a
 //! soak the mean of both.
+//!
+//! # Example
+//! ```
+//! use hrg_core::bias::{regressors, Coefficients, State};
+//! use hrg_core::calibration::Calibration;
+//!
+//! let scaling = Calibration::uncalibrated().scaling;
+//! let coefficients = Coefficients::One([1.5, 0.0, 0.0, 0.25, 0.0, 0.0]);
+//! let soak = State {
+//!     temperature_c: scaling.t_ref_c,
+//!     ramp_c_per_min: 0.0,
+//!     difference_c_per_min: 0.0,
+//!     frequency_u: 0.0,
+//!     frequency_u_per_min: 0.0,
+//! };
+//! assert_eq!(coefficients.bias_dph(&scaling, &soak), 1.5);
+//! // The regressors of a fit are those of the unit.
+//! assert_eq!(regressors(&scaling, scaling.t_ref_c, 2.0)[..4], [1.0, 0.0, 0.0, 2.0]);
+//! ```
 
 pub mod direct;
 pub mod four_parameter;

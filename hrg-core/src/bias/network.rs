@@ -5,6 +5,16 @@
 //!
 //! `tanh` comes from `libm::expf` and is good to 1e-7 of one, so for weights of a few deg/h the network in single
 //! precision agrees with the same in double to about 1e-6 of the sum of its `|w2|` (test).
+//!
+//! # Example
+//! ```
+//! use hrg_core::bias::network::{evaluate, WEIGHTS};
+//!
+//! // Without weights between the layers only the last threshold is left.
+//! let mut weights = [0.0; WEIGHTS];
+//! weights[WEIGHTS - 1] = -0.75;
+//! assert_eq!(evaluate(&weights, 0.3), -0.75);
+//! ```
 
 use super::Scaling;
 

@@ -1,4 +1,14 @@
 //! The fields of an image, in the order in which they lie in it. The names are those of the calibration file.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::layouts::Header;
+//! use hrg_core::schema::{size, Layout};
+//!
+//! let names: Vec<&str> = Header::FIELDS.iter().map(|f| f.name).collect();
+//! assert_eq!(names, ["magic", "version", "length"]);
+//! assert_eq!(size(Header::FIELDS), 8);
+//! ```
 
 use super::{Axis, Calibration};
 use crate::bias::four_parameter::{self, FourParameter};

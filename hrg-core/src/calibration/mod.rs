@@ -14,6 +14,19 @@
 //!
 //! Every number is checked when an image is read: an image with a valid checksum and an absurd number is as
 //! useless as a broken one.
+//!
+//! # Example
+//! ```
+//! use hrg_core::calibration::{Calibration, ImageError};
+//!
+//! let mut calibration = Calibration::uncalibrated();
+//! calibration.set_unit_name("HRG-042");
+//! let mut image = calibration.to_bytes().expect("fits");
+//! assert_eq!(Calibration::from_bytes(&image), Ok(calibration));
+//! // One bit that has changed, and the image is refused.
+//! image[100] ^= 1;
+//! assert_eq!(Calibration::from_bytes(&image), Err(ImageError::Checksum));
+//! ```
 
 mod check;
 mod image;

@@ -6,6 +6,25 @@
 //! number that was never used, and test it.
 //!
 //! Numbers are stable: they are what the calibration image stores.
+//!
+//! # Example
+//! ```
+//! use hrg_core::effects::{EffectId, MAX_OUTPUTS, Inputs, Recorded, Running};
+//! use hrg_core::calibration::Calibration;
+//! use hrg_core::thermal::Thermometer;
+//! use hrg_core::MODEL_STEP_S;
+//!
+//! let lag = EffectId::by_name("thermal-lag").expect("in the list").facts();
+//! assert_eq!(lag.parameters, ["tau_s"]);
+//!
+//! // Its regressor while the temperature stands still: none.
+//! let calibration = Calibration::uncalibrated();
+//! let mut thermometer = Thermometer::new(calibration.axes.clone().map(|a| a.curve), 0.0);
+//! let mut running = Running::new(lag.id, &[600.0, 0.0], MODEL_STEP_S).expect("in the list");
+//! thermometer.step(&[Some(4900.0); 3]);
+//! let inputs = Inputs { scaling: &calibration.scaling, thermal: thermometer.now(), axis: 0, recorded: Recorded::NONE };
+//! assert_eq!(running.step(&inputs), [0.0; MAX_OUTPUTS]);
+//! ```
 
 use crate::bias::{Scaling, State};
 use crate::half::Half;

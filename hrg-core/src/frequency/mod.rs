@@ -16,6 +16,25 @@
 //!   counted. Where edges are missing, the number moves on by as many: counted, and the slope stays right.
 //! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a gap
 //!   of [`HOLE_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
+//!
+//! # Example
+//! ```
+//! use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+//!
+//! // A resonator of 4898.626 Hz as a timer of 90 MHz stamps it.
+//! let config = Config::REFERENCE;
+//! let ticks_per_s = f64::from(config.timebase.ticks_per_s());
+//! let mut bank = CounterBank::new(config, GATES_PER_STEP);
+//! let mut steps = Vec::new();
+//! for edge in 0..15_000u32 {
+//!     let stamp = (f64::from(edge) * ticks_per_s / 4898.626) as u32;
+//!     steps.extend(bank.poll(stamp));
+//!     bank.push(0, &[stamp]);
+//! }
+//! let last = steps.last().expect("three seconds make a step");
+//! assert!((last.frequency_hz[0].expect("locked") - 4898.626).abs() < 1e-5);
+//! assert_eq!(last.frequency_hz[1], None);
+//! ```
 
 mod bank;
 mod counter;

@@ -1,4 +1,14 @@
 //! The fields of each message, in the order in which they lie in a frame.
+//!
+//! # Example
+//! ```
+//! use hrg_core::rate_path::RateFrame;
+//! use hrg_core::schema::Layout;
+//!
+//! // Lists come with names, meanings and units: `docs/formats.md` is printed from them.
+//! let rates = RateFrame::FIELDS.last().expect("some");
+//! assert_eq!((rates.name, rates.meaning), ("rate_dph", "corrected rates, deg/h"));
+//! ```
 
 use super::{Housekeeping, Identity};
 use crate::alignment::session;

@@ -3,6 +3,16 @@
 //! Frame: `COBS(type u8, fields little-endian, CRC-32)` `0x00`. A receiver that joins late or sees garbage is in
 //! step again at the next zero. The unit sends [`Message::Rate`] at 200 Hz (decimation settable) and
 //! [`Message::Housekeeping`] each second, and answers [`Message::Identify`] with [`Message::Identity`].
+//!
+//! # Example
+//! ```
+//! use hrg_core::link::{Deframer, Message};
+//!
+//! let wire = Message::SetDecimation(5).encode();
+//! let mut deframer = Deframer::default();
+//! let heard: Vec<_> = wire.iter().filter_map(|byte| deframer.push(*byte)).collect();
+//! assert_eq!(heard, [Ok(Message::SetDecimation(5))]);
+//! ```
 
 mod codec;
 mod deframe;
@@ -84,6 +94,13 @@ pub struct Housekeeping {
 }
 
 /// Modes of a unit.
+///
+/// # Example
+/// ```
+/// use hrg_core::link::mode;
+///
+/// assert_eq!(mode::NAMES[usize::from(mode::ALIGN)], "align");
+/// ```
 pub mod mode {
     /// Sending corrected rates.
     pub const NAVIGATE: u8 = 0;

@@ -9,6 +9,8 @@ Rates are in deg/h, temperatures in degrees Celsius, frequencies in Hz, times in
 
 from __future__ import annotations
 
+import dataclasses
+import tempfile
 from collections.abc import Mapping
 from typing import Any
 
@@ -17,6 +19,7 @@ import numpy as _np
 from ._hrg import (
     Calibration,
     Corrected,
+    Figures,
     HrgError,
     LinkDecoder,
     LogDecoder,
@@ -25,28 +28,38 @@ from ._hrg import (
     __version__,
     align,
     allan,
+    compare as _compare,
     correct,
+    data_sheet as _data_sheet,
     effects,
     fit,
+    identify_accelerometers as accelerometers,
     import_table,
     methods,
     points,
     simulate,
+    soaks as _soaks,
     trace as _trace,
 )
 
 __all__ = [
     "Calibration",
     "Corrected",
+    "Figures",
     "HrgError",
     "LinkDecoder",
     "LogDecoder",
+    "OwnEffect",
     "Recording",
     "Report",
+    "States",
     "__version__",
+    "accelerometers",
     "align",
     "allan",
+    "compare",
     "correct",
+    "data_sheet",
     "decode_link",
     "decode_log",
     "effects",
@@ -57,6 +70,7 @@ __all__ = [
     "points",
     "read",
     "simulate",
+    "soaks",
     "to_pandas",
     "trace",
 ]
@@ -106,9 +120,106 @@ def trace(train, verify, **options):
     """Finds what the baseline model lacks: learns from ``train`` (one recording or several), judges on ``verify``.
 
     Options: ``in_use`` (the calibration that a new one must beat), ``different_units``, ``jobs`` (processors), ``progress`` (called
-    with the number of models tried so far). Ctrl-C stops it.
+    with the number of models tried so far), ``own_effects`` (effects that you have written, :class:`OwnEffect`). Ctrl-C stops it.
     """
-    return _trace([train] if isinstance(train, Recording) else list(train), verify, **options)
+    return _trace(_several(train), verify, **options)
+
+
+def _several(recordings):
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+
+
+@dataclasses.dataclass(frozen=True)
+class States:
+    """What an own effect may look at: one axis of one run, a value each second; NaN where it is not known.
+
+    Temperatures and their rates of change are those that the unit's own code makes of the recording.
+    """
+
+    axis: str
+    """ "x", "y" or "z"."""
+    step_s: float
+    """Time between two values, s."""
+    time_s: _np.ndarray
+    """Time since power-on, s. Shape (seconds,)."""
+    temperature_c: _np.ndarray
+    """Temperature of the axis, C. Shape (seconds,)."""
+    ramp_c_per_min: _np.ndarray
+    """Its rate of change, C per minute. Shape (seconds,)."""
+    frequency_hz: _np.ndarray
+    """Frequency of the axis, Hz (C where a sensor is the thermometer). Shape (seconds,)."""
+    temperatures_c: _np.ndarray
+    """Temperatures of x, y, z, C. Shape (seconds, 3)."""
+    case_c: _np.ndarray
+    """Sensor on the case of the axis, C. Shape (seconds,)."""
+    board_c: _np.ndarray
+    """Temperature of the board, C. Shape (seconds,)."""
+    supply_v: _np.ndarray
+    """Supply, V. Shape (seconds,)."""
+    drive_v: _np.ndarray
+    """Drive of the axis, V. Shape (seconds,)."""
+    quad_v: _np.ndarray
+    """Quadrature-nulling voltage of the axis, V. Shape (seconds,)."""
+
+
+class OwnEffect:
+    """An effect of your own, for :func:`trace`.
+
+    ``function`` takes :class:`States` and gives one column, shape (seconds,), or up to fourteen, shape (seconds, columns): what the bias
+    may be a multiple of, in any unit; the trace finds the gains. A missing value is NaN. ``parameter``: a name with unit and the values
+    to try, ``("tau_s", [300, 600, 1200])``; the function gets the value as a keyword of that name.
+
+    It is judged as an effect of the library is: by its evidence on the train run less its price, by the price of each value that is tried,
+    by surrogates without any effect, and by the verify run. What no program sees is how many effects you have tried before: give all
+    your ideas in one call. A unit cannot compensate it, and no image holds it, until it is written in Rust (docs/own-effects.md).
+    """
+
+    def __init__(self, name, function, *, parameter=None):
+        self.name = str(name)
+        self.function = function
+        self.parameter = None if parameter is None else (str(parameter[0]), [float(v) for v in parameter[1]])
+
+    def __repr__(self):
+        return f"<hrg.OwnEffect {self.name}>"
+
+    def _columns(self, given, value):
+        """Columns one below the other, shape (columns, seconds)."""
+        keywords = {} if value is None else {self.parameter[0]: value}
+        columns = _np.asarray(self.function(States(**given), **keywords), dtype=_np.float64)
+        seconds = len(given["time_s"])
+        if columns.ndim not in (1, 2) or columns.shape[0] != seconds:
+            raise ValueError(f"it gave an array of shape {columns.shape} where ({seconds},) or ({seconds}, columns) is asked")
+        return _np.ascontiguousarray(columns.reshape(seconds, -1).T)
+
+
+def compare(train, verify, *, out=None, **options):
+    """Every method on the same data: learns from ``train``, judges on ``verify`` (one recording or several each).
+
+    Options: ``methods`` (names of :func:`methods`, and ``trace``; all by default), ``seed``, ``from_s`` (judged from this time of each run
+    on, s), ``different_units``, ``progress``. ``out``: a folder for the calibrations, one a method. Ctrl-C stops it.
+    Gives :class:`Figures` whose ``rows`` hold a method each, and whose ``calibrations`` are what was fitted.
+    """
+    if out is not None:
+        return _compare(_several(train), _several(verify), out, **options)
+    with tempfile.TemporaryDirectory(prefix="hrg-compare-") as folder:
+        return _compare(_several(train), _several(verify), folder, **options)
+
+
+def data_sheet(recordings):
+    """Figures of a data sheet from recordings alone (of one unit, each one power-on), with intervals; see docs of ``hrg report``."""
+    return _data_sheet(_several(recordings))
+
+
+def soaks(recordings, *, settled_c_per_min=0.01, hold_s=600.0):
+    """The soaks of recordings of one unit as a table of static points, a dictionary of arrays: what :func:`points` takes as a file.
+
+    A soak: each resonator changes by less than ``settled_c_per_min``, for ``hold_s`` seconds at the least.
+    """
+    text = _soaks(_several(recordings), settled_c_per_min=settled_c_per_min, hold_s=hold_s)
+    lines = [line for line in text.splitlines() if line and not line.startswith("#")]
+    names = lines[0].split(",")
+    rows = [[float(v) if v else float("nan") for v in line.split(",")] for line in lines[1:]]
+    return {name: _np.array([row[k] for row in rows]) for k, name in enumerate(names)}
 
 
 def decode_link(chunks):

@@ -1,3 +1,4 @@
+import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
@@ -124,6 +125,44 @@ class Report:
         """The page that `hrg trace --html` writes."""
     def __getattr__(self, name: str) -> Any: ...
 
+class Figures:
+    """Figures with the page that shows them: each key of `to_dict()` is an attribute; `str()` is the table; in a notebook it shows itself."""
+
+    def to_dict(self) -> dict[str, Any]: ...
+    def to_json(self) -> str: ...
+    def to_html(self) -> str: ...
+    @property
+    def calibrations(self) -> dict[str, Calibration]:
+        """Of a comparison: what each method has fitted. Else empty."""
+    def __getattr__(self, name: str) -> Any: ...
+
+@dataclasses.dataclass(frozen=True)
+class States:
+    """What an own effect may look at: one axis of one run, a value each second, shape (seconds,); NaN where it is not known."""
+
+    axis: str
+    step_s: float
+    time_s: NDArray[np.float64]
+    temperature_c: NDArray[np.float64]
+    ramp_c_per_min: NDArray[np.float64]
+    frequency_hz: NDArray[np.float64]
+    temperatures_c: NDArray[np.float64]
+    case_c: NDArray[np.float64]
+    board_c: NDArray[np.float64]
+    supply_v: NDArray[np.float64]
+    drive_v: NDArray[np.float64]
+    quad_v: NDArray[np.float64]
+
+class OwnEffect:
+    """An effect of your own, for `trace(own_effects=[...])`: columns of states in, columns out. `parameter`: a name with unit, and the values to try."""
+
+    name: str
+    function: Callable[..., ArrayLike]
+    parameter: tuple[str, list[float]] | None
+    def __init__(
+        self, name: str, function: Callable[..., ArrayLike], *, parameter: tuple[str, Sequence[float]] | None = None
+    ) -> None: ...
+
 class LinkDecoder:
     """The link of a unit, piece by piece."""
 
@@ -201,7 +240,34 @@ def trace(
     different_units: bool = False,
     jobs: int | None = None,
     progress: Callable[[int], object] | None = None,
+    own_effects: Sequence[OwnEffect] = (),
 ) -> Report: ...
+def compare(
+    train: Recording | Sequence[Recording],
+    verify: Recording | Sequence[Recording],
+    *,
+    out: str | PathLike[str] | None = None,
+    methods: Sequence[str] | None = None,
+    seed: int = 1,
+    from_s: float = 0.0,
+    different_units: bool = False,
+    progress: Callable[[int], object] | None = None,
+) -> Figures:
+    """Every method on the same data."""
+
+def data_sheet(recordings: Recording | Sequence[Recording]) -> Figures:
+    """Figures of a data sheet from recordings alone, with intervals."""
+
+def soaks(
+    recordings: Recording | Sequence[Recording], *, settled_c_per_min: float = 0.01, hold_s: float = 600.0
+) -> dict[str, NDArray[np.float64]]:
+    """The soaks of recordings as a table of static points, shape (soaks,) each."""
+
+def accelerometers(
+    path: str | PathLike[str], *, latitude_deg: float, gravity_mps2: float | None = None
+) -> dict[str, Any]:
+    """Bias, scale and cross-axis of a platform's accelerometers, from a table of tilts (a1_mps2, a2_mps2, tilt1_arcmin, tilt2_arcmin): for `align`."""
+
 def correct(recording: Recording, calibration: Calibration, *, different_units: bool = False) -> Corrected:
     """What a unit with this calibration would have sent, to the last bit."""
 
@@ -210,9 +276,18 @@ def allan(source: Recording | NDArray[np.float64], step_s: float | None = None) 
     high_dph (one sigma), shape (points,); angle_random_walk_deg_per_root_h, bias_instability_dph, rate_random_walk_dph_per_root_h (None: does not show)."""
 
 def align(
-    path: str | PathLike[str], filter: str = "linear", *, drift_dph: float | None = None, tilt_arcmin: float | None = None
+    path: str | PathLike[str],
+    filter: str = "linear",
+    *,
+    drift_dph: float | None = None,
+    tilt_arcmin: float | None = None,
+    accelerometers: Calibration | dict[str, Any] | str | PathLike[str] | None = None,
+    first_azimuth_deg: float = 0.0,
+    seed: int = 1,
 ) -> dict[str, Any]:
-    """Azimuth, tilts and drifts of a platform at rest, from a recording in two positions."""
+    """Azimuth, tilts and drifts of a platform at rest, from a recording in two positions. `accelerometers`: what is taken out of the
+    velocities, as `accelerometers()` gave it, a file of it, or a calibration that holds it. `first_azimuth_deg`: of the filter ekf;
+    `seed`: of the literal particle filter."""
 
 def points(path: str | PathLike[str]) -> dict[str, Any]:
     """Fits of frequency over temperature from a table of static points."""

@@ -59,6 +59,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         units: units(different_units),
         in_use,
         jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        own: Vec::new(),
     };
     let mut t = trace::trace_with(&train, &verify, &options)?;
     hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;

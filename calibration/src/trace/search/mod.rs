@@ -12,6 +12,7 @@ use super::proposals::{self, Left};
 use super::report::Class;
 use super::surrogate;
 use crate::trace::cards::{card, Card, Kind};
+use crate::trace::own::card_of;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 
@@ -202,7 +203,7 @@ impl<'a> Search<'a> {
     }
 
     fn card(&self, group: usize) -> Card {
-        let mut card = card(self.lead(group).facts.effect);
+        let mut card = card_of(self.lead(group).facts);
         if self.candidates[group].len() > 1 {
             card.kind = Kind::Family;
         }
@@ -239,8 +240,8 @@ impl<'a> Search<'a> {
         let each: Vec<_> = (0..AXES).map(|a| self.axes[a].extensions(&state.axes[a])).collect();
         let mut out = Vec::new();
         for k in 0..self.candidates.len() {
-            let effect = self.lead(k).facts.effect;
-            let there = |g: &usize| *g == k || (self.lead(*g).facts.effect == effect && !self.card(k).repeats);
+            let effect = self.lead(k).facts.id;
+            let there = |g: &usize| *g == k || (self.lead(*g).facts.id == effect && !self.card(k).repeats);
             if state.groups.iter().any(there) {
                 continue;
             }
@@ -320,10 +321,10 @@ impl<'a> Search<'a> {
         if best.groups.len() > 1 {
             // By evidence and by held-out error together.
             let mut most = self.total(&best) + self.held_out(&best);
-            let mut tried = vec![self.lead(best.groups[0]).facts.effect];
+            let mut tried = vec![self.lead(best.groups[0]).facts.id];
             let ranked = self.extensions(&nothing);
             for (gain, group, on) in &ranked {
-                let effect = self.lead(*group).facts.effect;
+                let effect = self.lead(*group).facts.id;
                 if tried.contains(&effect) || *gain < LEAST.max(0.2 * ranked[0].0) || tried.len() > BEGUN {
                     continue;
                 }
@@ -403,7 +404,7 @@ impl<'a> Search<'a> {
             if tried.iter().filter(|t| alike(t)).count() >= TRIED.div_ceil(2) || *gain < best - 30.0 || looks >= LOOKS {
                 continue;
             }
-            let own = (self.lead(*group).facts.effect, self.candidates[*group].len());
+            let own = (self.lead(*group).facts.id, self.candidates[*group].len());
             if effects.contains(&own) && kind != Kind::Proposed {
                 continue;
             }
@@ -485,7 +486,7 @@ impl<'a> Search<'a> {
             let mut names = Vec::new();
             for (_, group, on) in ranked {
                 let c = self.card(group);
-                let effect = self.lead(group).facts.effect;
+                let effect = self.lead(group).facts.id;
                 if c.class != own.class || c.kind != Kind::Simple || names.contains(&effect) || names.len() > 1 {
                     continue;
                 }

@@ -41,7 +41,7 @@ impl Search<'_> {
         let mut out = vec![self.rival(&others, &model.state, own)];
         for (gain, group, on) in self.extensions(&others) {
             let c = self.lead(group);
-            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.effect == c.facts.effect) {
+            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.id == c.facts.id) {
                 continue;
             }
             let next = if gain > 0.0 { self.with_refined(&others, group, &on) } else { self.with(&others, group, &on) };
@@ -92,7 +92,7 @@ impl Search<'_> {
         for k in 0..self.candidates.len() {
             let facts = self.lead(k).facts;
             let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
-            let there = found.iter().any(|g| self.lead(*g).facts.effect == facts.effect);
+            let there = found.iter().any(|g| self.lead(*g).facts.id == facts.id);
             if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
                 continue;
             }

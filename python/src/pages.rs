@@ -1,0 +1,176 @@
+//! Comparisons of methods, figures of a data sheet, and what tables of the laboratory give.
+
+use crate::recording::Recording;
+use crate::tools::of_json;
+use crate::{bad, refused, work, Calibration};
+use hrg_cal::align::accelerometers;
+use hrg_cal::compare::{self as comparing, Contender};
+use hrg_cal::fit::independence::{self, Units};
+use hrg_cal::thermometer::soaks as standing;
+use hrg_cal::{image_file, report, BadInput, MOST_RECORDING};
+use hrg_core::alignment::normal_gravity;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use std::path::{Path, PathBuf};
+
+/// Figures, with the text and the page that show them.
+#[pyclass(frozen, module = "hrg")]
+pub struct Figures {
+    what: &'static str,
+    json: String,
+    text: String,
+    html: String,
+    calibrations: Vec<(String, hrg_core::calibration::Calibration)>,
+}
+
+#[pymethods]
+impl Figures {
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        of_json(py, &self.json)
+    }
+    fn to_json(&self) -> &str {
+        &self.json
+    }
+    fn to_html(&self) -> &str {
+        &self.html
+    }
+    /// What was fitted, by the name of its method.
+    #[getter]
+    fn calibrations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let d = PyDict::new(py);
+        self.calibrations.iter().try_for_each(|(name, c)| d.set_item(name, Calibration::of(c.clone())))?;
+        Ok(d)
+    }
+    fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        self.to_dict(py)?.get_item(name).map_err(|_| {
+            pyo3::exceptions::PyAttributeError::new_err(format!("{} has no \"{name}\"; see to_dict()", self.what))
+        })
+    }
+    fn _repr_html_(&self) -> String {
+        framed(&self.html)
+    }
+    fn __str__(&self) -> &str {
+        &self.text
+    }
+    fn __repr__(&self) -> String {
+        format!("<hrg.Figures: {}>", self.what)
+    }
+}
+
+/// A page within a page: its styles stay its own.
+pub fn framed(html: &str) -> String {
+    let page = html.replace('&', "&amp;").replace('"', "&quot;");
+    format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"900\" style=\"border:0\"></iframe>")
+}
+
+/// Text as a page has it.
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;")
+}
+
+fn clean(recordings: &[Bound<'_, Recording>]) -> Vec<hrg_cal::recording::Recording> {
+    recordings.iter().map(|r| r.get().clean.clone()).collect()
+}
+
+/// See `__init__.pyi`.
+#[pyfunction]
+#[pyo3(signature = (train, verify, out, *, methods = None, seed = 1, from_s = 0.0, different_units = false, progress = None))]
+#[allow(clippy::too_many_arguments)] // They are a user's keywords.
+pub fn compare(
+    py: Python<'_>,
+    train: Vec<Bound<'_, Recording>>,
+    verify: Vec<Bound<'_, Recording>>,
+    out: PathBuf,
+    methods: Option<Vec<String>>,
+    seed: u64,
+    from_s: f64,
+    different_units: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Figures> {
+    let (train, verify) = (clean(&train), clean(&verify));
+    let contenders = match methods {
+        None => Contender::all(),
+        Some(names) => names.iter().map(|m| Contender::by_name(m)).collect::<Result<Vec<_>, _>>().map_err(refused)?,
+    };
+    let units = if different_units { Units::Different } else { Units::Same };
+    let options = comparing::Options { seed, units, from_s };
+    work::run(py, progress.as_ref(), move || {
+        let c = comparing::compare(&train, &verify, &contenders, &options, &out, |_| {})?;
+        let text = comparing::table(&c, false, None);
+        let html =
+            format!("<!doctype html><meta charset=utf-8><pre>{}</pre>{}", escaped(&text), comparing::picture(&c)?);
+        let calibrations = c
+            .rows
+            .iter()
+            .map(|r| Ok((r.method.clone(), image_file::load(&out.join(format!("{}.toml", r.method)))?)))
+            .collect::<anyhow::Result<Vec<_>>>()?;
+        Ok(Figures { what: "a comparison", json: serde_json::to_string_pretty(&c)?, text, html, calibrations })
+    })
+}
+
+/// See `__init__.pyi`.
+#[pyfunction]
+pub fn data_sheet(py: Python<'_>, recordings: Vec<Bound<'_, Recording>>) -> PyResult<Figures> {
+    let all = clean(&recordings);
+    work::run(py, None, move || {
+        let r = report::report(&all)?;
+        Ok(Figures {
+            what: "a data sheet",
+            json: serde_json::to_string_pretty(&r)?,
+            text: report::text(&r),
+            html: report::html(&r)?,
+            calibrations: Vec::new(),
+        })
+    })
+}
+
+/// See `__init__.pyi`.
+#[pyfunction]
+#[pyo3(signature = (recordings, *, settled_c_per_min = 0.01, hold_s = 600.0))]
+pub fn soaks(
+    py: Python<'_>,
+    recordings: Vec<Bound<'_, Recording>>,
+    settled_c_per_min: f64,
+    hold_s: f64,
+) -> PyResult<String> {
+    if !(settled_c_per_min > 0.0 && hold_s > 0.0) {
+        return Err(bad("settled_c_per_min and hold_s must be above zero"));
+    }
+    let runs = clean(&recordings);
+    work::run(py, None, move || {
+        independence::same_unit(&runs.iter().collect::<Vec<_>>(), Units::Same)?;
+        let first = runs.first().ok_or_else(|| BadInput::new("no recording was given"))?;
+        let settled = standing::Settled { within_c_per_min: settled_c_per_min, for_s: hold_s };
+        let mut all = Vec::new();
+        for r in &runs {
+            all.extend(standing::find(r, &settled)?);
+        }
+        Ok(standing::table(first.unit(), &all))
+    })
+}
+
+/// Reads a table as text.
+pub fn table(path: &Path) -> Result<String, BadInput> {
+    let bytes = hrg_cal::read_file(path, MOST_RECORDING, true)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// See `__init__.pyi`.
+#[pyfunction]
+#[pyo3(signature = (path, *, latitude_deg, gravity_mps2 = None))]
+pub fn identify_accelerometers<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    latitude_deg: f64,
+    gravity_mps2: Option<f64>,
+) -> PyResult<Bound<'py, PyAny>> {
+    let gravity = gravity_mps2.unwrap_or_else(|| normal_gravity(latitude_deg));
+    if !(latitude_deg.abs() <= 90.0 && (9.0..10.5).contains(&gravity)) {
+        return Err(bad("latitude or gravity is impossible; give degrees and m/s^2"));
+    }
+    let found = work::run(py, None, move || {
+        let here = |e: BadInput| BadInput::new(format!("{}: {e}", path.display()));
+        Ok(serde_json::to_string(&accelerometers::identify(&table(&path)?, gravity).map_err(here)?)?)
+    })?;
+    of_json(py, &found)
+}
