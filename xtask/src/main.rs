@@ -407,32 +407,58 @@ fn audit() -> Result<(), Failure> {
 const HOST_PACKAGES: [&str; 8] =
     ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "chip-tables", "host-tests", "foreign-plant", "xtask"];
 
+/// What `cargo xtask test` does, step by step, and how long each step takes.
+struct Course {
+    names: Vec<(&'static str, std::time::Instant)>,
+}
+
+impl Course {
+    fn begin() -> Self {
+        Self { names: Vec::new() }
+    }
+    fn step(&mut self, name: &'static str) {
+        println!("{name}");
+        self.names.push((name, std::time::Instant::now()));
+    }
+    /// Where the time went.
+    fn print(&self) {
+        let ends = self.names.iter().skip(1).map(|s| s.1).chain([std::time::Instant::now()]);
+        let times =
+            self.names.iter().zip(ends).map(|((name, begun), end)| (*name, end.duration_since(*begun).as_secs()));
+        let told: Vec<String> = times.clone().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
+        println!("time: {}; in all {} s", told.join(", "), times.map(|t| t.1).sum::<u64>());
+    }
+}
+
 fn test() -> Result<(), Failure> {
+    let mut course = Course::begin();
+    course.step("set-up");
     let t = setup::toolchain()?;
     setup::host()?;
     let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
-    println!("format");
+    course.step("format");
     run(&mut cargo(&["fmt", "--all", "--check"]))?;
+    course.step("the firmware");
     size()?;
-    println!("the second chip");
+    course.step("the second chip");
     other_chip(&t)?;
-    println!("the firmware that wants signed calibrations");
+    course.step("the firmware that wants signed calibrations");
     signed(&t)?;
-    println!("the firmware with temperature sensors");
+    course.step("the firmware with temperature sensors");
     sensors(&t)?;
-    println!("the bring-up program");
+    course.step("the bring-up program and the tests for the chip");
     bring_up::build()?;
     hil::chip_tests(&t)?;
-    println!("hrg-core in a firmware of another kind");
+    course.step("hrg-core in a firmware of another kind");
     library::example(&t)?;
-    println!("hrg-core as it would be published");
+    course.step("hrg-core as it would be published");
     library::package()?;
-    println!("lints, target");
-    for features in ["", "bring-up"] {
-        let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--features", features];
-        run(t.cargo("clippy").args(lint).args(["--", "-D", "warnings"]))?;
+    course.step("lints, target");
+    for what in [&["--features", ""][..], &["--features", "bring-up"], &["--test", "chip"]] {
+        let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"];
+        run(t.cargo("clippy").args(lint).args(what).args(["--", "-D", "warnings"]))?;
     }
-    println!("lints, host");
+    course.step("lints, host");
     run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
         "-p",
         "hrg-python",
@@ -440,11 +466,11 @@ fn test() -> Result<(), Failure> {
         "-D",
         "warnings",
     ]))?;
-    println!("documentation");
+    course.step("documentation");
     run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
         .args(&packages)
         .env("RUSTDOCFLAGS", "-D warnings"))?;
-    println!("the table of the second chip");
+    course.step("the table of the second chip");
     // (In a folder of its own: one build of stm32-metapac knows one chip.)
     run(cargo(&["test", "--quiet", "--release", "--locked", "-p", "chip-tables", "--no-default-features"]).args([
         "--features",
@@ -452,14 +478,14 @@ fn test() -> Result<(), Failure> {
         "--target-dir",
         "target/chip-tables",
     ]))?;
-    println!("fuzz targets, a bounded run each");
+    course.step("fuzz targets, a bounded run each");
     fuzz::bounded()?;
-    println!("tests");
-    tests(&packages)
+    course.step("tests");
+    tests(&packages, course)
 }
 
 /// Runs the tests, shows what they print, and ends with the sum of their summaries.
-fn tests(packages: &[&str]) -> Result<(), Failure> {
+fn tests(packages: &[&str], mut course: Course) -> Result<(), Failure> {
     use std::io::{BufRead, BufReader};
     let mut child = cargo(&["test", "--release", "--locked", "--no-fail-fast"])
         .args(packages)
@@ -489,11 +515,12 @@ fn tests(packages: &[&str]) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
-    println!("the Python package");
+    course.step("the Python package");
     let python = python::tests()?;
     passed += python.passed;
     failed += python.failed;
     skipped.extend(python.skipped);
+    course.print();
     println!("{passed} passed, {failed} failed, {} of the passed skipped", skipped.len());
     skipped.iter().for_each(|s| println!("{s}"));
     if status.success() && failed == 0 && passed > 0 {
