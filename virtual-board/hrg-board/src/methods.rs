@@ -127,10 +127,10 @@ fn has_a_search(method: Method) -> bool {
         || matches!(p.model, Model::FourParameters | Model::FourParametersLiteral)
 }
 
-/// The line of a method in the README's table: a cell for each case.
+/// The line of a method in the short table (docs/methods.md): a cell for each case.
 type Summary = Vec<(String, Vec<String>)>;
 
-/// Adds a case to the README's table.
+/// Adds a case to the short table.
 fn summarise(summary: &mut Summary, case: &Case, nth: usize, c: &compare::Comparison) {
     let theirs = |m: &str| case.theirs.iter().find(|(n, _)| *n == m).map_or("", |(_, text)| *text);
     let figure = |v: &Option<[f64; 3]>| {
@@ -150,7 +150,7 @@ fn summarise(summary: &mut Summary, case: &Case, nth: usize, c: &compare::Compar
     }
 }
 
-/// The README's table.
+/// The short table.
 fn summary_table(summary: &Summary) -> String {
     let mut out = String::from("| method |");
     for case in &CASES {
