@@ -152,7 +152,7 @@ def test_a_comparison_is_that_of_the_command(trained, hrg_command, tmp_path):
     run(hrg_command, "compare", tmp_path / "train.csv", "--verify", tmp_path / "verify.csv", "--methods", ",".join(methods), "--out", tmp_path)
     theirs = json.loads((tmp_path / "compare.json").read_text())
     for a, b in zip(ours.rows, theirs["rows"]):
-        timeless = lambda row: {k: v for k, v in row.items() if k not in ("identification_s", "cost")}
+        timeless = lambda row: {k: v for k, v in row.items() if k not in ("identification_s", "weight")}
         assert timeless(a) == timeless(b)
     assert ours.raw == theirs["raw"] and set(ours.calibrations) == set(methods)
     assert "two-sets" in str(ours) and "<svg" in ours.to_html() and ours._repr_html_().startswith("<iframe")

@@ -282,8 +282,16 @@ impl Scatter {
         Some(Self { places, length: n as f64 })
     }
 
-    fn at(&self, k: usize) -> f64 {
-        self.places[((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1)]
+    /// The scatter at places from one on. (Where it is the same at both ends, it is so between: the places are steps.)
+    fn along(&self, from: usize, out: &mut [f64]) {
+        let place =
+            |k: usize| ((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1);
+        let (first, last) = (place(from), place(from + out.len().max(1) - 1));
+        if first == last {
+            out.fill(self.places[first]);
+        } else {
+            out.iter_mut().enumerate().for_each(|(k, s)| *s = self.places[place(from + k)]);
+        }
     }
 }
 
@@ -312,34 +320,60 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
 /// Share of a column that may be spikes.
 const MOST_SPIKES: f64 = 0.02;
 
+/// Values whose neighbours are looked at together.
+const TOGETHER: usize = 256;
+
+/// How many of the neighbours of each value are not further from it than `near`, itself among them. `around` begins [`HALF`] before the first value and ends as
+/// many behind the last.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn close_neighbours(around: &[f64], near: &[f64; TOGETHER], close: &mut [f64; TOGETHER]) {
+    close.fill(0.0);
+    let n = around.len().saturating_sub(2 * HALF).min(TOGETHER);
+    for d in 0..=2 * HALF {
+        let (own, other) = (&around[HALF..HALF + n], &around[d..d + n]);
+        for (((c, v), w), near) in close.iter_mut().zip(own).zip(other).zip(near) {
+            *c += if (w - v).abs() <= *near { 1.0 } else { 0.0 };
+        }
+    }
+}
+
 /// Places of the values further than `limit` times the scatter from the median of their neighbours.
 fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
     let n = values.len();
     let mut spikes = Vec::new();
-    for k in 0..n {
-        let v = values[k];
-        let near = limit * scatter.at(k);
-        if (HALF..n - HALF).contains(&k) {
-            // More than half of the neighbours (itself among them) are near: then so is their median, and it need not be found.
-            let close: usize = values[k - HALF..=k + HALF].iter().map(|w| usize::from((w - v).abs() <= near)).sum();
-            if close > HALF {
-                continue;
-            }
+    let (mut near, mut close) = ([0.0; TOGETHER], [0.0; TOGETHER]);
+    for from in (0..n).step_by(TOGETHER) {
+        let to = (from + TOGETHER).min(n);
+        scatter.along(from, &mut near[..to - from]);
+        near.iter_mut().for_each(|s| *s *= limit);
+        // Values at the ends of the column have no such neighbours.
+        let (first, last) = (from.max(HALF), to.min(n - HALF));
+        close.fill(0.0);
+        if first == from && first < last {
+            close_neighbours(&values[first - HALF..last + HALF], &near, &mut close);
         }
-        // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
-        let ramp = if k < HALF {
-            3.0 * (running_median(values, HALF) - running_median(values, (3 * HALF).min(n - 1))).abs()
-        } else if k >= n - HALF {
-            3.0 * (running_median(values, n - 1 - HALF) - running_median(values, (n - 1).saturating_sub(3 * HALF)))
-                .abs()
-        } else {
-            0.0
-        };
-        if (v - running_median(values, k)).abs() > near + ramp {
-            spikes.push(k);
+        for k in from..to {
+            // More than half of the neighbours (itself among them) are near: then so is their median, and it need not be found.
+            if close[k - from] <= HALF as f64 && is_spike(values, k, near[k - from]) {
+                spikes.push(k);
+            }
         }
     }
     spikes
+}
+
+/// Whether a value is further than `near` from the median of its neighbours.
+fn is_spike(values: &[f64], k: usize, near: f64) -> bool {
+    let n = values.len();
+    // Values at the ends have neighbours on one side only: a ramp may lead away from their median.
+    let ramp = if k < HALF {
+        3.0 * (running_median(values, HALF) - running_median(values, (3 * HALF).min(n - 1))).abs()
+    } else if k >= n - HALF {
+        3.0 * (running_median(values, n - 1 - HALF) - running_median(values, (n - 1).saturating_sub(3 * HALF))).abs()
+    } else {
+        0.0
+    };
+    (values[k] - running_median(values, k)).abs() > near + ramp
 }
 
 #[cfg(test)]
@@ -363,6 +397,28 @@ mod tests {
             assert!(notes.contains(word), "{word} not in {notes}");
         }
         assert_eq!(r.time_s.len(), 299);
+    }
+
+    #[test]
+    fn spikes_are_those_of_the_definition() {
+        let mut draws = crate::numeric::draws::Draws::new(7);
+        for n in [11, 12, 20, 255, 256, 257, 266, 1000, 5000] {
+            let mut values: Vec<f64> = (0..n).map(|_| (draws.bits() % 1000) as f64).collect();
+            for k in (3..n).step_by(37) {
+                values[k] = if k % 2 == 0 { f64::NAN } else { 1e5 * (k % 3) as f64 };
+            }
+            let Some(scatter) = Scatter::of(&values, 0.0) else { panic!("{n}: it scatters") };
+            for limit in [0.5, 2.0, 6.5] {
+                let near = |k: usize| {
+                    let mut s = [0.0];
+                    scatter.along(k, &mut s);
+                    limit * s[0]
+                };
+                let wanted: Vec<usize> = (0..n).filter(|&k| is_spike(&values, k, near(k))).collect();
+                assert_eq!(spikes(&values, limit, &scatter), wanted, "{n} values, limit {limit}");
+                assert!(limit > 1.0 || !wanted.is_empty());
+            }
+        }
     }
 
     #[test]

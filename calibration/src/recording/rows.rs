@@ -49,7 +49,7 @@ impl Header<'_> {
     ) -> Result<Rows, BadInput> {
         let texts = cut(text, piece);
         // A piece has no more rows than lines.
-        let most = side_by_side::each(texts.clone(), |t| t.bytes().filter(|b| *b == b'\n').count() + 1);
+        let most = side_by_side::each(texts.clone(), |t| memchr::memchr_iter(b'\n', t.as_bytes()).count() + 1);
         let total = most.iter().sum();
         let mut columns: Vec<Vec<f64>> =
             self.kept.iter().map(|kept| if *kept { vec![0.0; total] } else { Vec::new() }).collect();
@@ -212,25 +212,58 @@ const EXACT: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10
 #[inline]
 fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
     let negative = bytes.first() == Some(&b'-');
-    let start = usize::from(negative);
-    let (mut mantissa, mut point, mut at) = (0u64, None, start);
-    while let Some(&b) = bytes.get(at) {
-        match b {
-            b'0'..=b'9' => mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(b - b'0')),
-            b'.' if point.is_none() => point = Some(at),
-            b',' | b'\n' => break,
-            b'\r' if matches!(bytes.get(at + 1), None | Some(b'\n')) => break,
-            _ => return None,
-        }
-        at += 1;
-    }
-    let digits = at - start - usize::from(point.is_some());
-    if digits == 0 || digits > 15 {
+    let (whole, from) = digits(bytes, usize::from(negative), 0);
+    let count = from - usize::from(negative);
+    let (mantissa, at, fraction) = if bytes.get(from) == Some(&b'.') {
+        let (mantissa, at) = digits(bytes, from + 1, whole);
+        (mantissa, at, at - from - 1)
+    } else {
+        (whole, from, 0)
+    };
+    if !(1..=15).contains(&(count + fraction)) {
         return None;
     }
-    let value = mantissa as f64 / EXACT[point.map_or(0, |p| at - p - 1)];
-    let end = at + usize::from(bytes.get(at) == Some(&b'\r'));
+    let end = match bytes.get(at) {
+        None | Some(b',' | b'\n') => at,
+        Some(b'\r') if matches!(bytes.get(at + 1), None | Some(b'\n')) => at + 1,
+        Some(_) => return None,
+    };
+    let value = mantissa as f64 / EXACT[fraction];
     Some((if negative { -value } else { value }, end))
+}
+
+/// Powers of ten up to eight digits.
+const SHIFT: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
+
+/// Takes digits from a place on, behind those of `value`; gives what they make together (modulo 2^64) and the place behind them. Eight bytes at
+/// a time: how many of them are digits, and what those are worth, takes a few operations on the word that they make.
+#[inline]
+fn digits(bytes: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
+    while let Some(eight) = bytes.get(at..).and_then(<[u8]>::first_chunk::<8>) {
+        let x = u64::from_le_bytes(*eight) ^ 0x3030_3030_3030_3030;
+        // The high bit of each byte that is no digit: above 9 now, or above 127. (No byte carries into the next: their high bits are left out.)
+        let low = x & 0x7F7F_7F7F_7F7F_7F7F;
+        let others = ((low + 0x7676_7676_7676_7676) | x) & 0x8080_8080_8080_8080;
+        let n = others.trailing_zeros() as usize / 8;
+        if n == 0 {
+            return (value, at);
+        }
+        // The digits at the end of the word, zeros before them; pairs, fours and eight of them.
+        let x = x << (64 - 8 * n);
+        let x = x.wrapping_mul(10).wrapping_add(x >> 8);
+        let four = |x: u64, scale: u64| (x & 0x0000_00FF_0000_00FF).wrapping_mul(scale);
+        let sum = four(x, 0x000F_4240_0000_0064).wrapping_add(four(x >> 16, 0x0000_2710_0000_0001)) >> 32;
+        value = value.wrapping_mul(SHIFT[n]).wrapping_add(sum);
+        at += n;
+        if n < 8 {
+            return (value, at);
+        }
+    }
+    while let Some(b) = bytes.get(at).filter(|b| b.is_ascii_digit()) {
+        value = value.wrapping_mul(10).wrapping_add(u64::from(b - b'0'));
+        at += 1;
+    }
+    (value, at)
 }
 
 #[cfg(test)]
