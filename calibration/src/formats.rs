@@ -5,6 +5,7 @@ use crate::recording::columns;
 use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
+use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{size, Field, Format, Layout};
 use hrg_core::temperature::TemperatureCurve;
 use std::fmt::Write as _;
@@ -80,6 +81,7 @@ pub fn image() -> String {
     s += &part("What the fit of an axis left", Axis::FIELDS);
     s += &part("Effect", EffectHead::FIELDS);
     s + "\nBehind that, for each axis: n gains (f32, deg/h per unit of the regressor) and their n standard deviations.\n"
+        + &part("Scale factor and misalignment of an axis, since version 3: x, y, z behind all that version 2 has", RateAxis::FIELDS)
 }
 
 /// The tables of the link's messages.

@@ -15,6 +15,7 @@
 //! | [`compare`] | every method on the same data, the trace beside them |
 //! | [`measured`] | the loop on measured data |
 //! | [`wu2023`] | wu2023's loop on a simulated gyro with temperature sensors only |
+//! | [`rates`] | scale factor and misalignment over temperature from runs on a rate table |
 //! | [`report`] | figures of a data sheet from recordings alone |
 //! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
@@ -31,6 +32,7 @@ pub mod measured;
 pub mod numeric;
 pub mod plot;
 pub mod profiles;
+pub mod rates;
 pub mod recording;
 pub mod report;
 pub mod simulate;

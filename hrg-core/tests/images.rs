@@ -9,6 +9,7 @@ const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
 const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
+const RATES: &[u8] = include_bytes!("images/version-3-rates.bin");
 
 fn read(image: &[u8]) -> Calibration {
     Calibration::from_bytes(image).expect("an image of version 1 loads")
@@ -41,7 +42,7 @@ fn version_1_holds_what_was_put_into_it() {
 #[test]
 fn version_2_states_its_uncertainty() {
     let u = read(UNCERTAIN);
-    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), VERSION);
+    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), 2);
     assert_eq!((u.axes[0].uncertainty.rest_dph2, u.axes[2].uncertainty.baseline[0]), (0.25, [0.5; 6]));
     assert_eq!(u.effects.iter().map(|t| t.start).collect::<Vec<_>>(), [0.0, -1.0, 0.0]);
     let directions: Vec<(f32, f32)> =
@@ -51,9 +52,24 @@ fn version_2_states_its_uncertainty() {
 }
 
 #[test]
+fn version_3_has_scale_factors_and_misalignments() {
+    let r = read(RATES);
+    assert_eq!(u16::from_le_bytes([RATES[4], RATES[5]]), VERSION);
+    let y = r.rates.expect("stated")[1];
+    assert_eq!(
+        (y.scale_correction_ppm, y.misalignment_urad),
+        ([100.0, -50.0, 25.0, 12.5, -6.25], [[300.0, -200.0], [-1.5, 2.5]])
+    );
+    assert_eq!((y.rate_valid_from_c, y.rate_valid_to_c_per_min, y.scale_correction_std_ppm[2]), (-40.0, 1.5, 2.0));
+    for older in [DEFAULT, EFFECTS, MODELS, UNCERTAIN] {
+        assert_eq!(read(older).rates, None, "the unit matrix and the constant scale factors");
+    }
+}
+
+#[test]
 fn an_image_is_written_as_it_was_stored() {
     // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
-    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN] {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, RATES] {
         let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
         assert!(again == image, "the layout of version {version} has changed");

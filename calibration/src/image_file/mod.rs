@@ -71,6 +71,7 @@ mod tests {
     use hrg_core::bias::Coefficients;
     use hrg_core::calibration::EffectTerm;
     use hrg_core::half::Half;
+    use hrg_core::rate_factors::RateAxis;
     use proptest::prelude::*;
 
     #[test]
@@ -136,6 +137,12 @@ mod tests {
             c.axes[2].uncertainty.baseline[1][3] = -g;
             e.gains[1][1] = g;
             c.effects.push(e).expect("room");
+            if g > 0.0 {
+                let mut r = RateAxis { rate_valid_from_c: -40.0, rate_valid_to_c: g, ..RateAxis::default() };
+                r.scale_correction_ppm = [k[0], k[1], k[2], k[3], g];
+                r.misalignment_urad = [[k[4], g], [g, k[5]]];
+                c.rates = Some([r; 3]);
+            }
             let again = from_text(&to_text(&c)).expect("readable");
             prop_assert_eq!(again.to_bytes(), c.to_bytes());
         }

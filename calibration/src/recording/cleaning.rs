@@ -119,6 +119,14 @@ impl Recording {
         }
         let mut counts = Vec::new();
         let axes: Vec<usize> = self.present().collect();
+        // A step of a table is no spike of a gyro: spikes are sought in what is left without its rate.
+        let turned = self.table_rate_dph().map(|table| (self.rate_dph.clone(), table));
+        if let Some((_, table)) = &turned {
+            let pairs = self.rate_dph.iter_mut().flatten().zip(table.iter().flatten());
+            pairs.for_each(|(r, t)| *r -= t);
+        }
+        let largest = turned.iter().flat_map(|(_, table)| table.iter().flatten()).fold(0.0f64, |m, t| m.max(t.abs()));
+        let least_dph = TABLE_SHARE * largest;
         for &a in &axes {
             let readings = &mut self.frequency_hz[a];
             let (stuck, spikes) = match self.thermometer {
@@ -131,10 +139,14 @@ impl Recording {
                 counts.push((self.thermometer.column(a).to_string(), stuck, spikes));
             }
             let stuck = remove_stuck(&mut self.rate_dph[a], step);
-            let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, 0.0);
+            let spikes = remove_spikes(&mut self.rate_dph[a], 6.5, least_dph);
             counts.push((columns::RATE.name(a).to_string(), stuck, spikes));
         }
-        for (name, values) in &mut self.optional {
+        if let Some((measured, _)) = turned {
+            let pairs = self.rate_dph.iter_mut().flatten().zip(measured.into_iter().flatten());
+            pairs.filter(|(left, _)| left.is_finite()).for_each(|(left, measured)| *left = measured);
+        }
+        for (name, values) in self.optional.iter_mut().filter(|(n, _)| !columns::TABLE_RATE.names.contains(n)) {
             // Coarse sensors stand still for long by nature: spikes only.
             let spikes = remove_spikes(values, 12.0, 0.01);
             counts.push(((*name).to_string(), 0, spikes));
@@ -190,6 +202,10 @@ fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
     }
     removed
 }
+
+/// On a rate table scale factor, misalignment and the earth's rate, which goes round, step by this share of its rate and less: only what is
+/// further off is a spike.
+const TABLE_SHARE: f64 = 0.005;
 
 /// Half the neighbours of a value in [`remove_spikes`], without itself.
 const HALF: usize = 5;

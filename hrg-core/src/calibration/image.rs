@@ -6,6 +6,7 @@ use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
 use crate::half::Half;
+use crate::rate_factors::RateAxis;
 use crate::schema::{size, take, Layout, Wire};
 use crate::AXES;
 use heapless::Vec;
@@ -36,6 +37,9 @@ impl Calibration {
         self.write_payload(&mut w);
         if self.version() >= 2 {
             self.write_since_2(&mut w);
+        }
+        for axis in self.rates.iter().flatten() {
+            axis.put_fields(&mut w);
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -99,6 +103,13 @@ impl Calibration {
         if version >= 2 {
             calibration.read_since_2(&mut payload).ok_or(ImageError::Length(length))??;
         }
+        if version >= 3 {
+            let mut rates = [RateAxis::default(); AXES];
+            for axis in &mut rates {
+                axis.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+            }
+            calibration.rates = Some(rates);
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -145,9 +156,12 @@ impl Calibration {
 
     /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
     fn version(&self) -> u16 {
+        if self.rates.is_some() {
+            return 3;
+        }
         let started = self.effects.iter().any(|e| e.start != 0.0);
         if started || self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
-            VERSION
+            2
         } else {
             1
         }

@@ -23,6 +23,7 @@ pub mod layouts;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;
+use crate::rate_factors::RateAxis;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -31,8 +32,8 @@ use heapless::Vec;
 /// First bytes of every image.
 pub const MAGIC: [u8; 4] = *b"HRGC";
 /// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
-/// [`Uncertainty`].
-pub const VERSION: u16 = 2;
+/// [`Uncertainty`], version 3 [`Calibration::rates`].
+pub const VERSION: u16 = 3;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
 /// Most effects in one image.
@@ -129,6 +130,8 @@ pub struct Calibration {
     pub axes: [Axis; AXES],
     /// Effects beyond the baseline.
     pub effects: Vec<EffectTerm, MAX_EFFECTS>,
+    /// Scale factor and misalignment over temperature; `None`: the constant scale factors alone, and the unit matrix.
+    pub rates: Option<[RateAxis; AXES]>,
 }
 
 /// Why an image was refused.
@@ -232,6 +235,7 @@ impl Calibration {
                 verify_rms_dph: 0.0,
             }),
             effects: Vec::new(),
+            rates: None,
         }
     }
 
@@ -294,6 +298,21 @@ pub(crate) mod tests {
         c
     }
 
+    /// With scale factors and misalignments over temperature.
+    pub(crate) fn of_rates() -> Calibration {
+        let axis = RateAxis {
+            rate_valid_from_c: -40.0,
+            rate_valid_to_c: 60.0,
+            rate_valid_from_c_per_min: -1.5,
+            rate_valid_to_c_per_min: 1.5,
+            scale_correction_ppm: [100.0, -50.0, 25.0, 12.5, -6.25],
+            scale_correction_std_ppm: [1.0, 1.0, 2.0, 2.0, 0.5],
+            misalignment_urad: [[300.0, -200.0], [-1.5, 2.5]],
+            misalignment_std_urad: [[0.5; 2]; 2],
+        };
+        Calibration { rates: Some([axis; AXES]), ..full() }
+    }
+
     fn others() -> Calibration {
         let mut c = full();
         let m = FourParameter {
@@ -309,7 +328,7 @@ pub(crate) mod tests {
 
     #[test]
     fn there_and_back() {
-        for c in [Calibration::uncalibrated(), full(), others(), uncertain()] {
+        for c in [Calibration::uncalibrated(), full(), others(), uncertain(), of_rates()] {
             let bytes = c.to_bytes().expect("fits");
             assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
             let mut sector = [0xFFu8; 4096];
@@ -320,7 +339,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_largest_image_fits() {
-        let mut c = full();
+        let mut c = of_rates();
         c.effects.clear();
         for axis in &mut c.axes {
             // The longest of all.
@@ -331,6 +350,7 @@ pub(crate) mod tests {
                 .push(EffectTerm {
                     gains: [[1.0; MAX_OUTPUTS]; 3],
                     gain_std: [[1.0; MAX_OUTPUTS]; 3],
+                    directions: [[[Half::of(1.0); MAX_OUTPUTS]; 3]; DIRECTIONS],
                     ..EffectTerm::new(3, [0.0; 2])
                 })
                 .expect("room");
@@ -375,6 +395,19 @@ pub(crate) mod tests {
         assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
         assert_eq!(refused(&nan), ImageError::NotFinite);
+        let rates = |edit: fn(&mut RateAxis)| {
+            refused(&|c: &mut Calibration| {
+                *c = of_rates();
+                if let Some(r) = c.rates.as_mut() {
+                    edit(&mut r[1]);
+                }
+            })
+        };
+        assert_eq!(rates(|r| r.scale_correction_ppm[2] = f32::NAN), ImageError::NotFinite);
+        assert_eq!(rates(|r| r.scale_correction_ppm[0] = 60_000.0), ImageError::Absurd("scale factor"));
+        assert_eq!(rates(|r| r.misalignment_urad[1][0] = -60_000.0), ImageError::Absurd("misalignment"));
+        assert_eq!(rates(|r| r.rate_valid_to_c = -41.0), ImageError::Absurd("temperature range"));
+        assert_eq!(rates(|r| r.rate_valid_to_c_per_min = -2.0), ImageError::Absurd("range of the rate of change"));
     }
 
     #[test]

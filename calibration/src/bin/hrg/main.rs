@@ -25,6 +25,7 @@ mod log;
 mod merge;
 mod points;
 mod profile;
+mod rates;
 mod report;
 mod simulate;
 mod simulate_alignment;
