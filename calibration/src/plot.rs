@@ -1,7 +1,7 @@
 //! Pictures: series over a common x, as SVG.
 
 use plotters::prelude::*;
-use plotters::style::full_palette::{BLUE_600, GREY_500, ORANGE_700, TEAL_700};
+use plotters::style::full_palette::{BLUE_600, BROWN_500, GREY_500, LIGHTBLUE_300, ORANGE_700, PURPLE_700, TEAL_700};
 
 /// A line or cloud of points.
 #[derive(Debug, Clone)]
@@ -31,8 +31,9 @@ pub struct Panel {
     pub series: Vec<Series>,
 }
 
-/// Colours that stay apart for colour-blind eyes: before (grey), after (blue), warm (orange), cold (teal).
-pub const PALETTE: [RGBColor; 4] = [GREY_500, BLUE_600, ORANGE_700, TEAL_700];
+/// Colours that stay apart for colour-blind eyes: before (grey), after (blue), warm (orange), cold (teal); the others where
+/// more curves share a panel.
+pub const PALETTE: [RGBColor; 7] = [GREY_500, BLUE_600, ORANGE_700, TEAL_700, PURPLE_700, LIGHTBLUE_300, BROWN_500];
 
 /// Panels in a grid of `columns`, as an SVG of `width` by `height` per panel.
 ///

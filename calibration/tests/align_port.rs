@@ -111,5 +111,13 @@ fn a_unit_aligns_itself_and_takes_its_drifts() {
     assert!(code == Some(2) && text.contains("beyond 80 degrees") && trim.is_none(), "{text}");
     let (code, text, _) = align(&plant, &["--latitude", "45", "--accept", "--turn", "5"]);
     assert!(code == Some(2) && text.contains("no azimuth"), "{text}");
+    // Drifts far beyond the usual: refused, unless they are expected.
+    let plant = Plant { drift: [4.0 * DPH, -3.0 * DPH, 0.0], ..plant };
+    let (code, text, _) = align(&plant, &["--latitude", "45", "--accept"]);
+    assert!(code == Some(2) && text.contains("no azimuth"), "{text}");
+    let (code, text, trim) = align(&plant, &["--latitude", "45", "--accept", "--drift", "4"]);
+    assert!(code == Some(0) && trim.is_some(), "{text}");
+    let (code, text, _) = align(&plant, &["--latitude", "45", "--drift", "99"]);
+    assert!(code == Some(2) && text.contains("give a number above 0, at most 15"), "{text}");
     let _ = std::fs::remove_file(out);
 }

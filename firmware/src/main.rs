@@ -117,6 +117,8 @@ fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 
 #[inline(never)]
 fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let mut board = board::Board::new();
+    #[cfg(feature = "bring-up")]
+    bring_up::prepare(&mut board.sectors);
     let halt = kept::last_word(board.reset_cause);
     let verdict = board.program.whole();
     let board::Loaded { calibration, place, checksum, mut status } = board.calibration();
@@ -163,7 +165,9 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
     static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    let telemetry = Telemetry::new(once(SESSION.try_take()), params::TIMEBASE, identity, status)
+    let session: &mut Session<_> = once(SESSION.try_take());
+    session.set_accelerometers(calibration.accelerometers);
+    let telemetry = Telemetry::new(session, params::TIMEBASE, identity, status)
         .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
@@ -183,5 +187,11 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
     spawned(maintain::task(maintenance, board.sectors, board.journal), |t| spawner.spawn(t));
+    #[cfg(feature = "bring-up")]
+    bring_up::start(spawner);
     (board.watchdog, board.program)
 }
+
+// (Here, so that no line number in the flown program depends on it.)
+#[cfg(feature = "bring-up")]
+mod bring_up;

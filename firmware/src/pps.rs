@@ -67,6 +67,8 @@ pub type MarkPin = Output<'static>;
 
 /// At a data-ready edge: whether its sample ends a frame.
 pub fn mark(ends: bool) {
+    #[cfg(feature = "bring-up")]
+    crate::bring_up::data_ready();
     MARK.0.bsrr().write(|w| {
         if ends {
             w.set_bs(MARK.1, true);

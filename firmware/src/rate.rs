@@ -47,6 +47,8 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
             }
         };
         adc::mark_next(output.ends_next());
+        #[cfg(feature = "bring-up")]
+        crate::bring_up::rate_task_ran();
         RATE_ALIVE.signal(());
         match second {
             // Telemetry that is not listening loses a second of means; the rates went out all the same.

@@ -18,7 +18,8 @@ use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::{Kind, Plan, Profile};
 use hrg_cal::unit::log::Decoder;
-use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE};
+use hrg_core::alignment::accelerometers::Accelerometers;
+use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE, DPH};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{self, Facts, Reach};
 use hrg_core::frequency::StepFrequencies;
@@ -347,6 +348,32 @@ fn the_unit_aligns_as_the_desktop_and_hands_its_drifts_on() {
     assert_eq!(before[2], after[2]);
     let modes: Vec<u8> = r.housekeeping.iter().map(|h| h.mode).collect();
     assert!(modes.contains(&1) && modes.last() == Some(&0), "align mode is said, and left");
+}
+
+#[test]
+fn the_image_holds_errors_of_accelerometers_and_large_drifts_may_be_expected() {
+    let errors = Accelerometers { bias_mps2: [2e-4, -3e-4], matrix: [[1.02, 0.003], [-0.002, 1.02]] };
+    let (mut recording, truth) = Plant { drift: [1.5 * DPH, -1.1 * DPH, 0.2 * DPH], ..Plant::chen(3) }.play();
+    let mut begun = [None; 2];
+    for (t, position, v) in &mut recording.rows {
+        let start = *begun[usize::from(*position == 2)].get_or_insert(*t);
+        let (b, m) = (errors.bias_mps2.map(f64::from), errors.matrix.map(|row| row.map(f64::from)));
+        *v = [0, 1].map(|k: usize| b[k] * (*t - start) + m[k][0] * v[0] + m[k][1] * v[1]);
+    }
+    let calibration = Calibration { accelerometers: errors, ..Calibration::uncalibrated() };
+    let mut run = |drift_dph: f64, calibration: &Calibration| {
+        recording.drift_dph = Some(drift_dph);
+        let a = align(&elf(), &recording, Some(calibration)).expect("runs");
+        assert_eq!(a.outcome.received.differing, 0, "{:?}", a.outcome.received.first_difference);
+        *a.last().expect("reports")
+    };
+    let last = run(1.5, &calibration);
+    assert_eq!(last.refusal, 0);
+    let error = wrap(f64::from(last.azimuth_deg) * DEGREE - truth.azimuth) / ARCMIN;
+    assert!(error.abs() < 3.0 * f64::from(last.azimuth_std_arcmin), "{error}'");
+    // Without the errors in the image, or with drifts that nobody expected, there is no azimuth.
+    assert_ne!(run(1.5, &Calibration::uncalibrated()).refusal, 0);
+    assert_ne!(run(0.1, &calibration).refusal, 0);
 }
 
 #[test]

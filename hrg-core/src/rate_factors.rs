@@ -9,7 +9,7 @@
 //! those of the rate table that it was calibrated on. So the bias lies in the frame of the gyros.
 //!
 //! # Equations
-//! `S` is diagonal: `S_i = 1 + 1e-6 (c0 + c1 u + c2 u^2 + c3 u^3 + c4 r)` with the temperature `u` of axis `i`
+//! `S` is diagonal: `S_i = 1 + 1e-6 (c0 + c1 u + c2 u^2 + c3 u^3 + c4 r + c5 u r)` with the temperature `u` of axis `i`
 //! ([`crate::bias::Scaling::u`]) and its ramp `r` in C per minute. `M` has ones on its diagonal, and beside it
 //! `M_ij = 1e-6 (m0 + m1 u)` with the temperature of axis `i`, in the order of [`OTHERS`]. Source: IEEE Std 1431-2004, section 9 (scale
 //! factor, misalignment and their sensitivities to temperature).
@@ -27,8 +27,12 @@ use crate::schema::layout;
 use crate::status::AxisStatus;
 use crate::AXES;
 
-/// Terms of a scale factor: `1, u, u^2, u^3` and the ramp.
-pub const SCALE_TERMS: usize = 5;
+/// Terms of a scale factor: `1, u, u^2, u^3`, the ramp `r`, and `u r`: a body that lags answers to a ramp by the slope of its curve, which
+/// is another one at another temperature.
+pub const SCALE_TERMS: usize = 6;
+
+/// Temperatures at which the standard deviation of a scale factor is stated: the ends of its range, and three between, evenly.
+pub const STATED_AT: usize = 5;
 
 /// Regressors of an element of the misalignment: `1` and `u`.
 pub const MISALIGNMENT_TERMS: usize = 2;
@@ -53,22 +57,22 @@ pub struct RateAxis {
     pub rate_valid_to_c_per_min: f32,
     /// What the rate is multiplied by, less one, ppm: coefficients of [`scale_regressors`].
     pub scale_correction_ppm: [f32; SCALE_TERMS],
-    /// Their standard deviations, ppm.
-    pub scale_correction_std_ppm: [f32; SCALE_TERMS],
+    /// Standard deviation of that correction on a soak at each of [`STATED_AT`] temperatures, ppm: noise, and what the curve does not follow.
+    pub scale_std_ppm: [f32; STATED_AT],
     /// Elements of the row of `M` beside its diagonal, in the order of [`OTHERS`], urad: at `u = 0`, then what each gains per `u`.
     pub misalignment_urad: [[f32; 2]; MISALIGNMENT_TERMS],
-    /// Their standard deviations, urad.
-    pub misalignment_std_urad: [[f32; 2]; MISALIGNMENT_TERMS],
+    /// Standard deviations of both at the lowest temperature of the fit, then at the highest, urad; the same two causes.
+    pub misalignment_std_urad: [[f32; 2]; 2],
 }
 layout! { RateAxis {
     rate_valid_from_c: f32, "lowest temperature of the fit of scale factor and misalignment, C";
     rate_valid_to_c: f32, "highest temperature of that fit, C";
     rate_valid_from_c_per_min: f32, "fastest cooling of that fit, C per minute";
     rate_valid_to_c_per_min: f32, "fastest heating of that fit, C per minute";
-    scale_correction_ppm: [f32; SCALE_TERMS], "what the rate is multiplied by, less one: coefficients of 1, u, u^2, u^3, r, ppm";
-    scale_correction_std_ppm: [f32; SCALE_TERMS], "their standard deviations, ppm";
+    scale_correction_ppm: [f32; SCALE_TERMS], "what the rate is multiplied by, less one: coefficients of 1, u, u^2, u^3, r, u r, ppm";
+    scale_std_ppm: [f32; STATED_AT], "standard deviation of that on a soak, at five temperatures evenly from the lowest to the highest of the range, ppm";
     misalignment_urad: [[f32; 2]; MISALIGNMENT_TERMS], "elements of the row of M beside its diagonal, urad: at u = 0, then per u";
-    misalignment_std_urad: [[f32; 2]; MISALIGNMENT_TERMS], "their standard deviations, urad";
+    misalignment_std_urad: [[f32; 2]; 2], "their standard deviations at the lowest temperature of the range, then at the highest, urad";
 } }
 
 /// Regressors of a scale factor at a temperature (C) and its ramp (C per minute), inside the range of the fit.
@@ -76,7 +80,7 @@ layout! { RateAxis {
 #[must_use]
 pub fn scale_regressors(scaling: &Scaling, temperature_c: f32, ramp_c_per_min: f32) -> [f32; SCALE_TERMS] {
     let u = scaling.u(temperature_c);
-    [1.0, u, u * u, u * u * u, ramp_c_per_min]
+    [1.0, u, u * u, u * u * u, ramp_c_per_min, u * ramp_c_per_min]
 }
 
 /// A factor's distance from one (or zero), ppm, brought into its limits. `true`: it was outside, or is no number and taken as zero.
@@ -111,6 +115,28 @@ impl RateAxis {
         (scale, coupling, if beyond { AxisStatus::SCALE_FACTOR } else { AxisStatus::empty() })
     }
 
+    /// Standard deviation of the scale factor on a soak at a temperature, ppm: between those stated, evenly; beyond the range, that of its end.
+    #[must_use]
+    pub fn scale_std_at_ppm(&self, temperature_c: f32) -> f32 {
+        let at = self.share_of_range(temperature_c) * (STATED_AT - 1) as f32;
+        let below = (at as usize).min(STATED_AT - 2);
+        let [low, high] = [self.scale_std_ppm[below], self.scale_std_ppm[below + 1]];
+        low + (at - below as f32) * (high - low)
+    }
+
+    /// Standard deviation of a misalignment at a temperature, urad, in the order of [`OTHERS`]; the same way.
+    #[must_use]
+    pub fn misalignment_std_at_urad(&self, other: usize, temperature_c: f32) -> f32 {
+        let [low, high] = [self.misalignment_std_urad[0][other], self.misalignment_std_urad[1][other]];
+        low + self.share_of_range(temperature_c) * (high - low)
+    }
+
+    /// Where a temperature lies in the range of the fit: 0 at its lowest or below, 1 at its highest or above.
+    fn share_of_range(&self, temperature_c: f32) -> f32 {
+        let (low, high) = (self.rate_valid_from_c, self.rate_valid_to_c);
+        if high > low { (clamp(temperature_c, low, high) - low) / (high - low) } else { 0.0 }
+    }
+
     /// Its numbers, all of them.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = f32> + '_ {
         let range = [
@@ -120,7 +146,7 @@ impl RateAxis {
             self.rate_valid_to_c_per_min,
         ];
         let rows = self.misalignment_urad.as_flattened().iter().chain(self.misalignment_std_urad.as_flattened());
-        let scale = self.scale_correction_ppm.iter().chain(&self.scale_correction_std_ppm);
+        let scale = self.scale_correction_ppm.iter().chain(&self.scale_std_ppm);
         range.into_iter().chain(scale.chain(rows).copied())
     }
 }
@@ -239,7 +265,9 @@ mod tests {
             rate_valid_to_c: 60.0,
             rate_valid_from_c_per_min: -2.0,
             rate_valid_to_c_per_min: 2.0,
-            scale_correction_ppm: [100.0, 50.0, -20.0, 10.0, 5.0],
+            scale_correction_ppm: [100.0, 50.0, -20.0, 10.0, 5.0, 3.0],
+            scale_std_ppm: [4.0, 2.0, 1.0, 2.0, 6.0],
+            misalignment_std_urad: [[1.0, 2.0], [3.0, 6.0]],
             misalignment_urad: [[300.0, -200.0], [10.0, 20.0]],
             ..RateAxis::default()
         }
@@ -249,8 +277,8 @@ mod tests {
     fn factors_are_those_of_the_equation_and_are_held_at_the_ends_of_the_range() {
         let scaling = &Calibration::uncalibrated().scaling;
         let (scale, coupling, status) = axis().at(scaling, &state(55.0, 1.0));
-        // u = 1: 100 + 50 - 20 + 10 + 5 ppm. A single holds one to 0.06 ppm.
-        assert!((scale - 1.000_145).abs() < 1.2e-7, "{scale}");
+        // u = 1: 100 + 50 - 20 + 10 + 5 + 3 ppm. A single holds one to 0.06 ppm.
+        assert!((scale - 1.000_148).abs() < 1.2e-7, "{scale}");
         assert!((coupling[0] - 310e-6).abs() < 1e-10 && (coupling[1] + 180e-6).abs() < 1e-10, "{coupling:?}");
         assert_eq!(status, AxisStatus::empty());
         for (beyond, end) in [((80.0, 1.0), (60.0, 1.0)), ((-70.0, 0.0), (-40.0, 0.0)), ((20.0, -9.0), (20.0, -2.0))] {
@@ -258,6 +286,18 @@ mod tests {
                 (axis().at(scaling, &state(beyond.0, beyond.1)), axis().at(scaling, &state(end.0, end.1)));
             assert_eq!((held.0, held.1, held.2), (at_end.0, at_end.1, AxisStatus::SCALE_FACTOR));
         }
+    }
+
+    #[test]
+    fn standard_deviations_are_those_stated_and_lie_between_them() {
+        let a = axis();
+        // -40 to 60 C: stated at -40, -15, 10, 35 and 60.
+        let stated = [(-70.0, 4.0), (-40.0, 4.0), (-27.5, 3.0), (10.0, 1.0), (50.0, 4.4), (60.0, 6.0), (90.0, 6.0)];
+        for (t, std) in stated {
+            assert!((a.scale_std_at_ppm(t) - std).abs() < 1e-5, "{t}: {}", a.scale_std_at_ppm(t));
+        }
+        assert_eq!([-40.0, 10.0, 99.0].map(|t| a.misalignment_std_at_urad(1, t)), [2.0, 4.0, 6.0]);
+        assert_eq!(RateAxis::default().scale_std_at_ppm(20.0), 0.0);
     }
 
     #[test]

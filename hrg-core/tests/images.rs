@@ -1,5 +1,6 @@
 //! Stored calibration images of each version: what a unit in the field holds must load in every firmware to come.
 
+use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
@@ -9,7 +10,8 @@ const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
 const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
-const RATES: &[u8] = include_bytes!("images/version-3-rates.bin");
+const ACCELEROMETERS: &[u8] = include_bytes!("images/version-3-accelerometers.bin");
+const RATES: &[u8] = include_bytes!("images/version-4-rates.bin");
 
 fn read(image: &[u8]) -> Calibration {
     Calibration::from_bytes(image).expect("an image of version 1 loads")
@@ -52,16 +54,26 @@ fn version_2_states_its_uncertainty() {
 }
 
 #[test]
-fn version_3_has_scale_factors_and_misalignments() {
+fn version_3_holds_the_errors_of_accelerometers() {
+    assert_eq!(u16::from_le_bytes([ACCELEROMETERS[4], ACCELEROMETERS[5]]), 3);
+    let (c, before) = (read(ACCELEROMETERS), read(UNCERTAIN));
+    assert_eq!(c.accelerometers.bias_mps2, [2.103_628_2e-4, -8.969_197_5e-4]);
+    assert_eq!(c.accelerometers.matrix, [[1.019_075, 0.002_941_191_4], [-0.005_269_312_3, 1.002_997_9]]);
+    assert_eq!(Calibration { accelerometers: before.accelerometers, ..c }, before);
+    assert_eq!(before.accelerometers, Accelerometers::IDEAL, "older versions hold none");
+}
+
+#[test]
+fn version_4_has_scale_factors_and_misalignments() {
     let r = read(RATES);
     assert_eq!(u16::from_le_bytes([RATES[4], RATES[5]]), VERSION);
     let y = r.rates.expect("stated")[1];
     assert_eq!(
         (y.scale_correction_ppm, y.misalignment_urad),
-        ([100.0, -50.0, 25.0, 12.5, -6.25], [[300.0, -200.0], [-1.5, 2.5]])
+        ([100.0, -50.0, 25.0, 12.5, -6.25, 3.125], [[300.0, -200.0], [-1.5, 2.5]])
     );
-    assert_eq!((y.rate_valid_from_c, y.rate_valid_to_c_per_min, y.scale_correction_std_ppm[2]), (-40.0, 1.5, 2.0));
-    for older in [DEFAULT, EFFECTS, MODELS, UNCERTAIN] {
+    assert_eq!((y.rate_valid_from_c, y.rate_valid_to_c_per_min, y.scale_std_ppm[2]), (-40.0, 1.5, 2.0));
+    for older in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
         assert_eq!(read(older).rates, None, "the unit matrix and the constant scale factors");
     }
 }
@@ -69,7 +81,7 @@ fn version_3_has_scale_factors_and_misalignments() {
 #[test]
 fn an_image_is_written_as_it_was_stored() {
     // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
-    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, RATES] {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS, RATES] {
         let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
         assert!(again == image, "the layout of version {version} has changed");

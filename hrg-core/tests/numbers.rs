@@ -208,6 +208,7 @@ proptest! {
     ) {
         let mut s: Session<Linear<f32>> = Session::IDLE;
         let [latitude_deg, gravity_mps2, velocity_noise_mps] = begin;
+        let _ = s.command(Command::Expect { drift_dph: velocity_noise_mps, tilt_arcmin: gravity_mps2 });
         let _ = s.command(Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps });
         for (k, c) in codes.into_iter().enumerate() {
             match k {

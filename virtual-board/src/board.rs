@@ -197,6 +197,7 @@ impl<W: World> Board<W> {
     pub fn start_estimate(&mut self) {
         let chip = self.cpu.get_data_mut();
         chip.watched = true;
+        chip.estimated_from = chip.instructions;
         chip.estimate = Some(Box::default());
     }
 
@@ -391,6 +392,7 @@ impl<W: World> Board<W> {
         chip.pwr.sag_tenths = before.pwr.sag_tenths;
         chip.iwdg.lsi_hz = before.iwdg.lsi_hz;
         chip.mark_rises = before.mark_rises.take();
+        chip.spare.jumpers = std::mem::take(&mut before.spare.jumpers);
         if cause != CSR_POWER_ON {
             chip.adc = before.adc.clone();
         }
@@ -553,6 +555,7 @@ impl<W: World> Board<W> {
             .min(chip.tim5.next_event())
             .min(chip.spi_done)
             .min(chip.usart_done)
+            .min(chip.spare.next_event())
             .min(chip.iwdg.next_event())
     }
 
@@ -572,6 +575,10 @@ impl<W: World> Board<W> {
         }
         while self.wires.next_pulse <= now {
             self.pulse();
+            any = true;
+        }
+        while self.cpu.get_data().spare.next_event() <= now {
+            self.spare_event()?;
             any = true;
         }
         let chip = self.cpu.get_data_mut();

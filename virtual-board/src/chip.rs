@@ -6,6 +6,7 @@ use crate::cycles::Estimate;
 use crate::dma::{Dma, Request, COMPLETE, HALF};
 use crate::gpio::{Exti, Port, Syscfg};
 use crate::judge::{Signal, SIGNALS};
+use crate::jumpers::{Spare, DEMCR};
 use crate::mutation::{RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
 use crate::part::Part;
@@ -28,6 +29,8 @@ pub struct Chip {
     pub profile: Option<Vec<u64>>,
     /// The estimate of cycles, where asked for.
     pub estimate: Option<Box<Estimate>>,
+    /// Instructions executed before it began.
+    pub estimated_from: u64,
     /// There are probes, a profile or an estimate.
     pub watched: bool,
     /// The CPU must be stopped at the first block at or after this cycle.
@@ -86,6 +89,7 @@ pub struct Chip {
     pub dma: [Dma; 2],
     pub spi1: Spi,
     pub usart1: Usart,
+    pub spare: Spare,
     pub adc: Ads131m08,
     /// What goes over the SPI, or out over the link, is lost.
     pub bus_dead: bool,
@@ -95,7 +99,7 @@ pub struct Chip {
     /// Bytes too many in the receiver of the SPI, and the last of a frame that they keep for the next.
     pub slipped: u32,
     pub left_over: u8,
-    dbgmcu: u32,
+    pub dbgmcu: u32,
     /// When the running SPI transfer ends.
     pub spi_done: u64,
     /// When the running USART transmission ends.
@@ -115,6 +119,7 @@ impl Chip {
             probes: Vec::new(),
             profile: None,
             estimate: None,
+            estimated_from: 0,
             watched: false,
             deadline: 0,
             attention: false,
@@ -151,6 +156,7 @@ impl Chip {
             dma: Default::default(),
             spi1: Spi::default(),
             usart1: Usart::default(),
+            spare: Spare::default(),
             adc: Ads131m08::default(),
             bus_dead: false,
             line_dead: false,
@@ -215,13 +221,13 @@ impl Chip {
             0x4002_3C00 => self.flash.read(word),
             0x4002_6000 => self.dma[0].read(address & 0x3FF),
             0x4002_6400 => self.dma[1].read(address & 0x3FF),
-            0xE000_E000..=0xE000_EC00 => self.nvic.read(address & !3),
+            0xE000_E000..=0xE000_EC00 if address & !3 != DEMCR => self.nvic.read(address & !3),
             0xE004_2000 => match word {
                 0 => Some(self.part.id),
                 1 => Some(self.dbgmcu),
                 _ => Some(0),
             },
-            _ => None,
+            _ => self.read_spare(address),
         };
         value.unwrap_or_else(|| {
             self.fail(format!("read of {address:#010x}: this register is not modelled"));
@@ -318,14 +324,14 @@ impl Chip {
                 }
                 self.dma[c].write(address & 0x3FF, value)
             }
-            0xE000_E000..=0xE000_EC00 => self.nvic.write(address, value, size),
+            0xE000_E000..=0xE000_EC00 if address & !3 != DEMCR => self.nvic.write(address, value, size),
             0xE004_2000 => {
                 if word == 1 {
                     self.dbgmcu = value;
                 }
                 Some(())
             }
-            _ => None,
+            _ => self.write_spare(address, value),
         };
         self.finish(done, address);
         self.start_transfers();
@@ -396,6 +402,7 @@ impl Chip {
         if p == port && self.ports[p].is_output(pin) {
             self.adc.sync_reset(self.ports[p].driven(pin), now, crate::CPU_HZ);
         }
+        self.spread(port);
         self.finish(done, address);
     }
 
@@ -417,6 +424,7 @@ impl Chip {
                 timer.set_pace(Pace::of(self.clocks.timers), self.now);
             }
         }
+        self.reset_spare();
         if asked(&self.rcc, 0x4001_4800) {
             self.tim11 = CrystalCounter::default();
         }
@@ -513,6 +521,7 @@ impl Chip {
                 self.usart_done = self.now + u64::from(self.dma[c].streams[n].ndtr) * time;
             }
         }
+        self.start_spare();
     }
 
     /// Recomputes every interrupt line.

@@ -15,11 +15,13 @@ pub struct Clocks {
     pub pclk2: u64,
     /// Of the timers of APB1.
     pub timers: u64,
+    /// Of the timers of APB2.
+    pub timers2: u64,
 }
 
 impl Clocks {
     /// After a reset: HSI, undivided.
-    pub const RESET: Self = Self { hclk: HSI_HZ, pclk1: HSI_HZ, pclk2: HSI_HZ, timers: HSI_HZ };
+    pub const RESET: Self = Self { hclk: HSI_HZ, pclk1: HSI_HZ, pclk2: HSI_HZ, timers: HSI_HZ, timers2: HSI_HZ };
 }
 
 /// Ticks of a clock in the board's time: `units` of [`CPU_HZ`] make `ticks`.
@@ -95,14 +97,14 @@ pub fn clocks(rcc: &Rcc) -> Result<Clocks, String> {
     let apb = |bits: u32| if bits < 4 { 0 } else { bits - 3 };
     let (apb1, apb2) = (apb(cfgr >> 10 & 7), apb(cfgr >> 13 & 7));
     let hclk = source >> ahb;
-    let pclk1 = hclk >> apb1;
+    let (pclk1, pclk2) = (hclk >> apb1, hclk >> apb2);
     // TIMPRE: timers at up to four times PCLK (RM0390 section 6.3.25).
-    let timers = match (apb1, rcc.fast_timers()) {
-        (0, _) => pclk1,
-        (_, false) => 2 * pclk1,
-        (_, true) => (4 * pclk1).min(hclk),
+    let timers = |divided: u32, pclk: u64| match (divided, rcc.fast_timers()) {
+        (0, _) => pclk,
+        (_, false) => 2 * pclk,
+        (_, true) => (4 * pclk).min(hclk),
     };
-    Ok(Clocks { hclk, pclk1, pclk2: hclk >> apb2, timers })
+    Ok(Clocks { hclk, pclk1, pclk2, timers: timers(apb1, pclk1), timers2: timers(apb2, pclk2) })
 }
 
 /// What chip and flash do under these clocks, where they cannot bear them; `acr`: FLASH_ACR, `power`: PWR_CR.
@@ -157,7 +159,7 @@ mod tests {
     // The examples are RM0390 table 6 and section 5.1.3, and RM0090 table 10.
     #[test]
     fn wait_states_scales_and_over_drive_are_those_of_the_manual() {
-        let at = |mhz: u64| Clocks { hclk: mhz * 1_000_000, pclk1: 1, pclk2: 1, timers: 1 };
+        let at = |mhz: u64| Clocks { hclk: mhz * 1_000_000, pclk1: 1, pclk2: 1, timers: 1, timers2: 1 };
         let f446 = &STM32F446RE.clocks;
         let power = |vos: u32, over_drive: bool| vos << 14 | if over_drive { 3 << 16 } else { 0 };
         for (mhz, waits, vos, over_drive, good) in [

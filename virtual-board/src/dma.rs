@@ -10,6 +10,10 @@ pub enum Request {
     Spi1Tx,
     Usart1Rx,
     Usart1Tx,
+    Spi2Rx,
+    Spi2Tx,
+    Uart5Rx,
+    Uart5Tx,
 }
 
 /// Where a request is served: controller (0 is DMA1), stream, channel.
@@ -17,7 +21,7 @@ pub type Place = (usize, usize, u32);
 
 impl Request {
     /// All of them, in the order of [`index`](Self::index).
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 12] = [
         Self::Tim2(0),
         Self::Tim2(1),
         Self::Tim2(2),
@@ -26,6 +30,10 @@ impl Request {
         Self::Spi1Tx,
         Self::Usart1Rx,
         Self::Usart1Tx,
+        Self::Spi2Rx,
+        Self::Spi2Tx,
+        Self::Uart5Rx,
+        Self::Uart5Tx,
     ];
 
     /// Its place in lists.
@@ -36,6 +44,10 @@ impl Request {
             Self::Spi1Tx => 5,
             Self::Usart1Rx => 6,
             Self::Usart1Tx => 7,
+            Self::Spi2Rx => 8,
+            Self::Spi2Tx => 9,
+            Self::Uart5Rx => 10,
+            Self::Uart5Tx => 11,
         }
     }
 
@@ -47,6 +59,10 @@ impl Request {
             Self::Spi1Tx => "SPI1_TX".into(),
             Self::Usart1Rx => "USART1_RX".into(),
             Self::Usart1Tx => "USART1_TX".into(),
+            Self::Spi2Rx => "SPI2_RX".into(),
+            Self::Spi2Tx => "SPI2_TX".into(),
+            Self::Uart5Rx => "UART5_RX".into(),
+            Self::Uart5Tx => "UART5_TX".into(),
         }
     }
 
@@ -64,6 +80,10 @@ impl Request {
             Self::Spi1Tx => (0x4001_300C, 0, true),
             Self::Usart1Rx => (0x4001_1004, 0, false),
             Self::Usart1Tx => (0x4001_1004, 0, true),
+            Self::Spi2Rx => (0x4000_380C, 0, false),
+            Self::Spi2Tx => (0x4000_380C, 0, true),
+            Self::Uart5Rx => (0x4000_5004, 0, false),
+            Self::Uart5Tx => (0x4000_5004, 0, true),
         }
     }
 }

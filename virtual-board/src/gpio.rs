@@ -4,8 +4,9 @@
 #[derive(Debug, Default, Clone)]
 pub struct Port {
     regs: [u32; 10],
-    /// Levels driven from outside.
-    pub input: u16,
+    /// Levels driven from outside, by pins that something is wired to.
+    input: u16,
+    wired: u16,
 }
 
 const MODER: usize = 0;
@@ -21,13 +22,13 @@ impl Port {
     pub fn read(&self, word: usize) -> Option<u32> {
         match word {
             IDR => {
-                let mut level = 0u32;
-                for pin in 0..16 {
-                    let source =
-                        if self.regs[MODER] >> (2 * pin) & 3 == 1 { self.regs[ODR] } else { u32::from(self.input) };
-                    level |= source & (1 << pin);
-                }
-                Some(level)
+                let level = |pin: usize| match self.mode(pin) {
+                    1 => self.driven(pin),
+                    // An analog pin reads 0 (RM0390 section 7.3.12).
+                    3 => false,
+                    _ => self.receives(pin),
+                };
+                Some((0..16).fold(0, |levels, pin| levels | u32::from(level(pin)) << pin))
             }
             BSRR => Some(0),
             n => self.regs.get(n).copied(),
@@ -54,7 +55,24 @@ impl Port {
             1 => (0x0000_0280, 0x0000_00C0, 0x0000_0100),
             _ => (0, 0, 0),
         };
-        Self { regs, input: 0 }
+        Self { regs, input: 0, wired: 0 }
+    }
+
+    /// From outside a pin is driven to a level from now on; gives whether that is another one.
+    pub fn drive(&mut self, pin: usize, high: bool) -> bool {
+        let changed = self.receives(pin) != high;
+        self.wired |= 1 << pin;
+        self.input = self.input & !(1 << pin) | u16::from(high) << pin;
+        changed
+    }
+
+    /// The level at a pin from outside, or of its pull where nothing is wired to it.
+    pub fn receives(&self, pin: usize) -> bool {
+        if self.wired & 1 << pin != 0 {
+            self.input & 1 << pin != 0
+        } else {
+            self.pull(pin) == 1
+        }
     }
 
     /// Whether a pin is an output.
@@ -108,6 +126,10 @@ impl Syscfg {
         *self.regs.get_mut(word)? = value;
         Some(())
     }
+    /// The port that an EXTI line is connected to (EXTICR; RM0390 section 8.2.3).
+    pub fn port_of(&self, line: usize) -> usize {
+        (self.regs[2 + line / 4] >> (4 * (line % 4)) & 0xF) as usize
+    }
 }
 
 /// EXTI: IMR, EMR, RTSR, FTSR, SWIER, PR.
@@ -127,6 +149,10 @@ impl Exti {
             n => *self.regs.get_mut(n)? = value,
         }
         Some(())
+    }
+    /// An edge comes on a line (RM0390 section 10.2).
+    pub fn edge(&mut self, line: usize, rising: bool) {
+        self.regs[5] |= self.regs[if rising { 2 } else { 3 }] & 1 << line;
     }
     /// Whether any of the lines of a mask asks for an interrupt.
     pub fn irq(&self, mask: u32) -> bool {

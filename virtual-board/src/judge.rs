@@ -26,8 +26,12 @@ pub enum Signal {
     Mark,
 }
 
-/// How many there are.
-pub const SIGNALS: usize = 13;
+/// Places in the list of what pins carry: the signals, and both ends of each jumper.
+pub const SIGNALS: usize = FIRST_JUMPER + 2 * JUMPERS;
+/// Where the jumpers' begin.
+pub const FIRST_JUMPER: usize = 13;
+/// Most jumpers.
+pub const JUMPERS: usize = 16;
 
 /// The ADC's SPI takes so much, Hz (SBAS950, timing requirements).
 const ADC_SPI_MAX_HZ: u64 = 25_000_000;
@@ -130,8 +134,28 @@ impl Chip {
 
     fn pin_fault(&self, signal: Signal) -> Option<String> {
         let pin = self.pin_of(signal);
+        if let Some(what) = self.end_fault(pin, signal.name(), signal.wire(), signal.drives()) {
+            return Some(what);
+        }
         let port = self.ports.get(pin.0)?;
-        let (wire, name) = (signal.wire(), signal.name());
+        let (wire, port_name) = (signal.wire(), char::from(b'A' + pin.0 as u8));
+        let fast = matches!(signal, Signal::BusClock | Signal::ToAdc) && self.spi1.hz(self.clocks.pclk2) > LOW_SPEED_HZ;
+        if fast && port.speed(pin.1) == 0 {
+            return Some(format!(
+                "{wire} is too fast for {pin}: GPIO{port_name}_OSPEEDR is 0, good for 4 MHz (RM0390 section 7.4.3; data sheet, I/O AC characteristics)"
+            ));
+        }
+        if signal == Signal::FromAdc && !matches!(port.pull(pin.1), 1 | 2) {
+            return Some(format!(
+                "{pin} floats between frames, when the ADC lets go of it: GPIO{port_name}_PUPDR has no pull (RM0390 section 7.4.4)"
+            ));
+        }
+        None
+    }
+
+    /// Why a pin is no end of a wire for a signal of a peripheral (no name: for an output of the program).
+    pub fn end_fault(&self, pin: Pin, name: &str, wire: &str, drives: bool) -> Option<String> {
+        let port = self.ports.get(pin.0)?;
         let port_name = char::from(b'A' + pin.0 as u8);
         let mode = port.mode(pin.1);
         let wanted = if name.is_empty() { 1 } else { 2 };
@@ -156,23 +180,11 @@ impl Chip {
                 ));
             }
         }
-        if signal.drives() && port.open_drain(pin.1) {
-            return Some(format!(
+        (drives && port.open_drain(pin.1)).then(|| {
+            format!(
                 "{wire} never goes high: {pin} is open drain, GPIO{port_name}_OTYPER, and nothing pulls it up (RM0390 section 7.4.2)"
-            ));
-        }
-        let fast = matches!(signal, Signal::BusClock | Signal::ToAdc) && self.spi1.hz(self.clocks.pclk2) > LOW_SPEED_HZ;
-        if fast && port.speed(pin.1) == 0 {
-            return Some(format!(
-                "{wire} is too fast for {pin}: GPIO{port_name}_OSPEEDR is 0, good for 4 MHz (RM0390 section 7.4.3; data sheet, I/O AC characteristics)"
-            ));
-        }
-        if signal == Signal::FromAdc && !matches!(port.pull(pin.1), 1 | 2) {
-            return Some(format!(
-                "{pin} floats between frames, when the ADC lets go of it: GPIO{port_name}_PUPDR has no pull (RM0390 section 7.4.4)"
-            ));
-        }
-        None
+            )
+        })
     }
 
     /// Another pin that is given to the same signal.
@@ -226,12 +238,15 @@ impl Chip {
             Ok(c) => {
                 if c != self.clocks {
                     let now = self.now;
+                    let cycles = self.processor_cycles();
                     self.pace = Pace::of(c.hclk);
+                    self.spare.follow_clocks(&c, now);
+                    self.recount(cycles);
                     for timer in [&mut self.tim2, &mut self.tim3, &mut self.tim5] {
                         timer.set_pace(Pace::of(c.timers), now);
                     }
                     self.clocks = c;
-                    self.carried = Default::default();
+                    self.carried = [None; SIGNALS];
                 }
                 let (acr, power) = (self.flash.access_control(), self.pwr.control());
                 if let Err(what) = clocks::judge(c, &self.part.clocks, acr, power) {

@@ -32,6 +32,8 @@
 //! | `mutation` | writes to registers, recorded and changed |
 //! | `chip` | which address belongs to which peripheral |
 //! | `judge` | what must be so for a signal to pass: the sentences that end a run |
+//! | `jumpers` | a bare board: wires between its own pins, and the peripherals that the unit leaves free |
+//! | `pwm` | timers as sources of square waves |
 //! | `clocks` | the clock tree, wait states, voltage scale, over-drive |
 //! | `dma` | streams and their requests |
 //! | `memory` | flash and RAM |
@@ -57,12 +59,14 @@ mod exception;
 mod flash;
 mod gpio;
 mod judge;
+pub mod jumpers;
 mod memory;
 pub mod mutation;
 mod nvic;
 mod outside;
 pub mod part;
 mod probe;
+mod pwm;
 mod rtt;
 mod serial;
 mod system;
@@ -75,6 +79,7 @@ pub use board::{Board, Snapshot};
 pub use cycles::Cycles;
 pub use elf::Firmware;
 pub use error::{RunError, Stop};
+pub use jumpers::Jumper;
 pub use probe::{Latency, Moment, Probe};
 
 /// Units of the board's time per second: cycles of the STM32F446 at its highest clock.

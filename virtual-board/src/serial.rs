@@ -1,4 +1,4 @@
-//! SPI1 and USART1. Both move their data by DMA in this firmware; a whole transfer is one event, at the time
+//! SPI1 and USART1; SPI2 as a slave of SPI1, and UART5, where jumpers join them. All of them move their data by DMA in this firmware; a whole transfer is one event, at the time
 //! its last bit is on the wire.
 
 use crate::CPU_HZ;
@@ -35,6 +35,34 @@ impl Spi {
     /// The board's time per byte.
     pub fn time_per_byte(&self, pclk2: u64) -> u64 {
         8 * CPU_HZ / self.hz(pclk2).max(1)
+    }
+    /// Enabled.
+    pub fn on(&self) -> bool {
+        self.regs[0] & 0x40 != 0
+    }
+    /// Why it does not answer a master as its slave; `hz`: the master's clock, `pclk`: its own bus.
+    pub fn unfit_as_slave(&self, master: &Self, hz: u64, pclk: u64) -> Option<&'static str> {
+        let (cr1, cr2, i2s) = (self.regs[0], self.regs[1], self.regs[7]);
+        let differs = |mask: u32| (cr1 ^ master.regs[0]) & mask != 0;
+        [
+            (i2s & 1 << 11 != 0, "I2SCFGR.I2SMOD makes it an I2S (RM0390 section 26.7.8)"),
+            (cr1 & 4 != 0, "CR1.MSTR is 1: two masters drive the clock (RM0390 section 26.7.1)"),
+            (
+                differs(3),
+                "CR1.CPHA and CPOL are not the master's: bits are taken where they change (RM0390 section 26.7.1)",
+            ),
+            (differs(1 << 7), "CR1.LSBFIRST is not the master's: bytes come mirrored (RM0390 section 26.7.1)"),
+            (differs(1 << 11), "CR1.DFF is not the master's: frames of another length (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 9 != 0, "CR1.SSM is 1: it does not look at NSS (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 10 != 0, "CR1.RXONLY is 1: it sends nothing (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 13 != 0, "CR1.CRCEN is 1: it appends its own CRC (RM0390 section 26.7.1)"),
+            (cr1 & 1 << 15 != 0, "CR1.BIDIMODE is 1: one line for both directions (RM0390 section 26.7.1)"),
+            (cr2 & 1 << 4 != 0, "CR2.FRF is 1: TI frames (RM0390 section 26.7.2)"),
+            (cr2 & 3 != 3, "CR2 has RXDMAEN or TXDMAEN off: no stream serves it (RM0390 section 26.7.2)"),
+            (2 * hz > pclk, "the master's clock is faster than half of PCLK1 (data sheet, SPI characteristics)"),
+        ]
+        .into_iter()
+        .find_map(|(unfit, what)| unfit.then_some(what))
     }
     /// What it does that the ADC (mode 1, most significant bit first, full duplex) does not understand.
     pub fn unfit(&self) -> Option<&'static str> {

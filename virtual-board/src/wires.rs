@@ -11,14 +11,19 @@ use crate::{AdcMishap, World, CPU_HZ};
 
 impl<W: World> Board<W> {
     pub(crate) fn edge(&mut self, channel: usize) -> Result<(), RunError> {
-        let at = self.wires.next_edge[channel];
+        self.resonator_edge(channel, self.wires.next_edge[channel])?;
+        self.wires.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
+        Ok(())
+    }
+
+    /// A rising edge at the input of a resonator.
+    pub(crate) fn resonator_edge(&mut self, channel: usize, at: u64) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         if chip.captures(Signal::Capture(channel), true) {
             let captured = chip.tim2.edge(channel, at);
             self.capture_dma(channel, captured)?;
             self.world.captured(channel, captured.stamp);
         }
-        self.wires.next_edge[channel] = self.world.next_edge(channel).unwrap_or(u64::MAX);
         Ok(())
     }
 
@@ -40,7 +45,12 @@ impl<W: World> Board<W> {
     }
 
     pub(crate) fn pulse(&mut self) {
-        let at = self.wires.next_pulse;
+        self.pulse_edge(self.wires.next_pulse);
+        self.wires.next_pulse = self.world.next_pulse().unwrap_or(u64::MAX);
+    }
+
+    /// A rising edge at the input of the pulses per second.
+    pub(crate) fn pulse_edge(&mut self, at: u64) {
         let chip = self.cpu.get_data_mut();
         if chip.captures(Signal::Pulse, true) {
             let stamp = chip.tim3.edge(0, at).stamp;
@@ -49,7 +59,6 @@ impl<W: World> Board<W> {
             let stamp = stamp.wrapping_add(apart);
             self.world.pulsed(stamp);
         }
-        self.wires.next_pulse = self.world.next_pulse().unwrap_or(u64::MAX);
     }
 
     pub(crate) fn sample(&mut self) -> Result<(), RunError> {
@@ -70,10 +79,15 @@ impl<W: World> Board<W> {
         if chip.adc.held() {
             return Ok(());
         }
-        chip.ready = Moment { cycles: at.min(chip.now), ..chip.moment() };
         chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
-        // Data-ready falls at channel 4 of TIM2.
+        self.data_ready(at)
+    }
+
+    /// Data-ready falls, at channel 4 of TIM2.
+    pub(crate) fn data_ready(&mut self, at: u64) -> Result<(), RunError> {
+        let chip = self.cpu.get_data_mut();
+        chip.ready = Moment { cycles: at.min(chip.now), ..chip.moment() };
         if chip.captures(Signal::Capture(3), false) {
             let captured = chip.tim2.edge(3, at);
             self.wires.ready_stamp = captured.stamp;
@@ -95,9 +109,14 @@ impl<W: World> Board<W> {
         let mut bytes = vec![0; n as usize];
         let done = self.get(from, &mut bytes);
         self.moved_by_dma(done)?;
+        if !self.cpu.get_data().spare.jumpers.is_empty() {
+            bytes = self.slave(&bytes)?;
+        }
         let chip = self.cpu.get_data_mut();
-        for b in &mut bytes {
-            *b = if chip.bus_dead { 0 } else { chip.adc.exchange(*b) };
+        if chip.spare.jumpers.is_empty() {
+            for b in &mut bytes {
+                *b = if chip.bus_dead { 0 } else { chip.adc.exchange(*b) };
+            }
         }
         // A byte too many in the receiver puts all that follow it off by one, until the SPI is reset.
         for _ in 0..chip.slipped {
@@ -133,12 +152,18 @@ impl<W: World> Board<W> {
         self.moved_by_dma(done)?;
         if !self.cpu.get_data().line_dead {
             self.world.link_out(now, &bytes);
+            self.reach_uart5(&bytes)?;
         }
         Ok(())
     }
 
     pub(crate) fn receive(&mut self, at: u64, byte: u8) -> Result<(), RunError> {
         self.wires.next_byte = self.world.next_link_byte();
+        self.take_byte(at, byte, self.wires.next_byte.map(|(t, _)| t))
+    }
+
+    /// A byte comes in at the link, and the next one at a time that is known, or not.
+    pub(crate) fn take_byte(&mut self, at: u64, byte: u8, next: Option<u64>) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         if !chip.usart1.receiving() {
             return Ok(());
@@ -147,8 +172,7 @@ impl<W: World> Board<W> {
             return Ok(());
         }
         let idle_after = at + chip.usart1.time_per_byte(chip.clocks.pclk2);
-        self.wires.link_idle =
-            if self.wires.next_byte.is_some_and(|(t, _)| t <= idle_after) { u64::MAX } else { idle_after };
+        self.wires.link_idle = if next.is_some_and(|t| t <= idle_after) { u64::MAX } else { idle_after };
         match chip.usart1.receives_by_dma().then(|| chip.serving(Request::Usart1Rx)).flatten() {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();

@@ -1,8 +1,10 @@
 //! `cargo xtask demo`, `cargo xtask test` and the smaller steps that they are made of.
 
+mod bring_up;
 mod elf;
 mod fingerprint;
 mod fuzz;
+mod python;
 mod setup;
 
 use setup::Toolchain;
@@ -18,10 +20,13 @@ const USAGE: &str = "cargo xtask COMMAND
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --sensors | --stm32f405rg]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
+  size [--signed | --sensors | --stm32f405rg | --bring-up]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
                     --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg: the one for that chip)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
+  bring-up          the first hour with a bare NUCLEO-F446RE and jumpers (docs/bring-up.md): measures, and prints a table (--virtual: on the virtual
+                    board; --expect: what it says there is what is expected; --without PB9-PA0: one jumper missing)
+  hil               the same on a board and on the virtual one, and what differs (--virtual: there only)
   flash             put the firmware on a board and show its log (probe-rs)
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
@@ -37,6 +42,7 @@ const USAGE: &str = "cargo xtask COMMAND
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
+  wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
 
 /// Bounds of the firmware, bytes.
@@ -64,7 +70,10 @@ fn main() -> ExitCode {
             setup::toolchain().and_then(|t| other_chip(&t))
         }
         Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
+        Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
         Some("size") => size(),
+        Some("bring-up") => bring_up::bring_up(rest),
+        Some("hil") => bring_up::hil(rest),
         Some("flash") => flash(),
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
         Some("audit") => audit(),
@@ -73,6 +82,7 @@ fn main() -> ExitCode {
         Some("study") => tool("hrg-study", rest),
         Some("measured") => measured(),
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
+        Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -400,22 +410,21 @@ fn test() -> Result<(), Failure> {
     signed(&t)?;
     println!("the firmware with temperature sensors");
     sensors(&t)?;
+    println!("the bring-up program");
+    bring_up::build()?;
     println!("lints, target");
-    run(t.cargo("clippy").args([
-        "--quiet",
-        "--profile",
-        "firmware",
+    for features in ["", "bring-up"] {
+        let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--features", features];
+        run(t.cargo("clippy").args(lint).args(["--", "-D", "warnings"]))?;
+    }
+    println!("lints, host");
+    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
         "-p",
-        "firmware",
-        "--locked",
+        "hrg-python",
         "--",
         "-D",
         "warnings",
     ]))?;
-    println!("lints, host");
-    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"])
-        .args(&packages)
-        .args(["--", "-D", "warnings"]))?;
     println!("documentation");
     run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
         .args(&packages)
@@ -465,6 +474,11 @@ fn tests(packages: &[&str]) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
+    println!("the Python package");
+    let python = python::tests()?;
+    passed += python.passed;
+    failed += python.failed;
+    skipped.extend(python.skipped);
     println!("{passed} passed, {failed} failed, {} of the passed skipped", skipped.len());
     skipped.iter().for_each(|s| println!("{s}"));
     if status.success() && failed == 0 && passed > 0 {

@@ -1,11 +1,10 @@
-//! Errors of the two horizontal accelerometers (chen2015, eq 2): bias, scale and cross-axis, found on a tilting table and taken out of the
-//! velocities of an alignment.
-//!
-//! `a = b + M A`, with `A1 = g th2`, `A2 = -g th1` of tilts that are known.
+//! Errors of the two horizontal accelerometers (chen2015, eq 2): bias, scale and cross-axis, found on a tilting table, where
+//! `A1 = g th2` and `A2 = -g th1` of tilts that are known. What is done with them is in [`hrg_core::alignment::accelerometers`].
 
 use super::Recording;
 use crate::numeric::lsq;
 use crate::BadInput;
+use hrg_core::alignment::accelerometers as core;
 use hrg_core::alignment::ARCMIN;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -36,9 +35,6 @@ pub struct Identified {
 const COLUMNS: [&str; 4] = ["a1_mps2", "a2_mps2", "tilt1_arcmin", "tilt2_arcmin"];
 /// Rows that are needed: three unknowns an accelerometer, and something to judge them by.
 const FEWEST: usize = 6;
-/// Scale and cross-axis beyond these are no accelerometer's, but a wrong column.
-const ODDEST: f64 = 0.2;
-
 /// Identifies the accelerometers from a table of tilts and readings.
 ///
 /// # Errors
@@ -105,21 +101,37 @@ pub fn identify(text: &str, gravity_mps2: f64) -> Result<Identified, BadInput> {
 
 impl Accelerometers {
     fn check(&self) -> Result<(), BadInput> {
-        let [[a, b], [c, d]] = self.matrix;
-        if [a - 1.0, b, c, d - 1.0].iter().all(|e| e.abs() < ODDEST) {
+        if self.in_image().possible() {
             return Ok(());
         }
+        let [[a, b], [c, d]] = self.matrix;
         Err(BadInput::new(format!(
             "the accelerometers read {a:.3} and {d:.3} of what there is along them, and {b:.3} and {c:.3} of what there is across; tilts are those about axes 1 and 2, in arc minutes, readings in m/s^2: check columns and signs (a1 = g tilt2, a2 = -g tilt1)"
         )))
     }
 
-    /// Reads a file of `hrg accelerometers`.
+    /// As they stand in a calibration.
+    #[must_use]
+    pub fn in_image(&self) -> core::Accelerometers {
+        let single = |row: [f64; 2]| row.map(|v| v as f32);
+        core::Accelerometers { bias_mps2: single(self.bias_mps2), matrix: self.matrix.map(single) }
+    }
+
+    /// As a calibration has them.
+    #[must_use]
+    pub fn of_image(a: &core::Accelerometers) -> Self {
+        Self { bias_mps2: a.bias_mps2.map(f64::from), matrix: a.matrix.map(|row| row.map(f64::from)) }
+    }
+
+    /// Reads a file of `hrg accelerometers`, or the part of a calibration.
     ///
     /// # Errors
     /// One sentence with the path.
-    pub fn load(path: &Path) -> Result<Self, BadInput> {
+    pub fn load(path: &Path) -> anyhow::Result<Self> {
         let bytes = crate::read_file(path, crate::MOST_CALIBRATION, true)?;
+        if bytes.first() != Some(&b'{') {
+            return Ok(Self::of_image(&crate::image_file::load(path)?.accelerometers));
+        }
         let found: Self = serde_json::from_slice(&bytes).map_err(|e| {
             BadInput::new(format!(
                 "{}: no file of hrg accelerometers ({e}); make one with hrg accelerometers",
@@ -132,13 +144,11 @@ impl Accelerometers {
 
     /// Takes the errors out of the velocities of a recording: each position begins anew.
     pub fn correct(&self, recording: &mut Recording) {
-        let [[a, b], [c, d]] = self.matrix;
-        let determinant = a * d - b * c;
+        let accelerometers = self.in_image();
         let mut begun = [None; 2];
         for (t, position, v) in &mut recording.rows {
             let start = *begun[usize::from(*position == 2)].get_or_insert(*t);
-            let w = [0, 1].map(|k: usize| v[k] - self.bias_mps2[k] * (*t - start));
-            *v = [(d * w[0] - b * w[1]) / determinant, (a * w[1] - c * w[0]) / determinant];
+            *v = accelerometers.correct(*v, *t - start);
         }
     }
 }

@@ -66,7 +66,8 @@ pub fn picture(methods: &[(String, Vec<History>)]) -> anyhow::Result<String> {
     let mut panels = Vec::new();
     for (method, all) in methods {
         let Some(first) = all.first() else { continue };
-        let panel = |title: String, y: String, value: &dyn Fn(&History, usize) -> Option<f64>| Panel {
+        // The legend stands in the first panel of a row, and is that of the whole row.
+        let panel = |title: String, y: String, legend: bool, value: &dyn Fn(&History, usize) -> Option<f64>| Panel {
             title,
             x: "iteration".into(),
             y,
@@ -75,17 +76,17 @@ pub fn picture(methods: &[(String, Vec<History>)]) -> anyhow::Result<String> {
                 .iter()
                 .enumerate()
                 .map(|(n, h)| Series {
-                    label: h.of.clone(),
+                    label: if legend { h.of.clone() } else { String::new() },
                     points: drawn(h.objective.len()).filter_map(|k| Some(((k + 1) as f64, value(h, k)?))).collect(),
                     colour: n + 1,
                     dots: false,
                 })
                 .collect(),
         };
-        panels.push(panel(method.clone(), first.objective_name.into(), &|h, k| h.objective.get(k).copied()));
+        panels.push(panel(method.clone(), first.objective_name.into(), true, &|h, k| h.objective.get(k).copied()));
         for (j, name) in first.names.iter().enumerate() {
             let at = |h: &History, k: usize| h.coefficients.get(k)?.get(j).copied();
-            panels.push(panel(format!("{method}: {name}"), "coefficient".into(), &at));
+            panels.push(panel(format!("{method}: {name}"), "coefficient".into(), false, &at));
         }
         while panels.len() % columns != 0 {
             panels.push(Panel::default());

@@ -91,6 +91,7 @@ fn breed(u: &[f64], y: &[f64], rng: &mut ChaCha8Rng) -> (Vec<Vec<f64>>, Vec<f64>
         })
         .collect();
     for generation in 0..GENERATIONS {
+        crate::numeric::progress::step();
         population.sort_by(|a, b| a.0.total_cmp(&b.0));
         history.push(population[0].0);
         let spread = SPAN * 0.2 * (1.0 - generation as f64 / GENERATIONS as f64);

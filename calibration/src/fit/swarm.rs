@@ -64,6 +64,7 @@ pub fn minimise(
     let mut path = Vec::with_capacity(constants.iterations);
     let [w_first, w_last] = constants.inertia;
     for iteration in 0..constants.iterations {
+        crate::numeric::progress::step();
         let w = w_first - (w_first - w_last) * iteration as f64 / constants.iterations as f64;
         for k in 0..position.len() {
             for (d, ([low, high], most)) in limits.iter().enumerate() {

@@ -33,6 +33,9 @@ const DIRECTIONS_KEY: &str = "uncertainty_directions_dph";
 /// Where an effect stands when the unit begins.
 const START: &str = "start";
 
+/// Errors of the accelerometers.
+const ACCELEROMETERS: &str = "accelerometers";
+
 /// Checksums are written in hexadecimal.
 fn is_checksum(name: &str) -> bool {
     name.ends_with("_crc32")
@@ -136,6 +139,8 @@ mod tests {
             c.axes[2].uncertainty.rest_dph2 = g.abs();
             c.axes[2].uncertainty.baseline[1][3] = -g;
             e.gains[1][1] = g;
+            c.accelerometers.bias_mps2[1] = g / 10.0;
+            c.accelerometers.matrix[0][1] = 1e-3;
             c.effects.push(e).expect("room");
             if g > 0.0 {
                 let mut r = RateAxis { rate_valid_from_c: -40.0, rate_valid_to_c: g, ..RateAxis::default() };

@@ -1,6 +1,8 @@
 //! Reads the text of a calibration.
 
-use super::{is_checksum, FileError, DIRECTIONS_KEY, FORMER, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
+use super::{
+    is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FORMER, FOUR_PARAMETER, REST, SENSOR, START, VERSION,
+};
 use crate::AXIS_NAMES;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, TERMS};
@@ -207,6 +209,9 @@ pub fn from_text(text: &str) -> Result<Calibration, FileError> {
     let effects = file.get("effect").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for e in effects.iter().filter_map(Value::as_table) {
         c.effects.push(read_effect(e)?).map_err(|_| FileError::TooManyEffects)?;
+    }
+    if let Some(given) = file.get(ACCELEROMETERS).and_then(Value::as_table) {
+        fill(&mut c.accelerometers, given, &format!("[{ACCELEROMETERS}]"))?;
     }
     c.check().map_err(FileError::Unusable)?;
     let stated = file.get("block_crc32").and_then(Value::as_str);

@@ -1,7 +1,8 @@
 //! Writes a calibration as text.
 
-use super::{is_checksum, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
+use super::{is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
 use crate::AXIS_NAMES;
+use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::layouts::{Channel, MODELS};
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};
@@ -183,6 +184,9 @@ pub fn to_text(c: &Calibration) -> String {
     let effects: Vec<Item> = c.effects.iter().filter_map(effect_item).collect();
     if !effects.is_empty() {
         file.push(("effect".into(), Item::Row(effects)));
+    }
+    if c.accelerometers != Accelerometers::IDEAL {
+        file.push((ACCELEROMETERS.into(), Item::Table(entries(&c.accelerometers))));
     }
     let body = toml::to_string(&Item::Table(file)).unwrap_or_else(|e| format!("# cannot be written: {e}\n"));
     format!("{HEAD}{body}")

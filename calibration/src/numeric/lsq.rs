@@ -173,6 +173,7 @@ impl Triangle {
 /// # Errors
 /// Too few rows, or columns that the data cannot tell apart: the sentence names them by `names`.
 pub fn fit(columns: &[Vec<f64>], y: &[f64], weights: Option<&[f64]>, names: &[&str]) -> Result<Fit, BadInput> {
+    super::progress::step();
     let mut triangle = Triangle::new(columns.len());
     let mut row = vec![0.0; columns.len() + 1];
     for from in (0..y.len()).step_by(BLOCK) {
@@ -204,6 +205,7 @@ pub fn fit_rows(
     names: &[&str],
     mut row: impl FnMut(usize, &mut [f64]) -> bool,
 ) -> Result<Fit, BadInput> {
+    super::progress::step();
     let mut triangle = Triangle::new(regressors);
     let mut values = vec![0.0; regressors + 1];
     for k in 0..n {
@@ -227,6 +229,7 @@ pub fn powers(u: &[f64], degree: usize) -> Vec<Vec<f64>> {
 /// # Errors
 /// Data that cannot hold down the coefficients without a prior.
 pub fn fit_shrunk(columns: &[Vec<f64>], y: &[f64], prior: &[Option<f64>], names: &[&str]) -> Result<Fit, BadInput> {
+    super::progress::step();
     let p = columns.len();
     // A prior is a row of its own: the coefficient, seen as zero with the noise's deviation.
     let priors: Vec<(usize, f64)> =

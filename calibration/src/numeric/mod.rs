@@ -4,4 +4,5 @@
 pub mod allan;
 pub mod draws;
 pub mod lsq;
+pub mod progress;
 pub mod stats;

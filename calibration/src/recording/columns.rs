@@ -136,7 +136,8 @@ impl Column {
     }
 
     /// The axes in whose columns it stands, of those that are there: all of them, or the first for a column that has no axis.
-    pub(crate) fn of<'a>(&self, axes: &'a [usize]) -> &'a [usize] {
+    #[must_use]
+    pub fn of<'a>(&self, axes: &'a [usize]) -> &'a [usize] {
         if self.is_of_axes() {
             axes
         } else {

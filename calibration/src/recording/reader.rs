@@ -72,6 +72,59 @@ impl Recording {
         Ok(out)
     }
 
+    /// A recording of columns that are in memory: names as in a file ([`columns`]), values with NaN where missing.
+    ///
+    /// # Errors
+    /// As [`Self::parse`] has them; columns of different lengths.
+    pub fn from_columns(metadata: &[(String, String)], columns: Vec<(String, Vec<f64>)>) -> Result<Self, BadInput> {
+        let (names, values): (Vec<String>, Vec<Vec<f64>>) = columns.into_iter().unzip();
+        let rows = values.first().map_or(0, Vec::len);
+        if let Some(k) = values.iter().position(|v| v.len() != rows) {
+            return Err(BadInput(format!(
+                "column {} has {} values, {} has {rows}; give columns of one length",
+                names[k],
+                values[k].len(),
+                names[0]
+            )));
+        }
+        let mut lines = metadata::Lines::default();
+        for (n, (key, value)) in metadata.iter().enumerate() {
+            lines.take(n + 1, &format!("{key}: {value}"))?;
+        }
+        let mut out = Self::default();
+        let header: Vec<&str> = names.iter().map(String::as_str).collect();
+        // (There are no lines to name.)
+        let slots = out
+            .slots(&header, 0, 0, &lines)
+            .map_err(|e| BadInput(e.0.trim_start_matches("line 0: ").trim_start_matches("line 0, ").to_string()))?;
+        metadata::check(&lines.entries)?;
+        for ((slot, name), values) in slots.into_iter().zip(&names).zip(values) {
+            let count = values.iter().filter(|v| v.is_nan()).count();
+            if count > 0 && slot != Slot::Ignored {
+                out.notes.push(format!("column {name}: {count} values are missing"));
+                out.cleaned.push(Cleaned { column: name.clone(), defect: Defect::Missing, count });
+            }
+            out.place(slot, values);
+        }
+        out.meta = lines.entries;
+        out.complete()?;
+        Ok(out)
+    }
+
+    fn place(&mut self, slot: Slot, values: Vec<f64>) {
+        match slot {
+            Slot::Time => self.time_s = values,
+            Slot::Reading(a) => self.frequency_hz[a] = values,
+            Slot::Rate(a) => self.rate_dph[a] = values,
+            Slot::Optional(k) => self.optional[k].1 = values,
+            Slot::Status { k, .. } => {
+                self.status.resize(values.len(), [0; 4]);
+                self.status.iter_mut().zip(values).for_each(|(row, v)| row[k] = v as u16);
+            }
+            Slot::Ignored => {}
+        }
+    }
+
     /// Takes a row of data off the front of `text`; gives what follows it.
     fn row<'t>(
         &mut self,

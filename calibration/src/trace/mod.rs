@@ -33,6 +33,7 @@ pub use report::{json, Class, Found, Image, Report, Rms, VerdictKind};
 use crate::fit::evidence;
 use crate::fit::independence::{self, Units};
 use crate::fit::{self, prepare_for, Prepared};
+use crate::numeric::progress;
 use crate::recording::facts;
 use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
@@ -108,9 +109,11 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run) = ready(train, verify, options)?;
+    let work = progress::inherit();
     let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
     std::thread::scope(|scope| {
-        let witness = (long && options.jobs > 1).then(|| scope.spawn(|| second_search(verify)));
+        let witness =
+            (long && options.jobs > 1).then(|| scope.spawn(|| progress::continued(work, || second_search(verify))));
         let witness = || match witness {
             Some(running) => running.join().unwrap_or_default(),
             None if long => second_search(verify),

@@ -88,6 +88,7 @@ pub fn p_value(
     }
     let mut best: Vec<f64> = Vec::with_capacity(SURROGATES);
     for _ in 0..SURROGATES {
+        crate::numeric::progress::step();
         let mut total: Vec<f64> = price.iter().map(|p| -p).collect();
         for a in 0..AXES {
             let gains = axes[a].on_bench(&benches[a], &phases[a].draw(&mut rng));

@@ -18,6 +18,10 @@ pub struct Plan {
     pub gravity_mps2: f64,
     /// Noise of a velocity reading, m/s.
     pub velocity_noise_mps: f64,
+    /// Drifts to expect, one sigma, deg/h; 0: the usual.
+    pub drift_dph: f64,
+    /// Tilts to expect at the start, one sigma, arc minutes; 0: the usual.
+    pub tilt_arcmin: f64,
     /// Seconds in the first and in the second position.
     pub seconds: [u32; 2],
     /// Angle of the turn, clockwise from above, degrees.
@@ -125,6 +129,10 @@ pub fn align(unit: &mut Unit, plan: &Plan, operator: &mut dyn Operator) -> Resul
 }
 
 fn steps(run: &mut Run<'_>, plan: &Plan) -> Result<Outcome> {
+    if plan.drift_dph != 0.0 || plan.tilt_arcmin != 0.0 {
+        // (A unit whose firmware does not know it counts it as a bad frame, and expects the usual.)
+        run.send(Command::Expect { drift_dph: plan.drift_dph as f32, tilt_arcmin: plan.tilt_arcmin as f32 })?;
+    }
     run.send(Command::Begin {
         latitude_deg: plan.latitude_deg as f32,
         gravity_mps2: plan.gravity_mps2 as f32,

@@ -20,6 +20,7 @@
 //!
 //! Derived afresh: the equations that chen2015 prints disagree with each other.
 
+pub mod accelerometers;
 pub mod aligner;
 pub mod ekf;
 pub mod linear;
@@ -41,6 +42,11 @@ pub const DPH: f64 = DEGREE / 3600.0;
 
 /// Beyond this latitude, degrees, azimuth is not given: the horizontal earth rate, which holds it, is under a sixth.
 pub const LATITUDE_LIMIT_DEG: f64 = 80.0;
+
+/// What drifts may be expected of at most, one sigma, deg/h: the earth's own rate.
+pub const LARGEST_DRIFT_DPH: f64 = 15.0;
+/// What tilts may be expected of at most, one sigma, arc minutes: beyond, tilts are not small.
+pub const LARGEST_TILT_ARCMIN: f64 = 120.0;
 
 /// Why there is no azimuth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,7 +113,7 @@ impl core::fmt::Display for Refusal {
             Self::SmallTurn => "the turn is too near to a whole one to part azimuth from drift; turn by 90 or 180 degrees",
             Self::TooShort => "too little time in one of the positions; stay half a minute at the least in each",
             Self::NotConverged => "the azimuth is not known well enough yet; stay longer",
-            Self::BaseMoving => "the base moves; align at rest",
+            Self::BaseMoving => "the base moves, or the gyros drift far more than was expected; align at rest, or expect more",
             Self::Saturated => "an accelerometer is at its end of scale or stuck; level the platform coarsely, or check its channel",
             Self::Inconsistent => "the two positions contradict each other; check the angle of the turn and whether base or drift moved, and repeat",
             Self::Breakdown => "the filter broke down; start it again",
@@ -181,6 +187,21 @@ impl Config {
             velocity_walk: 5e-6 * gravity,
             turn_tilt: 1e-4,
             step: 1.0,
+        })
+    }
+
+    /// The same with other standard deviations of drifts (deg/h) and of tilts at the start (arc minutes); 0: as usual.
+    ///
+    /// # Errors
+    /// [`Refusal::Site`] where they are impossible.
+    pub fn with_prior(self, drift_dph: f64, tilt_arcmin: f64) -> Result<Self, Refusal> {
+        if !((0.0..=LARGEST_DRIFT_DPH).contains(&drift_dph) && (0.0..=LARGEST_TILT_ARCMIN).contains(&tilt_arcmin)) {
+            return Err(Refusal::Site);
+        }
+        Ok(Self {
+            drift: if drift_dph > 0.0 { drift_dph * DPH } else { self.drift },
+            tilt: if tilt_arcmin > 0.0 { tilt_arcmin * ARCMIN } else { self.tilt },
+            ..self
         })
     }
 

@@ -4,6 +4,7 @@
 //! [`Session::second`]). Velocities are sums of accelerometer codes, exact integers; one filter step a second. A command takes effect with the
 //! second in which it has arrived: the whole of that second counts as turn where a turn begins or ends in it.
 
+use super::accelerometers::Accelerometers;
 use super::aligner::Aligner;
 use super::{normal_gravity, Begin, Config, Estimate, Refusal, ARCMIN, DEGREE, DPH};
 use crate::rate_path::Summary;
@@ -27,6 +28,13 @@ pub enum Command {
         gravity_mps2: f32,
         /// Velocity noise, m/s.
         velocity_noise_mps: f32,
+    },
+    /// What the alignment that begins next may expect, one sigma; 0: as usual ([`Config::new`]).
+    Expect {
+        /// Drifts, deg/h.
+        drift_dph: f32,
+        /// Tilts at the start, arc minutes.
+        tilt_arcmin: f32,
     },
     /// The turn begins.
     TurnBegins,
@@ -89,6 +97,11 @@ pub struct Session<F> {
     refused: Option<Refusal>,
     /// Sums of codes since the position began, missing samples filled with their second's mean.
     codes: [f64; 2],
+    /// Seconds that these sums hold.
+    position_s: f64,
+    accelerometers: Accelerometers,
+    /// Drift (deg/h) and tilt (arc minutes) that the next alignment may expect; zeros: as usual.
+    expected: [f64; 2],
     last_word: bool,
     /// The alignment was asked for within the second that is about to end; it begins with the next one.
     fresh: bool,
@@ -102,6 +115,8 @@ pub trait AlignMode {
     fn second(&mut self, summary: &Summary) -> Option<Report>;
     /// As [`Session::running`].
     fn running(&self) -> bool;
+    /// As [`Session::set_accelerometers`].
+    fn set_accelerometers(&mut self, accelerometers: Accelerometers);
 }
 
 impl<F: Begin> AlignMode for Session<F> {
@@ -113,6 +128,9 @@ impl<F: Begin> AlignMode for Session<F> {
     }
     fn running(&self) -> bool {
         Self::running(self)
+    }
+    fn set_accelerometers(&mut self, accelerometers: Accelerometers) {
+        Self::set_accelerometers(self, accelerometers);
     }
 }
 
@@ -126,9 +144,17 @@ impl<F: Begin> Session<F> {
         ended: None,
         refused: None,
         codes: [0.0; 2],
+        position_s: 0.0,
+        accelerometers: Accelerometers::IDEAL,
+        expected: [0.0; 2],
         last_word: false,
         fresh: false,
     };
+
+    /// Takes these errors of the accelerometers out of all velocities from now on.
+    pub fn set_accelerometers(&mut self, accelerometers: Accelerometers) {
+        self.accelerometers = accelerometers;
+    }
 
     /// Whether an alignment runs.
     #[must_use]
@@ -148,8 +174,10 @@ impl<F: Begin> Session<F> {
                 self.ended = None;
                 self.second = 0;
                 self.turning_s = 0.0;
-                self.codes = [0.0; 2];
-                match Config::new(latitude, gravity, f64::from(velocity_noise_mps)) {
+                self.restart_velocities();
+                let [drift, tilt] = core::mem::take(&mut self.expected);
+                let config = Config::new(latitude, gravity, f64::from(velocity_noise_mps));
+                match config.and_then(|c| c.with_prior(drift, tilt)) {
                     Ok(config) => {
                         self.aligner.begin(config);
                         self.stage = Stage::First;
@@ -161,6 +189,10 @@ impl<F: Begin> Session<F> {
                         self.last_word = true;
                     }
                 }
+                None
+            }
+            Command::Expect { drift_dph, tilt_arcmin } => {
+                self.expected = [f64::from(drift_dph), f64::from(tilt_arcmin)];
                 None
             }
             Command::TurnBegins => {
@@ -193,6 +225,11 @@ impl<F: Begin> Session<F> {
         }
     }
 
+    /// Velocities begin at zero in each position.
+    fn restart_velocities(&mut self) {
+        (self.codes, self.position_s) = ([0.0; 2], 0.0);
+    }
+
     fn over(&mut self) {
         self.stage = Stage::Over;
         self.last_word = true;
@@ -223,8 +260,8 @@ impl<F: Begin> Session<F> {
             self.turning_s += 1.0;
             if let Some(angle) = self.ended.take() {
                 aligner.turn(angle, self.turning_s);
-                self.codes = [0.0; 2];
                 self.stage = Stage::Second;
+                self.restart_velocities();
             }
         } else if summary.samples == 0 || summary.adc_errors > MOST_MISSING {
             aligner.refuse(Refusal::DataMissing);
@@ -238,7 +275,8 @@ impl<F: Begin> Session<F> {
                 self.codes[k] += summary.accelerometer_codes[k] as f64 * filled;
                 velocity[k] = self.codes[k] * (ACCELEROMETER_SCALE * SAMPLE_S);
             }
-            aligner.step(velocity);
+            self.position_s += 1.0;
+            aligner.step(self.accelerometers.correct(velocity, self.position_s));
         }
         Some(self.report())
     }

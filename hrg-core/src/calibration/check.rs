@@ -79,6 +79,7 @@ impl Calibration {
             possible(a.scale_factor_dph_per_code != 0.0, "scale factor")?;
             possible(a.valid_from_c_per_min <= a.valid_to_c_per_min, "range of the rate of change")?;
         }
+        possible(self.accelerometers.possible(), "accelerometers")?;
         self.rates.iter().flatten().try_for_each(RateAxis::check)?;
         self.effects.iter().try_for_each(EffectTerm::check)
     }

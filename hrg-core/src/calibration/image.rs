@@ -2,6 +2,7 @@
 
 use super::layouts::{Channel, EffectHead, Header};
 use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
+use crate::alignment::accelerometers::Accelerometers;
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
@@ -37,6 +38,9 @@ impl Calibration {
         self.write_payload(&mut w);
         if self.version() >= 2 {
             self.write_since_2(&mut w);
+        }
+        if self.version() >= 3 {
+            self.accelerometers.put_fields(&mut w);
         }
         for axis in self.rates.iter().flatten() {
             axis.put_fields(&mut w);
@@ -104,6 +108,9 @@ impl Calibration {
             calibration.read_since_2(&mut payload).ok_or(ImageError::Length(length))??;
         }
         if version >= 3 {
+            calibration.accelerometers.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+        }
+        if version >= 4 {
             let mut rates = [RateAxis::default(); AXES];
             for axis in &mut rates {
                 axis.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
@@ -157,6 +164,9 @@ impl Calibration {
     /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
     fn version(&self) -> u16 {
         if self.rates.is_some() {
+            return 4;
+        }
+        if self.accelerometers != Accelerometers::IDEAL {
             return 3;
         }
         let started = self.effects.iter().any(|e| e.start != 0.0);

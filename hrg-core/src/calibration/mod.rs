@@ -20,6 +20,7 @@ mod image;
 pub use image::{stated_length, COMMIT, REFUSED};
 pub mod layouts;
 
+use crate::alignment::accelerometers::Accelerometers;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;
@@ -32,8 +33,8 @@ use heapless::Vec;
 /// First bytes of every image.
 pub const MAGIC: [u8; 4] = *b"HRGC";
 /// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
-/// [`Uncertainty`], version 3 [`Calibration::rates`].
-pub const VERSION: u16 = 3;
+/// [`Uncertainty`], version 3 [`Accelerometers`], version 4 [`Calibration::rates`].
+pub const VERSION: u16 = 4;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
 /// Most effects in one image.
@@ -130,6 +131,8 @@ pub struct Calibration {
     pub axes: [Axis; AXES],
     /// Effects beyond the baseline.
     pub effects: Vec<EffectTerm, MAX_EFFECTS>,
+    /// Errors of the accelerometers, for the align mode.
+    pub accelerometers: Accelerometers,
     /// Scale factor and misalignment over temperature; `None`: the constant scale factors alone, and the unit matrix.
     pub rates: Option<[RateAxis; AXES]>,
 }
@@ -235,6 +238,7 @@ impl Calibration {
                 verify_rms_dph: 0.0,
             }),
             effects: Vec::new(),
+            accelerometers: Accelerometers::IDEAL,
             rates: None,
         }
     }
@@ -305,8 +309,8 @@ pub(crate) mod tests {
             rate_valid_to_c: 60.0,
             rate_valid_from_c_per_min: -1.5,
             rate_valid_to_c_per_min: 1.5,
-            scale_correction_ppm: [100.0, -50.0, 25.0, 12.5, -6.25],
-            scale_correction_std_ppm: [1.0, 1.0, 2.0, 2.0, 0.5],
+            scale_correction_ppm: [100.0, -50.0, 25.0, 12.5, -6.25, 3.125],
+            scale_std_ppm: [1.0, 1.0, 2.0, 2.0, 0.5],
             misalignment_urad: [[300.0, -200.0], [-1.5, 2.5]],
             misalignment_std_urad: [[0.5; 2]; 2],
         };
@@ -328,7 +332,10 @@ pub(crate) mod tests {
 
     #[test]
     fn there_and_back() {
-        for c in [Calibration::uncalibrated(), full(), others(), uncertain(), of_rates()] {
+        let mut platform = full();
+        platform.accelerometers = Accelerometers { bias_mps2: [1e-4, -2e-4], matrix: [[1.01, 0.002], [0.0, 0.99]] };
+        let both = Calibration { accelerometers: platform.accelerometers, ..of_rates() };
+        for c in [Calibration::uncalibrated(), full(), others(), uncertain(), platform, of_rates(), both] {
             let bytes = c.to_bytes().expect("fits");
             assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
             let mut sector = [0xFFu8; 4096];
@@ -392,6 +399,8 @@ pub(crate) mod tests {
         sensor(&mut c, 28.0);
         assert_eq!(Calibration::from_bytes(&c.to_bytes().expect("fits")).as_ref(), Ok(&c));
         assert_eq!(refused(&|c| c.effects[0].gains[0][0] = 1e9), ImageError::Absurd("coefficient"));
+        let swapped = |c: &mut Calibration| c.accelerometers.matrix = [[0.0, 1.0], [1.0, 0.0]];
+        assert_eq!(refused(&swapped), ImageError::Absurd("accelerometers"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
         assert_eq!(refused(&nan), ImageError::NotFinite);

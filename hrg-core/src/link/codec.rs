@@ -183,6 +183,7 @@ impl layouts::Align {
             Command::TurnEnded { angle_deg } => (2, [angle_deg, 0.0, 0.0]),
             Command::Accept => (3, [0.0; 3]),
             Command::Abandon => (4, [0.0; 3]),
+            Command::Expect { drift_dph, tilt_arcmin } => (5, [drift_dph, tilt_arcmin, 0.0]),
         };
         Self { kind, values }
     }
@@ -195,6 +196,7 @@ impl layouts::Align {
             2 => Command::TurnEnded { angle_deg: a },
             3 => Command::Accept,
             4 => Command::Abandon,
+            5 => Command::Expect { drift_dph: a, tilt_arcmin: b },
             _ => return None,
         })
     }

@@ -83,8 +83,8 @@ pub(super) struct Align {
     pub(super) values: [f32; 3],
 }
 layout! { Align {
-    kind: u8, "0 begin, 1 turn begins, 2 turn ended, 3 accept, 4 abandon";
-    values: [f32; 3], "0: latitude (deg), gravity (m/s^2), velocity noise (m/s); 2: angle (deg), 0, 0; else zeros";
+    kind: u8, "0 begin, 1 turn begins, 2 turn ended, 3 accept, 4 abandon, 5 expect (before begin)";
+    values: [f32; 3], "0: latitude (deg), gravity (m/s^2), velocity noise (m/s); 2: angle (deg), 0, 0; 5: drift (deg/h), tilt (arc minutes) of one sigma, 0, where 0 stands for the usual; else zeros";
 } }
 
 /// Fields of [`crate::maintenance::Command::Open`].

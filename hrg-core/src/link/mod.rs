@@ -234,7 +234,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 21] {
+    fn messages() -> [Message; 22] {
         [
             Message::Rate(
                 RateFrame {
@@ -275,6 +275,7 @@ mod tests {
             Message::Align(Command::TurnEnded { angle_deg: 90.0 }),
             Message::Align(Command::Accept),
             Message::Align(Command::Abandon),
+            Message::Align(Command::Expect { drift_dph: 1.5, tilt_arcmin: 30.0 }),
             Message::Maintain(maintenance::Command::Open(UnitName::new("HRG-101"))),
             Message::Maintain(maintenance::Command::Close),
             Message::Maintain(maintenance::Command::Begin(453)),

@@ -58,14 +58,20 @@ fn align_with(
     let last_first = rows.iter().rev().find(|r| r.1 == 1).context("no row of position 1")?;
     let increments =
         |v: &[[f64; 2]]| -> Vec<[f64; 2]> { v.windows(2).map(|w| [w[1][0] - w[0][0], w[1][1] - w[0][1]]).collect() };
-    let mut sent: Vec<(f64, Command)> = vec![(
+    let mut sent: Vec<(f64, Command)> = Vec::new();
+    if recording.drift_dph.is_some() || recording.tilt_arcmin.is_some() {
+        let [drift_dph, tilt_arcmin] = [recording.drift_dph, recording.tilt_arcmin].map(|v| v.unwrap_or(0.0) as f32);
+        // (The bytes of a message take less than a millisecond.)
+        sent.push((BEGIN_S - 0.01, Command::Expect { drift_dph, tilt_arcmin }));
+    }
+    sent.push((
         BEGIN_S,
         Command::Begin {
             latitude_deg: recording.latitude_deg.unwrap_or(f64::NAN) as f32,
             gravity_mps2: recording.gravity_mps2.unwrap_or(0.0) as f32,
             velocity_noise_mps: recording.velocity_noise_mps.unwrap_or(1e-3) as f32,
         },
-    )];
+    ));
     let mut accelerations = increments(&first);
     if let Some(begin) = second.first() {
         // On the unit a turn takes whole seconds, one at the least.

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`wires`] | turns a recording into edges and ADC codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
+//! | [`bring_up`] | the program for a bare board with jumpers, on the virtual board |
 //! | [`demo`] | the main job from end to end |
 //! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
 //! | [`faults`] | attacks the promises of docs/promises.md |
@@ -13,6 +14,7 @@
 
 pub mod align;
 pub mod bench;
+pub mod bring_up;
 pub mod cost;
 pub mod demo;
 pub mod faults;

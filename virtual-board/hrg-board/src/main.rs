@@ -74,6 +74,23 @@ enum Command {
         #[arg(long)]
         file: Vec<PathBuf>,
     },
+    /// The bring-up program on the virtual board, with the jumpers of docs/bring-up.md. cargo xtask bring-up --virtual builds and runs it.
+    ///
+    /// Example: hrg-board bring-up --elf target/bring-up/thumbv7em-none-eabihf/firmware/firmware
+    BringUp {
+        /// The program.
+        #[arg(long)]
+        elf: PathBuf,
+        /// A jumper that is missing, PB9-PA0.
+        #[arg(long, conflicts_with = "expect")]
+        without: Option<String>,
+        /// Write what was reached into the program's sources, as what is expected.
+        #[arg(long)]
+        expect: bool,
+        /// Page whose log lines are written anew.
+        #[arg(long, conflicts_with = "without")]
+        page: Option<PathBuf>,
+    },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
     /// Example: hrg-board faults --short
@@ -291,6 +308,11 @@ fn run(command: Command) -> Result<()> {
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
         Command::Bench { page } => bench(page.as_deref()),
+        Command::BringUp { elf, without, expect, page } => {
+            let expect = expect.then(|| top.join("firmware/src/bring_up/expected.rs"));
+            let elf = replay::read_elf(&elf)?;
+            hrg_board::bring_up::command(&elf, without.as_deref(), expect.as_deref(), page.as_deref())
+        }
         Command::Fingerprint { elf, file } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);

@@ -56,11 +56,12 @@ impl Twin {
     /// The same with a timer of another rate.
     #[must_use]
     pub fn at(timebase: Timebase, calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
-        let session: Box<dyn AlignMode + Send> = if particles {
+        let mut session: Box<dyn AlignMode + Send> = if particles {
             Box::new(Session::<Kernels<f32, CHEN>>::IDLE)
         } else {
             Box::new(Session::<Linear<f32>>::IDLE)
         };
+        session.set_accelerometers(calibration.accelerometers);
         let path = RatePath::new(timebase, calibration.scale_factors_dph_per_code(), DECIMATION);
         let default = start_status.contains(UnitStatus::DEFAULT_CALIBRATION);
         let identity = Identity {

@@ -18,7 +18,10 @@ pub struct Arguments {
     /// Gravity, m/s^2, where it is known better.
     #[arg(long)]
     gravity: Option<f64>,
-    /// Where they go (JSON), for hrg align --accelerometers
+    /// Calibration that gets them: --out is then this calibration with them, for the unit's align mode.
+    #[arg(long)]
+    calibration: Option<PathBuf>,
+    /// Where they go (JSON, or the calibration), for hrg align --accelerometers
     #[arg(long)]
     out: PathBuf,
 }
@@ -28,7 +31,7 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { table, latitude, gravity, out } = arguments;
+    let Arguments { table, latitude, gravity, calibration, out } = arguments;
     let gravity = gravity.unwrap_or_else(|| normal_gravity(*latitude));
     if !(latitude.abs() <= 90.0 && (9.0..10.5).contains(&gravity)) {
         return Err(BadInput::new("latitude or gravity is impossible; give degrees and m/s^2").into());
@@ -36,7 +39,14 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let bytes = hrg_cal::read_file(table, hrg_cal::MOST_RECORDING, true)?;
     let found = identify(&String::from_utf8_lossy(&bytes), gravity)
         .map_err(|e| BadInput::new(format!("{}: {e}", table.display())))?;
-    hrg_cal::write_file(out, serde_json::to_string_pretty(&found)?.as_bytes())?;
+    match calibration {
+        Some(path) => {
+            let mut c = hrg_cal::image_file::load(path)?;
+            c.accelerometers = found.accelerometers.in_image();
+            hrg_cal::image_file::save(out, &c)?;
+        }
+        None => hrg_cal::write_file(out, serde_json::to_string_pretty(&found)?.as_bytes())?,
+    }
     println!("{:<5} {:>22} {:>24} {:>24} {:>15}", "", "bias m/s^2", "along axis 1", "along axis 2", "residual m/s^2");
     for k in 0..2 {
         let (a, s) = (&found.accelerometers, &found.std[k]);

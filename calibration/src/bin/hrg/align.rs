@@ -10,6 +10,7 @@ use hrg_cal::unit::align::{Operator, Outcome, Plan};
 use hrg_cal::unit::port::Unit;
 use hrg_cal::BadInput;
 use hrg_core::alignment::session::Report;
+use hrg_core::alignment::{LARGEST_DRIFT_DPH, LARGEST_TILT_ARCMIN};
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{channel, Receiver, TryRecvError};
 
@@ -26,10 +27,10 @@ pub struct Arguments {
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     first_azimuth: f64,
     /// What the gyros may drift by, one sigma, deg/h; 0.2 where neither this nor the recording says it.
-    #[arg(long)]
+    #[arg(long, value_parser = expected(LARGEST_DRIFT_DPH))]
     drift: Option<f64>,
     /// What the tilts may be at the start, one sigma, arc minutes; 10 where neither this nor the recording says it.
-    #[arg(long)]
+    #[arg(long, value_parser = expected(LARGEST_TILT_ARCMIN))]
     tilt: Option<f64>,
     /// File of hrg accelerometers: their bias, scale and cross-axis are taken out of the velocities.
     #[arg(long)]
@@ -51,7 +52,7 @@ pub struct Arguments {
 #[derive(Args)]
 struct OnUnit {
     /// Serial port of a unit: it aligns itself, in its align mode.
-    #[arg(long, requires = "latitude", conflicts_with_all = ["filter", "drift", "tilt", "accelerometers", "drifts"])]
+    #[arg(long, requires = "latitude", conflicts_with_all = ["filter", "accelerometers", "drifts"])]
     port: Option<String>,
     /// Latitude, degrees, north positive.
     #[arg(long, requires = "port", allow_negative_numbers = true)]
@@ -76,6 +77,14 @@ struct OnUnit {
     accept: bool,
 }
 
+/// What may be expected of drifts or tilts: above zero, at most `most`.
+fn expected(most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
+    move |text| match text.parse() {
+        Ok(v) if v > 0.0 && v <= most => Ok(v),
+        _ => Err(format!("give a number above 0, at most {most}")),
+    }
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -83,7 +92,7 @@ struct OnUnit {
 pub fn run(arguments: &Arguments) -> Result<()> {
     match (&arguments.recording, &arguments.on_unit.port) {
         (Some(recording), _) => of_recording(arguments, recording),
-        (None, Some(port)) => on_unit(&arguments.on_unit, port, arguments.out.as_deref()),
+        (None, Some(port)) => on_unit(arguments, port),
         (None, None) => Err(BadInput::new("give --recording or --port").into()),
     }
 }
@@ -227,7 +236,8 @@ impl Operator for Person {
     }
 }
 
-fn on_unit(arguments: &OnUnit, port: &str, out: Option<&Path>) -> Result<()> {
+fn on_unit(all: &Arguments, port: &str) -> Result<()> {
+    let (arguments, out) = (&all.on_unit, all.out.as_deref());
     let time = |option: &str, text: &str| {
         duration_s(text)
             .ok_or_else(|| BadInput(format!("--{option} {text}: not a time; give seconds or minutes, such as 85s")))
@@ -237,6 +247,8 @@ fn on_unit(arguments: &OnUnit, port: &str, out: Option<&Path>) -> Result<()> {
         latitude_deg: arguments.latitude.ok_or_else(|| BadInput::new("give the latitude with --latitude"))?,
         gravity_mps2: arguments.gravity,
         velocity_noise_mps: arguments.velocity_noise,
+        drift_dph: all.drift.unwrap_or(0.0),
+        tilt_arcmin: all.tilt.unwrap_or(0.0),
         seconds: [stay; 2],
         turn_deg: arguments.turn,
     };

@@ -177,6 +177,7 @@ impl<'a> Search<'a> {
 
     /// Adds a candidate; gives its number. Parts that are candidates by themselves lend it their columns.
     fn push(&mut self, c: Vec<Candidate>, tries: f64) -> usize {
+        crate::numeric::progress::step();
         let alone: Vec<Option<usize>> = c.iter().map(|part| self.alone(part)).collect();
         let mut columns: Vec<AxisByAxis<'_>> = c.iter().map(AxisByAxis::new).collect();
         for a in 0..AXES {
@@ -234,6 +235,7 @@ impl<'a> Search<'a> {
 
     /// What each candidate adds to a model: score, number, and the axes that take it with their variances; best first.
     fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
+        crate::numeric::progress::step();
         let each: Vec<_> = (0..AXES).map(|a| self.axes[a].extensions(&state.axes[a])).collect();
         let mut out = Vec::new();
         for k in 0..self.candidates.len() {
@@ -440,6 +442,7 @@ impl<'a> Search<'a> {
 
     /// The same of a smaller model, under the noise models of a larger one: so that they can be compared.
     fn held_out_under(&self, state: &State, larger: &State) -> f64 {
+        crate::numeric::progress::step();
         (0..AXES)
             .map(|a| {
                 let noise_model = larger.axes[a].noise_model;

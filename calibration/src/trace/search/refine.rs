@@ -92,6 +92,7 @@ impl Search<'_> {
 
     /// Evidence with other parts in the place of effect `k`, variances and noise models as they are.
     fn trial(&self, state: &State, k: usize, parts: &[Candidate]) -> f64 {
+        crate::numeric::progress::step();
         let group = state.groups[k];
         let mut columns: Vec<AxisByAxis<'_>> = parts.iter().map(AxisByAxis::new).collect();
         let mut sum = 0.0;

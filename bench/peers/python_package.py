@@ -1,0 +1,62 @@
+"""Reading and Allan deviation: the package hrg beside pandas and allantools, in one run.
+
+    target/python/bin/pip install allantools
+    target/python/bin/python bench/peers/python_package.py [hours]
+
+Prints the ratio of the times; best of three, in turn.
+"""
+
+import pathlib
+import sys
+import tempfile
+import time
+
+import allantools
+import numpy as np
+import pandas
+
+import hrg
+
+hours = float(sys.argv[1]) if len(sys.argv) > 1 else 10.0
+rows = int(hours * 3600 * 100)
+rng = np.random.default_rng(1)
+columns = {"time_s": np.arange(rows) * 0.01}
+for k, axis in enumerate("xyz"):
+    columns[f"f{axis}_hz"] = 4900 - 10 * k + np.cumsum(rng.normal(size=rows)) * 1e-5
+    columns[f"rate_{axis}_dph"] = rng.normal(size=rows) * 30
+
+
+def best(jobs, turns=3):
+    """The shortest time of each job."""
+    times = {name: [] for name in jobs}
+    for _ in range(turns):
+        for name, job in jobs.items():
+            begun = time.perf_counter()
+            job()
+            times[name].append(time.perf_counter() - begun)
+    return {name: min(t) for name, t in times.items()}
+
+
+def report(what, times, ours, theirs):
+    ratio = times[theirs] / times[ours]
+    print(f"{what}: {ours} {times[ours]:.2f} s, {theirs} {times[theirs]:.2f} s: {ratio:.1f} times as fast")
+
+
+with tempfile.TemporaryDirectory() as folder:
+    path = pathlib.Path(folder) / "run.csv"
+    hrg.from_table(columns, {"unit": "PEERS"}).write(path)
+    print(f"{hours:g} h at 100 Hz: {rows} rows, {path.stat().st_size / 1e6:.0f} MB")
+    read = best({"hrg": lambda: hrg.read(path)["rate_x_dph"], "pandas": lambda: pandas.read_csv(path, comment="#").to_numpy()})
+    report("reading into numpy (hrg cleans as well)", read, "hrg", "pandas")
+rates = columns["rate_x_dph"]
+found = hrg.allan(rates, 0.01)["x"]
+theirs = allantools.oadev(rates, rate=100.0, data_type="freq", taus=found["tau_s"])
+worst = np.max(np.abs(theirs[1] / np.interp(theirs[0], found["tau_s"], found["deviation_dph"]) - 1))
+print(f"Allan deviation, {len(found['tau_s'])} times: largest difference {worst:.1e}")
+allan = best(
+    {
+        "hrg": lambda: hrg.allan(rates, 0.01),
+        "allantools": lambda: allantools.oadev(rates, rate=100.0, data_type="freq", taus=found["tau_s"]),
+    }
+)
+report("Allan deviation", allan, "hrg", "allantools")

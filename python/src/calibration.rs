@@ -1,0 +1,257 @@
+//! Calibrations, how they are fitted, and what they lack.
+
+use crate::recording::{bytes, Recording};
+use crate::tools::of_json;
+use crate::{bad, refused, work};
+use hrg_cal::fit::independence::Units;
+use hrg_cal::fit::method::Method;
+use hrg_cal::fit::{self as fits, methods as identify};
+use hrg_cal::recording::facts;
+use hrg_cal::trace::{self as tracing, Trace};
+use hrg_cal::{image_file, BadInput, AXIS_NAMES};
+use hrg_core::calibration::Calibration as Inner;
+use hrg_core::effects::by_id;
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::path::PathBuf;
+
+/// Coefficients of a unit.
+#[pyclass(frozen, module = "hrg")]
+pub struct Calibration {
+    pub inner: Inner,
+    notes: Vec<String>,
+}
+
+impl Calibration {
+    fn of(inner: Inner) -> Self {
+        Self { inner, notes: Vec::new() }
+    }
+}
+
+fn units(different: bool) -> Units {
+    if different {
+        Units::Different
+    } else {
+        Units::Same
+    }
+}
+
+/// Seconds since 1970.
+fn now() -> u32 {
+    let since = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    since.map_or(0, |d| u32::try_from(d.as_secs()).unwrap_or(u32::MAX))
+}
+
+#[pymethods]
+impl Calibration {
+    #[staticmethod]
+    fn read(path: PathBuf) -> PyResult<Self> {
+        image_file::load(&path).map(Self::of).map_err(refused)
+    }
+
+    #[staticmethod]
+    fn from_toml(text: &str) -> PyResult<Self> {
+        image_file::from_text(text).map(Self::of).map_err(|e| refused(BadInput::from(e)))
+    }
+
+    #[staticmethod]
+    fn from_bytes(image: &[u8]) -> PyResult<Self> {
+        Inner::from_bytes(image).map(Self::of).map_err(|e| bad(e.to_string()))
+    }
+
+    fn to_toml(&self) -> String {
+        image_file::to_text(&self.inner)
+    }
+
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let image = self.inner.to_bytes().ok_or_else(|| bad("the calibration does not fit an image"))?;
+        Ok(bytes(py, &image))
+    }
+
+    fn write(&self, path: PathBuf) -> PyResult<()> {
+        image_file::save(&path, &self.inner).map_err(refused)
+    }
+
+    #[getter]
+    fn unit(&self) -> &str {
+        self.inner.unit_name()
+    }
+
+    #[getter]
+    fn checksum(&self) -> u32 {
+        self.inner.checksum()
+    }
+
+    #[getter]
+    fn created_unix_s(&self) -> u32 {
+        self.inner.created_unix_s
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+
+    #[getter]
+    fn effects<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let mut out = Vec::new();
+        for e in &self.inner.effects {
+            let Some(facts) = by_id(e.id) else { continue };
+            let d = PyDict::new(py);
+            let parameters = PyDict::new(py);
+            for (name, value) in facts.parameters.iter().zip(e.parameters) {
+                parameters.set_item(*name, value)?;
+            }
+            let gains = PyDict::new(py);
+            for (name, g) in AXIS_NAMES.iter().zip(&e.gains) {
+                gains.set_item(*name, g[..facts.outputs].to_vec())?;
+            }
+            d.set_item("name", facts.name)?;
+            d.set_item("parameters", parameters)?;
+            d.set_item("gains_dph", gains)?;
+            out.push(d);
+        }
+        Ok(out)
+    }
+
+    fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
+        other.cast::<Self>().is_ok_and(|o| o.get().inner == self.inner)
+    }
+
+    fn __repr__(&self) -> String {
+        let effects: Vec<&str> = self.inner.effects.iter().filter_map(|e| by_id(e.id)).map(|f| f.name).collect();
+        let with = if effects.is_empty() { String::new() } else { format!(" with {}", effects.join(", ")) };
+        format!("<hrg.Calibration {:08x} of {}{with}>", self.inner.checksum(), self.inner.unit_name())
+    }
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+pub fn methods() -> Vec<&'static str> {
+    Method::ALL.into_iter().map(Method::name).collect()
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+#[pyo3(signature = (recordings, method = "lsq", *, seed = 1, uniform = false, breakpoint_c = None, curve = None, different_units = false, progress = None))]
+#[allow(clippy::too_many_arguments)] // They are a user's keywords.
+pub fn fit(
+    py: Python<'_>,
+    recordings: Vec<Bound<'_, Recording>>,
+    method: &str,
+    seed: u64,
+    uniform: bool,
+    breakpoint_c: Option<f64>,
+    curve: Option<Bound<'_, Calibration>>,
+    different_units: bool,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Calibration> {
+    let method = Method::by_name(method)
+        .ok_or_else(|| bad(format!("there is no method \"{method}\"; there are {}", methods().join(", "))))?;
+    let runs: Vec<_> = recordings.iter().map(|r| r.get().clean.clone()).collect();
+    let known = curve.map(|c| c.get().inner.axes.clone().map(|a| a.curve));
+    work::run(py, progress.as_ref(), move || {
+        let prepared = fits::prepare_with(&runs, units(different_units), known)?;
+        let options = identify::Options { seed, uniform, breakpoint_c };
+        let mut found = identify::identify_with(&prepared, method, &options)?;
+        found.calibration.created_unix_s = now();
+        found.calibration.sequence = 1;
+        let corrected: Vec<_> = prepared.runs.iter().map(|r| fits::correct(&found.calibration, &r.steps)).collect();
+        let fitted = fits::spread(&corrected);
+        for a in prepared.runs.first().into_iter().flat_map(|r| r.steps.present()) {
+            found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
+        }
+        if let Some(known) = known.filter(|_| runs.iter().all(|r| r.thermometer.is_sensor())) {
+            fits::fly_by(&mut found.calibration, known)?;
+        }
+        let notes = found.notes.into_iter().chain(prepared.notes).collect();
+        Ok(Calibration { inner: found.calibration, notes })
+    })
+}
+
+/// What a trace found.
+#[pyclass(frozen, module = "hrg")]
+pub struct Report {
+    json: String,
+    html: String,
+    verdict: String,
+    image: Option<Inner>,
+    baseline: Inner,
+}
+
+#[pymethods]
+impl Report {
+    #[getter]
+    fn verdict(&self) -> &str {
+        &self.verdict
+    }
+    #[getter]
+    fn calibration(&self) -> Option<Calibration> {
+        self.image.clone().map(Calibration::of)
+    }
+    #[getter]
+    fn baseline_calibration(&self) -> Calibration {
+        Calibration::of(self.baseline.clone())
+    }
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        of_json(py, &self.json)
+    }
+    fn __getattr__<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+        // `final_` is `final` of the file; that is a word that some programs keep for themselves.
+        self.to_dict(py)?.get_item(name.trim_end_matches('_')).map_err(|_| {
+            pyo3::exceptions::PyAttributeError::new_err(format!("a report has no \"{name}\"; see to_dict()"))
+        })
+    }
+    fn _repr_html_(&self) -> String {
+        let page = self.html.replace('&', "&amp;").replace('"', "&quot;");
+        format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"900\" style=\"border:0\"></iframe>")
+    }
+    fn to_json(&self) -> &str {
+        &self.json
+    }
+    fn to_html(&self) -> &str {
+        &self.html
+    }
+    fn __repr__(&self) -> String {
+        format!("<hrg.Report: {}>", self.verdict)
+    }
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+#[pyo3(signature = (train, verify, *, in_use = None, different_units = false, jobs = None, progress = None))]
+pub fn trace(
+    py: Python<'_>,
+    train: Vec<Bound<'_, Recording>>,
+    verify: &Bound<'_, Recording>,
+    in_use: Option<Bound<'_, Calibration>>,
+    different_units: bool,
+    jobs: Option<usize>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Report> {
+    let train: Vec<_> = train.iter().map(|r| r.get().clean.clone()).collect();
+    let verify = verify.get().clean.clone();
+    let in_use = in_use.map(|c| c.get().inner.clone());
+    if let Some(c) = &in_use {
+        facts::fits(c, &verify, different_units).map_err(|e| refused(BadInput::from(e)))?;
+    }
+    let options = tracing::Options {
+        units: units(different_units),
+        in_use,
+        jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+    };
+    work::run(py, progress.as_ref(), move || {
+        let t: Trace = tracing::trace_with(&train, &verify, &options)?;
+        let mut image = (t.report.image != tracing::Image::None).then(|| t.image.clone());
+        if let Some(image) = &mut image {
+            image.created_unix_s = now();
+        }
+        Ok(Report {
+            json: serde_json::to_string_pretty(&t.report)?,
+            html: tracing::html(&t)?,
+            verdict: t.report.verdict.clone(),
+            image,
+            baseline: t.baseline,
+        })
+    })
+}

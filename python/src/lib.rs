@@ -1,0 +1,55 @@
+//! The Python package `hrg`: hrg-cal itself, with numpy arrays in and out. What a user sees of it is described in `lib/hrg/_hrg.pyi`.
+
+// Arguments come from Python by value.
+#![allow(clippy::needless_pass_by_value)]
+
+mod calibration;
+mod recording;
+mod tools;
+mod work;
+
+use hrg_cal::BadInput;
+use pyo3::prelude::*;
+
+pyo3::create_exception!(
+    hrg,
+    HrgError,
+    pyo3::exceptions::PyValueError,
+    "An input that cannot be used: one sentence that says what, where and what to do."
+);
+
+/// Bad input, and whatever else went wrong, as the one exception of the package.
+fn refused(e: impl Into<anyhow::Error>) -> PyErr {
+    HrgError::new_err(format!("{:#}", e.into()))
+}
+
+fn bad(sentence: impl Into<String>) -> PyErr {
+    refused(BadInput::new(sentence))
+}
+
+#[pymodule]
+fn _hrg(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    m.add("HrgError", m.py().get_type::<HrgError>())?;
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add_class::<recording::Recording>()?;
+    m.add_class::<recording::Corrected>()?;
+    m.add_class::<calibration::Calibration>()?;
+    m.add_class::<calibration::Report>()?;
+    m.add_class::<tools::LinkDecoder>()?;
+    m.add_class::<tools::LogDecoder>()?;
+    for function in [
+        wrap_pyfunction!(calibration::fit, m)?,
+        wrap_pyfunction!(calibration::methods, m)?,
+        wrap_pyfunction!(calibration::trace, m)?,
+        wrap_pyfunction!(recording::correct, m)?,
+        wrap_pyfunction!(recording::import_table, m)?,
+        wrap_pyfunction!(recording::simulate, m)?,
+        wrap_pyfunction!(tools::allan, m)?,
+        wrap_pyfunction!(tools::align, m)?,
+        wrap_pyfunction!(tools::points, m)?,
+        wrap_pyfunction!(tools::effects, m)?,
+    ] {
+        m.add_function(function)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,375 @@
+//! Recordings, and what a unit makes of them.
+
+use crate::calibration::Calibration;
+use crate::{bad, refused, work};
+use hrg_cal::fit::correct as corrections;
+use hrg_cal::recording::facts::{self, Facts};
+use hrg_cal::recording::format::Thermometer;
+use hrg_cal::recording::import::map::{Map, BUILT_IN};
+use hrg_cal::recording::metadata::{scale_text, Attitude};
+use hrg_cal::recording::{columns, import, names, parquet, Recording as Inner};
+use hrg_cal::simulate::{inject_defects, EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
+use hrg_cal::{BadInput, AXIS_NAMES};
+use hrg_core::AXES;
+use numpy::ndarray::ArrayView1;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+use std::path::{Path, PathBuf};
+
+/// What is read and what comes of cleaning it. Nothing in it ever changes, so arrays may look into it.
+#[pyclass(frozen, module = "hrg")]
+pub struct Recording {
+    /// As it was read: a unit sees spikes, too.
+    pub raw: Inner,
+    /// Cleaned: what fits and traces take.
+    pub clean: Inner,
+}
+
+/// What a user says of the unit beside a recording.
+#[derive(FromPyObject)]
+pub struct Said {
+    #[pyo3(item)]
+    unit: Option<String>,
+    #[pyo3(item)]
+    latitude_deg: Option<f64>,
+    #[pyo3(item)]
+    axes: Option<String>,
+    #[pyo3(item)]
+    scale_factor_dph_per_code: Option<[f32; AXES]>,
+}
+
+impl Said {
+    fn facts(&self) -> Result<Facts, BadInput> {
+        let latitude = self.latitude_deg.map(|v| v.to_string());
+        let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
+        Ok(Facts {
+            unit: unit.map(String::from),
+            attitude: Attitude::of(latitude.as_deref(), self.axes.as_deref())?,
+            scale_factor: self.scale_factor_dph_per_code,
+            base: None,
+        })
+    }
+}
+
+impl Recording {
+    fn new(mut raw: Inner, said: &Said) -> Result<Self, BadInput> {
+        said.facts()?.apply(&mut raw)?;
+        let mut clean = raw.clone();
+        clean.clean()?;
+        Ok(Self { raw, clean })
+    }
+
+    fn named(&self, name: &str) -> Option<&[f64]> {
+        let name = columns::today(name);
+        let r = &self.clean;
+        if name == columns::TIME.name(0) {
+            return Some(&r.time_s);
+        }
+        let readings = r.thermometer.columns();
+        for a in r.present() {
+            if name == columns::RATE.name(a) {
+                return Some(&r.rate_dph[a]);
+            }
+            if readings.is_some_and(|c| c.name(a) == name) {
+                return Some(&r.frequency_hz[a]);
+            }
+        }
+        r.column(name)
+    }
+
+    fn columns_there(&self) -> Vec<&'static str> {
+        let r = &self.clean;
+        let present: Vec<usize> = r.present().collect();
+        let readings = r.thermometer.columns().into_iter().flat_map(|c| c.of(&present).iter().map(|a| c.name(*a)));
+        let rates = present.iter().map(|a| columns::RATE.name(*a));
+        [columns::TIME.name(0)].into_iter().chain(readings).chain(rates).chain(r.optional.iter().map(|c| c.0)).collect()
+    }
+}
+
+/// The values as an array that looks into `owner`, which never changes; nobody may write to it.
+fn view<'py>(owner: &Bound<'py, PyAny>, values: &[f64]) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let values = ArrayView1::from(values);
+    // SAFETY: the values belong to `owner`, a frozen object whose vectors are never changed or moved, and which the array keeps alive.
+    #[allow(unsafe_code)]
+    let array = unsafe { PyArray1::borrow_from_array(&values, owner.clone()) };
+    array.call_method1("setflags", (false,))?;
+    Ok(array)
+}
+
+/// The bytes of what has `read()`.
+fn bytes_of(source: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
+    let content = source.call_method0("read")?;
+    content.extract::<String>().map(String::into_bytes).or_else(|_| content.extract())
+}
+
+#[pymethods]
+impl Recording {
+    #[staticmethod]
+    #[pyo3(signature = (source, said))]
+    fn _read(py: Python<'_>, source: &Bound<'_, PyAny>, said: Said) -> PyResult<Self> {
+        if source.hasattr("read")? {
+            let bytes = bytes_of(source)?;
+            return py
+                .detach(|| {
+                    let text = if bytes.starts_with(b"PAR1") { parquet::to_csv(bytes)?.into_bytes() } else { bytes };
+                    Self::new(Inner::parse(&text)?, &said)
+                })
+                .map_err(refused);
+        }
+        let path: PathBuf = source.extract()?;
+        let here = |e: BadInput| refused(BadInput::new(format!("{}: {e}", path.display())));
+        let text = py.detach(|| parquet::read_text(&path)).map_err(refused)?;
+        py.detach(|| {
+            let mut read = Self::new(Inner::parse(&text)?, &said)?;
+            read.raw.source = path.display().to_string();
+            read.clean.source.clone_from(&read.raw.source);
+            Ok(read)
+        })
+        .map_err(here)
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (columns, meta, said))]
+    fn _of_columns(
+        py: Python<'_>,
+        columns: Vec<(String, PyReadonlyArray1<'_, f64>)>,
+        meta: Vec<(String, String)>,
+        said: Said,
+    ) -> PyResult<Self> {
+        let columns: Vec<(String, Vec<f64>)> =
+            columns.into_iter().map(|(name, values)| (name, values.as_array().to_vec())).collect();
+        py.detach(|| Self::new(Inner::from_columns(&meta, columns)?, &said)).map_err(refused)
+    }
+
+    fn __len__(&self) -> usize {
+        self.clean.time_s.len()
+    }
+
+    fn __repr__(&self) -> String {
+        let r = &self.clean;
+        let (from, to) = (r.time_s.first().unwrap_or(&0.0), r.time_s.last().unwrap_or(&0.0));
+        let axes: Vec<&str> = r.present().map(|a| AXIS_NAMES[a]).collect();
+        format!("<hrg.Recording of {}: {} rows, {from} to {to} s, axes {}>", r.unit(), r.time_s.len(), axes.join(" "))
+    }
+
+    fn __getitem__<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let values = slf.get().named(name).ok_or_else(|| {
+            pyo3::exceptions::PyKeyError::new_err(format!(
+                "there is no column {name}; there are {}",
+                slf.get().columns_there().join(", ")
+            ))
+        })?;
+        view(slf.as_any(), values)
+    }
+
+    #[getter]
+    fn columns(&self) -> Vec<&'static str> {
+        self.columns_there()
+    }
+
+    #[getter]
+    fn meta<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let d = PyDict::new(py);
+        self.raw.meta.iter().try_for_each(|(k, v)| d.set_item(k, v))?;
+        Ok(d)
+    }
+
+    fn to_dict<'py>(slf: &Bound<'py, Self>) -> PyResult<Bound<'py, PyDict>> {
+        let d = PyDict::new(slf.py());
+        for name in slf.get().columns_there() {
+            d.set_item(name, Self::__getitem__(slf, name)?)?;
+        }
+        Ok(d)
+    }
+
+    #[getter]
+    fn unit(&self) -> &str {
+        self.clean.unit()
+    }
+
+    #[getter]
+    fn axes(&self) -> Vec<&'static str> {
+        self.clean.present().map(|a| AXIS_NAMES[a]).collect()
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.clean.notes.clone()
+    }
+
+    #[getter]
+    fn earth_rate_dph(&self) -> Option<[f64; AXES]> {
+        self.clean.earth_rate_dph
+    }
+
+    fn to_csv(&self, py: Python<'_>) -> String {
+        py.detach(|| self.raw.to_csv())
+    }
+
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| parquet::write_text(&path, &self.raw.to_csv())).map_err(refused)
+    }
+
+    fn split(&self, at_s: f64) -> PyResult<(Self, Self)> {
+        let (raw, raw_after) = self.raw.split(at_s).map_err(refused)?;
+        let (clean, clean_after) = self.clean.split(at_s).map_err(refused)?;
+        Ok((Self { raw, clean }, Self { raw: raw_after, clean: clean_after }))
+    }
+}
+
+/// What a unit would have sent.
+#[pyclass(frozen, module = "hrg")]
+pub struct Corrected {
+    seconds: Vec<corrections::Second>,
+    text: String,
+    notes: Vec<String>,
+}
+
+impl Corrected {
+    fn table<'py, T: numpy::Element + Copy, const N: usize>(
+        &self,
+        py: Python<'py>,
+        of: impl Fn(&corrections::Second) -> [T; N],
+    ) -> PyResult<Bound<'py, PyArray2<T>>> {
+        let flat: Vec<T> = self.seconds.iter().flat_map(of).collect();
+        PyArray1::from_vec(py, flat).reshape([self.seconds.len(), N])
+    }
+}
+
+#[pymethods]
+impl Corrected {
+    fn __len__(&self) -> usize {
+        self.seconds.len()
+    }
+    #[getter]
+    fn time_s<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.seconds.iter().map(|s| s.time_s).collect())
+    }
+    #[getter]
+    fn corrected_dph<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.table(py, |s| s.corrected_dph)
+    }
+    #[getter]
+    fn raw_dph<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.table(py, |s| s.raw_dph)
+    }
+    #[getter]
+    fn bias_dph<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.table(py, |s| s.bias_dph)
+    }
+    #[getter]
+    fn bias_std_dph<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.table(py, |s| s.bias_std_dph)
+    }
+    #[getter]
+    fn temperature_c<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        self.table(py, |s| s.temperature_c)
+    }
+    #[getter]
+    fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u16>>> {
+        self.table(py, |s| s.status)
+    }
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.notes.clone()
+    }
+    fn to_csv(&self) -> &str {
+        &self.text
+    }
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| parquet::write_text(&path, &self.text)).map_err(refused)
+    }
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+#[pyo3(signature = (recording, calibration, *, different_units = false))]
+pub fn correct(
+    py: Python<'_>,
+    recording: &Bound<'_, Recording>,
+    calibration: &Bound<'_, Calibration>,
+    different_units: bool,
+) -> PyResult<Corrected> {
+    let (r, c) = (&recording.get().raw, &calibration.get().inner);
+    let mut notes = facts::fits(c, r, different_units).map_err(|e| refused(BadInput::from(e)))?;
+    let made = work::run(py, None, || {
+        let made = corrections::recording(c, r)?;
+        let text = corrections::to_csv(r, "corrected on the desktop", r.power_on_s(), Some(c), &made.seconds);
+        Ok(Corrected { seconds: made.seconds, text, notes: made.notes })
+    })?;
+    notes.extend(made.notes);
+    Ok(Corrected { notes, ..made })
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Recording> {
+    let built_in = BUILT_IN.iter().find(|(name, _)| *name == map).map(|(_, text)| (*text).to_string());
+    let text = match built_in {
+        Some(text) => text,
+        None => std::fs::read_to_string(map).map_err(|e| {
+            let known: Vec<&str> = BUILT_IN.iter().map(|(n, _)| *n).collect();
+            bad(format!("cannot read the map {map}: {e}; built in are {}", known.join(", ")))
+        })?,
+    };
+    let map = Map::parse(&text).map_err(|e| bad(format!("{map}: {e}")))?;
+    let raw = py.detach(|| import::read(&path, &map)).map_err(refused)?;
+    let mut clean = raw.clone();
+    clean.clean().map_err(refused)?;
+    Ok(Recording { raw, clean })
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+#[pyo3(signature = (profile = "dong", *, effects = Vec::new(), unit = 1, seed = 1, kind = "hrg", thermometer = "frequency", white_100s_dph = None, defects = false))]
+#[allow(clippy::too_many_arguments)] // They are a user's keywords.
+pub fn simulate<'py>(
+    py: Python<'py>,
+    profile: &str,
+    effects: Vec<String>,
+    unit: u64,
+    seed: u64,
+    kind: &str,
+    thermometer: &str,
+    white_100s_dph: Option<f64>,
+    defects: bool,
+) -> PyResult<(Recording, Bound<'py, PyDict>)> {
+    let kind = Kind::parse(kind).map_err(refused)?;
+    let thermometer = match thermometer {
+        "frequency" => Thermometer::Frequency,
+        "sensor" => Thermometer::Sensors,
+        other => return Err(bad(format!("thermometer \"{other}\" is not known; there are frequency and sensor"))),
+    };
+    let effects = effects.iter().map(|e| EffectSpec::parse(e)).collect::<Result<Vec<_>, _>>().map_err(refused)?;
+    let usual = kind.noise();
+    let noise = Noise { white_100s_dph: white_100s_dph.unwrap_or(usual.white_100s_dph), ..usual };
+    let profile = Profile::parse(profile).map_err(refused)?;
+    let plan = Plan { kind, thermometer, effects, noise, attitude: ATTITUDE, ..Plan::of(profile, unit, seed) };
+    let (simulated, text) = work::run(py, None, || {
+        let mut simulated = plan.simulate();
+        if defects {
+            inject_defects(&mut simulated.recording, seed);
+        }
+        // What is in a file of it, to the digit: a simulation from here and one from the command line are the same recording.
+        let text = simulated.recording.to_csv();
+        Ok((simulated, text))
+    })?;
+    let said = Said { unit: None, latitude_deg: None, axes: None, scale_factor_dph_per_code: None };
+    let recording = py.detach(|| Recording::new(Inner::parse(text.as_bytes())?, &said)).map_err(refused)?;
+    let truth = PyDict::new(py);
+    truth.set_item("floor_dph", simulated.truth.floor_dph)?;
+    truth.set_item("gains_dph", simulated.truth.gains)?;
+    truth.set_item("scale_factor_dph_per_code", recording.raw.scale_factor().map(|s| scale_text(&s)))?;
+    Ok((recording, truth))
+}
+
+/// Bytes for Python.
+pub fn bytes<'py>(py: Python<'py>, b: &[u8]) -> Bound<'py, PyBytes> {
+    PyBytes::new(py, b)
+}
+
+/// Reads a file as a calibration does.
+pub fn path_of(source: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
+    source.extract::<PathBuf>().map(|p| Path::new(&p).to_path_buf())
+}
