@@ -83,7 +83,10 @@ pub fn image() -> String {
     s += &part("Effect", EffectHead::FIELDS);
     s += "\nBehind that, for each axis: n gains (f32, deg/h per unit of the regressor) and their n standard deviations.\n";
     s += &part("Accelerometers (since version 3, behind what version 2 has)", Accelerometers::FIELDS);
-    s + &part("Scale factor and misalignment of an axis (since version 4: x, y, z behind the accelerometers)", RateAxis::FIELDS)
+    s + &part(
+        "Scale factor and misalignment of an axis (since version 4: x, y, z behind the accelerometers)",
+        RateAxis::FIELDS,
+    )
 }
 
 /// The tables of the link's messages.

@@ -7,6 +7,7 @@
 //! | [`fit`] | coefficients by the methods of the sources, enough data behind them, what a unit sends |
 //! | [`trace`] | what the model lacks; the cards of the effects |
 //! | [`image_file`] | the calibration image as a text file |
+//! | [`images`] | images of one unit side by side: what changed, trends |
 //! | [`formats`] | the tables of bytes that the docs print |
 //! | [`align`] | self-alignment |
 //! | [`simulate`] | a chamber run from a plant model |
@@ -28,6 +29,7 @@ pub mod compare;
 pub mod fit;
 pub mod formats;
 pub mod image_file;
+pub mod images;
 pub mod measured;
 pub mod numeric;
 pub mod plot;

@@ -16,7 +16,7 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_bec
         for r in &scene.unseen {
             let o = fly(&elf, image, r).expect("runs");
             let received = &o.received;
-            assert!(received.rates.len() > 200_000 && received.bad_frames == 0, "{}", received.rates.len());
+            assert!(received.rates.len() > 600_000 && received.bad_frames == 0, "{}", received.rates.len());
             assert_eq!(received.differing, 0, "{:?}", received.first_difference);
             let last = received.housekeeping.last().expect("there are");
             assert_eq!((last.axis_status, last.unit_status), ([AxisStatus::empty(); 3], UnitStatus::empty()));
@@ -44,6 +44,6 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_bec
         before[0], after[0], before[1], after[1]
     );
     assert!(before[0] > 150.0 && before[1] > 150.0, "{before:?}");
-    // One visit at each temperature: its noise alone is 0.25 deg/h over 64800, 4 ppm, by the root of two dwells.
-    assert!(after[0] < 10.0 && after[1] < 10.0, "{after:?}");
+    // Three visits at each temperature.
+    assert!(after[0] < 5.0 && after[1] < 5.0, "{after:?}");
 }

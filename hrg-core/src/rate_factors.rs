@@ -134,7 +134,11 @@ impl RateAxis {
     /// Where a temperature lies in the range of the fit: 0 at its lowest or below, 1 at its highest or above.
     fn share_of_range(&self, temperature_c: f32) -> f32 {
         let (low, high) = (self.rate_valid_from_c, self.rate_valid_to_c);
-        if high > low { (clamp(temperature_c, low, high) - low) / (high - low) } else { 0.0 }
+        if high > low {
+            (clamp(temperature_c, low, high) - low) / (high - low)
+        } else {
+            0.0
+        }
     }
 
     /// Its numbers, all of them.

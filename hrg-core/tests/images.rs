@@ -4,7 +4,11 @@ use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
+use hrg_core::compensator::Compensator;
+use hrg_core::frequency::StepFrequencies;
+use hrg_core::rate_factors::Factors;
 use hrg_core::sectors::{newest, Found, Place, Sector};
+use hrg_core::status::AxisStatus;
 
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
@@ -98,4 +102,38 @@ fn a_newer_image_is_refused_and_the_older_one_used() {
     let found = newest(MODELS, &newer, None);
     let refused = Some(ImageError::Version(VERSION + 1));
     assert_eq!(found, Found { newest: Some((read(MODELS), Place { sector: Sector::A, offset: 0 })), refused });
+}
+
+#[test]
+fn an_image_without_rates_corrects_by_the_bias_alone_to_the_last_bit() {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
+        let c = read(image);
+        let mut unit = Compensator::new(c.clone(), 0.0);
+        for step in 0..400u32 {
+            let frequency_hz = c.axes.each_ref().map(|a| {
+                let share = f64::from(step) / 400.0 - 0.5;
+                Some(a.curve.frequency_centre_hz + share * f64::from(a.curve.frequency_scale_hz))
+            });
+            let end_ticks = u64::from(step + 1) * 90_000_000;
+            let now = unit.update(&StepFrequencies { step, end_ticks, frequency_hz, rejected: [0; 3], missing: [0; 3] });
+            assert!(now.factors.same(&Factors::UNIT));
+            assert!(now.status.iter().all(|s| !s.contains(AxisStatus::SCALE_FACTOR)));
+            let raw = [step as f32 * 1.7 - 300.0, 1e-3 * step as f32, -65_000.3];
+            let corrected = now.factors.corrected_dph(raw, now.bias_dph);
+            for a in 0..3 {
+                assert_eq!(corrected[a].to_bits(), (raw[a] - now.bias_dph[a]).to_bits());
+            }
+        }
+    }
+    // And with them it does not.
+    let mut unit = Compensator::new(read(RATES), 0.0);
+    let curve = read(RATES).axes.map(|a| a.curve.frequency_centre_hz);
+    let step = StepFrequencies {
+        step: 0,
+        end_ticks: 90_000_000,
+        frequency_hz: curve.map(Some),
+        rejected: [0; 3],
+        missing: [0; 3],
+    };
+    assert!(!unit.update(&step).factors.same(&Factors::UNIT));
 }

@@ -144,7 +144,7 @@ mod tests {
             c.effects.push(e).expect("room");
             if g > 0.0 {
                 let mut r = RateAxis { rate_valid_from_c: -40.0, rate_valid_to_c: g, ..RateAxis::default() };
-                r.scale_correction_ppm = [k[0], k[1], k[2], k[3], g];
+                r.scale_correction_ppm = [k[0], k[1], k[2], k[3], g, -g];
                 r.misalignment_urad = [[k[4], g], [g, k[5]]];
                 c.rates = Some([r; 3]);
             }

@@ -25,6 +25,8 @@ pub struct Dwell {
     pub table_dph: [f64; AXES],
     /// Axis that lies along the table's; `None`: at rest, or askew.
     pub about: Option<usize>,
+    /// Seconds of the recording that it takes, settling and end apart.
+    pub at: std::ops::Range<usize>,
     /// Seconds in the means.
     pub seconds: usize,
     /// Mean temperature of each axis, C.
@@ -50,7 +52,7 @@ impl Dwell {
 }
 
 /// The table's rates, second by second; NaN where no row stands.
-fn table_by_step(r: &Recording, steps: &Steps) -> Result<[Vec<f64>; AXES], BadInput> {
+pub(super) fn table_by_step(r: &Recording, steps: &Steps) -> Result<[Vec<f64>; AXES], BadInput> {
     let table = r.table_rate_dph().ok_or_else(|| {
         BadInput::new(format!(
             "the recording of {} does not tell the table's rate; add columns table_rate_?_dph, or a line \"# table_rate_dph: x y z\" where it was the same all along",
@@ -171,6 +173,7 @@ fn one(
         visit,
         table_dph,
         about,
+        at: at.clone(),
         seconds: 0,
         temperature_c: [0.0; AXES],
         ramp_c_per_min: [0.0; AXES],

@@ -21,19 +21,16 @@ pub struct Bin {
 }
 
 /// Width of a bin of temperature, C.
-const BIN_C: f64 = 20.0;
+const BIN_C: f64 = 10.0;
 
 /// Slope of the corrected rate of axis `a` over the rate about `about`, of one visit, ppm, and its weight; `None` where it was not turned both ways.
 fn slope_ppm(visit: &[Dwell], a: usize, about: usize) -> Option<(f64, f64)> {
-    let both = [1.0, -1.0].map(|sign: f64| {
-        let own: Vec<&Dwell> = visit.iter().filter(|d| d.about == Some(about) && sign * d.rate_dph() > 0.0).collect();
-        let weight: f64 = own.iter().map(|d| d.seconds as f64).sum();
-        let of = |f: &dyn Fn(&Dwell) -> f64| own.iter().map(|d| f(d) * d.seconds as f64).sum::<f64>() / weight;
-        (of(&|d| d.corrected_dph[a] - d.table_dph[a]), of(&|d| d.rate_dph()), weight)
-    });
-    let [(plus, plus_rate, plus_s), (minus, minus_rate, minus_s)] = both;
-    let slope = 1e6 * (plus - minus) / (plus_rate - minus_rate);
-    Some((slope, (plus_rate - minus_rate).powi(2) * plus_s.min(minus_s))).filter(|s| s.0.is_finite())
+    if visit[0].about != Some(about) {
+        return None;
+    }
+    let of = |d: &Dwell| vec![d.corrected_dph[a] - d.table_dph[a], d.rate_dph()];
+    let (change, seconds) = super::plus_less_minus(visit, &of)?;
+    Some((1e6 * change[0] / change[1], change[1] * change[1] * seconds)).filter(|s| s.0.is_finite())
 }
 
 /// Mean by weights, and its standard deviation by the scatter of the values; NaN of a single one.
@@ -47,7 +44,8 @@ fn weighted(values: &[(f64, f64)]) -> (f64, f64) {
     (mean, (scatter / (values.len() - 1) as f64).sqrt())
 }
 
-fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
+/// Dwells of each visit.
+pub(super) fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
     dwells.chunk_by(|p, q| p.visit == q.visit)
 }
 

@@ -208,6 +208,22 @@ impl Gyros {
         self.axes[axis].scale(temperature_c, 0.0)
     }
 
+    /// Elements of `M` beside its diagonal at a temperature, urad, that undo the tilts; rows in the order of
+    /// [`hrg_core::rate_factors::OTHERS`].
+    #[must_use]
+    pub fn misalignment_urad(&self, temperature_c: f64) -> [[f64; 2]; AXES] {
+        use hrg_core::rate_factors::OTHERS;
+        let tilts = self.axes.each_ref().map(|g| g.tilts(temperature_c));
+        // Of a tilt j of axis a through the third axis; the inverse of a matrix near one, to the second order.
+        let of = |a: usize, to: usize| (0..2).find(|j| OTHERS[a][*j] == to).map_or(0.0, |j| tilts[a][j]);
+        [0, 1, 2].map(|a: usize| {
+            [0, 1].map(|j: usize| {
+                let (to, third) = (OTHERS[a][j], OTHERS[a][1 - j]);
+                1e6 * (of(a, third) * of(third, to) - of(a, to))
+            })
+        })
+    }
+
     /// Asymmetry of an axis: scale factor of plus less that of minus rates, ppm.
     #[must_use]
     pub fn asymmetry_ppm(&self, axis: usize) -> f64 {

@@ -36,6 +36,10 @@ pub struct Aligner<F> {
     /// 0 or 1.
     position: usize,
     turned: f64,
+    /// What a turn brings to the azimuth is of this site.
+    config: Config,
+    /// What it has brought, rad^2.
+    turn_variance: f64,
     surprise: f64,
     restarts: u32,
     converged_at_s: Option<f64>,
@@ -78,6 +82,8 @@ impl<F: Filter> Aligner<F> {
             seconds: [0; 2],
             position: 0,
             turned: 0.0,
+            config: Config::IDLE,
+            turn_variance: 0.0,
             surprise: 1.0,
             restarts: 0,
             converged_at_s: None,
@@ -98,6 +104,8 @@ impl<F: Filter> Aligner<F> {
         self.seconds = [0; 2];
         self.position = 0;
         self.turned = 0.0;
+        self.config = *config;
+        self.turn_variance = 0.0;
         self.surprise = 1.0;
         self.restarts = 0;
         self.converged_at_s = None;
@@ -119,7 +127,7 @@ impl<F: Filter> Aligner<F> {
         if self.filter.step([f64::NAN; 2]).is_none() {
             self.refuse(Refusal::Breakdown);
         }
-        self.belief = self.filter.estimate();
+        self.belief = self.estimate();
     }
 
     /// One step of readings, m/s.
@@ -153,7 +161,7 @@ impl<F: Filter> Aligner<F> {
             }
             None => self.refuse(Refusal::Breakdown),
         }
-        self.belief = self.filter.estimate();
+        self.belief = self.estimate();
         let known = self.position == 1 && self.belief.is_some_and(|e| 2.0 * e.azimuth_std <= CONVERGED);
         match (known, self.converged_at_s) {
             (true, None) => self.converged_at_s = Some(self.elapsed_s),
@@ -174,7 +182,8 @@ impl<F: Filter> Aligner<F> {
             return;
         }
         self.filter.turn(angle, seconds);
-        self.belief = self.filter.estimate();
+        self.turn_variance = self.config.turn_variance(angle);
+        self.belief = self.estimate();
         self.elapsed_s += seconds;
         self.position = 1;
         self.turned = angle;
@@ -183,6 +192,15 @@ impl<F: Filter> Aligner<F> {
         self.increment = [f64::NAN; 2];
         self.same = [0; 2];
         self.missed = 0;
+    }
+
+    /// What the filter estimates, and with the uncertainty that the turn brings where it is stated.
+    fn estimate(&self) -> Option<Estimate> {
+        let mut e = self.filter.estimate()?;
+        if self.turn_variance > 0.0 {
+            e.azimuth_std = libm::sqrt(e.azimuth_std * e.azimuth_std + self.turn_variance);
+        }
+        Some(e)
     }
 
     /// Something outside the filter has made the alignment invalid; the first such thing is kept.

@@ -143,6 +143,10 @@ pub struct Config {
     pub velocity_walk: f64,
     /// Tilt that the turn may add, rad: accelerometer biases do not turn with the tilt.
     pub turn_tilt: f64,
+    /// What the drift of each axis changes by from one position to the other, rad/s; 0: nothing is known of it.
+    pub heading_drift: f64,
+    /// What the turn may differ by from the stated angle, rad; 0: nothing is known of it.
+    pub turn_error: f64,
     /// Time between steps, s.
     pub step: f64,
 }
@@ -158,6 +162,8 @@ impl Config {
         angle_random_walk: 0.0,
         velocity_walk: 0.0,
         turn_tilt: 0.0,
+        heading_drift: 0.0,
+        turn_error: 0.0,
         step: 0.0,
     };
 
@@ -186,6 +192,8 @@ impl Config {
             angle_random_walk: 5e-4 * DEGREE / 60.0,
             velocity_walk: 5e-6 * gravity,
             turn_tilt: 1e-4,
+            heading_drift: 0.0,
+            turn_error: 0.0,
             step: 1.0,
         })
     }
@@ -203,6 +211,17 @@ impl Config {
             tilt: if tilt_arcmin > 0.0 { tilt_arcmin * ARCMIN } else { self.tilt },
             ..self
         })
+    }
+
+    /// Variance that the turn by `angle` (rad) brings to the azimuth, rad^2. The two positions' rates differ by a vector of length
+    /// `2 Oc sin(b/2)` along `A + b/2` (`docs/alignment.md`): a change of the drifts across it turns it, and half of the turn's error goes
+    /// into the azimuth.
+    #[must_use]
+    pub fn turn_variance(&self, angle: f64) -> f64 {
+        let length = 2.0 * self.earth().0 * double::sin_cos(0.5 * angle).0;
+        let (drift, error) = (self.heading_drift / length, 0.5 * self.turn_error);
+        let sum = if self.heading_drift > 0.0 { drift * drift } else { 0.0 };
+        sum + error * error
     }
 
     /// Horizontal and vertical earth rate, rad/s.

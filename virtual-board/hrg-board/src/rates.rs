@@ -14,8 +14,8 @@ use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use std::path::Path;
 
-/// Chamber runs that the fit does not see: one round of the eight steps on a soak each.
-pub const UNSEEN: [&str; 2] = ["-28,19m", "47,19m"];
+/// Chamber runs that the fit does not see: three rounds of the eight steps on a soak each.
+pub const UNSEEN: [&str; 2] = ["-28,58m", "47,58m"];
 
 /// A simulated unit with its images.
 pub struct Scene {

@@ -50,7 +50,7 @@ fn say_found(found: &Found) {
     let scaling = &found.calibration.scaling;
     println!(
         "{:<5} {:>7} {:>16} {:>18} {:>18}",
-        "axis", "dwells", "residual [deg/h]", "asymmetry [ppm]", "nonlinearity [ppm]"
+        "axis", "visits", "noise [deg/h]", "asymmetry [ppm]", "nonlinearity [ppm]"
     );
     for (a, fit) in found.axes.iter().enumerate() {
         let q = quality(&found.dwells, a);
@@ -58,14 +58,16 @@ fn say_found(found: &Found) {
         println!(
             "{:<5} {:>7} {:>16.3} {:>18} {:>18}",
             AXIS_NAMES[a],
-            fit.dwells,
-            fit.residual_dph,
+            fit.scale.values,
+            fit.residual_dph(),
             known(q.asymmetry_ppm),
             known(q.nonlinearity_ppm)
         );
     }
-    println!("residual of a dwell of 100 s; asymmetry and nonlinearity are reported, and not compensated");
-    println!("\ncorrection over temperature, with standard deviations");
+    println!("noise of a mean of 100 s; asymmetry and nonlinearity are reported, and not compensated");
+    println!(
+        "\ncorrection over temperature on a soak, with standard deviations (noise, and what the curve does not follow)"
+    );
     println!("{:<5} {:>6} {:>20} {:>24} {:>24}", "axis", "T [C]", "scale factor [ppm]", "misalignment [urad]", "");
     for (a, fit) in found.axes.iter().enumerate() {
         let Some(axis) = found.calibration.rates.as_ref().map(|r| &r[a]) else { continue };
