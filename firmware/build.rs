@@ -14,6 +14,8 @@ fn main() {
     for (program, stack) in [("firmware", firmware), ("bench", 24 * 1024), ("alternatives", 24 * 1024)] {
         println!("cargo:rustc-link-arg-bin={program}=--defsym=_stack_size={stack}");
     }
+    println!("cargo:rustc-link-arg-tests=--defsym=_stack_size={}", 64 * 1024);
+    println!("cargo:rustc-link-arg-tests=-Tembedded-test.x");
     println!("cargo:rerun-if-env-changed=HRG_PUBLIC_KEY");
     if env::var_os("CARGO_FEATURE_SIGNED").is_some() {
         if let Err(why) = public_key(&out.join("public-key.rs")) {

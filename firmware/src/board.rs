@@ -14,20 +14,20 @@ use crate::adc::{self, Adc, Wiring};
 #[cfg(feature = "battery")]
 use crate::backup;
 use crate::capture::{self, Clock, Rings};
-use crate::halt::once;
 use crate::maintain::{self, Sectors};
 use crate::params;
 use crate::pps::{self, PulseInput};
+use crate::receive::{self, Receiver};
 use crate::watchdog::{Patience, Watchdog};
 use crate::{clock, program};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, TIM3, USART1};
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, TIM3};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
-use embassy_stm32::usart::{self, RingBufferedUartRx, Uart, UartTx};
+use embassy_stm32::usart::{self, UartTx};
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::Calibration;
 use hrg_core::events::Journal;
@@ -35,7 +35,6 @@ use hrg_core::maintenance::Store;
 use hrg_core::reset::ResetCause;
 use hrg_core::sectors::{self, Place, Sector};
 use hrg_core::status::UnitStatus;
-use static_cell::ConstStaticCell;
 
 bind_interrupts!(struct Irqs {
     DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
@@ -43,7 +42,6 @@ bind_interrupts!(struct Irqs {
     DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
-    USART1 => usart::InterruptHandler<USART1>;
 });
 
 /// The ADC's frame is to be fetched: its data-ready edge was captured.
@@ -56,6 +54,12 @@ fn TIM2() {
 #[interrupt]
 fn TIM3() {
     pps::captured();
+}
+
+/// The link's line has fallen idle.
+#[interrupt]
+fn USART1() {
+    receive::line_is_idle();
 }
 
 /// The ADC's frame is in.
@@ -109,6 +113,9 @@ fn alternate_function(mut pin: Flex<'static>, number: u8, kind: AfType) -> Flex<
 /// Alternate function of SPI1 on PA5 to PA7 (data sheet, table 11).
 const SPI1_FUNCTION: u8 = 5;
 
+/// Alternate function of USART1 on PA9 and PA10.
+const USART1_FUNCTION: u8 = 7;
+
 /// Everything on the board, set up.
 pub struct Board {
     /// Edges of the resonators.
@@ -120,7 +127,7 @@ pub struct Board {
     /// Frames out.
     pub link_out: UartTx<'static, Async>,
     /// Commands in.
-    pub link_in: RingBufferedUartRx<'static>,
+    pub link_in: Receiver,
     /// Running.
     pub watchdog: Watchdog,
     /// Why the processor started.
@@ -242,20 +249,19 @@ impl Board {
 
         let mut link_config = usart::Config::default();
         link_config.baudrate = params::LINK_BAUD;
-        static LINK_RING: ConstStaticCell<[u8; params::LINK_RING]> = ConstStaticCell::new([0; params::LINK_RING]);
         // The configuration is a constant one, good for this USART.
-        let uart = match Uart::new(p.USART1, p.PA10, p.PA9, p.DMA2_CH7, p.DMA2_CH5, Irqs, link_config) {
+        let link_out = match UartTx::new(p.USART1, p.PA9, p.DMA2_CH7, Irqs, link_config) {
             Ok(uart) => uart,
             Err(_) => defmt::panic!("link configuration"),
         };
-        let (link_out, link_in) = uart.split();
+        let link_pin = alternate_function(Flex::new(p.PA10), USART1_FUNCTION, AfType::input(Pull::None));
 
         Self {
             rings,
             clock,
             adc,
             link_out,
-            link_in: link_in.into_ring_buffered(once::<&mut [u8; params::LINK_RING]>(LINK_RING.try_take())),
+            link_in: Receiver::start(link_pin, p.DMA2_CH5, Irqs),
             watchdog,
             reset_cause,
             sectors,

@@ -2,9 +2,10 @@
 
 use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
 use crate::halt::halt;
+use crate::receive::Receiver;
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
-use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
+use embassy_stm32::usart::UartTx;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::reset::Halt;
 
@@ -30,20 +31,15 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
 
 /// Listens: garbage is counted and skipped.
 #[embassy_executor::task]
-pub async fn receive(mut uart: RingBufferedUartRx<'static>, identity: Identity) {
+pub async fn receive(mut receiver: Receiver, identity: Identity) {
     let mut deframer = Deframer::default();
-    let mut errors = 0u16;
+    // Bad frames and bytes lost; what was told of them and of the line's faults.
+    let (mut errors, mut told) = (0u16, 0);
     let mut buffer = [0u8; 64];
     loop {
-        let received = match uart.read(&mut buffer).await {
-            Ok(n) => buffer.get(..n).unwrap_or(&buffer),
-            Err(_) => {
-                errors = errors.saturating_add(1);
-                LINK_ERRORS.signal(errors);
-                continue;
-            }
-        };
-        for &byte in received {
+        let received = receiver.read(&mut buffer).await;
+        errors = errors.saturating_add(u16::from(received.is_none()));
+        for &byte in buffer.get(..received.unwrap_or(0)).unwrap_or(&buffer) {
             match deframer.push_command(byte) {
                 None => {}
                 Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(identity)),
@@ -53,11 +49,13 @@ pub async fn receive(mut uart: RingBufferedUartRx<'static>, identity: Identity) 
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),
                 // No command, or garbage.
-                Some(_) => {
-                    errors = errors.saturating_add(1);
-                    LINK_ERRORS.signal(errors);
-                }
+                Some(_) => errors = errors.saturating_add(1),
             }
+        }
+        let all = errors.saturating_add(receiver.line_faults());
+        if all != told {
+            told = all;
+            LINK_ERRORS.signal(all);
         }
     }
 }

@@ -36,6 +36,7 @@ mod params;
 mod pps;
 mod program;
 mod rate;
+mod receive;
 mod telemetry;
 mod watchdog;
 

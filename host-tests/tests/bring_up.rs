@@ -39,7 +39,7 @@ fn every_row_passes_and_the_page_shows_what_is_printed() {
     let out = run(&elf(), &jumpers(None).expect("known"), true, |line| println!("{line}")).expect("runs");
     let rows = out.rows();
     let failed: Vec<_> = rows.iter().filter(|r| !r.pass).collect();
-    assert!(rows.len() == 24 && failed.is_empty(), "{failed:?}");
+    assert!(rows.len() == 26 && failed.is_empty(), "{failed:?}");
     let printed: Vec<String> = out.log.iter().map(|l| without_numbers(l)).collect();
     let page = page();
     let shown: Vec<&str> = page.lines().map(str::trim).filter(|l| l.starts_with("INFO ")).collect();

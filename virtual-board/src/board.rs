@@ -60,6 +60,8 @@ pub struct Board<W: World> {
     pub(crate) probe_gone: bool,
     pub(crate) hardware_watchdog: bool,
     pub(crate) battery: bool,
+    /// What an attached debugger gives the program as its command line.
+    pub(crate) command_line: Option<String>,
 }
 
 /// A board at a moment, to come back to: [`Board::snapshot`].
@@ -131,6 +133,7 @@ impl<W: World> Board<W> {
             mishaps: 0,
             hardware_watchdog: false,
             battery: false,
+            command_line: None,
             probe_gone: false,
         };
         for channel in 0..3 {
@@ -317,9 +320,14 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// What a DMA stream reads or writes; outside memory it is a transfer error, which on the chip stops the stream.
-    pub(crate) fn moved_by_dma(&self, done: Result<(), RunError>) -> Result<(), RunError> {
-        done.or_else(|e| if self.as_on_chip { Ok(()) } else { Err(e) })
+    /// What a DMA stream reads or writes; outside memory it is a transfer error, which stops the stream and raises TEIF (RM0390 section 9.3.17).
+    pub(crate) fn moved_by_dma(&mut self, stream: (usize, usize), done: Result<(), RunError>) -> Result<(), RunError> {
+        let Err(e) = done else { return Ok(()) };
+        if !self.as_on_chip {
+            return Err(e);
+        }
+        self.cpu.get_data_mut().dma[stream.0].fail(stream.1);
+        Ok(())
     }
 
     /// Cuts the power and brings it back: RAM is lost, flash stays as it is.
@@ -389,6 +397,7 @@ impl<W: World> Board<W> {
         let before = self.cpu.get_data_mut();
         chip.flash.set_options(before.flash.options());
         chip.rcc.crystal_hz = before.rcc.crystal_hz;
+        chip.rcc.crystal_start = before.rcc.crystal_start;
         chip.pwr.sag_tenths = before.pwr.sag_tenths;
         chip.iwdg.lsi_hz = before.iwdg.lsi_hz;
         chip.mark_rises = before.mark_rises.take();
@@ -471,6 +480,7 @@ impl<W: World> Board<W> {
             }
             let chip = self.cpu.get_data_mut();
             let error = chip.error.take();
+            let call = chip.call.take();
             let returning = std::mem::take(&mut chip.returning);
             if let Err(e) = ran {
                 self.mishap(RunError::Cpu { what: format!("{e:?}"), pc: self.pc() })?;
@@ -478,6 +488,14 @@ impl<W: World> Board<W> {
             }
             if let Some(what) = error {
                 self.mishap(RunError::NotModelled { what, pc: self.pc() })?;
+                continue;
+            }
+            if let Some(call) = call {
+                match self.answer(call) {
+                    Ok(Some(stop)) => return Ok(stop),
+                    Ok(None) => {}
+                    Err(e) => self.mishap(e)?,
+                }
                 continue;
             }
             if returning {

@@ -53,6 +53,8 @@ pub struct Chip {
     /// The event register of WFE.
     pub event: bool,
     pub returning: bool,
+    /// The program asks the debugger for something: the number of the call, its parameter.
+    pub call: Option<(u32, u32)>,
     pub error: Option<String>,
     /// What the chip suffers in silence ends the run.
     pub strict: bool,
@@ -78,6 +80,8 @@ pub struct Chip {
     pub tim2: Timer,
     pub tim3: Timer,
     pub tim5: Timer,
+    /// The edge of LSI that TIM5 captured last.
+    pub lsi_edge: u64,
     pub tim11: CrystalCounter,
     pub crc: ProgramCrc,
     pub backup: Backup,
@@ -132,6 +136,7 @@ impl Chip {
             ready: Moment::default(),
             event: false,
             returning: false,
+            call: None,
             error: None,
             strict: true,
             clocks: Clocks::RESET,
@@ -146,6 +151,7 @@ impl Chip {
             tim2: Timer::default(),
             tim3: Timer::new(0xFFFF),
             tim5: Timer::default(),
+            lsi_edge: 0,
             tim11: CrystalCounter::default(),
             crc: ProgramCrc::default(),
             backup: Backup::default(),
@@ -202,7 +208,10 @@ impl Chip {
         let value = match address & !0x3FF {
             0x4000_0000 => self.tim2.read(word, now),
             0x4000_0400 => self.tim3.read(word, now),
-            0x4000_0C00 => self.tim5.read(word, now),
+            0x4000_0C00 => {
+                self.catch_lsi();
+                self.tim5.read(word, now)
+            }
             0x4001_4800 => self.tim11.read(word, &self.rcc),
             0x4002_3000 => self.crc.read(word),
             0x4000_2800 => self.backup.rtc(word, now),
@@ -217,7 +226,7 @@ impl Chip {
             0x4001_3800 => self.syscfg.read(word),
             0x4001_3C00 => self.exti.read(word),
             a @ 0x4002_0000..=0x4002_1C00 => self.ports[((a - 0x4002_0000) / 0x400) as usize].read(word),
-            0x4002_3800 => self.rcc.read(word),
+            0x4002_3800 => self.rcc.read(word, now),
             0x4002_3C00 => self.flash.read(word),
             0x4002_6000 => self.dma[0].read(address & 0x3FF),
             0x4002_6400 => self.dma[1].read(address & 0x3FF),
@@ -233,6 +242,24 @@ impl Chip {
             self.fail(format!("read of {address:#010x}: this register is not modelled"));
             0
         })
+    }
+
+    /// Channel 4 of TIM5 has captured LSI until now, where it is led there (TIM5_OR, RM0390 section 17.4).
+    fn catch_lsi(&mut self) {
+        let Some(every) = self.tim5.captures_lsi() else { return };
+        if !(self.rcc.lsi_runs(self.now) || self.iwdg.running()) {
+            return;
+        }
+        let hz = u128::from(self.iwdg.lsi_hz.max(1));
+        let edges = (u128::from(self.now) * hz / u128::from(crate::CPU_HZ)) as u64 / every * every;
+        if edges != self.lsi_edge {
+            self.lsi_edge = edges;
+            let at = (u128::from(edges) * u128::from(crate::CPU_HZ)).div_ceil(hz) as u64;
+            let captured = self.tim5.edge(3, at);
+            if captured.dma || captured.interrupt {
+                self.fail("TIM5_DIER asks for an interrupt or DMA with captures of LSI, which is not modelled".into());
+            }
+        }
     }
 
     /// Instructions are executed: one is one cycle of HCLK.
@@ -361,7 +388,7 @@ impl Chip {
             }
             0x4002_3800 => {
                 self.pll_locked(word, value);
-                let done = self.rcc.write(word, value);
+                let done = self.rcc.write(word, value, self.now);
                 if (4..=9).contains(&word) {
                     self.reset_peripherals();
                 }

@@ -80,12 +80,21 @@ fn pll(rcc: &Rcc) -> Result<u64, String> {
 }
 
 /// Frequencies of what RCC says now; an error is what the chip would do.
-pub fn clocks(rcc: &Rcc) -> Result<Clocks, String> {
-    let source = match rcc.switch() {
-        0 => HSI_HZ,
-        1 => rcc.crystal().ok_or("the processor's clock is HSE, which does not run")?,
-        2 if rcc.control() & CR_PLL_ON == 0 => return Err("the processor's clock is the PLL, which is off".into()),
-        2 => pll(rcc)?,
+pub fn clocks(rcc: &Rcc, now: u64) -> Result<Clocks, String> {
+    let early = |name: &str| {
+        format!("RCC_CFGR.SW asks for {name} before it is ready: the chip goes on with its old clock until then, which is not modelled")
+    };
+    let source = match (rcc.switch(), rcc.ready_at(now)) {
+        (0, _) => HSI_HZ,
+        (1, [ready, _]) => {
+            let hz = rcc.crystal().ok_or("the processor's clock is HSE, which does not run")?;
+            ready.then_some(hz).ok_or_else(|| early("HSE"))?
+        }
+        (2, _) if rcc.control() & CR_PLL_ON == 0 => return Err("the processor's clock is the PLL, which is off".into()),
+        (2, [_, ready]) => {
+            let hz = pll(rcc)?;
+            ready.then_some(hz).ok_or_else(|| early("the PLL"))?
+        }
         _ => return Err("SW = 3 is not allowed (the PLL's output R is not modelled)".into()),
     };
     let cfgr = rcc.configuration();

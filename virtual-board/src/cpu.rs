@@ -154,9 +154,9 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// WFE and SEV.
+/// WFE, SEV, and the breakpoint of semihosting.
 fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
-    // WFE and SEV are found by their encodings.
+    // They are found by their encodings.
     for at in (0..flash.len() - 1).step_by(2) {
         let address = u64::from(FLASH_START) + at as u64;
         match (flash[at], flash[at + 1]) {
@@ -171,6 +171,14 @@ fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
                     } else {
                         chip.asleep = true;
                     }
+                    let _ = c.emu_stop();
+                }))?;
+            }
+            (0xAB, 0xBE) => {
+                uc(cpu.add_code_hook(address, address, |c, address, _| {
+                    let call = [RegisterARM::R0, RegisterARM::R1].map(|r| c.reg_read(r).unwrap_or(0) as u32);
+                    let _ = c.reg_write(RegisterARM::PC, (address + 2) | 1);
+                    c.get_data_mut().call = Some((call[0], call[1]));
                     let _ = c.emu_stop();
                 }))?;
             }

@@ -97,7 +97,10 @@ pub struct Stream {
     m0ar: u32,
     m1ar: u32,
     fcr: u32,
+    /// What was written to NDTR last.
     pub reload: u32,
+    /// Its transfer was stopped half way, and neither NDTR nor M0AR has been written since.
+    interrupted: bool,
 }
 
 impl Stream {
@@ -149,6 +152,7 @@ impl Stream {
 }
 
 const FLAG_AT: [u32; 4] = [0, 6, 16, 22];
+const TRANSFER_ERROR: u32 = 1 << 3;
 pub const HALF: u32 = 1 << 4;
 pub const COMPLETE: u32 = 1 << 5;
 
@@ -164,6 +168,12 @@ impl Dma {
         self.isr[n / 4] |= flags << FLAG_AT[n % 4];
     }
 
+    /// A stream's transfer has failed: TEIF, and it is off.
+    pub fn fail(&mut self, n: usize) {
+        self.raise(n, TRANSFER_ERROR);
+        self.streams[n].cr &= !1;
+    }
+
     /// What a write does that the chip does not take.
     pub fn refuses(&self, offset: u32, value: u32) -> Option<(usize, &'static str)> {
         let n = offset.checked_sub(0x10)? as usize / 0x18;
@@ -174,6 +184,9 @@ impl Dma {
             0 if s.enabled() && value & 1 != 0 && (value ^ s.cr) & !OPEN != 0 => "CR cannot be changed while EN is 1",
             0 if !s.enabled() && value & 1 != 0 && self.isr[n / 4] >> FLAG_AT[n % 4] & 0x3D != 0 => {
                 "EN is set while flags of the stream stand in LISR or HISR"
+            }
+            0 if !s.enabled() && value & 1 != 0 && s.interrupted => {
+                "EN is set after a transfer that was stopped half way, without NDTR and M0AR written anew: the manual does not say where it goes on"
             }
             4 | 8 if s.enabled() => "NDTR and PAR cannot be written while EN is 1",
             0xC if s.enabled() => "M0AR cannot be written while EN is 1",
@@ -211,13 +224,16 @@ impl Dma {
                     0 => {
                         let was = s.enabled();
                         s.cr = value;
-                        if s.enabled() && !was {
-                            s.reload = s.ndtr;
-                        } else if was && !s.enabled() && s.ndtr > 0 {
+                        if was && !s.enabled() && s.ndtr > 0 {
+                            s.interrupted = s.ndtr < s.reload;
                             self.raise(n, COMPLETE);
                         }
                     }
-                    4 => s.ndtr = value & 0xFFFF,
+                    4 => {
+                        s.ndtr = value & 0xFFFF;
+                        s.reload = s.ndtr;
+                        s.interrupted = false;
+                    }
                     8 => s.par = value,
                     0xC => s.m0ar = value,
                     0x10 => s.m1ar = value,
@@ -236,6 +252,8 @@ impl Dma {
     pub fn irq(&self, n: usize) -> bool {
         let flags = self.isr[n / 4] >> FLAG_AT[n % 4];
         let cr = self.streams[n].cr;
-        (flags & HALF != 0 && cr & 8 != 0) || (flags & COMPLETE != 0 && cr & 16 != 0) || (flags & 8 != 0 && cr & 4 != 0)
+        (flags & HALF != 0 && cr & 8 != 0)
+            || (flags & COMPLETE != 0 && cr & 16 != 0)
+            || (flags & TRANSFER_ERROR != 0 && cr & 4 != 0)
     }
 }

@@ -47,6 +47,8 @@ pub enum Stop {
     Software,
     /// The instruction asked for with [`crate::Board::stop_at_instruction`] is reached.
     Instruction,
+    /// A test program has ended, under a debugger ([`crate::Board::attach_debugger`]): its exit code, 0 where it went well.
+    Exit(u32),
     /// The flash operation asked for with [`crate::Board::stop_at_flash_operation`] was begun, and not finished.
     Flash,
 }

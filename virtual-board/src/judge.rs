@@ -234,7 +234,7 @@ impl Chip {
 
     /// Clocks are as RCC says from now on; too fast a clock ends the run.
     pub fn follow_clocks(&mut self) {
-        match clocks::clocks(&self.rcc) {
+        match clocks::clocks(&self.rcc, self.now) {
             Ok(c) => {
                 if c != self.clocks {
                     let now = self.now;

@@ -371,7 +371,7 @@ impl<W: World> Board<W> {
         let ((to, taken), (from, given)) = (stream(self, rx), stream(self, tx));
         let mut bytes = vec![0; given as usize];
         let done = self.get(from, &mut bytes);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(tx, done)?;
         if answers {
             // What it has not got it does not send: the line stays.
             bytes.iter().zip(&mut back).for_each(|(b, to)| *to = *b);
@@ -381,7 +381,7 @@ impl<W: World> Board<W> {
         chip.moved(rx, taken);
         chip.moved(tx, given);
         let done = self.put(to, &received[..taken as usize]);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(rx, done)?;
         Ok(back)
     }
 
@@ -402,7 +402,7 @@ impl<W: World> Board<W> {
             let to = chip.dma[rx.0].streams[rx.1].memory();
             chip.moved(rx, 1);
             let done = self.put(to, &[*byte]);
-            self.moved_by_dma(done)?;
+            self.moved_by_dma(rx, done)?;
         }
         Ok(())
     }
@@ -420,7 +420,7 @@ impl<W: World> Board<W> {
         let passes = chip.uart5_works(true) && chip.comes("UART5_TX", |pin| pin == to).is_some();
         let mut bytes = vec![0; n as usize];
         let done = self.get(from, &mut bytes);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(tx, done)?;
         if passes {
             for byte in bytes {
                 self.take_byte(now, byte, None)?;

@@ -24,6 +24,7 @@
 //! | `exception` | entry and return of exceptions |
 //! | `wires` | edges, ADC frames, bytes of the link |
 //! | `flash` | programming and erasing, cut short or not |
+//! | `debugger` | semihosting: the command line and the end of a test program |
 //! | `outside` | what a test does to the board from outside |
 //! | `rtt` | the debug probe that reads the log |
 //! | `error` | why a run stops |
@@ -52,6 +53,7 @@ mod chip;
 mod clocks;
 mod cpu;
 pub mod cycles;
+mod debugger;
 mod dma;
 pub mod elf;
 pub mod error;
@@ -106,6 +108,15 @@ pub enum AdcMishap {
     SlipsAByte,
 }
 
+/// What a UART notices of a single byte (RM0390 section 25.4.3). The byte is received all the same, and need not be the one that was sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LineFault {
+    /// Samples of a bit disagree: NF.
+    Noise,
+    /// There is no stop bit: FE.
+    Framing,
+}
+
 /// What happens on the wires. All times are cycles since power-on and must not go backwards per source.
 pub trait World {
     /// Time of the next rising edge at capture input `channel` (0 to 2), or `None` if there will be none.
@@ -114,6 +125,10 @@ pub trait World {
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]>;
     /// The next byte that the other end of the link sends: when it has arrived, and the byte.
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
+        None
+    }
+    /// What the receiver of the unit notices of the byte that arrives at `cycles`, beside the byte itself.
+    fn line_fault(&mut self, _cycles: u64) -> Option<LineFault> {
         None
     }
     /// Whether the frame that the ADC sends now is invalid on the wire.

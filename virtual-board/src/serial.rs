@@ -1,7 +1,7 @@
 //! SPI1 and USART1; SPI2 as a slave of SPI1, and UART5, where jumpers join them. All of them move their data by DMA in this firmware; a whole transfer is one event, at the time
 //! its last bit is on the wire.
 
-use crate::CPU_HZ;
+use crate::{LineFault, CPU_HZ};
 
 /// Of the wire at the other end (docs/formats.md).
 pub const LINE_BAUD: f64 = 921_600.0;
@@ -176,6 +176,13 @@ impl Usart {
         }
         self.regs[1] = u32::from(byte);
         self.regs[0] |= RXNE;
+    }
+    /// What is noticed of the byte that has just come.
+    pub fn fault(&mut self, fault: LineFault) {
+        self.regs[0] |= match fault {
+            LineFault::Noise => 1 << 2,
+            LineFault::Framing => 1 << 1,
+        };
     }
     pub fn idle(&mut self) {
         self.regs[0] |= IDLE;

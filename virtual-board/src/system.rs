@@ -1,12 +1,28 @@
 //! RCC, PWR, FLASH, IWDG, DBGMCU.
 
-/// RCC: plain registers, with every oscillator ready as soon as it is on; the crystal where there is one.
+/// RCC: plain registers; oscillators and PLL are ready some time after they were switched on, the crystal only where there is one.
 #[derive(Debug, Clone)]
 pub struct Rcc {
     regs: [u32; 0x98 / 4],
     /// The crystal's frequency, Hz; `None`: it is dead.
     pub crystal_hz: Option<f64>,
+    /// How long it takes to start, in the board's time.
+    pub crystal_start: u64,
+    /// When HSE, PLL and LSI are ready, if they are on and have what they need.
+    ready: [u64; 3],
 }
+
+/// Of [`Rcc::ready`].
+const HSE: usize = 0;
+const PLL: usize = 1;
+const LSI: usize = 2;
+
+/// A crystal starts in 2 ms, typically; one of these oscillators is sooner (data sheet, HSE oscillator characteristics: t_SU(HSE)).
+pub const CRYSTAL_START: u64 = crate::CPU_HZ / 500;
+/// The longest that the PLL takes to lock: 300 us (data sheet, main PLL characteristics: t_LOCK).
+const PLL_LOCK: u64 = crate::CPU_HZ * 3 / 10_000;
+/// The longest that LSI takes to start: 40 us (data sheet, LSI oscillator characteristics: t_su(LSI)).
+const LSI_START: u64 = crate::CPU_HZ * 4 / 100_000;
 
 /// Of the board's crystal, Hz.
 pub const CRYSTAL_HZ: f64 = 8e6;
@@ -15,6 +31,7 @@ const HSI_HZ: f64 = 16e6;
 /// RCC_CR: HSEON, HSERDY, HSEBYP, CSSON. RCC_CIR: CSSF, CSSC.
 const HSE_ON: u32 = 1 << 16;
 const HSE_READY: u32 = 1 << 17;
+const PLL_READY: u32 = 1 << 25;
 const HSE_BYPASS: u32 = 1 << 18;
 const CSS_ON: u32 = 1 << 19;
 const CSS_FLAG: u32 = 1 << 7;
@@ -37,7 +54,7 @@ impl Rcc {
         // RTCAPBEN.
         regs[0x40 / 4] = 0x400;
         regs[0x74 / 4] = cause;
-        Self { regs, crystal_hz: Some(CRYSTAL_HZ) }
+        Self { regs, crystal_hz: Some(CRYSTAL_HZ), crystal_start: CRYSTAL_START, ready: [u64::MAX; 3] }
     }
     /// Keeps the causes of earlier resets that nobody has cleared.
     pub fn add_causes(&mut self, before: &Self) {
@@ -61,6 +78,24 @@ impl Rcc {
     /// The board has an oscillator at OSC_IN, as a NUCLEO-F446RE has: HSE must be bypassed (RM0390 section 6.2.1).
     fn crystal_runs(&self) -> bool {
         self.regs[0] & (HSE_ON | HSE_BYPASS) == HSE_ON | HSE_BYPASS && self.crystal_hz.is_some()
+    }
+    /// Whether HSE and the PLL are ready, as far as they are on.
+    pub fn ready_at(&self, now: u64) -> [bool; 2] {
+        [self.crystal_runs() && now >= self.ready[HSE], now >= self.ready[PLL]]
+    }
+    /// RCC_CR or RCC_CSR was written: what begins to start, or stops.
+    fn follow_switches(&mut self, now: u64) {
+        let after = |ready: &mut u64, on: bool, at: u64| *ready = if on { (*ready).min(at) } else { u64::MAX };
+        let (on, pll, lsi) = (self.crystal_runs(), self.regs[0] & 1 << 24 != 0, self.regs[0x1D] & 1 != 0);
+        after(&mut self.ready[HSE], on, now + self.crystal_start);
+        // It locks on to what runs.
+        let source = if self.regs[1] & 1 << 22 != 0 { self.ready[HSE] } else { now };
+        after(&mut self.ready[PLL], pll, source.max(now).saturating_add(PLL_LOCK));
+        after(&mut self.ready[LSI], lsi, now + LSI_START);
+    }
+    /// Whether LSI is on and ready.
+    pub fn lsi_runs(&self, now: u64) -> bool {
+        now >= self.ready[LSI]
     }
     /// HSE, Hz, where it runs.
     pub fn crystal(&self) -> Option<u64> {
@@ -108,27 +143,24 @@ impl Rcc {
         (self.crystal_runs() && divider >= 2).then_some(())?;
         Some(self.crystal_hz? / f64::from(divider) / HSI_HZ)
     }
-    pub fn read(&self, word: usize) -> Option<u32> {
+    pub fn read(&self, word: usize, now: u64) -> Option<u32> {
         let value = *self.regs.get(word)?;
         Some(match word {
-            // CR: HSI, HSE, PLL, PLLI2S, PLLSAI ready follow their on bits.
+            // CR: HSI, PLLI2S and PLLSAI ready follow their on bits.
             0 => {
-                let ready = value & !0x2A02_0002 | (value & 0x1501_0001) << 1;
-                if self.crystal_runs() {
-                    ready
-                } else {
-                    ready & !HSE_READY
-                }
+                let [hse, pll] = self.ready_at(now);
+                let ready = value & !0x2A02_0002 | (value & 0x1400_0001) << 1;
+                ready | if hse { HSE_READY } else { 0 } | if pll { PLL_READY } else { 0 }
             }
             // CFGR: SWS follows SW.
             2 => value & !0xC | (value & 3) << 2,
             // BDCR, CSR: LSE and LSI ready.
             0x1C => value & !2 | (value & 1) << 1,
-            0x1D => value & !2 | (value & 1) << 1,
+            0x1D => value & !2 | u32::from(self.lsi_runs(now)) << 1,
             _ => value,
         })
     }
-    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+    pub fn write(&mut self, word: usize, value: u32, now: u64) -> Option<()> {
         let slot = self.regs.get_mut(word)?;
         if word == 0x1D {
             let causes = if value & (1 << 24) != 0 { 0 } else { *slot & 0xFE00_0000 };
@@ -144,6 +176,9 @@ impl Rcc {
             *slot = value & !0xC;
         } else {
             *slot = value;
+        }
+        if matches!(word, 0 | 0x1D) {
+            self.follow_switches(now);
         }
         Some(())
     }
@@ -488,6 +523,10 @@ impl Iwdg {
     fn restart(&mut self, now: u64) {
         let lsi_cycles = (4u64 << self.prescaler) * (u64::from(self.reload) + 1);
         self.bites = now + lsi_cycles * crate::CPU_HZ / self.lsi_hz.max(1);
+    }
+    /// It runs, and LSI with it.
+    pub fn running(&self) -> bool {
+        self.running
     }
     /// As the option byte WDG_SW = 0 has it: running from reset, with the longest reload at the shortest prescaler (0.5 s).
     pub fn hardware(now: u64, lsi_hz: u64) -> Self {

@@ -30,6 +30,7 @@ const PSC: usize = 10;
 const ARR: usize = 11;
 const CCR1: usize = 13;
 
+const OR: usize = 20;
 const CR2: usize = 1;
 const SMCR: usize = 2;
 const CCMR1: usize = 6;
@@ -278,6 +279,13 @@ impl Timer {
             (.., 0xA) => Some("it captures both edges (CCER.CCNP and CCP)"),
             (.., p) => (rising == (p == 2)).then_some("it captures the other edge (CCER.CCP)"),
         }
+    }
+
+    /// Whether channel 4 captures LSI (TIM5_OR, TI4_RMP = 1), each so many rising edges.
+    pub fn captures_lsi(&self) -> Option<u64> {
+        let mode = self.regs[CCMR1 + 1] >> 8 & 0xFF;
+        let rising = self.regs[CCER] >> 12 & 0xB == 1;
+        (self.running() && rising && mode & 0xF3 == 1 && self.regs[OR] >> 6 & 3 == 1).then(|| 1 << (mode >> 2 & 3))
     }
 
     /// Counts by which a channel's filter delays an edge: samples that must agree, times the clocks between them (RM0390 section 17.4.7).

@@ -41,7 +41,7 @@ impl<W: World> Board<W> {
         let to = chip.dma[stream.0].streams[stream.1].memory();
         chip.moved(stream, 1);
         let done = self.put(to, &captured.stamp.to_le_bytes());
-        self.moved_by_dma(done)
+        self.moved_by_dma(stream, done)
     }
 
     pub(crate) fn pulse(&mut self) {
@@ -108,7 +108,7 @@ impl<W: World> Board<W> {
         let stamp = chip.tim2.capture(3);
         let mut bytes = vec![0; n as usize];
         let done = self.get(from, &mut bytes);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(tx, done)?;
         if !self.cpu.get_data().spare.jumpers.is_empty() {
             bytes = self.slave(&bytes)?;
         }
@@ -128,7 +128,7 @@ impl<W: World> Board<W> {
         chip.moved(rx, n);
         chip.moved(tx, n);
         let done = self.put(to, &bytes);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(rx, done)?;
         self.wires.fetch_stamp = stamp;
         if n == 30 {
             self.world.fetched(self.wires.fetch_stamp, &bytes);
@@ -149,7 +149,7 @@ impl<W: World> Board<W> {
         let now = chip.now;
         let mut bytes = vec![0; n as usize];
         let done = self.get(from, &mut bytes);
-        self.moved_by_dma(done)?;
+        self.moved_by_dma(tx, done)?;
         if !self.cpu.get_data().line_dead {
             self.world.link_out(now, &bytes);
             self.reach_uart5(&bytes)?;
@@ -159,7 +159,13 @@ impl<W: World> Board<W> {
 
     pub(crate) fn receive(&mut self, at: u64, byte: u8) -> Result<(), RunError> {
         self.wires.next_byte = self.world.next_link_byte();
-        self.take_byte(at, byte, self.wires.next_byte.map(|(t, _)| t))
+        let fault = self.world.line_fault(at);
+        self.take_byte(at, byte, self.wires.next_byte.map(|(t, _)| t))?;
+        let usart = &mut self.cpu.get_data_mut().usart1;
+        if let Some(fault) = fault.filter(|_| usart.receiving()) {
+            usart.fault(fault);
+        }
+        Ok(())
     }
 
     /// A byte comes in at the link, and the next one at a time that is known, or not.
@@ -178,7 +184,7 @@ impl<W: World> Board<W> {
                 let to = chip.dma[rx.0].streams[rx.1].memory();
                 chip.moved(rx, 1);
                 let done = self.put(to, &[byte]);
-                self.moved_by_dma(done)?;
+                self.moved_by_dma(rx, done)?;
             }
             None => chip.usart1.received_by_hand(byte),
         }

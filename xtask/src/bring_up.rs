@@ -1,8 +1,8 @@
-//! The bring-up of a bare board (docs/bring-up.md), and the comparison of a board with the virtual one.
+//! The bring-up of a bare board (docs/bring-up.md).
 
 use crate::{output, programs, root, run, seal, setup, Failure, Toolchain};
 use std::io::{BufRead, BufReader};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -12,7 +12,7 @@ const LAST: &str = "bring-up ends: ";
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Builds the program, in a folder of its own.
-fn elf(t: &Toolchain) -> Result<PathBuf, Failure> {
+pub fn elf(t: &Toolchain) -> Result<PathBuf, Failure> {
     println!("building the bring-up program");
     let folder = root().join("target/bring-up");
     run(t
@@ -49,7 +49,7 @@ pub fn build() -> Result<(), Failure> {
 }
 
 /// That a probe is there.
-fn probe() -> Result<(), Failure> {
+pub fn probe() -> Result<(), Failure> {
     let list = output(Command::new("probe-rs").arg("list")).ok_or_else(|| {
         Failure(
             "no board can be reached, because probe-rs is not installed (cargo install probe-rs-tools --locked)".into(),
@@ -61,8 +61,13 @@ fn probe() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Flashes the program, shows its log, and gives it.
-fn on_board(elf: &PathBuf) -> Result<Vec<String>, Failure> {
+/// Flashes the program, shows its log up to its last line, and gives it.
+pub fn on_board(elf: &Path) -> Result<Vec<String>, Failure> {
+    probe_rs(elf, |line| line.contains(LAST))
+}
+
+/// Flashes a program, shows what probe-rs prints until that ends, or to a last line, and gives it.
+pub fn probe_rs(elf: &Path, last: impl Fn(&str) -> bool) -> Result<Vec<String>, Failure> {
     let mut child = Command::new("probe-rs")
         .args(["run", "--chip", "STM32F446RETx"])
         .arg(elf)
@@ -81,9 +86,8 @@ fn on_board(elf: &PathBuf) -> Result<Vec<String>, Failure> {
     while let Ok(line) = lines.recv_timeout(until.saturating_duration_since(Instant::now())) {
         println!("{line}");
         until = Instant::now() + PATIENCE;
-        let last = line.contains(LAST);
         log.push(line);
-        if last {
+        if log.last().is_some_and(|line| last(line)) {
             break;
         }
     }
@@ -93,7 +97,7 @@ fn on_board(elf: &PathBuf) -> Result<Vec<String>, Failure> {
 }
 
 /// Whether a log says that all rows pass.
-fn judge(log: &[String]) -> Result<(), Failure> {
+pub fn judge(log: &[String]) -> Result<(), Failure> {
     let last = log.iter().find_map(|l| l.split_once(LAST));
     let Some((_, sum)) = last else {
         return Err(Failure("the program did not come to its end: docs/bring-up.md says what each line means".into()));
@@ -107,55 +111,13 @@ fn judge(log: &[String]) -> Result<(), Failure> {
 }
 
 /// Rows of a log: name, what was reached.
-fn rows(log: &[String]) -> Vec<(String, String)> {
+pub fn rows(log: &[String]) -> Vec<(String, String)> {
     let row = |line: &String| {
         let (_, row) = line.split_once("row ")?;
         let (name, rest) = row.split_once(": reached ")?;
         Some((name.to_string(), rest.split(", expected").next()?.trim().to_string()))
     };
     log.iter().filter_map(row).collect()
-}
-
-/// `cargo xtask hil`: the same program on a board and on the virtual one, and what differs.
-pub fn hil(arguments: &[String]) -> Result<(), Failure> {
-    let only_virtual = match arguments {
-        [] => false,
-        [one] if one == "--virtual" => true,
-        [other, ..] => return Err(Failure(format!("there is no option {other}"))),
-    };
-    if !only_virtual {
-        probe()?;
-    }
-    let t = setup::toolchain()?;
-    let elf = elf(&t)?;
-    programs()?;
-    println!("on the virtual board");
-    let o = Command::new(root().join("target/release/hrg-board"))
-        .args(["bring-up", "--elf"])
-        .arg(&elf)
-        .current_dir(root())
-        .stderr(Stdio::inherit())
-        .output()
-        .map_err(|e| Failure(e.to_string()))?;
-    let simulated: Vec<String> = String::from_utf8_lossy(&o.stdout).lines().map(String::from).collect();
-    simulated.iter().for_each(|line| println!("{line}"));
-    judge(&simulated)?;
-    if only_virtual {
-        return Ok(());
-    }
-    println!("on the board");
-    let measured = on_board(&elf)?;
-    let (a, b) = (rows(&measured), rows(&simulated));
-    let mut same = 0;
-    for (name, reached) in &b {
-        match a.iter().find(|(n, _)| n == name) {
-            Some((_, board)) if board == reached => same += 1,
-            Some((_, board)) => println!("differs: {name}: board {board}, virtual board {reached}"),
-            None => println!("differs: {name}: the board did not print it; virtual board {reached}"),
-        }
-    }
-    println!("{same} of {} rows are the same to the last digit", b.len());
-    judge(&measured)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ mod bring_up;
 mod elf;
 mod fingerprint;
 mod fuzz;
+mod hil;
 mod python;
 mod setup;
 
@@ -20,13 +21,14 @@ const USAGE: &str = "cargo xtask COMMAND
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
   test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --sensors | --stm32f405rg | --bring-up]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
+  size [--signed | --sensors | --stm32f405rg | --bring-up | --chip-tests]   what the firmware takes of flash and RAM (--signed: the one with signed calibrations and a battery;
                     --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg: the one for that chip)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
   bring-up          the first hour with a bare NUCLEO-F446RE and jumpers (docs/bring-up.md): measures, and prints a table (--virtual: on the virtual
                     board; --expect: what it says there is what is expected; --without PB9-PA0: one jumper missing)
-  hil               the same on a board and on the virtual one, and what differs (--virtual: there only)
+  hil               tests for the chip (embedded-test) and the bring-up, on a board and on the virtual one, and what differs (--virtual:
+                    there only; --bare: no jumpers, the tests alone)
   flash             put the firmware on a board and show its log (probe-rs)
   align-demo [ARGS] self-alignment: campaigns over the filters, their cost, chen2015's case on the flashed program
   screens           draw what docs/chamber.md shows: the monitor's screen and an Allan deviation
@@ -71,9 +73,12 @@ fn main() -> ExitCode {
         }
         Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
+        Some("size") if rest.first().is_some_and(|a| a == "--chip-tests") => {
+            setup::toolchain().and_then(|t| hil::chip_tests(&t)).map(drop)
+        }
         Some("size") => size(),
         Some("bring-up") => bring_up::bring_up(rest),
-        Some("hil") => bring_up::hil(rest),
+        Some("hil") => hil::hil(rest),
         Some("flash") => flash(),
         Some("fuzz") => setup::host().and_then(|()| fuzz::campaign(rest)),
         Some("audit") => audit(),
@@ -412,6 +417,7 @@ fn test() -> Result<(), Failure> {
     sensors(&t)?;
     println!("the bring-up program");
     bring_up::build()?;
+    hil::chip_tests(&t)?;
     println!("lints, target");
     for features in ["", "bring-up"] {
         let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked", "--features", features];

@@ -19,6 +19,8 @@ pub const EXPECTED: [(&str, f32); super::table::ROWS] = [
     ("link in (PC12-PA10): answers to a question", 1.0),
     ("pulses per second (PB8-PC6): taken", 4.0),
     ("pulses per second: the unit's clock is fast by", 0.0),
+    ("LSI by the crystal: frequency", 0.0),
+    ("LSI by the crystal: eight periods, longest less shortest", 0.0),
     ("flags of the unit: no calibration, and nothing else", 16.0),
     ("data-ready to corrected sample: mean", 5822.3477),
     ("data-ready to corrected sample: worst", 7015.0),

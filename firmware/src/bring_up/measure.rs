@@ -25,6 +25,10 @@ const MAIN: u32 = 400;
 /// Looks in which the unit answers, and in which it resets the ADC and sets it up again.
 const ANSWER: u32 = 20;
 const RESET: u32 = 50;
+/// Channel 4 of TIM5 takes LSI: TI4_RMP = 1 (RM0390 section 17.4, TIM5_OR).
+const LSI_TO_CHANNEL_4: u32 = 1 << 6;
+/// And of that each eighth rising edge.
+const LSI_EDGES: u32 = 8;
 /// Seconds of the main part.
 const SECONDS: f32 = MAIN as f32 / 100.0;
 /// Cycles of a microsecond.
@@ -47,6 +51,7 @@ pub async fn task(listener: Listener, waves: Waves) {
     bench.looks(SETTLE).await;
     bench.main().await;
     bench.periods().await;
+    bench.lsi().await;
     bench.update().await;
     bench.load().await;
     bench.question().await;
@@ -153,6 +158,44 @@ impl Bench {
         if longest > 0 {
             self.reached.set(Item::ShortestPeriod, shortest as f32);
             self.reached.set(Item::LongestPeriod, longest as f32);
+        }
+    }
+
+    /// LSI, which the watchdog runs on, by the timer of the time driver: its channel 4 is free, and nothing else of it is touched. It counts
+    /// microseconds of the crystal, as 16 bits.
+    async fn lsi(&mut self) {
+        let timer = pac::TIM5;
+        timer.or().write_value(LSI_TO_CHANNEL_4);
+        timer.ccmr_input(1).modify(|w| {
+            w.set_ccs(1, pac::timer::vals::CcmrInputCcs::TI4);
+            w.set_icpsc(1, 3);
+        });
+        timer.ccer().modify(|w| w.set_cce(3, true));
+        let capture = || timer.ccr(3).read() as u16;
+        let (mut shortest, mut longest, mut sum, mut count) = (u16::MAX, 0, 0, 0u32);
+        for _ in 0..50 {
+            self.looks(1).await;
+            let (mut before, mut whole) = (capture(), false);
+            let begun = cycles();
+            while cycles().wrapping_sub(begun) < 5000 * CYCLES_PER_US {
+                let now = capture();
+                if now == before {
+                    continue;
+                }
+                let took = now.wrapping_sub(before);
+                before = now;
+                if core::mem::replace(&mut whole, true) {
+                    shortest = shortest.min(took);
+                    longest = longest.max(took);
+                    sum += u32::from(took);
+                    count += 1;
+                }
+            }
+        }
+        timer.ccer().modify(|w| w.set_cce(3, false));
+        if count > 0 {
+            self.reached.set(Item::Lsi, 1e6 * (count * LSI_EDGES) as f32 / sum as f32);
+            self.reached.set(Item::LsiSpread, f32::from(longest - shortest));
         }
     }
 

@@ -26,6 +26,8 @@ pub const JUMPERS: [(&str, &str); 12] = [
 const LAST: &str = "bring-up ends: ";
 /// It comes within so many seconds.
 const LONGEST_S: u64 = 60;
+/// LSI of this board, Hz: none whose periods are whole counts of a timer.
+const LSI_HZ: u64 = 31_640;
 /// The sector whose erase it measures lies here; what must be empty for it.
 const LOG_SECTOR_START: u32 = 0x8000;
 
@@ -112,6 +114,7 @@ pub fn jumpers(without: Option<&str>) -> Result<Vec<Jumper>> {
 pub fn run(elf: &[u8], jumpers: &[Jumper], estimate: bool, mut shown: impl FnMut(&str)) -> Result<Outcome> {
     let mut board = Board::new(elf, Log { decoder: Decoder::new(elf)?, lines: Vec::new() })?;
     board.join(jumpers)?;
+    board.set_lsi(LSI_HZ);
     if estimate {
         board.start_estimate();
     }

@@ -38,7 +38,7 @@ pub fn ask<T>(
     let end = board.now() + cycles(seconds);
     while board.now() < end {
         match board.run_until(board.now() + SLICE)? {
-            Stop::Instruction | Stop::Flash => return Ok(None),
+            Stop::Instruction | Stop::Flash | Stop::Exit(_) => return Ok(None),
             Stop::Time | Stop::Watchdog | Stop::Software => {}
         }
         if let Some(t) = board.world.received.other.drain(..).find_map(|m| pick(&m)) {
@@ -77,7 +77,7 @@ pub fn burn(board: &mut Board<Wires>, image: &Calibration) -> Result<Burn> {
     loop {
         match board.run_until(end)? {
             Stop::Time => return Ok(Burn::Done),
-            Stop::Instruction | Stop::Flash => return Ok(Burn::Stopped),
+            Stop::Instruction | Stop::Flash | Stop::Exit(_) => return Ok(Burn::Stopped),
             Stop::Watchdog | Stop::Software => {}
         }
     }

@@ -15,6 +15,7 @@
 pub mod align;
 pub mod bench;
 pub mod bring_up;
+pub mod chip_tests;
 pub mod cost;
 pub mod demo;
 pub mod faults;

@@ -91,6 +91,14 @@ enum Command {
         #[arg(long, conflicts_with = "without")]
         page: Option<PathBuf>,
     },
+    /// The tests for the chip (firmware/tests/chip.rs) on the virtual board; cargo xtask hil runs the same ELF on a real one.
+    ///
+    /// Example: hrg-board chip-tests --elf target/chip-tests.elf
+    ChipTests {
+        /// Their ELF.
+        #[arg(long)]
+        elf: PathBuf,
+    },
     /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
     ///
     /// Example: hrg-board faults --short
@@ -322,6 +330,7 @@ fn run(command: Command) -> Result<()> {
             hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
         }
         Command::Bench { page } => bench(page.as_deref()),
+        Command::ChipTests { elf } => hrg_board::chip_tests::command(&replay::read_elf(&elf)?),
         Command::BringUp { elf, without, expect, page } => {
             let expect = expect.then(|| top.join("firmware/src/bring_up/expected.rs"));
             let elf = replay::read_elf(&elf)?;

@@ -12,7 +12,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 use std::ops::Range;
-use virtual_board::{AdcMishap, World, CPU_HZ, CYCLES_PER_TICK};
+use virtual_board::{AdcMishap, LineFault, World, CPU_HZ, CYCLES_PER_TICK};
 
 /// What may be wrong with a resonator's signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -155,6 +155,8 @@ pub struct Wires {
     /// Bytes that wait to come in, and when the last one came.
     coming: VecDeque<u8>,
     last_byte: u64,
+    /// How many bytes come in before the one of which the receiver notices that.
+    line_fault: Option<(usize, LineFault)>,
     /// Bytes that went out, where somebody holds the other end.
     out: Option<Vec<u8>>,
     /// The last codes.
@@ -208,6 +210,7 @@ impl Wires {
             pulses: 0,
             coming: VecDeque::new(),
             last_byte: 0,
+            line_fault: None,
             out: None,
             codes: [0; 8],
             zero_tick: 0,
@@ -228,6 +231,12 @@ impl Wires {
     /// Bytes come in from now on, as fast as the line carries them.
     pub fn hear(&mut self, bytes: &[u8]) {
         self.coming.extend(bytes);
+    }
+
+    /// The same, and of the n-th of them (from 0 on) the receiver notices that it is wrong.
+    pub fn hear_badly(&mut self, bytes: &[u8], n: usize, fault: LineFault) {
+        self.line_fault = Some((self.coming.len() + n, fault));
+        self.hear(bytes);
     }
 
     /// Whoever was sending stops: what has not come in yet never will.
@@ -434,6 +443,13 @@ impl World for Wires {
             twin.link_in(at, byte);
         }
         Some((at, byte))
+    }
+
+    fn line_fault(&mut self, _: u64) -> Option<LineFault> {
+        let (before, fault) = self.line_fault.take()?;
+        let Some(before) = before.checked_sub(1) else { return Some(fault) };
+        self.line_fault = Some((before, fault));
+        None
     }
 
     fn invalidate_adc_frame(&mut self) -> bool {

@@ -26,6 +26,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     adc(scene, seed, extent, report)?;
     program(scene, seed, extent, report)?;
     crystal(scene, report)?;
+    slow_crystal(scene, report)?;
     supply(scene, report)?;
     restarts(scene, report)
 }
@@ -163,6 +164,27 @@ fn crystal(scene: &Scene, report: &mut Report) -> Result<()> {
         wrong.len() as u64,
         format!("flagged timebase in every frame {found}"),
         found == wrong.len(),
+    );
+    Ok(())
+}
+
+/// The crystal takes its time to start: 2 ms are typical; the unit waits for more than 20.
+fn slow_crystal(scene: &Scene, report: &mut Report) -> Result<()> {
+    let mut rows = Vec::new();
+    for (start_ms, used) in [(0.1, true), (2.0, true), (10.0, true), (100.0, false), (1e4, false)] {
+        let mut board = scene.off(scene.wires(), &scene.calibration)?;
+        board.set_crystal_start((start_ms * 1e-3 * virtual_board::CPU_HZ as f64) as u64);
+        run(&mut board, cycles(2.0))?;
+        let rates = &board.world.received.rates;
+        let flagged = rates.iter().filter(|f| f.unit_status.contains(UnitStatus::TIMEBASE)).count();
+        rows.push((start_ms, !rates.is_empty() && flagged == if used { 0 } else { rates.len() }));
+    }
+    let right = rows.iter().filter(|r| r.1).count();
+    report.row(
+        "crystal that starts after 0.1 ms to 10 s",
+        rows.len() as u64,
+        format!("used where it starts within 20 ms, flagged timebase in every frame where it does not: {right}"),
+        right == rows.len(),
     );
     Ok(())
 }

@@ -8,7 +8,7 @@ use hrg_core::link::{Deframer, Message};
 use hrg_core::maintenance::{self, Answer, Command, Reply};
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
-use virtual_board::{Board, CPU_HZ, FLASH_SIZE, FLASH_START};
+use virtual_board::{Board, LineFault, CPU_HZ, FLASH_SIZE, FLASH_START};
 
 /// No rate frame leaves later than this after its data-ready edge, ms: its own 0.4 ms on the wire, and the longest other
 /// message, which may be under way.
@@ -116,6 +116,53 @@ fn gaps(r: &Received) -> usize {
     r.rates.windows(2).filter(|w| w[1].sample.wrapping_sub(w[0].sample) != 5).count()
 }
 
+/// A command of which one byte is wrong, and the receiver notices; then a whole one, which must be answered.
+fn line_faults(
+    board: &mut Board<Wires>,
+    name: &'static str,
+    fault: LineFault,
+    seed: u64,
+    extent: &Extent,
+    report: &mut Report,
+) -> Result<()> {
+    // As `hrg` sends it: a zero first, for whatever may have come in before.
+    let frame = [&[0], &Message::Identify.encode()[..]].concat();
+    let start = board.snapshot()?;
+    let n = extent.bytes / 2000;
+    let (mut answered, mut counted, mut resets, mut gap) = (0, 0, 0, 0);
+    for k in 0..n {
+        board.restore(&start)?;
+        let mut draw = draws(seed, 4, k);
+        let mut bad = frame.clone();
+        let at = draw.random_range(0..bad.len());
+        // Where the stop bit is missing, the bits before it are in doubt; noise that is noticed need not have changed one.
+        if fault == LineFault::Framing || draw.random() {
+            bad[at] ^= 1 << draw.random_range(0..8);
+        }
+        board.world.hear_badly(&bad, at, fault);
+        board.poll_link();
+        resets += run(board, board.now() + cycles(0.02))?.n;
+        let before = board.world.received.other.len();
+        board.world.hear(&frame);
+        board.poll_link();
+        resets += run(board, board.now() + cycles(1.2))?.n;
+        let received = std::mem::take(&mut board.world.received);
+        answered += u64::from(received.other.len() == before + 1);
+        counted += u64::from(received.housekeeping.last().is_some_and(|h| h.link_errors > 0));
+        gap += gaps(&received);
+    }
+    board.restore(&start)?;
+    report.row(
+        name,
+        n,
+        format!(
+            "the next command is answered {answered}, the error is counted {counted}; {gap} gaps in the rates, {resets} resets"
+        ),
+        answered == n && counted == n && gap == 0 && resets == 0,
+    );
+    Ok(())
+}
+
 /// Everything on the link.
 ///
 /// # Errors
@@ -170,6 +217,12 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
             format!("bytes at line rate, {n} commands, {} answers, {bad} overruns or bad frames; longest delay of a rate {delay:.2} ms (undisturbed {:.2} ms), {gaps} gaps, {resets} resets", r.other.len(), longest_ms(&quiet)),
             resets == 0 && gaps == 0 && bad == 0 && delay <= DELAY_MS,
         );
+    }
+    for (name, fault) in [
+        ("link: a byte without its stop bit (FE)", LineFault::Framing),
+        ("link: noise within a byte (NF)", LineFault::Noise),
+    ] {
+        line_faults(&mut board, name, fault, seed, extent, report)?;
     }
     let mut after = vec![0; FLASH_SIZE as usize];
     board.read_memory(FLASH_START, &mut after)?;

@@ -217,7 +217,7 @@ fn run(board: &mut Board<Wires>, until: u64) -> Result<Resets> {
         match board.run_until(until)? {
             Stop::Time => return Ok(resets),
             Stop::Watchdog | Stop::Software => resets = Resets { n: resets.n + 1, last: Some(board.now()) },
-            Stop::Instruction | Stop::Flash => anyhow::bail!("stopped where nobody asked for it"),
+            Stop::Instruction | Stop::Flash | Stop::Exit(_) => anyhow::bail!("stopped where nobody asked for it"),
         }
     }
 }

@@ -1,0 +1,92 @@
+//! What the core computes, as checksums: the same on a desktop (`host-tests/tests/chip.rs`) and on the chip (`firmware/tests/chip.rs`). Nothing here needs
+//! wires, clocks or an allocator.
+
+use hrg_core::bytes::Digest;
+use hrg_core::calibration::Calibration;
+use hrg_core::compensator::Compensator;
+use hrg_core::frequency::{Config, CounterBank};
+use hrg_core::timebase::Timebase;
+use hrg_core::{math, AXES};
+
+/// Stored images of every kind of bias model, and the checksum of what each makes of [`frequencies`].
+pub const IMAGES: [(&str, &[u8], u32); 5] = [
+    ("default", include_bytes!("../../../hrg-core/tests/images/version-1-default.bin"), 0xfba2_fc38),
+    ("effects", include_bytes!("../../../hrg-core/tests/images/version-1-effects.bin"), 0x2e81_dbd4),
+    ("models", include_bytes!("../../../hrg-core/tests/images/version-1-models.bin"), 0x9041_e81c),
+    ("uncertain", include_bytes!("../../../hrg-core/tests/images/version-2-uncertain.bin"), 0x2abd_4e22),
+    ("accelerometers", include_bytes!("../../../hrg-core/tests/images/version-3-accelerometers.bin"), 0x2abd_4e22),
+];
+/// Of [`functions`].
+pub const FUNCTIONS: u32 = 0x97fd_5a41;
+/// Of [`edges`].
+pub const EDGES: u32 = 0x2d4f_2eb3;
+
+/// Steps of the model.
+const STEPS: u16 = 900;
+
+/// Resonator frequencies of a unit that warms up, wavers and cools down, Hz. Every 97th is missing.
+fn frequencies(step: u16) -> [Option<f64>; AXES] {
+    let t = f64::from(step) / f64::from(STEPS);
+    let wave = f64::from(step % 50) / 50.0 - 0.5;
+    [4900.0, 4892.0, 4703.7].map(|f| (step % 97 != 96).then_some(f + 30.0 * t * (1.0 - t) + 0.01 * wave))
+}
+
+/// What the model of an image makes of the frequencies: every bias, temperature and rate of change, bit for bit. `None`: the image does not load.
+pub fn model(image: &[u8]) -> Option<u32> {
+    let mut model = Compensator::new(Calibration::from_bytes(image).ok()?, 0.0);
+    let mut sum = Digest::default();
+    for step in 0..STEPS {
+        let output = model.step(&frequencies(step));
+        for values in [output.temperature_c, output.ramp_c_per_min, output.bias_dph, output.bias_std_dph] {
+            // (Which NaN it is differs between processors, and says nothing.)
+            let bits = values.map(|v| if v.is_nan() { f32::NAN } else { v }.to_bits());
+            bits.iter().for_each(|b| sum.update(&b.to_le_bytes()));
+        }
+    }
+    Some(sum.finish())
+}
+
+/// The functions that are not the compiler's own.
+pub fn functions() -> u32 {
+    let mut sum = Digest::default();
+    for k in -400..400i16 {
+        let x = f32::from(k) * 0.037;
+        let (s, c) = math::single::sin_cos(x);
+        for value in [s, c, libm::expf(x), libm::logf(x.abs() + 0.1), libm::tanhf(x), libm::sqrtf(x.abs())] {
+            sum.update(&value.to_bits().to_le_bytes());
+        }
+        let x = f64::from(k) * 0.037;
+        let (s, c) = math::double::sin_cos(x);
+        for value in [s, c, libm::exp(x), libm::log(x.abs() + 0.1), libm::sqrt(x.abs())] {
+            sum.update(&value.to_bits().to_le_bytes());
+        }
+    }
+    sum.finish()
+}
+
+/// Frequencies of time stamps, over the end of a counter of 32 bits.
+pub fn edges() -> u32 {
+    let mut bank = CounterBank::new(Config::at(Timebase::at(90_000_000)), 10);
+    let mut sum = Digest::default();
+    let mut stamps = [u32::MAX - 400_000_000; AXES];
+    for k in 0..30_000u32 {
+        for (axis, stamp) in stamps.iter_mut().enumerate() {
+            // About 4.9 kHz of 90 MHz, with a jitter of some ticks.
+            *stamp = stamp.wrapping_add(18_367 + 30 * axis as u32 + (k.wrapping_mul(2_654_435_761) >> 30));
+            bank.push(axis, core::slice::from_ref(stamp));
+        }
+        if let Some(step) = bank.poll(stamps[0]) {
+            for f in step.frequency_hz.into_iter().flatten() {
+                sum.update(&f.to_bits().to_le_bytes());
+            }
+        }
+    }
+    sum.finish()
+}
+
+/// CRC-32/MPEG-2, bit by bit: what the CRC unit is compared with.
+pub fn crc_32_mpeg_2(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(u32::MAX, |sum, byte| {
+        (0..8).fold(sum ^ u32::from(*byte) << 24, |s, _| s << 1 ^ if s >> 31 != 0 { 0x04C1_1DB7 } else { 0 })
+    })
+}
