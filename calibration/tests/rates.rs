@@ -3,10 +3,11 @@
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify as identify_bias;
 use hrg_cal::fit::prepare;
-use hrg_cal::rates::{all_dwells, bins, identify, quality, told_apart, Found, CHAMBER};
+use hrg_cal::rates::{all_dwells, bins, identify, lacking, quality, told_apart, Found, CHAMBER};
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::turning::{Gyros, Scheme};
 use hrg_cal::simulate::{Plan, Profile};
+use hrg_cal::trace::trace;
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 
@@ -32,19 +33,15 @@ fn found(unit: u64, seed: u64) -> Found {
 
 #[test]
 fn three_hundred_become_less_than_five_on_a_run_that_the_fit_never_saw() {
+    // One rate: half of the visits at 9 deg/s would be twice as noisy.
+    let at_18 = Scheme { rates_deg_per_s: vec![18.0], ..Scheme::default() };
     for unit in [3, 8] {
         let before = bias_of(unit);
         let after = found(unit, 50 + unit).calibration;
         // Other temperatures, other ramps, other noise.
-        let unseen = turned(unit, 70 + unit, "25,52@0.7,3h,-5@0.5,3h,-33@0.6,3h,25@0.3", Scheme::default());
+        let unseen = turned(unit, 70 + unit, "25,52@0.7,3h,-5@0.5,3h,-33@0.6,3h,25@0.15", at_18.clone());
         let left = |c: &Calibration| {
             let all = bins(&all_dwells(std::slice::from_ref(&unseen), c).expect("usable"));
-            for b in &all {
-                println!(
-                    "{} {:.1} {:.2} +- {:.2} {:?}",
-                    b.axis, b.temperature_c, b.scale_ppm, b.scale_std_ppm, b.cross_urad
-                );
-            }
             assert!(all.len() >= 12, "{}", all.len());
             let scale = all.iter().map(|b| b.scale_ppm.abs()).fold(0.0, f64::max);
             let cross = all.iter().flat_map(|b| b.cross_urad).map(f64::abs).fold(0.0, f64::max);
@@ -64,6 +61,7 @@ fn three_hundred_become_less_than_five_on_a_run_that_the_fit_never_saw() {
 fn curves_are_as_near_the_truth_as_stated() {
     let (mut worst, mut scale, mut cross) = ([0.0f64; 2], Vec::new(), Vec::new());
     let (mut asymmetry, mut nonlinearity) = (Vec::new(), Vec::new());
+    let simulated = Calibration::uncalibrated();
     for unit in 20..32 {
         let f = found(unit, unit);
         let gyros = Gyros::of(unit);
@@ -72,16 +70,20 @@ fn curves_are_as_near_the_truth_as_stated() {
             // by their squares (of each dwell, with as many of either).
             let (hi, lo) = (18.0f64.powi(2), 9.0f64.powi(2));
             let bent = gyros.nonlinearity_ppm(a, 18.0) * (hi * hi + lo * lo) / (hi * (hi + lo));
-            for t in [-38.0, -27.0, -3.0, 22.0, 47.0, 58.0] {
+            for resonator_c in [-38.0, -27.0, -3.0, 22.0, 47.0, 58.0] {
+                // The unit's temperature is that of the case sensor it was calibrated by: the resonator is warmer, and it is the resonator's
+                // frequency that both go by.
+                let reading = simulated.axes[a].curve.frequency_hz(resonator_c).expect("in range");
+                let t = f64::from(f.calibration.axes[a].curve.temperature_c(reading));
                 let (ppm, std) = f.axes[a].scale_at(&f.calibration.scaling, t, 0.0);
-                let error = ppm - 1e6 * (1.0 / (gyros.scale_factor(a, t) + 1e-6 * bent) - 1.0);
+                let error = ppm - 1e6 * (1.0 / (gyros.scale_factor(a, resonator_c) + 1e-6 * bent) - 1.0);
                 worst[0] = worst[0].max(error.abs());
                 scale.push((error / std).powi(2));
                 let stated = f.calibration.rates.as_ref().expect("found")[a].scale_std_at_ppm(t as f32);
                 assert!((f64::from(stated) / std - 1.0).abs() < 0.5, "the image states {stated}, the fit {std}");
                 for j in 0..2 {
                     let (urad, std) = f.axes[a].misalignment_at(&f.calibration.scaling, j, t);
-                    let error = urad - gyros.misalignment_urad(t)[a][j];
+                    let error = urad - gyros.misalignment_urad(resonator_c)[a][j];
                     worst[1] = worst[1].max(error.abs());
                     cross.push((error / std).powi(2));
                 }
@@ -134,4 +136,45 @@ fn what_a_scheme_cannot_tell_is_left_out_and_said() {
     let mut still = soak;
     still.optional.retain(|(n, _)| !n.starts_with("table_rate"));
     assert!(identify(&[still], &bias).expect_err("no rates").0.contains("table_rate_?_dph"));
+}
+
+/// A run on the table of a unit whose scale factors have a play of `width_c`, too: `ppm` from one side of it to the other. No physics of the
+/// simulator, and nothing of the bias.
+fn with_play(seed: u64, profile: &str, width_c: f64, ppm: f64) -> Recording {
+    let mut r = turned(4, seed, profile, Scheme::default());
+    for (a, name) in ["case_x_c", "case_y_c", "case_z_c"].into_iter().enumerate() {
+        let case_c = r.column(name).expect("simulated").to_vec();
+        let mut middle = case_c[0];
+        for (rate, t) in r.rate_dph[a].iter_mut().zip(case_c) {
+            middle = middle.clamp(t - 0.5 * width_c, t + 0.5 * width_c);
+            *rate *= 1.0 + 1e-6 * ppm * (t - middle) / width_c;
+        }
+    }
+    r
+}
+
+#[test]
+fn what_a_scale_factor_lacks_is_traced_by_the_same_families() {
+    let bias = bias_of(4);
+    for (ppm, wanted) in [(60.0, true), (0.0, false)] {
+        let runs = [(1, "cycle"), (2, "verify")]
+            .map(|(seed, profile)| lacking(&with_play(seed, profile, 12.0, ppm), &bias).expect("a run on a table"));
+        let t = trace(&runs[..1], &runs[1]).expect("traces").report;
+        let found: Vec<&str> = t.effects.iter().map(|e| e.class.name()).collect();
+        for n in ["x", "y", "z"] {
+            println!(
+                "play of {ppm} ppm, {n}: {:.2} -> {:.2} ppm on the verify run; {found:?}",
+                t.baseline[n].verify_rms_dph, t.r#final[n].verify_rms_dph
+            );
+        }
+        assert_eq!(found.contains(&"hysteresis"), wanted, "{found:?}");
+        assert!(!wanted || t.r#final["x"].verify_rms_dph < 0.5 * t.baseline["x"].verify_rms_dph);
+    }
+    let still = still_run();
+    assert!(lacking(&still, &bias).expect_err("no table").0.contains("table_rate_?_dph"));
+}
+
+/// A run of the same unit without a table.
+fn still_run() -> Recording {
+    Plan::of(Profile::parse("cycle").expect("named"), 4, 9).simulate().recording
 }

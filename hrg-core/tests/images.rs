@@ -115,7 +115,8 @@ fn an_image_without_rates_corrects_by_the_bias_alone_to_the_last_bit() {
                 Some(a.curve.frequency_centre_hz + share * f64::from(a.curve.frequency_scale_hz))
             });
             let end_ticks = u64::from(step + 1) * 90_000_000;
-            let now = unit.update(&StepFrequencies { step, end_ticks, frequency_hz, rejected: [0; 3], missing: [0; 3] });
+            let now =
+                unit.update(&StepFrequencies { step, end_ticks, frequency_hz, rejected: [0; 3], missing: [0; 3] });
             assert!(now.factors.same(&Factors::UNIT));
             assert!(now.status.iter().all(|s| !s.contains(AxisStatus::SCALE_FACTOR)));
             let raw = [step as f32 * 1.7 - 300.0, 1e-3 * step as f32, -65_000.3];

@@ -16,7 +16,7 @@ pub struct Bin {
     pub scale_ppm: f64,
     /// What the axis gives of rates about the two others, urad.
     pub cross_urad: [f64; 2],
-    /// Standard deviation of the scale factor by what its values scatter, ppm; NaN of a single one.
+    /// Standard deviation of the scale factor by what its values scatter, ppm.
     pub scale_std_ppm: f64,
 }
 
@@ -49,7 +49,10 @@ pub(super) fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
     dwells.chunk_by(|p, q| p.visit == q.visit)
 }
 
-/// What is left by axis and temperature, coldest first, in bins that have a visit about each axis.
+/// Fewer visits about an axis say more of noise than of the unit.
+const LEAST_VISITS: usize = 3;
+
+/// What is left by axis and temperature, coldest first, in bins of 10 C that have three visits about each axis.
 #[must_use]
 pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
     let mut out = Vec::new();
@@ -63,7 +66,7 @@ pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
             bin.0[about].push(slope);
             bin.1.push(t);
         }
-        for (slopes, t) in by_bin.into_values().filter(|(s, _)| s.iter().all(|v| !v.is_empty())) {
+        for (slopes, t) in by_bin.into_values().filter(|(s, _)| s.iter().all(|v| v.len() >= LEAST_VISITS)) {
             let (scale_ppm, scale_std_ppm) = weighted(&slopes[axis]);
             out.push(Bin {
                 axis,
