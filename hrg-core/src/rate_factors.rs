@@ -273,7 +273,6 @@ mod tests {
             scale_std_ppm: [4.0, 2.0, 1.0, 2.0, 6.0],
             misalignment_std_urad: [[1.0, 2.0], [3.0, 6.0]],
             misalignment_urad: [[300.0, -200.0], [10.0, 20.0]],
-            ..RateAxis::default()
         }
     }
 

@@ -366,12 +366,14 @@ mod tests {
         for pair in rows.chunks_exact(2) {
             assert!(pair[0].normalised > 1.3, "{}: {}", pair[0].name, pair[0].normalised);
             assert!((0.9..1.15).contains(&pair[1].normalised), "{}: {}", pair[1].name, pair[1].normalised);
+            // Nor are platforms refused for what is stated.
+            assert!(pair[0].refused > 20 && pair[1].refused < 8, "{}: {}", pair[1].name, pair[1].refused);
         }
         // Without a turn that brings anything, nothing changes; with a turn of 180 degrees a drift counts for less.
         let config = Plant::chen(1).play().0.config().expect("a site");
-        assert_eq!(config.turn_variance(1.5), 0.0);
+        assert_eq!(config.turn_variances(1.5), [0.0; 2]);
         let config = hrg_core::alignment::Config { heading_drift: 0.02 * DPH, ..config };
-        let std_arcmin = |angle: f64| config.turn_variance(angle * DEGREE).sqrt() / ARCMIN;
+        let std_arcmin = |angle: f64| config.turn_variances(angle * DEGREE)[0].sqrt() / ARCMIN;
         // 0.02 deg/h over 2 * 15.04 * cos 45 deg * sin(b/2).
         assert!(
             (std_arcmin(90.0) - 4.571).abs() < 0.01 && (std_arcmin(180.0) - 3.232).abs() < 0.01,

@@ -11,6 +11,9 @@ use crate::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 
+/// What `# rates` says of such a recording.
+pub const LACKING: &str = "scale-factor-lacks";
+
 /// The recording of a run on a rate table with, in the place of each rate, what the scale factor of the axis lacks, ppm: in the dwells of visits
 /// about that axis `1e6 (table - corrected + middle) / table`, where the middle of plus and minus rates is the bias that is left;
 /// elsewhere NaN. Times, thermometers and sensors are those of the run.
@@ -48,7 +51,8 @@ pub fn lacking(r: &Recording, calibration: &Calibration) -> Result<Recording, Ba
     }
     let mut lacking = r.clone();
     // (The earth's rate is in no share of a rate.)
-    lacking.meta.retain(|(k, _)| ![metadata::TABLE_RATE, "latitude_deg", "axes"].contains(&k.as_str()));
+    lacking.meta.retain(|(k, _)| ![metadata::TABLE_RATE, "latitude_deg", "axes", "rates"].contains(&k.as_str()));
+    lacking.meta.push(("rates".into(), LACKING.into()));
     lacking.optional.retain(|(n, _)| (0..AXES).all(|a| TABLE_RATE.name(a) != *n));
     lacking.earth_rate_dph = None;
     for (rates, out) in lacking.rate_dph.iter_mut().zip(&out) {

@@ -22,7 +22,7 @@ mod quality;
 pub use curve::Curve;
 use curve::Point;
 pub use dwells::{dwells, dwells_of_unit, Dwell};
-pub use lacks::lacking;
+pub use lacks::{lacking, LACKING};
 pub use quality::{bins, quality, Bin, Quality};
 
 use crate::fit::independence::{same_unit, Units};

@@ -38,8 +38,8 @@ pub struct Aligner<F> {
     turned: f64,
     /// What a turn brings to the azimuth is of this site.
     config: Config,
-    /// What it has brought, rad^2.
-    turn_variance: f64,
+    /// What it has brought: [`Config::turn_variances`].
+    turn_variances: [f64; 2],
     surprise: f64,
     restarts: u32,
     converged_at_s: Option<f64>,
@@ -83,7 +83,7 @@ impl<F: Filter> Aligner<F> {
             position: 0,
             turned: 0.0,
             config: Config::IDLE,
-            turn_variance: 0.0,
+            turn_variances: [0.0; 2],
             surprise: 1.0,
             restarts: 0,
             converged_at_s: None,
@@ -105,7 +105,7 @@ impl<F: Filter> Aligner<F> {
         self.position = 0;
         self.turned = 0.0;
         self.config = *config;
-        self.turn_variance = 0.0;
+        self.turn_variances = [0.0; 2];
         self.surprise = 1.0;
         self.restarts = 0;
         self.converged_at_s = None;
@@ -182,7 +182,7 @@ impl<F: Filter> Aligner<F> {
             return;
         }
         self.filter.turn(angle, seconds);
-        self.turn_variance = self.config.turn_variance(angle);
+        self.turn_variances = self.config.turn_variances(angle);
         self.belief = self.estimate();
         self.elapsed_s += seconds;
         self.position = 1;
@@ -197,8 +197,12 @@ impl<F: Filter> Aligner<F> {
     /// What the filter estimates, and with the uncertainty that the turn brings where it is stated.
     fn estimate(&self) -> Option<Estimate> {
         let mut e = self.filter.estimate()?;
-        if self.turn_variance > 0.0 {
-            e.azimuth_std = libm::sqrt(e.azimuth_std * e.azimuth_std + self.turn_variance);
+        let [azimuth, length] = self.turn_variances;
+        if azimuth > 0.0 {
+            // The filter's own uncertainty of the length is as that of the azimuth, for that of (cos A, sin A) is a circle.
+            let own = e.azimuth_std * e.azimuth_std;
+            e.azimuth_std = libm::sqrt(own + azimuth);
+            e.integrity = e.integrity.map(|i| i * own / (own + length));
         }
         Some(e)
     }

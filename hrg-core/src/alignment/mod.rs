@@ -213,15 +213,19 @@ impl Config {
         })
     }
 
-    /// Variance that the turn by `angle` (rad) brings to the azimuth, rad^2. The two positions' rates differ by a vector of length
-    /// `2 Oc sin(b/2)` along `A + b/2` (`docs/alignment.md`): a change of the drifts across it turns it, and half of the turn's error goes
-    /// into the azimuth.
+    /// Variances that the turn by `angle` (rad) brings, to the azimuth (rad^2) and to the length of what it goes by, over that length. The
+    /// two positions' rates differ by a vector of length `2 Oc sin(b/2)` along `A + b/2` (`docs/alignment.md`). A change of the drifts
+    /// across it turns it, one along it changes its length; of the turn's error `e` half goes into the azimuth, and `e/2 cot(b/2)` into the
+    /// length.
     #[must_use]
-    pub fn turn_variance(&self, angle: f64) -> f64 {
-        let length = 2.0 * self.earth().0 * double::sin_cos(0.5 * angle).0;
-        let (drift, error) = (self.heading_drift / length, 0.5 * self.turn_error);
-        let sum = if self.heading_drift > 0.0 { drift * drift } else { 0.0 };
-        sum + error * error
+    pub fn turn_variances(&self, angle: f64) -> [f64; 2] {
+        if self.heading_drift == 0.0 && self.turn_error == 0.0 {
+            return [0.0; 2];
+        }
+        let (sin, cos) = double::sin_cos(0.5 * angle);
+        let drift = self.heading_drift / (2.0 * self.earth().0 * sin);
+        let (across, along) = (0.5 * self.turn_error, 0.5 * self.turn_error * cos / sin);
+        [drift * drift + across * across, drift * drift + along * along]
     }
 
     /// Horizontal and vertical earth rate, rad/s.

@@ -104,6 +104,7 @@ fn align_with(
         power_on_s: 0.0,
         run_in: 0,
         thermometer: Default::default(),
+        in_turns: false,
         absent: Default::default(),
         frequency_hz: [0, 1, 2].map(|a: usize| constant(frequency(a))),
         rate_dph: [0, 1, 2].map(|_| constant(0.0)),

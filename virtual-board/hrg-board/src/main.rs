@@ -359,8 +359,7 @@ fn run(command: Command) -> Result<()> {
             hrg_board::methods::methods(&elf, &Work { out: &out, seed, seconds, fly, table, page })
         }
         Command::Rates { seed, out, elf } => {
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            hrg_board::rates::rates(&elf, seed, &out)
+            hrg_board::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
         }
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
