@@ -4,18 +4,20 @@
 //! Both images are given the same readings of the thermometers: those at which the older one says T on a soak. For each, `hrg-core` gives what
 //! the unit would subtract, as a day after power-on, [`SOAK_S`] after the beginning ([`crate::fit::correct::Model`]). So a change is
 //! what the same unit would send differently. Its standard deviation is that of both images, which were made from different runs; where an
-//! image does not state one, it is NaN, and the change has no number of standard deviations.
+//! image states those of its coefficients alone, they are taken as independent; where it states none, it is NaN, and the change has no number of
+//! standard deviations.
 //!
-//! The trend is a straight line in time through the mean of each quantity over the temperatures, by weighted least squares. The standard
+//! The trend is a straight line in time through the mean of each quantity over the temperatures, by least squares with weights. The standard
 //! deviations of an image at its temperatures are taken as fully alike, so that of the mean is their mean. Calibrate again when the
 //! trend has moved a bias by the limit; at the earliest, when the trend and twice its standard deviation have.
 
 use crate::fit::correct::{Model, Stepped};
-use crate::numeric::lsq;
 use crate::numeric::stats::mean;
 use crate::plot::{self, Panel, Series};
 use crate::{BadInput, AXIS_NAMES};
+use hrg_core::bias::{self, Coefficients};
 use hrg_core::calibration::Calibration;
+use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::rate_factors::OTHERS;
 use hrg_core::temperature::TemperatureCurve;
@@ -150,6 +152,24 @@ fn reading_of(curve: &TemperatureCurve, temperature_c: f64) -> f64 {
     0.5 * (low + high)
 }
 
+/// Standard deviation of a bias on a soak, deg/h: as the unit states it, else by those of the coefficients as if they were independent; NaN where neither is
+/// stated.
+fn bias_std_dph(c: &Calibration, a: usize, output: &Output) -> f64 {
+    let stated = f64::from(output.bias_std_dph[a]);
+    if stated.is_finite() || !matches!(c.axes[a].coefficients, Coefficients::CoolingHeating(..)) {
+        return stated;
+    }
+    let x = bias::regressors(&c.scaling, output.temperature_c[a], 0.0);
+    // (At no ramp it is the heating set that counts.)
+    let [_, heating] = &c.axes[a].bias_std_dph;
+    let variance: f64 = heating.iter().zip(x).map(|(s, x)| f64::from(s * x).powi(2)).sum();
+    if variance > 0.0 {
+        variance.sqrt()
+    } else {
+        f64::NAN
+    }
+}
+
 /// What an image gives for the readings of a soak: each quantity, with its standard deviation.
 fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Vec<(f64, f64)> {
     let mut model = Model::new(c.clone(), AGE_S);
@@ -169,7 +189,7 @@ fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Ve
     quantities
         .iter()
         .map(|q| match *q {
-            Quantity::Bias(a) => (f64::from(output.bias_dph[a]), f64::from(output.bias_std_dph[a])),
+            Quantity::Bias(a) => (f64::from(output.bias_dph[a]), bias_std_dph(c, a, &output)),
             Quantity::ScaleFactor(a) => {
                 let std = c.rates.as_ref().map_or(0.0, |r| r[a].scale_std_at_ppm(output.temperature_c[a]));
                 let all = f64::from(output.factors.scale()[a]) * f64::from(c.axes[a].scale_factor_dph_per_code);
@@ -307,14 +327,24 @@ pub fn trends(all: &[Dated], quantities: &[Quantity], values: &[Vec<Vec<Value>>]
             })
             .collect();
         let stated = means.iter().all(|m| m.std > 0.0);
-        let weights: Vec<f64> = means.iter().map(|m| if stated { m.std.powi(-2) } else { 1.0 }).collect();
-        let y: Vec<f64> = means.iter().map(|m| m.value).collect();
-        let fit = lsq::fit(&[vec![1.0; y.len()], years.clone()], &y, Some(&weights), &["constant", "trend"])?;
-        // What the images state, and more where they scatter by more.
-        let scatter = if stated { fit.std[1] / fit.sigma.min(1.0) } else { f64::NAN };
-        Ok(Trend { quantity: quantities[q], means, per_year: (fit.coefficients[1], scatter) })
+        let per_year = straight_line(&years, &means, stated);
+        Trend { quantity: quantities[q], means, per_year }
     };
-    (0..quantities.len()).map(one).collect()
+    Ok((0..quantities.len()).map(one).collect())
+}
+
+/// Slope of a straight line through means by their stated standard deviations, and its own: what the images state, and more where the means scatter by
+/// more; NaN where they state nothing.
+fn straight_line(years: &[f64], means: &[Value], stated: bool) -> (f64, f64) {
+    let weights: Vec<f64> = means.iter().map(|m| if stated { m.std.powi(-2) } else { 1.0 }).collect();
+    let total: f64 = weights.iter().sum();
+    let middle = |of: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(k, w)| w * of(k)).sum::<f64>() / total;
+    let (at, value) = (middle(&|k| years[k]), middle(&|k| means[k].value));
+    let spread = total * middle(&|k| (years[k] - at).powi(2));
+    let slope = total * middle(&|k| (years[k] - at) * (means[k].value - value)) / spread;
+    let squares = total * middle(&|k| (means[k].value - value - slope * (years[k] - at)).powi(2));
+    let scatter = (squares / (means.len() as f64 - 2.0)).max(1.0);
+    (slope, if stated { (scatter / spread).sqrt() } else { f64::NAN })
 }
 
 /// What changed from the oldest to each newer image, over the temperatures, as SVG: a panel for each quantity, a line for each image, a band of two
@@ -356,7 +386,6 @@ pub fn picture(all: &[Dated], quantities: &[Quantity], values: &[Vec<Vec<Value>>
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hrg_core::bias::Coefficients;
     use hrg_core::rate_factors::RateAxis;
 
     /// An image whose biases are a constant, with a stated standard deviation of 0.1 deg/h.
@@ -439,6 +468,8 @@ mod tests {
         assert!((t.per_year.1 - 0.1 / 5f64.sqrt()).abs() < 1e-4, "{:?}", t.per_year);
         let (expected, earliest) = t.years_to(0.3);
         assert!((expected - 1.5).abs() < 1e-4 && (earliest - 0.3 / (0.2 + 0.2 / 5f64.sqrt())).abs() < 1e-3);
+        let three = trends(&all[..3], &q, &values(&all[..3], &q).expect("fine")).expect("dated").remove(0);
+        assert!((three.per_year.0 - 0.2).abs() < 1e-6 && (three.per_year.1 - 0.1 / 2f64.sqrt()).abs() < 1e-4);
         // The order of the files does not matter.
         let turned: Vec<Dated> = all.iter().rev().cloned().collect();
         let again = trends(&turned, &q, &values(&turned, &q).expect("fine")).expect("dated").remove(0);
