@@ -6,6 +6,7 @@ use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
+use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{size, Field, Format, Layout};
 use hrg_core::temperature::TemperatureCurve;
 use std::fmt::Write as _;
@@ -81,7 +82,11 @@ pub fn image() -> String {
     s += &part("What the fit of an axis left", Axis::FIELDS);
     s += &part("Effect", EffectHead::FIELDS);
     s += "\nBehind that, for each axis: n gains (f32, deg/h per unit of the regressor) and their n standard deviations.\n";
-    s + &part("Accelerometers (since version 3, behind what version 2 has)", Accelerometers::FIELDS)
+    s += &part("Accelerometers (since version 3, behind what version 2 has)", Accelerometers::FIELDS);
+    s + &part(
+        "Scale factor and misalignment of an axis (since version 4: x, y, z behind the accelerometers)",
+        RateAxis::FIELDS,
+    )
 }
 
 /// The tables of the link's messages.

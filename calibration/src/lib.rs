@@ -7,6 +7,7 @@
 //! | [`fit`] | coefficients by the methods of the sources, enough data behind them, what a unit sends |
 //! | [`trace`] | what the model lacks; the cards of the effects |
 //! | [`image_file`] | the calibration image as a text file |
+//! | [`images`] | images of one unit side by side: what changed, trends |
 //! | [`formats`] | the tables of bytes that the docs print |
 //! | [`align`] | self-alignment |
 //! | [`simulate`] | a chamber run from a plant model |
@@ -15,6 +16,7 @@
 //! | [`compare`] | every method on the same data, the trace beside them |
 //! | [`measured`] | the loop on measured data |
 //! | [`wu2023`] | wu2023's loop on a simulated gyro with temperature sensors only |
+//! | [`rates`] | scale factor and misalignment over temperature from runs on a rate table |
 //! | [`report`] | figures of a data sheet from recordings alone |
 //! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
@@ -27,10 +29,12 @@ pub mod compare;
 pub mod fit;
 pub mod formats;
 pub mod image_file;
+pub mod images;
 pub mod measured;
 pub mod numeric;
 pub mod plot;
 pub mod profiles;
+pub mod rates;
 pub mod recording;
 pub mod report;
 pub mod simulate;

@@ -19,6 +19,7 @@ use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
 use crate::history::{self, Head, History, Kept};
+use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
@@ -41,6 +42,8 @@ pub struct Output {
     /// Their standard uncertainties, deg/h, as the calibration states them ([`crate::calibration::Uncertainty`]); NaN where it does
     /// not. Of the constant, what changes from one power-on to the next is not in it unless the calibration had several.
     pub bias_std_dph: [f32; AXES],
+    /// What the rates are multiplied by once the bias is off.
+    pub factors: Factors,
     /// Status bits ([`AxisStatus`]).
     pub status: [AxisStatus; AXES],
     /// Time since power-on at the end of the step, over restarts, s.
@@ -56,6 +59,7 @@ impl Output {
             && equal(&self.bias_std_dph, &other.bias_std_dph)
             && equal(&self.temperature_c, &other.temperature_c)
             && equal(&self.ramp_c_per_min, &other.ramp_c_per_min)
+            && self.factors.same(&other.factors)
             && self.status == other.status
             && self.on_for_s.to_bits() == other.on_for_s.to_bits()
     }
@@ -87,6 +91,10 @@ pub struct Compensator {
     bias_dph: [f32; AXES],
     bias_std_dph: [f32; AXES],
     trim_dph: [f32; AXES],
+    /// Scale factors and misalignments of the last step that had a temperature, with their status.
+    scale: [f32; AXES],
+    coupling: [[f32; 2]; AXES],
+    factor_status: [AxisStatus; AXES],
 }
 
 impl Compensator {
@@ -118,6 +126,9 @@ impl Compensator {
             bias_dph: [0.0; AXES],
             bias_std_dph: [f32::NAN; AXES],
             trim_dph: [0.0; AXES],
+            scale: [1.0; AXES],
+            coupling: [[0.0; 2]; AXES],
+            factor_status: [AxisStatus::empty(); AXES],
         }
     }
 
@@ -202,6 +213,7 @@ impl Compensator {
             ramp_c_per_min: [x.state.ramp_c_per_min, y.state.ramp_c_per_min, z.state.ramp_c_per_min],
             bias_dph,
             bias_std_dph: [f32::NAN; AXES],
+            factors: Factors::UNIT,
             on_for_s: thermal.time_s,
             status: [if self.calibration.calibrated { AxisStatus::empty() } else { AxisStatus::UNCALIBRATED }; AXES],
         };
@@ -220,6 +232,10 @@ impl Compensator {
                     output.status[k] |= AxisStatus::UNCALIBRATED;
                 }
             }
+            if let Some(rates) = self.calibration.rates.as_ref().filter(|_| now.age == 0 && now.known) {
+                (self.scale[k], self.coupling[k], self.factor_status[k]) = rates[k].at(scaling, &now.state);
+            }
+            output.status[k] |= self.factor_status[k];
             if unknown.axes[k] {
                 output.status[k] |= AxisStatus::HISTORY_UNKNOWN;
             }
@@ -229,6 +245,7 @@ impl Compensator {
             output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
             output.bias_std_dph[k] = self.bias_std_dph[k];
         }
+        output.factors = Factors::new(self.scale, self.coupling);
         let untrusted = output.status.map(|s| s.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
         for (k, (status, looks)) in output.status.iter_mut().zip(self.looks_at_neighbours).enumerate() {
             if looks && untrusted.iter().enumerate().any(|(j, untrusted)| j != k && *untrusted) {
@@ -330,6 +347,44 @@ mod tests {
         assert_eq!(out.status, [AxisStatus::empty(); 3]);
         let t = out.temperature_c[0];
         assert!((out.bias_dph[0] - (1.0 + 2.0 * (t - 10.0) / 45.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn factors_follow_the_temperature_are_held_without_one_and_are_compared() {
+        let plain = Compensator::new(calibrated(), 0.0).step(&F);
+        assert_eq!(plain.factors, Factors::UNIT);
+        let image = Calibration { rates: crate::calibration::tests::of_rates().rates, ..calibrated() };
+        let mut c = Compensator::new(image.clone(), 0.0);
+        for _ in 0..30 {
+            c.step(&F);
+        }
+        let out = c.step(&F);
+        assert_eq!(out.status, [AxisStatus::empty(); 3]);
+        let rates = image.rates.expect("stated");
+        for a in 0..AXES {
+            let state = c.thermometer.now().axes[a].state;
+            let (scale, coupling, _) = rates[a].at(&image.scaling, &state);
+            assert_eq!((out.factors.scale()[a], out.factors.coupling()[a]), (scale, coupling));
+            assert!(scale != 1.0 && coupling[0] > 2e-4);
+        }
+        // (The biases are those of an image without factors.)
+        assert_eq!(out.bias_dph, {
+            let mut p = Compensator::new(calibrated(), 0.0);
+            for _ in 0..30 {
+                p.step(&F);
+            }
+            p.step(&F).bias_dph
+        });
+        assert_eq!(c.step(&[F[0], None, F[2]]).factors.scale()[1].to_bits(), out.factors.scale()[1].to_bits());
+        let mut other = out;
+        other.factors =
+            Factors::new(out.factors.scale().map(|s| f32::from_bits(s.to_bits() ^ 1)), out.factors.coupling());
+        assert!(out.same(&out) && !out.same(&other), "the two models are compared in them, too");
+        // Outside their own range, which is narrower than that of the bias.
+        let mut narrow = image;
+        narrow.rates.as_mut().expect("stated")[2].rate_valid_to_c = -10.0;
+        let flagged = Compensator::new(narrow, 0.0).step(&F).status;
+        assert!(flagged[2].contains(AxisStatus::SCALE_FACTOR) && !flagged[0].contains(AxisStatus::SCALE_FACTOR));
     }
 
     #[test]

@@ -17,12 +17,14 @@
 //! | temperature and its rate to bias | [`bias`], [`effects`] | 1 Hz |
 //! | the thermal state of the three axes | [`thermal`] | 1 Hz |
 //! | their biases | [`compensator`] | 1 Hz |
-//! | raw rate minus bias | [`rate_path`] | 1 kHz in, 200 Hz out |
+//! | their scale factors and misalignments | [`rate_factors`] | 1 Hz |
+//! | raw rate to corrected rate | [`rate_path`] | 1 kHz in, 200 Hz out |
 //! | bytes on the wire | [`link`] | 200 Hz |
 //! | coefficients, in flash and in a file | [`calibration`] | at start |
 //!
 //! # One sign rule
-//! `corrected = raw - bias`, everywhere.
+//! `corrected = M(T) * S(T) * (raw - bias)`, everywhere; it stands in [`rate_factors`]. Without a scale factor and misalignment over
+//! temperature in the image, `M` and `S` are exactly one.
 //!
 //! # What is calibrated is what flies
 //! The desktop tools call this very crate to make the regressors of a fit, so a coefficient means the same
@@ -48,6 +50,7 @@ pub mod link;
 pub mod maintenance;
 pub mod math;
 pub mod pps;
+pub mod rate_factors;
 pub mod rate_of_change;
 pub mod rate_output;
 pub mod rate_path;

@@ -21,6 +21,7 @@
 
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
+use crate::rate_factors::Factors;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::timebase::Timebase;
 use crate::AXES;
@@ -46,6 +47,8 @@ pub struct PendingBias {
     pub step: u32,
     /// Bias of each axis, deg/h.
     pub bias_dph: [f32; AXES],
+    /// What the rates are multiplied by.
+    pub factors: Factors,
     /// Status of each axis.
     pub status: [AxisStatus; AXES],
     /// Integrity word over the rest: a bit that flips in memory shows.
@@ -62,13 +65,6 @@ pub const STALE_MS: u32 = 2_500;
 
 /// A bias is late if the first sample after its tick comes this much later, ms: two sample times.
 pub const LATE_MS: u32 = 2;
-
-/// A corrected rate, deg/h: the one sign rule, in the unit's arithmetic.
-#[inline(always)]
-#[must_use]
-pub fn corrected_dph(raw_dph: f32, bias_dph: f32) -> f32 {
-    raw_dph - bias_dph
-}
 
 /// Time between two samples, us: the ADC's 1 kSPS.
 pub const SAMPLE_US: u32 = 1000;
@@ -88,20 +84,29 @@ impl PendingBias {
     /// A bias of each axis, deg/h, with its status and the tick from which it holds.
     #[must_use]
     pub fn at(effective_tick: u32, step: u32, bias_dph: [f32; AXES], status: [AxisStatus; AXES]) -> Self {
-        let mut bias = Self { effective_tick, step, bias_dph, status, integrity: 0 };
-        bias.integrity = bias.fold();
-        bias
+        Self { effective_tick, step, bias_dph, factors: Factors::UNIT, status, integrity: 0 }
+            .with_factors(Factors::UNIT)
+    }
+
+    /// The same with what the rates are multiplied by.
+    #[must_use]
+    pub fn with_factors(mut self, factors: Factors) -> Self {
+        self.factors = factors;
+        self.integrity = self.fold();
+        self
     }
 
     /// The bias that a model step gave, with the tick from which it holds.
     #[must_use]
     pub fn new(timebase: Timebase, step: &StepFrequencies, output: &Output) -> Self {
         let effective_tick = (step.end_ticks as u32).wrapping_add(timebase.ms(BIAS_DELAY_MS));
-        Self::at(effective_tick, step.step, output.bias_dph, output.status)
+        Self::at(effective_tick, step.step, output.bias_dph, output.status).with_factors(output.factors)
     }
 
     fn fold(&self) -> u32 {
-        fold([self.effective_tick, self.step, word_of(self.status)]) ^ fold(self.bias_dph.map(f32::to_bits))
+        fold([self.effective_tick, self.step, word_of(self.status)])
+            ^ fold(self.bias_dph.map(f32::to_bits))
+            ^ self.factors.fold().rotate_left(7)
     }
 
     /// Whether it is as it was made.
@@ -326,11 +331,15 @@ impl RatePath {
         if times == 0 {
             return event;
         }
+        let mut raw_dph = [0.0; AXES];
+        for k in 0..AXES {
+            raw_dph[k] = codes[k] as f32 * self.scale_dph[k];
+        }
+        let rate_dph = self.current.factors.corrected_dph(raw_dph, self.current.bias_dph);
         for k in 0..AXES {
             let code = codes[k];
-            let rate_dph = corrected_dph(code as f32 * self.scale_dph[k], self.current.bias_dph[k]);
-            self.sum_dph[k] += rate_dph;
-            self.mirror.1[k] += rate_dph;
+            self.sum_dph[k] += rate_dph[k];
+            self.mirror.1[k] += rate_dph[k];
             self.changed[k] |= code ^ self.last_codes[k];
             self.last_codes[k] = code;
             if !(-FULL_SCALE_CODE..=FULL_SCALE_CODE).contains(&code) {
@@ -451,8 +460,8 @@ impl RatePath {
         if self.in_summary > 0 {
             for k in 0..AXES {
                 raw_dph[k] = (self.code_sum[k] as f64 / n) as f32 * self.scale_dph[k];
-                corrected_dph[k] = self::corrected_dph(raw_dph[k], self.current.bias_dph[k]);
             }
+            corrected_dph = self.current.factors.corrected_dph(raw_dph, self.current.bias_dph);
         }
         let summary = Summary {
             step: self.current.step,
@@ -480,6 +489,9 @@ impl RatePath {
                 self.unit_status |= UnitStatus::ADC_FAULT;
             }
         }
+        let over = self.axis_status.map(|s| s.contains(AxisStatus::OVER_RANGE));
+        let touched = self.current.factors.touched(over);
+        self.axis_status.iter_mut().zip(touched).filter(|(_, t)| *t).for_each(|(s, _)| *s |= AxisStatus::NEIGHBOUR);
         for (sum, status) in self.sum_dph.iter().zip(&mut self.axis_status) {
             // Only an image of absurd numbers brings this about.
             if !sum.is_finite() {
@@ -611,7 +623,7 @@ mod tests {
         assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::ADC_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {
-            for word in 0..9 {
+            for word in 0..10 {
                 let mut q = p.clone();
                 let flip = |f: &mut f32| *f = f32::from_bits(f.to_bits() ^ 1 << bit);
                 match word {
@@ -639,7 +651,12 @@ mod tests {
                         assert!(e.corrupted || e == clean, "bit {bit} of a sum");
                         continue;
                     }
-                    _ => q.current.status[bit / 8 % 3] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
+                    8 => q.current.status[bit / 8 % 3] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
+                    _ => {
+                        let mut scale = q.current.factors.scale();
+                        flip(&mut scale[bit % 3]);
+                        q.current.factors = Factors::new(scale, q.current.factors.coupling());
+                    }
                 }
                 let e = q.sample(90_000u32.wrapping_mul(6000), [1, 2, 3, 4, 5]);
                 assert!(e.corrupted && e.frame.is_none(), "word {word} bit {bit}");
@@ -726,5 +743,23 @@ mod tests {
         let f = p.sample(380_000, [0, 0x7F_FFFF, 0, 0, 0]).frame.expect("second sample");
         assert_eq!(f.unit_status, UnitStatus::ADC_FAULT | UnitStatus::BIAS_LATE);
         assert_eq!(f.axis_status, [GOOD, AxisStatus::OVER_RANGE, GOOD]);
+    }
+
+    #[test]
+    fn factors_take_effect_with_their_bias_and_what_they_take_of_an_axis_over_range_is_flagged() {
+        let mut p = RatePath::new(Timebase::REFERENCE, [0.5; 3], 1);
+        let factors = Factors::new([2.0, 1.0, 1.0], [[0.0; 2], [0.0; 2], [0.0, 0.25]]);
+        p.set_bias(PendingBias::at(90_000, 1, [1.0, 1.0, 1.0], [GOOD; 3]).with_factors(factors));
+        let before = p.sample(0, [10, 20, 30, 0, 0]).frame.expect("one a sample");
+        let e = p.sample(90_000, [10, 20, 30, 0, 0]);
+        let after = e.frame.expect("one a sample");
+        assert_eq!((before.rate_dph, after.rate_dph), ([5.0, 10.0, 15.0], [8.0, 9.0, 14.0 + 0.25 * 9.0]));
+        assert_eq!(e.summary.map(|s| s.corrected_dph), Some([5.0, 10.0, 15.0]));
+        let over = p.sample(180_000, [10, FULL_SCALE_CODE + 1, 30, 0, 0]).frame.expect("one a sample");
+        assert_eq!(over.axis_status, [GOOD, AxisStatus::OVER_RANGE, AxisStatus::NEIGHBOUR]);
+        p.set_bias(PendingBias::at(270_000, 2, [0.0; 3], [GOOD; 3]));
+        let ended = p.sample(270_000, [0; CHANNELS]).summary.expect("the bias ended");
+        // The mean of two samples, corrected once.
+        assert_eq!(ended.corrected_dph, factors.corrected_dph(ended.raw_dph, [1.0; 3]));
     }
 }

@@ -41,8 +41,12 @@ bitflags! {
         /// the temperature has not yet swept its width ([`crate::history`]). The stated uncertainty holds what that means.
         const HISTORY_UNKNOWN = 1 << 8;
         /// An effect of the calibration looks at the temperature of another axis, and that axis is flagged
-        /// ([`AxisStatus::UNTRUSTED_TEMPERATURE`]).
+        /// ([`AxisStatus::UNTRUSTED_TEMPERATURE`]); or the misalignment takes a share of the rate of another axis, and that one is
+        /// over its range.
         const NEIGHBOUR = 1 << 9;
+        /// The temperature or its ramp is outside the range of the fit of scale factor and misalignment, whose value at the end of the
+        /// range is used; or they were impossible and are limited ([`crate::rate_factors`]).
+        const SCALE_FACTOR = 1 << 10;
     }
 }
 
@@ -78,7 +82,7 @@ impl AxisStatus {
         Self::TEMPERATURE_RANGE.union(Self::RAMP_RANGE).union(Self::FREQUENCY_LOST).union(Self::TEMPERATURE_STALE);
 
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 10] = [
+    pub const NAMES: [&str; 11] = [
         "uncalibrated",
         "temperature-range",
         "ramp-range",
@@ -89,6 +93,7 @@ impl AxisStatus {
         "settling",
         "history-unknown",
         "neighbour",
+        "scale-factor",
     ];
 }
 

@@ -209,6 +209,7 @@ mod tests {
         ramp_c_per_min: [0.0; 3],
         bias_dph: [1.0; 3],
         bias_std_dph: [0.1; 3],
+        factors: crate::rate_factors::Factors::UNIT,
         status: [AxisStatus::empty(); 3],
         on_for_s: 77.0,
     };

@@ -4,14 +4,18 @@ use hrg_core::alignment::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
+use hrg_core::compensator::Compensator;
+use hrg_core::frequency::StepFrequencies;
+use hrg_core::rate_factors::Factors;
 use hrg_core::sectors::{newest, Found, Place, Sector};
+use hrg_core::status::AxisStatus;
 
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
 const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
-
 const ACCELEROMETERS: &[u8] = include_bytes!("images/version-3-accelerometers.bin");
+const RATES: &[u8] = include_bytes!("images/version-4-rates.bin");
 
 fn read(image: &[u8]) -> Calibration {
     Calibration::from_bytes(image).expect("an image of version 1 loads")
@@ -64,9 +68,24 @@ fn version_3_holds_the_errors_of_accelerometers() {
 }
 
 #[test]
+fn version_4_has_scale_factors_and_misalignments() {
+    let r = read(RATES);
+    assert_eq!(u16::from_le_bytes([RATES[4], RATES[5]]), VERSION);
+    let y = r.rates.expect("stated")[1];
+    assert_eq!(
+        (y.scale_correction_ppm, y.misalignment_urad),
+        ([100.0, -50.0, 25.0, 12.5, -6.25, 3.125], [[300.0, -200.0], [-1.5, 2.5]])
+    );
+    assert_eq!((y.rate_valid_from_c, y.rate_valid_to_c_per_min, y.scale_std_ppm[2]), (-40.0, 1.5, 2.0));
+    for older in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
+        assert_eq!(read(older).rates, None, "the unit matrix and the constant scale factors");
+    }
+}
+
+#[test]
 fn an_image_is_written_as_it_was_stored() {
     // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
-    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS, RATES] {
         let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
         assert!(again == image, "the layout of version {version} has changed");
@@ -83,4 +102,39 @@ fn a_newer_image_is_refused_and_the_older_one_used() {
     let found = newest(MODELS, &newer, None);
     let refused = Some(ImageError::Version(VERSION + 1));
     assert_eq!(found, Found { newest: Some((read(MODELS), Place { sector: Sector::A, offset: 0 })), refused });
+}
+
+#[test]
+fn an_image_without_rates_corrects_by_the_bias_alone_to_the_last_bit() {
+    for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
+        let c = read(image);
+        let mut unit = Compensator::new(c.clone(), 0.0);
+        for step in 0..400u32 {
+            let frequency_hz = c.axes.each_ref().map(|a| {
+                let share = f64::from(step) / 400.0 - 0.5;
+                Some(a.curve.frequency_centre_hz + share * f64::from(a.curve.frequency_scale_hz))
+            });
+            let end_ticks = u64::from(step + 1) * 90_000_000;
+            let now =
+                unit.update(&StepFrequencies { step, end_ticks, frequency_hz, rejected: [0; 3], missing: [0; 3] });
+            assert!(now.factors.same(&Factors::UNIT));
+            assert!(now.status.iter().all(|s| !s.contains(AxisStatus::SCALE_FACTOR)));
+            let raw = [step as f32 * 1.7 - 300.0, 1e-3 * step as f32, -65_000.3];
+            let corrected = now.factors.corrected_dph(raw, now.bias_dph);
+            for a in 0..3 {
+                assert_eq!(corrected[a].to_bits(), (raw[a] - now.bias_dph[a]).to_bits());
+            }
+        }
+    }
+    // And with them it does not.
+    let mut unit = Compensator::new(read(RATES), 0.0);
+    let curve = read(RATES).axes.map(|a| a.curve.frequency_centre_hz);
+    let step = StepFrequencies {
+        step: 0,
+        end_ticks: 90_000_000,
+        frequency_hz: curve.map(Some),
+        rejected: [0; 3],
+        missing: [0; 3],
+    };
+    assert!(!unit.update(&step).factors.same(&Factors::UNIT));
 }

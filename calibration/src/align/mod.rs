@@ -35,6 +35,10 @@ pub struct Recording {
     pub drift_dph: Option<f64>,
     /// What the tilts may be at the start, one sigma, arc minutes; optional.
     pub tilt_arcmin: Option<f64>,
+    /// What each drift may change by from one position to the other, one sigma, deg/h; optional.
+    pub heading_drift_dph: Option<f64>,
+    /// What the turn may differ by from its angle, one sigma, arc minutes; optional.
+    pub turn_error_arcmin: Option<f64>,
     /// Angle of the turn between the positions, degrees.
     pub turn_deg: f64,
     /// Time (s), position (1 or 2), velocities (m/s).
@@ -219,6 +223,8 @@ impl Recording {
             "accelerometer_ug_per_root_hz" => self.accelerometer_ug_per_root_hz = Some(number()?),
             "drift_dph" => self.drift_dph = Some(number()?),
             "tilt_arcmin" => self.tilt_arcmin = Some(number()?),
+            "heading_drift_dph" => self.heading_drift_dph = Some(number()?),
+            "turn_error_arcmin" => self.turn_error_arcmin = Some(number()?),
             "turn_deg" => self.turn_deg = number()?,
             _ => {}
         }
@@ -238,6 +244,8 @@ impl Recording {
             accelerometer_ug_per_root_hz: None,
             drift_dph: None,
             tilt_arcmin: None,
+            heading_drift_dph: None,
+            turn_error_arcmin: None,
             turn_deg: 90.0,
             rows: vec![],
         };
@@ -301,6 +309,8 @@ impl Recording {
             ("accelerometer_ug_per_root_hz", self.accelerometer_ug_per_root_hz),
             ("drift_dph", self.drift_dph),
             ("tilt_arcmin", self.tilt_arcmin),
+            ("heading_drift_dph", self.heading_drift_dph),
+            ("turn_error_arcmin", self.turn_error_arcmin),
             ("turn_deg", Some(self.turn_deg)),
         ] {
             if let Some(v) = value {
@@ -335,6 +345,13 @@ impl Recording {
         }
         if let Some(tilt) = self.tilt_arcmin {
             config.tilt = Some(tilt).filter(|t| (1e-2..=120.0).contains(t)).ok_or(Refusal::Site)? * ARCMIN;
+        }
+        // Both may be stated as none; of a turn a few degrees are a wrong angle, and no error.
+        if let Some(drift) = self.heading_drift_dph {
+            config.heading_drift = Some(drift).filter(|d| (0.0..=100.0).contains(d)).ok_or(Refusal::Site)? * DPH;
+        }
+        if let Some(error) = self.turn_error_arcmin {
+            config.turn_error = Some(error).filter(|e| (0.0..=120.0).contains(e)).ok_or(Refusal::Site)? * ARCMIN;
         }
         Ok(config)
     }

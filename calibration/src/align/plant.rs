@@ -173,6 +173,8 @@ impl Plant {
             accelerometer_ug_per_root_hz: Some(self.velocity_walk / g * 1e6),
             drift_dph: None,
             tilt_arcmin: None,
+            heading_drift_dph: None,
+            turn_error_arcmin: None,
             turn_deg: self.turn / DEGREE,
             rows,
         };

@@ -5,7 +5,7 @@
 //! known. The bias of model step `k` takes effect 50 ms after that step ends ([`hrg_core::rate_path`]), so the samples of row `k`
 //! of a recording, which end there too, ran under the bias of step `k - 1`. Row for row:
 //!
-//! `corrected[k] = raw[k] - bias[k - 1]`, and the first row has no bias yet.
+//! `corrected[k] = M[k - 1] S[k - 1] (raw[k] - bias[k - 1])` ([`hrg_core::rate_factors`]), and the first row has neither yet.
 //!
 //! A fit takes `bias[k]` off `raw[k]`, for it looks for the bias that belongs to a temperature. The two differ by what a bias
 //! changes in a second: at 5 C per minute and 0.1 deg/h per C that is 0.008 deg/h. In a recording that no unit made, a row is the
@@ -25,7 +25,8 @@ use hrg_core::compensator::{Compensator, Output};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::history::{Kept, KEPT_WORDS};
 use hrg_core::link::Housekeeping;
-use hrg_core::rate_path::{corrected_dph, PendingBias};
+use hrg_core::rate_factors::Factors;
+use hrg_core::rate_path::PendingBias;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::timebase::Timebase;
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -37,6 +38,8 @@ pub struct Model {
     compensator: Compensator,
     /// Bias of the step before, deg/h.
     before_dph: [f32; AXES],
+    /// What the rates were multiplied by then.
+    factors_before: Factors,
     trim: Option<[f32; AXES]>,
 }
 
@@ -49,6 +52,8 @@ pub struct Stepped {
     pub pending: PendingBias,
     /// The bias under which the samples ran whose means belong to this step, deg/h.
     pub held_dph: [f32; AXES],
+    /// What they were multiplied by.
+    pub held_factors: Factors,
 }
 
 impl Model {
@@ -56,7 +61,8 @@ impl Model {
     /// unit; a recording may begin later).
     #[must_use]
     pub fn new(calibration: Calibration, age_s: f32) -> Self {
-        Self { compensator: Compensator::new(calibration, age_s), before_dph: [0.0; AXES], trim: None }
+        let compensator = Compensator::new(calibration, age_s);
+        Self { compensator, before_dph: [0.0; AXES], factors_before: Factors::UNIT, trim: None }
     }
 
     /// What an alignment has found is in the bias from the next step on, deg/h.
@@ -96,7 +102,8 @@ impl Model {
         }
         let output = self.compensator.update(step);
         let held_dph = std::mem::replace(&mut self.before_dph, output.bias_dph);
-        Stepped { output, pending: PendingBias::new(Timebase::REFERENCE, step, &output), held_dph }
+        let held_factors = std::mem::replace(&mut self.factors_before, output.factors);
+        Stepped { output, pending: PendingBias::new(Timebase::REFERENCE, step, &output), held_dph, held_factors }
     }
 }
 
@@ -157,7 +164,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
     (0..steps.len())
         .map(|k| {
             let frequency_hz = [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]);
-            let Stepped { output, held_dph, .. } = model.step(&StepFrequencies {
+            let Stepped { output, held_dph, held_factors, .. } = model.step(&StepFrequencies {
                 step: k as u32,
                 end_ticks: (k as u64 + 1) * ticks,
                 frequency_hz: frequency_hz.map(|f| Some(f).filter(|f| f.is_finite())),
@@ -170,7 +177,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
             Second {
                 time_s: steps.start_s + k as f64 * f64::from(MODEL_STEP_S),
                 frequency_hz,
-                corrected_dph: [0, 1, 2].map(|a: usize| corrected_dph(raw_dph[a], held_dph[a])),
+                corrected_dph: held_factors.corrected_dph(raw_dph, held_dph),
                 raw_dph,
                 bias_dph: output.bias_dph,
                 bias_std_dph: output.bias_std_dph,

@@ -179,6 +179,12 @@ fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
             r.unit()
         )));
     }
+    if r.turned() {
+        return Err(BadInput::new(format!(
+            "the recording of {} was made on a table that turned the unit; hrg fit --rates takes its scale factors out of it",
+            r.unit()
+        )));
+    }
     Steps::new(r)
 }
 

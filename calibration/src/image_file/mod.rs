@@ -74,6 +74,7 @@ mod tests {
     use hrg_core::bias::Coefficients;
     use hrg_core::calibration::EffectTerm;
     use hrg_core::half::Half;
+    use hrg_core::rate_factors::RateAxis;
     use proptest::prelude::*;
 
     #[test]
@@ -141,6 +142,12 @@ mod tests {
             c.accelerometers.bias_mps2[1] = g / 10.0;
             c.accelerometers.matrix[0][1] = 1e-3;
             c.effects.push(e).expect("room");
+            if g > 0.0 {
+                let mut r = RateAxis { rate_valid_from_c: -40.0, rate_valid_to_c: g, ..RateAxis::default() };
+                r.scale_correction_ppm = [k[0], k[1], k[2], k[3], g, -g];
+                r.misalignment_urad = [[k[4], g], [g, k[5]]];
+                c.rates = Some([r; 3]);
+            }
             let again = from_text(&to_text(&c)).expect("readable");
             prop_assert_eq!(again.to_bytes(), c.to_bytes());
         }

@@ -10,7 +10,9 @@ use hrg_core::calibration::layouts::Channel;
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::half::Half;
+use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Format, Layout, Number};
+use hrg_core::AXES;
 use toml::{Table, Value};
 
 /// A value by its name, or by one that older files have.
@@ -103,6 +105,22 @@ fn read_model(table: &Table, place: &str) -> Result<Coefficients, FileError> {
     }
 }
 
+/// Scale factors and misalignments over temperature: of all axes, or of none.
+fn read_rates(axes: &Table) -> Result<Option<[RateAxis; AXES]>, FileError> {
+    let table = |n: &str| axes.get(n).and_then(Value::as_table);
+    let stated = |t: &Table| RateAxis::FIELDS.iter().any(|f| t.contains_key(f.name));
+    if !AXIS_NAMES.iter().any(|n| table(n).is_some_and(stated)) {
+        return Ok(None);
+    }
+    let mut rates = [RateAxis::default(); AXES];
+    for (to, n) in rates.iter_mut().zip(AXIS_NAMES) {
+        if let Some(table) = table(n) {
+            fill(to, table, &format!("[axis.{n}]"))?;
+        }
+    }
+    Ok(Some(rates))
+}
+
 /// At most so many rows of so many singles each; none where nothing is given.
 fn rows(given: Option<&Value>, most: usize, width: usize, place: &str) -> Result<Vec<Vec<f32>>, FileError> {
     let Some(given) = given.and_then(Value::as_array) else { return Ok(Vec::new()) };
@@ -187,6 +205,7 @@ pub fn from_text(text: &str) -> Result<Calibration, FileError> {
         let place = format!("axis.{n}");
         read_axis(axis, &table(&axes, n, &place)?, &format!("[{place}]"))?;
     }
+    c.rates = read_rates(&axes)?;
     let effects = file.get("effect").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for e in effects.iter().filter_map(Value::as_table) {
         c.effects.push(read_effect(e)?).map_err(|_| FileError::TooManyEffects)?;

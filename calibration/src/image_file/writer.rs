@@ -8,6 +8,7 @@ use hrg_core::calibration::layouts::{Channel, MODELS};
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};
 use hrg_core::effects::{by_id, MAX_OUTPUTS};
 use hrg_core::half::Half;
+use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Field, Format, Layout, Number};
 use hrg_core::AXES;
 use serde::ser::{SerializeMap, SerializeSeq};
@@ -15,9 +16,10 @@ use serde::{Serialize, Serializer};
 
 /// Lines that the file begins with.
 const HEAD: &str = "\
-# Calibration of an HRG unit. corrected = raw - bias.
+# Calibration of an HRG unit. corrected = M S (raw - bias); without scale_correction_ppm, M and S are one.
 # bias = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r, u = (T - t_ref_c) / t_scale_c, r = dT/dt in C per minute,
 # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.
+# S_i = 1 + 1e-6 (c0 + c1 u + c2 u^2 + c3 u^3 + c4 r); M_ij = 1e-6 (m0 + m1 u) beside a diagonal of ones, in the order of the axes.
 # block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";
 
@@ -107,7 +109,7 @@ fn model_entries(c: &Coefficients) -> Vec<(String, Item)> {
     names.into_iter().map(String::from).zip(rows).collect()
 }
 
-fn axis_item(a: &Axis) -> Item {
+fn axis_item(a: &Axis, rates: Option<&RateAxis>) -> Item {
     let names: &[(&str, &str)] = if a.curve.is_of_sensor() { &SENSOR } else { &[] };
     let mut out = renamed(entries(&a.curve), names);
     let channel = entries(&Channel::of(a));
@@ -118,6 +120,7 @@ fn axis_item(a: &Axis) -> Item {
     out.extend(model_entries(&a.coefficients));
     out.extend(entries(a));
     out.extend(uncertainty_entries(&a.uncertainty));
+    out.extend(rates.map_or_else(Vec::new, entries));
     Item::Table(tables_last(out))
 }
 
@@ -175,7 +178,8 @@ pub fn to_text(c: &Calibration) -> String {
     file.extend(entries(c));
     file.push(("block_crc32".into(), Item::Text(format!("{:08x}", c.checksum()))));
     file.push(("scaling".into(), Item::Table(entries(&c.scaling))));
-    let axes = c.axes.iter().zip(AXIS_NAMES).map(|(a, n)| (n.to_string(), axis_item(a))).collect();
+    let one = |(k, n): (usize, &&str)| ((*n).to_string(), axis_item(&c.axes[k], c.rates.as_ref().map(|r| &r[k])));
+    let axes = AXIS_NAMES.iter().enumerate().map(one).collect();
     file.push(("axis".into(), Item::Table(axes)));
     let effects: Vec<Item> = c.effects.iter().filter_map(effect_item).collect();
     if !effects.is_empty() {

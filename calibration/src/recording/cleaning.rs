@@ -151,6 +151,14 @@ impl Recording {
     /// Takes stuck values and spikes out of all columns, side by side; how many of each, by the column's name.
     fn defects_taken_out(&mut self, step: f64, axes: &[usize]) -> Vec<(String, usize, usize)> {
         let thermometer = self.thermometer;
+        // A step of a table is no spike of a gyro: spikes are sought in what is left without its rate.
+        let turned = self.table_rate_dph().map(|table| (self.rate_dph.clone(), table));
+        if let Some((_, table)) = &turned {
+            let pairs = self.rate_dph.iter_mut().flatten().zip(table.iter().flatten());
+            pairs.for_each(|(r, t)| *r -= t);
+        }
+        let largest = turned.iter().flat_map(|(_, table)| table.iter().flatten()).fold(0.0f64, |m, t| m.max(t.abs()));
+        let least_dph = TABLE_SHARE * largest;
         let mut jobs: Vec<(String, Cells, &mut Vec<f64>)> = Vec::new();
         let columns = self.frequency_hz.iter_mut().zip(&mut self.rate_dph).enumerate();
         for (a, (readings, rates)) in columns.filter(|(a, _)| axes.contains(a)) {
@@ -163,18 +171,22 @@ impl Recording {
             }
             jobs.push((columns::RATE.name(a).to_string(), Cells::Rate, rates));
         }
-        for (name, values) in &mut self.optional {
+        for (name, values) in self.optional.iter_mut().filter(|(n, _)| !columns::TABLE_RATE.names.contains(n)) {
             jobs.push(((*name).to_string(), Cells::Sensor, values));
         }
         let mut counts = side_by_side::each(jobs, |(name, cells, values)| {
             let (stuck, spikes) = match cells {
                 Cells::Frequency => (remove_stuck(values, step), remove_spikes(values, 8.0, 5e-4)),
-                Cells::Rate => (remove_stuck(values, step), remove_spikes(values, 6.5, 0.0)),
+                Cells::Rate => (remove_stuck(values, step), remove_spikes(values, 6.5, least_dph)),
                 // Coarse sensors stand still for long by nature: spikes only.
                 Cells::Sensor => (0, remove_spikes(values, 12.0, 0.01)),
             };
             (name, stuck, spikes)
         });
+        if let Some((measured, _)) = turned {
+            let pairs = self.rate_dph.iter_mut().flatten().zip(measured.into_iter().flatten());
+            pairs.filter(|(left, _)| left.is_finite()).for_each(|(left, measured)| *left = measured);
+        }
         // (One sensor for all axes is counted once.)
         counts.retain(|(name, _, _)| !name.is_empty());
         counts
@@ -211,6 +223,10 @@ fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
     }
     removed
 }
+
+/// On a rate table scale factor, misalignment and the earth's rate, which goes round, step by this share of its rate and less: only what is
+/// further off is a spike.
+const TABLE_SHARE: f64 = 0.005;
 
 /// Half the neighbours of a value in [`remove_spikes`], without itself.
 const HALF: usize = 5;

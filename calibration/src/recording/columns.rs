@@ -100,6 +100,8 @@ columns! {
         "no", "drive voltage of the amplitude control";
     QUADRATURE: axes!("quad_", "_v"), former &[], "V", Format::Digits(4), Role::Optional,
         "no", "voltage that nulls the quadrature";
+    TABLE_RATE: axes!("table_rate_", "_dph"), former &[], "deg/h", Format::Digits(5), Role::Optional,
+        "for `hrg fit --rates`, or `# table_rate_dph`", "rate at which a table turned the case, along its axes, beside the earth's rate";
     RAW: axes!("raw_", "_dph"), former &[], "deg/h", Format::Exact, Role::Computed,
         "no; beside corrected rates", "mean raw rate of the row";
     BIAS: axes!("bias_", "_dph"), former &[], "deg/h", Format::Exact, Role::Computed,

@@ -11,7 +11,7 @@ use hrg_core::AXES;
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
 /// Keys with a meaning. Each may stand in a file once, or again with the same value.
-pub const KEYS: [&str; 14] = [
+pub const KEYS: [&str; 15] = [
     "hrg-recording",
     "unit",
     "run",
@@ -26,6 +26,7 @@ pub const KEYS: [&str; 14] = [
     SCALE_FACTOR,
     "thermometer",
     TIME_STEP,
+    TABLE_RATE,
 ];
 
 /// Key of the scale factor.
@@ -33,6 +34,9 @@ pub const SCALE_FACTOR: &str = "scale_factor_dph_per_code";
 
 /// Key of the time between rows, for files whose time column is missing or false.
 pub const TIME_STEP: &str = "time_step_s";
+
+/// Key of the rate of a table that was the same in the whole recording; else it stands in columns.
+pub const TABLE_RATE: &str = "table_rate_dph";
 
 /// Newest version of recordings that this program reads.
 const VERSION: u32 = 2;
@@ -196,6 +200,7 @@ pub fn check(entries: &[(String, String)]) -> Result<(), MetadataError> {
         }
     }
     Attitude::of(get("latitude_deg"), get("axes"))?;
+    get(TABLE_RATE).map_or(Ok(()), |v| table_rate(v).map(drop))?;
     get(SCALE_FACTOR).map_or(Ok(()), |v| scale_factor(v).map(drop))
 }
 
@@ -222,6 +227,17 @@ pub fn scale_factor(text: &str) -> Result<[f32; AXES], MetadataError> {
         .map(|s| s.parse().ok().filter(possible).ok_or_else(bad))
         .collect::<Result<_, _>>()?;
     numbers.try_into().map_err(|_| bad())
+}
+
+/// The rate of a table along x, y and z, deg/h, separated by blanks or commas.
+///
+/// # Errors
+/// Anything but three finite numbers.
+pub fn table_rate(text: &str) -> Result<[f64; AXES], MetadataError> {
+    let wanted = "three numbers, deg/h along x, y and z";
+    let parts = text.split([' ', ',']).filter(|s| !s.is_empty());
+    let numbers: Vec<f64> = parts.map(|s| number(TABLE_RATE, s, wanted)).collect::<Result<_, _>>()?;
+    numbers.try_into().map_err(|_| MetadataError::Value { key: TABLE_RATE, value: text.into(), wanted })
 }
 
 /// Whether two scale factors are the same to a millionth: numbers typed with seven digits are.

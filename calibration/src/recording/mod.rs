@@ -121,6 +121,25 @@ impl Recording {
         self.optional.iter().find(|(n, _)| *n == name).map(|(_, v)| v.as_slice())
     }
 
+    /// Rate of the table that turned the unit, deg/h along the axes of its case in each row: from columns (an axis without one did not turn)
+    /// or from the metadata; `None` where neither is there.
+    #[must_use]
+    pub fn table_rate_dph(&self) -> Option<[Vec<f64>; AXES]> {
+        let n = self.time_s.len();
+        let columns = [0, 1, 2].map(|a| self.column(columns::TABLE_RATE.name(a)));
+        if columns.iter().any(Option::is_some) {
+            return Some(columns.map(|c| c.map_or_else(|| vec![0.0; n], <[f64]>::to_vec)));
+        }
+        let constant = self.meta(metadata::TABLE_RATE).and_then(|v| metadata::table_rate(v).ok())?;
+        Some(constant.map(|rate| vec![rate; n]))
+    }
+
+    /// Whether a table turned the unit: such a recording tells scale factors, and not the bias alone.
+    #[must_use]
+    pub fn turned(&self) -> bool {
+        self.table_rate_dph().is_some_and(|rates| rates.iter().flatten().any(|r| *r != 0.0))
+    }
+
     /// Name of the unit; [`names::NONE`] where the file does not tell, or the unit had none.
     #[must_use]
     pub fn unit(&self) -> &str {

@@ -25,6 +25,8 @@ pub struct Steps {
     pub run_in: usize,
     /// What gives the temperatures.
     pub thermometer: crate::recording::format::Thermometer,
+    /// Whether the axes have rates in turns ([`crate::rates::lacking`]): each a quarter of the time at most.
+    pub in_turns: bool,
     /// Axes that the recording does not have.
     pub absent: [bool; AXES],
     /// Readings of the thermometers: frequencies, Hz, or temperatures, C; NaN where missing.
@@ -130,6 +132,7 @@ impl Steps {
             power_on_s: r.power_on_s(),
             run_in: r.judged_from_s.map_or(0, |t| ((t - first) / step).round().clamp(0.0, n as f64) as usize),
             thermometer: r.thermometer,
+            in_turns: r.meta("rates") == Some(crate::rates::LACKING),
             absent: r.absent,
             frequency_hz,
             rate_dph,

@@ -11,6 +11,7 @@ mod effects;
 mod noise;
 mod plant;
 pub mod profile;
+pub mod turning;
 mod units;
 
 pub use defects::inject_defects;
@@ -32,6 +33,7 @@ use noise::{normal, rate_noise};
 use plant::{Monitors, Plant};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use turning::{Gyros, Scheme};
 
 /// A run to simulate. The same `unit_seed` is the same unit; `seed` is the noise of this run.
 #[derive(Debug, Clone)]
@@ -56,6 +58,8 @@ pub struct Plan {
     pub sizing: Option<Profile>,
     /// How the unit stands: its recording holds the components of the earth's rate along its axes, and says so.
     pub attitude: Attitude,
+    /// A rate table that turns it; its recording then holds the table's rates, and the whole earth's rate. `None`: it stands still.
+    pub turning: Option<Scheme>,
 }
 
 /// Where a simulated unit stands unless told otherwise.
@@ -102,6 +106,7 @@ impl Plan {
             noise: kind.noise(),
             sizing: None,
             attitude: ATTITUDE,
+            turning: None,
         }
     }
 
@@ -153,10 +158,13 @@ impl Plan {
             ("rate_unit", "deg/h".to_string()),
             ("rates", "raw".to_string()),
             ("power_on_s", "0".to_string()),
-            ("latitude_deg", self.attitude.latitude_deg.to_string()),
-            ("axes", self.attitude.axes_text()),
             (metadata::SCALE_FACTOR, metadata::scale_text(&default.scale_factors_dph_per_code())),
         ];
+        if self.turning.is_none() {
+            let before_scale = meta.len() - 1;
+            let place = [("latitude_deg", self.attitude.latitude_deg.to_string()), ("axes", self.attitude.axes_text())];
+            meta.splice(before_scale..before_scale, place);
+        }
         if self.thermometer.is_sensor() {
             meta.push(("thermometer", "sensor".to_string()));
         }
@@ -192,6 +200,12 @@ impl Plan {
             }
         }
         let raw_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&rate[a], 100)));
+        if let Some(scheme) = &self.turning {
+            let turned = Gyros::of(self.unit_seed).rates_dph(scheme, &plant.resonator_c, self.attitude.latitude_deg);
+            for (to, from) in rate.iter_mut().zip(turned) {
+                to.iter_mut().zip(from).for_each(|(r, t)| *r += t);
+            }
+        }
         let with_sensors = self.thermometer.is_sensor();
         let readings = [0, 1, 2].map(|a: usize| -> Vec<f64> {
             if with_sensors {
@@ -218,6 +232,9 @@ impl Plan {
             optional.extend(of_axes(columns::DRIVE, monitors.drive_v));
             optional.extend(of_axes(columns::QUADRATURE, monitors.quad_v));
         }
+        if let Some(scheme) = &self.turning {
+            optional.extend(of_axes(columns::TABLE_RATE, scheme.table_rates_dph(n)));
+        }
         Simulated {
             recording: Recording {
                 meta: self.metadata(&default),
@@ -227,7 +244,7 @@ impl Plan {
                 rate_dph: rate,
                 optional,
                 // As a file with it is after reading: the file has it.
-                earth_rate_dph: Some(self.attitude.earth_rate_dph()),
+                earth_rate_dph: self.turning.is_none().then(|| self.attitude.earth_rate_dph()),
                 ..Recording::default()
             },
             noise_dph: noise,

@@ -201,7 +201,7 @@ fn judged(
     let clean = clean_of(&after_train, &judged, &there);
     // (What is said of an axis that is not there is taken out of the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
-    let noise = (0..AXES).map(|a| noise_of(&after_train, &judged, own(a), &clean)).collect::<Result<Vec<_>, _>>()?;
+    let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
     let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
     let stated = uncertainty::of(data, &fitted, learnt.model.noise_models, Weights::Noise);
     let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
@@ -282,15 +282,30 @@ fn clean_of(train: &[[Vec<f64>; AXES]], judged: &[Vec<f64>; AXES], there: &[usiz
     Clean::new(fewest, trained, SEED)
 }
 
-/// The noise of an axis, from what is left on all runs.
+/// The noise of each axis; `own`: the axis that stands for one that is not there.
+fn noises<'c>(
+    train: &[[Vec<f64>; AXES]],
+    judged: &[Vec<f64>; AXES],
+    own: impl Fn(usize) -> usize,
+    clean: &'c Clean,
+    run: &Run,
+) -> Result<Vec<Noise<'c>>, BadInput> {
+    (0..AXES).map(|a| noise_of(train, judged, own(a), clean, run.steps.in_turns)).collect()
+}
+
+/// The noise of an axis, from what is left on all runs. `in_turns`: the axes have rates in turns, a mean or two at a time; then means of one turn and
+/// of the next are neighbours.
 fn noise_of<'c>(
     train: &[[Vec<f64>; AXES]],
     judged: &[Vec<f64>; AXES],
     a: usize,
     clean: &'c Clean,
+    in_turns: bool,
 ) -> Result<Noise<'c>, BadInput> {
     let series: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
-    let series: Vec<&[f64]> = series.iter().map(Means::series).collect();
+    let kept = |v: &f64| !in_turns || v.is_finite();
+    let series: Vec<Vec<f64>> = series.iter().map(|m| m.series().iter().copied().filter(kept).collect()).collect();
+    let series: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
     let neighbours = Neighbours::of(&series).ok_or_else(|| {
         BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
     })?;

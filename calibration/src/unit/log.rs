@@ -62,6 +62,11 @@ pub fn housekeeping_of_line(line: &str) -> Option<Housekeeping> {
     for (to, text) in ramp_c_per_min.iter_mut().zip(value("dT").unwrap_or("").split(',')) {
         *to = text.parse().unwrap_or(f32::NAN);
     }
+    // (Firmware before the scale factors over temperature did not log it: there it is the difference.)
+    let mut corrected_dph = [0, 1, 2].map(|a: usize| s.raw_dph[a] - s.bias_dph[a]);
+    for (to, text) in corrected_dph.iter_mut().zip(value("c").unwrap_or("").split(',').filter(|t| !t.is_empty())) {
+        *to = text.parse().unwrap_or(f32::NAN);
+    }
     Some(Housekeeping {
         step: s.time_ms / 1000,
         time_ms: s.time_ms,
@@ -72,7 +77,7 @@ pub fn housekeeping_of_line(line: &str) -> Option<Housekeeping> {
         bias_dph: s.bias_dph,
         bias_std_dph: s.bias_std_dph,
         raw_dph: s.raw_dph,
-        corrected_dph: [0, 1, 2].map(|a: usize| s.raw_dph[a] - s.bias_dph[a]),
+        corrected_dph,
         samples: 0,
         adc_errors: 0,
         axis_status: [0, 1, 2].map(|a: usize| AxisStatus::from_bits_retain(s.status[a])),
@@ -106,6 +111,8 @@ mod tests {
         );
         assert_eq!((h.ramp_c_per_min, h.corrected_dph), ([0.01, -0.02, 0.03], [3.5, 3.5, 3.5]));
         assert_eq!((h.axis_status[1].bits(), h.unit_status.bits()), (4, 1));
+        let with = line.replace(" status=", " c=3.6,3.7,3.8 status=");
+        assert_eq!(housekeeping_of_line(&with).expect("a second").corrected_dph, [3.6, 3.7, 3.8]);
         assert!(housekeeping_of_line("INFO  hrg firmware 0.1.0: unit HRG-1, calibration 0").is_none());
     }
 }

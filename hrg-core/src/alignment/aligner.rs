@@ -47,6 +47,10 @@ pub struct Aligner<F> {
     /// 0 or 1.
     position: usize,
     turned: f64,
+    /// What a turn brings to the azimuth is of this site.
+    config: Config,
+    /// What it has brought: [`Config::turn_variances`].
+    turn_variances: [f64; 2],
     surprise: f64,
     restarts: u32,
     converged_at_s: Option<f64>,
@@ -89,6 +93,8 @@ impl<F: Filter> Aligner<F> {
             seconds: [0; 2],
             position: 0,
             turned: 0.0,
+            config: Config::IDLE,
+            turn_variances: [0.0; 2],
             surprise: 1.0,
             restarts: 0,
             converged_at_s: None,
@@ -109,6 +115,8 @@ impl<F: Filter> Aligner<F> {
         self.seconds = [0; 2];
         self.position = 0;
         self.turned = 0.0;
+        self.config = *config;
+        self.turn_variances = [0.0; 2];
         self.surprise = 1.0;
         self.restarts = 0;
         self.converged_at_s = None;
@@ -130,7 +138,7 @@ impl<F: Filter> Aligner<F> {
         if self.filter.step([f64::NAN; 2]).is_none() {
             self.refuse(Refusal::Breakdown);
         }
-        self.belief = self.filter.estimate();
+        self.belief = self.estimate();
     }
 
     /// One step of readings, m/s.
@@ -164,7 +172,7 @@ impl<F: Filter> Aligner<F> {
             }
             None => self.refuse(Refusal::Breakdown),
         }
-        self.belief = self.filter.estimate();
+        self.belief = self.estimate();
         let known = self.position == 1 && self.belief.is_some_and(|e| 2.0 * e.azimuth_std <= CONVERGED);
         match (known, self.converged_at_s) {
             (true, None) => self.converged_at_s = Some(self.elapsed_s),
@@ -185,7 +193,8 @@ impl<F: Filter> Aligner<F> {
             return;
         }
         self.filter.turn(angle, seconds);
-        self.belief = self.filter.estimate();
+        self.turn_variances = self.config.turn_variances(angle);
+        self.belief = self.estimate();
         self.elapsed_s += seconds;
         self.position = 1;
         self.turned = angle;
@@ -194,6 +203,19 @@ impl<F: Filter> Aligner<F> {
         self.increment = [f64::NAN; 2];
         self.same = [0; 2];
         self.missed = 0;
+    }
+
+    /// What the filter estimates, and with the uncertainty that the turn brings where it is stated.
+    fn estimate(&self) -> Option<Estimate> {
+        let mut e = self.filter.estimate()?;
+        let [azimuth, length] = self.turn_variances;
+        if azimuth > 0.0 {
+            // The filter's own uncertainty of the length is as that of the azimuth, for that of (cos A, sin A) is a circle.
+            let own = e.azimuth_std * e.azimuth_std;
+            e.azimuth_std = libm::sqrt(own + azimuth);
+            e.integrity = e.integrity.map(|i| i * own / (own + length));
+        }
+        Some(e)
     }
 
     /// Something outside the filter has made the alignment invalid; the first such thing is kept.

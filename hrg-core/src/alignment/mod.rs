@@ -162,6 +162,10 @@ pub struct Config {
     pub velocity_walk: f64,
     /// Tilt that the turn may add, rad: accelerometer biases do not turn with the tilt.
     pub turn_tilt: f64,
+    /// What the drift of each axis changes by from one position to the other, rad/s; 0: nothing is known of it.
+    pub heading_drift: f64,
+    /// What the turn may differ by from the stated angle, rad; 0: nothing is known of it.
+    pub turn_error: f64,
     /// Time between steps, s.
     pub step: f64,
 }
@@ -177,6 +181,8 @@ impl Config {
         angle_random_walk: 0.0,
         velocity_walk: 0.0,
         turn_tilt: 0.0,
+        heading_drift: 0.0,
+        turn_error: 0.0,
         step: 0.0,
     };
 
@@ -205,6 +211,8 @@ impl Config {
             angle_random_walk: 5e-4 * DEGREE / 60.0,
             velocity_walk: 5e-6 * gravity,
             turn_tilt: 1e-4,
+            heading_drift: 0.0,
+            turn_error: 0.0,
             step: 1.0,
         })
     }
@@ -222,6 +230,21 @@ impl Config {
             tilt: if tilt_arcmin > 0.0 { tilt_arcmin * ARCMIN } else { self.tilt },
             ..self
         })
+    }
+
+    /// Variances that the turn by `angle` (rad) brings, to the azimuth (rad^2) and to the length of what it goes by, over that length. The
+    /// two positions' rates differ by a vector of length `2 Oc sin(b/2)` along `A + b/2` (`docs/alignment.md`). A change of the drifts
+    /// across it turns it, one along it changes its length; of the turn's error `e` half goes into the azimuth, and `e/2 cot(b/2)` into the
+    /// length.
+    #[must_use]
+    pub fn turn_variances(&self, angle: f64) -> [f64; 2] {
+        if self.heading_drift == 0.0 && self.turn_error == 0.0 {
+            return [0.0; 2];
+        }
+        let (sin, cos) = double::sin_cos(0.5 * angle);
+        let drift = self.heading_drift / (2.0 * self.earth().0 * sin);
+        let (across, along) = (0.5 * self.turn_error, 0.5 * self.turn_error * cos / sin);
+        [drift * drift + across * across, drift * drift + along * along]
     }
 
     /// Horizontal and vertical earth rate, rad/s.

@@ -3,6 +3,7 @@
 use super::{Calibration, EffectTerm, ImageError};
 use crate::bias::Coefficients;
 use crate::effects::shape;
+use crate::rate_factors::{RateAxis, MOST_PPM};
 
 /// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
 const ABSURD: f32 = 1e7;
@@ -79,7 +80,23 @@ impl Calibration {
             possible(a.valid_from_c_per_min <= a.valid_to_c_per_min, "range of the rate of change")?;
         }
         possible(self.accelerometers.possible(), "accelerometers")?;
+        self.rates.iter().flatten().try_for_each(RateAxis::check)?;
         self.effects.iter().try_for_each(EffectTerm::check)
+    }
+}
+
+impl RateAxis {
+    /// Whether its numbers are those of a gyro.
+    fn check(&self) -> Result<(), ImageError> {
+        self.numbers().try_for_each(|v| finite(&[v]))?;
+        let small = |values: &[f32]| values.iter().all(|v| v.abs() <= MOST_PPM);
+        let checks = [
+            (small(&self.scale_correction_ppm), "scale factor"),
+            (small(self.misalignment_urad.as_flattened()), "misalignment"),
+            (self.rate_valid_from_c < self.rate_valid_to_c, "temperature range"),
+            (self.rate_valid_from_c_per_min <= self.rate_valid_to_c_per_min, "range of the rate of change"),
+        ];
+        checks.into_iter().find(|(ok, _)| !ok).map_or(Ok(()), |(_, what)| Err(ImageError::Absurd(what)))
     }
 }
 

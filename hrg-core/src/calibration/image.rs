@@ -7,6 +7,7 @@ use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
 use crate::half::Half;
+use crate::rate_factors::RateAxis;
 use crate::schema::{size, take, Layout, Wire};
 use crate::AXES;
 use heapless::Vec;
@@ -40,6 +41,9 @@ impl Calibration {
         }
         if self.version() >= 3 {
             self.accelerometers.put_fields(&mut w);
+        }
+        for axis in self.rates.iter().flatten() {
+            axis.put_fields(&mut w);
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -106,6 +110,13 @@ impl Calibration {
         if version >= 3 {
             calibration.accelerometers.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
         }
+        if version >= 4 {
+            let mut rates = [RateAxis::default(); AXES];
+            for axis in &mut rates {
+                axis.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+            }
+            calibration.rates = Some(rates);
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -152,6 +163,9 @@ impl Calibration {
 
     /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
     fn version(&self) -> u16 {
+        if self.rates.is_some() {
+            return 4;
+        }
         if self.accelerometers != Accelerometers::IDEAL {
             return 3;
         }

@@ -37,6 +37,7 @@ use crate::alignment::accelerometers::Accelerometers;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;
+use crate::rate_factors::RateAxis;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -45,8 +46,8 @@ use heapless::Vec;
 /// First bytes of every image.
 pub const MAGIC: [u8; 4] = *b"HRGC";
 /// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
-/// [`Uncertainty`], version 3 [`Accelerometers`].
-pub const VERSION: u16 = 3;
+/// [`Uncertainty`], version 3 [`Accelerometers`], version 4 [`Calibration::rates`].
+pub const VERSION: u16 = 4;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
 pub const OLDEST: u16 = 1;
 /// Most effects in one image.
@@ -145,6 +146,8 @@ pub struct Calibration {
     pub effects: Vec<EffectTerm, MAX_EFFECTS>,
     /// Errors of the accelerometers, for the align mode.
     pub accelerometers: Accelerometers,
+    /// Scale factor and misalignment over temperature; `None`: the constant scale factors alone, and the unit matrix.
+    pub rates: Option<[RateAxis; AXES]>,
 }
 
 /// Why an image was refused.
@@ -249,6 +252,7 @@ impl Calibration {
             }),
             effects: Vec::new(),
             accelerometers: Accelerometers::IDEAL,
+            rates: None,
         }
     }
 
@@ -311,6 +315,21 @@ pub(crate) mod tests {
         c
     }
 
+    /// With scale factors and misalignments over temperature.
+    pub(crate) fn of_rates() -> Calibration {
+        let axis = RateAxis {
+            rate_valid_from_c: -40.0,
+            rate_valid_to_c: 60.0,
+            rate_valid_from_c_per_min: -1.5,
+            rate_valid_to_c_per_min: 1.5,
+            scale_correction_ppm: [100.0, -50.0, 25.0, 12.5, -6.25, 3.125],
+            scale_std_ppm: [1.0, 1.0, 2.0, 2.0, 0.5],
+            misalignment_urad: [[300.0, -200.0], [-1.5, 2.5]],
+            misalignment_std_urad: [[0.5; 2]; 2],
+        };
+        Calibration { rates: Some([axis; AXES]), ..full() }
+    }
+
     fn others() -> Calibration {
         let mut c = full();
         let m = FourParameter {
@@ -328,7 +347,8 @@ pub(crate) mod tests {
     fn there_and_back() {
         let mut platform = full();
         platform.accelerometers = Accelerometers { bias_mps2: [1e-4, -2e-4], matrix: [[1.01, 0.002], [0.0, 0.99]] };
-        for c in [Calibration::uncalibrated(), full(), others(), uncertain(), platform] {
+        let both = Calibration { accelerometers: platform.accelerometers, ..of_rates() };
+        for c in [Calibration::uncalibrated(), full(), others(), uncertain(), platform, of_rates(), both] {
             let bytes = c.to_bytes().expect("fits");
             assert_eq!(Calibration::from_bytes(&bytes), Ok(c.clone()));
             let mut sector = [0xFFu8; 4096];
@@ -339,7 +359,7 @@ pub(crate) mod tests {
 
     #[test]
     fn the_largest_image_fits() {
-        let mut c = full();
+        let mut c = of_rates();
         c.effects.clear();
         for axis in &mut c.axes {
             // The longest of all.
@@ -350,6 +370,7 @@ pub(crate) mod tests {
                 .push(EffectTerm {
                     gains: [[1.0; MAX_OUTPUTS]; 3],
                     gain_std: [[1.0; MAX_OUTPUTS]; 3],
+                    directions: [[[Half::of(1.0); MAX_OUTPUTS]; 3]; DIRECTIONS],
                     ..EffectTerm::new(3, [0.0; 2])
                 })
                 .expect("room");
@@ -396,6 +417,19 @@ pub(crate) mod tests {
         assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
         assert_eq!(refused(&nan), ImageError::NotFinite);
+        let rates = |edit: fn(&mut RateAxis)| {
+            refused(&|c: &mut Calibration| {
+                *c = of_rates();
+                if let Some(r) = c.rates.as_mut() {
+                    edit(&mut r[1]);
+                }
+            })
+        };
+        assert_eq!(rates(|r| r.scale_correction_ppm[2] = f32::NAN), ImageError::NotFinite);
+        assert_eq!(rates(|r| r.scale_correction_ppm[0] = 60_000.0), ImageError::Absurd("scale factor"));
+        assert_eq!(rates(|r| r.misalignment_urad[1][0] = -60_000.0), ImageError::Absurd("misalignment"));
+        assert_eq!(rates(|r| r.rate_valid_to_c = -41.0), ImageError::Absurd("temperature range"));
+        assert_eq!(rates(|r| r.rate_valid_to_c_per_min = -2.0), ImageError::Absurd("range of the rate of change"));
     }
 
     #[test]

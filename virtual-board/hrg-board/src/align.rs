@@ -104,6 +104,7 @@ fn align_with(
         power_on_s: 0.0,
         run_in: 0,
         thermometer: Default::default(),
+        in_turns: false,
         absent: Default::default(),
         frequency_hz: [0, 1, 2].map(|a: usize| constant(frequency(a))),
         rate_dph: [0, 1, 2].map(|_| constant(0.0)),
@@ -186,6 +187,9 @@ pub fn demo(
     say(&mut text, &format!("## Campaigns\n{runs} platforms, azimuth anywhere on the circle, drifts of 0.2 deg/h and tilts of 3' (one sigma), 85 s in each\nposition and 30 s of turn. \"Refused\": the aligner gave no azimuth, and said why.\n"));
     let rows = study::campaigns(runs, seed);
     say(&mut text, &study::table(&rows));
+    let [drift, error] = study::WITH_THE_TURN;
+    say(&mut text, &format!("## Drift that changes with the heading, and a wrong turn\nDrawn for each platform, one sigma: {drift} deg/h of each axis, {error}' of the turn. Stated: by `--heading-drift` and `--turn-error`.\n"));
+    say(&mut text, &study::table(&study::with_the_turn(runs, seed)));
     say(&mut text, "## Can a turn's error be seen?\nShare of runs whose check of the two positions is beyond 3.84 (one in twenty by chance) and beyond the limit of 10.8:\n\n| turn wrong by ['] | beyond 3.84 | refused |\n|--:|--:|--:|");
     for (size, seen, refused) in study::turn_error_seen(runs, seed, &[0.0, 6.0, 30.0, 60.0]) {
         say(&mut text, &format!("| {size:.0} | {:.1} % | {:.1} % |", 100.0 * seen, 100.0 * refused));

@@ -7,9 +7,11 @@ use crate::symbol;
 use anyhow::{Context, Result};
 use hrg_core::calibration::{Calibration, DEFAULT_SCALE_FACTOR};
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+use hrg_core::rate_factors::RateAxis;
 use hrg_core::rate_path::RatePath;
 use hrg_core::temperature::{ForwardCurve, TemperatureCurve};
 use hrg_core::timebase::Timebase;
+use hrg_core::AXES;
 use object::{Object, ObjectSegment};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -47,12 +49,12 @@ fn flash_bytes(elf: &[u8]) -> Result<f64> {
 /// Where the ELF does not run, or lacks a function that is counted.
 pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     let scene = Scene::new(elf, 1)?;
-    let run = |edges: bool| -> Result<Board<crate::wires::Wires>> {
+    let run = |edges: bool, calibration: &Calibration| -> Result<Board<crate::wires::Wires>> {
         let mut wires = scene.wires();
         if !edges {
             wires.set_frequency(f64::NAN);
         }
-        let mut board = scene.off(wires, &scene.calibration)?;
+        let mut board = scene.off(wires, calibration)?;
         for part in COUNTED {
             board.count_calls(part)?;
         }
@@ -67,8 +69,11 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
         board.run_until((30 + SECONDS) * CPU_HZ)?;
         Ok((board.instructions() - before) as f64 / SECONDS as f64)
     };
-    let (mut with, mut without) = (run(true)?, run(false)?);
+    let factors = with_factors(&scene.calibration);
+    let (mut with, mut without) = (run(true, &scene.calibration)?, run(false, &scene.calibration)?);
+    let mut scaled = run(true, &factors)?;
     let (all, bare) = (count(&mut with)?, count(&mut without)?);
+    count(&mut scaled)?;
     let edges: f64 = with.world.received.housekeeping.iter().rev().take(1).flat_map(|h| h.frequency_hz).sum();
     let mean = |board: &Board<_>, k: usize| -> Result<f64> {
         board.probe(k).and_then(virtual_board::Probe::mean).with_context(|| format!("{} was not called", COUNTED[k]))
@@ -95,6 +100,13 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
         ),
         figure("ADC frame checked and taken apart", mean(&with, DECODE)?, 284.0, None, "instructions"),
         figure("sample corrected", mean(&with, SAMPLE)?, 280.0, None, "instructions"),
+        figure(
+            "the same, scale factor and misalignment over temperature",
+            mean(&scaled, SAMPLE)?,
+            340.0,
+            None,
+            "instructions",
+        ),
         figure("rate frame encoded", mean(&with, ENCODE)?, 1160.0, None, "instructions"),
         figure("everything, a second", all, 2_826_000.0, None, "instructions"),
         figure("share of 180 MHz", 100.0 * all / CPU_HZ as f64, 1.57, Some(2.0), "%"),
@@ -105,6 +117,20 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     ];
     figures.extend(estimated(&with)?);
     Ok(figures)
+}
+
+/// A calibration with scale factor and misalignment over temperature: each element of both matrices counts.
+fn with_factors(c: &Calibration) -> Calibration {
+    let axis = RateAxis {
+        rate_valid_from_c: -60.0,
+        rate_valid_to_c: 90.0,
+        rate_valid_from_c_per_min: -10.0,
+        rate_valid_to_c_per_min: 10.0,
+        scale_correction_ppm: [500.0, -150.0, 40.0, 10.0, 5.0, -3.0],
+        misalignment_urad: [[300.0, -200.0], [10.0, 20.0]],
+        ..RateAxis::default()
+    };
+    Calibration { rates: Some([axis; AXES]), ..c.clone() }
 }
 
 /// The same in cycles, as the virtual board estimates them, of a board that has run its seconds.

@@ -23,6 +23,7 @@ pub mod fingerprint;
 pub mod host;
 pub mod methods;
 pub mod mutate;
+pub mod rates;
 pub mod replay;
 pub mod serve;
 pub mod twin;

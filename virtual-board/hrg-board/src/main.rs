@@ -215,6 +215,20 @@ enum Command {
         #[arg(long)]
         elf: Option<PathBuf>,
     },
+    /// Scale factor and misalignment over temperature on a simulated unit and rate table, before and after, through the ELF.
+    ///
+    /// Example: hrg-board rates --seed 6
+    Rates {
+        /// Which unit.
+        #[arg(long, default_value_t = 6)]
+        seed: u64,
+        /// Where the images go.
+        #[arg(long, default_value = "out/rates")]
+        out: PathBuf,
+        /// The firmware; by default the one that is built here.
+        #[arg(long)]
+        elf: Option<PathBuf>,
+    },
     /// The main job from end to end, on a simulated unit.
     ///
     /// Example: hrg-board demo --seed 7
@@ -343,6 +357,9 @@ fn run(command: Command) -> Result<()> {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let (fly, table, page) = (fly.as_deref(), table.as_deref(), page.as_deref());
             hrg_board::methods::methods(&elf, &Work { out: &out, seed, seconds, fly, table, page })
+        }
+        Command::Rates { seed, out, elf } => {
+            hrg_board::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
         }
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));

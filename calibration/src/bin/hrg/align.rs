@@ -32,6 +32,12 @@ pub struct Arguments {
     /// What the tilts may be at the start, one sigma, arc minutes; 10 where neither this nor the recording says it.
     #[arg(long, value_parser = expected(LARGEST_TILT_ARCMIN))]
     tilt: Option<f64>,
+    /// What the drift of each gyro may change by from one position to the other, one sigma, deg/h: goes into the azimuth's uncertainty.
+    #[arg(long, value_parser = expected(100.0), conflicts_with = "port")]
+    heading_drift: Option<f64>,
+    /// What the turn may differ by from its angle, one sigma, arc minutes: goes into the azimuth's uncertainty.
+    #[arg(long, value_parser = expected(120.0), conflicts_with = "port")]
+    turn_error: Option<f64>,
     /// File of hrg accelerometers: their bias, scale and cross-axis are taken out of the velocities.
     #[arg(long)]
     accelerometers: Option<PathBuf>,
@@ -101,6 +107,8 @@ fn of_recording(arguments: &Arguments, recording: &Path) -> Result<()> {
     let Arguments { filter, first_azimuth, drift, tilt, accelerometers, seed, drifts, out, .. } = arguments;
     let mut r = align::Recording::load(recording)?;
     (r.drift_dph, r.tilt_arcmin) = (drift.or(r.drift_dph), tilt.or(r.tilt_arcmin));
+    r.heading_drift_dph = arguments.heading_drift.or(r.heading_drift_dph);
+    r.turn_error_arcmin = arguments.turn_error.or(r.turn_error_arcmin);
     if let Some(path) = accelerometers {
         Accelerometers::load(path)?.correct(&mut r);
     }
@@ -111,6 +119,9 @@ fn of_recording(arguments: &Arguments, recording: &Path) -> Result<()> {
         hrg_cal::write_file(out, serde_json::to_string_pretty(&report)?.as_bytes())?;
     }
     println!("azimuth  {:>9.4} deg    +- {:.2}'", report.azimuth_deg, report.azimuth_std_arcmin);
+    if let (None, None) = (r.heading_drift_dph, r.turn_error_arcmin) {
+        println!("         drift that changes with the heading, and an error of the turn, are not in that: neither is stated (--heading-drift, --turn-error)");
+    }
     let [t1, t2] = report.tilt_std_arcmin;
     println!("tilts    {:>9.3}' {:>9.3}'   +- {t1:.3}' {t2:.3}'", report.tilt1_arcmin, report.tilt2_arcmin);
     let [d1, d2] = report.drift_std_dph;

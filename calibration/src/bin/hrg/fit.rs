@@ -16,6 +16,17 @@ pub struct Arguments {
     /// Recordings of one unit.
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
+    /// Scale factors and misalignments over temperature from runs on a rate table (table_rate_?_dph), added to --calibration.
+    ///
+    /// Example: hrg fit --rates table.csv --calibration cal.toml --verify unseen.csv --out cal2.toml
+    #[arg(long, requires = "calibration")]
+    rates: bool,
+    /// With --rates: the calibration whose biases are taken off, and to which the rest is added.
+    #[arg(long, requires = "rates")]
+    calibration: Option<PathBuf>,
+    /// With --rates: runs that the fit does not see; before and after are printed on them.
+    #[arg(long, requires = "rates")]
+    verify: Vec<PathBuf>,
     /// How: see docs/methods.md
     #[arg(long, default_value = "lsq")]
     method: Method,
@@ -50,8 +61,12 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, out } =
-        arguments;
+    if let (true, Some(calibration)) = (arguments.rates, &arguments.calibration) {
+        return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &arguments.out);
+    }
+    let Arguments {
+        recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, out, ..
+    } = arguments;
     let recordings = facts.load(&recordings)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;

@@ -19,12 +19,14 @@ mod correct;
 mod facts;
 mod fit;
 mod heading;
+mod images;
 mod import;
 mod lag;
 mod log;
 mod merge;
 mod points;
 mod profile;
+mod rates;
 mod report;
 mod simulate;
 mod simulate_alignment;
@@ -68,6 +70,10 @@ enum Command {
     ///
     /// Example: hrg compare train.csv --verify verify.csv --out out/compare
     Compare(compare::Arguments),
+    /// What changed from one calibration of a unit to the next, over the temperatures; with three and more, the trend and when to calibrate again.
+    ///
+    /// Example: hrg compare-images 2025.toml 2026.toml --out changes.svg
+    CompareImages(images::Arguments),
     /// How the resonators follow their surroundings: gain and time constant from a chamber step.
     ///
     /// Example: hrg lag step.csv --calibration cal.toml --out lag.json
@@ -224,6 +230,7 @@ fn run(command: Command) -> Result<()> {
         Command::Trace(arguments) => trace::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
+        Command::CompareImages(arguments) => images::run(&arguments),
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
             (None, Some(log)) => log::record(&log, elf.as_deref(), &out, &facts),

@@ -16,6 +16,9 @@ pub struct Arguments {
     /// Effects to be told apart, separated by commas; by default those that a unit can compensate.
     #[arg(long = "for", value_delimiter = ',')]
     wanted: Vec<String>,
+    /// The scheme of a rate table for scale factors and misalignments; with --check, what a run on one tells apart.
+    #[arg(long, conflicts_with_all = ["wanted", "profile"])]
+    rates: bool,
     /// Judge this recording instead of the named profiles. Several are judged together.
     #[arg(long)]
     check: Vec<PathBuf>,
@@ -29,7 +32,10 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { wanted, check, profile } = arguments;
+    let Arguments { wanted, rates, check, profile } = arguments;
+    if rates {
+        return crate::rates::profile(&check);
+    }
     let known = parted();
     let one = |w: &String| {
         EffectId::by_name(w).filter(|e| known.contains(e)).ok_or_else(|| {

@@ -5,6 +5,7 @@ use anyhow::Result;
 use clap::Args;
 use hrg_cal::recording::format::Thermometer;
 use hrg_cal::recording::parquet;
+use hrg_cal::simulate::turning::Scheme;
 use hrg_cal::simulate::{EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use hrg_cal::BadInput;
 use std::path::PathBuf;
@@ -37,6 +38,9 @@ pub struct Arguments {
     /// Put spikes, gaps, missing, stuck values and repeated times in.
     #[arg(long, alias = "dirty")]
     defects: bool,
+    /// Turn the unit on a rate table by the eight steps of hrg profile --rates, at these rates in deg/s, round by round
+    #[arg(long, value_name = "RATES", num_args = 0..=1, default_missing_value = "18,9")]
+    rates: Option<String>,
     /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
     #[command(flatten)]
     place: Place,
@@ -53,7 +57,7 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { profile, effect, seed, unit, kind, thermometer, noise, defects, place, no_attitude, out } =
+    let Arguments { profile, effect, seed, unit, kind, thermometer, noise, defects, rates, place, no_attitude, out } =
         arguments;
     let kind = Kind::parse(&kind)?;
     let usual = kind.noise();
@@ -76,7 +80,16 @@ pub fn run(arguments: Arguments) -> Result<()> {
         .collect::<Result<Vec<_>, _>>()?;
     let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
     let attitude = place.attitude()?.unwrap_or(ATTITUDE);
-    let plan = Plan { kind, thermometer, effects, noise, attitude, ..Plan::of(Profile::parse(&profile)?, unit, seed) };
+    let turning = rates.as_deref().map(Scheme::of_rates).transpose()?;
+    let plan = Plan {
+        kind,
+        thermometer,
+        effects,
+        noise,
+        attitude,
+        turning,
+        ..Plan::of(Profile::parse(&profile)?, unit, seed)
+    };
     let mut simulated = plan.simulate();
     if defects {
         hrg_cal::simulate::inject_defects(&mut simulated.recording, seed);

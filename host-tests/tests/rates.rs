@@ -1,0 +1,49 @@
+//! Scale factor and misalignment over temperature through the ELF: bit for bit what the desktop computes, and as good.
+
+use hrg_board::rates::{fly, left, Scene};
+use hrg_board::replay;
+use hrg_cal::fit::correct;
+use hrg_cal::recording::steps::Steps;
+use hrg_core::status::{AxisStatus, UnitStatus};
+
+#[test]
+fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_become_five() {
+    let elf = replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
+    let scene = Scene::new(6).expect("calibrated");
+    let mut worst = [[0.0f64; 2]; 2];
+    for (image, worst) in [&scene.before, &scene.after].into_iter().zip(&mut worst) {
+        let mut outcomes = Vec::new();
+        for r in &scene.unseen {
+            let o = fly(&elf, image, r).expect("runs");
+            let received = &o.received;
+            assert!(received.rates.len() > 600_000 && received.bad_frames == 0, "{}", received.rates.len());
+            assert_eq!(received.differing, 0, "{:?}", received.first_difference);
+            let last = received.housekeeping.last().expect("there are");
+            assert_eq!((last.axis_status, last.unit_status), ([AxisStatus::empty(); 3], UnitStatus::empty()));
+            // What the unit's housekeeping says against hrg correct, given the unit's own frequencies and raw rates.
+            let seconds: Vec<correct::Second> = o.seconds_of_frames().iter().map(|s| s.unit).collect();
+            let mut steps = Steps::new(r).expect("long enough");
+            for a in 0..3 {
+                steps.frequency_hz[a] = seconds.iter().map(|s| s.frequency_hz[a]).collect();
+                steps.rate_dph[a] = seconds.iter().map(|s| f64::from(s.raw_dph[a])).collect();
+            }
+            let ours = correct::correct(image, &steps);
+            let differ = (1..seconds.len())
+                .filter(|k| ours[*k].corrected_dph.map(f32::to_bits) != seconds[*k].corrected_dph.map(f32::to_bits));
+            assert_eq!(differ.count(), 0);
+            outcomes.push((o, r));
+        }
+        for b in left(&outcomes, image).expect("dwells") {
+            worst[0] = worst[0].max(b.scale_ppm.abs());
+            worst[1] = b.cross_urad.iter().fold(worst[1], |m, c| m.max(c.abs()));
+        }
+    }
+    let [before, after] = worst;
+    println!(
+        "scale factor {:.1} -> {:.2} ppm, misalignment {:.1} -> {:.2} urad",
+        before[0], after[0], before[1], after[1]
+    );
+    assert!(before[0] > 150.0 && before[1] > 150.0, "{before:?}");
+    // Three visits at each temperature.
+    assert!(after[0] < 5.0 && after[1] < 5.0, "{after:?}");
+}
