@@ -3,11 +3,10 @@
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify as identify_bias;
 use hrg_cal::fit::prepare;
-use hrg_cal::rates::{all_dwells, bins, identify, lacking, quality, told_apart, Found, CHAMBER};
+use hrg_cal::rates::{all_dwells, bins, identify, quality, told_apart, Found, CHAMBER};
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::turning::{Gyros, Scheme};
 use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::trace::trace;
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 
@@ -136,45 +135,4 @@ fn what_a_scheme_cannot_tell_is_left_out_and_said() {
     let mut still = soak;
     still.optional.retain(|(n, _)| !n.starts_with("table_rate"));
     assert!(identify(&[still], &bias).expect_err("no rates").0.contains("table_rate_?_dph"));
-}
-
-/// A run on the table of a unit whose scale factors have a play of `width_c`, too: `ppm` from one side of it to the other. No physics of the
-/// simulator, and nothing of the bias.
-fn with_play(seed: u64, profile: &str, width_c: f64, ppm: f64) -> Recording {
-    let mut r = turned(4, seed, profile, Scheme::default());
-    for (a, name) in ["case_x_c", "case_y_c", "case_z_c"].into_iter().enumerate() {
-        let case_c = r.column(name).expect("simulated").to_vec();
-        let mut middle = case_c[0];
-        for (rate, t) in r.rate_dph[a].iter_mut().zip(case_c) {
-            middle = middle.clamp(t - 0.5 * width_c, t + 0.5 * width_c);
-            *rate *= 1.0 + 1e-6 * ppm * (t - middle) / width_c;
-        }
-    }
-    r
-}
-
-#[test]
-fn what_a_scale_factor_lacks_is_traced_by_the_same_families() {
-    let bias = bias_of(4);
-    for (ppm, wanted) in [(60.0, true), (0.0, false)] {
-        let runs = [(1, "cycle"), (2, "verify")]
-            .map(|(seed, profile)| lacking(&with_play(seed, profile, 12.0, ppm), &bias).expect("a run on a table"));
-        let t = trace(&runs[..1], &runs[1]).expect("traces").report;
-        let found: Vec<&str> = t.effects.iter().map(|e| e.class.name()).collect();
-        for n in ["x", "y", "z"] {
-            println!(
-                "play of {ppm} ppm, {n}: {:.2} -> {:.2} ppm on the verify run; {found:?}",
-                t.baseline[n].verify_rms_dph, t.r#final[n].verify_rms_dph
-            );
-        }
-        assert_eq!(found.contains(&"hysteresis"), wanted, "{found:?}");
-        assert!(!wanted || t.r#final["x"].verify_rms_dph < 0.5 * t.baseline["x"].verify_rms_dph);
-    }
-    let still = still_run();
-    assert!(lacking(&still, &bias).expect_err("no table").0.contains("table_rate_?_dph"));
-}
-
-/// A run of the same unit without a table.
-fn still_run() -> Recording {
-    Plan::of(Profile::parse("cycle").expect("named"), 4, 9).simulate().recording
 }
