@@ -37,8 +37,11 @@ static LINE_FAULTS: AtomicU16 = AtomicU16::new(0);
 pub fn line_is_idle() {
     let usart = pac::USART1;
     let flags = usart.sr().read();
-    // The two reads clear the flag, and those of errors (RM0390 section 25.6.1). No byte is lost by it: the DMA has taken it long before.
-    let _ = usart.dr().read();
+    // A read of SR, then one of DR, clears the flag, and those of errors (RM0390 section 25.6.1). Where a byte waits in DR, that is the DMA's read: two
+    // that race for it would lose it.
+    if !flags.rxne() {
+        let _ = usart.dr().read();
+    }
     if flags.fe() || flags.ne() || flags.ore() {
         LINE_FAULTS.store(LINE_FAULTS.load(Ordering::Relaxed).saturating_add(1), Ordering::Relaxed);
     }

@@ -1,22 +1,22 @@
 //! Scale factor and misalignment over temperature through the ELF: bit for bit what the desktop computes, and as good.
 
-use hrg_board::rates::{fly, left, Scene};
+use hrg_board::rates::{fly, left, Scene, SHORT};
 use hrg_board::replay;
 use hrg_cal::fit::correct;
 use hrg_cal::recording::steps::Steps;
 use hrg_core::status::{AxisStatus, UnitStatus};
 
 #[test]
-fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_become_five() {
+fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_what_is_left_is_noise() {
     let elf = replay::read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
-    let scene = Scene::new(6).expect("calibrated");
+    let scene = Scene::new(6, &SHORT).expect("calibrated");
     let mut worst = [[0.0f64; 2]; 2];
     for (image, worst) in [&scene.before, &scene.after].into_iter().zip(&mut worst) {
         let mut outcomes = Vec::new();
         for r in &scene.unseen {
             let o = fly(&elf, image, r).expect("runs");
             let received = &o.received;
-            assert!(received.rates.len() > 600_000 && received.bad_frames == 0, "{}", received.rates.len());
+            assert!(received.rates.len() > 200_000 && received.bad_frames == 0, "{}", received.rates.len());
             assert_eq!(received.differing, 0, "{:?}", received.first_difference);
             let last = received.housekeeping.last().expect("there are");
             assert_eq!((last.axis_status, last.unit_status), ([AxisStatus::empty(); 3], UnitStatus::empty()));
@@ -33,7 +33,9 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_bec
             assert_eq!(differ.count(), 0);
             outcomes.push((o, r));
         }
-        for b in left(&outcomes, image).expect("dwells") {
+        let bins = left(&outcomes, image, 1).expect("dwells");
+        assert_eq!(bins.len(), 3);
+        for b in bins {
             worst[0] = worst[0].max(b.scale_ppm.abs());
             worst[1] = b.cross_urad.iter().fold(worst[1], |m, c| m.max(c.abs()));
         }
@@ -44,6 +46,6 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_three_hundred_bec
         before[0], after[0], before[1], after[1]
     );
     assert!(before[0] > 150.0 && before[1] > 150.0, "{before:?}");
-    // Three visits at each temperature.
+    // One visit of each axis: noise is in it. `hrg-board rates` flies three at each temperature, and is within 5 ppm and 5 urad.
     assert!(after[0] < 5.0 && after[1] < 5.0, "{after:?}");
 }

@@ -18,6 +18,17 @@
 //! The factors are computed once a model step. A sample costs one multiplication an axis, and where `M` is not the unit matrix two more with
 //! their sums. Without factors in the image they are exactly one and zero, which leave each rate as it is to the last bit.
 //!
+//! # Example
+//! ```
+//! use hrg_core::rate_factors::Factors;
+//!
+//! // S: x reads 200 ppm too little. M: x takes 300 urad of y.
+//! let factors = Factors::new([1.0002, 1.0, 1.0], [[3.0e-4, 0.0], [0.0; 2], [0.0; 2]]);
+//! let corrected = factors.corrected_dph([10_001.0, 20_000.0, 0.0], [1.0, 0.0, 0.0]);
+//! assert!((corrected[0] - 10_008.0).abs() < 0.01);
+//! assert_eq!(Factors::default().corrected_dph([10_001.0; 3], [1.0; 3]), [10_000.0; 3]);
+//! ```
+//!
 //! # Limits
 //! Outside the temperatures and ramps of its fit a factor keeps the value at the end of the range, and beyond [`MOST_PPM`] it is
 //! limited; either is flagged [`AxisStatus::SCALE_FACTOR`].

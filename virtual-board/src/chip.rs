@@ -219,7 +219,7 @@ impl Chip {
             a @ 0x4002_4000..=0x4002_4C00 if self.rcc.backup_clocked() => {
                 Some(self.backup.read((a - 0x4002_4000) as usize / 4 + word))
             }
-            0x4000_3000 => self.iwdg.read(word),
+            0x4000_3000 => self.iwdg.read(word, now),
             0x4000_7000 => self.pwr.read(word),
             0x4001_1000 => self.usart1.read(word),
             0x4001_3000 => self.spi1.read(word),
@@ -382,12 +382,18 @@ impl Chip {
                 self.iwdg.write(word, value, self.now)
             }
             0x4000_7000 => {
+                if word == 0 {
+                    self.refused_switch(base, value);
+                }
                 let done = self.pwr.write(word, value);
                 self.follow_clocks();
                 done
             }
             0x4002_3800 => {
                 self.pll_locked(word, value);
+                if word == 0 {
+                    self.refused_switch(base, value);
+                }
                 let done = self.rcc.write(word, value, self.now);
                 if (4..=9).contains(&word) {
                     self.reset_peripherals();
@@ -396,6 +402,12 @@ impl Chip {
                 done
             }
             0x4002_3C00 => {
+                // ICRST with ICEN, DCRST with DCEN.
+                if word == 0 && value & value >> 2 & 0x600 != 0 {
+                    self.mismatch(|| {
+                        "FLASH_ACR.ICRST or DCRST is set while that cache is on, which is not allowed (RM0390 section 3.8.1)".into()
+                    });
+                }
                 let done = self.flash.write(word, value);
                 self.follow_clocks();
                 done

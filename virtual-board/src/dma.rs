@@ -99,7 +99,7 @@ pub struct Stream {
     fcr: u32,
     /// What was written to NDTR last.
     pub reload: u32,
-    /// Its transfer was stopped half way, and neither NDTR nor M0AR has been written since.
+    /// Its transfer was stopped half way, and NDTR has not been written since.
     interrupted: bool,
 }
 
@@ -127,6 +127,7 @@ impl Stream {
             (self.cr >> 11 & 3 == 3, "PSIZE = 3 is reserved"),
             (self.cr & 1 << 10 == 0, "no MINC: every item goes to the same place in memory"),
             (self.cr & 0xF010_0000 != 0, "a reserved bit"),
+            (self.fcr & 1 << 7 != 0, "FEIE: in direct mode an item that comes late raises FEIF, which nobody clears"),
             (self.fcr & 4 != 0, "DMDIS: items wait in the FIFO, which is not modelled"),
             (self.m0ar & ((1 << (self.cr >> 11 & 3)) - 1) != 0, "M0AR is not aligned to the items"),
             (self.ndtr == 0, "NDTR = 0: there is nothing to move"),

@@ -266,12 +266,55 @@ impl Chip {
                 "RCC_PLLCFGR is written while the PLL runs, which does nothing (RM0390 section 6.3.2)".into()
             });
         }
+        // Of a chip that has it: 0 and 1 are not allowed.
+        let third =
+            self.part.tables.registers.get(&0x4002_3804).and_then(|r| r.fields.iter().find(|f| f.name == "PLLR"));
+        if word == 1 && third.is_some_and(|f| (value & f.mask()) >> f.mask().trailing_zeros() < 2) {
+            self.mismatch(|| "RCC_PLLCFGR.PLLR is 0 or 1, which is not allowed (RM0390 section 6.3.2)".into());
+        }
         if word == 0 && used && value & 1 << 24 == 0 {
             self.mismatch(|| {
                 "RCC_CR.PLLON is cleared while the PLL drives the processor, which does nothing (RM0390 section 6.3.1)"
                     .into()
             });
         }
+    }
+
+    /// A write to RCC_CR or PWR_CR that does nothing, or stops what runs.
+    pub fn refused_switch(&mut self, base: u32, value: u32) {
+        const HSE_ON: u32 = 1 << 16;
+        const HSE_BYPASS: u32 = 1 << 18;
+        const PLL_ON: u32 = 1 << 24;
+        const OVER_DRIVE: u32 = 1 << 16;
+        let (control, power) = (self.rcc.control(), self.pwr.control());
+        let from_hse = self.rcc.switch() == 1 || self.rcc.switch() == 2 && self.rcc.pll_settings() & 1 << 22 != 0;
+        let vos = self.part.clocks.scale_mask;
+        let what = match base {
+            0x4002_3800 if value >> 3 & 0x1F != 16 => {
+                "RCC_CR.HSITRIM is not 16: HSI is off by up to 8 %, and no measure of the crystal (RM0390 section 6.3.1)"
+            }
+            0x4002_3800 if control & value & HSE_ON != 0 && (control ^ value) & HSE_BYPASS != 0 => {
+                "RCC_CR.HSEBYP is written while HSE is on, which does nothing (RM0390 section 6.3.1)"
+            }
+            0x4002_3800 if from_hse && control & HSE_ON != 0 && value & HSE_ON == 0 => {
+                "RCC_CR.HSEON is cleared while HSE drives the processor, which does nothing (RM0390 section 6.3.1)"
+            }
+            0x4000_7000 if value >> 20 & 3 != 0 => {
+                "PWR_CR.FMSSR or FISSR stops the flash, from which the program runs (RM0390 section 5.4.1)"
+            }
+            0x4000_7000 if control & PLL_ON != 0 && (power ^ value) & vos != 0 => {
+                "PWR_CR.VOS is written while the PLL is on: it counts only when that is off (RM0390 section 5.4.1)"
+            }
+            0x4000_7000
+                if self.part.clocks.over_drive_above.is_some()
+                    && value & OVER_DRIVE << 1 != 0
+                    && power & OVER_DRIVE == 0 =>
+            {
+                "PWR_CR.ODSWEN is set before over-drive is ready (RM0390 section 5.1.3)"
+            }
+            _ => return,
+        };
+        self.mismatch(|| what.into());
     }
 
     /// Whether a capture input takes an edge at its pin.
@@ -360,10 +403,8 @@ impl Chip {
 
     /// What would go wrong when the processor sleeps.
     pub fn judge_sleep(&mut self) {
-        if self.nvic.deep_sleep() {
-            self.mismatch(|| {
-                "SCB_SCR.SLEEPDEEP makes WFE the stop mode: all clocks stop (RM0390 section 5.3.5)".into()
-            });
+        if let Some(what) = self.nvic.strange() {
+            self.mismatch(|| what.into());
         }
         if !self.nvic.float_unit_on() {
             self.mismatch(|| "SCB_CPACR leaves the floating-point unit off: its first instruction is a usage fault (PM0214 section 4.6.1)".into());

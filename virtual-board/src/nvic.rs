@@ -32,6 +32,8 @@ pub struct Nvic {
     shcsr: u32,
     cpacr: u32,
     fpccr: u32,
+    /// AIRCR, PRIGROUP.
+    group: u32,
     systick: [u32; 4],
     /// Exception numbers that are active, innermost last.
     pub stack: Vec<u16>,
@@ -56,6 +58,7 @@ impl Default for Nvic {
             shcsr: 0,
             cpacr: 0,
             fpccr: 0xC000_0000,
+            group: 0,
             systick: [0; 4],
             stack: Vec::new(),
             reset: false,
@@ -143,9 +146,33 @@ impl Nvic {
         self.changed = true;
     }
 
-    /// SCR, SLEEPDEEP.
-    pub fn deep_sleep(&self) -> bool {
-        self.scr & 4 != 0
+    /// What is set up in the processor that it cannot live with when it sleeps for the first time: register and words.
+    pub fn strange(&self) -> Option<&'static str> {
+        [
+            (self.scr & 4 != 0, "SCB_SCR.SLEEPDEEP makes WFE the stop mode: all clocks stop (RM0390 section 5.3.5)"),
+            (
+                self.scr & 2 != 0,
+                "SCB_SCR.SLEEPONEXIT puts the processor to sleep at the end of each interrupt: what runs in thread mode does not go on (PM0214 section 4.4.6)",
+            ),
+            (
+                self.group > 3,
+                "SCB_AIRCR.PRIGROUP makes subpriorities of priorities: interrupts of different tasks do not preempt each other (PM0214 section 4.4.5)",
+            ),
+            (
+                self.fpccr >> 31 == 0,
+                "FPU_FPCCR.ASPEN is 0: interrupts do not save floating-point registers, and tasks spoil each other's (PM0214 section 4.6.2)",
+            ),
+            (
+                self.ccr & 0x18 != 0,
+                "SCB_CCR.UNALIGN_TRP or DIV_0_TRP is 1: what the compiler takes for allowed is a usage fault (PM0214 section 4.4.7)",
+            ),
+            (
+                self.vtor & 0x1FF != 0,
+                "SCB_VTOR is not a multiple of 512, which a table of 113 vectors needs: others are fetched (PM0214 section 4.4.4)",
+            ),
+        ]
+        .into_iter()
+        .find_map(|(strange, what)| strange.then_some(what))
     }
 
     /// CPACR: CP10 and CP11 may be used.
@@ -176,7 +203,7 @@ impl Nvic {
             0xE000_ED00 => 0x410F_C241, // CPUID: Cortex-M4 r0p1
             0xE000_ED04 => u32::from(self.stack.last().copied().unwrap_or(0)), // ICSR: VECTACTIVE
             0xE000_ED08 => self.vtor,
-            0xE000_ED0C => 0xFA05_0000, // AIRCR
+            0xE000_ED0C => 0xFA05_0000 | self.group << 8,
             0xE000_ED10 => self.scr,
             0xE000_ED14 => self.ccr,
             0xE000_ED18..=0xE000_ED20 => self.shpr[word(0xE000_ED18)],
@@ -224,7 +251,14 @@ impl Nvic {
                 }
             }
             0xE000_ED08 => self.vtor = value,
-            0xE000_ED0C => self.reset |= value & 0xFFFF_0004 == 0x05FA_0004,
+            // Without its key a write is lost.
+            0xE000_ED0C if value >> 16 != 0x05FA => {}
+            // VECTRESET and VECTCLRACTIVE are for a debugger.
+            0xE000_ED0C if value & 3 != 0 => return None,
+            0xE000_ED0C => {
+                self.reset |= value & 4 != 0;
+                self.group = value >> 8 & 7;
+            }
             0xE000_ED10 => self.scr = value,
             0xE000_ED14 => self.ccr = value,
             0xE000_ED18..=0xE000_ED20 => self.shpr[word(0xE000_ED18)] = value,

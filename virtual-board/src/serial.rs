@@ -177,6 +177,12 @@ impl Usart {
         self.regs[1] = u32::from(byte);
         self.regs[0] |= RXNE;
     }
+    /// The DMA takes a byte out of DR: after a look of the program at SR that clears what a read of its own would.
+    pub fn taken_by_dma(&mut self) {
+        if std::mem::take(&mut self.sr_read) {
+            self.regs[0] &= !(IDLE | ORE | 7);
+        }
+    }
     /// What is noticed of the byte that has just come.
     pub fn fault(&mut self, fault: LineFault) {
         self.regs[0] |= match fault {

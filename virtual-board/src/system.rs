@@ -441,6 +441,8 @@ pub const SECTORS: [u32; 9] = [0, 0x4000, 0x8000, 0xC000, 0x1_0000, 0x2_0000, 0x
 pub struct Flash {
     regs: [u32; 6],
     key: u8,
+    /// A wrong key was written: locked until the next reset.
+    shut: bool,
     /// A sector whose erase was started.
     pub erase: Option<usize>,
 }
@@ -451,7 +453,7 @@ const LOCK: u32 = 1 << 31;
 
 impl Default for Flash {
     fn default() -> Self {
-        Self { regs: [0, 0, 0, 0, LOCK, 0x0FFF_AAED], key: 0, erase: None }
+        Self { regs: [0, 0, 0, 0, LOCK, 0x0FFF_AAED], key: 0, shut: false, erase: None }
     }
 }
 
@@ -472,19 +474,30 @@ impl Flash {
             1 => {
                 self.key = match (self.key, value) {
                     (0, 0x4567_0123) => 1,
-                    (1, 0xCDEF_89AB) => {
+                    (1, 0xCDEF_89AB) if !self.shut => {
                         self.regs[CR] &= !LOCK;
                         0
                     }
-                    _ => 0,
+                    // A wrong key locks it until the next reset (RM0390 section 3.5.1).
+                    _ => {
+                        self.shut = true;
+                        0
+                    }
                 };
             }
             SR => self.regs[SR] &= !(value & 0xF3),
             CR => {
                 if self.regs[CR] & LOCK == 0 {
                     self.regs[CR] = value & !(1 << 16);
-                    // STRT with SER: erase.
-                    if value & (1 << 16) != 0 && value & 2 != 0 {
+                    let start = value & (1 << 16) != 0;
+                    if start && value & 4 != 0 {
+                        return None; // a mass erase is not modelled
+                    }
+                    if start && value & 3 == 3 {
+                        // PG and SER: PGSERR (RM0390 section 3.8.4).
+                        self.regs[SR] |= 1 << 7;
+                    } else if start && value & 2 != 0 {
+                        // STRT with SER: erase.
                         self.erase = Some((value >> 3 & 0xF) as usize);
                     }
                 }
@@ -534,9 +547,9 @@ impl Flash {
     pub fn refuse(&mut self) {
         self.regs[SR] |= 1 << 7;
     }
-    /// The operation is done.
+    /// The operation is done: EOP, which rises only with EOPIE (RM0390 section 3.8.4).
     pub fn done(&mut self) {
-        self.regs[SR] |= 1;
+        self.regs[SR] |= self.regs[CR] >> 24 & 1;
     }
 }
 
@@ -550,13 +563,15 @@ pub struct Iwdg {
     pub lsi_hz: u64,
     /// PR and RLR may be written: 0x5555 was the last key.
     open: bool,
+    /// PR and RLR take a write only after these cycles: PVU, RVU (RM0390 section 20.4.4).
+    busy: [u64; 2],
     /// Cycle at which it bites.
     pub bites: u64,
 }
 
 impl Default for Iwdg {
     fn default() -> Self {
-        Self { prescaler: 0, reload: 0xFFF, running: false, lsi_hz: 32_000, open: false, bites: 0 }
+        Self { prescaler: 0, reload: 0xFFF, running: false, lsi_hz: 32_000, open: false, busy: [0; 2], bites: 0 }
     }
 }
 
@@ -575,9 +590,10 @@ impl Iwdg {
         iwdg.restart(now);
         iwdg
     }
-    pub fn read(&self, word: usize) -> Option<u32> {
+    pub fn read(&self, word: usize, now: u64) -> Option<u32> {
         match word {
-            0 | 3 => Some(0),
+            0 => Some(0),
+            3 => Some(u32::from(now < self.busy[0]) | u32::from(now < self.busy[1]) << 1),
             1 => Some(self.prescaler),
             2 => Some(self.reload),
             _ => None,
@@ -594,8 +610,15 @@ impl Iwdg {
                     self.restart(now);
                 }
             }
-            1 if self.open => self.prescaler = (value & 7).min(6),
-            2 if self.open => self.reload = value & 0xFFF,
+            1 | 2 if self.open && now >= self.busy[word - 1] => {
+                // Up to five cycles of LSI.
+                self.busy[word - 1] = now + 5 * crate::CPU_HZ / self.lsi_hz.max(1);
+                if word == 1 {
+                    self.prescaler = (value & 7).min(6);
+                } else {
+                    self.reload = value & 0xFFF;
+                }
+            }
             1 | 2 => {}
             _ => return None,
         }

@@ -182,6 +182,7 @@ impl<W: World> Board<W> {
         match chip.usart1.receives_by_dma().then(|| chip.serving(Request::Usart1Rx)).flatten() {
             Some(rx) => {
                 let to = chip.dma[rx.0].streams[rx.1].memory();
+                chip.usart1.taken_by_dma();
                 chip.moved(rx, 1);
                 let done = self.put(to, &[byte]);
                 self.moved_by_dma(rx, done)?;

@@ -23,7 +23,7 @@ pub use curve::Curve;
 use curve::Point;
 pub use dwells::{dwells, dwells_of_unit, Dwell};
 pub use lacks::{lacking, LACKING};
-pub use quality::{bins, quality, Bin, Quality};
+pub use quality::{bins, bins_of, quality, Bin, Quality};
 
 use crate::fit::independence::{same_unit, Units};
 use crate::numeric::stats::mean;

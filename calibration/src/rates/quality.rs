@@ -55,6 +55,12 @@ const LEAST_VISITS: usize = 3;
 /// What is left by axis and temperature, coldest first, in bins of 10 C that have three visits about each axis.
 #[must_use]
 pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
+    bins_of(dwells, LEAST_VISITS)
+}
+
+/// The same, where fewer visits about each axis are enough for a bin.
+#[must_use]
+pub fn bins_of(dwells: &[Dwell], least_visits: usize) -> Vec<Bin> {
     let mut out = Vec::new();
     for axis in 0..AXES {
         let mut by_bin = std::collections::BTreeMap::<i64, ([Vec<(f64, f64)>; AXES], Vec<f64>)>::new();
@@ -66,7 +72,7 @@ pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
             bin.0[about].push(slope);
             bin.1.push(t);
         }
-        for (slopes, t) in by_bin.into_values().filter(|(s, _)| s.iter().all(|v| v.len() >= LEAST_VISITS)) {
+        for (slopes, t) in by_bin.into_values().filter(|(s, _)| s.iter().all(|v| v.len() >= least_visits)) {
             let (scale_ppm, scale_std_ppm) = weighted(&slopes[axis]);
             out.push(Bin {
                 axis,

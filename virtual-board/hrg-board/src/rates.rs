@@ -4,7 +4,7 @@ use crate::replay::{self, Options, Outcome};
 use anyhow::{Context, Result};
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::{methods, prepare};
-use hrg_cal::rates::{self, bins, dwells_of_unit, Bin, Dwell};
+use hrg_cal::rates::{self, bins_of, dwells_of_unit, Bin, Dwell};
 use hrg_cal::recording::steps::Steps;
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::turning::Scheme;
@@ -17,13 +17,19 @@ use std::path::Path;
 /// Chamber runs that the fit does not see: three rounds of the eight steps on a soak each.
 pub const UNSEEN: [&str; 2] = ["-28,58m", "47,58m"];
 
+/// Rounds in each of them.
+const ROUNDS: usize = 3;
+
+/// One round of the steps on one soak: what the tests fly.
+pub const SHORT: [&str; 1] = ["47,20m"];
+
 /// A simulated unit with its images.
 pub struct Scene {
     /// Bias alone.
     pub before: Calibration,
     /// With scale factors and misalignments.
     pub after: Calibration,
-    /// The runs of [`UNSEEN`].
+    /// Runs that the fit has not seen.
     pub unseen: Vec<Recording>,
 }
 
@@ -36,15 +42,15 @@ fn turned(unit: u64, seed: u64, profile: &str) -> Result<Recording> {
 }
 
 impl Scene {
-    /// Simulates the unit of a seed, and calibrates it.
+    /// Simulates the unit of a seed, calibrates it, and simulates runs of these profiles.
     ///
     /// # Errors
     /// Where a fit fails.
-    pub fn new(unit: u64) -> Result<Self> {
+    pub fn new(unit: u64, profiles: &[&str]) -> Result<Self> {
         let train = Plan::of(Profile::parse("cycle")?, unit, 1).simulate().recording;
         let before = methods::identify(&prepare(&[train])?, Method::Lsq, 1)?.calibration;
         let after = rates::identify(&[turned(unit, 2, rates::CHAMBER)?], &before)?.calibration;
-        let unseen = (3..).zip(UNSEEN).map(|(seed, p)| turned(unit, seed, p)).collect::<Result<_>>()?;
+        let unseen = (3..).zip(profiles).map(|(seed, p)| turned(unit, seed, p)).collect::<Result<_>>()?;
         Ok(Self { before, after, unseen })
     }
 }
@@ -58,18 +64,18 @@ pub fn fly(elf: &[u8], calibration: &Calibration, r: &Recording) -> Result<Outco
     replay::run(elf, Some(calibration), &Steps::new(r)?, &options, |_| {})
 }
 
-/// What is left in the rates that the unit sent.
+/// What is left in the rates that the unit sent, in bins of so many visits about each axis at least.
 ///
 /// # Errors
 /// A run without dwells.
-pub fn left(outcomes: &[(Outcome, &Recording)], calibration: &Calibration) -> Result<Vec<Bin>> {
+pub fn left(outcomes: &[(Outcome, &Recording)], calibration: &Calibration, visits: usize) -> Result<Vec<Bin>> {
     let mut all: Vec<Dwell> = Vec::new();
     for (o, r) in outcomes {
         let seconds: Vec<_> = o.seconds_of_frames().iter().map(|s| s.unit).collect();
         let next = all.last().map_or(0, |d| d.visit);
         all.extend(dwells_of_unit(r, calibration, &seconds, next)?);
     }
-    Ok(bins(&all))
+    Ok(bins_of(&all, visits))
 }
 
 /// Runs it, prints it, and leaves the images in a folder.
@@ -79,7 +85,7 @@ pub fn left(outcomes: &[(Outcome, &Recording)], calibration: &Calibration) -> Re
 pub fn rates(elf: &[u8], unit: u64, out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     println!("Simulated unit SIM-{unit} on a simulated rate table, through the firmware's ELF on the virtual board.");
-    let scene = Scene::new(unit)?;
+    let scene = Scene::new(unit, &UNSEEN)?;
     for (name, c) in [("before", &scene.before), ("after", &scene.after)] {
         image_file::save(&out.join(format!("{name}.toml")), c)?;
         let outcomes =
@@ -91,7 +97,7 @@ pub fn rates(elf: &[u8], unit: u64, out: &Path) -> Result<()> {
             "  {:<5} {:>8} {:>20} {:>14} {:>14}",
             "axis", "T [C]", "scale factor [ppm]", "cross [urad]", "cross [urad]"
         );
-        for b in left(&outcomes, c)? {
+        for b in left(&outcomes, c, ROUNDS)? {
             println!(
                 "  {:<5} {:>8.1} {:>20.2} {:>14.2} {:>14.2}",
                 AXIS_NAMES[b.axis], b.temperature_c, b.scale_ppm, b.cross_urad[0], b.cross_urad[1]

@@ -46,7 +46,7 @@ const FASTER: &str = "the pin is fast enough at either setting (data sheet, I/O 
 
 /// Rules that need nothing but the register and its fields.
 const RULES: &[Rule] = &[
-    rule("FLASH.ACR", &["ICEN", "DCEN", "PRFTEN", "ICRST", "DCRST"], "caches and prefetch change the time that instructions take, and no result (RM0390 section 3.4.2)"),
+    rule("FLASH.ACR", &["ICEN", "DCEN", "PRFTEN"], "caches and prefetch change the time that instructions take, and no result: after each erase the program empties them (RM0390 section 3.4.2)"),
     rule("FLASH.ACR", &["LATENCY"], "more wait states than needed: slower, and no result changes (RM0390 section 3.4.1)"),
     rule("FLASH.CR", &["EOPIE", "ERRIE"], UNUSED_INTERRUPT),
     rule("FLASH.CR", &["SNB"], "the sector's number is looked at when an erase starts (RM0390 section 3.8.5)"),
@@ -54,7 +54,7 @@ const RULES: &[Rule] = &[
     rule("ST?.CR", &["MSIZE", "MBURST", "PBURST"], "in direct mode the chip sets widths and bursts itself (RM0390 section 9.5.5)"),
     rule("ST?.CR", &["CT", "PINCOS"], "without DBM, and without PINC, it has no effect (RM0390 section 9.5.5)"),
     rule("ST?.CR", &["PL"], "a stream waits for another for one access of the bus, and each is asked for once in 10 us at most (RM0390 section 9.3.4)"),
-    rule("ST?.FCR", &["FTH", "FEIE", "FS"], "the FIFO is not used in direct mode (RM0390 section 9.5.10)"),
+    rule("ST?.FCR", &["FTH", "FS"], "the FIFO is not used in direct mode (RM0390 section 9.5.10)"),
     rule("ST?.M1AR", &[], "the second buffer is used with DBM only (RM0390 section 9.5.9)"),
     rule("CR1", &["ARPE"], "ARR is not changed while the timer runs (RM0390 section 17.4.1)"),
     rule("TIM2.CR1", &["URS", "UIFREMAP"], "no interrupt or DMA request of an update event is enabled (RM0390 section 17.4.1)"),
@@ -73,7 +73,7 @@ const RULES: &[Rule] = &[
     rule("TIM3.CCMR_INPUT0", &["CCS1", "ICPSC1", "ICF1", "OCCE1", "OCFE1", "OCM1", "OCPE1"], "channel 2 is off and has no pin (RM0390 section 17.4.7)"),
     rule("TIM5.DIER", &["CCIE2", "CCIE3"], "one more call a turn of a handler that clears every flag it reads (RM0390 section 17.4.5)"),
     rule("TIM5.DIER", &["CCDE0", "CCDE1", "CCDE2", "CCDE3"], "no stream is set to a request of TIM5, and nothing else comes of one (RM0390 table 28)"),
-    rule("USART1.CR3", &["EIE"], "an error then does at once what it does when the line falls idle: it is counted (RM0390 section 25.6.6)"),
+    rule("USART1.CR3", &["EIE"], "an error then wakes the handler at once, which counts it and leaves DR to the DMA (RM0390 section 25.6.6)"),
     rule("TIM3.SR", &["UIF", "CCIF1", "CCIF2", "CCIF3", "CCOF0", "TIF"], "flags that nobody looks at (RM0390 section 17.4.5)"),
     rule("SPI1.CR1", &["CRCNEXT", "BIDIOE"], "without CRCEN, and without BIDIMODE, it has no effect (RM0390 section 26.7.1)"),
     rule("SPI1.CR2", &["ERRIE", "RXNEIE", "TXEIE"], UNUSED_INTERRUPT),
@@ -84,10 +84,9 @@ const RULES: &[Rule] = &[
     rule("USART1.CR3", &["IRLP", "NACK", "RTSE", "CTSIE"], "infrared, smartcards and the lines of flow control, which are not wired, are not used (RM0390 section 25.6.6)"),
     rule("USART1.CR3", &["ONEBIT"], "one sample a bit in the place of three: it matters on a noisy line (RM0390 section 25.6.6)"),
     rule("USART1.GTPR", &[], "infrared and smartcards are not used (RM0390 section 25.6.7)"),
-    rule("PWR.CR1", &["LPDS", "PDDS", "CWUF", "CSBF", "FPDS", "LPLVDS", "MRLVDS", "UDEN", "FMSSR", "FISSR"], "stop and standby modes are not used (RM0390 section 5.4.1)"),
+    rule("PWR.CR1", &["LPDS", "PDDS", "CWUF", "CSBF", "FPDS", "LPLVDS", "MRLVDS", "UDEN"], "stop and standby modes are not used (RM0390 section 5.4.1)"),
     rule("PWR.CR1", &["ADCDC1"], "the chip's own ADC is not used (RM0390 section 5.4.1)"),
     rule("PWR.CR1", &["DBP"], "the backup domain is used with a battery only (RM0390 section 5.4.1)"),
-    rule("RCC.CR", &["HSITRIM"], "HSI is a measure of the crystal within 10 % only, and its trim changes it by 8 % at most (RM0390 section 6.3.1)"),
     rule("RCC.CR", &["HSION"], "HSI is asked for by nothing once the PLL runs on HSE (RM0390 section 6.2.2)"),
     rule("RCC.CR", &["PLLI2SON", "PLLSAION"], "nothing takes the clock of this PLL: only current (RM0390 section 6.3.1)"),
     rule("RCC.PLLCFGR", &["PLLQ", "PLLR"], "nothing takes these outputs of the PLL, and the setting is an allowed one (RM0390 section 6.3.2)"),
