@@ -2,7 +2,7 @@
 //!
 //! # How
 //! Both images are given the same readings of the thermometers: those at which the older one says T on a soak. For each, `hrg-core` gives what
-//! the unit would subtract, as a day after power-on, [`SOAK_S`] after the beginning ([`crate::fit::correct::Model`]). So a change is
+//! the unit would subtract, as a day after power-on, `SOAK_S` after the beginning ([`crate::fit::correct::Model`]). So a change is
 //! what the same unit would send differently. Its standard deviation is that of both images, which were made from different runs; where an
 //! image states those of its coefficients alone, they are taken as independent; where it states none, it is NaN, and the change has no number of
 //! standard deviations.
