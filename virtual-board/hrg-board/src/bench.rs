@@ -99,11 +99,11 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
             "us",
         ),
         figure("ADC frame checked and taken apart", mean(&with, DECODE)?, 284.0, None, "instructions"),
-        figure("sample corrected", mean(&with, SAMPLE)?, 280.0, None, "instructions"),
+        figure("sample corrected", mean(&with, SAMPLE)?, 320.0, None, "instructions"),
         figure(
             "the same, scale factor and misalignment over temperature",
             mean(&scaled, SAMPLE)?,
-            340.0,
+            337.0,
             None,
             "instructions",
         ),
