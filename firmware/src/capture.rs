@@ -120,6 +120,7 @@ fn ring(
 impl Rings {
     /// Hands the time stamps of one axis that have come since the last call to `take`, in order. `false` where
     /// the ring overran: stamps were lost.
+    #[inline(never)]
     pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[u32])) -> bool {
         let mut buffer = [0u32; 64];
         let Some(ring) = self.rings.get_mut(axis) else {

@@ -266,10 +266,9 @@ impl Chip {
                 "RCC_PLLCFGR is written while the PLL runs, which does nothing (RM0390 section 6.3.2)".into()
             });
         }
-        // Of a chip that has it: 0 and 1 are not allowed.
-        let third =
-            self.part.tables.registers.get(&0x4002_3804).and_then(|r| r.fields.iter().find(|f| f.name == "PLLR"));
-        if word == 1 && third.is_some_and(|f| (value & f.mask()) >> f.mask().trailing_zeros() < 2) {
+        // The STM32F446 has it: 0 and 1 are not allowed.
+        let third = self.part.clocks.over_drive_above.is_some();
+        if word == 1 && third && value >> 28 & 7 < 2 {
             self.mismatch(|| "RCC_PLLCFGR.PLLR is 0 or 1, which is not allowed (RM0390 section 6.3.2)".into());
         }
         if word == 0 && used && value & 1 << 24 == 0 {
