@@ -62,7 +62,7 @@ fn broken_recordings_are_refused_with_their_place() {
 /// As [`hrg`], where no file may grow beyond so many blocks of 512 bytes: a disk that fills up.
 fn hrg_on_a_small_disk(folder: &Path, blocks: u32, arguments: &str) -> Output {
     let command = format!("trap '' XFSZ; ulimit -f {blocks}; exec '{}' {arguments}", env!("CARGO_BIN_EXE_hrg"));
-    Command::new("sh").current_dir(folder).args(["-c", &command]).output().expect("a shell")
+    Command::new("sh").current_dir(folder).args(["-c", &command]).output().expect("sh")
 }
 
 #[test]
@@ -386,7 +386,7 @@ fn a_log_is_shown_as_the_link_is() {
 }
 
 /// dong2023's section 2 from a unit's run: soaks, their curves, a fit on these curves; and zhao2022's path: a time constant from the rate,
-/// predicted temperatures, a fit on them, an image that flies by frequency.
+/// predicted temperatures, a fit on them, an image that works by frequency.
 #[test]
 fn soaks_curves_and_predicted_temperatures_end_in_images() {
     let d = folder("soaks");
@@ -443,7 +443,7 @@ fn soaks_curves_and_predicted_temperatures_end_in_images() {
         ],
     );
     assert!(text.contains("ga-bp"), "{text}");
-    assert_eq!(line("net.toml", key), line("curves.toml", key), "it flies by frequency");
+    assert_eq!(line("net.toml", key), line("curves.toml", key), "it works by frequency");
     assert_eq!(std::fs::read_to_string(d.join("h.csv")).expect("written").lines().count(), 1 + 3 * 60);
     // On the unit, by frequency, it takes most of the bias off.
     ok(&d, &["correct", "train.csv", "--calibration", "net.toml", "--out", "corrected.csv"]);

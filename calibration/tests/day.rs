@@ -60,10 +60,10 @@ fn the_earths_rate_is_taken_off_or_said_to_be_in_the_constant() {
     assert!(!told.contains("earth's rate"), "{told}");
     let untold = ok(&d, "fit untold.csv --out untold.toml");
     assert!(untold.contains("up to 15.04 deg/h") && untold.contains("--latitude"), "{untold}");
-    ok(&d, "fit untold.csv --latitude 50 --axes x=up_y=south_z=west --out said.toml");
+    ok(&d, "fit untold.csv --latitude 50 --axes x=up_y=south_z=west --out given.toml");
     ok(&d, "fit elsewhere.csv --out elsewhere.toml");
     let [told, untold, said, elsewhere] =
-        ["told.toml", "untold.toml", "said.toml", "elsewhere.toml"].map(|n| constants(&d, n));
+        ["told.toml", "untold.toml", "given.toml", "elsewhere.toml"].map(|n| constants(&d, n));
     let (s, c) = 50f64.to_radians().sin_cos();
     for (a, part) in [15.041_067 * s, -15.041_067 * c, 0.0].into_iter().enumerate() {
         assert!((f64::from(untold[a] - told[a]) - part).abs() < 1e-3, "axis {a}: {} {}", untold[a], told[a]);

@@ -1,7 +1,7 @@
 //! The kept states in the backup SRAM, which a battery at VBAT carries over a power cut (feature `battery`).
 //!
 //! # Design
-//! States are worth something only while they are recent, so the unit must know how long it was off: by the RTC, which the battery carries as well,
+//! States are of use only while they are recent, so the unit must know how long it was off: by the RTC, which the battery carries as well,
 //! on a crystal of 32768 Hz (LSE). Each second the states are written behind the RTC's time. After a power-on the unit goes on from
 //! them if no more than [`RECENT_S`] have passed: for that long a lost frequency is bridged, too. Else, or without a crystal, or with an empty
 //! battery, the past is unknown, as it is in a unit without a battery.

@@ -27,7 +27,7 @@ pub const HSI_HZ: u32 = 16_000_000;
 /// Loops of a few cycles of HSI that a crystal is given to start: more than 20 ms (data sheet: 2 ms typically).
 const PATIENCE: u32 = 100_000;
 
-/// Divider of HSE for TIM11: 8 makes 1 MHz of 8 MHz.
+/// Prescaler of HSE for TIM11: 8 makes 1 MHz of 8 MHz.
 const RTCPRE: u8 = 8;
 /// Captures take each eighth edge (IC1PSC = 3).
 const PRESCALER: u32 = 8;

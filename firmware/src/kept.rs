@@ -17,7 +17,7 @@ type Place = [AtomicU32; KEPT_WORDS];
 #[unsafe(export_name = "_kept_states")]
 static PLACES: [Place; 2] = [const { [const { AtomicU32::new(0) }; KEPT_WORDS] }; 2];
 
-/// What the unit said when it stopped: [`WORD`] and a number.
+/// What the unit reported when it stopped: [`WORD`] and a number.
 #[allow(unsafe_code)] // As above.
 #[unsafe(link_section = ".uninit.word")]
 static LAST_WORD: AtomicU32 = AtomicU32::new(0);
@@ -61,7 +61,7 @@ pub fn leave_word(why: Halt) {
     LAST_WORD.store(WORD | why as u32, Ordering::Relaxed);
 }
 
-/// What the unit said when it stopped, and forgets it.
+/// What the unit reported when it stopped, and forgets it.
 pub fn last_word(cause: ResetCause) -> Halt {
     let said = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
     LAST_WORD.store(0, Ordering::Relaxed);
@@ -94,7 +94,7 @@ pub fn correction(cause: ResetCause) -> f64 {
     }
 }
 
-/// What was kept is worth nothing any more: the unit runs on a false clock.
+/// What was kept is of no use any more: the unit runs on a false clock.
 pub fn forget() {
     for place in &PLACES {
         place[0].store(0, Ordering::Relaxed);

@@ -66,7 +66,7 @@ pub async fn task(
             halt(Halt::Corruption)
         };
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
-        // States that a false clock has made are worth nothing after the next start.
+        // States that a false clock has made are of no use after the next start.
         if !start.crystal || report.out_of_bounds {
             kept::forget();
         } else {

@@ -28,7 +28,7 @@ pub const RING: usize = 256;
 /// shorter than [`hrg_core::rate_path::BIAS_DELAY_MS`] by enough to finish the bias in time.
 pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
-/// Divider of the ADC's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
+/// Prescaler of the ADC's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
 /// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
 pub const ADC_SPI_PRESCALER: u8 = 0b010;
 

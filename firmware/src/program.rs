@@ -20,13 +20,13 @@ unsafe extern "C" {
     static __edata: u8;
 }
 
-/// Where the sum stands: [`SEALED`], then the sum. Erased until the program is sealed.
+/// Where the sum stands: [`SEALED`], then the sum. Erased until the sum is written.
 #[allow(unsafe_code)] // The section is memory.x's.
 #[unsafe(link_section = ".seal")]
 #[used]
 static SEAL: [u32; 2] = [u32::MAX; 2];
 
-/// First word of a seal.
+/// Marks the integrity word.
 const SEALED: u32 = u32::from_le_bytes(*b"SEAL");
 
 /// Words that are checked at a time: each [`hrg_core::supervision::LOOK_MS`].
@@ -35,9 +35,9 @@ const WORDS: usize = 256;
 /// How the program is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// As it was sealed.
+    /// As it was built.
     Intact,
-    /// It was never sealed.
+    /// Its sum was never written.
     Unsealed,
     /// It has changed.
     Changed,
@@ -64,7 +64,7 @@ fn word(address: usize) -> u32 {
 }
 
 impl Check {
-    /// Reads the seal.
+    /// Reads the integrity word.
     pub fn new(unit: Peri<'static, CRC>) -> Self {
         let table = (&raw const __vector_table).addr();
         let seal = (&raw const SEAL).addr();
@@ -91,7 +91,7 @@ impl Check {
     fn some(&mut self, words: usize) -> Option<Verdict> {
         let [sealed, sum] = self.seal;
         if sealed != SEALED {
-            // What was erased was never sealed; anything else was.
+            // An erased place was never written; anything else was.
             return Some(if self.seal == [u32::MAX; 2] { Verdict::Unsealed } else { Verdict::Changed });
         }
         let in_table = self.at < self.table.end;

@@ -3,7 +3,7 @@
 //! # Design
 //! embassy's `RingBufferedUartRx` stops its stream at a framing or noise error and starts it again without setting it up. Where the stream goes on
 //! then the manual does not say (RM0390 section 9.3.14 wants address and number written anew), and driver and stream may be apart until the ring has
-//! gone round: a unit that has heard one disturbed byte would be deaf for hundreds. Here the stream runs from start to power-off. A
+//! gone round: a unit that has received one disturbed byte would receive none of the next hundreds. Here the stream runs from start to power-off. A
 //! byte that is wrong is a frame that is wrong, which the checksum finds; the line's own flags are counted, and nothing else is done about them.
 //!
 //! Whoever waits is woken when the line falls idle, and when the ring is half full or full.

@@ -46,7 +46,7 @@ mod tests {
         assert!(found == expected);
     }
 
-    /// The CRC unit, which the program checks itself with, computes what the desktop's seal does: CRC-32/MPEG-2 of words.
+    /// The CRC unit, which the program checks itself with, computes what the desktop writes as integrity word: CRC-32/MPEG-2 of words.
     #[test]
     fn the_crc_unit_knows_its_check_value() {
         pac::RCC.ahb1enr().modify(|w| w.set_crcen(true));

@@ -1,4 +1,4 @@
-//! The link: any bytes in, and whatever comes out of them obeyed by the maintenance mode. The newest image is never erased, nor
+//! The link: any bytes in, and whatever comes out of them carried out by the maintenance mode. The newest image is never erased, nor
 //! is anything programmed where the flash is not erased.
 #![no_main]
 

@@ -7,7 +7,7 @@ import numpy
 
 
 def data(n):
-    """White noise, flicker-like wander and a random walk, from a generator that any language can repeat."""
+    """White noise, flicker-like drift and a random walk, from a generator that any language can repeat."""
     x, walk, slow, out = 1, 0.0, 0.0, []
     for _ in range(n):
         x = (x * 6364136223846793005 + 1442695040888963407) % 2**64

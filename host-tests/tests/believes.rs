@@ -1,4 +1,4 @@
-//! The virtual board believes nothing of the firmware: one write of its set-up made wrong ends the run with a sentence that names the register.
+//! The virtual board takes nothing of the firmware for granted: one write of its set-up made wrong ends the run with a sentence that names the register.
 //! What the sentence must say is from RM0390 and the ADC's data sheet.
 
 use hrg_board::faults::Scene;

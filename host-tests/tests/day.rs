@@ -332,7 +332,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
     let outcome = replay::run(&elf(), Some(&c), &steps, &options, |_| {}).expect("runs");
     assert_eq!(
         outcome.received.differing, 0,
-        "the twin, which shares the model: {:?}",
+        "the digital twin, which shares the model: {:?}",
         outcome.received.first_difference
     );
     // What it measured, as hrg record writes it; read as hrg correct reads it.

@@ -103,7 +103,7 @@ fn a_broken_elf_is_refused_and_not_panicked_on() {
 
 #[test]
 fn the_comparison_can_fail() {
-    // The twin is given another calibration than the unit: every housekeeping must differ.
+    // The digital twin is given another calibration than the unit: every housekeeping must differ.
     let (mine, mut other) = (calibration(), calibration());
     other.axes[0].curve.temperature_coefficients_c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
@@ -175,7 +175,7 @@ fn glitches_are_counted_and_harmless() {
 fn a_silent_adc_is_flagged_and_the_unit_runs_on() {
     let faults = WireFaults { adc: vec![(AdcFault::Silent, 5.0..12.0)], ..WireFaults::default() };
     let o = run(Some(&calibration()), 20, faults, false);
-    assert_eq!(o.watchdog_resets, 0, "silence of the ADC is no reason to reset");
+    assert_eq!(o.watchdog_resets, 0, "an ADC that stops is no reason to reset");
     let silent: Vec<_> =
         o.received.housekeeping.iter().filter(|h| h.unit_status.contains(UnitStatus::ADC_FAULT)).collect();
     assert!(silent.len() >= 6, "{} seconds flagged", silent.len());
@@ -347,7 +347,7 @@ fn the_unit_aligns_as_the_desktop_and_hands_its_drifts_on() {
     }
     assert_eq!(before[2], after[2]);
     let modes: Vec<u8> = r.housekeeping.iter().map(|h| h.mode).collect();
-    assert!(modes.contains(&1) && modes.last() == Some(&0), "align mode is said, and left");
+    assert!(modes.contains(&1) && modes.last() == Some(&0), "align mode is reported, and left");
 }
 
 #[test]

@@ -17,7 +17,7 @@ fn temporary(name: &str) -> PathBuf {
     d
 }
 
-/// Runs `hrg` in a folder; gives its exit status, what it printed and what it said.
+/// Runs `hrg` in a folder; gives its exit status, its output and its messages.
 fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
     let o = Command::new(program("hrg-cal", "hrg"))
         .current_dir(folder)
@@ -97,7 +97,7 @@ fn every_command_takes_the_imu() {
     );
     let report: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(d.join("t.json")).expect("written")).expect("JSON");
-    // One thermometer: nothing may be said of differences between axes, nor of a timebase.
+    // One thermometer: nothing may be stated of differences between axes, nor of a timebase.
     for e in report["effects"].as_array().expect("a list") {
         assert!(e["name"] != "axis-gradient" && e["name"] != "timebase", "{e}");
     }

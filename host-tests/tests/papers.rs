@@ -96,7 +96,7 @@ fn dong2023_curves() {
     on_page("Table 2, first row", &format!("{t3_t4:.3} and {t4_t2:.3}"));
     // Fig 4: the slope of eq 2 as printed is positive from -100 to 100 C.
     assert!((-100..=100).all(|t| 3.0 * -5.751e-7 * f64::from(t * t) - 2.0 * 2.568e-4 * f64::from(t) + 4.794e-1 > 0.4));
-    // zhao2022's linear law on the same table, and the slope.
+    // zhao2022's linear curve on the same table, and the slope.
     let line = polynomial(&f, &case, 1, 4900.0);
     let worst = |c: &[f64]| f.iter().zip(&case).map(|(f, t)| (value(c, *f, 4900.0) - t).abs()).fold(0.0, f64::max);
     on_page("a line, a cubic", &format!("{:.2} C, a cubic by {:.3} C", worst(&line), worst(&inverse)));

@@ -12,7 +12,7 @@ fn temporary(name: &str) -> PathBuf {
     d
 }
 
-/// Runs `hrg` in a folder; gives its exit status, what it printed and what it said.
+/// Runs `hrg` in a folder; gives its exit status, its output and its messages.
 fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
     let o = Command::new(program("hrg-cal", "hrg"))
         .current_dir(folder)

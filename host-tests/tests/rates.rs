@@ -46,6 +46,6 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_what_is_left_is_n
         before[0], after[0], before[1], after[1]
     );
     assert!(before[0] > 150.0 && before[1] > 150.0, "{before:?}");
-    // One visit of each axis: noise is in it. `hrg-board rates` flies three at each temperature, and is within 5 ppm and 5 urad.
+    // One visit of each axis: noise is in it. `hrg-board rates` runs three at each temperature, and is within 5 ppm and 5 urad.
     assert!(after[0] < 5.0 && after[1] < 5.0, "{after:?}");
 }

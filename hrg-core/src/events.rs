@@ -62,7 +62,7 @@ pub enum Event {
     Start {
         /// Why.
         cause: ResetCause,
-        /// What it had said last.
+        /// What it reported last.
         halt: Halt,
         /// Resets since power-on.
         resets: u16,
@@ -246,7 +246,7 @@ impl Journal {
         let matters = matches!(record.event, Event::Start { .. } | Event::Burn { .. });
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
-            // Said once at the first flag without room, and once in the very last place.
+            // Reported once at the first flag without room, and once in the very last place.
             let first = !matters && self.next == room;
             if first || self.next == RECORDS - 1 {
                 let event = Event::Lost { count: u16::from(first) };

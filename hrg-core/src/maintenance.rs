@@ -235,7 +235,7 @@ impl Maintenance {
         self.open
     }
 
-    /// Obeys a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
+    /// Carries out a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
     pub fn command(&mut self, command: &Command, store: &mut impl Store) -> Reply {
         let (answer, value) = match command {
             Command::Open(name) => {

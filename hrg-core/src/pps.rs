@@ -1,4 +1,4 @@
-//! One pulse per second: what the unit's own clock is worth, and frequencies set right by it.
+//! One pulse per second: how far the unit's own clock is off, and frequencies set right by it.
 //!
 //! # Why
 //! A frequency that is counted with a clock which is off by 1 ppm is off by 1 ppm: at about 100 ppm per C of a resonator that is 0.01 C. The crystal

@@ -1,6 +1,6 @@
 //! The rate path with all that a unit decides around it: what is sent, what is flagged, when to stop.
 //!
-//! The firmware's rate task, the desktop twin and the fuzz target drive this type alike: a bias and a decimation in, samples and
+//! The firmware's rate task, the digital twin and the fuzz target drive this type alike: a bias and a decimation in, samples and
 //! looks at the time in, frames and the means of a second out.
 //!
 //! # Example

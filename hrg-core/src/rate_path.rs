@@ -616,10 +616,10 @@ mod tests {
             let f = p.sample(90_000u32.wrapping_mul(k), codes).frame.expect("one a sample");
             said.push((f.axis_status, f.unit_status));
         }
-        let stale = said.iter().position(|s| s.0 != [GOOD; 3]).expect("said") + 1;
+        let stale = said.iter().position(|s| s.0 != [GOOD; 3]).expect("flagged") + 1;
         assert_eq!(stale, 2501);
         assert!(said[stale..].iter().all(|s| s.0 == [AxisStatus::TEMPERATURE_STALE; 3]));
-        let stuck = said.iter().position(|s| !s.1.is_empty()).expect("said") + 1;
+        let stuck = said.iter().position(|s| !s.1.is_empty()).expect("flagged") + 1;
         assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::ADC_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {

@@ -368,7 +368,7 @@ mod tests {
         assert_eq!(
             newest(&bx, &by, None),
             Found { newest: Some((x, at(Sector::A, 0))), refused },
-            "the older is used, and that is said"
+            "the older is used, and that is reported"
         );
         assert_eq!(newest(&[0xFF; 8], &by, None), Found { newest: None, refused });
         assert_eq!(newest(&[0xFF; 8], &[], None), Found { newest: None, refused: None });

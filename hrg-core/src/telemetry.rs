@@ -1,7 +1,7 @@
 //! The second of a unit: what model, rate path, link and maintenance say of it, merged into one housekeeping message; and the
 //! alignment, which lives on the same seconds.
 //!
-//! The firmware's telemetry task and the desktop twin drive this type alike.
+//! The firmware's telemetry task and the digital twin drive this type alike.
 //!
 //! # Example
 //! ```
@@ -34,7 +34,7 @@
 //!     missing: [0; 3],
 //! };
 //! let output = Compensator::new(Calibration::uncalibrated(), 0.0).update(&step);
-//! // A second in which the rate path has said nothing: its means are missing, all else is there.
+//! // A second in which the rate path has reported nothing: its means are missing, all else is there.
 //! let (housekeeping, report) = telemetry.second(&step, &output, None);
 //! assert_eq!((housekeeping.time_ms, housekeeping.samples, report), (1000, 0, None));
 //! assert!(housekeeping.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION));
@@ -136,7 +136,7 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
         self.maintenance = open;
     }
 
-    /// A second is over: the step that ended it, what the model made of it, and what the rate path has said of the time before its
+    /// A second is over: the step that ended it, what the model made of it, and what the rate path has reported of the time before its
     /// bias (`None`: nothing, for [`RATES_WAIT_MS`]).
     pub fn second(
         &mut self,

@@ -90,7 +90,7 @@ def test_what_a_function_raises_is_one_sentence_with_its_name(with_peak):
     def broken(s):
         return s.temperature_c / s.no_such_thing
 
-    with pytest.raises(hrg.HrgError, match="own effect hopeful, axis x: its function raised AttributeError: .*no_such_thing.*mend the function") as e:
+    with pytest.raises(hrg.HrgError, match="own effect hopeful, axis x: its function raised AttributeError: .*no_such_thing.*correct the function") as e:
         hrg.trace(train, verify, own_effects=[hrg.OwnEffect("hopeful", broken)])
     assert isinstance(e.value.__cause__, AttributeError), "the traceback of the function is there"
     for function, wanted in [

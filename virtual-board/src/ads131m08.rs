@@ -13,7 +13,7 @@ const WORDS: usize = 10;
 const FRAME: usize = WORDS * 3;
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
-/// Master clock of the modulator's divider, Hz.
+/// Master clock that the modulator's clock is made of, Hz.
 const CLKIN_HZ: u64 = 8_192_000;
 
 /// The ADC.

@@ -210,6 +210,16 @@ impl<W: World> Board<W> {
         self.cpu.get_data().estimate.as_ref().map_or_else(Cycles::default, |e| e.cycles())
     }
 
+    /// The longest that the handler of an interrupt has run for since [`start_estimate`](Self::start_estimate), in estimated cycles, what came
+    /// into it included; none without, and where there is no interrupt of that name.
+    #[must_use]
+    pub fn longest_interrupt(&self, name: &str) -> Option<u64> {
+        const FIRST: u16 = 16;
+        let chip = self.cpu.get_data();
+        let number = chip.part.tables.interrupt(name)?;
+        Some(chip.estimate.as_ref()?.longest(FIRST + number as u16))
+    }
+
     /// Counts the calls of all probes anew.
     pub fn forget_calls(&mut self) {
         for p in &mut self.cpu.get_data_mut().probes {
@@ -546,7 +556,7 @@ impl<W: World> Board<W> {
         }
     }
 
-    /// What the chip would suffer in silence, found outside the CPU's own running.
+    /// What the chip would suffer without a sign, found outside the CPU's own running.
     pub(crate) fn complain(&mut self) -> Result<(), RunError> {
         match self.cpu.get_data_mut().error.take() {
             Some(what) => Err(RunError::NotModelled { what, pc: self.pc() }),

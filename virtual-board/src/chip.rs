@@ -56,7 +56,7 @@ pub struct Chip {
     /// The program asks the debugger for something: the number of the call, its parameter.
     pub call: Option<(u32, u32)>,
     pub error: Option<String>,
-    /// What the chip suffers in silence ends the run.
+    /// What the chip suffers without a sign ends the run.
     pub strict: bool,
     /// Frequencies, and instructions in the board's time.
     pub clocks: Clocks,
@@ -418,12 +418,16 @@ impl Chip {
 
     /// A write to a port, and what its pins do with it.
     fn write_port(&mut self, port: usize, word: usize, value: u32, address: u32) {
+        const PUPDR: usize = 3;
         const BSRR: usize = 6;
         let now = self.now;
         let wiring = &self.part.wiring;
         let Pin(p, pin) = wiring.mark;
         let before = self.ports[p].driven(pin);
         let done = self.ports[port].write(word, value);
+        if word == PUPDR && value & value >> 1 & 0x5555_5555 != 0 {
+            self.mismatch(|| "GPIO_PUPDR sets a pin to 3, which is reserved (RM0390 section 7.4.4)".into());
+        }
         if word != BSRR {
             self.carried = [None; SIGNALS];
         }

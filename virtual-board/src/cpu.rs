@@ -79,7 +79,7 @@ fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
 
 fn forbid_code_in_ram(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
     // Unicorn takes RAM for executable and then checks every store for code that it overwrites, which costs a third of the
-    // speed. Code runs from flash only; here that is said.
+    // speed. Code runs from flash only; Unicorn is told so.
     uc(cpu.ctl_set_tlb_type(TlbType::VIRTUAL))?;
     uc(cpu.add_tlb_hook(0, u64::MAX, |c, address, _| {
         c.get_data_mut().it_stale = true;

@@ -213,6 +213,10 @@ pub struct Estimate {
     ahead: Option<(u32, u64)>,
     instructions: Lines<64>,
     literals: Lines<8>,
+    /// Exceptions that run, and when each was entered.
+    running: Vec<(u16, u64)>,
+    /// The longest that each has run for, those that came into it included.
+    longest: std::collections::BTreeMap<u16, u64>,
 }
 
 impl Estimate {
@@ -282,8 +286,15 @@ impl Estimate {
         self.cycles.bus += 1;
     }
 
+    /// The longest that an exception has run for, those that came into it included, in cycles. The number is that of the vector table.
+    #[must_use]
+    pub fn longest(&self, exception: u16) -> u64 {
+        self.longest.get(&exception).copied().unwrap_or(0)
+    }
+
     /// An exception is entered.
-    pub fn enter(&mut self) {
+    pub fn enter(&mut self, exception: u16) {
+        self.running.push((exception, self.cycles.total()));
         self.cycles.exceptions += EXCEPTION_ENTRY;
         self.after = (0, 0);
     }
@@ -291,6 +302,10 @@ impl Estimate {
     /// An exception is left.
     pub fn leave(&mut self) {
         self.cycles.exceptions += EXCEPTION_RETURN;
+        if let Some((exception, since)) = self.running.pop() {
+            let longest = self.longest.entry(exception).or_default();
+            *longest = (*longest).max(self.cycles.total() - since);
+        }
         self.after = (0, 0);
     }
 }

@@ -14,7 +14,7 @@ pub enum RunError {
     },
     /// The CPU stopped on its own: a fault.
     Cpu {
-        /// What Unicorn said.
+        /// The message of Unicorn.
         what: String,
         /// Where.
         pc: u32,

@@ -78,7 +78,7 @@ impl<W: World> Board<W> {
         let chip = cpu.get_data_mut();
         chip.probes.iter_mut().for_each(Probe::interrupt);
         if let Some(estimate) = &mut chip.estimate {
-            estimate.enter();
+            estimate.enter(exception);
         }
         chip.nvic.enter(exception);
         chip.event = true;

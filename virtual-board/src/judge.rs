@@ -1,4 +1,4 @@
-//! What must be so for a signal to pass: clocks, pins, buses, streams. The board believes nothing of the firmware; where something is not as the
+//! What must be so for a signal to pass: clocks, pins, buses, streams. The board takes nothing of the firmware for granted; where something is not as the
 //! chip needs it, the run ends with one sentence: what the chip would do, which register, which section of the manual.
 //!
 //! A pin that is not yet set up is legal while nobody uses it: so each thing is judged when a signal would pass.
@@ -92,7 +92,7 @@ impl Signal {
 }
 
 impl Chip {
-    /// Something that the chip suffers in silence: here it ends the run, unless faults are to be as on the chip.
+    /// Something that the chip suffers without a sign: here it ends the run, unless faults are to be as on the chip.
     pub fn mismatch(&mut self, what: impl FnOnce() -> String) {
         if self.strict && self.error.is_none() {
             self.error = Some(what());

@@ -1,4 +1,4 @@
-//! A desktop twin of an STM32F446 (or STM32F405) board that runs the very ELF that gets flashed.
+//! A digital twin of an STM32F446 (or STM32F405) board that runs the very ELF that gets flashed.
 //!
 //! The CPU is Unicorn; this library adds what Unicorn has not (interrupt controller, exception entry and
 //! return, sleep) and the peripherals that the firmware uses, down to their registers. It knows the chip, the

@@ -160,7 +160,7 @@ impl Nvic {
             ),
             (
                 self.fpccr >> 31 == 0,
-                "FPU_FPCCR.ASPEN is 0: interrupts do not save floating-point registers, and tasks spoil each other's (PM0214 section 4.6.2)",
+                "FPU_FPCCR.ASPEN is 0: interrupts do not save floating-point registers, and tasks overwrite each other's (PM0214 section 4.6.2)",
             ),
             (
                 self.ccr & 0x18 != 0,

@@ -62,7 +62,7 @@ impl<W: World> Board<W> {
         self.cpu.get_data_mut().rcc.crystal_hz = Some(hz);
     }
 
-    /// How long the crystal takes to start, in units of [`crate::CPU_HZ`]; 2 ms where nothing else is said.
+    /// How long the crystal takes to start, in units of [`crate::CPU_HZ`]; 2 ms where no other is given.
     pub fn set_crystal_start(&mut self, time: u64) {
         self.cpu.get_data_mut().rcc.crystal_start = time;
     }

@@ -1,4 +1,4 @@
-//! What xtask must know of an ELF: how much flash and RAM it takes, and the seal of its program.
+//! What xtask must know of an ELF: how much flash and RAM it takes, and the integrity word of its program.
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
@@ -31,7 +31,7 @@ pub fn flash_and_ram(elf: &[u8]) -> Option<(u64, u64)> {
     Some((flash, ram))
 }
 
-/// First word of a seal, as the firmware looks for it (`firmware/src/program.rs`).
+/// Marks the integrity word, as the firmware looks for it (`firmware/src/program.rs`).
 const SEALED: [u8; 4] = *b"SEAL";
 
 /// File offset, address and size of a section.
@@ -80,7 +80,7 @@ fn crc(words: &[u8]) -> u32 {
     })
 }
 
-/// Writes the sum of the program into its seal: of the vector table, and of everything from the fourth sector on, where the code begins.
+/// Writes the sum of the program into its integrity word: of the vector table, and of everything from the fourth sector on, where the code begins.
 pub fn seal(elf: &mut [u8]) -> Option<u32> {
     let (_, table, _) = section(elf, ".vector_table")?;
     let (_, code, _) = section(elf, ".text")?;

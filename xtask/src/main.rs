@@ -143,7 +143,7 @@ fn build(t: &Toolchain) -> Result<(), Failure> {
 fn seal(elf: &Path) -> Result<(), Failure> {
     let failed = |e: std::io::Error| Failure(format!("{}: {e}", elf.display()));
     let mut bytes = std::fs::read(elf).map_err(failed)?;
-    elf::seal(&mut bytes).ok_or_else(|| Failure(format!("{} has no place for its seal", elf.display())))?;
+    elf::seal(&mut bytes).ok_or_else(|| Failure(format!("{} has no place for its integrity word", elf.display())))?;
     std::fs::write(elf, bytes).map_err(failed)
 }
 

@@ -246,7 +246,7 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
 fn main() -> Result<()> {
     let a = Arguments::parse();
     let mut trials = campaign(&a);
-    // A defective file is compared with its clean twin: same unit, same noise.
+    // A defective file is compared with its clean file: same unit, same noise.
     for k in 1..trials.len() {
         if trials[k].kind == "defective file" {
             trials[k].unit = trials[k - 1].unit;
@@ -400,8 +400,8 @@ fn with_defects(s: &mut String, all: &[Outcome]) {
         same_name += usize::from(w[0].found == w[1].found);
         same_error += usize::from((w[1].after_dph / w[0].after_dph - 1.0).abs() <= 0.05);
     }
-    let _ = writeln!(s, "| defective files: same names as the clean twin | all | {} |", share(same_name, files));
-    let _ = writeln!(s, "| defective files: error within 5 % of the clean twin | all | {} |", share(same_error, files));
+    let _ = writeln!(s, "| defective files: same names as the clean file | all | {} |", share(same_name, files));
+    let _ = writeln!(s, "| defective files: error within 5 % of the clean file | all | {} |", share(same_error, files));
 }
 
 /// How often the uncertainty holds that the image states.
@@ -454,7 +454,8 @@ fn summary(all: &[Outcome], seed: u64) -> String {
     let within = floors.iter().filter(|f| **f <= 0.15).count();
     let seconds: Vec<f64> = all.iter().map(|o| o.seconds).collect();
     let _ = writeln!(s, "\n| figure | wanted | reached |\n|---|---|---|");
-    let _ = writeln!(s, "| size 2 and up: right name (or a twin listed) | 95 % | {} |", share(named, large.len()));
+    let _ =
+        writeln!(s, "| size 2 and up: right name (or listed as confounded) | 95 % | {} |", share(named, large.len()));
     let _ = writeln!(s, "| the same, that name first and alone | - | {} |", share(exact, large.len()));
     let _ = writeln!(s, "| the same, with something besides | - | {} |", share(extra, large.len()));
     let _ = writeln!(s, "| pairs: both | 80 % | {} |", share(both, pairs.len()));

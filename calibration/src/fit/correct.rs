@@ -11,7 +11,7 @@
 //! changes in a second: at 5 C per minute and 0.1 deg/h per C that is 0.008 deg/h. In a recording that no unit made, a row is the
 //! mean over its second without that shift of 50 ms: then a twentieth of that difference remains.
 //!
-//! [`Model`] is the one place where this is written on the desktop. The virtual board's twin runs it, too, and the frames of the ELF
+//! [`Model`] is the one place where this is written on the desktop. The virtual board's digital twin runs it, too, and the frames of the ELF
 //! are compared with it bit for bit.
 
 use crate::recording::columns::{self, Written};
@@ -197,7 +197,7 @@ pub struct Corrected {
     pub notes: Vec<String>,
 }
 
-/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too. What a unit's counters said is taken over
+/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too. What a unit's counters reported is taken over
 /// from the status columns, where the recording has them.
 ///
 /// # Errors

@@ -31,7 +31,7 @@ pub enum Units {
     /// Runs of different units are refused.
     #[default]
     Same,
-    /// The user has said that they may differ.
+    /// The user has stated that they may differ.
     Different,
 }
 

@@ -2,7 +2,7 @@
 //!
 //! A method is a *form* (which model) and a *search* (how its coefficients are found). Forms that are linear in their
 //! coefficients have an exact solution, which a swarm can approach and not beat; what each search reaches beside that
-//! solution is said in its notes.
+//! solution is stated in its notes.
 //!
 //! | name | form | search | source |
 //! |---|---|---|---|

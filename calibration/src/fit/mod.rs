@@ -43,7 +43,7 @@ pub const NAMES: [&str; TERMS] = ["1", "T", "T^2", "dT/dt", "(dT/dt)^2", "T dT/d
 pub struct Prepared {
     /// The runs through the unit's thermometer.
     pub runs: Vec<Run>,
-    /// Laws, scaling and ranges; no bias yet.
+    /// Curves, scaling and ranges; no bias yet.
     pub calibration: Calibration,
     /// What the user should know.
     pub notes: Vec<String>,
@@ -197,15 +197,15 @@ fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; 
         curve::Reference::Sensor => {
             "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
         }
-        curve::Reference::Narrow => "too little temperature for a frequency-temperature law: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Narrow => "too little temperature for a frequency-temperature curve: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
         curve::Reference::Case => format!(
             "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
             lag_s[0], lag_s[1], lag_s[2]
         ),
         curve::Reference::Given => "temperatures are those of the curves that were given".into(),
         curve::Reference::Chamber => "no case sensor: temperatures are referred to the chamber".into(),
-        curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
-        curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the law of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
     }
 }
 

@@ -8,7 +8,7 @@
 //!
 //! with the unit's own regressors `x`. The constant of a visit (dwells of both signs about one axis, after each other) holds the earth's rate along the
 //! table's axis and what the bias model leaves; plus less minus rates are free of it. So each visit about axis i gives a value of its scale factor, and
-//! of what the other axes take of it. A [`Curve`] goes through the values of each. What the schemes of the runs do not tell apart is left out, and said ([`told_apart`]).
+//! of what the other axes take of it. A [`Curve`] goes through the values of each. What the schemes of the runs do not tell apart is left out, and stated ([`told_apart`]).
 //!
 //! # Asymmetry and nonlinearity
 //! They are not compensated. Two visits of an axis after each other with rates of different size give one value each: the mean of plus and minus

@@ -8,7 +8,7 @@ use crate::BadInput;
 use hrg_core::calibration::{Calibration, DEFAULT_SCALE_FACTOR};
 use hrg_core::AXES;
 
-/// Why what was said cannot be used with a recording, or a recording not with an image.
+/// Why what was given cannot be used with a recording, or a recording not with an image.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Disagreement {
     /// Two names.
@@ -28,7 +28,7 @@ pub enum Disagreement {
         image: String,
     },
     /// Two attitudes.
-    #[error("the recording says latitude {0} and axes {1}; leave --latitude and --axes out, or mend the file")]
+    #[error("the recording says latitude {0} and axes {1}; leave --latitude and --axes out, or correct the file")]
     Attitude(String, String),
     /// An attitude for rates that are free of the earth's rate.
     #[error("the recording says that the earth's rate is removed already; leave --latitude and --axes out")]
@@ -79,7 +79,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Adds what is said to a recording that does not tell it. Rates that were made with another scale factor than the one given
+    /// Adds what is given to a recording that does not state it. Rates that were made with another scale factor than the one given
     /// are converted, and a note says so.
     ///
     /// # Errors

@@ -44,7 +44,7 @@ pub enum MergeError {
         format: String,
     },
     /// A value that is none.
-    #[error("line {line}: \"{text}\" in column {column} is not a number; mend or empty the cell")]
+    #[error("line {line}: \"{text}\" in column {column} is not a number; correct or empty the cell")]
     Value {
         /// Line.
         line: usize,

@@ -90,7 +90,7 @@ impl Recording {
             (Some(a), Some(b)) if step > 0.0 => (*a, *b),
             _ => return (Default::default(), 1.0),
         };
-        // A file whose times leap over years is not worth a grid of them.
+        // A file whose times leap over years gets no grid of them.
         let n = (((last - first) / step).round() as usize + 1).min(20 * self.time_s.len() + 1);
         let mut out = [0, 1, 2].map(|_| vec![f64::NAN; n]);
         for (k, t) in self.time_s.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Recordings as Parquet tables, as pandas writes and reads them. The crate parquet reads and writes the files; here it is only said
+//! Recordings as Parquet tables, as pandas writes and reads them. The crate parquet reads and writes the files; here is only
 //! which column is what.
 //!
 //! A recording keeps its names of columns, and its metadata lie where pandas keeps `DataFrame.attrs`: so

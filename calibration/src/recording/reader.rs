@@ -9,7 +9,7 @@ use hrg_core::AXES;
 
 /// Pieces for each processor: one that is busy with other work takes fewer.
 const PIECES: usize = 4;
-/// Smaller pieces are not worth a thread, bytes.
+/// Smaller pieces get no thread of their own, bytes.
 const LEAST_PIECE: usize = 1 << 20;
 
 impl Recording {

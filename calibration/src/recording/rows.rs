@@ -168,7 +168,7 @@ impl Header<'_> {
                 ""
             };
             return Err(BadInput(format!(
-                "line {line} has {cells} cells, the header has {}; mend or remove the line{commas}",
+                "line {line} has {cells} cells, the header has {}; correct or remove the line{commas}",
                 self.names.len()
             )));
         }
@@ -182,7 +182,7 @@ impl Header<'_> {
         }
         cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
             BadInput(format!(
-                "line {line}, column {column} ({}): \"{}\" is not a number; mend or empty the cell",
+                "line {line}, column {column} ({}): \"{}\" is not a number; correct or empty the cell",
                 self.names.get(column - 1).unwrap_or(&""),
                 cell.chars().take(24).collect::<String>()
             ))
@@ -236,7 +236,7 @@ fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
 const SHIFT: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
 
 /// Takes digits from a place on, behind those of `value`; gives what they make together (modulo 2^64) and the place behind them. Eight bytes at
-/// a time: how many of them are digits, and what those are worth, takes a few operations on the word that they make.
+/// a time: how many of them are digits, and what their value is, takes a few operations on the word that they make.
 #[inline]
 fn digits(bytes: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
     while let Some(eight) = bytes.get(at..).and_then(<[u8]>::first_chunk::<8>) {

@@ -27,7 +27,7 @@ pub(super) fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }
 
-/// A smooth wander with a time constant, unit variance.
+/// A first-order Gauss-Markov process with a time constant, unit variance.
 pub(super) fn wander(n: usize, tau: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let keep = (-1.0 / tau).exp();
     let drive = (1.0 - keep * keep).sqrt();

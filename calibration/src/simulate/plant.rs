@@ -98,7 +98,7 @@ pub(super) struct Monitors {
 }
 
 impl Monitors {
-    /// Each follows temperature and wanders by itself.
+    /// Each follows temperature and drifts by itself.
     pub(super) fn new(plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
         let n = plant.board_c.len();
         Self {

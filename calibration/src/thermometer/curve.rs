@@ -50,7 +50,7 @@ pub fn fit_inverse(
     let span = t.iter().copied().fold(f64::NEG_INFINITY, f64::max) - t.iter().copied().fold(f64::INFINITY, f64::min);
     if f.len() < degree + 2 || !(span > 5.0) || !(frequency_scale_hz > 0.0) {
         return Err(BadInput::new(format!(
-            "the temperatures span {:.1} C; a frequency-temperature law needs a run over tens of degrees",
+            "the temperatures span {:.1} C; a frequency-temperature curve needs a run over tens of degrees",
             if span.is_finite() { span } else { 0.0 }
         )));
     }

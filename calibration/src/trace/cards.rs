@@ -104,7 +104,7 @@ pub struct Card {
     pub generator: Generator,
     /// Whether a chamber profile is judged by how well it parts this effect from the others.
     pub parted_by_profile: bool,
-    /// What to mend where a unit cannot compensate it.
+    /// What to repair where a unit cannot compensate it.
     pub mend: Option<Mend>,
 }
 
@@ -149,7 +149,7 @@ pub struct Generator {
     pub study: bool,
 }
 
-/// What to mend, from the inner parameters by name.
+/// What to repair, from the inner parameters by name.
 pub type Mend = fn(&dyn Fn(&str) -> f64) -> String;
 
 fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
@@ -297,7 +297,7 @@ fn generator(effect: EffectId) -> Generator {
 }
 
 /// What a recording must have for an effect, whether a chamber profile is judged by how well it parts it (those that a unit can compensate
-/// with what it measures itself, one name for each thing that a chamber can tell), and what to mend.
+/// with what it measures itself, one name for each thing that a chamber can tell), and what to repair.
 fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
     use EffectId as E;
     let mended = |mend: Mend| (Needs::Nothing, false, Some(mend));

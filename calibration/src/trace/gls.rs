@@ -1,7 +1,7 @@
-//! Least squares with coloured noise.
+//! Least squares with correlated noise.
 //!
 //! The noise of a block mean is modelled as first-order autoregressive plus moving average (ARMA(1,1)): white noise,
-//! a slow wander on top of it, and what lies between; flicker is close to one of these over the two decades that a
+//! a slow Gauss-Markov process on top of it, and what lies between; flicker is close to one of these over the two decades that a
 //! chamber run spans. Whitening is a recursion that is applied to data and regressors alike; the likelihood then is
 //! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
 //! compared, so that structure can be explained by the model or by the noise, whichever does it better.
@@ -17,7 +17,7 @@ pub struct NoiseModel {
     pub theta: f64,
 }
 
-/// The grid: white, then wanders of 20 to 2000 blocks with rising share.
+/// The grid: white, then Gauss-Markov processes of 20 to 2000 blocks with rising share.
 pub const NOISE_MODELS: [NoiseModel; 9] = [
     NoiseModel { phi: 0.0, theta: 0.0 },
     NoiseModel { phi: 0.95, theta: 0.88 },

@@ -1,6 +1,6 @@
 //! Closes the loop: baseline fit, residual, the effects that the model lacks, refit, before and after.
 //!
-//! The method is written down in `docs/trace.md`. In short: models are compared by their likelihood under coloured
+//! The method is written down in `docs/trace.md`. In short: models are compared by their likelihood under correlated
 //! noise ([`gls`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
@@ -199,7 +199,7 @@ fn judged(
 
     let there: Vec<usize> = verify_run.steps.present().collect();
     let clean = clean_of(&after_train, &judged, &there);
-    // (What is said of an axis that is not there is taken out of the report.)
+    // (What is stated of an axis that is not there is taken out of the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
     let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
@@ -552,7 +552,7 @@ mod tests {
         found.sort_unstable();
         assert_eq!(found, ["step", "thermal-lag"], "{}", r.verdict);
         assert!(r.burn && r.image == Image::Extended, "{}", r.verdict);
-        assert!(r.verdict.contains("To do: burn") && r.verdict.contains("Mend step"), "{}", r.verdict);
+        assert!(r.verdict.contains("To do: burn") && r.verdict.contains("Repair step"), "{}", r.verdict);
         assert_eq!(r.refitted_on_verify.len(), 1);
         for n in AXIS_NAMES {
             assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);

@@ -177,7 +177,7 @@ pub struct Found {
     pub indistinguishable_from: Vec<String>,
     /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
     pub p_value: Option<f64>,
-    /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be mended.
+    /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.
     pub reach: String,
 }
 

@@ -43,7 +43,7 @@ pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdic
         return Err(BadInput::new(format!("only {rows} usable means in the run; a profile of some hours is needed")));
     }
     let search = Search::new(&data, 1);
-    // An effect of that size weighs so much in log-likelihood over all axes.
+    // An effect of that size counts so much in log-likelihood over all axes.
     let hundreds = (rows * data.block_s) as f64 / 100.0;
     let weight = 0.5 * hundreds * SIZE * SIZE * AXES as f64;
     let limit = 1.0 - INDISTINGUISHABLE / weight;

@@ -1,5 +1,5 @@
 //! Significance: what the best of the library gains on surrogates of the residual. A surrogate has the spectrum of the whitened
-//! residual, lines and wander included, and random phases (Theiler and others 1992).
+//! residual, lines and slow drift included, and random phases (Theiler and others 1992).
 
 use super::data::AxisRows;
 use super::gram::{Axis, AxisModel};

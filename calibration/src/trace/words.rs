@@ -107,7 +107,7 @@ fn outside(r: &Report) -> String {
     )
 }
 
-/// What is said of axes whose image is a constant.
+/// What is stated of axes whose image is a constant.
 fn constants(axes: &[&str]) -> String {
     if axes.is_empty() {
         return String::new();
@@ -164,7 +164,7 @@ fn to_do(r: &Report) -> String {
     let at_cause = |e: &&Found| e.reach != "unit" && e.class != Class::Own;
     let mend: Vec<&str> = r.effects.iter().filter(at_cause).map(|e| e.name.as_str()).collect();
     if !mend.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
-        let _ = write!(s, " Mend {} at the cause: the unit cannot compensate it.", list(&mend));
+        let _ = write!(s, " Repair {} at the cause: the unit cannot compensate it.", list(&mend));
     }
     s
 }

@@ -54,17 +54,17 @@ pub enum NameError {
         /// The unit's name.
         unit: String,
     },
-    /// What was said is neither's name.
+    /// What was given is neither's name.
     #[error("--unit says {said}, the {what} on hand is {named}; nothing was written")]
     Said {
-        /// What was said.
+        /// What was given.
         said: String,
         /// The unit or the calibration.
         what: &'static str,
         /// Its name.
         named: String,
     },
-    /// What was said cannot be a name.
+    /// What was given cannot be a name.
     #[error(transparent)]
     Unfit(#[from] names::NameError),
 }

@@ -28,7 +28,7 @@ static RING: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 const LONGEST: usize = 4;
 static SENT: [AtomicU32; LONGEST] = [const { AtomicU32::new(0) }; LONGEST];
 
-/// What was heard since it was last forgotten.
+/// What was received since it was last forgotten.
 #[derive(Default)]
 pub struct Heard {
     /// Rate frames, and the sums of their rates.
@@ -56,7 +56,7 @@ pub struct Listener {
     deframer: Deframer,
     at: usize,
     pulse: u32,
-    /// What it has heard.
+    /// What it has received.
     pub heard: Heard,
 }
 

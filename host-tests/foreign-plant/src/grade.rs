@@ -9,7 +9,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Mutex;
 
-/// An image counts as worse than the baseline from this ratio on: what the estimate of a deviation from 300 means wanders by.
+/// An image counts as worse than the baseline from this ratio on: what the estimate of a deviation from 300 means varies by.
 const WORSE: f64 = 1.02;
 /// Floors from which on something that was not named counts as missed without a word.
 const MISSED: f64 = 1.5;

@@ -1,4 +1,4 @@
-//! The files obey the contract of recordings, version 2.
+//! The files follow the contract of recordings, version 2.
 
 mod common;
 

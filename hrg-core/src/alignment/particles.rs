@@ -465,7 +465,7 @@ impl<T: Real, const N: usize> Filter for Literal<T, N> {
         }
         let shares = cloud.shares();
         cloud.renew(&shares, || random.uniform(), |parent, _, _| Particle { weight: T::zero(), ..*parent });
-        // Drawn states miss the reading by more than their filters would: nothing can be said of the base.
+        // Drawn states miss the reading by more than their filters would: nothing is known of the base.
         (!cloud.broken).then_some([1.0; 2])
     }
 

@@ -21,7 +21,7 @@ pub const REFUSED: [u8; COMMIT] = [0; COMMIT];
 /// Bytes before the payload.
 const HEADER: usize = size(Header::FIELDS);
 
-/// The length that the header at the front of `bytes` states, whatever it is worth; `None` where there is no header.
+/// The length that the header at the front of `bytes` states, valid or not; `None` where there is no header.
 #[must_use]
 pub fn stated_length(bytes: &[u8]) -> Option<usize> {
     let header: Header = take(&mut Reader::new(bytes))?;

@@ -111,9 +111,9 @@ impl Inputs<'_> {
 pub enum Reach {
     /// The unit has all it needs.
     Unit,
-    /// Needs a quantity that only the recording has: mend the unit's wiring, or the cause.
+    /// Needs a quantity that only the recording has: change the unit's wiring, or the cause.
     NeedsInput(&'static str),
-    /// No unit can predict it: something to mend in the unit or the chamber.
+    /// No unit can predict it: something to repair in the unit or the chamber.
     Unpredictable,
 }
 

@@ -1,10 +1,10 @@
 //! `timebase`: what is common to all three frequencies in fractional terms and is not temperature, in ppm: the mean
-//! over the axes of resonator temperature less that of the case behind its thermal lag. A clock that wanders
+//! over the axes of resonator temperature less that of the case behind its thermal lag. A clock that drifts
 //! shifts all three resonators alike. Needs the case sensors. State: the three lagged case temperatures,
 //! starting in equilibrium. Source: dong2023 Table 1, whose residuals are alike in all three gyros.
 //!
 //! The lag matters: a resonator is some 11 C behind its case on a ramp of 1 C per minute, a thousand times what a
-//! clock that wanders by 0.1 ppm does.
+//! clock that drifts by 0.1 ppm does.
 
 use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
 use crate::AXES;

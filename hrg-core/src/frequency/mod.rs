@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn many_at_once_are_as_one_by_one() {
-        // Edges with jitter, glitches, gaps and a silence, cut into batches of any length.
+        // Edges with jitter, glitches, gaps and a longer one, cut into batches of any length.
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut draw = |n: u32| rng.random_range(0..n);
         let mut stamps = std::vec::Vec::new();

@@ -12,7 +12,7 @@ pub struct Deframer {
 
 impl Deframer {
     /// Takes one byte; gives a message, or why there is none, at the end of each frame. Empty frames are
-    /// silence, not errors.
+    /// no errors: nothing was sent.
     pub fn push(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
         self.push_with(byte, Message::decode)
     }

@@ -114,7 +114,7 @@ pub mod mode {
 
 impl Housekeeping {
     /// One second: the step that ended it, what the model made of it, and the means over the bias before
-    /// (`None`: the rate path said nothing). Counters of the unit are zero: the sender fills them in.
+    /// (`None`: the rate path reported nothing). Counters of the unit are zero: the sender fills them in.
     #[must_use]
     pub fn new(step: &StepFrequencies, output: &Output, summary: Option<&Summary>, timebase: Timebase) -> Self {
         let samples = summary.map_or(0, |s| s.samples);

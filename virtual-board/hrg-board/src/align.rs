@@ -184,7 +184,7 @@ pub fn demo(
         text.push_str(part);
         text.push('\n');
     };
-    say(&mut text, &format!("## Campaigns\n{runs} platforms, azimuth anywhere on the circle, drifts of 0.2 deg/h and tilts of 3' (one sigma), 85 s in each\nposition and 30 s of turn. \"Refused\": the aligner gave no azimuth, and said why.\n"));
+    say(&mut text, &format!("## Campaigns\n{runs} platforms, azimuth anywhere on the circle, drifts of 0.2 deg/h and tilts of 3' (one sigma), 85 s in each\nposition and 30 s of turn. \"Refused\": the aligner gave no azimuth, and the reason.\n"));
     let rows = study::campaigns(runs, seed);
     say(&mut text, &study::table(&rows));
     let [drift, error] = study::WITH_THE_TURN;
@@ -194,7 +194,7 @@ pub fn demo(
     for (size, seen, refused) in study::turn_error_seen(runs, seed, &[0.0, 6.0, 30.0, 60.0]) {
         say(&mut text, &format!("| {size:.0} | {:.1} % | {:.1} % |", 100.0 * seen, 100.0 * refused));
     }
-    say(&mut text, "\n## One position\nAzimuth error and median standard deviation after 200 s in one position, for drifts of a size that is known:\n\n| drift [deg/h] | error, RMS ['] | said by the filter ['] |\n|--:|--:|--:|");
+    say(&mut text, "\n## One position\nAzimuth error and median standard deviation after 200 s in one position, for drifts of a size that is known:\n\n| drift [deg/h] | error, RMS ['] | stated by the filter ['] |\n|--:|--:|--:|");
     for (known, error, said) in study::one_position(runs, seed, &[0.2, 0.1, 0.022, 0.012]) {
         say(&mut text, &format!("| {known} | {error:.1} | {said:.1} |"));
     }

@@ -42,7 +42,7 @@ pub struct Row {
     pub pass: bool,
 }
 
-/// What the program has said.
+/// What the program has reported.
 #[derive(Debug, Default)]
 pub struct Outcome {
     /// Its log.

@@ -72,7 +72,7 @@ pub fn print(weights: &[Cost]) {
             w.calibration
         );
     }
-    println!("f to bias: temperature law and bias model of one axis; update: three axes, all in");
+    println!("f to bias: calibration curve f-T and bias model of one axis; update: three axes, all in");
     println!(
         "instructions, means of calls that no interrupt came into; differing: frames that are not those of the desktop"
     );

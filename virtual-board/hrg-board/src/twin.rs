@@ -22,7 +22,7 @@ use hrg_core::timebase::Timebase;
 use std::collections::VecDeque;
 use virtual_board::CYCLES_PER_TICK;
 
-/// The twin of one power-on.
+/// The digital twin of one power-on.
 pub struct Twin {
     timebase: Timebase,
     bank: CounterBank,
@@ -176,7 +176,7 @@ impl Twin {
             rates.push_back(Message::Rate(frame));
             true
         };
-        // The twin's memory does not change by itself, and its queue takes everything.
+        // The digital twin's memory does not change by itself, and its queue takes everything.
         let Ok(Some(second)) = self.output.sample(stamp, codes, send) else { return };
         self.commands();
         if let Some((step, output, report)) = self.steps.pop_front() {

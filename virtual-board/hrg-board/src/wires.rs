@@ -92,9 +92,9 @@ pub struct Received {
     pub other: Vec<Message>,
     /// Frames that could not be read.
     pub bad_frames: usize,
-    /// Frames that differ from the twin's in any bit.
+    /// Frames that differ from the digital twin's in any bit.
     pub differing: usize,
-    /// Largest difference of a corrected rate from the twin's, deg/h.
+    /// Largest difference of a corrected rate from the digital twin's, deg/h.
     pub largest_difference_dph: f32,
     /// The first difference, in words.
     pub first_difference: Option<String>,

@@ -79,7 +79,7 @@ impl RecordArguments {
         Ok(self.scale_factor.as_deref().map(scale_factor).transpose()?)
     }
 
-    /// The name of a unit that has one, or the one that is said; empty where nobody knows.
+    /// The name of a unit that has one, or the one that is given; empty where nobody knows.
     pub(crate) fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
         match (own, self.unit.as_deref()) {
             (Some(own), Some(said)) if own != said => Err(BadInput::new(format!(

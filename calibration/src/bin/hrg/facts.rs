@@ -22,7 +22,7 @@ pub struct Place {
 }
 
 impl Place {
-    /// The attitude; `None` where nothing is said.
+    /// The attitude; `None` where none is given.
     pub fn attitude(&self) -> Result<Option<Attitude>, BadInput> {
         Ok(Attitude::of(self.latitude.as_deref(), self.axes.as_deref())?)
     }
@@ -55,7 +55,7 @@ impl FactsArguments {
         })
     }
 
-    /// Reads recordings and adds what is said.
+    /// Reads recordings and adds what the arguments give.
     pub fn load(&self, paths: &[PathBuf]) -> Result<Vec<Recording>> {
         let facts = self.facts()?;
         paths.iter().map(|p| load_recording_with(p, &facts)).collect()

@@ -19,7 +19,7 @@ pub struct Arguments {
     /// Calibration whose frequency-temperature curves are used; without it they are fitted to this recording.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// What drives the lag: case or chamber (shell: an old name of case)
+    /// What drives the lag: case or chamber (`shell`: an old name of case)
     #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
     input: String,
     /// What answers the step: frequency, or rate where no curve of frequency is known (as zhao2022 has it)

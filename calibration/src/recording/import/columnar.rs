@@ -37,7 +37,7 @@ pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> 
         let values = values.ok_or_else(|| {
             let row = rows.iter().find(|k| number(cells, **k, dates).is_none()).map_or(0, |k| k + 1);
             let wanted = if dates { "a date" } else { "a number" };
-            BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; mend or empty it"))
+            BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; correct or empty it"))
         })?;
         table.columns.push((name, values));
     }

@@ -132,7 +132,7 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
             let value = number(cell(*at), *iso).ok_or_else(|| {
                 let shown: String = cell(*at).chars().take(24).collect();
                 BadInput(format!(
-                    "line {}, column \"{name}\": \"{shown}\" is not a number; mend or empty the cell",
+                    "line {}, column \"{name}\": \"{shown}\" is not a number; correct or empty the cell",
                     line + 1
                 ))
             })?;

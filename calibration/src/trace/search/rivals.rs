@@ -120,7 +120,7 @@ impl Search<'_> {
     }
 
     /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
-    /// white and under coloured noise.
+    /// white and under correlated noise.
     pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
         let of = |effect: EffectId| -> Vec<usize> {
             (0..self.candidates.len())

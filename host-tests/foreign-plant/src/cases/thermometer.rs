@@ -31,8 +31,8 @@ pub(super) fn cases() -> Vec<Case> {
             .with(Effect::timebase("clock on the board", form::board_clock).or(&[Class::Memory])),
         case("thermometer-clock-warm-up", "The counter's clock warms up after power-on.")
             .with(Effect::timebase("clock warms up", form::clock_warm_up).or(&[Class::PowerOn])),
-        case("thermometer-clock-wander", "The counter's clock wanders, another way in each run.")
-            .with(Effect::timebase("clock wanders", form::clock_wander).or(&[Class::Event]).beyond(ONE_RUN)),
+        case("thermometer-clock-wander", "The counter's clock drifts, another way in each run.")
+            .with(Effect::timebase("clock drifts", form::clock_wander).or(&[Class::Event]).beyond(ONE_RUN)),
         case("thermometer-activity-dip", "Another mode pulls the frequency within some degrees.").with(
             Effect::thermometer("activity dip", form::activity_dip)
                 .beside(&[Class::Rate])

@@ -135,7 +135,7 @@ fn line_faults(
         let mut draw = draws(seed, 4, k);
         let mut bad = frame.clone();
         let at = draw.random_range(0..bad.len());
-        // Where the stop bit is missing, the bits before it are in doubt; noise that is noticed need not have changed one.
+        // Where the stop bit is missing, the bits before it are uncertain; noise that is noticed need not have changed one.
         if fault == LineFault::Framing || draw.random() {
             bad[at] ^= 1 << draw.random_range(0..8);
         }

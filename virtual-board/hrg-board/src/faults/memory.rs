@@ -37,7 +37,7 @@ pub(super) const SETTLES_S: f64 = 26.0;
 const WATCH_S: f64 = 3.3;
 
 /// Error of the rates whose axis the unit stands behind, the worst of them, deg/h; zero where all that is wrong is flagged. A flag of
-/// the unit excuses no axis.
+/// the unit is no excuse for an axis.
 #[must_use]
 pub fn unsaid(frame: &RateFrame, truth: &RateFrame) -> f32 {
     let mut worst = 0.0f32;
@@ -198,7 +198,7 @@ impl Upset {
 }
 
 /// Registers whose bits change, with how many of their bits are in use: those that the unit sets up and whose effect the board models. (Not
-/// among them: pins, clock gates, the SPI's mode, addresses of peripherals in the DMA, which the board believes as they were set up.)
+/// among them: pins, clock gates, the SPI's mode, addresses of peripherals in the DMA, which the board takes as they were set up.)
 const REGISTERS: [(&str, u32, u32); 41] = {
     const TIM2: u32 = 0x4000_0000;
     const TIM3: u32 = 0x4000_0400;
@@ -297,7 +297,7 @@ pub fn again(scene: &Scene, seed: u64, trial: u64, upset: Upset) -> Result<()> {
     Ok(())
 }
 
-/// Addresses and bits of an upset, and its time.
+/// Addresses and bits of a corruption, and its time.
 fn draw(board: &Board<Wires>, seed: u64, trial: u64, upset: Upset) -> (Vec<(u32, u8)>, u64) {
     let mut draw = draws(seed, upset.part(), trial);
     if upset == Upset::Register {
@@ -342,7 +342,7 @@ pub(super) fn nearest(truth: &Received, at: u64) -> usize {
     (((at + step / 4).saturating_sub(first) / step) as usize).min(truth.rates.len().saturating_sub(1))
 }
 
-/// The fate of upsets `0..n`, each at a random place and a random time of a settled second.
+/// What becomes of corruptions `0..n`, each at a random place and a random time of a settled second.
 ///
 /// # Errors
 /// Where the unit cannot be run at all.
@@ -394,7 +394,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     Ok(())
 }
 
-/// Upsets of one kind.
+/// Corruptions of one kind.
 fn upsets(scene: &Scene, seed: u64, n: u64, upset: Upset, report: &mut Report) -> Result<()> {
     let fates = flips(scene, seed, n, upset)?;
     let count = |of: fn(&Fate) -> bool| fates.iter().filter(|(_, f)| of(f)).count();

@@ -1,0 +1,177 @@
+//! One word for a thing, the field's own: words that the project has cleared away stay away from what people read (pages, comments, messages).
+//!
+//! Not looked at: code, what stands between back quotes, names with a hyphen or an underscore, and literals without a space, which are names
+//! of files' columns and of effects: files keep their old names.
+
+use std::path::{Path, PathBuf};
+
+/// Words that are not used, and what is. A `*` stands for any ending.
+const CLEARED: &[(&str, &str)] = &[
+    ("believe*", "accept, take for granted"),
+    ("colored", "correlated"),
+    ("coloured", "correlated"),
+    ("converter*", "ADC"),
+    ("deaf", "does not receive"),
+    ("dice", "random numbers"),
+    ("dirty", "defective"),
+    ("divider*", "decimation; in a timer: prescaler"),
+    ("doubt*", "reject, uncertain"),
+    ("heard", "received"),
+    ("herd*", "units"),
+    ("hole*", "gap, dropout"),
+    ("lane*", "redundant channel"),
+    ("luck*", "chance, p-value"),
+    ("mend*", "correct, repair"),
+    ("obey*", "execute, carry out"),
+    ("outsider*", "unmodelled effect"),
+    ("said", "flagged, reported, stated"),
+    ("seal*", "integrity word"),
+    ("sharpen*", "refine"),
+    ("shell*", "case (of a sensor)"),
+    ("silence", "what is missing, and for how long"),
+    ("soil*", "inject defects"),
+    ("spoil*", "make invalid"),
+    ("staged", "pending"),
+    ("twin*", "confounded effect; the model of the unit is the digital twin"),
+    ("upset*", "corruption"),
+    ("wander*", "Gauss-Markov process, drift"),
+    ("weigh", "cost"),
+    ("weighs", "counts"),
+    ("worth", "of use; of a model: BIC gain"),
+];
+
+/// The cleared word that a text has, if any, and what to use.
+fn cleared(text: &str) -> Option<(String, &'static str)> {
+    let part_of_a_name = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
+    let joined = text.replace("::", "_");
+    let words = joined.split(|c: char| !part_of_a_name(c)).filter(|w| !w.is_empty());
+    let mut before = String::new();
+    for word in words {
+        let word = word.to_lowercase();
+        let is = |cleared: &str| match cleared.strip_suffix('*') {
+            Some(stem) => {
+                word.strip_prefix(stem).is_some_and(|end| end.len() <= 3 && end.chars().all(char::is_alphabetic))
+            }
+            None => word == cleared,
+        };
+        if let Some((_, instead)) = CLEARED.iter().find(|(c, _)| is(c)) {
+            if !(word == "twin" && before == "digital") {
+                return Some((word, instead));
+            }
+        }
+        before = word;
+    }
+    None
+}
+
+/// A line without what stands between back quotes.
+fn unquoted(line: &str) -> String {
+    line.split('`').step_by(2).collect::<Vec<_>>().join(" ")
+}
+
+/// What people read of a line of code: its comment and its literals that are sentences.
+fn prose(line: &str, comment: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut rest = line;
+    loop {
+        let quote = rest.find('"');
+        let begins = rest.find(comment);
+        match (quote, begins) {
+            (Some(q), b) if b.is_none_or(|b| q < b) => {
+                let after = &rest[q + 1..];
+                let mut escaped = false;
+                let end = after.find(|c| {
+                    let ends = c == '"' && !escaped;
+                    escaped = c == '\\' && !escaped;
+                    ends
+                });
+                let literal = &after[..end.unwrap_or(after.len())];
+                if literal.contains(' ') {
+                    // (What stands between braces is a name.)
+                    let words = literal.split('{').enumerate();
+                    found.push(
+                        words.map(|(k, w)| if k == 0 { w } else { w.split_once('}').map_or("", |w| w.1) }).collect(),
+                    );
+                }
+                rest = end.map_or("", |end| &after[end + 1..]);
+            }
+            (_, Some(b)) => {
+                found.push(unquoted(&rest[b..]));
+                return found;
+            }
+            _ => return found,
+        }
+    }
+}
+
+/// Lines with cleared words, as sentences.
+fn faults(name: &str, text: &str) -> Vec<String> {
+    let page = name.ends_with(".md");
+    let comment = if name.ends_with(".rs") { "//" } else { "#" };
+    let mut fenced = false;
+    let mut out = Vec::new();
+    for (n, line) in text.lines().enumerate() {
+        let bare = line.trim_start().trim_start_matches("//!").trim_start_matches("///").trim_start();
+        if (page || line.trim_start().starts_with("//")) && bare.starts_with("```") {
+            fenced = !fenced;
+            continue;
+        }
+        let texts = match (fenced, page) {
+            (true, _) => Vec::new(),
+            (false, true) => vec![unquoted(line)],
+            (false, false) => prose(line, comment),
+        };
+        for (word, instead) in texts.iter().filter_map(|t| cleared(t)) {
+            out.push(format!("{name}:{}: \"{word}\" is cleared away; use: {instead}", n + 1));
+        }
+    }
+    out
+}
+
+/// Pages and sources of the project.
+fn files(folder: &Path, into: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).expect("a folder").map(|e| e.expect("an entry").path()) {
+        let name = entry.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let kept = !matches!(name.as_str(), "target" | "out" | "node_modules" | "book")
+            && (!name.starts_with('.') || name == ".github");
+        if entry.is_dir() {
+            if kept {
+                files(&entry, into);
+            }
+        } else if [".md", ".rs", ".py", ".pyi", ".yml"].iter().any(|e| name.ends_with(e)) && name != "words.rs" {
+            into.push(entry);
+        }
+    }
+}
+
+#[test]
+fn cleared_words_stay_away() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut all = Vec::new();
+    files(&root, &mut all);
+    assert!(all.len() > 300, "{} files: too few were found", all.len());
+    let found: Vec<String> = all
+        .iter()
+        .flat_map(|f| {
+            let name = f.strip_prefix(&root).unwrap_or(f).to_string_lossy().into_owned();
+            faults(&name, &std::fs::read_to_string(f).expect("UTF-8"))
+        })
+        .collect();
+    assert!(found.is_empty(), "{} places:\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn a_cleared_word_is_found_where_people_read_it_and_nowhere_else() {
+    let found = |name: &str, text: &str| faults(name, text).len();
+    assert_eq!(found("a.md", "A fault is said within 2 s.\n\nThe twin.\nThe digital twin.\n"), 2);
+    assert_eq!(found("a.md", "`said`, thermometer-clock-wander, said_so\n```sh\necho said\n```\nOutsiders.\n"), 1);
+    assert_eq!(found("a.rs", "/// What was said.\nlet said = 1; // it is said\n"), 2);
+    assert_eq!(
+        found(
+            "a.rs",
+            "//! ```\n//! let heard = 1;\n//! ```\nalias = \"dirty\"; f(\"a \\\" dirty file\"); g(\"{said} of it\");\n"
+        ),
+        1
+    );
+    assert_eq!(found("a.py", "x = 'x' # mended\nraise E(\"believed by none\")\n"), 2);
+}
