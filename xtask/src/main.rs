@@ -6,6 +6,7 @@ mod fingerprint;
 mod fuzz;
 mod hil;
 mod library;
+mod pages;
 mod python;
 mod setup;
 
@@ -46,6 +47,8 @@ const USAGE: &str = "cargo xtask COMMAND
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
+  pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
+                    take minutes, too
   wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
 
@@ -93,6 +96,7 @@ fn main() -> ExitCode {
         Some("measured") => measured(),
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
+        Some("pages") => pages(rest),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -404,6 +408,20 @@ fn audit() -> Result<(), Failure> {
     Ok(())
 }
 
+/// The commands of the pages, with everything built that they use.
+fn pages(arguments: &[String]) -> Result<(), Failure> {
+    let t = setup::toolchain()?;
+    build(&t)?;
+    programs()?;
+    let outcome = pages::run(arguments)?;
+    println!("{} commands ended well, {} did not or never ran", outcome.passed, outcome.failed);
+    if outcome.failed == 0 {
+        Ok(())
+    } else {
+        Err(Failure("a page tells its reader to type what does not work".into()))
+    }
+}
+
 const HOST_PACKAGES: [&str; 8] =
     ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "chip-tables", "host-tests", "foreign-plant", "xtask"];
 
@@ -515,6 +533,10 @@ fn tests(packages: &[&str], mut course: Course) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
+    course.step("the commands of the pages");
+    let pages = pages::run(&[])?;
+    passed += pages.passed;
+    failed += pages.failed;
     course.step("the Python package");
     let python = python::tests()?;
     passed += python.passed;
