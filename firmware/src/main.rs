@@ -150,7 +150,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     match verdict {
         program::Verdict::Intact => {}
         program::Verdict::Unsealed => {
-            defmt::warn!("the program was flashed unsealed and cannot check itself: use cargo xtask flash");
+            defmt::warn!("the program was flashed without its checksum and cannot check itself: use cargo xtask flash");
         }
         program::Verdict::Changed => defmt::error!("the program in flash has changed"),
     }

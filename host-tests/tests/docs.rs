@@ -30,7 +30,9 @@ fn every_command_in_the_pages_exists_with_its_options() {
     let mut pages = vec![top.join("README.md")];
     pages.extend(std::fs::read_dir(top.join("docs")).expect("there").map(|e| e.expect("readable").path()));
     let mut checked = 0;
-    for page in pages.iter().filter(|p| p.extension().is_some_and(|e| e == "md")) {
+    // (docs/reference.md is printed from the programs' own help.)
+    let written = |p: &Path| p.extension().is_some_and(|e| e == "md") && !p.ends_with("reference.md");
+    for page in pages.iter().filter(|p| written(p)) {
         for line in commands(&std::fs::read_to_string(page).expect("readable")) {
             let mut words = line.split_whitespace();
             let (name, command) = (words.next().unwrap_or(""), words.next().unwrap_or(""));
@@ -59,6 +61,82 @@ fn every_command_in_the_pages_exists_with_its_options() {
         }
     }
     assert!(checked > 60, "{checked}");
+}
+
+/// Pages of the project, by their paths from its folder.
+fn pages(top: &Path) -> Vec<String> {
+    let docs = std::fs::read_dir(top.join("docs")).expect("docs").map(|e| e.expect("readable").file_name());
+    let docs = docs.map(|n| format!("docs/{}", n.to_string_lossy())).filter(|n| n.ends_with(".md"));
+    let others =
+        ["README.md", "CHANGELOG.md", "python/README.md", "hrg-core/README.md", "host-tests/foreign-plant/README.md"];
+    docs.chain(others.map(String::from)).collect()
+}
+
+/// The name that a forge and mdBook give a heading as the target of a link.
+fn anchor(heading: &str) -> String {
+    let kept = heading.trim().to_lowercase();
+    let kept = kept.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+    kept.map(|c| if c == ' ' { '-' } else { c }).collect()
+}
+
+#[test]
+fn links_between_pages_lead_somewhere() {
+    let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut checked = 0;
+    for page in pages(&top) {
+        let text = std::fs::read_to_string(top.join(&page)).expect("readable");
+        let prose: Vec<&str> = text.split("\n```").step_by(2).collect();
+        for link in prose.iter().flat_map(|p| p.split("](").skip(1)).filter_map(|rest| rest.split(')').next()) {
+            if link.contains("://") || link.contains(char::is_whitespace) {
+                continue;
+            }
+            let (file, target) = link.split_once('#').unwrap_or((link, ""));
+            let at = top.join(&page);
+            let at = if file.is_empty() { at } else { at.parent().expect("a folder").join(file) };
+            assert!(at.exists(), "{page}: the link {link} leads nowhere");
+            if !target.is_empty() {
+                let there = std::fs::read_to_string(&at).expect("a page");
+                let headings = there.lines().filter(|l| l.starts_with('#')).map(|l| anchor(l.trim_start_matches('#')));
+                assert!(headings.into_iter().any(|h| h == target), "{page}: {link}: no such heading");
+            }
+            checked += 1;
+        }
+    }
+    assert!(checked > 100, "{checked}");
+}
+
+#[test]
+fn the_book_has_every_page_once() {
+    let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let summary = std::fs::read_to_string(top.join("docs/SUMMARY.md")).expect("docs/SUMMARY.md");
+    for page in pages(&top) {
+        let Some(name) = page.strip_prefix("docs/").filter(|n| *n != "SUMMARY.md") else { continue };
+        assert_eq!(summary.matches(&format!("]({name})")).count(), 1, "docs/SUMMARY.md and {name}");
+    }
+}
+
+#[test]
+fn commands_that_a_page_shows_are_those_that_are_run() {
+    let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let ours = ["hrg ", "hrg-board ", "hrg-study ", "cargo xtask "];
+    for page in pages(&top).iter().filter(|p| *p != "docs/reference.md" && *p != "docs/demo.md") {
+        let mut run = false;
+        let mut fenced = false;
+        for (n, line) in std::fs::read_to_string(top.join(page)).expect("readable").lines().enumerate() {
+            if let Some(info) = line.trim_start().strip_prefix("```") {
+                fenced = !fenced;
+                run = fenced && info.starts_with("sh");
+                continue;
+            }
+            let set_apart = fenced || line.starts_with("    ");
+            let command = ours.iter().any(|o| line.trim_start().starts_with(o));
+            assert!(
+                run || !(set_apart && command),
+                "{page}:{}: in a block fenced with sh, cargo xtask pages runs it",
+                n + 1
+            );
+        }
+    }
 }
 
 #[test]

@@ -64,9 +64,14 @@ fn cleared(text: &str) -> Option<(String, &'static str)> {
     None
 }
 
-/// A line without what stands between back quotes.
-fn unquoted(line: &str) -> String {
-    line.split('`').step_by(2).collect::<Vec<_>>().join(" ")
+/// A line without what stands between back quotes, which may have opened in a line before.
+fn unquoted(line: &str, open: &mut bool) -> String {
+    let mut out = String::new();
+    for (k, part) in line.split('`').enumerate() {
+        *open ^= k > 0;
+        out += if *open { " " } else { part };
+    }
+    out
 }
 
 /// What people read of a line of code: its comment and its literals that are sentences.
@@ -96,7 +101,7 @@ fn prose(line: &str, comment: &str) -> Vec<String> {
                 rest = end.map_or("", |end| &after[end + 1..]);
             }
             (_, Some(b)) => {
-                found.push(unquoted(&rest[b..]));
+                found.push(unquoted(&rest[b..], &mut false));
                 return found;
             }
             _ => return found,
@@ -108,7 +113,7 @@ fn prose(line: &str, comment: &str) -> Vec<String> {
 fn faults(name: &str, text: &str) -> Vec<String> {
     let page = name.ends_with(".md");
     let comment = if name.ends_with(".rs") { "//" } else { "#" };
-    let mut fenced = false;
+    let (mut fenced, mut quoted) = (false, false);
     let mut out = Vec::new();
     for (n, line) in text.lines().enumerate() {
         let bare = line.trim_start().trim_start_matches("//!").trim_start_matches("///").trim_start();
@@ -118,7 +123,11 @@ fn faults(name: &str, text: &str) -> Vec<String> {
         }
         let texts = match (fenced, page) {
             (true, _) => Vec::new(),
-            (false, true) => vec![unquoted(line)],
+            (false, true) => {
+                // No quote reaches over the end of a paragraph.
+                quoted &= !line.trim().is_empty();
+                vec![unquoted(line, &mut quoted)]
+            }
             (false, false) => prose(line, comment),
         };
         for (word, instead) in texts.iter().filter_map(|t| cleared(t)) {
@@ -165,6 +174,7 @@ fn a_cleared_word_is_found_where_people_read_it_and_nowhere_else() {
     let found = |name: &str, text: &str| faults(name, text).len();
     assert_eq!(found("a.md", "A fault is said within 2 s.\n\nThe twin.\nThe digital twin.\n"), 2);
     assert_eq!(found("a.md", "`said`, thermometer-clock-wander, said_so\n```sh\necho said\n```\nOutsiders.\n"), 1);
+    assert_eq!(found("a.md", "a `cargo\nsaid` said\n\nsaid `\n\nsaid\n"), 3);
     assert_eq!(found("a.rs", "/// What was said.\nlet said = 1; // it is said\n"), 2);
     assert_eq!(
         found(

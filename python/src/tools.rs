@@ -7,6 +7,7 @@ use hrg_cal::align::{self as alignment, FilterKind};
 use hrg_cal::numeric::allan as curve;
 use hrg_cal::thermometer::points as static_points;
 use hrg_cal::trace::cards::card;
+use hrg_cal::trace::equations::equation;
 use hrg_cal::unit::log::{housekeeping_of_line, Decoder};
 use hrg_cal::MOST_ELF;
 use hrg_core::effects::{Facts, Reach};
@@ -123,6 +124,7 @@ pub fn effects(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
         d.set_item("name", name)?;
         d.set_item("id", id)?;
         d.set_item("class", card(*effect).class.name())?;
+        d.set_item("equation", equation(*effect))?;
         d.set_item("parameters", parameters.to_vec())?;
         d.set_item("outputs", outputs)?;
         d.set_item("remembers_path", remembers_path)?;

@@ -27,6 +27,7 @@ def test_allan_deviation_is_that_of_its_definition():
 
 def test_effects_have_names_and_numbers_of_their_own():
     effects = hrg.effects()
+    assert any(e["name"] == "hysteresis" and e["equation"].startswith("`play(T, width) - T`") for e in effects)
     assert len({e["name"] for e in effects}) == len({e["id"] for e in effects}) == len(effects) > 30
     assert {e["reach"] for e in effects} == {"unit", "needs-input", "unpredictable"}
 

@@ -8,6 +8,7 @@ mod hil;
 mod library;
 mod pages;
 mod python;
+mod reference;
 mod setup;
 
 use setup::Toolchain;
@@ -49,6 +50,7 @@ const USAGE: &str = "cargo xtask COMMAND
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
   pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
                     take minutes, too
+  reference         docs/reference.md: every status bit, every command's help
   wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
 
@@ -97,6 +99,7 @@ fn main() -> ExitCode {
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("pages") => pages(rest),
+        Some("reference") => programs().and_then(|()| reference::write(rest)),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -533,6 +536,8 @@ fn tests(packages: &[&str], mut course: Course) -> Result<(), Failure> {
         }
     }
     let status = child.wait().map_err(|e| Failure(e.to_string()))?;
+    course.step("the reference");
+    reference::write(&["--check".to_string()])?;
     course.step("the commands of the pages");
     let pages = pages::run(&[])?;
     passed += pages.passed;

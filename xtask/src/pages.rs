@@ -65,7 +65,7 @@ const UNTIL_CTRL_C: u32 = 6;
 fn script(commands: &[Typed]) -> String {
     let programs = root().join("target/release");
     let mut s = format!(
-        "set -eu\nexport PATH={0}:$PATH HRG_PAGES=1\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\ncargo() {{ (cd {1} && command cargo \"$@\"); }}\n",
+        "set -eu\nexport PATH={0}:$PATH PROJECT={1}\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\ncargo() {{ (cd {1} && command cargo \"$@\"); }}\n",
         programs.display(),
         root().display()
     );
@@ -90,7 +90,7 @@ fn script(commands: &[Typed]) -> String {
     s
 }
 
-/// A text as one word of the shell.
+/// A text as one word for bash.
 fn quoted(text: &str) -> String {
     format!("'{}'", text.replace('\'', "'\\''"))
 }

@@ -6,6 +6,7 @@
 
 pub mod cards;
 pub mod data;
+pub mod equations;
 mod events;
 pub mod floor;
 pub mod gls;

@@ -293,7 +293,7 @@ def points(path: str | PathLike[str]) -> dict[str, Any]:
     """Fits of frequency over temperature from a table of static points."""
 
 def effects() -> list[dict[str, Any]]:
-    """The effects of the library: name, id, class, parameters, outputs, reach ("unit", "needs-input", "unpredictable"), needs, remembers_path."""
+    """The effects of the library: name, id, class, equation (with state and source), parameters, outputs, reach ("unit", "needs-input", "unpredictable"), needs, remembers_path."""
 
 def decode_link(chunks: bytes | Iterable[bytes]) -> Iterator[dict[str, Any]]: ...
 def decode_log(lines: str | bytes | Iterable[str] | Iterable[bytes], elf: str | PathLike[str] | None = None) -> Iterator[dict[str, Any]]: ...

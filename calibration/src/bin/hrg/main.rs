@@ -16,6 +16,7 @@ mod allan;
 mod chamber;
 mod compare;
 mod correct;
+mod effects;
 mod facts;
 mod fit;
 mod heading;
@@ -162,6 +163,10 @@ enum Command {
     ///
     /// Example: hrg trace --train a.csv --verify b.csv --out report.json --html report.html --calibration cal.toml
     Trace(trace::Arguments),
+    /// The effects of the library: class, parameters, equation, state, source.
+    ///
+    /// Example: hrg effects hysteresis play-ladder
+    Effects(effects::Arguments),
     /// Put columns of a chamber's own log into a recording, by time.
     ///
     /// Example: hrg merge run.csv --with chamber.csv --time Time=iso --columns chamber_c=PT100 --out merged.csv
@@ -237,6 +242,7 @@ fn run(command: Command) -> Result<()> {
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
         Command::Profile(arguments) => profile::run(arguments),
+        Command::Effects(arguments) => effects::run(&arguments),
         Command::Allan(arguments) => allan::run(arguments),
         Command::Monitor(arguments) => chamber::monitor(&arguments),
         Command::Merge(arguments) => merge::run(&arguments),
