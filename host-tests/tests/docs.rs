@@ -158,6 +158,20 @@ fn a_board_without_a_firmware_says_how_to_build_one() {
 }
 
 #[test]
+fn a_reader_that_has_had_enough_is_no_error() {
+    let folder = std::env::temp_dir().join(format!("hrg-docs-pipe-{}", std::process::id()));
+    let serve = format!("serve --seconds 1 --folder {}", folder.display());
+    for (package, name, arguments) in [("hrg-cal", "hrg", "effects"), ("hrg-board", "hrg-board", serve.as_str())] {
+        // The reader is gone before the first line.
+        let program = program(package, name);
+        let script = format!("set -o pipefail; (sleep 0.3; exec {} {arguments}) | true", program.display());
+        let o = Command::new("bash").args(["-c", &script]).output().expect("bash");
+        assert!(o.status.success() && o.stderr.is_empty(), "{name}: {}", String::from_utf8_lossy(&o.stderr));
+    }
+    let _ = std::fs::remove_dir_all(&folder);
+}
+
+#[test]
 fn a_board_takes_no_calibration_of_another_unit_or_scale() {
     let d = std::env::temp_dir().join(format!("hrg-docs-fits-{}", std::process::id()));
     std::fs::create_dir_all(&d).expect("a temporary folder");

@@ -258,6 +258,7 @@ fn main() -> Result<()> {
         trials.retain(|t| t.kind.contains(only.as_str()) || (only == "defective" && t.kind == "clean file"));
     }
     let bar = indicatif::ProgressBar::new(trials.len() as u64);
+    bar.set_style(indicatif::ProgressStyle::with_template("{wide_bar} {pos} of {len}, {eta} left")?);
     let next = AtomicUsize::new(0);
     let mut outcomes: Vec<(usize, Outcome)> = std::thread::scope(|scope| {
         let workers: Vec<_> = (0..std::thread::available_parallelism().map_or(2, usize::from))

@@ -4,6 +4,7 @@
 use anyhow::{bail, Context, Result};
 use serde_json::Value;
 use std::collections::BTreeSet;
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -187,6 +188,8 @@ pub fn folder(hrg: &Path, folder: &Path) -> Result<Vec<Graded>> {
     std::fs::create_dir_all(&scratch)?;
     let next = AtomicUsize::new(0);
     let results = Mutex::new(Vec::new());
+    let begun = std::time::Instant::now();
+    let shown = std::io::stderr().is_terminal();
     let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
     std::thread::scope(|scope| {
         for _ in 0..workers {
@@ -196,6 +199,15 @@ pub fn folder(hrg: &Path, folder: &Path) -> Result<Vec<Graded>> {
                 let graded = one(hrg, truth, &scratch);
                 if let Ok(mut results) = results.lock() {
                     results.push((k, graded));
+                    if shown {
+                        let (done, all) = (results.len(), truths.len());
+                        let left_s = begun.elapsed().as_secs_f64() * (all - done) as f64 / done as f64;
+                        eprint!(
+                            "\r{done} of {all} units, {:.0} min left   {}",
+                            left_s / 60.0,
+                            if done == all { "\n" } else { "" }
+                        );
+                    }
                 }
             });
         }

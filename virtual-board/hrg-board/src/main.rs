@@ -284,7 +284,20 @@ struct RunArguments {
 }
 
 fn main() -> ExitCode {
+    end_where_nobody_reads();
     hrg_cal::exit("hrg-board", run(Arguments::parse().command))
+}
+
+/// Standard output may be a pipe whose reader has had enough (`| head`): the program then ends, which is no error.
+fn end_where_nobody_reads() {
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        let message = panic.payload().downcast_ref::<String>();
+        if message.is_some_and(|m| m.starts_with("failed printing to stdout") && m.contains("Broken pipe")) {
+            std::process::exit(0);
+        }
+        usual(panic);
+    }));
 }
 
 fn run(command: Command) -> Result<()> {

@@ -232,14 +232,16 @@ pub(crate) fn draws(seed: u64, part: u64, trial: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed ^ part.rotate_left(48) ^ trial.wrapping_mul(0x9E37_79B9_7F4A_7C15))
 }
 
-/// Trials 0 to `n` on all cores; `make` sets a worker up, `trial` does one. In the order of their numbers.
+/// Trials 0 to `n` on all cores; `make` sets a worker up, `trial` does one. In the order of their numbers. A terminal shows how far they are.
 pub(crate) fn trials<S, T: Send>(
     n: u64,
     make: impl Fn() -> Result<S> + Sync,
     trial: impl Fn(&mut S, u64) -> Result<T> + Sync,
 ) -> Result<Vec<T>> {
     let workers = std::thread::available_parallelism().map_or(1, usize::from).min(n.max(1) as usize);
-    let (make, trial) = (&make, &trial);
+    let bar = indicatif::ProgressBar::new(n);
+    bar.set_style(indicatif::ProgressStyle::with_template("{bar:40} {pos} of {len}, {eta} left")?);
+    let (make, trial, counted) = (&make, &trial, &bar);
     let parts = std::thread::scope(|scope| {
         let handles: Vec<_> = (0..workers as u64)
             .map(|w| {
@@ -247,7 +249,11 @@ pub(crate) fn trials<S, T: Send>(
                     let mut state = make()?;
                     (w..n)
                         .step_by(workers)
-                        .map(|k| Ok((k, trial(&mut state, k).with_context(|| format!("trial {k}"))?)))
+                        .map(|k| {
+                            let done = trial(&mut state, k).with_context(|| format!("trial {k}"))?;
+                            counted.inc(1);
+                            Ok((k, done))
+                        })
                         .collect()
                 })
             })
@@ -257,6 +263,7 @@ pub(crate) fn trials<S, T: Send>(
             .map(|h| h.join().map_err(|_| anyhow::anyhow!("a worker panicked"))?)
             .collect::<Result<Vec<_>>>()
     })?;
+    bar.finish_and_clear();
     let mut all: Vec<(u64, T)> = parts.into_iter().flatten().collect();
     all.sort_by_key(|(k, _)| *k);
     Ok(all.into_iter().map(|(_, t)| t).collect())
