@@ -3,10 +3,11 @@
 use hrg_cal::fit::method::Method;
 use hrg_cal::fit::methods::identify as identify_bias;
 use hrg_cal::fit::prepare;
-use hrg_cal::rates::{all_dwells, bins, identify, quality, told_apart, Found, CHAMBER};
+use hrg_cal::rates::{all_dwells, bins, identify, lacking, quality, told_apart, Found, CHAMBER};
 use hrg_cal::recording::Recording;
 use hrg_cal::simulate::turning::{Gyros, Scheme};
 use hrg_cal::simulate::{Plan, Profile};
+use hrg_cal::trace::trace;
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 
@@ -135,4 +136,47 @@ fn what_a_scheme_cannot_tell_is_left_out_and_said() {
     let mut still = soak;
     still.optional.retain(|(n, _)| !n.starts_with("table_rate"));
     assert!(identify(&[still], &bias).expect_err("no rates").0.contains("table_rate_?_dph"));
+}
+
+/// A run on the table of a unit whose scale factors have a play of `width_c`, too: `ppm` from one side of it to the other. No physics of the
+/// simulator, and nothing of the bias.
+fn with_play(seed: u64, profile: &str, width_c: f64, ppm: f64) -> Recording {
+    let mut r = turned(4, seed, profile, Scheme::default());
+    for (a, name) in ["case_x_c", "case_y_c", "case_z_c"].into_iter().enumerate() {
+        let case_c = r.column(name).expect("simulated").to_vec();
+        let mut middle = case_c[0];
+        for (rate, t) in r.rate_dph[a].iter_mut().zip(case_c) {
+            middle = middle.clamp(t - 0.5 * width_c, t + 0.5 * width_c);
+            *rate *= 1.0 + 1e-6 * ppm * (t - middle) / width_c;
+        }
+    }
+    r
+}
+
+#[test]
+fn what_a_scale_factor_lacks_is_traced_by_the_same_families() {
+    let bias = bias_of(4);
+    let [clean, play] = [0.0, 60.0].map(|ppm| {
+        let runs = [(1, "cycle"), (2, "verify")]
+            .map(|(seed, profile)| lacking(&with_play(seed, profile, 12.0, ppm), &bias).expect("a run on a table"));
+        trace(&runs[..1], &runs[1]).expect("traces").report
+    });
+    assert!(clean.effects.is_empty(), "{}", clean.verdict);
+    assert_eq!(play.effects.iter().map(|e| e.class.name()).collect::<Vec<_>>(), ["hysteresis"], "{}", play.verdict);
+    for n in ["x", "y", "z"] {
+        let (before, after) = (play.baseline[n].verify_rms_dph, play.r#final[n].verify_rms_dph);
+        let without = clean.r#final[n].verify_rms_dph;
+        println!(
+            "play of 60 ppm, {n}: {before:.2} -> {after:.2} ppm on the verify run; a unit without it: {without:.2} ppm"
+        );
+        let beyond = |rms: f64| (rms * rms - without * without).max(0.0).sqrt();
+        assert!(beyond(before) > 10.0 && beyond(after) < 0.33 * beyond(before), "{n}");
+    }
+    let still = still_run();
+    assert!(lacking(&still, &bias).expect_err("no table").0.contains("table_rate_?_dph"));
+}
+
+/// A run of the same unit without a table.
+fn still_run() -> Recording {
+    Plan::of(Profile::parse("cycle").expect("named"), 4, 9).simulate().recording
 }

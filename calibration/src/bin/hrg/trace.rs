@@ -34,6 +34,10 @@ pub struct Arguments {
     /// The image that the unit has in use: the new one must beat it before it is recommended.
     #[arg(long)]
     in_use: Option<PathBuf>,
+    /// Trace what the scale factors lack under this calibration, on runs on a rate table (hrg profile --rates), in the place of what
+    /// the biases lack. Every deg/h of the report is then a ppm.
+    #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
+    rates: Option<PathBuf>,
     /// Processors to use; all where it is left out.
     #[arg(long)]
     jobs: Option<usize>,
@@ -49,8 +53,16 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { train, verify, split, out, html, calibration, in_use, jobs, different_units, facts } = arguments;
-    let (train, verify) = runs_of_trace(&train, verify, split, &facts)?;
+    let Arguments { train, verify, split, out, html, calibration, in_use, rates, jobs, different_units, facts } =
+        arguments;
+    let (mut train, mut verify) = runs_of_trace(&train, verify, split, &facts)?;
+    if let Some(path) = &rates {
+        let under = image_file::load(path)?;
+        for r in train.iter_mut().chain([&mut verify]) {
+            hrg_cal::recording::facts::fits(&under, r, different_units).map_err(BadInput::from)?;
+            *r = hrg_cal::rates::lacking(r, &under)?;
+        }
+    }
     let in_use = in_use.map(|p| image_file::load(&p)).transpose()?;
     if let Some(c) = &in_use {
         hrg_cal::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
@@ -62,6 +74,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
         own: Vec::new(),
     };
     let mut t = trace::trace_with(&train, &verify, &options)?;
+    if rates.is_some() {
+        t.report.notes.push(RATES.into());
+    }
     hrg_cal::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
     if let Some(path) = html {
         hrg_cal::write_file(&path, trace::html(&t)?.as_bytes())?;
@@ -81,6 +96,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     Ok(())
 }
+
+/// How a report of scale factors is read.
+const RATES: &str = "traced is what the scale factors lack: read ppm for every deg/h";
 
 /// Train runs and the verify run, perhaps parts of one.
 fn runs_of_trace(
