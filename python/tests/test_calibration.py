@@ -136,7 +136,14 @@ def test_ctrl_c_stops_it(trained, tmp_path):
         "def tell(n):\n    print(n, flush=True)\n"
         "while True:\n    hrg.trace(r, v, progress=tell)\n"
     )
-    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # A shell has its background jobs, and what these start, ignore Ctrl-C.
+    child = subprocess.Popen(
+        [sys.executable, "-c", program],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
     assert int(child.stdout.readline()) >= 0, "it works"
     child.send_signal(signal.SIGINT)
     _, said = child.communicate(timeout=60)
