@@ -98,6 +98,15 @@ fn a_unit_aligns_itself_and_takes_its_drifts() {
     let r: serde_json::Value = serde_json::from_slice(&std::fs::read(&out).expect("written")).expect("JSON");
     let off = r["azimuth_deg"].as_f64().expect("a number") - truth.azimuth / DEGREE;
     assert!(off.abs() * 60.0 < 15.0 && r["accepted"] == true, "{off}: {text}");
+    // What comes with the turn is in the standard deviation where it is stated: 0.02 deg/h over 2 Oc sin(45 degrees), and half of 6'.
+    let std = |r: &serde_json::Value| r["azimuth_std_arcmin"].as_f64().expect("a number");
+    let stated = ["--latitude", "45", "--accept", "--out", &path, "--heading-drift", "0.02", "--turn-error", "6"];
+    let (code, again, _) = align(&plant, &stated);
+    assert!(code == Some(0) && text.contains("neither is stated") && !again.contains("neither is stated"), "{again}");
+    let with: serde_json::Value = serde_json::from_slice(&std::fs::read(&out).expect("written")).expect("JSON");
+    let turn = (0.02_f64 / (2.0 * 15.041 * 0.5)).to_degrees() * 60.0;
+    let wanted = (std(&r).powi(2) + turn.powi(2) + 9.0).sqrt();
+    assert!((std(&with) / wanted - 1.0).abs() < 1e-3, "{} for {wanted}", std(&with));
     // The trim is minus what the platform drifts by.
     let trim = trim.expect("accepted");
     for k in 0..2 {

@@ -5,7 +5,7 @@ use super::port::Unit;
 use crate::BadInput;
 use anyhow::{Context, Result};
 use hrg_core::alignment::session::{Command, Report, Stage};
-use hrg_core::alignment::Refusal;
+use hrg_core::alignment::{normal_gravity, Config, Refusal, ARCMIN, DEGREE, DPH};
 use hrg_core::link::Message;
 use std::time::{Duration, Instant};
 
@@ -26,6 +26,20 @@ pub struct Plan {
     pub seconds: [u32; 2],
     /// Angle of the turn, clockwise from above, degrees.
     pub turn_deg: f64,
+}
+
+impl Plan {
+    /// What the turn adds to the standard deviation of the azimuth, arc minutes, by squares: the unit does not know it. For drifts that change by
+    /// `heading_drift_dph` (one sigma, deg/h) from one position to the other, and a turn that differs by `turn_error_arcmin`.
+    ///
+    /// # Errors
+    /// A latitude that is impossible or too near to a pole.
+    pub fn turn_std_arcmin(&self, heading_drift_dph: f64, turn_error_arcmin: f64) -> Result<f64, Refusal> {
+        let config = Config::new(self.latitude_deg, normal_gravity(self.latitude_deg), self.velocity_noise_mps)?;
+        let (heading_drift, turn_error) = (heading_drift_dph * DPH, turn_error_arcmin * ARCMIN);
+        let [azimuth, _] = Config { heading_drift, turn_error, ..config }.turn_variances(self.turn_deg * DEGREE);
+        Ok(azimuth.sqrt() / ARCMIN)
+    }
 }
 
 /// Who turns the platform, looks on, and decides.

@@ -33,10 +33,10 @@ pub struct Arguments {
     #[arg(long, value_parser = expected(LARGEST_TILT_ARCMIN))]
     tilt: Option<f64>,
     /// What the drift of each gyro may change by from one position to the other, one sigma, deg/h: goes into the azimuth's uncertainty.
-    #[arg(long, value_parser = expected(100.0), conflicts_with = "port")]
+    #[arg(long, value_parser = expected(100.0))]
     heading_drift: Option<f64>,
     /// What the turn may differ by from its angle, one sigma, arc minutes: goes into the azimuth's uncertainty.
-    #[arg(long, value_parser = expected(120.0), conflicts_with = "port")]
+    #[arg(long, value_parser = expected(120.0))]
     turn_error: Option<f64>,
     /// File of hrg accelerometers: their bias, scale and cross-axis are taken out of the velocities.
     #[arg(long)]
@@ -103,6 +103,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     }
 }
 
+const NOT_STATED: &str = "         drift that changes with the heading, and an error of the turn, are not in that: neither is stated (--heading-drift, --turn-error)";
+
 fn of_recording(arguments: &Arguments, recording: &Path) -> Result<()> {
     let Arguments { filter, first_azimuth, drift, tilt, accelerometers, seed, drifts, out, .. } = arguments;
     let mut r = align::Recording::load(recording)?;
@@ -120,7 +122,7 @@ fn of_recording(arguments: &Arguments, recording: &Path) -> Result<()> {
     }
     println!("azimuth  {:>9.4} deg    +- {:.2}'", report.azimuth_deg, report.azimuth_std_arcmin);
     if let (None, None) = (r.heading_drift_dph, r.turn_error_arcmin) {
-        println!("         drift that changes with the heading, and an error of the turn, are not in that: neither is stated (--heading-drift, --turn-error)");
+        println!("{NOT_STATED}");
     }
     let [t1, t2] = report.tilt_std_arcmin;
     println!("tilts    {:>9.3}' {:>9.3}'   +- {t1:.3}' {t2:.3}'", report.tilt1_arcmin, report.tilt2_arcmin);
@@ -275,7 +277,14 @@ fn on_unit(all: &Arguments, port: &str) -> Result<()> {
     let outcome = hrg_cal::unit::align::align(&mut unit, &plan, &mut person);
     person.bar.finish_and_clear();
     let Outcome { report: r, accepted } = outcome?;
-    println!("azimuth  {:>9.4} deg    +- {:.2}'", r.azimuth_deg, r.azimuth_std_arcmin);
+    let turn = plan
+        .turn_std_arcmin(all.heading_drift.unwrap_or(0.0), all.turn_error.unwrap_or(0.0))
+        .map_err(|e| BadInput::new(e.to_string()))?;
+    let azimuth_std_arcmin = f64::from(r.azimuth_std_arcmin).hypot(turn);
+    println!("azimuth  {:>9.4} deg    +- {azimuth_std_arcmin:.2}'", r.azimuth_deg);
+    if turn == 0.0 {
+        println!("{NOT_STATED}");
+    }
     println!("tilts    {:>9.3}' {:>9.3}'", r.tilt_arcmin[0], r.tilt_arcmin[1]);
     let ([d1, d2], [s1, s2]) = (r.drift_dph, r.drift_std_dph);
     println!("drifts   {d1:>9.4} {d2:>9.4} deg/h   +- {s1:.4} {s2:.4}");
@@ -287,7 +296,7 @@ fn on_unit(all: &Arguments, port: &str) -> Result<()> {
         if accepted { "accepted: the drifts are a bias trim of the unit until power-off" } else { "not accepted" }
     );
     let report = serde_json::json!({
-        "filter": "unit", "azimuth_deg": r.azimuth_deg, "azimuth_std_arcmin": r.azimuth_std_arcmin,
+        "filter": "unit", "azimuth_deg": r.azimuth_deg, "azimuth_std_arcmin": azimuth_std_arcmin,
         "tilt1_arcmin": r.tilt_arcmin[0], "tilt2_arcmin": r.tilt_arcmin[1],
         "drift1_dph": r.drift_dph[0], "drift2_dph": r.drift_dph[1], "accepted": accepted, "seconds": r.second,
     });
