@@ -138,16 +138,19 @@ fn what_a_scheme_cannot_tell_is_left_out_and_said() {
     assert!(identify(&[still], &bias).expect_err("no rates").0.contains("table_rate_?_dph"));
 }
 
-/// A run on the table of a unit whose scale factors have a play of `width_c`, too: `ppm` from one side of it to the other. No physics of the
-/// simulator, and nothing of the bias.
-fn with_play(seed: u64, profile: &str, width_c: f64, ppm: f64) -> Recording {
+/// A run on the table of a unit with a play of 12 C, too, that is no physics of the simulator: from one side of it to the other the scale
+/// factors change by `ppm`, and the biases by `dph`.
+fn with_play(seed: u64, profile: &str, ppm: f64, dph: f64) -> Recording {
+    let width_c = 12.0;
     let mut r = turned(4, seed, profile, Scheme::default());
     for (a, name) in ["case_x_c", "case_y_c", "case_z_c"].into_iter().enumerate() {
         let case_c = r.column(name).expect("simulated").to_vec();
         let mut middle = case_c[0];
         for (rate, t) in r.rate_dph[a].iter_mut().zip(case_c) {
             middle = middle.clamp(t - 0.5 * width_c, t + 0.5 * width_c);
-            *rate *= 1.0 + 1e-6 * ppm * (t - middle) / width_c;
+            let share = (t - middle) / width_c;
+            *rate *= 1.0 + 1e-6 * ppm * share;
+            *rate += dph * share;
         }
     }
     r
@@ -156,12 +159,14 @@ fn with_play(seed: u64, profile: &str, width_c: f64, ppm: f64) -> Recording {
 #[test]
 fn what_a_scale_factor_lacks_is_traced_by_the_same_families() {
     let bias = bias_of(4);
-    let [clean, play] = [0.0, 60.0].map(|ppm| {
+    // (60 ppm of 18 deg/s are 3.9 deg/h.)
+    let [clean, play, of_bias] = [(0.0, 0.0), (60.0, 0.0), (0.0, 4.0)].map(|(ppm, dph)| {
         let runs = [(1, "cycle"), (2, "verify")]
-            .map(|(seed, profile)| lacking(&with_play(seed, profile, 12.0, ppm), &bias).expect("a run on a table"));
+            .map(|(seed, profile)| lacking(&with_play(seed, profile, ppm, dph), &bias).expect("a run on a table"));
         trace(&runs[..1], &runs[1]).expect("traces").report
     });
     assert!(clean.effects.is_empty(), "{}", clean.verdict);
+    assert!(of_bias.effects.is_empty(), "what is the bias's is no scale factor's: {}", of_bias.verdict);
     assert_eq!(play.effects.iter().map(|e| e.class.name()).collect::<Vec<_>>(), ["hysteresis"], "{}", play.verdict);
     for n in ["x", "y", "z"] {
         let (before, after) = (play.baseline[n].verify_rms_dph, play.r#final[n].verify_rms_dph);
