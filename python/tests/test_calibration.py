@@ -136,7 +136,7 @@ def test_ctrl_c_stops_it(trained, tmp_path):
         "def tell(n):\n    print(n, flush=True)\n"
         "while True:\n    hrg.trace(r, v, progress=tell)\n"
     )
-    # A shell has its background jobs, and what these start, ignore Ctrl-C.
+    # What bash runs in the background ignores Ctrl-C, and so does what that starts.
     child = subprocess.Popen(
         [sys.executable, "-c", program],
         stdout=subprocess.PIPE,
