@@ -167,15 +167,8 @@ pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8
             )));
         }
         if text {
-            // (`contains` is many times as fast, and nearly always says no.)
-            let zero = bytes[start..].contains(&0).then(|| bytes[start..].iter().position(|b| *b == 0));
-            if let Some(at) = zero.flatten() {
-                return Err(BadInput::new(format!(
-                    "{}: byte {} is zero: this is a binary file, or text in UTF-16; save it as text in UTF-8",
-                    path.display(),
-                    start + at + 1
-                )));
-            }
+            recording::no_zero(&bytes[start..], start)
+                .map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
         }
     }
 }

@@ -311,9 +311,9 @@ fn every_kind_of_model_runs_on_the_unit_as_on_the_desktop() {
     ];
     for (method, prepared) in models {
         let calibration = identify(prepared, method, 1).expect("identifies").calibration;
-        let outcome = run(Some(&calibration), 90, WireFaults::default(), true);
+        let outcome = run(Some(&calibration), 50, WireFaults::default(), true);
         let r = &outcome.received;
-        assert!(r.rates.len() > 17_000, "{method}: {}", r.rates.len());
+        assert!(r.rates.len() > 9_000, "{method}: {}", r.rates.len());
         assert_eq!(r.differing, 0, "{method}: {:?}", r.first_difference);
         let last = r.rates.last().expect("many");
         assert!(r.housekeeping.last().expect("many").bias_dph.iter().all(|b| *b != 0.0), "{method}: {last:?}");

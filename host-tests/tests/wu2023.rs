@@ -98,7 +98,7 @@ fn the_unit_reads_platinum_resistors_and_sends_what_the_desktop_does_bit_for_bit
     let d = temporary("elf");
     let unit = "--kind fog --thermometer sensor --unit 4";
     for (name, profile, seed) in
-        [("cooling", "60,1h,-40@1,1h", 41), ("heating", "-40,1h,60@1,1h", 42), ("fly", "45,4m,20@3,3m,45@3,3m", 43)]
+        [("cooling", "60,1h,-40@1,1h", 41), ("heating", "-40,1h,60@1,1h", 42), ("fly", "45,2m,30@3,1m,45@3,1m", 43)]
     {
         ok(&d, &format!("simulate {unit} --profile {profile} --seed {seed} --out {name}.csv"));
     }

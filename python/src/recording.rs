@@ -7,7 +7,7 @@ use hrg_cal::recording::facts::{self, Facts};
 use hrg_cal::recording::format::Thermometer;
 use hrg_cal::recording::import::map::{Map, BUILT_IN};
 use hrg_cal::recording::metadata::{scale_text, Attitude};
-use hrg_cal::recording::{columns, import, names, parquet, Recording as Inner};
+use hrg_cal::recording::{columns, import, names, parquet, Original, Recording as Inner};
 use hrg_cal::simulate::{inject_defects, EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use hrg_cal::{BadInput, AXIS_NAMES};
 use hrg_core::AXES;
@@ -20,10 +20,10 @@ use std::path::{Path, PathBuf};
 /// What is read and what comes of cleaning it. Nothing in it ever changes, so arrays may look into it.
 #[pyclass(frozen, module = "hrg")]
 pub struct Recording {
-    /// As it was read: a unit sees spikes, too.
-    pub raw: Inner,
     /// Cleaned: what fits and traces take.
     pub clean: Inner,
+    /// How it was read.
+    original: Original,
 }
 
 /// What a user says of the unit beside a recording.
@@ -53,11 +53,15 @@ impl Said {
 }
 
 impl Recording {
-    fn new(mut raw: Inner, said: &Said) -> Result<Self, BadInput> {
-        said.facts()?.apply(&mut raw)?;
-        let mut clean = raw.copied();
-        clean.clean()?;
-        Ok(Self { raw, clean })
+    fn new(mut read: Inner, said: &Said) -> Result<Self, BadInput> {
+        said.facts()?.apply(&mut read)?;
+        let original = read.clean_keeping()?;
+        Ok(Self { clean: read, original })
+    }
+
+    /// As it was read: a unit sees spikes, too.
+    pub fn raw(&self) -> Inner {
+        self.original.of(&self.clean)
     }
 
     fn named(&self, name: &str) -> Option<&[f64]> {
@@ -119,11 +123,10 @@ impl Recording {
         }
         let path: PathBuf = source.extract()?;
         let here = |e: BadInput| refused(BadInput::new(format!("{}: {e}", path.display())));
-        let text = py.detach(|| parquet::read_text(&path)).map_err(refused)?;
+        let read = py.detach(|| Inner::read(&path)).map_err(refused)?;
         py.detach(|| {
-            let mut read = Self::new(Inner::parse(&text)?, &said)?;
-            read.raw.source = path.display().to_string();
-            read.clean.source.clone_from(&read.raw.source);
+            let mut read = Self::new(read, &said)?;
+            read.clean.source = path.display().to_string();
             Ok(read)
         })
         .map_err(here)
@@ -171,7 +174,7 @@ impl Recording {
     #[getter]
     fn meta<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let d = PyDict::new(py);
-        self.raw.meta.iter().try_for_each(|(k, v)| d.set_item(k, v))?;
+        self.clean.meta.iter().try_for_each(|(k, v)| d.set_item(k, v))?;
         Ok(d)
     }
 
@@ -204,17 +207,18 @@ impl Recording {
     }
 
     fn to_csv(&self, py: Python<'_>) -> String {
-        py.detach(|| self.raw.to_csv())
+        py.detach(|| self.raw().to_csv())
     }
 
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| parquet::write_text(&path, &self.raw.to_csv())).map_err(refused)
+        py.detach(|| parquet::write_text(&path, &self.raw().to_csv())).map_err(refused)
     }
 
     fn split(&self, at_s: f64) -> PyResult<(Self, Self)> {
-        let (raw, raw_after) = self.raw.split(at_s).map_err(refused)?;
+        let (raw, raw_after) = self.raw().split(at_s).map_err(refused)?;
         let (clean, clean_after) = self.clean.split(at_s).map_err(refused)?;
-        Ok((Self { raw, clean }, Self { raw: raw_after, clean: clean_after }))
+        let whole = |raw| Original::Whole(Box::new(raw));
+        Ok((Self { clean, original: whole(raw) }, Self { clean: clean_after, original: whole(raw_after) }))
     }
 }
 
@@ -291,7 +295,8 @@ pub fn correct(
     calibration: &Bound<'_, Calibration>,
     different_units: bool,
 ) -> PyResult<Corrected> {
-    let (r, c) = (&recording.get().raw, &calibration.get().inner);
+    let (recording, c) = (recording.get(), &calibration.get().inner);
+    let r = &py.detach(|| recording.raw());
     let mut notes = facts::fits(c, r, different_units).map_err(|e| refused(BadInput::from(e)))?;
     let made = work::run(py, None, || {
         let made = corrections::recording(c, r)?;
@@ -314,10 +319,12 @@ pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Record
         })?,
     };
     let map = Map::parse(&text).map_err(|e| bad(format!("{map}: {e}")))?;
-    let raw = py.detach(|| import::read(&path, &map)).map_err(refused)?;
-    let mut clean = raw.clone();
-    clean.clean().map_err(refused)?;
-    Ok(Recording { raw, clean })
+    let cleaned = || -> anyhow::Result<Recording> {
+        let mut clean = import::read(&path, &map)?;
+        let original = clean.clean_keeping()?;
+        Ok(Recording { clean, original })
+    };
+    py.detach(cleaned).map_err(refused)
 }
 
 /// See `_hrg.pyi`.
@@ -360,7 +367,7 @@ pub fn simulate<'py>(
     let truth = PyDict::new(py);
     truth.set_item("floor_dph", simulated.truth.floor_dph)?;
     truth.set_item("gains_dph", simulated.truth.gains)?;
-    truth.set_item("scale_factor_dph_per_code", recording.raw.scale_factor().map(|s| scale_text(&s)))?;
+    truth.set_item("scale_factor_dph_per_code", recording.clean.scale_factor().map(|s| scale_text(&s)))?;
     Ok((recording, truth))
 }
 

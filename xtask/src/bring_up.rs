@@ -1,6 +1,6 @@
 //! The bring-up of a bare board (docs/bring-up.md).
 
-use crate::{output, programs, root, run, seal, setup, Failure, Toolchain};
+use crate::{output, programs, root, run, setup, variant, Failure, Toolchain};
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -11,18 +11,10 @@ const LAST: &str = "bring-up ends: ";
 /// A board that says nothing more for so long will say nothing more.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Builds the program, in a folder of its own.
+/// Builds the program.
 pub fn elf(t: &Toolchain) -> Result<PathBuf, Failure> {
     println!("building the bring-up program");
-    let folder = root().join("target/bring-up");
-    run(t
-        .cargo("build")
-        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
-        .args(["--features", "bring-up", "--target-dir"])
-        .arg(&folder))?;
-    let elf = folder.join(setup::TARGET).join("firmware/firmware");
-    seal(&elf)?;
-    Ok(elf)
+    variant(t, "bring-up", |c| c.args(["--features", "bring-up"]))
 }
 
 /// `cargo xtask bring-up`.

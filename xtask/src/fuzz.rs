@@ -1,7 +1,7 @@
 //! The fuzz targets of fuzz/, built as cargo-fuzz builds them, but with the stable compiler and without its sanitizer: our code
 //! has no unsafe parts on the host. (`cargo fuzz run TARGET` works in that folder too, with a nightly compiler.)
 
-use crate::{cargo, elf_path, root, run, Failure};
+use crate::{cargo, root, run, Failure};
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -12,19 +12,16 @@ const FLAGS: &str = "--cfg fuzzing -Cpasses=sancov-module -Cllvm-args=-sanitizer
                      -Cllvm-args=-sanitizer-coverage-inline-8bit-counters \
                      -Cllvm-args=-sanitizer-coverage-pc-table -Cllvm-args=-sanitizer-coverage-trace-compares";
 
-/// Inputs of a target in a test run, beyond its corpus.
-const RUNS: u32 = 30_000;
-
 fn host_triple() -> Result<String, Failure> {
     crate::output(Command::new("rustc").arg("-vV"))
         .and_then(|s| s.lines().find_map(|l| l.strip_prefix("host: ").map(String::from)))
         .ok_or_else(|| Failure("rustc does not say what machine this is".into()))
 }
 
+/// Builds the targets; gives their folder.
 fn build() -> Result<PathBuf, Failure> {
     // With a target named, the flags are not for build scripts and macros.
     let triple = host_triple()?;
-    let folder = root().join("target/fuzz");
     run(cargo(&[
         "build",
         "--quiet",
@@ -36,9 +33,9 @@ fn build() -> Result<PathBuf, Failure> {
         &triple,
     ])
     .arg("--target-dir")
-    .arg(&folder)
+    .arg(root().join("target/fuzz"))
     .env("RUSTFLAGS", FLAGS))?;
-    Ok(folder.join(triple).join("release"))
+    Ok(root().join("target/fuzz").join(triple).join("release"))
 }
 
 fn one(built: &std::path::Path, target: &str, limit: &str) -> Result<(), Failure> {
@@ -50,7 +47,6 @@ fn one(built: &std::path::Path, target: &str, limit: &str) -> Result<(), Failure
         .args(["-seed=1", "-max_len=8192", "-timeout=20", "-rss_limit_mb=4096", limit, &artifacts])
         .arg(&found)
         .arg(root().join("fuzz/corpus").join(target))
-        .env("HRG_ELF", elf_path())
         .output()
         .map_err(|e| Failure(e.to_string()))?;
     let said = String::from_utf8_lossy(&o.stderr);
@@ -64,13 +60,6 @@ fn one(built: &std::path::Path, target: &str, limit: &str) -> Result<(), Failure
         "fuzz target {target} failed:\n{}",
         said.lines().rev().take(40).collect::<Vec<_>>().join("\n")
     )))
-}
-
-/// Every target for a fixed number of inputs.
-pub fn bounded() -> Result<(), Failure> {
-    let built = build()?;
-    let _ = std::fs::remove_dir_all(root().join("target/fuzz-found"));
-    TARGETS.iter().try_for_each(|t| one(&built, t, &format!("-runs={RUNS}")))
 }
 
 /// Every target for some seconds.

@@ -5,10 +5,10 @@ use crate::{programs, root, setup, Failure, Toolchain};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-/// Builds the tests for the chip (`firmware/tests/chip.rs`), in a folder of their own; their ELF has the same place always.
+/// Builds the tests for the chip (`firmware/tests/chip.rs`); their ELF has the same place always.
 pub fn chip_tests(t: &Toolchain) -> Result<PathBuf, Failure> {
     println!("building the tests for the chip");
-    let folder = root().join("target/chip");
+    let folder = root().join("target/variants");
     let failed = |e: std::io::Error| Failure(format!("the tests for the chip: {e}"));
     let built = t
         .cargo("build")
@@ -24,7 +24,8 @@ pub fn chip_tests(t: &Toolchain) -> Result<PathBuf, Failure> {
     let Some(from) = executable.filter(|_| built.status.success()) else {
         return Err(Failure("the tests for the chip were not built".into()));
     };
-    let to = folder.join("chip-tests.elf");
+    let to = root().join("target/chip/chip-tests.elf");
+    to.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(failed)?;
     std::fs::copy(from, &to).map_err(failed)?;
     Ok(to)
 }

@@ -1,6 +1,7 @@
 //! `cargo xtask demo`, `cargo xtask test` and the smaller steps that they are made of.
 
 mod bring_up;
+mod course;
 mod elf;
 mod fingerprint;
 mod fuzz;
@@ -51,6 +52,7 @@ const USAGE: &str = "cargo xtask COMMAND
   pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
                     take minutes, too
   reference         docs/reference.md: every status bit, every command's help
+  python            the tests of the Python package, as it was last installed by `test`
   wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
 
@@ -72,7 +74,7 @@ fn main() -> ExitCode {
         Some("faults") => board("faults", rest),
         Some("mutate") => board("mutate", rest),
         Some("methods") => board("methods", rest),
-        Some("test") => test(),
+        Some("test") => course::test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--stm32f405rg") => {
@@ -97,6 +99,7 @@ fn main() -> ExitCode {
         Some("study") => tool("hrg-study", rest),
         Some("measured") => measured(),
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
+        Some("python") => python::tests(),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("pages") => pages(rest),
         Some("reference") => programs().and_then(|()| reference::write(rest)),
@@ -262,15 +265,7 @@ fn align_demo(arguments: &[String]) -> Result<(), Failure> {
     let t = setup::toolchain()?;
     build(&t)?;
     println!("building the firmware with the particle filter");
-    let folder = root().join("target/upf");
-    run(t
-        .cargo("build")
-        .args(["--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
-        .args(["--features", "upf"])
-        .arg("--target-dir")
-        .arg(&folder))?;
-    let elf = folder.join(setup::TARGET).join("firmware/firmware");
-    seal(&elf)?;
+    let elf = variant(&t, "upf", |c| c.args(["--features", "upf"]))?;
     let mut all = vec!["align-demo".to_string(), "--upf".to_string(), elf.display().to_string()];
     all.extend_from_slice(arguments);
     tool("hrg-board", &all)
@@ -334,45 +329,48 @@ fn screens() -> Result<(), Failure> {
     std::fs::write(&page, format!("{before}```text\n{screen}```\n{after}")).map_err(|e| Failure(e.to_string()))
 }
 
-/// The firmware for the STM32F405RG, without maintenance mode, in a folder of its own: both build, within their bounds.
+/// A firmware of other features, at `target/NAME`. All of them share one folder of builds: most of what they are made of is the same.
+fn variant(t: &Toolchain, name: &str, change: impl FnOnce(&mut Command) -> &mut Command) -> Result<PathBuf, Failure> {
+    let folder = root().join("target/variants");
+    let mut command = t.cargo("build");
+    command.args([
+        "--quiet",
+        "--profile",
+        "firmware",
+        "-p",
+        "firmware",
+        "--bin",
+        "firmware",
+        "--locked",
+        "--target-dir",
+    ]);
+    run(change(command.arg(&folder)))?;
+    let place = Path::new(setup::TARGET).join("firmware/firmware");
+    let elf = root().join("target").join(name).join(&place);
+    let failed = |e: std::io::Error| Failure(format!("{}: {e}", elf.display()));
+    elf.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(failed)?;
+    std::fs::copy(folder.join(&place), &elf).map_err(failed)?;
+    seal(&elf)?;
+    Ok(elf)
+}
+
+/// The firmware for the STM32F405RG, without maintenance mode: both build, within their bounds.
 fn other_chip(t: &Toolchain) -> Result<(), Failure> {
-    let folder = root().join("target/stm32f405rg");
-    run(t
-        .cargo("build")
-        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
-        .args(["--no-default-features", "--features", "stm32f405rg,locked", "--target-dir"])
-        .arg(&folder))?;
-    let elf = folder.join(setup::TARGET).join("firmware/firmware");
-    seal(&elf)?;
-    bounds(&elf, "STM32F405RG: ", FLASH_BOUND)
+    let features = ["--no-default-features", "--features", "stm32f405rg,locked"];
+    bounds(&variant(t, "stm32f405rg", |c| c.args(features))?, "STM32F405RG: ", FLASH_BOUND)
 }
 
-/// The firmware that reads platinum resistors in the place of resonators, in a folder of its own.
+/// The firmware that reads platinum resistors in the place of resonators.
 fn sensors(t: &Toolchain) -> Result<(), Failure> {
-    let folder = root().join("target/sensors");
-    run(t
-        .cargo("build")
-        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
-        .args(["--features", "sensors", "--target-dir"])
-        .arg(&folder))?;
-    let elf = folder.join(setup::TARGET).join("firmware/firmware");
-    seal(&elf)?;
-    bounds(&elf, "sensors: ", FLASH_BOUND)
+    bounds(&variant(t, "sensors", |c| c.args(["--features", "sensors"]))?, "sensors: ", FLASH_BOUND)
 }
 
-/// The firmware that wants signed calibrations and keeps its states over power cuts by a battery, in a folder of its own. Its key is that of the tests, which protects nothing.
+/// The firmware that wants signed calibrations and keeps its states over power cuts by a battery. Its key is that of the tests, which
+/// protects nothing.
 fn signed(t: &Toolchain) -> Result<(), Failure> {
     let key = root().join("host-tests/keys/test.key.pub");
     let key = std::fs::read_to_string(&key).map_err(|e| Failure(format!("{}: {e}", key.display())))?;
-    let folder = root().join("target/signed");
-    run(t
-        .cargo("build")
-        .args(["--quiet", "--profile", "firmware", "-p", "firmware", "--bin", "firmware", "--locked"])
-        .args(["--features", "signed,battery", "--target-dir"])
-        .arg(&folder)
-        .env("HRG_PUBLIC_KEY", key.trim()))?;
-    let elf = folder.join(setup::TARGET).join("firmware/firmware");
-    seal(&elf)?;
+    let elf = variant(t, "signed", |c| c.args(["--features", "signed,battery"]).env("HRG_PUBLIC_KEY", key.trim()))?;
     bounds(&elf, "signed: ", SIGNED_FLASH_BOUND)
 }
 
@@ -413,146 +411,16 @@ fn audit() -> Result<(), Failure> {
 
 /// The commands of the pages, with everything built that they use.
 fn pages(arguments: &[String]) -> Result<(), Failure> {
-    let t = setup::toolchain()?;
-    build(&t)?;
-    programs()?;
+    if !arguments.iter().any(|a| a == pages::BUILT) {
+        let t = setup::toolchain()?;
+        build(&t)?;
+        programs()?;
+    }
     let outcome = pages::run(arguments)?;
-    println!("{} commands ended well, {} did not or never ran", outcome.passed, outcome.failed);
+    println!("test result: commands of the pages. {} passed; {} failed", outcome.passed, outcome.failed);
     if outcome.failed == 0 {
         Ok(())
     } else {
         Err(Failure("a page tells its reader to type what does not work".into()))
-    }
-}
-
-const HOST_PACKAGES: [&str; 8] =
-    ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "chip-tables", "host-tests", "foreign-plant", "xtask"];
-
-/// What `cargo xtask test` does, step by step, and how long each step takes.
-struct Course {
-    names: Vec<(&'static str, std::time::Instant)>,
-}
-
-impl Course {
-    fn begin() -> Self {
-        Self { names: Vec::new() }
-    }
-    fn step(&mut self, name: &'static str) {
-        println!("{name}");
-        self.names.push((name, std::time::Instant::now()));
-    }
-    /// Where the time went.
-    fn print(&self) {
-        let ends = self.names.iter().skip(1).map(|s| s.1).chain([std::time::Instant::now()]);
-        let times =
-            self.names.iter().zip(ends).map(|((name, begun), end)| (*name, end.duration_since(*begun).as_secs()));
-        let told: Vec<String> = times.clone().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
-        println!("time: {}; in all {} s", told.join(", "), times.map(|t| t.1).sum::<u64>());
-    }
-}
-
-fn test() -> Result<(), Failure> {
-    let mut course = Course::begin();
-    course.step("set-up");
-    let t = setup::toolchain()?;
-    setup::host()?;
-    let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
-    course.step("format");
-    run(&mut cargo(&["fmt", "--all", "--check"]))?;
-    course.step("the firmware");
-    size()?;
-    course.step("the second chip");
-    other_chip(&t)?;
-    course.step("the firmware that wants signed calibrations");
-    signed(&t)?;
-    course.step("the firmware with temperature sensors");
-    sensors(&t)?;
-    course.step("the bring-up program and the tests for the chip");
-    bring_up::build()?;
-    hil::chip_tests(&t)?;
-    course.step("hrg-core in a firmware of another kind");
-    library::example(&t)?;
-    course.step("hrg-core as it would be published");
-    library::package()?;
-    course.step("lints, target");
-    for what in [&["--features", ""][..], &["--features", "bring-up"], &["--test", "chip"]] {
-        let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"];
-        run(t.cargo("clippy").args(lint).args(what).args(["--", "-D", "warnings"]))?;
-    }
-    course.step("lints, host");
-    run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
-        "-p",
-        "hrg-python",
-        "--",
-        "-D",
-        "warnings",
-    ]))?;
-    course.step("documentation");
-    run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
-        .args(&packages)
-        .env("RUSTDOCFLAGS", "-D warnings"))?;
-    course.step("the table of the second chip");
-    // (In a folder of its own: one build of stm32-metapac knows one chip.)
-    run(cargo(&["test", "--quiet", "--release", "--locked", "-p", "chip-tables", "--no-default-features"]).args([
-        "--features",
-        "stm32f405rg",
-        "--target-dir",
-        "target/chip-tables",
-    ]))?;
-    course.step("fuzz targets, a bounded run each");
-    fuzz::bounded()?;
-    course.step("tests");
-    tests(&packages, course)
-}
-
-/// Runs the tests, shows what they print, and ends with the sum of their summaries.
-fn tests(packages: &[&str], mut course: Course) -> Result<(), Failure> {
-    use std::io::{BufRead, BufReader};
-    let mut child = cargo(&["test", "--release", "--locked", "--no-fail-fast"])
-        .args(packages)
-        .current_dir(root())
-        .stdout(Stdio::piped())
-        .spawn()
-        .map_err(|e| Failure(e.to_string()))?;
-    let (mut passed, mut failed) = (0u64, 0u64);
-    // Tests that need what is not there (a network) say so in a line.
-    let mut skipped: Vec<String> = Vec::new();
-    if let Some(stdout) = child.stdout.take() {
-        for line in BufReader::new(stdout).lines().map_while(Result::ok) {
-            if let Some(at) = line.find("skipped: ") {
-                skipped.push(line[at..].to_string());
-            }
-            if let Some(summary) = line.strip_prefix("test result: ") {
-                let count = |word: &str| -> u64 {
-                    summary
-                        .split([';', '.'])
-                        .find_map(|part| part.trim().strip_suffix(word)?.trim().parse().ok())
-                        .unwrap_or(0)
-                };
-                passed += count("passed");
-                failed += count("failed");
-            }
-            println!("{line}");
-        }
-    }
-    let status = child.wait().map_err(|e| Failure(e.to_string()))?;
-    course.step("the reference");
-    reference::write(&["--check".to_string()])?;
-    course.step("the commands of the pages");
-    let pages = pages::run(&[])?;
-    passed += pages.passed;
-    failed += pages.failed;
-    course.step("the Python package");
-    let python = python::tests()?;
-    passed += python.passed;
-    failed += python.failed;
-    skipped.extend(python.skipped);
-    course.print();
-    println!("{passed} passed, {failed} failed, {} of the passed skipped", skipped.len());
-    skipped.iter().for_each(|s| println!("{s}"));
-    if status.success() && failed == 0 && passed > 0 {
-        Ok(())
-    } else {
-        Err(Failure("tests failed".into()))
     }
 }

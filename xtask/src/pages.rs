@@ -98,9 +98,12 @@ fn quoted(text: &str) -> String {
 /// The option that runs what takes minutes.
 const ALL: &str = "--all";
 
+/// The option for when everything is built already.
+pub const BUILT: &str = "--built";
+
 /// Pages with commands: of the arguments, or all.
 fn pages(arguments: &[String]) -> Result<Vec<PathBuf>, Failure> {
-    let named: Vec<PathBuf> = arguments.iter().filter(|a| *a != ALL).map(PathBuf::from).collect();
+    let named: Vec<PathBuf> = arguments.iter().filter(|a| *a != ALL && *a != BUILT).map(PathBuf::from).collect();
     if !named.is_empty() {
         return Ok(named);
     }

@@ -17,14 +17,6 @@ const NEEDED: [&str; 9] = [
     "ipykernel>=6",
 ];
 
-/// What came of the tests.
-pub struct Outcome {
-    pub passed: u64,
-    pub failed: u64,
-    /// Why some or all were left out, a line each.
-    pub skipped: Vec<String>,
-}
-
 fn environment() -> PathBuf {
     // (Programs in it name their own place.)
     root().canonicalize().unwrap_or_else(|_| root()).join("target/python")
@@ -76,21 +68,25 @@ pub fn wheel() -> Result<PathBuf, Failure> {
     wheel.ok_or_else(|| Failure(format!("maturin has left no wheel in {}", to.display())))
 }
 
-/// Installs the wheel and runs its tests.
-pub fn tests() -> Result<Outcome, Failure> {
+/// Builds the wheel and installs it; gives in a line why there can be no tests.
+pub fn ready() -> Result<Option<String>, Failure> {
     if let Err(why) = prepare() {
-        println!("{why}");
-        return Ok(Outcome { passed: 0, failed: 0, skipped: vec![why] });
+        return Ok(Some(why));
     }
     let wheel = wheel()?;
     run(python().args(["-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall"]).arg(wheel))?;
+    Ok(None)
+}
+
+/// Runs the tests of the wheel that is installed.
+pub fn tests() -> Result<(), Failure> {
     // (Not in the sources' folder: what is tested is what is installed.)
     let told = python()
         .args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "--rootdir"])
         .args([root().join("python"), root().join("python/tests")])
         .current_dir(environment())
         .output()
-        .map_err(|e| Failure(e.to_string()))?;
+        .map_err(|e| Failure(format!("{} -m pytest: {e}; run cargo xtask test", environment().display())))?;
     let text = String::from_utf8_lossy(&told.stdout);
     println!("{text}{}", String::from_utf8_lossy(&told.stderr));
     let summary = text.lines().last().unwrap_or("");
@@ -100,7 +96,12 @@ pub fn tests() -> Result<Outcome, Failure> {
             .find_map(|p| p.split_once(' ').filter(|(_, w)| w.starts_with(word))?.0.parse().ok())
             .unwrap_or(0)
     };
-    let skipped = text.lines().filter(|l| l.starts_with("SKIPPED")).map(|l| format!("skipped: {l}")).collect();
+    text.lines().filter(|l| l.starts_with("SKIPPED")).for_each(|l| println!("skipped: {l}"));
     let failed = count("failed") + count("error") + u64::from(!told.status.success() && count("failed") == 0);
-    Ok(Outcome { passed: count("passed"), failed, skipped })
+    println!("test result: Python. {} passed; {failed} failed", count("passed"));
+    if failed == 0 {
+        Ok(())
+    } else {
+        Err(Failure("tests of the Python package failed".into()))
+    }
 }

@@ -2,22 +2,38 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// What `work` makes of each item, in their order. One item, or one processor, needs no thread.
-pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(items.len());
+/// How many threads work at once.
+fn threads() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// The same work on each processor, but on no more than so many, until it is done on all.
+pub fn on_all(most: usize, work: impl Fn() + Sync) {
+    on(threads().min(most), work);
+}
+
+fn on(threads: usize, work: impl Fn() + Sync) {
     if threads <= 1 {
-        return items.into_iter().map(work).collect();
+        return work();
     }
-    let mut made: Vec<Option<R>> = items.iter().map(|_| None).collect();
-    let queue = Mutex::new(items.into_iter().zip(&mut made));
     std::thread::scope(|scope| {
         for _ in 0..threads {
-            scope.spawn(|| loop {
-                // (The lock is given back before the work.)
-                let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                let Some((item, to)) = next else { break };
-                *to = Some(work(item));
-            });
+            scope.spawn(&work);
+        }
+    });
+}
+
+/// What `work` makes of each item, in their order. One item, or one processor, needs no thread.
+pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+    let mut made: Vec<Option<R>> = items.iter().map(|_| None).collect();
+    let threads = threads().min(items.len());
+    let queue = Mutex::new(items.into_iter().zip(&mut made));
+    on(threads, || {
+        loop {
+            // (The lock is given back before the work.)
+            let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let Some((item, to)) = next else { break };
+            *to = Some(work(item));
         }
     });
     // (A thread that panics has the scope panic: none is missing here.)

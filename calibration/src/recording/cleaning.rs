@@ -1,10 +1,12 @@
 //! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
 
 use super::format::Thermometer;
-use super::{columns, Recording};
+use super::{columns, step_of, Recording};
 use crate::numeric::side_by_side;
 use crate::numeric::stats::median;
 use crate::BadInput;
+use hrg_core::AXES;
+use std::sync::LazyLock;
 
 /// Why a value was taken out of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,6 +52,9 @@ impl Recording {
     /// Where more than half of the rows would have to go, or fewer than two are left.
     pub fn order(&mut self) -> Result<(), BadInput> {
         let rows = self.time_s.len();
+        if rows > 1 && self.in_order() {
+            return Ok(());
+        }
         // Rows whose time is missing, repeats or goes back.
         let mut keep = vec![true; rows];
         let mut last = f64::NEG_INFINITY;
@@ -106,51 +111,73 @@ impl Recording {
         Ok(())
     }
 
+    /// Whether each row has a time after that of the row before.
+    fn in_order(&self) -> bool {
+        increase(&self.time_s) && self.time_s.first().is_some_and(|t| !t.is_nan())
+    }
+
     /// Takes out what cannot be true, and notes it.
     ///
     /// # Errors
     /// As [`Recording::order`]; and where more than half of the values of a channel would have to go.
     pub fn clean(&mut self) -> Result<(), BadInput> {
+        self.cleaned_values().map(drop)
+    }
+
+    /// The same; gives what it takes to have the recording as it was.
+    ///
+    /// # Errors
+    /// As [`Recording::clean`].
+    pub fn clean_keeping(&mut self) -> Result<Original, BadInput> {
+        // Rows that go, and rates that change throughout, take a second recording to bring back.
+        let same_rates = self.without_earth_rate() || self.attitude()?.is_none();
+        if !(self.in_order() && same_rates) || self.turned() {
+            let before = self.copied();
+            self.clean()?;
+            return Ok(Original::Whole(Box::new(before)));
+        }
+        let (notes, cleaned) = (self.notes.clone(), self.cleaned.clone());
+        let values = self.cleaned_values()?;
+        Ok(Original::Changes { values, notes, cleaned })
+    }
+
+    /// Cleans, and gives the values that were taken out of each of [`Self::columns_mut`].
+    fn cleaned_values(&mut self) -> Result<Vec<Vec<(usize, f64)>>, BadInput> {
         self.order()?;
-        let step = self.step_s();
+        let (found, step) = self.defects_taken_out();
         let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
         if gaps > 0 {
             let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
             self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
         }
-        let axes: Vec<usize> = self.present().collect();
-        let counts = self.defects_taken_out(step, &axes);
-        for (column, stuck, spikes) in counts {
-            if stuck > 0 {
+        let rows = self.time_s.len();
+        for Found { column, stuck, spikes, .. } in &found {
+            if *stuck > 0 {
                 self.notes
                     .push(format!("column {column}: {stuck} values stand still exactly (a stuck value): left out"));
-                self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Stuck, count: stuck });
+                self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Stuck, count: *stuck });
             }
-            if spikes > 0 {
+            if *spikes > 0 {
                 self.notes.push(format!("column {column}: {spikes} spikes: left out"));
-                self.cleaned.push(Cleaned { column, defect: Defect::Spike, count: spikes });
+                self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Spike, count: *spikes });
             }
         }
-        for a in axes {
-            let rate = columns::RATE.name(a);
-            let own =
-                (self.thermometer != Thermometer::None).then(|| (self.thermometer.column(a), &self.frequency_hz[a]));
-            for (name, column) in own.into_iter().chain([(rate, &self.rate_dph[a])]) {
-                let good = column.iter().filter(|v| v.is_finite()).count();
-                if good * 2 < column.len() {
-                    return Err(BadInput(format!(
-                        "column {name}: only {good} of {} values can be used; check that channel",
-                        column.len()
-                    )));
-                }
-            }
+        if let Some(bad) = found.iter().find(|f| f.needed && f.finite * 2 < rows) {
+            return Err(BadInput(format!(
+                "column {}: only {} of {rows} values can be used; check that channel",
+                bad.column, bad.finite
+            )));
         }
-        self.remove_earth_rate()
+        self.remove_earth_rate()?;
+        let mut values = vec![Vec::new(); self.columns_mut().count()];
+        found.into_iter().for_each(|f| values[f.place] = f.taken);
+        Ok(values)
     }
 
-    /// Takes stuck values and spikes out of all columns, side by side; how many of each, by the column's name.
-    fn defects_taken_out(&mut self, step: f64, axes: &[usize]) -> Vec<(String, usize, usize)> {
+    /// Takes stuck values and spikes out of all columns, side by side; gives the step, too.
+    fn defects_taken_out(&mut self) -> (Vec<Found>, f64) {
         let thermometer = self.thermometer;
+        let axes: Vec<usize> = self.present().collect();
         // A step of a table is no spike of a gyro: spikes are sought in what is left without its rate.
         let turned = self.table_rate_dph().map(|table| (self.rate_dph.clone(), table));
         if let Some((_, table)) = &turned {
@@ -159,37 +186,112 @@ impl Recording {
         }
         let largest = turned.iter().flat_map(|(_, table)| table.iter().flatten()).fold(0.0f64, |m, t| m.max(t.abs()));
         let least_dph = TABLE_SHARE * largest;
-        let mut jobs: Vec<(String, Cells, &mut Vec<f64>)> = Vec::new();
-        let columns = self.frequency_hz.iter_mut().zip(&mut self.rate_dph).enumerate();
-        for (a, (readings, rates)) in columns.filter(|(a, _)| axes.contains(a)) {
-            let named = thermometer.parts_axes() || a == axes[0];
-            let name = if named { thermometer.column(a).to_string() } else { String::new() };
-            match thermometer {
-                Thermometer::None => {}
-                Thermometer::Frequency => jobs.push((name, Cells::Frequency, readings)),
-                _ => jobs.push((name, Cells::Sensor, readings)),
-            }
-            jobs.push((columns::RATE.name(a).to_string(), Cells::Rate, rates));
-        }
-        for (name, values) in self.optional.iter_mut().filter(|(n, _)| !columns::TABLE_RATE.names.contains(n)) {
-            jobs.push(((*name).to_string(), Cells::Sensor, values));
-        }
-        let mut counts = side_by_side::each(jobs, |(name, cells, values)| {
-            let (stuck, spikes) = match cells {
-                Cells::Frequency => (remove_stuck(values, step), remove_spikes(values, 8.0, 5e-4)),
-                Cells::Rate => (remove_stuck(values, step), remove_spikes(values, 6.5, least_dph)),
-                // Coarse sensors stand still for long by nature: spikes only.
-                Cells::Sensor => (0, remove_spikes(values, 12.0, 0.01)),
+        // (Taken for now, as the columns are lent.)
+        let time_s = std::mem::take(&mut self.time_s);
+        let step = LazyLock::new(|| step_of(&time_s));
+        let names: Vec<&str> = self.optional.iter().map(|(name, _)| *name).collect();
+        let mut jobs: Vec<(Found, Cells, Option<&mut Vec<f64>>)> = Vec::new();
+        for (place, values) in self.columns_mut().enumerate() {
+            let (column, cells) = match place / AXES {
+                0 if !axes.contains(&place) || thermometer == Thermometer::None => continue,
+                0 if thermometer == Thermometer::Frequency => (thermometer.column(place), Cells::Frequency),
+                // (One sensor for all axes is counted once.)
+                0 if !thermometer.parts_axes() && place != axes[0] => ("", Cells::Sensor),
+                0 => (thermometer.column(place), Cells::Sensor),
+                1 if !axes.contains(&(place - AXES)) => continue,
+                1 => (columns::RATE.name(place - AXES), Cells::Rate),
+                _ if columns::TABLE_RATE.names.contains(&names[place - 2 * AXES]) => continue,
+                _ => (names[place - 2 * AXES], Cells::Sensor),
             };
-            (name, stuck, spikes)
+            let found = Found { column: column.into(), place, needed: place < 2 * AXES, ..Found::default() };
+            jobs.push((found, cells, Some(values)));
+        }
+        // (By axis, as sentences go.)
+        jobs.sort_by_key(|(found, _, _)| (!found.needed, if found.needed { found.place % AXES } else { found.place }));
+        // The step takes as long as a column, and is rarely asked for.
+        jobs.insert(0, (Found::default(), Cells::Sensor, None));
+        let mut found = side_by_side::each(jobs, |(mut found, cells, values)| {
+            let Some(values) = values else {
+                LazyLock::force(&step);
+                return found;
+            };
+            let (repeats, finite) = repeats_and_finite(values);
+            let taken = &mut found.taken;
+            (found.stuck, found.spikes) = match cells {
+                Cells::Frequency => {
+                    (remove_stuck(values, repeats, &step, taken), remove_spikes(values, 8.0, 5e-4, taken))
+                }
+                Cells::Rate => {
+                    (remove_stuck(values, repeats, &step, taken), remove_spikes(values, 6.5, least_dph, taken))
+                }
+                // Coarse sensors stand still for long by nature: spikes only.
+                Cells::Sensor => (0, remove_spikes(values, 12.0, 0.01, taken)),
+            };
+            found.finite = finite - found.taken.iter().filter(|(_, v)| v.is_finite()).count();
+            found
         });
+        found.remove(0);
+        let step_s = *step;
+        drop(step);
+        self.time_s = time_s;
         if let Some((measured, _)) = turned {
             let pairs = self.rate_dph.iter_mut().flatten().zip(measured.into_iter().flatten());
             pairs.filter(|(left, _)| left.is_finite()).for_each(|(left, measured)| *left = measured);
         }
-        // (One sensor for all axes is counted once.)
-        counts.retain(|(name, _, _)| !name.is_empty());
-        counts
+        found.iter_mut().filter(|f| f.column.is_empty()).for_each(|f| (f.stuck, f.spikes) = (0, 0));
+        (found, step_s)
+    }
+}
+
+/// What was found in a column.
+#[derive(Default)]
+struct Found {
+    /// Its name; empty for a copy of another.
+    column: String,
+    /// Which of [`Recording::columns_mut`].
+    place: usize,
+    /// Whether a recording is nothing without it.
+    needed: bool,
+    stuck: usize,
+    spikes: usize,
+    /// Values that are left.
+    finite: usize,
+    /// Values that were taken out, by their rows.
+    taken: Vec<(usize, f64)>,
+}
+
+/// What it takes to have a recording as it was before it was cleaned.
+#[derive(Debug, Clone)]
+pub enum Original {
+    /// The recording.
+    Whole(Box<Recording>),
+    /// What cleaning changed.
+    Changes {
+        /// Values of each column, by their rows.
+        values: Vec<Vec<(usize, f64)>>,
+        /// Notes before.
+        notes: Vec<String>,
+        /// What was taken out before.
+        cleaned: Vec<Cleaned>,
+    },
+}
+
+impl Original {
+    /// The recording as it was, from the one that became of it.
+    #[must_use]
+    pub fn of(&self, clean: &Recording) -> Recording {
+        match self {
+            Self::Whole(before) => before.copied(),
+            Self::Changes { values, notes, cleaned } => {
+                let mut before = clean.copied();
+                (before.notes, before.cleaned) = (notes.clone(), cleaned.clone());
+                for (column, values) in before.columns_mut().zip(values) {
+                    // (The last first: a value that was taken out twice was NaN the second time.)
+                    values.iter().rev().for_each(|(row, value)| column[*row] = *value);
+                }
+                before
+            }
+        }
     }
 }
 
@@ -201,25 +303,58 @@ enum Cells {
     Sensor,
 }
 
+/// How many values are the next ones, too, and how many are there.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+fn repeats_and_finite(values: &[f64]) -> (usize, usize) {
+    let (mut repeats, mut finite) = (0u64, u64::from(values.last().is_some_and(|v| v.is_finite())));
+    for (v, next) in values.iter().zip(values.get(1..).unwrap_or_default()) {
+        repeats += u64::from(v == next);
+        finite += u64::from(v.is_finite());
+    }
+    (repeats as usize, finite as usize)
+}
+
+/// Whether each value is larger than the one before.
+#[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
+fn increase(values: &[f64]) -> bool {
+    let pairs = values.iter().zip(values.get(1..).unwrap_or_default());
+    pairs.map(|(v, next)| u64::from(v < next)).sum::<u64>() + 1 >= values.len() as u64
+}
+
 /// Runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. What counts
 /// as long depends on how often this channel repeats by its resolution alone.
-fn remove_stuck(values: &mut [f64], step_s: f64) -> usize {
+fn remove_stuck(
+    values: &mut [f64],
+    repeats: usize,
+    step_s: &LazyLock<f64, impl FnOnce() -> f64>,
+    taken: &mut Vec<(usize, f64)>,
+) -> usize {
     let pairs = values.len().saturating_sub(1).max(1);
-    let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
     // With a share p of natural repeats a run of n has odds p^n; ask for one in 1e9, and for 8 rows at least.
     let share = (repeats as f64 / pairs as f64).clamp(0.01, 0.999);
     let natural = (1e-9f64.ln() / share.ln()).ceil();
-    let longest = natural.max(8.0).max(10.0 / step_s.max(1e-3)).min(1e9) as usize;
-    let (mut start, mut removed) = (0, 0);
-    for k in 1..=values.len() {
-        if k < values.len() && values[k] == values[start] {
+    let least = natural.max(8.0);
+    if (repeats as f64) < least {
+        // No run is as long.
+        return 0;
+    }
+    let longest = least.max(10.0 / step_s.max(1e-3)).min(1e9) as usize;
+    let (mut k, mut removed) = (0, 0);
+    // A run that is too long has a pair of equal values at each so many rows.
+    while k + 1 < values.len() {
+        let value = values[k];
+        if value != values[k + 1] {
+            k += longest;
             continue;
         }
-        if k - start > longest {
-            values[start + 1..k].fill(f64::NAN);
-            removed += k - start - 1;
+        let start = values[..k].iter().rposition(|v| *v != value).map_or(0, |at| at + 1);
+        let end = values[k..].iter().position(|v| *v != value).map_or(values.len(), |n| k + n);
+        if end - start > longest {
+            taken.extend((start + 1..end).map(|row| (row, value)));
+            values[start + 1..end].fill(f64::NAN);
+            removed += end - start - 1;
         }
-        start = k;
+        k = end.next_multiple_of(longest);
     }
     removed
 }
@@ -298,10 +433,18 @@ impl Scatter {
         Some(Self { places, length: n as f64 })
     }
 
+    fn place(&self, k: usize) -> usize {
+        ((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1)
+    }
+
+    /// The least scatter from one place to another.
+    fn least(&self, from: usize, to: usize) -> f64 {
+        self.places[self.place(from)..=self.place(to - 1)].iter().fold(f64::INFINITY, |m, s| m.min(*s))
+    }
+
     /// The scatter at places from one on. (Where it is the same at both ends, it is so between: the places are steps.)
     fn along(&self, from: usize, out: &mut [f64]) {
-        let place =
-            |k: usize| ((k as f64 / self.length * self.places.len() as f64) as usize).min(self.places.len() - 1);
+        let place = |k: usize| self.place(k);
         let (first, last) = (place(from), place(from + out.len().max(1) - 1));
         if first == last {
             out.fill(self.places[first]);
@@ -316,7 +459,7 @@ impl Scatter {
 ///
 /// A spike is rare. Where more than [`MOST_SPIKES`] of the values are that far off, the scatter is not what makes them so (a coarse
 /// resolution hides it, or the channel moves fast): the limit is doubled until it is.
-fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
+fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64, taken: &mut Vec<(usize, f64)>) -> usize {
     if values.len() < 2 * HALF + 1 {
         return 0;
     }
@@ -329,6 +472,7 @@ fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64) -> usize {
         spikes = self::spikes(values, wider, &scatter);
     }
     let removed = spikes.len();
+    taken.extend(spikes.iter().map(|k| (*k, values[*k])));
     spikes.into_iter().for_each(|k| values[k] = f64::NAN);
     removed
 }
@@ -353,6 +497,20 @@ fn close_neighbours(around: &[f64], near: &[f64; TOGETHER], close: &mut [f64; TO
     }
 }
 
+/// The least and the largest value; NaN does not count.
+#[multiversion::multiversion(targets("x86_64+avx512f", "x86_64+avx2"))]
+fn range(values: &[f64]) -> (f64, f64) {
+    let mut ranges = [(f64::INFINITY, f64::NEG_INFINITY); 16];
+    let (chunks, rest) = values.as_chunks::<16>();
+    let widen = |(least, most): &mut (f64, f64), v: f64| {
+        *least = if v < *least { v } else { *least };
+        *most = if v > *most { v } else { *most };
+    };
+    chunks.iter().for_each(|chunk| ranges.iter_mut().zip(chunk).for_each(|(range, v)| widen(range, *v)));
+    ranges.iter_mut().zip(rest).for_each(|(range, v)| widen(range, *v));
+    ranges.iter().fold(ranges[0], |(least, most), (l, m)| (least.min(*l), most.max(*m)))
+}
+
 /// Places of the values further than `limit` times the scatter from the median of their neighbours.
 fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
     let n = values.len();
@@ -360,6 +518,11 @@ fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
     let (mut near, mut close) = ([0.0; TOGETHER], [0.0; TOGETHER]);
     for from in (0..n).step_by(TOGETHER) {
         let to = (from + TOGETHER).min(n);
+        // Where all values and their neighbours lie closer together than the limit, none is a spike: nearly everywhere.
+        let (least, most) = range(&values[from.saturating_sub(HALF)..(to + HALF).min(n)]);
+        if from >= HALF && to + HALF <= n && most - least <= limit * scatter.least(from, to) {
+            continue;
+        }
         scatter.along(from, &mut near[..to - from]);
         near.iter_mut().for_each(|s| *s *= limit);
         // Values at the ends of the column have no such neighbours.
@@ -438,8 +601,86 @@ mod tests {
     }
 
     #[test]
+    fn what_was_cleaned_comes_back_to_the_bit() {
+        let mut lines: Vec<String> = rows(300).lines().map(String::from).collect();
+        lines[100] = "98,4900.01,4890.01,4700,900,2,3".into();
+        lines[120] = "118,,4890.01,4700,1,2,3".into();
+        for (k, line) in lines.iter_mut().enumerate().take(250).skip(200) {
+            *line = format!("{},4900.05,4890.05,4699.9,1.5,1.9,3.1", k - 2);
+        }
+        let plain = lines.join("\n");
+        let at_an_attitude = plain.replace("# unit: A", "# unit: A\n# latitude_deg: 30\n# axes: x=north y=east z=down");
+        let mut disordered = lines.clone();
+        disordered.swap(30, 31);
+        for (text, whole) in [(plain, false), (at_an_attitude, true), (disordered.join("\n"), true)] {
+            let before = Recording::parse(text.as_bytes()).expect("readable");
+            let (mut clean, mut alone) = (before.clone(), before.clone());
+            let original = clean.clean_keeping().expect("usable");
+            alone.clean().expect("usable");
+            assert_eq!(matches!(original, Original::Whole(_)), whole);
+            // (NaN is not equal to itself.)
+            assert_eq!(format!("{clean:?}"), format!("{alone:?}"));
+            assert!(clean.notes.len() > before.notes.len());
+            assert_eq!(format!("{:?}", original.of(&clean)), format!("{before:?}"));
+        }
+    }
+
+    #[test]
+    fn stuck_values_are_those_of_runs_that_are_too_long() {
+        let mut draws = crate::numeric::draws::Draws::new(5);
+        let mut stuck = 0;
+        for n in [1, 2, 9, 50, 1000, 3000] {
+            for _ in 0..50 {
+                let mut values: Vec<f64> = Vec::new();
+                while values.len() < n {
+                    let run = if draws.bits() % 60 == 0 { draws.bits() % 200 } else { 1 };
+                    let value = if draws.bits() % 30 == 0 { f64::NAN } else { (draws.bits() % 100) as f64 };
+                    values.extend((0..run).map(|_| value));
+                }
+                values.truncate(n);
+                let (repeats, finite) = repeats_and_finite(&values);
+                assert_eq!(repeats, values.windows(2).filter(|w| w[0] == w[1]).count());
+                assert_eq!(finite, values.iter().filter(|v| v.is_finite()).count());
+                let share = (repeats as f64 / (n - 1).max(1) as f64).clamp(0.01, 0.999);
+                let longest = (1e-9f64.ln() / share.ln()).ceil().max(10.0) as usize;
+                // Run by run.
+                let mut wanted = values.clone();
+                let mut start = 0;
+                for k in 1..=n {
+                    if k < n && values[k] == values[start] {
+                        continue;
+                    }
+                    if k - start > longest {
+                        wanted[start + 1..k].fill(f64::NAN);
+                    }
+                    start = k;
+                }
+                let (mut found, mut taken) = (values.clone(), Vec::new());
+                let removed = remove_stuck(&mut found, repeats, &LazyLock::new(|| 1.0), &mut taken);
+                assert_eq!(format!("{found:?}"), format!("{wanted:?}"));
+                assert_eq!(removed, taken.len());
+                taken.iter().for_each(|(row, value)| assert_eq!(*value, values[*row]));
+                stuck += removed;
+            }
+        }
+        assert!(stuck > 1000, "{stuck}");
+    }
+
+    #[test]
+    fn a_range_is_that_of_the_values() {
+        let mut draws = crate::numeric::draws::Draws::new(3);
+        for n in 1..200 {
+            let values: Vec<f64> =
+                (0..n).map(|k| if k % 7 == 3 { f64::NAN } else { draws.bits() as f64 - 1e19 }).collect();
+            let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            assert_eq!(range(&values), (least, most));
+        }
+    }
+
+    #[test]
     fn a_column_without_a_value_has_no_spikes() {
-        assert_eq!(remove_spikes(&mut [f64::NAN; 50], 8.0, 5e-4), 0);
+        assert_eq!(remove_spikes(&mut [f64::NAN; 50], 8.0, 5e-4, &mut Vec::new()), 0);
         let mut r = Recording::parse(rows(50).replace(",4900", ",nan,4900").as_bytes());
         assert!(r.is_err(), "the cells no longer fit the header");
         r = Recording::parse((HEAD.to_string() + &"1,,2,3,4,5,6\n".repeat(50)).as_bytes());
@@ -462,7 +703,7 @@ mod tests {
         for k in (50..n).step_by(500) {
             v[k] = 400.0;
         }
-        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        let removed = remove_spikes(&mut v, 6.5, 0.0, &mut Vec::new());
         assert!((50..n).step_by(500).all(|k| v[k].is_nan()), "the spikes are found");
         assert!(removed <= 40 + n / 1000, "{removed} removed");
     }
@@ -480,7 +721,7 @@ mod tests {
             .collect();
         v[1000] += 60.0;
         v[3000] -= 60.0;
-        let removed = remove_spikes(&mut v, 6.5, 0.0);
+        let removed = remove_spikes(&mut v, 6.5, 0.0, &mut Vec::new());
         assert!(v[1000].is_nan() && v[3000].is_nan());
         assert!(removed <= 100, "{removed} removed");
     }

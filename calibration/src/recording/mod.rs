@@ -10,16 +10,19 @@ pub mod dialect;
 pub mod facts;
 pub mod format;
 pub mod import;
+mod lines;
 pub mod merge;
 pub mod metadata;
 pub mod names;
+mod numbers;
 pub mod parquet;
 mod reader;
 mod rows;
 pub mod steps;
 mod writer;
 
-pub use cleaning::{Cleaned, Defect};
+pub use cleaning::{Cleaned, Defect, Original};
+pub(crate) use lines::no_zero;
 pub(crate) use reader::utf8;
 
 use crate::numeric::side_by_side;
@@ -191,15 +194,15 @@ impl Recording {
     /// # Errors
     /// [`BadInput`] with path, line and column.
     pub fn load_with(path: &Path, edit: impl FnOnce(&mut Self) -> Result<(), BadInput>) -> anyhow::Result<Self> {
-        let bytes = parquet::read_text(path)?;
-        let read = || -> Result<Self, BadInput> {
-            let mut r = Self::parse(&bytes)?;
+        let mut r = Self::read(path)?;
+        let read = || -> Result<(), BadInput> {
             edit(&mut r)?;
             r.clean()?;
-            r.source = path.display().to_string();
-            Ok(r)
+            Ok(())
         };
-        Ok(read().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?)
+        read().map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        r.source = path.display().to_string();
+        Ok(r)
     }
 
     /// A copy, its columns made side by side: for recordings of hundreds of megabytes.
@@ -233,8 +236,12 @@ impl Recording {
     /// Usual time between rows, s.
     #[must_use]
     pub fn step_s(&self) -> f64 {
-        let mut d: Vec<f64> = self.time_s.windows(2).map(|w| w[1] - w[0]).collect();
-        crate::numeric::stats::median(&mut d).unwrap_or(1.0)
+        step_of(&self.time_s)
+    }
+
+    /// The stated attitude.
+    fn attitude(&self) -> Result<Option<Attitude>, BadInput> {
+        Ok(Attitude::of(self.meta("latitude_deg"), self.meta("axes"))?)
     }
 
     /// Takes the earth-rate components of the stated attitude off the rates, where latitude and axes are given.
@@ -242,9 +249,7 @@ impl Recording {
         if self.without_earth_rate() {
             return Ok(());
         }
-        let Some(attitude) = Attitude::of(self.meta("latitude_deg"), self.meta("axes"))? else {
-            return Ok(());
-        };
+        let Some(attitude) = self.attitude()? else { return Ok(()) };
         let parts = attitude.earth_rate_dph();
         for (column, part) in self.rate_dph.iter_mut().zip(parts) {
             column.iter_mut().for_each(|v| *v -= part);
@@ -294,6 +299,12 @@ impl Recording {
         }
         self
     }
+}
+
+/// Usual time between rows.
+fn step_of(time_s: &[f64]) -> f64 {
+    let mut d: Vec<f64> = time_s.windows(2).map(|w| w[1] - w[0]).collect();
+    crate::numeric::stats::median(&mut d).unwrap_or(1.0)
 }
 
 /// Text of recordings for the tests of this room.

@@ -2,63 +2,113 @@
 
 use super::columns::{self, Role};
 use super::format::{named, Thermometer};
+use super::lines::Lines;
 use super::rows::Header;
-use super::{dialect, metadata, Cleaned, Defect, Recording};
+use super::{dialect, metadata, parquet, Cleaned, Defect, Recording};
 use crate::BadInput;
 use hrg_core::AXES;
+use std::io::Read;
+use std::path::Path;
 
-/// Pieces for each processor: one that is busy with other work takes fewer.
-const PIECES: usize = 4;
-/// Smaller pieces get no thread of their own, bytes.
-const LEAST_PIECE: usize = 1 << 20;
+/// Bytes that a thread reads at once: they and what comes of them stay close to the processor.
+const PIECE: usize = 1 << 20;
+
+/// Files that are smaller are read as a whole.
+const LARGE: u64 = 8 << 20;
 
 impl Recording {
+    /// Reads a file, as it is: text, packed or not, or Parquet.
+    ///
+    /// # Errors
+    /// A sentence with the file, line and column.
+    pub fn read(path: &Path) -> Result<Self, BadInput> {
+        if let Some(read) = Self::read_large(path) {
+            return Ok(read);
+        }
+        Self::parse(&parquet::read_text(path)?).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))
+    }
+
+    /// Reads a large file of plain text while it is loaded, so that it is never in memory as a whole. `None` for all others, and for
+    /// whatever cannot be read so: [`Self::parse`] knows why, and more dialects.
+    fn read_large(path: &Path) -> Option<Self> {
+        let file = std::fs::File::open(path).ok()?;
+        let size = file.metadata().ok().filter(std::fs::Metadata::is_file)?.len();
+        if !(LARGE..=crate::MOST_RECORDING).contains(&size) || parquet::begins_as_parquet(path) {
+            return None;
+        }
+        // (Rows are about as long as the first ones. Where they become much shorter, all of them are counted.)
+        let about = |first: &str| {
+            let lines = memchr::memchr_iter(b'\n', first.as_bytes()).count();
+            (1.1 * size as f64 * lines as f64 / first.len() as f64) as usize + 1000
+        };
+        Self::stream(Lines::new(file, size, PIECE), true, about).ok().flatten()
+    }
+
     /// Reads the text of a recording, as it is. Other dialects than plain CSV are read as [`dialect`] says.
     ///
     /// # Errors
     /// A sentence with line and column.
     pub fn parse(bytes: &[u8]) -> Result<Self, BadInput> {
-        let text = utf8(bytes)?;
-        if !dialect::is_plain(text) {
-            return Self::parse_plain(&dialect::plain(text)?);
-        }
-        match Self::parse_plain(text) {
+        Self::parse_in_pieces(bytes, PIECE)
+    }
+
+    /// Whatever the pieces, the result is the same to the bit.
+    fn parse_in_pieces(bytes: &[u8], piece: usize) -> Result<Self, BadInput> {
+        let most = |bytes: &[u8]| memchr::memchr_iter(b'\n', bytes).count() + 1;
+        match Self::stream(Lines::new(bytes, bytes.len() as u64, piece), true, |_| most(bytes)) {
+            Ok(Some(read)) => return Ok(read),
             // Quoted further down: the header does not tell.
-            Err(_) if text.contains('"') => Self::parse_plain(&dialect::plain(text)?),
-            result => result,
+            Err(e) if !bytes.contains(&b'"') => return Err(e),
+            _ => {}
         }
+        let text = dialect::plain(utf8(bytes)?)?;
+        let text = text.as_bytes();
+        Ok(Self::stream(Lines::new(text, text.len() as u64, piece), false, |_| most(text))?.unwrap_or_default())
     }
 
-    fn parse_plain(text: &str) -> Result<Self, BadInput> {
-        let threads = std::thread::available_parallelism().map_or(1, usize::from);
-        Self::parse_in_pieces(text, text.len().div_ceil(PIECES * threads).max(LEAST_PIECE))
-    }
-
-    /// The header and what stands before it, then the rows, in pieces of about so many bytes. Whatever the pieces, the result is the same
-    /// to the bit.
-    fn parse_in_pieces(text: &str, piece: usize) -> Result<Self, BadInput> {
+    /// The header and what stands before it, then the rows. `most` tells from the first lines how many there are at most. `None` for a
+    /// dialect other than plain CSV, where `other` asks for it.
+    fn stream(
+        mut lines: Lines<impl Read + Send>,
+        other: bool,
+        most: impl FnOnce(&str) -> usize,
+    ) -> Result<Option<Self>, BadInput> {
         let mut out = Self::default();
         let mut metadata = metadata::Lines::default();
-        let (mut rest, mut number) = (text, 0);
-        let names: Vec<&str> = loop {
-            if rest.is_empty() {
+        let (mut piece, mut number) = (Vec::new(), 0);
+        let header = loop {
+            if !lines.next(&mut piece)? {
                 return Err(BadInput::new(
                     "the file is empty: there is no header line; a recording begins with time_s,fx_hz,...",
                 ));
             }
-            let line;
-            (line, rest) = rest.split_once('\n').unwrap_or((rest, ""));
-            number += 1;
-            let line = line.trim_end_matches('\r');
-            if let Some(meta) = line.trim_start().strip_prefix('#') {
-                metadata.take(number, meta)?;
-            } else if !line.trim().is_empty() {
-                break line.split(',').map(str::trim).collect();
+            let text = utf8(&piece).map_err(|e| if number == 0 { e } else { not_text(number + 1) })?;
+            if other && !dialect::is_plain(text) {
+                return Ok(None);
+            }
+            let mut rest = text;
+            let mut header = None;
+            while header.is_none() && !rest.is_empty() {
+                let line;
+                (line, rest) = rest.split_once('\n').unwrap_or((rest, ""));
+                number += 1;
+                let line = line.trim_end_matches('\r');
+                if let Some(meta) = line.trim_start().strip_prefix('#') {
+                    metadata.take(number, meta)?;
+                } else if !line.trim().is_empty() {
+                    header = Some(line.to_string());
+                }
+            }
+            if let Some(header) = header {
+                lines.give_back(rest.as_bytes());
+                break header;
             }
         };
+        let most = most(std::str::from_utf8(&piece).unwrap_or_default());
+        let names: Vec<&str> = header.split(',').map(str::trim).collect();
         let slots = out.slots(&names, number, &metadata)?;
         let kept: Vec<bool> = slots.iter().map(|s| *s != Slot::Ignored).collect();
-        let rows = Header { names: &names, kept: &kept }.read(rest, number + 1, piece, &mut metadata)?;
+        let rows = Header { names: &names, kept: &kept }.read(lines, number + 1, most, &mut metadata)?;
         metadata::check(&metadata.entries)?;
         out.meta = metadata.entries;
         for (slot, values) in slots.into_iter().zip(rows.columns) {
@@ -72,7 +122,7 @@ impl Recording {
                 out.cleaned.push(Cleaned { column: (*name).to_string(), defect: Defect::Missing, count });
             }
         }
-        Ok(out)
+        Ok(Some(out))
     }
 
     /// A recording of columns that are in memory: names as in a file ([`columns`]), values with NaN where missing.
@@ -260,10 +310,13 @@ impl Recording {
 
 /// The text of a file, without its byte-order mark.
 pub(crate) fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
-    std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes)).map_err(|e| {
-        let line = 1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count();
-        BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
-    })
+    std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes))
+        .map_err(|e| not_text(1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count()))
+}
+
+/// A line that is no text.
+pub(super) fn not_text(line: usize) -> BadInput {
+    BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
 }
 
 /// What the header shows of why a column is missing.
@@ -317,7 +370,11 @@ mod tests {
             let _ = writeln!(back, "{k},1,2,3,4,5,6");
         }
         assert!(error(&back).contains("time_s"));
-        assert!(Recording::parse(b"\xff\xfe\x00").expect_err("not text").0.contains("line 1"));
+        assert!(Recording::parse(b"a\n\xff\xfe").expect_err("not text").0.contains("line 2"));
+        assert!(Recording::parse(b"\xff\xfe\x00").expect_err("not text").0.contains("byte 3 is zero"));
+        let text = rows(20);
+        let bad = [text.as_bytes(), b"20,1,2\xb0,3,4,5,6\n", text.as_bytes()].concat();
+        assert!(Recording::parse(&bad).expect_err("not text").0.starts_with("line 23 is not UTF-8"));
         assert!(error(&rows(20).replace("# unit: A", "# rate_unit: rad/s")).contains("deg/h"));
     }
 
@@ -349,16 +406,16 @@ mod tests {
         }
         let mut errors = 0;
         for text in &texts {
-            let whole = Recording::parse_in_pieces(text, usize::MAX);
+            let whole = Recording::parse_in_pieces(text.as_bytes(), usize::MAX);
             errors += usize::from(whole.is_err());
             for piece in 1..text.len() + 2 {
-                let parted = Recording::parse_in_pieces(text, piece);
+                let parted = Recording::parse_in_pieces(text.as_bytes(), piece);
                 // (NaN is not equal to itself.)
                 assert_eq!(format!("{parted:?}"), format!("{whole:?}"), "{piece} bytes");
             }
         }
         assert_eq!(errors, 8);
-        let whole = Recording::parse_in_pieces(&text, usize::MAX).expect("readable");
+        let whole = Recording::parse_in_pieces(text.as_bytes(), usize::MAX).expect("readable");
         assert_eq!((whole.time_s.len(), whole.meta("run")), (62, Some("7")));
         assert!(
             whole.notes.iter().any(|n| n.contains("2 values are missing, the first at line 37, column 2")),

@@ -1,9 +1,13 @@
 //! The rows of a recording's text, cut into pieces at line ends that are read side by side. The columns are filled in place; what the pieces
 //! say of lines counts from their beginning, until they are joined in order.
 
+use super::lines::Lines;
 use super::metadata;
+use super::numbers::{Cells, Ends, BATCH, LOOK};
 use crate::numeric::side_by_side;
 use crate::BadInput;
+use std::io::Read;
+use std::sync::{Mutex, PoisonError};
 
 /// What the header says of the rows.
 pub(super) struct Header<'h> {
@@ -24,54 +28,112 @@ pub(super) struct Rows {
 }
 
 /// What came of a piece.
-struct Piece<'t> {
+struct Piece {
     rows: usize,
     lines: usize,
     missing: Vec<usize>,
     first_missing: Option<(usize, usize)>,
     /// Metadata among the rows, each with its line.
-    metadata: Vec<(usize, &'t str)>,
-    /// The line of a row that cannot be read, and the text from it on. Nothing behind it was looked at.
-    failed: Option<(usize, &'t str)>,
+    metadata: Vec<(usize, String)>,
+    /// The line of a row that cannot be read, and its text; no text where it is none. Nothing behind it was looked at.
+    failed: Option<(usize, Option<String>)>,
+}
+
+/// What the threads take their work from.
+struct Feed<'c, R> {
+    lines: Lines<R>,
+    /// What is not filled of the columns, and how many rows that is.
+    columns: Vec<&'c mut [f64]>,
+    left: usize,
+    /// How many lines each piece has.
+    pieces: Vec<usize>,
+    /// Whether nothing behind the pieces so far is wanted; and why, where it cannot be had.
+    stopped: bool,
+    failed: Option<BadInput>,
+}
+
+impl<'c, R: Read> Feed<'c, R> {
+    /// The next piece: its text, its number, and the places for its values.
+    fn next(&mut self, text: &mut Vec<u8>) -> Option<(usize, Vec<&'c mut [f64]>)> {
+        if self.stopped {
+            return None;
+        }
+        let taken = self.lines.next(text).and_then(|there| {
+            let lines = memchr::memchr_iter(b'\n', text).count() + usize::from(there && !text.ends_with(b"\n"));
+            if lines > self.left {
+                return Err(BadInput::new("there are more lines than were expected"));
+            }
+            Ok(there.then_some(lines))
+        });
+        let lines = taken.unwrap_or_else(|e| {
+            self.failed = Some(e);
+            None
+        });
+        let Some(lines) = lines else {
+            self.stopped = true;
+            return None;
+        };
+        self.left -= lines;
+        let mut places = Vec::new();
+        for rest in &mut self.columns {
+            // (A column that is not read has no place.)
+            let here = lines.min(rest.len());
+            let (place, after) = std::mem::take(rest).split_at_mut(here);
+            places.push(place);
+            *rest = after;
+        }
+        self.pieces.push(lines);
+        Some((self.pieces.len() - 1, places))
+    }
 }
 
 impl Header<'_> {
-    /// Reads all rows of a text whose first line has number `line`, in pieces of about so many bytes. Metadata among them are taken.
+    /// Reads all rows, the first of them in line number `line`. There are at most `most` lines. Metadata among them are taken.
     ///
     /// # Errors
-    /// That of the first line that cannot be used.
+    /// That of the first line that cannot be used; where there are more lines.
     pub fn read(
         &self,
-        text: &str,
+        lines: Lines<impl Read + Send>,
         line: usize,
-        piece: usize,
+        most: usize,
         metadata: &mut metadata::Lines,
     ) -> Result<Rows, BadInput> {
-        let texts = cut(text, piece);
-        // A piece has no more rows than lines.
-        let most = side_by_side::each(texts.clone(), |t| memchr::memchr_iter(b'\n', t.as_bytes()).count() + 1);
-        let total = most.iter().sum();
         let mut columns: Vec<Vec<f64>> =
-            self.kept.iter().map(|kept| if *kept { vec![0.0; total] } else { Vec::new() }).collect();
-        let mut parts: Vec<(&str, Vec<&mut [f64]>)> = texts.into_iter().map(|t| (t, Vec::new())).collect();
-        for column in &mut columns {
-            let mut rest = &mut column[..];
-            for ((_, slices), n) in parts.iter_mut().zip(&most) {
-                let part;
-                (part, rest) = rest.split_at_mut((*n).min(rest.len()));
-                slices.push(part);
+            self.kept.iter().map(|kept| if *kept { vec![0.0; most] } else { Vec::new() }).collect();
+        let places = columns.iter_mut().map(Vec::as_mut_slice).collect();
+        let threads = lines.pieces();
+        let feed = Feed { lines, columns: places, left: most, pieces: Vec::new(), stopped: false, failed: None };
+        let feed = Mutex::new(feed);
+        let made = Mutex::new(Vec::new());
+        let work = || {
+            let mut text = Vec::new();
+            loop {
+                // (The lock is given back before the work.)
+                let next = feed.lock().unwrap_or_else(PoisonError::into_inner).next(&mut text);
+                let Some((k, places)) = next else { return };
+                let piece = self.piece(&text, places);
+                if piece.failed.is_some() {
+                    feed.lock().unwrap_or_else(PoisonError::into_inner).stopped = true;
+                }
+                made.lock().unwrap_or_else(PoisonError::into_inner).push((k, piece));
             }
-        }
-        let pieces = side_by_side::each(parts, |(text, slices)| self.piece(text, slices));
+        };
+        side_by_side::on_all(threads, work);
+        let Feed { pieces, failed, .. } = feed.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let mut made: Vec<(usize, Piece)> = made.into_inner().unwrap_or_else(PoisonError::into_inner);
+        made.sort_by_key(|(k, _)| *k);
         let (mut before, mut rows, mut from) = (line - 1, 0, 0);
         let (mut missing, mut first_missing) = (vec![0; self.names.len()], None);
-        for (piece, most) in pieces.into_iter().zip(most) {
+        for ((_, piece), most) in made.into_iter().zip(pieces) {
             for (line, text) in piece.metadata {
-                metadata.take(before + line, text)?;
+                metadata.take(before + line, &text)?;
             }
-            if let Some((line, text)) = piece.failed {
+            match piece.failed {
                 // Once more, with its number in the file.
-                self.row(before + line, text, &mut |_, _| {})?;
+                Some((line, Some(text))) => self.row(before + line, &text, &mut |_, _| {})?,
+                Some((line, None)) => return Err(super::reader::not_text(before + line)),
+                None => {}
             }
             for column in columns.iter_mut().filter(|c| !c.is_empty() && rows != from) {
                 column.copy_within(from..from + piece.rows, rows);
@@ -82,11 +144,14 @@ impl Header<'_> {
             from += most;
             before += piece.lines;
         }
+        if let Some(e) = failed {
+            return Err(e);
+        }
         columns.iter_mut().for_each(|c| c.truncate(rows));
         Ok(Rows { columns, missing, first_missing })
     }
 
-    fn piece<'t>(&self, text: &'t str, mut columns: Vec<&mut [f64]>) -> Piece<'t> {
+    fn piece(&self, bytes: &[u8], mut columns: Vec<&mut [f64]>) -> Piece {
         let mut out = Piece {
             rows: 0,
             lines: 0,
@@ -95,69 +160,131 @@ impl Header<'_> {
             metadata: Vec::new(),
             failed: None,
         };
-        let mut rest = text;
-        while let Some(first) = rest.bytes().next() {
+        let (mut rest, bad) = match std::str::from_utf8(bytes) {
+            Ok(text) => (text, false),
+            Err(e) => (std::str::from_utf8(&bytes[..e.valid_up_to()]).unwrap_or(""), true),
+        };
+        // What stands before it in its line is no row, either.
+        if bad {
+            rest = &rest[..rest.rfind('\n').map_or(0, |k| k + 1)];
+        }
+        loop {
+            rest = &rest[self.plain_rows(rest, &mut columns, &mut out)..];
+            if rest.is_empty() {
+                out.failed = bad.then_some((out.lines + 1, None));
+                return out;
+            }
+            // A line that is something else, or the last one.
             out.lines += 1;
-            // Nearly all lines: a row of data, taken off the front of the text without a look for its end.
-            let (row, after) = if matches!(first, b'0'..=b'9' | b'-') {
-                (rest, None)
-            } else {
-                let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
-                let line = line.trim_end_matches('\r');
-                if let Some(meta) = line.trim_start().strip_prefix('#') {
-                    out.metadata.push((out.lines, meta));
-                    rest = after;
-                    continue;
-                }
-                if line.trim().is_empty() {
-                    rest = after;
-                    continue;
-                }
-                (line, Some(after))
-            };
-            let (at, line) = (out.rows, out.lines);
-            let taken = self.row(line, row, &mut |k, value| {
-                if value.is_nan() {
-                    out.missing[k] += 1;
-                    out.first_missing.get_or_insert((line, k + 1));
-                }
-                columns[k][at] = value;
-            });
-            match taken {
-                Ok(behind) => rest = after.unwrap_or(behind),
-                Err(_) => {
-                    out.failed = Some((line, row));
+            let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
+            let line = line.trim_end_matches('\r');
+            if let Some(meta) = line.trim_start().strip_prefix('#') {
+                out.metadata.push((out.lines, meta.to_string()));
+            } else if !line.trim().is_empty() {
+                let (at, number) = (out.rows, out.lines);
+                let taken = self.row(number, line, &mut |k, value| {
+                    if value.is_nan() {
+                        out.missing[k] += 1;
+                        out.first_missing.get_or_insert((number, k + 1));
+                    }
+                    columns[k][at] = value;
+                });
+                if taken.is_err() {
+                    out.failed = Some((number, Some(line.to_string())));
                     return out;
                 }
+                out.rows += 1;
             }
-            out.rows += 1;
+            rest = after;
         }
-        out
     }
 
-    /// Takes a row off the front of `text`, giving each cell that is read to `take`; gives what follows the row.
-    #[inline]
-    fn row<'t>(&self, line: usize, text: &'t str, take: &mut impl FnMut(usize, f64)) -> Result<&'t str, BadInput> {
+    /// Takes rows off the front of a text as long as each is one of numbers, with nothing beside them; gives the place of the first that is
+    /// not. Commas and line ends are found first, then the numbers between them are read by columns.
+    fn plain_rows(&self, text: &str, columns: &mut [&mut [f64]], out: &mut Piece) -> usize {
         let bytes = text.as_bytes();
-        let (mut at, mut cells) = (0, 0);
-        loop {
-            let kept = self.kept.get(cells) == Some(&true);
-            cells += 1;
-            let (value, end) = match plain_number(&bytes[at..]) {
-                Some((value, n)) => (value, at + n),
-                None => {
-                    let end =
-                        bytes[at..].iter().position(|b| matches!(b, b',' | b'\n')).map_or(bytes.len(), |n| at + n);
-                    let value = if kept { self.number(line, text[at..end].trim(), cells)? } else { 0.0 };
-                    (value, end)
+        let mut batch: Vec<Cells> = self.names.iter().map(|_| Cells::new()).collect();
+        // Where the row begins, and the cell; which cell it is, and which row of the batch.
+        let (mut row, mut from, mut column, mut rows) = (0, 0, 0, 0);
+        let mut ends = Ends::new();
+        'text: for (k, some) in bytes.chunks(LOOK).enumerate() {
+            for end in ends.of(some) {
+                let at = LOOK * k + usize::from(*end);
+                if at < from {
+                    // The line feed behind a carriage return.
+                    continue;
                 }
-            };
-            if kept {
-                take(cells - 1, value);
+                let Some(cells) = batch.get_mut(column) else { break 'text };
+                cells.put(rows, bytes, from, at);
+                column += 1;
+                from = at + 1;
+                if bytes[at] == b',' {
+                    continue;
+                }
+                if bytes[at] == b'\r' && bytes.get(from) == Some(&b'\n') {
+                    from += 1;
+                } else if bytes[at] != b'\n' {
+                    break 'text;
+                }
+                if column != self.names.len() {
+                    break 'text;
+                }
+                (row, column, rows) = (from, 0, rows + 1);
+                if rows == BATCH {
+                    if let Some(odd) = self.numbers(text, rows, &mut batch, columns, out) {
+                        return odd;
+                    }
+                    rows = 0;
+                }
             }
-            at = (end + 1).min(bytes.len());
-            if bytes.get(end) != Some(&b',') {
-                break;
+        }
+        self.numbers(text, rows, &mut batch, columns, out).unwrap_or(row)
+    }
+
+    /// Reads the numbers of some rows; gives the place of the first row that has what is none. The rows before it are taken.
+    fn numbers(
+        &self,
+        text: &str,
+        rows: usize,
+        batch: &mut [Cells],
+        columns: &mut [&mut [f64]],
+        out: &mut Piece,
+    ) -> Option<usize> {
+        let mut good = rows;
+        let mut missing: Vec<(usize, usize)> = Vec::new();
+        for (k, (cells, column)) in batch.iter_mut().zip(columns).enumerate().filter(|(k, _)| self.kept[*k]) {
+            let column = &mut column[out.rows..out.rows + rows];
+            if cells.read(column) {
+                continue;
+            }
+            for (r, value) in column.iter_mut().enumerate().filter(|(r, _)| !cells.is_plain(*r)) {
+                let Ok(v) = self.number(0, text[cells.place(r)].trim(), k + 1) else {
+                    good = good.min(r);
+                    break;
+                };
+                *value = v;
+                if v.is_nan() {
+                    missing.push((r, k));
+                }
+            }
+        }
+        missing.sort_unstable();
+        for (r, k) in missing.into_iter().filter(|(r, _)| *r < good) {
+            out.missing[k] += 1;
+            out.first_missing.get_or_insert((out.lines + r + 1, k + 1));
+        }
+        out.rows += good;
+        out.lines += good;
+        (good < rows).then(|| batch[0].place(good).start)
+    }
+
+    /// Reads the cells of a row, giving each that is kept to `take`.
+    fn row(&self, line: usize, row: &str, take: &mut impl FnMut(usize, f64)) -> Result<(), BadInput> {
+        let mut cells = 0;
+        for cell in row.split(',') {
+            cells += 1;
+            if self.kept.get(cells - 1) == Some(&true) {
+                take(cells - 1, self.number(line, cell.trim(), cells)?);
             }
         }
         if cells != self.names.len() {
@@ -172,7 +299,7 @@ impl Header<'_> {
                 self.names.len()
             )));
         }
-        Ok(&text[at..])
+        Ok(())
     }
 
     /// A cell that is not a plain number: missing, with an exponent, very long, or wrong.
@@ -187,106 +314,5 @@ impl Header<'_> {
                 cell.chars().take(24).collect::<String>()
             ))
         })
-    }
-}
-
-/// A text in pieces of about so many bytes, each of whole lines.
-fn cut(text: &str, piece: usize) -> Vec<&str> {
-    let mut out = Vec::new();
-    let mut rest = text;
-    while rest.len() > piece {
-        let end = rest.as_bytes()[piece..].iter().position(|b| *b == b'\n').map_or(rest.len(), |n| piece + n + 1);
-        let first;
-        (first, rest) = rest.split_at(end);
-        out.push(first);
-    }
-    out.push(rest);
-    out
-}
-
-/// Powers of ten that an f64 holds exactly.
-const EXACT: [f64; 16] = [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15];
-
-/// A number of at most 15 digits, with or without sign and point, and the place of the comma or line feed that ends it. Such a
-/// number is a quotient of two that an f64 holds exactly, so that one division gives what the standard library's parser gives.
-#[inline]
-fn plain_number(bytes: &[u8]) -> Option<(f64, usize)> {
-    let negative = bytes.first() == Some(&b'-');
-    let (whole, from) = digits(bytes, usize::from(negative), 0);
-    let count = from - usize::from(negative);
-    let (mantissa, at, fraction) = if bytes.get(from) == Some(&b'.') {
-        let (mantissa, at) = digits(bytes, from + 1, whole);
-        (mantissa, at, at - from - 1)
-    } else {
-        (whole, from, 0)
-    };
-    if !(1..=15).contains(&(count + fraction)) {
-        return None;
-    }
-    let end = match bytes.get(at) {
-        None | Some(b',' | b'\n') => at,
-        Some(b'\r') if matches!(bytes.get(at + 1), None | Some(b'\n')) => at + 1,
-        Some(_) => return None,
-    };
-    let value = mantissa as f64 / EXACT[fraction];
-    Some((if negative { -value } else { value }, end))
-}
-
-/// Powers of ten up to eight digits.
-const SHIFT: [u64; 9] = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000];
-
-/// Takes digits from a place on, behind those of `value`; gives what they make together (modulo 2^64) and the place behind them. Eight bytes at
-/// a time: how many of them are digits, and what their value is, takes a few operations on the word that they make.
-#[inline]
-fn digits(bytes: &[u8], mut at: usize, mut value: u64) -> (u64, usize) {
-    while let Some(eight) = bytes.get(at..).and_then(<[u8]>::first_chunk::<8>) {
-        let x = u64::from_le_bytes(*eight) ^ 0x3030_3030_3030_3030;
-        // The high bit of each byte that is no digit: above 9 now, or above 127. (No byte carries into the next: their high bits are left out.)
-        let low = x & 0x7F7F_7F7F_7F7F_7F7F;
-        let others = ((low + 0x7676_7676_7676_7676) | x) & 0x8080_8080_8080_8080;
-        let n = others.trailing_zeros() as usize / 8;
-        if n == 0 {
-            return (value, at);
-        }
-        // The digits at the end of the word, zeros before them; pairs, fours and eight of them.
-        let x = x << (64 - 8 * n);
-        let x = x.wrapping_mul(10).wrapping_add(x >> 8);
-        let four = |x: u64, scale: u64| (x & 0x0000_00FF_0000_00FF).wrapping_mul(scale);
-        let sum = four(x, 0x000F_4240_0000_0064).wrapping_add(four(x >> 16, 0x0000_2710_0000_0001)) >> 32;
-        value = value.wrapping_mul(SHIFT[n]).wrapping_add(sum);
-        at += n;
-        if n < 8 {
-            return (value, at);
-        }
-    }
-    while let Some(b) = bytes.get(at).filter(|b| b.is_ascii_digit()) {
-        value = value.wrapping_mul(10).wrapping_add(u64::from(b - b'0'));
-        at += 1;
-    }
-    (value, at)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn plain_numbers_are_what_the_standard_library_reads() {
-        let mut draws = crate::numeric::draws::Draws::new(1);
-        for k in 0..200_000u32 {
-            let x = draws.bits();
-            let value = (x >> 12) as f64 / EXACT[(x % 16) as usize] * if k % 2 == 0 { -1e-4 } else { 1e-4 };
-            let text = format!("{value:.*}", (x % 13) as usize);
-            let wanted: f64 = text.parse().expect("a number");
-            for (end, more) in [("", 0), (",1", 0), ("\n", 0), ("\r\n", 1), ("\r", 1)] {
-                match plain_number(format!("{text}{end}").as_bytes()) {
-                    Some((v, at)) => assert_eq!((v.to_bits(), at), (wanted.to_bits(), text.len() + more), "{text}"),
-                    None => assert!(text.len() > 15, "{text}"),
-                }
-            }
-        }
-        for odd in ["", "-", ".", "1e5", "+1", "0x1", "inf", "1.2.3", " 1", "1 ", "--1", "1_0", "1\r\r\n", "1\r2"] {
-            assert_eq!(plain_number(odd.as_bytes()), None, "{odd}");
-        }
     }
 }

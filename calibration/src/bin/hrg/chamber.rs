@@ -257,7 +257,14 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     let bar = indicatif::ProgressBar::new(100);
     bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
     let said = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
-    let after = unit.burn(&c, &said, |done| bar.set_position((done * 100.0) as u64));
+    // Where nobody sees the bar, a line says from when on the unit must not be switched off.
+    let unsaid = std::cell::Cell::new(!std::io::stderr().is_terminal());
+    let after = unit.burn(&c, &said, |done| {
+        if unsaid.replace(false) {
+            eprintln!("{port}: the image is being written; leave the unit on");
+        }
+        bar.set_position((done * 100.0) as u64);
+    });
     bar.finish_and_clear();
     let after = match after {
         Ok(after) => after,

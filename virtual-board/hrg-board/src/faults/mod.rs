@@ -319,6 +319,8 @@ pub struct Extent {
     pub random: u64,
     /// Every n-th flash operation and bit of an image.
     pub every: u64,
+    /// Whether each fault of a resonator is tried on each axis, and not on one of them.
+    pub on_each_axis: bool,
     /// Every n-th pair of sensor faults.
     pub pairs: u64,
     /// Bytes of noise on the link.
@@ -331,9 +333,11 @@ pub struct Extent {
 
 impl Extent {
     /// What docs/promises.md reports.
-    pub const FULL: Self = Self { random: 10_000, every: 1, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
+    pub const FULL: Self =
+        Self { random: 10_000, every: 1, on_each_axis: true, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
     /// What every test run does.
-    pub const SHORT: Self = Self { random: 150, every: 40, pairs: 25, bytes: 200_000, load_s: 10, wraps: 2000 };
+    pub const SHORT: Self =
+        Self { random: 60, every: 100, on_each_axis: false, pairs: 50, bytes: 100_000, load_s: 5, wraps: 4000 };
 }
 
 /// The parts of a campaign, in order.

@@ -4,8 +4,10 @@ use super::memory::unsaid;
 use super::{cycles, good, run, trials, Extent, Report, Scene, BOUND_DPH, LOOKS_AT_OTHERS};
 use crate::wires::{AdcFault, AxisFault, Received, WireFaults, Wires};
 use anyhow::Result;
+use hrg_cal::AXIS_NAMES;
 use hrg_core::compensator::HOLD_S;
 use hrg_core::status::{AxisStatus, UnitStatus};
+use hrg_core::AXES;
 use virtual_board::{Board, Snapshot, CPU_HZ};
 
 /// One fault of one sensor.
@@ -51,7 +53,7 @@ fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for a in 0..3 {
         let mut axis_case = |name: &str, fault, flags, within_s| {
-            let name = format!("{} {name}", hrg_cal::AXIS_NAMES[a]);
+            let name = format!("{} {name}", AXIS_NAMES[a]);
             cases.push(Case { name, fault: Fault::Axis(a, fault), flags: Flags::Axis(a, flags), within_s });
         };
         axis_case("edges stop", AxisFault::Stop, AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
@@ -61,7 +63,7 @@ fn cases() -> Vec<Case> {
         axis_case("drifts out of range", AxisFault::Drift(0.1), out | AxisStatus::FREQUENCY_LOST, 8.0);
         axis_case("jumps by 1 Hz", AxisFault::Jump(1.0), AxisStatus::FREQUENCY_LOST, NEXT_STEP_S);
         cases.push(Case {
-            name: format!("{} saturated", hrg_cal::AXIS_NAMES[a]),
+            name: format!("{} saturated", AXIS_NAMES[a]),
             fault: Fault::Adc(AdcFault::Saturated(a)),
             flags: Flags::Axis(a, AxisStatus::OVER_RANGE),
             within_s: 0.01,
@@ -184,8 +186,13 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
     let n = cases.len();
     let pairs: Vec<(usize, usize)> =
         (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).step_by(extent.pairs as usize).collect();
+    // In the short form each fault of a resonator is on one axis: of all axes, some.
+    let of_an_axis = cases.iter().filter(|c| c.name.starts_with(AXIS_NAMES[0])).count();
+    let alone: Vec<usize> = (0..n)
+        .filter(|k| extent.on_each_axis || *k >= AXES * of_an_axis || k / of_an_axis == k % of_an_axis % AXES)
+        .collect();
     let outcomes = trials(
-        (n + pairs.len()) as u64,
+        (alone.len() + pairs.len()) as u64,
         || {
             let mut board = scene.settled()?;
             let truth = scene.undisturbed(&mut board, BEGINS_S + LASTS_S + RECOVERS_S + 3.0)?;
@@ -194,16 +201,16 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
         },
         |(board, start, truth), k| {
             let k = k as usize;
-            let faults: Vec<&Case> = if k < n {
-                vec![&cases[k]]
+            let faults: Vec<&Case> = if k < alone.len() {
+                vec![&cases[alone[k]]]
             } else {
-                let (a, b) = pairs[k - n];
+                let (a, b) = pairs[k - alone.len()];
                 vec![&cases[a], &cases[b]]
             };
             play(board, start, truth, &faults)
         },
     )?;
-    for (c, o) in cases.iter().zip(&outcomes) {
+    for (c, o) in alone.iter().map(|k| &cases[*k]).zip(&outcomes) {
         let flagged = o.flagged_s[0];
         let stale = o.stale_s.map_or_else(String::new, |s| format!(", bridged, then stale after {s:.1} s"));
         let bridged = o.stale_s.is_none_or(|s| (s - f64::from(HOLD_S)).abs() < 2.5);
@@ -217,7 +224,7 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
             flagged <= c.within_s && bridged && kept(o),
         );
     }
-    let both = &outcomes[n..];
+    let both = &outcomes[alone.len()..];
     let most = |of: fn(&Outcome) -> f64| both.iter().map(of).fold(0.0, f64::max);
     let broken: Vec<String> = pairs
         .iter()

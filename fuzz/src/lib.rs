@@ -1,0 +1,8 @@
+//! What is fuzzed, a module each. `cargo xtask fuzz` drives it by what it covers; `host-tests/tests/corpus.rs` runs the kept inputs and
+//! others like them with every test run.
+
+pub mod calibration;
+pub mod link;
+pub mod log;
+pub mod recording;
+pub mod unit;
