@@ -325,7 +325,14 @@ fn rest_log_and_profile() {
     assert!(refused(&d, &["record", "--defmt", "other.log", "--out", "no.csv"]).contains("no line of a second"));
     std::fs::write(d.join("raw.log"), [0u8, 1, 200, 3]).expect("written");
     assert!(refused(&d, &["record", "--defmt", "raw.log", "--out", "no.csv"]).contains("--elf"));
-    assert!(refused(&d, &["monitor", "--port", "/dev/none"]).contains("cannot open the port"));
+    let no_port = refused(&d, &["monitor", "--port", "/dev/none"]);
+    assert!(no_port.contains("cannot open the port") && no_port.contains(" there"), "{no_port}");
+    // A command with too few arguments, or unknown ones, is shown with the example of its help.
+    for command in ["trace", "fit", "monitor", "burn"] {
+        let said = refused(&d, &[command, "--nonsense"]);
+        assert!(said.contains(&format!("for example: hrg {command} ")), "{said}");
+    }
+    assert!(refused(&d, &["fit", "none.csv", "--out", "cal.toml"]).contains("hrg simulate --out"));
     assert!(refused(&d, &["burn", "run.csv", "--port", "/dev/none"]).contains("not a calibration"));
     let words = ok(&d, &["profile", "--profile", "20,-40@1,1h,50@1,1h,20@1", "--for", "hysteresis,kink"]);
     assert!(words.contains("hysteresis") && words.contains("ramp to -40 C at 1 C/min (60 min)"), "{words}");

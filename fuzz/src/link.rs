@@ -18,7 +18,7 @@ impl Store for Flash {
     }
     fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
         let from = at.offset as usize;
-        assert!(from % 4 == 0 && bytes.len() % 4 == 0);
+        assert!(from.is_multiple_of(4) && bytes.len().is_multiple_of(4));
         let place = &mut self.0[usize::from(at.sector.number())][from..from + bytes.len()];
         assert!(place.iter().all(|b| *b == 0xFF), "programmed twice");
         place.copy_from_slice(bytes);

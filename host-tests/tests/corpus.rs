@@ -32,7 +32,7 @@ fn made(kept: &[Vec<u8>], draw: &mut ChaCha8Rng) -> Vec<u8> {
         match draw.random_range(0..7) {
             0 if n > 0 => input[from % n] ^= 1 << draw.random_range(0..8),
             1 if n > 0 => {
-                input[from % n] = *[0, 1, 0x7F, 0x80, 0xFF, b',', b'\n', b'-', b'9'].choose(draw).expect("some")
+                input[from % n] = *b"\x00\x01\x7F\x80\xFF,\n-9".choose(draw).expect("some");
             }
             2 => drop(input.drain(from..to)),
             3 => {

@@ -1,4 +1,5 @@
 //! The trace on units of the second plant, which shares no code with its effects.
+// A test may panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use foreign_plant::generate::Generated;

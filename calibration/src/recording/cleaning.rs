@@ -633,8 +633,8 @@ mod tests {
             for _ in 0..50 {
                 let mut values: Vec<f64> = Vec::new();
                 while values.len() < n {
-                    let run = if draws.bits() % 60 == 0 { draws.bits() % 200 } else { 1 };
-                    let value = if draws.bits() % 30 == 0 { f64::NAN } else { (draws.bits() % 100) as f64 };
+                    let run = if draws.bits().is_multiple_of(60) { draws.bits() % 200 } else { 1 };
+                    let value = if draws.bits().is_multiple_of(30) { f64::NAN } else { (draws.bits() % 100) as f64 };
                     values.extend((0..run).map(|_| value));
                 }
                 values.truncate(n);

@@ -281,7 +281,7 @@ mod tests {
         for n in (0..200).chain([LOOK - 9, LOOK - 1, LOOK]) {
             for some in [1, 3, 40, 256] {
                 let bytes: Vec<u8> =
-                    (0..n).map(|_| if draws.bits() % some == 0 { draws.bits() as u8 } else { b'5' }).collect();
+                    (0..n).map(|_| if draws.bits().is_multiple_of(some) { draws.bits() as u8 } else { b'5' }).collect();
                 let wanted: Vec<u16> = (0..n).filter(|k| bytes[*k] < b'-').map(|k| k as u16).collect();
                 assert_eq!(ends.of(&bytes), wanted);
             }

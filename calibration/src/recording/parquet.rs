@@ -321,7 +321,10 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, BadInput> {
         let bytes = crate::read_file(path, crate::MOST_RECORDING, false)?;
         return to_csv(bytes).map(String::into_bytes).map_err(|e| BadInput(format!("{}: {e}", path.display())));
     }
-    crate::read_file(path, crate::MOST_RECORDING, true)
+    crate::read_file(path, crate::MOST_RECORDING, true).map_err(|e| match path.exists() {
+        true => e,
+        false => BadInput(format!("{e} (hrg simulate --out FILE makes a recording to try with)")),
+    })
 }
 
 /// Whether a file begins as Parquet does; a file that cannot be read does not.

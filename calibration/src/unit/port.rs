@@ -230,7 +230,18 @@ impl Unit {
     /// One sentence, where it cannot be opened.
     pub fn open(path: &str) -> Result<Self, BadInput> {
         let port = serialport::new(path, BAUD).timeout(POLL).open().map_err(|e| {
-            BadInput::new(format!("cannot open the port {path}: {e}; check the cable, and who else has it open"))
+            let ports: Vec<String> =
+                serialport::available_ports().unwrap_or_default().into_iter().map(|p| p.port_name).collect();
+            let there = match ports.join(", ") {
+                none if none.is_empty() => {
+                    "no serial port is there (without a unit: hrg-board serve --folder DIR, then the port is DIR/link)"
+                        .into()
+                }
+                some => format!("the ports that are there: {some}"),
+            };
+            BadInput::new(format!(
+                "cannot open the port {path}: {e}; check the cable, and who else has it open; {there}"
+            ))
         })?;
         Ok(Self {
             path: path.into(),

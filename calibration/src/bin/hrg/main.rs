@@ -35,7 +35,8 @@ mod soaks;
 mod trace;
 
 use anyhow::Result;
-use clap::{Parser, Subcommand};
+use clap::error::{ContextKind, ContextValue};
+use clap::{CommandFactory, Parser, Subcommand};
 use hrg_cal::fit::independence::Units;
 use hrg_cal::BadInput;
 use std::path::{Path, PathBuf};
@@ -224,7 +225,20 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    hrg_cal::exit("hrg", run(Arguments::parse().command))
+    let arguments = Arguments::try_parse().unwrap_or_else(|e| with_example(e).exit());
+    hrg_cal::exit("hrg", run(arguments.command))
+}
+
+/// Wrong arguments of a command: with the example that its help has.
+fn with_example(mut e: clap::Error) -> clap::Error {
+    let arguments = Arguments::command();
+    let command = std::env::args().nth(1).and_then(|name| arguments.find_subcommand(name).cloned());
+    let help = command.and_then(|c| c.get_long_about().map(ToString::to_string)).unwrap_or_default();
+    if let Some(example) = help.lines().find_map(|line| line.strip_prefix("Example: ")).filter(|_| e.use_stderr()) {
+        let tip = clap::builder::StyledStr::from(format!("for example: {example}"));
+        e.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip]));
+    }
+    e
 }
 
 fn run(command: Command) -> Result<()> {
