@@ -1,4 +1,4 @@
-//! Runs what the pages tell a reader to type, in the page's own order, each page in an empty folder of its own.
+//! Runs what the pages tell a reader to type, in the page's own order, each page in an empty folder of its own; `$PROJECT` is a fresh clone.
 //!
 //! A command is a line of a block that is fenced with `sh`. What is behind two blanks and a `#` is a remark; where the remark begins with
 //! "Ctrl-C", the command is interrupted after some seconds and must end well. A line that ends with `&` goes on beside the others until the page
@@ -61,13 +61,25 @@ fn commands(page: &str, long: bool) -> Vec<Typed> {
 /// How long a command runs that a reader ends, s.
 const UNTIL_CTRL_C: u32 = 6;
 
+/// A fresh clone of the project, for what the pages take from it; the project itself where it is no git repository. Uncommitted files are
+/// not in it: neither has a reader them.
+fn fresh_clone() -> Result<PathBuf, Failure> {
+    let to = root().join("out/pages/clone");
+    if to.exists() {
+        std::fs::remove_dir_all(&to).map_err(|e| Failure(format!("{}: {e}", to.display())))?;
+    }
+    let cloned = crate::output(Command::new("git").args(["clone", "--quiet", "--shared"]).args([root(), to.clone()]));
+    Ok(if cloned.is_some() { to } else { root() })
+}
+
 /// The commands as a script for bash, which prints `line seconds` behind each that has ended well.
-fn script(commands: &[Typed]) -> String {
+fn script(commands: &[Typed], project: &Path) -> String {
     let programs = root().join("target/release");
     let mut s = format!(
-        "set -eu\nexport PATH={0}:$PATH PROJECT={1}\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\ncargo() {{ (cd {1} && command cargo \"$@\"); }}\n",
+        "set -eu\nexport PATH={0}:$PATH PROJECT={2}\ntrap 'kill $(jobs -p) 2>/dev/null || true' EXIT\ncargo() {{ (cd {1} && command cargo \"$@\"); }}\n",
         programs.display(),
-        root().display()
+        root().display(),
+        project.display()
     );
     let mut port = "PORT".to_string();
     for c in commands.iter().filter(|c| c.kept_back.is_none()) {
@@ -121,15 +133,16 @@ fn pages(arguments: &[String]) -> Result<Vec<PathBuf>, Failure> {
 pub fn run(arguments: &[String]) -> Result<Outcome, Failure> {
     let mut outcome = Outcome::default();
     let long = arguments.iter().any(|a| a == ALL);
+    let project = fresh_clone()?;
     for page in pages(arguments)? {
         let text = std::fs::read_to_string(root().join(&page))
             .map_err(|e| Failure(format!("{}: {e}; name a page from the project's folder", page.display())))?;
-        one_page(&page, &commands(&text, long), &mut outcome)?;
+        one_page(&page, &commands(&text, long), &project, &mut outcome)?;
     }
     Ok(outcome)
 }
 
-fn one_page(page: &Path, all: &[Typed], outcome: &mut Outcome) -> Result<(), Failure> {
+fn one_page(page: &Path, all: &[Typed], project: &Path, outcome: &mut Outcome) -> Result<(), Failure> {
     for c in all {
         if let Some(why) = &c.kept_back {
             println!("{}:{}: not run ({why}): {}", page.display(), c.line, c.text);
@@ -146,7 +159,7 @@ fn one_page(page: &Path, all: &[Typed], outcome: &mut Outcome) -> Result<(), Fai
     }
     std::fs::create_dir_all(&folder).map_err(failed)?;
     let mut child = Command::new("bash")
-        .args(["-c", &script(all)])
+        .args(["-c", &script(all, project)])
         .current_dir(&folder)
         .stdin(Stdio::null())
         .stdout(Stdio::piped())
@@ -193,7 +206,7 @@ mod tests {
         let page = Path::new("docs/no-such-page-of-the-test.md");
         let mut outcome = Outcome::default();
         let all = commands("```sh\ntrue\nsleep 100 &\nfalse\ntrue\n```\n```sh ci\nfalse\n```\n", false);
-        one_page(page, &all, &mut outcome).expect("bash");
+        one_page(page, &all, &root(), &mut outcome).expect("bash");
         assert_eq!((outcome.passed, outcome.failed), (2, 2));
         let _ = std::fs::remove_dir_all(root().join("out/pages/docs/no-such-page-of-the-test"));
     }
