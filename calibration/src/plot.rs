@@ -172,7 +172,9 @@ pub fn bars(b: &Bars, width: u32) -> anyhow::Result<String> {
     let most = figures.last().copied().unwrap_or(1.0);
     let quartile = figures.get(figures.len() * 3 / 4).copied().unwrap_or(most);
     let end = most.min(2.0 * quartile).max(1e-12);
-    let (left, right, top) = (120i32, 90i32, 64i32);
+    // Room for the longest name.
+    let longest = b.rows.iter().map(|r| r.0.chars().count()).max().unwrap_or(0) as i32;
+    let (left, right, top) = ((24 + 13 * longest / 2).max(120), 90i32, 64i32);
     let height = top as u32 + ROW * b.rows.len() as u32 + 14;
     let mut out = String::new();
     {
