@@ -423,4 +423,32 @@ mod tests {
             whole.notes
         );
     }
+
+    #[test]
+    fn a_large_file_is_read_while_it_is_loaded_and_is_the_same() {
+        let row = |k: u32| {
+            let j = f64::from(k % 1009) * 1e-3;
+            format!("{k},{},{:.5},{:.7},{},{},-{j}\n", 4900.0 + j, 4890.0 + j, 4700.0 - j, 1.0 + j, 2.0 - j)
+        };
+        let long: String = std::iter::once(HEAD.to_string()).chain((0..160_000).map(row)).collect();
+        // Metadata and a blank line far behind the header, and a last line without an end.
+        let mut mixed = long.clone();
+        let at = mixed[5_000_000..].find('\n').map_or(0, |k| 5_000_001 + k);
+        mixed.insert_str(at, "# run: 7\n\n");
+        let mixed = mixed.trim_end().to_string();
+        // Rows that become much shorter: more of them than the first ones tell.
+        let short: String = (160_000..800_000).map(|k| format!("{k},1,2,3,4,5,6\n")).collect();
+        let path = std::env::temp_dir().join(format!("hrg-large-{}.csv", std::process::id()));
+        for (text, at_once) in [(long.clone(), true), (mixed, true), (long.clone() + &short, false)] {
+            std::fs::write(&path, &text).expect("written");
+            assert!(text.len() as u64 > LARGE);
+            assert_eq!(Recording::read_large(&path).is_some(), at_once);
+            assert_eq!(Recording::read(&path).expect("readable"), Recording::parse(text.as_bytes()).expect("readable"));
+        }
+        // What is wrong far behind is told with its line, as of any file.
+        std::fs::write(&path, long + "1,2\n").expect("written");
+        let e = Recording::read(&path).expect_err("refused").0;
+        assert!(e.contains("line 160003 has 2 cells") && e.contains("hrg-large"), "{e}");
+        let _ = std::fs::remove_file(&path);
+    }
 }
