@@ -47,14 +47,14 @@ pub fn test() -> Result<(), Failure> {
     let course = Course::default();
     let t = course.step("set-up", || setup::toolchain().and_then(|t| setup::host().map(|()| t)))?;
     course.step("format", || run(&mut cargo(&["fmt", "--all", "--check"])))?;
-    let built = std::thread::scope(|scope| {
+    let (programs, python) = std::thread::scope(|scope| {
         let target = scope.spawn(|| target_lane(&course, &t));
         let host = host_lane(&course);
         let target = target.join().unwrap_or_else(|_| Err(Failure("the lane for the target panicked".into())));
-        target.and(host)
+        Ok((host?, target?))
     })?;
     course.step("the reference", || reference::write(&["--check".to_string()]))?;
-    let sum = course.step("tests", || Ok(all_of(works(built)?)))?;
+    let sum = course.step("tests", || Ok(all_of(works(programs, python)?)))?;
     course.print(begun.elapsed().as_secs());
     println!("{} passed, {} failed, {} of the passed skipped", sum.passed, sum.failed, sum.skipped.len());
     sum.skipped.iter().for_each(|s| println!("{s}"));
@@ -65,8 +65,8 @@ pub fn test() -> Result<(), Failure> {
     }
 }
 
-/// What is built for a chip, and what has a folder of its own.
-fn target_lane(course: &Course, t: &Toolchain) -> Result<(), Failure> {
+/// What is built for a chip, and what has a folder of its own; gives why the Python package cannot be tested, if it cannot.
+fn target_lane(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
     course.step("the firmware", size)?;
     course.step("the second chip", || other_chip(t))?;
     course.step("the firmware that wants signed calibrations", || signed(t))?;
@@ -90,11 +90,12 @@ fn target_lane(course: &Course, t: &Toolchain) -> Result<(), Failure> {
             "--target-dir",
             "target/chip-tables",
         ]))
-    })
+    })?;
+    course.step("the Python package", python::ready)
 }
 
-/// What the host runs; gives the test programs and whether there is a Python package to be tested.
-fn host_lane(course: &Course) -> Result<Built, Failure> {
+/// What the host runs; gives the test programs.
+fn host_lane(course: &Course) -> Result<Vec<Program>, Failure> {
     let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
     course.step("lints, host", || {
         run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
@@ -110,15 +111,7 @@ fn host_lane(course: &Course) -> Result<Built, Failure> {
             .args(&packages)
             .env("RUSTDOCFLAGS", "-D warnings"))
     })?;
-    let programs = course.step("test programs", || test_programs(&packages))?;
-    let python = course.step("the Python package", python::ready)?;
-    Ok(Built { programs, python })
-}
-
-struct Built {
-    programs: Vec<Program>,
-    /// Why the Python package cannot be tested.
-    python: Option<String>,
+    course.step("test programs", || test_programs(&packages))
 }
 
 /// A test program of cargo's.
@@ -173,9 +166,9 @@ fn myself(arguments: &[&str]) -> Result<Command, Failure> {
 }
 
 /// Everything that is to run, the longest first.
-fn works(built: Built) -> Result<Vec<Work>, Failure> {
+fn works(programs: Vec<Program>, python: Option<String>) -> Result<Vec<Work>, Failure> {
     let mut all: Vec<Work> = Vec::new();
-    for p in built.programs {
+    for p in programs {
         let mut command = Command::new(p.path);
         command.current_dir(&p.folder).env("CARGO_MANIFEST_DIR", &p.folder);
         all.push(Work { name: p.name, command });
@@ -184,7 +177,7 @@ fn works(built: Built) -> Result<Vec<Work>, Failure> {
     documentation.args(HOST_PACKAGES.iter().flat_map(|p| ["-p", p])).current_dir(root());
     all.push(Work { name: "examples of the documentation".into(), command: documentation });
     all.push(Work { name: "pages".into(), command: myself(&["pages", crate::pages::BUILT])? });
-    match built.python {
+    match python {
         None => all.push(Work { name: "python".into(), command: myself(&["python"])? }),
         Some(why) => {
             let mut say = Command::new("echo");

@@ -62,6 +62,9 @@ pub fn wheel() -> Result<PathBuf, Failure> {
             "--out",
         ])
         .arg(&to)
+        // (Of its own: the features of some packages differ from those of the tests, and both are built at once.)
+        .arg("--target-dir")
+        .arg(environment().with_file_name("wheel-build"))
         .current_dir(root()))?;
     let files = std::fs::read_dir(&to).map_err(|e| Failure(format!("cannot read {}: {e}", to.display())))?;
     let wheel = files.flatten().map(|f| f.path()).find(|p| p.extension().is_some_and(|e| e == "whl"));
