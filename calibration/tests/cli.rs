@@ -329,8 +329,9 @@ fn rest_log_and_profile() {
     assert!(no_port.contains("cannot open the port") && no_port.contains(" there"), "{no_port}");
     // A command with too few arguments, or unknown ones, is shown with the example of its help.
     for command in ["trace", "fit", "monitor", "burn"] {
-        let said = refused(&d, &[command, "--nonsense"]);
-        assert!(said.contains(&format!("for example: hrg {command} ")), "{said}");
+        let o = hrg(&d, &[command, "--nonsense"]);
+        let said = String::from_utf8_lossy(&o.stderr);
+        assert!(o.status.code() == Some(2) && said.contains(&format!("for example: hrg {command} ")), "{said}");
     }
     assert!(refused(&d, &["fit", "none.csv", "--out", "cal.toml"]).contains("hrg simulate --out"));
     assert!(refused(&d, &["burn", "run.csv", "--port", "/dev/none"]).contains("not a calibration"));

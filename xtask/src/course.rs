@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything is built on two lanes side by side, then all tests run, two programs at a time.
+//! `cargo xtask test`: what is built for a chip and what for this machine are built side by side; then all tests run, two programs at a time.
 
 use crate::{bring_up, cargo, hil, library, other_chip, python, reference, root, run, sensors, setup, signed, size};
 use crate::{Failure, Toolchain};
@@ -37,7 +37,7 @@ impl Course {
     fn print(&self, in_all: u64) {
         let took = self.took.lock().unwrap_or_else(PoisonError::into_inner);
         let told: Vec<String> = took.iter().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
-        println!("time (two lanes side by side): {}; in all {in_all} s", told.join(", "));
+        println!("time (chip and host were built side by side): {}; in all {in_all} s", told.join(", "));
     }
 }
 
@@ -48,9 +48,9 @@ pub fn test() -> Result<(), Failure> {
     let t = course.step("set-up", || setup::toolchain().and_then(|t| setup::host().map(|()| t)))?;
     course.step("format", || run(&mut cargo(&["fmt", "--all", "--check"])))?;
     let (programs, python) = std::thread::scope(|scope| {
-        let target = scope.spawn(|| target_lane(&course, &t));
-        let host = host_lane(&course);
-        let target = target.join().unwrap_or_else(|_| Err(Failure("the lane for the target panicked".into())));
+        let target = scope.spawn(|| for_chips(&course, &t));
+        let host = for_host(&course);
+        let target = target.join().unwrap_or_else(|_| Err(Failure("the build for the chips panicked".into())));
         Ok((host?, target?))
     })?;
     course.step("the reference", || reference::write(&["--check".to_string()]))?;
@@ -66,7 +66,7 @@ pub fn test() -> Result<(), Failure> {
 }
 
 /// What is built for a chip, and what has a folder of its own; gives why the Python package cannot be tested, if it cannot.
-fn target_lane(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
+fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
     course.step("the firmware", size)?;
     course.step("the second chip", || other_chip(t))?;
     course.step("the firmware that wants signed calibrations", || signed(t))?;
@@ -95,7 +95,7 @@ fn target_lane(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure
 }
 
 /// What the host runs; gives the test programs.
-fn host_lane(course: &Course) -> Result<Vec<Program>, Failure> {
+fn for_host(course: &Course) -> Result<Vec<Program>, Failure> {
     let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
     course.step("lints, host", || {
         run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
