@@ -68,7 +68,7 @@ command = pathlib.Path(__file__).resolve().parents[2] / "target/release/hrg"
 with tempfile.TemporaryDirectory() as folder:
     folder = pathlib.Path(folder)
     for name, profile, seed in [("train", "dong", 1), ("verify", "cycle", 2)]:
-        hrg.simulate(profile, effects=["rate"], unit=7, seed=seed)[0].write(folder / f"{name}.csv")
+        hrg.simulate(profile, effects=["hysteresis"], unit=7, seed=seed)[0].write(folder / f"{name}.csv")
     train, verify, image = (str(folder / name) for name in ("train.csv", "verify.csv", "image.toml"))
 
     def by_command(*words):

@@ -46,6 +46,7 @@ def test_a_fit_is_that_of_the_command(trained, hrg_command, tmp_path):
         run(hrg_command, "fit", tmp_path / "train.csv", "--method", method, "--out", tmp_path / "c.toml")
         theirs = hrg.Calibration.read(tmp_path / "c.toml")
         ours = hrg.fit([train], method)
+        assert hrg.fit(train, method).unit == ours.unit
         # The date of the making stands in the image.
         strip = lambda c: [l for l in c.to_toml().splitlines() if not l.startswith(("created_unix_s", "block_crc32"))]
         assert strip(ours) == strip(theirs), method

@@ -32,7 +32,7 @@ from ._hrg import (
     correct,
     data_sheet as _data_sheet,
     effects,
-    fit,
+    fit as _fit,
     identify_accelerometers as accelerometers,
     import_table,
     methods,
@@ -114,6 +114,15 @@ def to_pandas(recording):
     frame = pandas.DataFrame(recording.to_dict())
     frame.attrs = dict(recording.meta)
     return frame
+
+
+def fit(recordings, method="lsq", **options):
+    """Coefficients of a bias model from one recording or several, by a method of :func:`methods`.
+
+    Options: ``seed`` (of methods that draw), ``uniform``, ``breakpoint_c``, ``curve`` (a calibration of temperatures), ``different_units``,
+    ``progress``. Gives a :class:`Calibration`.
+    """
+    return _fit(_several(recordings), method, **options)
 
 
 def trace(train, verify, **options):

@@ -219,7 +219,7 @@ def simulate(
     and gains_dph of the effects. Effects are written as for `hrg simulate --effect`."""
 
 def fit(
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     method: str = "lsq",
     *,
     seed: int = 1,
