@@ -9,13 +9,14 @@ use std::sync::Mutex;
 /// # Panics
 /// Where it cannot be built.
 #[must_use]
-pub fn program(package: &str, name: &str) -> PathBuf {
+pub fn program(name: &str) -> PathBuf {
     let here = std::env::current_exe().expect("this test");
     let folder = here.ancestors().nth(2).expect("target/PROFILE/deps");
     static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
     let _guard = ONE_AT_A_TIME.lock();
     let mut cargo = Command::new(env!("CARGO"));
-    cargo.args(["build", "--quiet", "--locked", "--package", package, "--bin", name]);
+    // (All of them at once, as xtask builds them: of one alone some dependencies would have other features, and be built anew.)
+    cargo.args(["build", "--quiet", "--locked", "-p", "hrg-cal", "-p", "hrg-board", "-p", "foreign-plant"]);
     if folder.ends_with("release") {
         cargo.arg("--release");
     }

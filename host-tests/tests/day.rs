@@ -35,7 +35,7 @@ fn folder(name: &str) -> PathBuf {
 
 fn command(folder: &Path, arguments: &str) -> Command {
     static ONCE: OnceLock<PathBuf> = OnceLock::new();
-    let mut c = Command::new(ONCE.get_or_init(|| program("hrg-cal", "hrg")));
+    let mut c = Command::new(ONCE.get_or_init(|| program("hrg")));
     // (An underscore stands for a blank.)
     c.current_dir(folder).args(arguments.split_whitespace().map(|a| a.replace('_', " "))).stdin(Stdio::null());
     c
@@ -195,7 +195,7 @@ struct Board(Child);
 
 impl Board {
     fn on(folder: &Path, speed: &str) -> Self {
-        let board = Command::new(program("hrg-board", "hrg-board"))
+        let board = Command::new(program("hrg-board"))
             .current_dir(folder)
             .args(["serve", "--folder", ".", "--speed", speed])
             .stdout(Stdio::null())

@@ -24,8 +24,7 @@ fn commands(page: &str) -> Vec<String> {
 fn every_command_in_the_pages_exists_with_its_options() {
     let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let xtask = std::fs::read_to_string(top.join("xtask/src/main.rs")).expect("there");
-    let programs =
-        BTreeMap::from([("hrg", program("hrg-cal", "hrg")), ("hrg-board", program("hrg-board", "hrg-board"))]);
+    let programs = BTreeMap::from([("hrg", program("hrg")), ("hrg-board", program("hrg-board"))]);
     let mut helps: BTreeMap<String, String> = BTreeMap::new();
     let mut pages = vec![top.join("README.md")];
     pages.extend(std::fs::read_dir(top.join("docs")).expect("there").map(|e| e.expect("readable").path()));
@@ -142,7 +141,7 @@ fn commands_that_a_page_shows_are_those_that_are_run() {
 #[test]
 fn a_board_without_a_firmware_says_how_to_build_one() {
     let folder = std::env::temp_dir().join(format!("hrg-docs-{}", std::process::id()));
-    let o = Command::new(program("hrg-board", "hrg-board"))
+    let o = Command::new(program("hrg-board"))
         .args(["serve", "--elf", "nowhere/firmware", "--folder"])
         .arg(&folder)
         .stdin(Stdio::null())
@@ -161,9 +160,9 @@ fn a_board_without_a_firmware_says_how_to_build_one() {
 fn a_reader_that_has_had_enough_is_no_error() {
     let folder = std::env::temp_dir().join(format!("hrg-docs-pipe-{}", std::process::id()));
     let serve = format!("serve --seconds 1 --folder {}", folder.display());
-    for (package, name, arguments) in [("hrg-cal", "hrg", "effects"), ("hrg-board", "hrg-board", serve.as_str())] {
+    for (name, arguments) in [("hrg", "effects"), ("hrg-board", serve.as_str())] {
         // The reader is gone before the first line.
-        let program = program(package, name);
+        let program = program(name);
         let script = format!("set -o pipefail; (sleep 0.3; exec {} {arguments}) | true", program.display());
         let o = Command::new("bash").args(["-c", &script]).output().expect("bash");
         assert!(o.status.success() && o.stderr.is_empty(), "{name}: {}", String::from_utf8_lossy(&o.stderr));
@@ -179,7 +178,7 @@ fn a_board_takes_no_calibration_of_another_unit_or_scale() {
         let o = Command::new(program).current_dir(&d).args(arguments.split(' ')).output().expect("runs");
         (o.status.code(), format!("{name}: {}", String::from_utf8_lossy(&o.stderr)))
     };
-    let (hrg, board) = (program("hrg-cal", "hrg"), program("hrg-board", "hrg-board"));
+    let (hrg, board) = (program("hrg"), program("hrg-board"));
     for (unit, out) in [("1", "a.csv"), ("2", "b.csv")] {
         let (code, said) = run("hrg", &hrg, &format!("simulate --profile fast --unit {unit} --out {out}"));
         assert_eq!(code, Some(0), "{said}");

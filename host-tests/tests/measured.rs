@@ -19,7 +19,7 @@ fn temporary(name: &str) -> PathBuf {
 
 /// Runs `hrg` in a folder; gives its exit status, its output and its messages.
 fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o = Command::new(program("hrg-cal", "hrg"))
+    let o = Command::new(program("hrg"))
         .current_dir(folder)
         .args(arguments.split(' ').map(|a| a.replace("MEASURED", FOLDER)))
         .output()
@@ -104,7 +104,7 @@ fn every_command_takes_the_imu() {
     let (code, _, error) = hrg(&d, "lag run.csv");
     assert!(code == Some(2) && error.contains("case_x_c is missing"), "{error}");
     // The firmware reads resonators: the board says so.
-    let o = Command::new(program("hrg-board", "hrg-board"))
+    let o = Command::new(program("hrg-board"))
         .current_dir(&d)
         .args(["run", "--recording", "run.csv", "--calibration", "cal.toml", "--out", "no.csv"])
         .output()

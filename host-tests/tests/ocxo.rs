@@ -56,7 +56,7 @@ fn allan_deviations_are_those_that_stable32_prints() {
     let d = std::env::temp_dir().join(format!("hrg-ocxo-{}", std::process::id()));
     std::fs::create_dir_all(&d).expect("a temporary folder");
     std::fs::write(d.join("map.toml"), MAP).expect("written");
-    let hrg = program("hrg-cal", "hrg");
+    let hrg = program("hrg");
     let run = |arguments: &[&str]| {
         let o = Command::new(&hrg).current_dir(&d).args(arguments).output().expect("runs");
         assert!(o.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&o.stderr));

@@ -14,7 +14,7 @@ fn temporary(name: &str) -> PathBuf {
 
 /// Runs `hrg` in a folder; gives its exit status, its output and its messages.
 fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o = Command::new(program("hrg-cal", "hrg"))
+    let o = Command::new(program("hrg"))
         .current_dir(folder)
         .args(arguments.split(' ').map(|a| a.replace("PANDAS", FOLDER)))
         .output()

@@ -18,8 +18,7 @@ fn temporary(name: &str) -> PathBuf {
 }
 
 fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o =
-        Command::new(program("hrg-cal", "hrg")).current_dir(folder).args(arguments.split(' ')).output().expect("runs");
+    let o = Command::new(program("hrg")).current_dir(folder).args(arguments.split(' ')).output().expect("runs");
     let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
     (o.status.code(), text(&o.stdout), text(&o.stderr))
 }

@@ -1,6 +1,8 @@
 //! `cargo xtask test`: what is built for a chip and what for this machine are built side by side; then all tests run, two programs at a time.
 
-use crate::{bring_up, cargo, hil, library, other_chip, python, reference, root, run, sensors, setup, signed, size};
+use crate::{
+    bring_up, cargo, hil, library, other_chip, programs, python, reference, root, run, sensors, setup, signed, size,
+};
 use crate::{Failure, Toolchain};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -111,6 +113,7 @@ fn for_host(course: &Course) -> Result<Vec<Program>, Failure> {
             .args(&packages)
             .env("RUSTDOCFLAGS", "-D warnings"))
     })?;
+    course.step("programs", programs)?;
     course.step("test programs", || test_programs(&packages))
 }
 
