@@ -1,7 +1,8 @@
 //! `cargo xtask test`: what is built for a chip and what for this machine are built side by side; then all tests run, two programs at a time.
 
 use crate::{
-    bring_up, cargo, hil, library, other_chip, programs, python, reference, root, run, sensors, setup, signed, size,
+    bring_up, cargo, field, hil, library, other_chip, programs, python, reference, root, run, sensors, setup, signed,
+    size,
 };
 use crate::{Failure, Toolchain};
 use std::path::{Path, PathBuf};
@@ -143,14 +144,10 @@ fn test_programs(packages: &[&str]) -> Result<Vec<Program>, Failure> {
 
 /// The test program that a message of cargo's names.
 fn program(message: &str) -> Option<Program> {
-    let text = |key: &str| {
-        let (_, rest) = message.split_once(&format!("\"{key}\":\""))?;
-        rest.split_once('"').map(|(value, _)| value.to_string())
-    };
     let is_test =
         message.contains("\"reason\":\"compiler-artifact\"") && message.contains("\"test\":true},\"features\"");
-    let path = PathBuf::from(text("executable").filter(|_| is_test)?);
-    let folder = Path::new(&text("manifest_path")?).parent()?.to_path_buf();
+    let path = PathBuf::from(field(message, "executable").filter(|_| is_test)?);
+    let folder = Path::new(field(message, "manifest_path")?).parent()?.to_path_buf();
     let file = path.file_name()?.to_str()?;
     Some(Program { name: file.rsplit_once('-').map_or(file, |(name, _)| name).to_string(), path, folder })
 }

@@ -1,7 +1,7 @@
 //! The tests for the chip on a board and on the virtual one, and what differs: hardware in the loop.
 
 use crate::bring_up::{elf as bring_up_elf, judge, on_board, probe, probe_rs, rows};
-use crate::{programs, root, setup, Failure, Toolchain};
+use crate::{field, programs, root, setup, Failure, Toolchain};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -20,7 +20,7 @@ pub fn chip_tests(t: &Toolchain) -> Result<PathBuf, Failure> {
         .output()
         .map_err(failed)?;
     let said = String::from_utf8_lossy(&built.stdout);
-    let executable = said.lines().filter_map(executable).next_back();
+    let executable = said.lines().filter_map(chip_test).next_back();
     let Some(from) = executable.filter(|_| built.status.success()) else {
         return Err(Failure("the tests for the chip were not built".into()));
     };
@@ -31,10 +31,9 @@ pub fn chip_tests(t: &Toolchain) -> Result<PathBuf, Failure> {
 }
 
 /// The program of tests that a message of cargo says was built. (Cargo builds the package's other programs, too.)
-fn executable(message: &str) -> Option<String> {
-    let (_, rest) = message.split_once("\"executable\":\"")?;
-    let path = rest.split_once('"')?.0;
-    Path::new(path).file_name()?.to_str()?.starts_with("chip-").then(|| path.to_string())
+fn chip_test(message: &str) -> Option<&str> {
+    let path = field(message, "executable")?;
+    Path::new(path).file_name()?.to_str()?.starts_with("chip-").then_some(path)
 }
 
 /// What `hrg-board` prints of an ELF; it fails where that does.
@@ -133,7 +132,7 @@ mod tests {
         let pair = |a: &str, b: &str| (a.to_string(), b.to_string());
         assert_eq!(outcomes(&log), [pair("chip::tests::a", "ok"), pair("chip::tests::bc", "FAILED")]);
         let message = r#"{"reason":"compiler-artifact","executable":"/a/b/chip-1","fresh":true}"#;
-        assert_eq!(executable(message).as_deref(), Some("/a/b/chip-1"));
-        assert_eq!(executable(r#"{"executable":null}"#), None);
+        assert_eq!(chip_test(message), Some("/a/b/chip-1"));
+        assert_eq!(chip_test(r#"{"executable":null}"#), None);
     }
 }

@@ -171,6 +171,12 @@ fn cargo(arguments: &[&str]) -> Command {
     c
 }
 
+/// The text that a message of cargo's (`--message-format json`) has under a key.
+fn field<'m>(message: &'m str, key: &str) -> Option<&'m str> {
+    let (_, rest) = message.split_once(&format!("\"{key}\":\""))?;
+    rest.split_once('"').map(|(value, _)| value)
+}
+
 /// Builds the host programs in release: all of them at once, for other packages beside them would choose other features of their
 /// dependencies, and compile these anew.
 fn programs() -> Result<(), Failure> {

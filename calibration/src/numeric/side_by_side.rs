@@ -2,17 +2,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-/// How many threads work at once.
-fn threads() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
-}
-
 /// The same work on each processor, but on no more than so many, until it is done on all.
 pub fn on_all(most: usize, work: impl Fn() + Sync) {
-    on(threads().min(most), work);
-}
-
-fn on(threads: usize, work: impl Fn() + Sync) {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from).min(most);
     if threads <= 1 {
         return work();
     }
@@ -26,9 +18,9 @@ fn on(threads: usize, work: impl Fn() + Sync) {
 /// What `work` makes of each item, in their order. One item, or one processor, needs no thread.
 pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
     let mut made: Vec<Option<R>> = items.iter().map(|_| None).collect();
-    let threads = threads().min(items.len());
+    let most = items.len();
     let queue = Mutex::new(items.into_iter().zip(&mut made));
-    on(threads, || {
+    on_all(most, || {
         loop {
             // (The lock is given back before the work.)
             let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();

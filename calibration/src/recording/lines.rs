@@ -66,6 +66,12 @@ impl<R: Read> Lines<R> {
     }
 }
 
+/// How many lines a text has. (The last one need not end with a line feed.)
+pub(super) fn count(text: &[u8]) -> usize {
+    let ended = text.is_empty() || text.ends_with(b"\n");
+    memchr::memchr_iter(b'\n', text).count() + usize::from(!ended)
+}
+
 /// Zero bytes are of a binary file, or of UTF-16. `before`: how many bytes were read before these.
 pub(crate) fn no_zero(bytes: &[u8], before: usize) -> Result<(), BadInput> {
     match memchr::memchr(0, bytes) {
@@ -94,6 +100,13 @@ mod tests {
                 }
                 assert_eq!(all, text.as_bytes());
             }
+        }
+    }
+
+    #[test]
+    fn lines_are_counted_as_the_standard_library_does() {
+        for text in ["", "a", "a\n", "a\nb", "\n", "\n\n", "\na"] {
+            assert_eq!(count(text.as_bytes()), text.split_inclusive('\n').count(), "{text:?}");
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::columns::{self, Role};
 use super::format::{named, Thermometer};
-use super::lines::Lines;
+use super::lines::{self, Lines};
 use super::rows::Header;
 use super::{dialect, metadata, parquet, Cleaned, Defect, Recording};
 use crate::BadInput;
@@ -37,10 +37,8 @@ impl Recording {
             return None;
         }
         // (Rows are about as long as the first ones. Where they become much shorter, all of them are counted.)
-        let about = |first: &str| {
-            let lines = memchr::memchr_iter(b'\n', first.as_bytes()).count();
-            (1.1 * size as f64 * lines as f64 / first.len() as f64) as usize + 1000
-        };
+        let about =
+            |first: &[u8]| (1.1 * size as f64 * lines::count(first) as f64 / first.len() as f64) as usize + 1000;
         Self::stream(Lines::new(file, size, PIECE), true, about).ok().flatten()
     }
 
@@ -54,8 +52,7 @@ impl Recording {
 
     /// Whatever the pieces, the result is the same to the bit.
     fn parse_in_pieces(bytes: &[u8], piece: usize) -> Result<Self, BadInput> {
-        let most = |bytes: &[u8]| memchr::memchr_iter(b'\n', bytes).count() + 1;
-        match Self::stream(Lines::new(bytes, bytes.len() as u64, piece), true, |_| most(bytes)) {
+        match Self::stream(Lines::new(bytes, bytes.len() as u64, piece), true, |_| lines::count(bytes)) {
             Ok(Some(read)) => return Ok(read),
             // Quoted further down: the header does not tell.
             Err(e) if !bytes.contains(&b'"') => return Err(e),
@@ -63,15 +60,15 @@ impl Recording {
         }
         let text = dialect::plain(utf8(bytes)?)?;
         let text = text.as_bytes();
-        Ok(Self::stream(Lines::new(text, text.len() as u64, piece), false, |_| most(text))?.unwrap_or_default())
+        Ok(Self::stream(Lines::new(text, text.len() as u64, piece), false, |_| lines::count(text))?.unwrap_or_default())
     }
 
-    /// The header and what stands before it, then the rows. `most` tells from the first lines how many there are at most. `None` for a
+    /// The header and what stands before it, then the rows. `most` tells from the first piece how many there are at most. `None` for a
     /// dialect other than plain CSV, where `other` asks for it.
     fn stream(
         mut lines: Lines<impl Read + Send>,
         other: bool,
-        most: impl FnOnce(&str) -> usize,
+        most: impl FnOnce(&[u8]) -> usize,
     ) -> Result<Option<Self>, BadInput> {
         let mut out = Self::default();
         let mut metadata = metadata::Lines::default();
@@ -104,7 +101,7 @@ impl Recording {
                 break header;
             }
         };
-        let most = most(std::str::from_utf8(&piece).unwrap_or_default());
+        let most = most(&piece);
         let names: Vec<&str> = header.split(',').map(str::trim).collect();
         let slots = out.slots(&names, number, &metadata)?;
         let kept: Vec<bool> = slots.iter().map(|s| *s != Slot::Ignored).collect();

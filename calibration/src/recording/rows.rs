@@ -1,7 +1,7 @@
 //! The rows of a recording's text, cut into pieces at line ends that are read side by side. The columns are filled in place; what the pieces
 //! say of lines counts from their beginning, until they are joined in order.
 
-use super::lines::Lines;
+use super::lines::{self, Lines};
 use super::metadata;
 use super::numbers::{Cells, Ends, BATCH, LOOK};
 use crate::numeric::side_by_side;
@@ -59,7 +59,7 @@ impl<'c, R: Read> Feed<'c, R> {
             return None;
         }
         let taken = self.lines.next(text).and_then(|there| {
-            let lines = memchr::memchr_iter(b'\n', text).count() + usize::from(there && !text.ends_with(b"\n"));
+            let lines = lines::count(text);
             if lines > self.left {
                 return Err(BadInput::new("there are more lines than were expected"));
             }

@@ -1,10 +1,18 @@
 //! The binary: files beside each other, sentences for bad input.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 fn run(arguments: &[&str], folder: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_foreign-plant")).args(arguments).current_dir(folder).output().expect("it runs")
+}
+
+/// A folder of a test's own, empty.
+fn empty(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).expect("a folder");
+    folder
 }
 
 fn names(folder: &Path) -> Vec<String> {
@@ -18,17 +26,17 @@ fn names(folder: &Path) -> Vec<String> {
 
 #[test]
 fn make_writes_recordings_and_truth() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = run(&["make", "--case", "days-constants-rod", "--seed", "5", "--out", "a"], folder.path());
+    let folder = empty("files");
+    let output = run(&["make", "--case", "days-constants-rod", "--seed", "5", "--out", "a"], &folder);
     assert!(output.status.success(), "{output:?}");
     let expected =
         ["train-1.csv", "train-2.csv", "truth.json", "verify.csv"].map(|end| format!("days-constants-rod-5-{end}"));
-    assert_eq!(names(&folder.path().join("a")), expected);
-    let text = std::fs::read_to_string(folder.path().join("a/days-constants-rod-5-truth.json")).expect("the truth");
+    assert_eq!(names(&folder.join("a")), expected);
+    let text = std::fs::read_to_string(folder.join("a/days-constants-rod-5-truth.json")).expect("the truth");
     let truth: foreign_plant::Truth = serde_json::from_str(&text).expect("the truth's format");
     assert_eq!(truth.runs.len(), 3);
     for run in &truth.runs {
-        assert!(folder.path().join("a").join(&run.file).exists(), "{}", run.file);
+        assert!(folder.join("a").join(&run.file).exists(), "{}", run.file);
     }
     let json: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(json["classes"][0], "memory");
@@ -37,39 +45,38 @@ fn make_writes_recordings_and_truth() {
 
 #[test]
 fn list_shows_every_case() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let output = run(&["list"], folder.path());
+    let folder = empty("list");
+    let output = run(&["list"], &folder);
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     assert_eq!(text.lines().count(), foreign_plant::cases().len());
 }
 
 #[test]
 fn clean_takes_the_spectrum_of_a_table_for_each_third_unit() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = empty("own-residuals");
     let rows: String =
         (0..600).map(|i| format!("{i},{}\n", (f64::from(i) * 0.37).sin() + f64::from(i * 7919 % 101) / 50.0)).collect();
-    std::fs::write(folder.path().join("own.csv"), format!("t,residual\n{rows}")).expect("written");
+    std::fs::write(folder.join("own.csv"), format!("t,residual\n{rows}")).expect("written");
     let output =
-        run(&["clean", "--count", "3", "--out", "c", "--residuals", "own.csv", "--columns", "residual"], folder.path());
+        run(&["clean", "--count", "3", "--out", "c", "--residuals", "own.csv", "--columns", "residual"], &folder);
     assert!(output.status.success(), "{output:?}");
-    let truths: Vec<String> =
-        names(&folder.path().join("c")).into_iter().filter(|n| n.ends_with("truth.json")).collect();
+    let truths: Vec<String> = names(&folder.join("c")).into_iter().filter(|n| n.ends_with("truth.json")).collect();
     assert_eq!(truths, ["clean-series-own-2-truth.json", "clean-usual-0-truth.json", "clean-white-1-truth.json"]);
 }
 
 #[test]
 fn parts_with_seeds_of_their_own_share_no_unit() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = empty("parts");
     for (first, out) in [("0", "a"), ("2", "b")] {
-        let output = run(&["clean", "--first", first, "--count", "2", "--out", out], folder.path());
+        let output = run(&["clean", "--first", first, "--count", "2", "--out", out], &folder);
         assert!(output.status.success(), "{output:?}");
     }
     let seeds = |part: &str| -> Vec<u64> {
-        names(&folder.path().join(part))
+        names(&folder.join(part))
             .into_iter()
             .filter(|n| n.ends_with("truth.json"))
             .map(|n| {
-                let text = std::fs::read_to_string(folder.path().join(part).join(n)).expect("the truth");
+                let text = std::fs::read_to_string(folder.join(part).join(n)).expect("the truth");
                 serde_json::from_str::<foreign_plant::Truth>(&text).expect("the truth's format").seed
             })
             .collect()
@@ -82,16 +89,16 @@ fn parts_with_seeds_of_their_own_share_no_unit() {
 
 #[test]
 fn bad_input_gets_a_sentence_and_exit_status_2() {
-    let folder = tempfile::tempdir().expect("a folder");
+    let folder = empty("bad-input");
     for (arguments, sentence) in [
         (vec!["make", "--case", "no-such", "--out", "a"], "there is no case `no-such`; `foreign-plant list` shows all"),
         (vec!["clean", "--count", "1", "--out", "a", "--residuals", "none.csv"], "cannot read none.csv"),
         (vec!["clean", "--count", "1", "--out", "a", "--step", "0"], "--step must lie between 0.01 and 3600 s"),
     ] {
-        let output = run(&arguments, folder.path());
+        let output = run(&arguments, &folder);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
         let text = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(text.contains(sentence) && text.lines().count() == 1, "{text}");
     }
-    assert!(names(folder.path()).is_empty(), "nothing is written on bad input");
+    assert!(names(&folder).is_empty(), "nothing is written on bad input");
 }

@@ -31,6 +31,16 @@ enum Flags {
     Unit(UnitStatus),
 }
 
+impl Case {
+    /// The axis that it is about.
+    fn axis(&self) -> Option<usize> {
+        match self.flags {
+            Flags::Axis(a, _) => Some(a),
+            Flags::Unit(_) => None,
+        }
+    }
+}
+
 impl Flags {
     fn any(&self, axes: &[AxisStatus; 3], unit: UnitStatus) -> bool {
         match self {
@@ -187,10 +197,9 @@ pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()>
     let pairs: Vec<(usize, usize)> =
         (0..n).flat_map(|a| (a + 1..n).map(move |b| (a, b))).step_by(extent.pairs as usize).collect();
     // In the short form each fault of a resonator is on one axis: of all axes, some.
-    let of_an_axis = cases.iter().filter(|c| c.name.starts_with(AXIS_NAMES[0])).count();
-    let alone: Vec<usize> = (0..n)
-        .filter(|k| extent.on_each_axis || *k >= AXES * of_an_axis || k / of_an_axis == k % of_an_axis % AXES)
-        .collect();
+    let of_an_axis = cases.iter().filter(|c| c.axis() == Some(0)).count();
+    let alone: Vec<usize> =
+        (0..n).filter(|&k| extent.on_each_axis || cases[k].axis().is_none_or(|a| a == k % of_an_axis % AXES)).collect();
     let outcomes = trials(
         (alone.len() + pairs.len()) as u64,
         || {
