@@ -56,6 +56,9 @@ pub fn test() -> Result<(), Failure> {
         let target = target.join().unwrap_or_else(|_| Err(Failure("the build for the chips panicked".into())));
         Ok((host?, target?))
     })?;
+    if python.is_none() {
+        course.step("the Python package", python::install)?;
+    }
     course.step("the reference", || reference::write(&["--check".to_string()]))?;
     let sum = course.step("tests", || Ok(all_of(works(programs, python)?)))?;
     course.print(begun.elapsed().as_secs());
@@ -68,7 +71,7 @@ pub fn test() -> Result<(), Failure> {
     }
 }
 
-/// What is built for a chip, and what has a folder of its own; gives why the Python package cannot be tested, if it cannot.
+/// What is built for a chip, or lies in a folder of its own; gives why the Python package cannot be tested, if it cannot.
 fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
     course.step("the firmware", size)?;
     course.step("the second chip", || other_chip(t))?;
@@ -94,7 +97,7 @@ fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> 
             "target/chip-tables",
         ]))
     })?;
-    course.step("the Python package", python::ready)
+    course.step("what the Python package needs", || Ok(python::prepare().err()))
 }
 
 /// What the host runs; gives the test programs.

@@ -27,7 +27,7 @@ fn python() -> Command {
 }
 
 /// Makes the virtual environment; gives in a line why there is none.
-fn prepare() -> Result<(), String> {
+pub fn prepare() -> Result<(), String> {
     let done = environment().join("installed");
     if std::fs::read_to_string(&done).is_ok_and(|had| had == NEEDED.join("\n")) {
         return Ok(());
@@ -62,23 +62,16 @@ pub fn wheel() -> Result<PathBuf, Failure> {
             "--out",
         ])
         .arg(&to)
-        // (Of its own: the features of some packages differ from those of the tests, and both are built at once.)
-        .arg("--target-dir")
-        .arg(environment().with_file_name("wheel-build"))
         .current_dir(root()))?;
     let files = std::fs::read_dir(&to).map_err(|e| Failure(format!("cannot read {}: {e}", to.display())))?;
     let wheel = files.flatten().map(|f| f.path()).find(|p| p.extension().is_some_and(|e| e == "whl"));
     wheel.ok_or_else(|| Failure(format!("maturin has left no wheel in {}", to.display())))
 }
 
-/// Builds the wheel and installs it; gives in a line why there can be no tests.
-pub fn ready() -> Result<Option<String>, Failure> {
-    if let Err(why) = prepare() {
-        return Ok(Some(why));
-    }
+/// Builds the wheel and installs it.
+pub fn install() -> Result<(), Failure> {
     let wheel = wheel()?;
-    run(python().args(["-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall"]).arg(wheel))?;
-    Ok(None)
+    run(python().args(["-m", "pip", "install", "--quiet", "--no-deps", "--force-reinstall"]).arg(wheel))
 }
 
 /// Runs the tests of the wheel that is installed.

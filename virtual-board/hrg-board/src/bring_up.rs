@@ -86,23 +86,21 @@ impl World for Log {
     }
 }
 
-/// The jumpers, without one of them where it is named (`PB9-PA0`).
+/// The jumpers, without those that are named (`PB9-PA0`).
 ///
 /// # Errors
 /// Where there is none of that name.
-pub fn jumpers(without: Option<&str>) -> Result<Vec<Jumper>> {
-    let name = |(from, to): (&str, &str)| format!("{from}-{to}");
-    if let Some(gone) = without {
-        let known = JUMPERS.map(name);
-        if !known.iter().any(|j| j == gone) {
-            bail!("there is no jumper {gone}: they are {}", known.join(", "));
-        }
+pub fn jumpers(without: &[&str]) -> Result<Vec<Jumper>> {
+    let known = JUMPERS.map(|(from, to)| format!("{from}-{to}"));
+    if let Some(gone) = without.iter().find(|gone| !known.iter().any(|j| j == *gone)) {
+        bail!("there is no jumper {gone}: they are {}", known.join(", "));
     }
     let pin = |name: &str| Pin::parse(name).with_context(|| format!("{name} is no pin"));
     JUMPERS
         .into_iter()
-        .filter(|j| Some(name(*j).as_str()) != without)
-        .map(|(from, to)| Ok(Jumper { from: pin(from)?, to: pin(to)? }))
+        .zip(&known)
+        .filter(|(_, name)| !without.contains(&name.as_str()))
+        .map(|((from, to), _)| Ok(Jumper { from: pin(from)?, to: pin(to)? }))
         .collect()
 }
 
@@ -159,7 +157,7 @@ fn show(page: &Path, log: &[String]) -> Result<()> {
 /// # Errors
 /// As [`run`]; and where a row fails.
 pub fn command(elf: &[u8], without: Option<&str>, expect: Option<&Path>, page: Option<&Path>) -> Result<()> {
-    let out = run(elf, &jumpers(without)?, true, |line| println!("{line}"))?;
+    let out = run(elf, &jumpers(without.as_slice())?, true, |line| println!("{line}"))?;
     let rows = out.rows();
     if let Some(page) = page {
         show(page, &out.log)?;
