@@ -337,7 +337,7 @@ impl Extent {
         Self { random: 10_000, every: 1, on_each_axis: true, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
     /// What every test run does.
     pub const SHORT: Self =
-        Self { random: 60, every: 100, on_each_axis: false, pairs: 50, bytes: 100_000, load_s: 5, wraps: 4000 };
+        Self { random: 40, every: 200, on_each_axis: false, pairs: 100, bytes: 100_000, load_s: 5, wraps: 4000 };
 }
 
 /// The parts of a campaign, in order.
