@@ -183,12 +183,19 @@ pub const MOST_ELF: u64 = 1 << 30;
 /// Writes a file so that an interruption leaves the old one: to a neighbour first, which is on the disk before it is renamed.
 ///
 /// # Errors
-/// Where the folder cannot be written; what was there stays.
+/// Where the folder is not there or cannot be written; what was there stays.
 pub fn write_file(path: &std::path::Path, content: &[u8]) -> anyhow::Result<()> {
     use anyhow::Context;
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".part");
     let part = path.with_file_name(name);
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty() && !f.exists());
+    if let Some(folder) = folder {
+        let (path, folder) = (path.display(), folder.display());
+        return Err(
+            BadInput(format!("cannot write {path}: there is no folder {folder}; make it, or write elsewhere")).into()
+        );
+    }
     let write = || -> std::io::Result<()> {
         let mut file = std::fs::File::create(&part)?;
         std::io::Write::write_all(&mut file, content)?;

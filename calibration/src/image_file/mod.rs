@@ -85,6 +85,13 @@ mod tests {
         assert_ne!(text, changed);
         assert!(from_text(&changed).expect_err("noticed").to_string().contains("checksum"));
         assert!(matches!(from_text("a = 1"), Err(FileError::NotOne(_))));
+        let error = |text: &str| from_text(text).expect_err("none").to_string();
+        assert!(
+            error("a = 1\nb, c\n").starts_with("this is not a calibration file: line 2: "),
+            "{}",
+            error("a = 1\nb, c\n")
+        );
+        assert!(error("# unit: A\ntime_s,fx_hz\n1,2\n").contains("it is a recording"));
     }
 
     #[test]

@@ -188,7 +188,13 @@ fn read_effect(table: &Table) -> Result<EffectTerm, FileError> {
 /// One sentence.
 pub fn from_text(text: &str) -> Result<Calibration, FileError> {
     let not_one = |why: &str| FileError::NotOne(why.replace('\n', " "));
-    let file: Table = toml::from_str(text).map_err(|e| not_one(&e.to_string()))?;
+    if text.lines().any(|line| line.starts_with("time_s,")) {
+        return Err(not_one("it is a recording, which hrg fit makes one from"));
+    }
+    let file: Table = toml::from_str(text).map_err(|e: toml::de::Error| {
+        let before = e.span().and_then(|s| text.get(..s.start)).unwrap_or("");
+        not_one(&format!("line {}: {}", before.matches('\n').count() + 1, e.message()))
+    })?;
     let version = file.get("hrg_calibration").ok_or_else(|| not_one("hrg_calibration is missing"))?;
     if *version != Value::Integer(VERSION.into()) {
         return Err(FileError::Version(version.to_string()));

@@ -32,6 +32,9 @@ pub struct Profile {
     pub legs: Vec<Leg>,
 }
 
+/// Temperatures that chambers for such tests reach, C.
+const CHAMBERS_C: std::ops::RangeInclusive<f64> = -100.0..=200.0;
+
 /// Profiles with a name.
 pub const PROFILES: [(&str, &str); 12] = [
     ("dong", "25,-40@1,5h,50@1,1h"),
@@ -97,15 +100,33 @@ impl Profile {
             });
         }
         if legs.is_empty() {
-            return Err(bad(text));
+            return Err(BadInput(format!(
+                "profile: behind the start temperature {text} come soaks and ramps, like {text},2h or {text},50@1,2h"
+            )));
         }
         let profile = Self { start_c, legs };
+        let beyond = profile.targets_c().find(|t| !CHAMBERS_C.contains(t));
+        if let Some(t) = beyond {
+            let (least, most) = (CHAMBERS_C.start(), CHAMBERS_C.end());
+            return Err(BadInput(format!(
+                "profile: no chamber goes to {t} C; give temperatures from {least} to {most} C"
+            )));
+        }
         match profile.walk().1 {
             Some(never) => Err(BadInput::new(format!(
                 "profile: the gyros never come to {never} C there, a day long; let the chamber go further before \"until gyros={never}\""
             ))),
             None => Ok(profile),
         }
+    }
+
+    /// Temperatures that it names, C.
+    fn targets_c(&self) -> impl Iterator<Item = f64> {
+        let of = |leg: &Leg| match leg {
+            Leg::Ramp(t, _) | Leg::SetPoint(t) | Leg::UntilGyros(t) => Some(*t),
+            Leg::Soak(_) => None,
+        };
+        std::iter::once(self.start_c).chain(self.legs.iter().filter_map(of))
     }
 
     /// Where the profile ends by what the gyros read: the temperature, C.
@@ -177,6 +198,11 @@ mod tests {
         }
         assert!(Profile::parse("20,50@x").expect_err("bad").0.contains("50@x"));
         assert!(Profile::parse("nothing").is_err());
+        assert!(Profile::parse("20").expect_err("bad").0.contains("like 20,2h or"));
+        for text in ["20,500@1,1h", "-300,1h", "20,nan@set,1h", "20,50@1,until gyros=inf"] {
+            let error = Profile::parse(text).expect_err("bad").0;
+            assert!(error.contains("no chamber goes to"), "{error}");
+        }
         let p = Profile::parse("20,50@3,10m").expect("fine").temperatures();
         assert_eq!(p.len(), 1 + 600 + 600);
     }

@@ -107,14 +107,20 @@ pub fn default_elf() -> PathBuf {
 /// Reads the ELF.
 ///
 /// # Errors
-/// Where it has not been built.
+/// Where it has not been built, or is another file.
 pub fn read_elf(path: &Path) -> Result<Vec<u8>, BadInput> {
-    std::fs::read(path).map_err(|e| {
-        BadInput::new(format!(
-            "cannot read the firmware {}: {e}; build it with `cargo xtask build` in the project's folder, or give another with --elf",
+    let failed = |why: &str| {
+        BadInput(format!(
+            "cannot read the firmware {}: {why}; build it with `cargo xtask build` in the project's folder, or give another with --elf",
             path.display()
         ))
-    })
+    };
+    let bytes = std::fs::read(path).map_err(|e| failed(&e.to_string()))?;
+    if bytes.starts_with(b"\x7FELF") {
+        Ok(bytes)
+    } else {
+        Err(failed("it is no ELF"))
+    }
 }
 
 /// Plays `steps` into the ELF with `calibration` in its flash (`None`: an empty sector). `progress` is told the

@@ -45,7 +45,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         // Every column is kept, those that a unit computed, too.
         None => {
             let bytes = parquet::read_text(file)?;
-            Recording::parse(&bytes).map_err(here)?;
+            Recording::parse(&bytes).map_err(|e| {
+                let other = e.0.contains("is missing");
+                let map = if other {
+                    "; where they have other names, --map FILE says what each is (docs/formats.md)"
+                } else {
+                    ""
+                };
+                here(BadInput(e.0 + map))
+            })?;
             let text = String::from_utf8_lossy(&bytes);
             let text = if dialect::is_plain(&text) {
                 text.into_owned()
