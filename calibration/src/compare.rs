@@ -164,23 +164,6 @@ fn bias_instability(v: &[f64]) -> f64 {
     points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
 }
 
-/// A verify run whose temperatures differ by less than this from a training run's repeats its profile, C.
-const REPEATS_WITHIN_C: f64 = 1.0;
-
-/// Temperatures of the first axis, one a minute.
-fn by_minutes(run: &Run) -> Vec<f64> {
-    let a = run.steps.present().next().unwrap_or(0);
-    (0..run.steps.len()).step_by(60).map(|k| run.state(k, a).map_or(f64::NAN, |(t, _)| f64::from(t))).collect()
-}
-
-/// Whether a run has the temperatures of another, minute by minute, and lasts as long.
-fn repeats(a: &Run, b: &Run) -> bool {
-    let (a, b) = (by_minutes(a), by_minutes(b));
-    let apart: Vec<f64> = a.iter().zip(&b).map(|(x, y)| (x - y).abs()).filter(|d| d.is_finite()).collect();
-    let mean = apart.iter().sum::<f64>() / apart.len().max(1) as f64;
-    100 * a.len().abs_diff(b.len()) <= a.len().max(b.len()) && mean < REPEATS_WITHIN_C
-}
-
 /// The runs on which images are judged.
 struct Bench {
     train: Vec<Steps>,
@@ -197,7 +180,7 @@ impl Bench {
     fn new(prepared: &fit::Prepared, verify: Vec<Steps>, from_s: f64) -> Self {
         let scaling = &prepared.calibration.scaling;
         let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
-        let again = |v: &Steps| prepared.runs.iter().any(|t| repeats(t, &Run::new(v.clone(), curves)));
+        let again = |v: &Steps| prepared.runs.iter().any(|t| independence::repeats(&Run::new(v.clone(), curves), t));
         Self {
             train: prepared.runs.iter().map(|r| r.steps.clone()).collect(),
             stages: prepared.runs.iter().map(|r| [0, 1, 2].map(|a| stages::of_run(r, scaling, a))).collect(),

@@ -20,6 +20,7 @@
 //! | [`report`] | figures of a data sheet from recordings alone |
 //! | [`profiles`] | which chamber profile tells effects apart |
 //! | [`plot`] | pictures |
+//! | [`output`] | the one writer of output files |
 //!
 //! Regressors are produced by `hrg_core`, by the code that runs on the unit.
 #![forbid(unsafe_code)]
@@ -32,6 +33,7 @@ pub mod image_file;
 pub mod images;
 pub mod measured;
 pub mod numeric;
+pub mod output;
 pub mod plot;
 pub mod profiles;
 pub mod rates;
@@ -42,6 +44,8 @@ pub mod thermometer;
 pub mod trace;
 pub mod unit;
 pub mod wu2023;
+
+pub use output::write_file;
 
 /// Names of the axes, in order.
 pub const AXIS_NAMES: [&str; 3] = ["x", "y", "z"];
@@ -179,33 +183,6 @@ pub const MOST_RECORDING: u64 = 64 << 30;
 pub const MOST_CALIBRATION: u64 = 1 << 20;
 /// Most bytes of a firmware ELF: with all debug information it has some ten million.
 pub const MOST_ELF: u64 = 1 << 30;
-
-/// Writes a file so that an interruption leaves the old one: to a neighbour first, which is on the disk before it is renamed.
-///
-/// # Errors
-/// Where the folder is not there or cannot be written; what was there stays.
-pub fn write_file(path: &std::path::Path, content: &[u8]) -> anyhow::Result<()> {
-    use anyhow::Context;
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    let folder = path.parent().filter(|f| !f.as_os_str().is_empty() && !f.exists());
-    if let Some(folder) = folder {
-        let (path, folder) = (path.display(), folder.display());
-        return Err(
-            BadInput(format!("cannot write {path}: there is no folder {folder}; make it, or write elsewhere")).into()
-        );
-    }
-    let write = || -> std::io::Result<()> {
-        let mut file = std::fs::File::create(&part)?;
-        std::io::Write::write_all(&mut file, content)?;
-        file.sync_all()?;
-        std::fs::rename(&part, path)
-    };
-    write()
-        .inspect_err(|_| drop(std::fs::remove_file(&part)))
-        .with_context(|| format!("cannot write {}", path.display()))
-}
 
 /// Writes a text into a page, between the marks of a name.
 ///

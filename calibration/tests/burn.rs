@@ -3,17 +3,18 @@
 use hrg_cal::unit::keys;
 use hrg_cal::unit::port::{Burn, Unit};
 use hrg_core::calibration::Calibration;
-use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
 use hrg_core::sectors::{newest, room, Place, Sector, SECTOR_BYTES};
 use hrg_core::signature::Key;
+use hrg_core::status::AxisStatus;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
-use std::path::Path;
-use std::process::{Command as Process, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::path::{Path, PathBuf};
+use std::process::{Command as Process, Output, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// What goes wrong, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +31,10 @@ enum Fault {
     Signed,
     /// The cable is pulled at the second chunk.
     Cable,
+    /// None.
+    Nothing,
+    /// After the burn no frequency is found.
+    Blind,
 }
 
 struct Flash([Vec<u8>; 2]);
@@ -89,7 +94,20 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
         let (mut identity, mut maintenance) = start(&flash);
         let (mut deframer, mut chunks) = (Deframer::default(), 0);
         let mut buffer = [0; 512];
+        let mut told = Instant::now();
         while !stop.load(Ordering::Relaxed) {
+            // (Its seconds are short.)
+            if told.elapsed() > Duration::from_millis(100) {
+                told = Instant::now();
+                let blind = fault == Fault::Blind && identity.sequence > 1;
+                let lost = if blind { AxisStatus::FREQUENCY_LOST } else { AxisStatus::empty() };
+                let second = Housekeeping {
+                    frequency_hz: if blind { [f64::NAN; 3] } else { [4900.0, 4892.0, 4703.0] },
+                    axis_status: [lost, AxisStatus::SETTLING, lost],
+                    ..Housekeeping::default()
+                };
+                let _ = ours.write_all(&Message::Housekeeping(second).encode());
+            }
             let Ok(n) = ours.read(&mut buffer) else { continue };
             for byte in &buffer[..n] {
                 let answer = match deframer.push_command(*byte) {
@@ -121,21 +139,73 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
 }
 
 fn burn(fault: Fault, options: &[&str]) -> (bool, String) {
+    let (o, folder) = burn_of(fault, &image(0, 2.0), options);
+    let _ = std::fs::remove_dir_all(folder);
+    (o.status.success(), String::from_utf8_lossy(&o.stderr).trim().to_string())
+}
+
+/// Burns a calibration; gives what was printed, and the folder in which it was done.
+fn burn_of(fault: Fault, image: &Calibration, options: &[&str]) -> (Output, PathBuf) {
+    static NUMBER: AtomicU32 = AtomicU32::new(0);
     let stop = Arc::new(AtomicBool::new(false));
     let port = unit(fault, stop.clone());
-    let path = std::env::temp_dir().join(format!("hrg-burn-{}-{fault:?}.toml", std::process::id()));
-    hrg_cal::image_file::save(&path, &image(0, 2.0)).expect("written");
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let folder = std::env::temp_dir().join(format!("hrg-burn-{}-{number}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("made");
+    hrg_cal::image_file::save(&folder.join("c.toml"), image).expect("written");
     let o = Process::new(env!("CARGO_BIN_EXE_hrg"))
-        .arg("burn")
-        .arg(&path)
+        .current_dir(&folder)
+        .args(["burn", "c.toml"])
         .args(["--port", &port])
         .args(options)
         .stdin(Stdio::null())
         .output()
         .expect("hrg runs");
     stop.store(true, Ordering::Relaxed);
-    let _ = std::fs::remove_file(path);
-    (o.status.success(), String::from_utf8_lossy(&o.stderr).trim().to_string())
+    (o, folder)
+}
+
+#[test]
+fn a_curve_that_is_not_the_units_is_refused_before_anything_is_written() {
+    let mut sensor = image(0, 2.0);
+    sensor.axes[1].curve = hrg_cal::thermometer::curve::sensor_curve(-40.0, 60.0);
+    let mut kilohertz = image(0, 2.0);
+    for a in &mut kilohertz.axes {
+        a.curve.frequency_centre_hz /= 1000.0;
+        a.curve.frequency_scale_hz /= 1000.0;
+    }
+    // (No image has a centre of 4.9 Hz: refused as a file.)
+    let mut other = image(0, 2.0);
+    other.axes.iter_mut().for_each(|a| a.curve.frequency_centre_hz += 80.0);
+    for (c, says) in
+        [(&sensor, "axis y: the unit reads 4892.000 now"), (&kilohertz, "centre frequency"), (&other, "axis x")]
+    {
+        let (o, folder) = burn_of(Fault::Nothing, c, &[]);
+        let said = String::from_utf8_lossy(&o.stderr).into_owned();
+        assert_eq!(o.status.code(), Some(2), "{said}");
+        assert!(said.contains(says) && !said.contains("asked now"), "{said}");
+        assert!(said.contains("nothing was written") || says == "centre frequency", "{said}");
+        std::fs::remove_dir_all(folder).expect("removed");
+    }
+}
+
+#[test]
+fn a_burn_is_done_when_the_unit_shows_it() {
+    let (o, folder) = burn_of(Fault::Nothing, &image(0, 2.0), &[]);
+    assert!(o.status.success() && String::from_utf8_lossy(&o.stdout).contains("burnt, read back, and running"));
+    std::fs::remove_dir_all(folder).expect("removed");
+    let (o, folder) = burn_of(Fault::Blind, &image(0, 2.0), &[]);
+    let said = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert_eq!(o.status.code(), Some(1), "{said}");
+    assert!(said.contains("the unit shows frequency-lost on x and frequency-lost on z; to go back"), "{said}");
+    // What it names is the image from before.
+    let file = format!("before-{:08x}.toml", image(1, 1.0).checksum());
+    assert!(
+        said.contains(&format!("hrg burn {file} --port")) && !String::from_utf8_lossy(&o.stdout).contains("running"),
+        "{said}"
+    );
+    assert_eq!(hrg_cal::image_file::load(&folder.join(file)).expect("kept").checksum(), image(1, 1.0).checksum());
+    std::fs::remove_dir_all(folder).expect("removed");
 }
 
 #[test]

@@ -165,7 +165,8 @@ fn clocks(crystal: bool) -> rcc::Config {
     c.sys = rcc::Sysclk::PLL1_P;
     c.ahb_pre = rcc::AHBPrescaler::DIV1;
     c.apb1_pre = rcc::APBPrescaler::DIV4;
-    c.apb2_pre = rcc::APBPrescaler::DIV2;
+    // Half of what it may be: see params::ADC_SPI_PRESCALER.
+    c.apb2_pre = rcc::APBPrescaler::DIV4;
     c
 }
 
@@ -233,10 +234,11 @@ impl Board {
         );
 
         let out = AfType::output(OutputType::PushPull, Speed::High);
+        let clock_out = AfType::output(OutputType::PushPull, Speed::VeryHigh);
         let adc = Adc::new(Wiring {
             spi: p.SPI1,
             bus: [
-                alternate_function(Flex::new(p.PA5), SPI1_FUNCTION, out),
+                alternate_function(Flex::new(p.PA5), SPI1_FUNCTION, clock_out),
                 alternate_function(Flex::new(p.PA7), SPI1_FUNCTION, out),
                 alternate_function(Flex::new(p.PA6), SPI1_FUNCTION, AfType::input(Pull::Down)),
             ],
@@ -254,7 +256,8 @@ impl Board {
             Ok(uart) => uart,
             Err(_) => defmt::panic!("link configuration"),
         };
-        let link_pin = alternate_function(Flex::new(p.PA10), USART1_FUNCTION, AfType::input(Pull::None));
+        // Without a cable the line rests high, and no noise wakes the receiver.
+        let link_pin = alternate_function(Flex::new(p.PA10), USART1_FUNCTION, AfType::input(Pull::Up));
 
         Self {
             rings,
@@ -280,17 +283,19 @@ impl Board {
             defmt::error!("calibration refused: {}", error);
             status |= UnitStatus::IMAGE_REFUSED;
         }
+        let cut_short = found.cut_short;
         match found.newest {
             Some((calibration, place)) => {
                 let image = self.sectors.view(place.sector).get(place.offset as usize..);
                 let checksum = image.and_then(sectors::stored_checksum).unwrap_or(0);
-                Loaded { calibration, place: Some(place), checksum, status }
+                Loaded { calibration, place: Some(place), checksum, status, cut_short }
             }
             None => Loaded {
                 calibration: Calibration::uncalibrated(),
                 place: None,
                 checksum: 0,
                 status: status | UnitStatus::DEFAULT_CALIBRATION,
+                cut_short,
             },
         }
     }
@@ -306,4 +311,6 @@ pub struct Loaded {
     pub checksum: u32,
     /// What to report of it.
     pub status: UnitStatus,
+    /// Where a burn was cut short since.
+    pub cut_short: Option<Place>,
 }

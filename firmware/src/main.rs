@@ -55,6 +55,7 @@ use hrg_core::maintenance::Maintenance;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
 use hrg_core::reset::{Halt, ResetCause};
+use hrg_core::sectors;
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use static_cell::{ConstStaticCell, StaticCell};
@@ -122,7 +123,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     bring_up::prepare(&mut board.sectors);
     let halt = kept::last_word(board.reset_cause);
     let verdict = board.program.whole();
-    let board::Loaded { calibration, place, checksum, mut status } = board.calibration();
+    let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
     status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
     // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
@@ -161,7 +162,12 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         defmt::warn!("stopped before by {=str}", halt.name());
     }
     let event = Event::Start { cause: board.reset_cause, halt, resets: identity.resets, calibration: checksum };
-    board.journal.write(&mut board.sectors, Record { on_for_s: compensators[0].on_for_s() as u32, event });
+    let on_for_s = compensators[0].on_for_s() as u32;
+    board.journal.write(&mut board.sectors, Record { on_for_s, event });
+    if let Some(event) = cut_short.and_then(|place| sectors::mark(&mut board.sectors, place)) {
+        defmt::warn!("a burn was cut short");
+        board.journal.write(&mut board.sectors, Record { on_for_s, event });
+    }
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));

@@ -28,9 +28,10 @@ pub const RING: usize = 256;
 /// shorter than [`hrg_core::rate_path::BIAS_DELAY_MS`] by enough to finish the bias in time.
 pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
-/// Prescaler of the ADC's SPI clock, as BR of SPI_CR1: 90 MHz / 8 = 11.25 MHz. The ADS131M08 takes 25 MHz; a
-/// frame of 30 bytes takes 21 us, 2 % of the sample time, and the lines may be long.
-pub const ADC_SPI_PRESCALER: u8 = 0b010;
+/// Prescaler of the ADC's SPI clock, as BR of SPI_CR1: APB2 at 45 MHz / 4 = 11.25 MHz. The ADS131M08 takes 25 MHz; a frame of 30 bytes
+/// takes 21 us, 2 % of the sample time. APB2 could run at 90 MHz, but SPI1 takes what it receives by its clock as the *pin* has it:
+/// above 84 MHz of APB2 the last bit of a byte may be wrong, whatever the clock on the wire (errata ES0298 section 2.14).
+pub const ADC_SPI_PRESCALER: u8 = 0b001;
 
 /// Link rate, baud. A rate frame is 38 bytes of 10 bits on the wire: 380 kbit/s at 1 kHz; RS-422 carries 921600 over tens of metres.
 pub const LINK_BAUD: u32 = 921_600;

@@ -75,13 +75,13 @@ fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice(
         let e = burn(&mut unit, &image(0, 1.5), &nothing).expect_err("refused");
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-7"), "{e}");
         let after = burn(&mut unit, &image(0, 1.5), &named).expect("burnt");
-        assert_eq!(after.sequence, 1);
+        assert_eq!(after.identity.sequence, 1);
         let wrong = Calibration { unit: UnitName::new("HRG-8"), ..image(0, 2.0) };
         let e = burn(&mut unit, &wrong, &nothing).expect_err("refused");
         assert!(e.contains("HRG-8") && e.contains("nothing was written"), "{e}");
         let e = burn(&mut unit, &Calibration::uncalibrated(), &nothing).expect_err("refused");
         assert!(e.contains("no calibration"), "{e}");
-        assert_eq!(burn(&mut unit, &image(0, 2.5), &nothing).expect("burnt").sequence, 2);
+        assert_eq!(burn(&mut unit, &image(0, 2.5), &nothing).expect("burnt").identity.sequence, 2);
     });
     power(&|| {
         let mut unit = Unit::open(&link).expect("a port");

@@ -114,6 +114,39 @@ fn the_book_has_every_page_once() {
     }
 }
 
+/// The last line of a page that a command prints: the commit, and the short form of what the program computed.
+fn stamp(text: &str) -> Option<(&str, Option<&str>)> {
+    let line = text.lines().rev().find_map(|l| l.strip_prefix("<!-- printed by `")?.strip_suffix(" -->"))?;
+    let (_, rest) = line.split_once("` at commit ")?;
+    Some(rest.split_once(", short form ").map_or((rest, None), |(commit, form)| (commit, Some(form))))
+}
+
+/// A page whose figures come from traces is of a program that finds what this one finds; every page that a command prints names its commit.
+#[test]
+fn pages_that_a_command_prints_are_of_this_program() {
+    let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let o = Command::new(program("hrg-study")).arg("--short-form").output().expect("runs");
+    let now = String::from_utf8_lossy(&o.stdout).trim().to_string();
+    assert!(o.status.success() && now.len() == 8, "{now}: {}", String::from_utf8_lossy(&o.stderr));
+    let git = |arguments: &[&str]| Command::new("git").args(arguments).current_dir(&top).output();
+    let history = git(&["rev-parse", "--is-shallow-repository"]).is_ok_and(|o| o.stdout.starts_with(b"false"));
+    let of_traces = ["demo", "foreign", "measured", "study"];
+    let others =
+        ["alignment-results", "bench", "controls-gpsdo", "controls-imu", "methods-results", "promises", "trace-peers"];
+    for name in of_traces.into_iter().chain(others) {
+        let text = std::fs::read_to_string(top.join(format!("docs/{name}.md"))).expect("a page");
+        let (commit, form) =
+            stamp(&text).unwrap_or_else(|| panic!("docs/{name}.md does not say at which commit it was printed"));
+        let known = || git(&["cat-file", "-e", &format!("{commit}^{{commit}}")]).is_ok_and(|o| o.status.success());
+        assert!(!history || known(), "docs/{name}.md was printed at {commit}, which is no commit");
+        assert!(form.is_some() || others.contains(&name), "docs/{name}.md has no short form");
+        assert!(
+            form.is_none_or(|f| f == now),
+            "docs/{name}.md was printed by a program that finds other things (short form {form:?}, now {now}): print it anew by the command in its last line"
+        );
+    }
+}
+
 #[test]
 fn commands_that_a_page_shows_are_those_that_are_run() {
     let top = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");

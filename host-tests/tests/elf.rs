@@ -441,8 +441,9 @@ fn an_image_of_another_unit_is_refused_and_never_runs() {
 fn only_a_burn_without_room_stops_the_unit() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
-    // The last place of sector A is taken.
+    // The last place of sector A is taken, and sector B is not blank.
     board.write_flash(CALIBRATION_B - STEP as u32, &[0; 4]).expect("flash");
+    board.write_flash(CALIBRATION_B, &[0; 4]).expect("flash");
     board.run_until(CPU_HZ / 10).expect("runs");
     let own = scene.calibration.clone();
     let length = own.to_bytes().expect("fits").len() as u16;
@@ -472,9 +473,9 @@ fn a_start_looks_at_the_sectors_in_bounded_time() {
     one[..good.len()].copy_from_slice(&good);
     // Measured, and a tenth on top.
     for (what, a, b, bound) in [
-        ("one image", &one, &erased, 106_000),
-        ("both sectors full", &full, &full, 119_500),
-        ("nothing but changed images behind the one in use", &first_good, &spoilt, 1_610_000),
+        ("one image", &one, &erased, 126_000),
+        ("both sectors full", &full, &full, 123_100),
+        ("nothing but changed images behind the one in use", &first_good, &spoilt, 1_612_000),
     ] {
         let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
         board.write_flash(CALIBRATION_A, a).expect("flash");

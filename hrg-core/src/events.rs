@@ -90,6 +90,12 @@ pub enum Event {
         /// Checksum.
         calibration: u32,
     },
+    /// A burn was cut short before its image counted (a power cut, a pulled cable). The start that finds it marks the place as refused, and
+    /// so reports it once ([`crate::sectors::mark`]).
+    CutShort {
+        /// Where ([`crate::sectors::Place::number`]).
+        place: u32,
+    },
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
         /// Whether starts and burns are written still.
@@ -114,6 +120,7 @@ mod kind {
     pub const UNIT: u8 = 4;
     pub const BURN: u8 = 5;
     pub const LOST: u8 = 6;
+    pub const CUT_SHORT: u8 = 7;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -147,6 +154,7 @@ impl Record {
             Event::Axis { axis, flags, temperature } => laid_out(kind::AXIS, axis, flags.bits(), [t, temperature]),
             Event::Unit { flags } => laid_out(kind::UNIT, flags.bits(), 0, [t, 0]),
             Event::Burn { answer, calibration } => laid_out(kind::BURN, answer, 0, [t, calibration]),
+            Event::CutShort { place } => laid_out(kind::CUT_SHORT, 0, 0, [t, place]),
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -167,6 +175,7 @@ impl Record {
             }
             kind::UNIT => Event::Unit { flags: UnitStatus::from_bits_truncate(small) },
             kind::BURN => Event::Burn { answer: small, calibration: value },
+            kind::CUT_SHORT => Event::CutShort { place: value },
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -243,7 +252,7 @@ impl Journal {
 
     /// Writes a record; where there is no room it is counted, and the log says that it is full.
     pub fn write(&mut self, store: &mut impl Store, record: Record) {
-        let matters = matches!(record.event, Event::Start { .. } | Event::Burn { .. });
+        let matters = matches!(record.event, Event::Start { .. } | Event::Burn { .. } | Event::CutShort { .. });
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
             // Reported once at the first flag without room, and once in the very last place.
@@ -376,6 +385,7 @@ mod tests {
             Event::Axis { axis: 2, flags, temperature: 61.5f32.to_bits() },
             Event::Unit { flags: UnitStatus::ADC_FAULT },
             Event::Burn { answer: 7, calibration: 1 },
+            Event::CutShort { place: 0x2_0400 },
             Event::Lost { count: 3 },
         ] {
             let record = Record { on_for_s: 12_345, event };

@@ -51,6 +51,10 @@ pub trait Store {
 pub const LOG_PAGE: u8 = 248;
 const LOG_PAGES: usize = crate::events::SECTOR / PAGE;
 
+/// An image's number may be beyond that of the newest one by so much: a slip of a host must not use up the numbers, and an image that was signed
+/// long ago must not become the newer one again.
+pub const MOST_STEP: u32 = 1000;
+
 /// The number that stands for no place.
 pub const NOWHERE: u32 = u32::MAX;
 
@@ -130,6 +134,8 @@ pub enum Answer {
     NotNewer = 8,
     /// The image is not signed with the key of this firmware.
     Signature = 9,
+    /// The image's number is more than [`MOST_STEP`] beyond that of the newest one in flash.
+    TooFar = 10,
 }
 
 impl Answer {
@@ -148,6 +154,7 @@ impl Answer {
             A::Image,
             A::NotNewer,
             A::Signature,
+            A::TooFar,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -167,6 +174,7 @@ impl core::fmt::Display for Answer {
             Self::Image => "what was written is not a valid image of this unit",
             Self::NotNewer => "the image is not newer than the one that it holds",
             Self::Signature => "the image is not signed with the key of its firmware",
+            Self::TooFar => "the image's number is more than 1000 beyond that of the one that it holds",
         })
     }
 }
@@ -286,7 +294,9 @@ impl Maintenance {
         }
         let newest = self.newest.map(|(place, _)| place);
         let (place, erase) = place_for(store.view(Sector::A), store.view(Sector::B), newest, usize::from(total));
-        if erase && !store.erase(place.sector) {
+        // (A sector that is blank already is not worn out by asking again.)
+        let blank = |sector| store.view(sector).iter().all(|b| *b == 0xFF);
+        if erase && !blank(place.sector) && !store.erase(place.sector) {
             return (Answer::Flash, 0);
         }
         self.coming = Some(Coming { place, total, next: 0 });
@@ -366,8 +376,12 @@ impl Maintenance {
         if image.unit != self.unit && self.in_use.is_some() {
             return Err(Answer::Image);
         }
-        if self.newest.is_some_and(|(_, newest)| image.sequence.wrapping_sub(newest) as i32 <= 0) {
-            return Err(Answer::NotNewer);
+        if let Some((_, newest)) = self.newest {
+            match image.sequence.wrapping_sub(newest) {
+                1..=MOST_STEP => {}
+                step if (step as i32) > 0 => return Err(Answer::TooFar),
+                _ => return Err(Answer::NotNewer),
+            }
         }
         match self.key {
             Some(key) if !behind(there).is_some_and(|signature| key.signed(there, signature)) => Err(Answer::Signature),
@@ -381,7 +395,8 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::calibration::ImageError;
-    use crate::sectors::{newest, room, Found, SECTOR_BYTES};
+    use crate::events::Event;
+    use crate::sectors::{mark, newest, room, Found, SECTOR_BYTES};
     use std::vec;
     use std::vec::Vec;
 
@@ -524,7 +539,7 @@ mod tests {
             assert_eq!(done.found().refused, None);
             store = Memory { left: u32::MAX, ..done };
         }
-        assert_eq!(erases, 3, "20 burns for each erase, the first sector never");
+        assert_eq!(erases, 2, "20 burns for each erase; sectors that are blank are not erased again");
         assert!(cuts > 7000, "{cuts}");
     }
 
@@ -539,9 +554,17 @@ mod tests {
             assert_ne!(burn_next(&mut cut, 6), Answer::Done);
             let found = cut.found();
             assert_eq!(found.newest.map(|(c, p)| (c.sequence, p.number())), Some((5, 0)), "after {k} torn images");
-            assert_eq!(found.refused, Some(ImageError::Foreign), "it may be newer");
+            assert!(
+                found.refused.is_none() && found.cut_short.is_some(),
+                "it was never committed: {:?}",
+                found.refused
+            );
             places.push(cut.erased);
             store = Memory { left: u32::MAX, ..cut };
+            // A start reports it once, into the log.
+            let at = found.cut_short.expect("found");
+            assert_eq!(mark(&mut store, at), Some(Event::CutShort { place: at.number() }));
+            assert_eq!((store.found().cut_short, store.found().refused), (None, None));
         }
         assert!(places[0] == 0 && places[19] > 5, "sector B is erased anew each time once A is full: {places:?}");
         assert_eq!(burn_next(&mut store, 6), Answer::Done);
@@ -562,6 +585,40 @@ mod tests {
     }
 
     #[test]
+    fn a_number_may_step_by_a_thousand_and_no_further() {
+        for (step, answer) in [
+            (1, Answer::Done),
+            (MOST_STEP, Answer::Done),
+            (MOST_STEP + 1, Answer::TooFar),
+            (i32::MAX as u32, Answer::TooFar),
+            (1 << 31, Answer::NotNewer),
+            (u32::MAX, Answer::NotNewer),
+            (0, Answer::NotNewer),
+        ] {
+            let mut store = Memory::of(SECTOR_BYTES);
+            assert_eq!(burn_next(&mut store, 7), Answer::Done);
+            assert_eq!(burn_next(&mut store, 7u32.wrapping_add(step)), answer, "a step of {step}");
+        }
+        // The first image of a unit may have any.
+        assert_eq!(burn_next(&mut Memory::of(SECTOR_BYTES), u32::MAX - 3), Answer::Done);
+    }
+
+    #[test]
+    fn a_blank_sector_is_not_erased_again() {
+        let mut store = Memory::of(2 * room(bytes(0).len()));
+        assert_eq!((burn_next(&mut store, 1), burn_next(&mut store, 2)), (Answer::Done, Answer::Done));
+        // The sector is full. Who only begins wears nothing out.
+        let mut m = store.start();
+        let unit = m.unit;
+        for _ in 0..50 {
+            m.command(&Command::Open(unit), &mut store);
+            let begun = m.command(&Command::Begin(bytes(3).len() as u16), &mut store);
+            assert!(matches!(begun, Reply::Answer(Answer::Done, _)));
+        }
+        assert_eq!(store.erased, 0);
+    }
+
+    #[test]
     fn a_sector_takes_170_burns_between_two_erases() {
         let mut c = image(0);
         for id in [4u16, 6, 3] {
@@ -578,7 +635,9 @@ mod tests {
             if store.erased > before {
                 let length = c.to_bytes().expect("fits").len();
                 std::println!("{} burns of {length} bytes", sequence - last_erase - 1);
-                assert_eq!(sequence - last_erase - 1, (SECTOR_BYTES / room(length)) as u32 - u32::from(last_erase > 0));
+                // (Both sectors are blank at first.)
+                let (fit, first) = ((SECTOR_BYTES / room(length)) as u32, last_erase == 0);
+                assert_eq!(sequence - last_erase - 1, if first { 2 * fit } else { fit - 1 });
                 last_erase = sequence;
             }
         }
@@ -593,7 +652,7 @@ mod tests {
             store.at(sector)[..image.len()].copy_from_slice(&image);
         }
         let b = Place { sector: Sector::B, offset: 0 };
-        assert_eq!(store.found(), Found { newest: Some((image(5), b)), refused: None });
+        assert_eq!(store.found(), Found { newest: Some((image(5), b)), refused: None, cut_short: None });
         let mut m = store.start();
         assert_eq!(burn(&mut m, &mut store, &image(6)), Answer::Done);
         let behind = Place { offset: room(bytes(0).len()) as u32, ..b };

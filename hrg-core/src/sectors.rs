@@ -3,14 +3,15 @@
 //! # Layout of a sector
 //! Images lie one behind the other, each with room for a signature, and each begins at a multiple of [`STEP`]. An old unit's only
 //! image at the start of a sector is the first of such a row. What begins with the magic is an image; with zeros, one that was
-//! refused; with erased flash and something behind it, one whose writing was cut short.
+//! refused; with erased flash and something behind it, one whose writing was cut short: it was never committed, and no rate suffers from it. It goes
+//! into the field log, and not into the status.
 //!
 //! # What a start reads
 //! The first word of each place, from the end of each sector backwards to its last valid image ([`PLACES`] words a sector at most); that
 //! image; two words of each place behind it. Images that are not valid are read on the way, none of them beyond the begin of the next.
 //! A unit with one image of 150 words at the start of a sector and the other one erased reads 3900 words: 512, 512 again and 1024 of the
 //! erased one, 512 and 1022 of the other, the image twice. Whatever the sectors hold, no word is read more
-//! than four times. In instructions, counted in the ELF by `a_start_looks_at_the_sectors_in_bounded_time`: 96 100, and 1.5 million (8 ms)
+//! than four times. In instructions, counted in the ELF by `a_start_looks_at_the_sectors_in_bounded_time`: 114 400, and 1.5 million (8 ms)
 //! where the image in use is followed by nothing but changed ones in both sectors.
 //!
 //! # Example
@@ -27,7 +28,9 @@
 //! assert_eq!((image.sequence, place), (2, Place { sector: Sector::B, offset: 0 }));
 //! ```
 
-use crate::calibration::{stated_length, Calibration, ImageError, MAGIC, MAX_BYTES, REFUSED};
+use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAGIC, MAX_BYTES, REFUSED};
+use crate::events::Event;
+use crate::maintenance::Store;
 use crate::signature::{self, Key, SIGNATURE};
 
 /// Bytes of a sector.
@@ -156,9 +159,12 @@ pub struct Found<T> {
     /// The newest valid image, and the place that it came from.
     pub newest: Option<(T, Place)>,
     /// Why something was refused that may be newer than that: behind the last valid image of its sector, or in the other
-    /// sector where that holds no valid image at all. It is an image whose memory has changed, or whose writing was cut short, or
-    /// whose signature is not the key's. The unit says so ([`crate::status::UnitStatus::IMAGE_REFUSED`]).
+    /// sector where that holds no valid image at all. It is an image whose memory has changed, or whose signature is not the
+    /// key's. The unit flags it ([`crate::status::UnitStatus::IMAGE_REFUSED`]).
     pub refused: Option<ImageError>,
+    /// Where the last burn was cut short before its image counted, if it was and no start has [marked](mark) it yet: for the field log
+    /// ([`crate::events::Event::CutShort`]).
+    pub cut_short: Option<Place>,
 }
 
 /// Looks at both sectors. `key`: images that it has not signed are refused.
@@ -166,15 +172,16 @@ pub struct Found<T> {
 #[must_use]
 pub fn newest(a: &[u8], b: &[u8], key: Option<Key>) -> Found<Calibration> {
     // An image is large, and the unit's stack small: one at a time, and the one that is used is read once more.
-    let Found { newest, refused } = sequences(a, b, key);
+    let Found { newest, refused, cut_short } = sequences(a, b, key);
     let read = |(_, place): (u32, Place)| {
         let bytes = place.sector.of([a, b]).get(place.offset as usize..)?;
         Some((Calibration::from_bytes(bytes).ok()?, place))
     };
-    Found { newest: newest.and_then(read), refused }
+    Found { newest: newest.and_then(read), refused, cut_short }
 }
 
 /// The same, with the sequence number in the place of the image.
+#[inline(never)]
 #[must_use]
 pub fn sequences(a: &[u8], b: &[u8], key: Option<Key>) -> Found<u32> {
     let sectors = [a, b];
@@ -196,17 +203,27 @@ pub fn sequences(a: &[u8], b: &[u8], key: Option<Key>) -> Found<u32> {
         unsigned = Some(ImageError::Signature);
         *sector.of(last.each_mut()) = last_valid(bytes, offset);
     };
-    let refused = unsigned.or_else(|| match newest {
-        Some((_, place)) => {
-            let own = place.sector.of(sectors);
-            first_refused(own, end_of(own, place.offset as usize)).or_else(|| spoilt(place.sector.other().of(sectors)))
-        }
-        None => first_refused(a, 0).or_else(|| first_refused(b, 0)),
+    let (first, from) = newest.map_or((Sector::A, 0), |(_, place): (u32, Place)| {
+        (place.sector, end_of(place.sector.of(sectors), place.offset as usize))
     });
-    Found { newest, refused }
+    let mut out = Found { newest, refused: None, cut_short: None };
+    for (sector, from) in [(first, from), (first.other(), 0)] {
+        let bytes = sector.of(sectors);
+        // (The other sector counts where the first has nothing to refuse, and it holds no valid image.)
+        if out.refused.is_some() || sector != first && newest.is_some() && holds_valid(bytes) {
+            break;
+        }
+        let found = not_valid(bytes, from);
+        out.refused = found.refused;
+        out.cut_short = out.cut_short.or(found.cut_short.map(|offset| Place { sector, offset }));
+    }
+    out.refused = unsigned.or(out.refused);
+    out
 }
 
+// (Once in flash: each is called from several places, at a start and in a burn.)
 /// The last valid image that begins and ends before `end`: where it begins, and its sequence number.
+#[inline(never)]
 fn last_valid(bytes: &[u8], end: usize) -> Option<(usize, u32)> {
     let mut end = end;
     for offset in (0..end).step_by(STEP).rev() {
@@ -233,39 +250,58 @@ fn trusted(place: &[u8], key: Option<Key>, checks: &mut u32) -> bool {
     key.signed(place, signature)
 }
 
-/// Why a sector holds no valid image though it is neither erased nor was refused; `None`: it holds one, or nothing.
-fn spoilt(bytes: &[u8]) -> Option<ImageError> {
-    match last_valid(bytes, bytes.len()) {
-        Some(_) => None,
-        None => first_refused(bytes, 0),
-    }
+fn holds_valid(bytes: &[u8]) -> bool {
+    last_valid(bytes, bytes.len()).is_some()
 }
 
-/// Why the first thing from a place on is no valid image, if there is any: neither erased flash nor an image that was refused in a burn.
-fn first_refused(bytes: &[u8], from: usize) -> Option<ImageError> {
-    let mut refused_until = 0;
+/// What stands from a place on and is no valid image.
+#[derive(Debug, Default)]
+struct NotValid {
+    /// Why the first thing is refused that is neither erased flash, nor an image that was refused in a burn or never committed.
+    refused: Option<ImageError>,
+    /// Where the last image before that begins whose burn was cut short.
+    cut_short: Option<u32>,
+}
+
+#[inline(never)]
+fn not_valid(bytes: &[u8], from: usize) -> NotValid {
+    let mut out = NotValid::default();
+    // Until there lies what is known already.
+    let mut known_until = 0;
     for offset in (from..bytes.len()).step_by(STEP) {
-        let place = bytes.get(offset..)?;
         // The second word is the first that a burn programs.
-        let head: &[u8; 8] = place.first_chunk()?;
+        let Some((place, head)) = bytes.get(offset..).and_then(|p| Some((p, p.first_chunk::<8>()?))) else { break };
         if head.starts_with(&MAGIC) {
-            return Some(Calibration::from_bytes(place).err().unwrap_or(ImageError::Signature));
+            out.refused = Some(Calibration::from_bytes(place).err().unwrap_or(ImageError::Signature));
+            break;
         }
-        if head.starts_with(&REFUSED) {
-            // (Older firmware has overwritten the length.)
-            let overwritten = stated_length(place) == Some(0);
-            refused_until = if overwritten { offset + room(MAX_BYTES) } else { end_of(bytes, offset) };
-        } else if *head != [0xFF; 8] && offset >= refused_until {
-            return Some(ImageError::Foreign);
+        let uncommitted = head.starts_with(&[0xFF; COMMIT]);
+        if head.starts_with(&REFUSED) || *head != [0xFF; 8] && uncommitted {
+            // (Older firmware has overwritten the length; of a burn that was cut short it may be missing.)
+            let stated = stated_length(place).is_some_and(|length| (1..=MAX_BYTES).contains(&length));
+            known_until = if stated { end_of(bytes, offset) } else { offset + room(MAX_BYTES) };
+            if uncommitted {
+                out.cut_short = Some(offset as u32);
+            }
+        } else if *head != [0xFF; 8] && offset >= known_until {
+            out.refused = Some(ImageError::Foreign);
+            break;
         }
     }
-    None
+    out
+}
+
+/// Marks a place where a burn was cut short as refused: the next start does not find it again. Gives the event for the field log; `None` where
+/// the flash could not be written.
+pub fn mark(store: &mut impl Store, cut_short: Place) -> Option<Event> {
+    store.write(cut_short, &REFUSED).then_some(Event::CutShort { place: cut_short.number() })
 }
 
 /// Where an image of so many bytes goes, and whether that sector must be erased first.
 ///
 /// Behind all that was ever programmed in the sector of the newest image, with room for a signature. Into the other sector, which is then erased, where there is no
 /// room; or where the other one holds something that is refused at each start, so that a burn ends that.
+#[inline(never)]
 #[must_use]
 pub fn place_for(a: &[u8], b: &[u8], newest: Option<Place>, length: usize) -> (Place, bool) {
     let own = newest.map_or(Sector::A, |p| p.sector);
@@ -273,7 +309,9 @@ pub fn place_for(a: &[u8], b: &[u8], newest: Option<Place>, length: usize) -> (P
     let programmed = bytes.iter().rposition(|b| *b != 0xFF).map_or(0, |last| room(last + 1));
     // (An image may end with ones.)
     let offset = programmed.max(newest.map_or(0, |place| end_of(bytes, place.offset as usize)));
-    if offset + room(length) <= bytes.len() && spoilt(own.other().of([a, b])).is_none() {
+    let other = own.other().of([a, b]);
+    let flagged = || !holds_valid(other) && not_valid(other, 0).refused.is_some();
+    if offset + room(length) <= bytes.len() && !flagged() {
         (Place { sector: own, offset: offset as u32 }, false)
     } else {
         (Place { sector: own.other(), offset: 0 }, true)
@@ -315,6 +353,10 @@ mod tests {
     fn found(a: &[u8], b: &[u8]) -> (Option<(u32, Place)>, Option<ImageError>) {
         let f = sequences(a, b, None);
         (f.newest, f.refused)
+    }
+
+    fn cut_short(a: &[u8], b: &[u8]) -> Option<Place> {
+        sequences(a, b, None).cut_short
     }
 
     fn at(sector: Sector, offset: usize) -> Place {
@@ -362,16 +404,17 @@ mod tests {
     fn newest_valid_image_wins() {
         let (x, y) = (numbered(u32::MAX), numbered(0));
         let (bx, mut by) = (bytes(u32::MAX), bytes(0));
-        assert_eq!(newest(&bx, &by, None), Found { newest: Some((y, at(Sector::B, 0))), refused: None });
+        let cut_short = None;
+        assert_eq!(newest(&bx, &by, None), Found { newest: Some((y, at(Sector::B, 0))), refused: None, cut_short });
         by[20] ^= 4;
         let refused = Some(ImageError::Checksum);
         assert_eq!(
             newest(&bx, &by, None),
-            Found { newest: Some((x, at(Sector::A, 0))), refused },
+            Found { newest: Some((x, at(Sector::A, 0))), refused, cut_short },
             "the older is used, and that is reported"
         );
-        assert_eq!(newest(&[0xFF; 8], &by, None), Found { newest: None, refused });
-        assert_eq!(newest(&[0xFF; 8], &[], None), Found { newest: None, refused: None });
+        assert_eq!(newest(&[0xFF; 8], &by, None), Found { newest: None, refused, cut_short });
+        assert_eq!(newest(&[0xFF; 8], &[], None), Found { newest: None, refused: None, cut_short });
     }
 
     #[test]
@@ -391,13 +434,14 @@ mod tests {
         let foreign = Some(ImageError::Foreign);
         for (images, newest, refused) in [
             (vec![&one, &two, &three], Some((3, 2)), None),
-            (vec![&one, &torn], Some((1, 0)), foreign),
+            (vec![&one, &torn], Some((1, 0)), None),
             (vec![&one, &torn, &three], Some((3, 2)), None),
             (vec![&one, &marked], Some((1, 0)), None),
-            (vec![&one, &marked, &torn], Some((1, 0)), foreign),
+            (vec![&one, &marked, &torn], Some((1, 0)), None),
             (vec![&one, &changed], Some((1, 0)), Some(ImageError::Checksum)),
             (vec![&one, &changed, &three], Some((3, 2)), None),
-            (vec![&torn], None, foreign),
+            (vec![&torn], None, None),
+            (vec![&one, &torn, &changed], Some((1, 0)), Some(ImageError::Checksum)),
             (vec![&marked_before], None, None),
             (vec![&torn, &one], Some((1, 1)), None),
         ] {
@@ -410,9 +454,16 @@ mod tests {
         // The other sector counts where it holds no valid image, and only there.
         let (old, new) = (sector(&[&one, &torn]), sector(&[&two]));
         assert_eq!(found(&old, &new), (Some((2, at(Sector::B, 0))), None));
-        assert_eq!(found(&sector(&[&torn]), &new), (Some((2, at(Sector::B, 0))), foreign));
+        assert_eq!(found(&sector(&[&torn]), &new), (Some((2, at(Sector::B, 0))), None));
         let garbage = vec![0xA5; SECTOR_BYTES];
         assert_eq!(found(&garbage, &garbage), (None, foreign));
+        // A burn that was cut short is found where it lies, until a burn follows it.
+        assert_eq!(cut_short(&sector(&[&one, &torn]), ERASED), Some(at(Sector::A, step)));
+        assert_eq!(cut_short(&sector(&[&one, &torn, &torn]), ERASED), Some(at(Sector::A, 2 * step)));
+        assert_eq!(cut_short(&sector(&[&one, &torn, &three]), ERASED), None);
+        assert_eq!(cut_short(&sector(&[&torn]), &new), Some(at(Sector::A, 0)));
+        assert_eq!(cut_short(&old, &new), None);
+        assert_eq!(cut_short(&sector(&[&one, &marked]), ERASED), None);
     }
 
     #[test]

@@ -101,7 +101,10 @@ fn a_newer_image_is_refused_and_the_older_one_used() {
     newer[end..].copy_from_slice(&crc);
     let found = newest(MODELS, &newer, None);
     let refused = Some(ImageError::Version(VERSION + 1));
-    assert_eq!(found, Found { newest: Some((read(MODELS), Place { sector: Sector::A, offset: 0 })), refused });
+    assert_eq!(
+        found,
+        Found { newest: Some((read(MODELS), Place { sector: Sector::A, offset: 0 })), refused, cut_short: None }
+    );
 }
 
 #[test]

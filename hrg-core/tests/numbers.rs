@@ -7,7 +7,7 @@ use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::compensator::Compensator;
-use hrg_core::effects::{Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
+use hrg_core::effects::{shape, Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
@@ -86,7 +86,11 @@ fn calibration() -> impl Strategy<Value = Calibration> {
         c.scaling.blend_band_c_per_min = n[26].abs();
         for e in effects.into_iter().filter(|e| ALL[*e].reach == Reach::Unit) {
             let gains = std::array::from_fn(|a| std::array::from_fn(|k| n[27 + (a * MAX_OUTPUTS + k) % 30]));
-            let _ = c.effects.push(EffectTerm { gains, gain_std: gains, ..EffectTerm::new(ALL[e].id, [n[57], n[58]]) });
+            // (Widths and time constants above zero: others are refused.)
+            let positive = shape(ALL[e].id).expect("in the list").positive;
+            let parameters =
+                std::array::from_fn(|k| if positive[k] { n[57 + k].abs().max(f32::MIN_POSITIVE) } else { n[57 + k] });
+            let _ = c.effects.push(EffectTerm { gains, gain_std: gains, ..EffectTerm::new(ALL[e].id, parameters) });
         }
         c
     })

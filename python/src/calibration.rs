@@ -218,13 +218,14 @@ impl Report {
 
 /// See `_hrg.pyi`.
 #[pyfunction]
-#[pyo3(signature = (train, verify, *, in_use = None, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
+#[pyo3(signature = (train, verify, *, in_use = None, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn trace(
     py: Python<'_>,
     train: Vec<Bound<'_, Recording>>,
     verify: &Bound<'_, Recording>,
     in_use: Option<Bound<'_, Calibration>>,
+    repeat_is_enough: bool,
     different_units: bool,
     jobs: Option<usize>,
     progress: Option<Py<PyAny>>,
@@ -242,6 +243,7 @@ pub fn trace(
         own,
         units: units(different_units),
         in_use,
+        repeat_is_enough,
         jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
     };
     let traced = work::run(py, progress.as_ref(), move || {

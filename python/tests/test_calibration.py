@@ -182,3 +182,21 @@ def test_a_data_sheet_is_that_of_the_command(hrg_command, tmp_path):
     assert str(sheet) == said and "<html" in sheet.to_html().lower()
     with pytest.raises(hrg.HrgError):
         hrg.data_sheet([])
+
+
+def test_writing_replaces_nothing_but_a_regular_file(trained, tmp_path):
+    train, _, report = trained
+    (tmp_path / "target").write_text("old")
+    (tmp_path / "link").symlink_to("target")
+    os.mkfifo(tmp_path / "pipe")
+    for thing in (train, report.calibration, hrg.correct(train, report.calibration)):
+        thing.write(tmp_path / "plain")
+        thing.write(tmp_path / "link")
+        assert (tmp_path / "link").is_symlink() and (tmp_path / "target").read_bytes() == (tmp_path / "plain").read_bytes()
+        read = []
+        reader = threading.Thread(target=lambda: read.append((tmp_path / "pipe").read_bytes()))
+        reader.start()
+        thing.write(tmp_path / "pipe")
+        reader.join()
+        assert (tmp_path / "pipe").is_fifo() and read == [(tmp_path / "plain").read_bytes()]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link", "pipe", "plain", "target"]

@@ -6,6 +6,7 @@
 use crate::chip::Chip;
 use crate::clocks::{self, Pace};
 use crate::dma::Request;
+use crate::part::FED_BACK_MAX_HZ;
 use crate::serial::LINE_BAUD;
 use crate::tables::Pin;
 
@@ -143,6 +144,19 @@ impl Chip {
         if fast && port.speed(pin.1) == 0 {
             return Some(format!(
                 "{wire} is too fast for {pin}: GPIO{port_name}_OSPEEDR is 0, good for 4 MHz (RM0390 section 7.4.3; data sheet, I/O AC characteristics)"
+            ));
+        }
+        let speed = port.speed(pin.1) as usize & 3;
+        if signal == Signal::BusClock && self.clocks.pclk2 > FED_BACK_MAX_HZ[speed] {
+            return Some(format!(
+                "the last bit of a byte from the ADC is not certain: PCLK2 has {} MHz, and GPIO{port_name}_OSPEEDR of {pin}, the clock that SPI1 samples by, is {speed}, good for {} MHz (errata ES0298 section 2.14)",
+                self.clocks.pclk2 / 1_000_000,
+                FED_BACK_MAX_HZ[speed] / 1_000_000
+            ));
+        }
+        if signal == Signal::LinkIn && port.pull(pin.1) != 1 {
+            return Some(format!(
+                "{pin} floats without a cable, and its noise wakes the receiver: GPIO{port_name}_PUPDR has no pull-up (RM0390 section 7.4.4)"
             ));
         }
         if signal == Signal::FromAdc && !matches!(port.pull(pin.1), 1 | 2) {

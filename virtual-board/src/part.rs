@@ -4,6 +4,10 @@ use crate::dma::{Place, Request};
 use crate::tables::{Pin, RccBit, Tables};
 use std::sync::LazyLock;
 
+/// Highest PCLK2 at which SPI1 takes the last bit of a byte right, by OSPEEDR of its clock's pin, Hz: in master mode it samples by the clock
+/// that comes back from the pin (errata ES0298 section 2.14). The clock on the wire has no part in it.
+pub const FED_BACK_MAX_HZ: [u64; 4] = [25_000_000, 75_000_000, 84_000_000, 84_000_000];
+
 /// The table of the STM32F446RE.
 pub(crate) const F446RE_TABLE: &str = include_str!("../chips/stm32f446re.txt");
 /// The table of the STM32F405RG.

@@ -8,6 +8,7 @@ mod fuzz;
 mod hil;
 mod library;
 mod pages;
+mod printed;
 mod python;
 mod reference;
 mod setup;
@@ -66,14 +67,16 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let rest = arguments.get(1..).unwrap_or_default();
     let result = match arguments.first().map(String::as_str) {
-        Some("demo") => board("demo", rest),
+        Some("demo") => board("demo", rest).and_then(|()| page_of(rest, "cargo xtask demo", true)),
         Some("screens") => screens(),
-        Some("align-demo") => align_demo(rest),
-        Some("bench") => board("bench", rest).and_then(|()| tool("hrg-bench", rest)),
+        Some("align-demo") => align_demo(rest).and_then(|()| page_of(rest, "cargo xtask align-demo", false)),
+        Some("bench") => board("bench", rest)
+            .and_then(|()| tool("hrg-bench", rest))
+            .and_then(|()| page_of(rest, "cargo xtask bench", false)),
         Some("fingerprint") => fingerprint::print(rest),
-        Some("faults") => board("faults", rest),
+        Some("faults") => board("faults", rest).and_then(|()| page_of(rest, "cargo xtask faults", false)),
         Some("mutate") => board("mutate", rest),
-        Some("methods") => board("methods", rest),
+        Some("methods") => board("methods", rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
         Some("test") => course::test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
@@ -96,7 +99,8 @@ fn main() -> ExitCode {
         Some("audit") => audit(),
         Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
         Some("study") if rest.first().is_some_and(|a| a == "--controls") => controls(&rest[1..]),
-        Some("study") => tool("hrg-study", rest),
+        Some("study") => tool("hrg-study", rest)
+            .and_then(|()| page_of(rest, &["cargo xtask study", &rest.join(" ")].join(" "), true)),
         Some("measured") => measured(),
         Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("python") => python::tests(),
@@ -120,7 +124,16 @@ fn main() -> ExitCode {
 
 /// The workspace's top level.
 fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("..")
+    let here = std::env::current_dir().unwrap_or_default();
+    root_of(std::env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from), &here)
+}
+
+/// The top level by what cargo says when it runs this program: where it was compiled may be another folder, of which this one is a
+/// copy. Without cargo it is the nearest folder above that has `xtask`.
+fn root_of(package: Option<PathBuf>, here: &Path) -> PathBuf {
+    let own = |top: &Path| top.join("xtask/Cargo.toml").is_file();
+    let by_cargo = package.and_then(|p| Some(p.parent()?.to_path_buf())).filter(|top| own(top));
+    by_cargo.or_else(|| here.ancestors().find(|top| own(top)).map(PathBuf::from)).unwrap_or_else(|| here.to_path_buf())
 }
 
 /// Runs a command at the top level; fails if it does.
@@ -228,7 +241,9 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
             first + count.saturating_sub(1)
         );
         first += count;
-        grade(&plant, &folder.join(name), &format!("docs/controls-{name}.md"), &heading)?;
+        let page = format!("docs/controls-{name}.md");
+        grade(&plant, &folder.join(name), &page, &heading)?;
+        printed::stamp(&[&page], &format!("cargo xtask study --controls {all}"), true)?;
     }
     Ok(())
 }
@@ -236,7 +251,18 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
 /// The loop on the measured recordings, and the pages that show it.
 fn measured() -> Result<(), Failure> {
     let words = "measured --page docs/measured.md --caption README.md --picture docs/measured-imu.svg";
-    tool("hrg", &words.split(' ').map(String::from).collect::<Vec<_>>())
+    tool("hrg", &words.split(' ').map(String::from).collect::<Vec<_>>())?;
+    printed::stamp(&["docs/measured.md"], "cargo xtask measured", true)
+}
+
+/// Stamps the pages that a command was told to write (`--page`, `--table`).
+fn page_of(arguments: &[String], command: &str, of_traces: bool) -> Result<(), Failure> {
+    let told = arguments.windows(2).filter(|w| w[0] == "--page" || w[0] == "--table").map(|w| w[1].as_str());
+    let pages: Vec<&str> = told.filter(|p| p.starts_with("docs/")).collect();
+    if pages.is_empty() {
+        return Ok(());
+    }
+    printed::stamp(&pages, command.trim_end(), of_traces)
 }
 
 /// The trace on the units of the second plant, graded by their truths.
@@ -248,7 +274,8 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
     let heading = format!(
         "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds 1 to {seeds}. Printed by\n`cargo xtask study --foreign {seeds}`. Floors are those of the truth; what is left is the written image's on the verify run."
     );
-    grade(&plant, &folder, "docs/foreign.md", &heading)
+    grade(&plant, &folder, "docs/foreign.md", &heading)?;
+    printed::stamp(&["docs/foreign.md"], &format!("cargo xtask study --foreign {seeds}"), true)
 }
 
 /// Builds the second plant, and `hrg`, which it grades.
@@ -435,5 +462,30 @@ fn pages(arguments: &[String]) -> Result<(), Failure> {
         Ok(())
     } else {
         Err(Failure("a page tells its reader to type what does not work".into()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_top_level_is_that_of_the_run_and_not_of_the_build() {
+        let d = std::env::temp_dir().join(format!("hrg-xtask-{}", std::process::id()));
+        let copy = d.join("copy");
+        std::fs::create_dir_all(copy.join("xtask/src")).expect("made");
+        std::fs::write(copy.join("xtask/Cargo.toml"), "").expect("written");
+        let nowhere = Path::new("/");
+        assert_eq!(root_of(Some(copy.join("xtask")), nowhere), copy);
+        assert_eq!(root_of(None, &copy.join("xtask/src")), copy);
+        assert_eq!(root_of(Some(d.join("other")), &copy), copy);
+        std::fs::remove_dir_all(d).expect("removed");
+        // Nothing of this program takes the folder of its build.
+        for entry in std::fs::read_dir(root().join("xtask/src")).expect("sources") {
+            let path = entry.expect("an entry").path();
+            let text = std::fs::read_to_string(&path).expect("text");
+            let compiled_in = concat!("env!(\"CARGO_", "MANIFEST_DIR\")");
+            assert!(!text.contains(compiled_in), "{}", path.display());
+        }
     }
 }

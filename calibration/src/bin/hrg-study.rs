@@ -37,6 +37,9 @@ struct Arguments {
     /// Page whose table of figures, between its marks, is written anew.
     #[arg(long)]
     page: Option<PathBuf>,
+    /// Print the checksum of what three traces find, and nothing else: pages with figures of traces carry it, and a test compares it.
+    #[arg(long)]
+    short_form: bool,
     /// Only this kind: single, pair, clean, unmodelled, defective.
     #[arg(long)]
     only: Option<String>,
@@ -245,6 +248,10 @@ fn campaign(a: &Arguments) -> Vec<Trial> {
 
 fn main() -> Result<()> {
     let a = Arguments::parse();
+    if a.short_form {
+        println!("{}", short_form()?);
+        return Ok(());
+    }
     let mut trials = campaign(&a);
     // A defective file is compared with its clean file: same unit, same noise.
     for k in 1..trials.len() {
@@ -298,6 +305,35 @@ fn main() -> Result<()> {
         hrg_cal::splice(page, "study", &rows)?;
     }
     Ok(())
+}
+
+/// What three traces find, in one checksum: names, verdicts, and figures to three digits behind the point.
+fn short_form() -> Result<String> {
+    let mut text = String::new();
+    for (unit, effects) in
+        [(3, &["thermal-lag:size=3"][..]), (4, &["hysteresis:size=3", "kink:size=3"]), (5, &["step:size=4"])]
+    {
+        let plan = |profile: &str, seed: u64| -> Result<Plan> {
+            let effects = effects.iter().map(|e| EffectSpec::parse(e)).collect::<Result<_, _>>()?;
+            Ok(Plan { effects, ..Plan::of(Profile::parse(profile)?, unit, seed) })
+        };
+        let t = trace(
+            &[plan("cycle", 2 * unit)?.simulate().recording],
+            &plan("verify", 2 * unit + 1)?.simulate().recording,
+        )?;
+        let r = &t.report;
+        let _ = write!(text, "{:?} {:?} {} ", r.verdict_kind, r.image, r.burn);
+        for e in &r.effects {
+            let _ = write!(text, "{} {:?} ", e.name, e.confirmed);
+        }
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let (block, stated) = (r.block.as_ref().map(|b| b[*n]), t.image.axes[a].uncertainty.rest_dph2);
+            let block = block.map_or((0.0, 0.0), |b| (b.verify_rms_dph, b.mean_dph));
+            let left = r.floor_ratio[*n].ratio;
+            let _ = write!(text, "{:.3} {:.3} {:.3} {:.3} ", block.0, block.1, left, stated.sqrt());
+        }
+    }
+    Ok(format!("{:08x}", hrg_core::bytes::crc32(text.as_bytes())))
 }
 
 /// Every trial as a row of CSV.

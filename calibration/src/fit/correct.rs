@@ -253,6 +253,10 @@ fn written(source: &Recording) -> [Written<Second>; 8] {
     ]
 }
 
+/// Caveat of each stated uncertainty of a bias, printed wherever one is shown.
+pub const WITHOUT_TURN_ON: &str =
+    "learnt from one train run, the uncertainty of a bias (bias_std) does not hold the constant that changes with each power-on";
+
 /// Seconds as a recording of corrected rates, with raw rates and the rest beside them. `how`: what made them, for the metadata.
 /// Numbers are written so that they come back to the last bit.
 #[must_use]
@@ -291,6 +295,7 @@ pub fn to_csv(
     if source.thermometer.is_sensor() {
         s.push_str("# thermometer: sensor\n");
     }
+    let _ = writeln!(s, "# {WITHOUT_TURN_ON}");
     let present: Vec<usize> = source.present().collect();
     let written = written(source);
     s.push_str(&columns::header(&written, &present));

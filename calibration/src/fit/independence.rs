@@ -7,7 +7,7 @@
 //! resampled, thinned or smoothed copy has the same.
 
 use crate::recording::names;
-use crate::recording::steps::Steps;
+use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
 use crate::BadInput;
 use realfft::RealFftPlanner;
@@ -241,6 +241,26 @@ fn stretches(x: &[f64], y: &[f64], shift: i64, scale: &Scale) -> Option<usize> {
         })
         .collect();
     (same.len() >= 2).then(|| same[0])
+}
+
+/// A run whose temperatures differ by less than this from another's, on average, repeats its profile, C.
+const REPEATS_WITHIN_C: f64 = 1.0;
+
+/// Temperatures of the first axis of a run, one a minute, from where it is judged on, C.
+fn by_minutes(run: &Run) -> Vec<f64> {
+    let a = run.steps.present().next().unwrap_or(0);
+    let from = run.steps.run_in;
+    (from..run.steps.len()).step_by(60).map(|k| run.state(k, a).map_or(f64::NAN, |(t, _)| f64::from(t))).collect()
+}
+
+/// True where a run has the temperatures of an earlier one, minute by minute from the first one on, and does not last longer: it
+/// then shows nothing of other temperatures and ramps.
+#[must_use]
+pub fn repeats(run: &Run, earlier: &Run) -> bool {
+    let (run, earlier) = (by_minutes(run), by_minutes(earlier));
+    let apart: Vec<f64> = run.iter().zip(&earlier).map(|(x, y)| (x - y).abs()).filter(|d| d.is_finite()).collect();
+    let mean = apart.iter().sum::<f64>() / apart.len().max(1) as f64;
+    100 * run.len() <= 101 * earlier.len() && mean < REPEATS_WITHIN_C
 }
 
 #[cfg(test)]

@@ -20,6 +20,8 @@ const HEAD: &str = "\
 # bias = k0 + k1 u + k2 u^2 + k3 r + k4 r^2 + k5 u r, u = (T - t_ref_c) / t_scale_c, r = dT/dt in C per minute,
 # plus gain times regressor of each effect. T = c0 + c1 v + c2 v^2 + c3 v^3, v = (f - centre) / scale.
 # S_i = 1 + 1e-6 (c0 + c1 u + c2 u^2 + c3 u^3 + c4 r); M_ij = 1e-6 (m0 + m1 u) beside a diagonal of ones, in the order of the axes.
+# uncertainty_rest_dph2 and the directions give the standard uncertainty of the bias. Learnt from one train run, it does not hold the
+# constant that changes with each power-on.
 # block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";
 

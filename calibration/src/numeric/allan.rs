@@ -6,6 +6,7 @@ use crate::plot::{self, Panel, Series};
 use crate::{BadInput, AXIS_NAMES};
 use serde::Serialize;
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use std::borrow::Cow;
 
 /// One point of the curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -30,7 +31,7 @@ const PARTS: usize = 4;
 /// carried along: a day of samples loses nothing. Within a block four parts are summed up side by side, so that no addition waits
 /// for the one before.
 fn angles(values: &[f64], m: f64, step_s: f64) -> Vec<f64> {
-    let rate = |v: f64| (if v.is_finite() { v - m } else { 0.0 }) * step_s;
+    let rate = |v: f64| (v - m) * step_s;
     let mut angle = vec![0.0; values.len() + 1];
     let (mut sum, mut carry) = (0.0f64, 0.0f64);
     for (from, to) in values.chunks(BLOCK).zip(angle[1..].chunks_mut(BLOCK)) {
@@ -80,26 +81,65 @@ fn second_differences(a: &[f64], b: &[f64], c: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + rest
 }
 
-/// Overlapping Allan deviation of rates `step_s` apart at averaging times of so many steps. Missing values are bridged with
-/// the mean. Times beyond a third of the data are left out.
+/// Longest gap that is bridged, in values.
+const BRIDGED: usize = 3;
+/// Largest share of the values that is bridged: the deviations are then off by at most half of it.
+const MOST_BRIDGED: f64 = 0.02;
+
+/// The values between gaps. Single missing ones (up to three in a row) take the mean of their neighbours where they are few; a longer
+/// gap parts the data.
+fn stretches(values: &[f64]) -> Vec<Cow<'_, [f64]>> {
+    let missing = values.iter().filter(|v| !v.is_finite()).count();
+    if missing == 0 {
+        return vec![Cow::Borrowed(values)];
+    }
+    let mut bridged = values.to_vec();
+    if missing as f64 <= MOST_BRIDGED * values.len() as f64 {
+        let mut k = 1;
+        while k < bridged.len() {
+            if bridged[k].is_finite() || !bridged[k - 1].is_finite() {
+                k += 1;
+                continue;
+            }
+            let end = (k..bridged.len()).find(|e| bridged[*e].is_finite()).unwrap_or(bridged.len());
+            if end < bridged.len() && end - k <= BRIDGED {
+                let between = 0.5 * (bridged[k - 1] + bridged[end]);
+                bridged[k..end].fill(between);
+            }
+            k = end;
+        }
+    }
+    let parts = bridged.split(|v| !v.is_finite()).filter(|part| !part.is_empty());
+    parts.map(|part| Cow::Owned(part.to_vec())).collect()
+}
+
+/// Overlapping Allan deviation of rates `step_s` apart at averaging times of so many steps. Only differences of values without a gap
+/// between them count. Times beyond a third of the longest stretch without a gap are left out.
 #[must_use]
 pub fn overlapping(values: &[f64], step_s: f64, steps: &[usize]) -> Vec<Point> {
     let m = mean(values);
-    let angle = angles(values, m, step_s);
+    let stretches: Vec<Vec<f64>> = stretches(values).iter().map(|part| angles(part, m, step_s)).collect();
+    let longest = stretches.iter().map(|angle| angle.len() - 1).max().unwrap_or(0);
+    let usable = |n: usize| stretches.iter().filter(move |angle| angle.len() > 2 * n);
     let deviation = |n: usize| -> (f64, usize) {
-        let count = angle.len() - 2 * n;
-        let squares = second_differences(&angle[..count], &angle[n..n + count], &angle[2 * n..]);
-        ((squares / (2.0 * count as f64)).sqrt() / (n as f64 * step_s), count)
+        let (mut squares, mut pairs) = (0.0, 0);
+        for angle in usable(n) {
+            let count = angle.len() - 2 * n;
+            squares += second_differences(&angle[..count], &angle[n..n + count], &angle[2 * n..]);
+            pairs += count;
+        }
+        ((squares / (2.0 * pairs as f64)).sqrt() / (n as f64 * step_s), pairs)
     };
     let mut out: Vec<Point> = Vec::new();
-    for &n in steps.iter().filter(|n| **n > 0 && 3 * **n <= values.len()) {
+    for &n in steps.iter().filter(|n| **n > 0 && 3 * **n <= longest) {
         let (d, pairs) = deviation(n);
         let tau_s = n as f64 * step_s;
         out.push(Point { tau_s, deviation: d, low: d, high: d, pairs });
     }
     for k in 0..out.len() {
         let n = (out[k].tau_s / step_s).round();
-        let edf = freedom(slope(&out, k), values.len() as f64, n).max(1.0);
+        let count: usize = usable(n as usize).map(|angle| angle.len() - 1).sum();
+        let edf = freedom(slope(&out, k), count as f64, n).max(1.0);
         out[k].low = out[k].deviation * (edf / chi_squared(edf, true)).sqrt();
         out[k].high = out[k].deviation * (edf / chi_squared(edf, false)).sqrt();
     }
@@ -161,8 +201,12 @@ fn freedom(slope: f64, count: f64, n: f64) -> f64 {
 /// What is read off a curve of rates in deg/h; `None` where the curve does not show it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Readings {
-    /// Angle random walk, deg per root hour, where the curve falls with slope -1/2.
+    /// Angle random walk, deg per root hour: the longest plateau of the deviation times the root of the averaging time.
     pub angle_random_walk_deg_per_root_h: Option<f64>,
+    /// Its 95 % interval, which holds the plateau.
+    pub angle_random_walk_interval_deg_per_root_h: Option<[f64; 2]>,
+    /// Averaging times at the ends of the plateau, s.
+    pub angle_random_walk_plateau_s: Option<[f64; 2]>,
     /// Bias instability, deg/h: the least deviation over 0.664.
     pub bias_instability_dph: Option<f64>,
     /// At this averaging time, s.
@@ -177,8 +221,60 @@ pub struct Readings {
 pub const FLICKER: f64 = 0.664;
 /// A slope within this of the wanted one counts.
 const NEAR: f64 = 0.12;
+/// Points of a plateau lie within this of its level, as a share, or within their own bar where that is wider.
+const LEVEL: f64 = 0.05;
+/// What a point of a plateau may be off by beside its bar, as a share: the most precise ones do not outvote the others.
+const UNEVEN: f64 = 0.03;
+/// Points with a wider bar, by logarithm, say nothing of a plateau.
+const WIDEST_BAR: f64 = 0.2;
+/// Ratio of the averaging times at the ends of a plateau, at least.
+const SHORTEST_PLATEAU: f64 = 2.5;
 
-/// Reads a curve. A quantity is the mean (by logarithms) of what the points with the right slope say.
+/// A level of `deviation * sqrt(tau)`.
+#[derive(Debug, Clone, Copy)]
+struct Plateau {
+    level: f64,
+    /// 95 % interval.
+    interval: [f64; 2],
+    /// Averaging times at its ends, s.
+    ends_s: [f64; 2],
+}
+
+/// The longest plateau of `deviation * sqrt(tau)`, in deg per root hour: where the rate is white noise. A part of it counts by how well
+/// its level is known, so that a chance level among few differences is no plateau.
+fn plateau(points: &[Point]) -> Option<Plateau> {
+    // By logarithms: level, bar, averaging time.
+    let usable = |p: &&Point| p.pairs > 20 && p.deviation > 0.0 && (p.high / p.deviation).ln() < WIDEST_BAR;
+    let all: Vec<(f64, f64, f64)> = points
+        .iter()
+        .filter(usable)
+        .map(|p| (p.deviation.ln() + 0.5 * (p.tau_s / 3600.0).ln(), (p.high / p.deviation).ln(), p.tau_s.ln()))
+        .collect();
+    let mut best: Option<(f64, Plateau)> = None;
+    for from in 0..all.len() {
+        for to in from + 2..all.len() {
+            let part = &all[from..=to];
+            let share = |p: &(f64, f64, f64)| 1.0 / (p.1.powi(2) + UNEVEN.powi(2));
+            let weight: f64 = part.iter().map(share).sum();
+            let level = part.iter().map(|p| p.0 * share(p)).sum::<f64>() / weight;
+            let long = part[part.len() - 1].2 - part[0].2;
+            let flat = part.iter().all(|p| (p.0 - level).abs() <= LEVEL.max(p.1));
+            if !flat || long < SHORTEST_PLATEAU.ln() || best.as_ref().is_some_and(|b| b.0 >= weight) {
+                continue;
+            }
+            // The points overlap, so the mean of all is hardly better known than one of them; and the plateau is uneven.
+            let bar = part.iter().map(|p| share(p) * p.1.powi(2)).sum::<f64>() / weight;
+            let uneven = part.iter().map(|p| share(p) * (p.0 - level).powi(2)).sum::<f64>() / weight;
+            let half = 1.96 * (bar + uneven).sqrt();
+            let interval = [(level - half).exp(), (level + half).exp()];
+            let ends_s = [part[0].2.exp(), part[part.len() - 1].2.exp()];
+            best = Some((weight, Plateau { level: level.exp(), interval, ends_s }));
+        }
+    }
+    best.map(|b| b.1)
+}
+
+/// Reads a curve. The rate random walk is the mean (by logarithms) of what the points with the right slope say.
 #[must_use]
 pub fn read(points: &[Point]) -> Readings {
     let mean_of = |wanted: f64, value: &dyn Fn(&Point) -> f64| -> Option<f64> {
@@ -190,8 +286,11 @@ pub fn read(points: &[Point]) -> Readings {
     };
     let least = points.iter().min_by(|a, b| a.deviation.total_cmp(&b.deviation));
     let reached = least.is_some_and(|l| points.iter().any(|p| p.tau_s > l.tau_s && p.low > l.deviation));
+    let plateau = plateau(points);
     Readings {
-        angle_random_walk_deg_per_root_h: mean_of(-0.5, &|p| p.deviation * (p.tau_s / 3600.0).sqrt()),
+        angle_random_walk_deg_per_root_h: plateau.map(|p| p.level),
+        angle_random_walk_interval_deg_per_root_h: plateau.map(|p| p.interval),
+        angle_random_walk_plateau_s: plateau.map(|p| p.ends_s),
         bias_instability_dph: least.map(|p| p.deviation / FLICKER),
         bias_instability_at_s: least.map(|p| p.tau_s),
         bias_instability_reached: reached,
@@ -204,14 +303,29 @@ pub fn read(points: &[Point]) -> Readings {
 pub struct Axis {
     /// Its name.
     pub axis: &'static str,
-    /// Values used, and values missing.
+    /// Values, missing ones among them.
     pub values: usize,
-    /// Bridged with the mean.
+    /// Missing values.
     pub missing: usize,
     /// What is read off.
     pub readings: Readings,
     /// The curve.
     pub curve: Vec<Point>,
+}
+
+/// Refuses values of which too few are there for an Allan deviation.
+///
+/// # Errors
+/// One sentence without the axis.
+pub fn enough(values: &[f64]) -> Result<(), BadInput> {
+    let missing = values.iter().filter(|v| !v.is_finite()).count();
+    if values.len() < 100 || 10 * missing > values.len() {
+        return Err(BadInput::new(format!(
+            "{} values, {missing} of them missing; an Allan deviation needs a hundred at the least, and nine of ten there",
+            values.len()
+        )));
+    }
+    Ok(())
 }
 
 /// Reports of axes by their numbers.
@@ -221,14 +335,8 @@ pub struct Axis {
 pub fn report(rates: &[(usize, &[f64])], step_s: f64) -> Result<Vec<Axis>, BadInput> {
     let mut out = Vec::new();
     for &(a, values) in rates {
+        enough(values).map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
         let missing = values.iter().filter(|v| !v.is_finite()).count();
-        if values.len() < 100 || 10 * missing > values.len() {
-            return Err(BadInput::new(format!(
-                "axis {}: {} values, {missing} of them missing; an Allan deviation needs a hundred at the least, and nine of ten there",
-                AXIS_NAMES[a],
-                values.len()
-            )));
-        }
         let curve = overlapping(values, step_s, &decades(values.len()));
         out.push(Axis { axis: AXIS_NAMES[a], values: values.len(), missing, readings: read(&curve), curve });
     }
@@ -310,6 +418,57 @@ mod tests {
             compared += 1;
         }
         assert!(compared >= 12, "{compared} points");
+    }
+
+    #[test]
+    fn gaps_are_left_out_and_not_bridged() {
+        let mut x = Draws::new(3);
+        let white: Vec<f64> = (0..20_000).map(|_| x.centred() * 12f64.sqrt()).collect();
+        // A tenth is missing, in pieces: bridged with the mean, the deviation at one step would be 5 % too small, at a hundred more.
+        let mut holed = white.clone();
+        holed.chunks_mut(500).for_each(|c| c[..50].fill(f64::NAN));
+        for p in overlapping(&holed, 1.0, &[1, 10, 100]) {
+            assert!((p.deviation * p.tau_s.sqrt() - 1.0).abs() < 0.05, "{p:?}");
+        }
+        assert!(overlapping(&holed, 1.0, &[151]).is_empty(), "no stretch is three times as long");
+        // Single values that are missing part nothing.
+        let mut spiked = white.clone();
+        spiked.iter_mut().step_by(100).for_each(|v| *v = f64::NAN);
+        let (whole, spiked) = (overlapping(&white, 1.0, &[1, 1000]), overlapping(&spiked, 1.0, &[1, 1000]));
+        for (w, s) in whole.iter().zip(&spiked) {
+            assert!((w.deviation / s.deviation - 1.0).abs() < 0.03, "{w:?} {s:?}");
+        }
+        assert_eq!(spiked.len(), 2);
+        assert!(overlapping(&[f64::NAN; 300], 1.0, &[1]).is_empty());
+        // Half of it is missing: refused.
+        holed.chunks_mut(500).for_each(|c| c[..250].fill(f64::NAN));
+        assert!(report(&[(1, &holed)], 1.0).expect_err("refused").0.contains("axis y: 20000 values, 10000 of them"));
+    }
+
+    #[test]
+    fn the_interval_of_the_random_walk_holds_the_plateau() {
+        // White noise, and quantisation noise that hides it at the shortest times.
+        let mut held = 0;
+        for seed in 1..=40u64 {
+            let mut x = Draws::new(seed);
+            let root12 = 12f64.sqrt();
+            let mut before = 0.0;
+            let rates: Vec<f64> = (0..40_000)
+                .map(|_| {
+                    let angle = 3.0 * x.centred();
+                    let rate = root12 * x.centred() + angle - before;
+                    before = angle;
+                    rate
+                })
+                .collect();
+            let r = read(&overlapping(&rates, 1.0, &decades(rates.len())));
+            let [low, high] = r.angle_random_walk_interval_deg_per_root_h.expect("white noise shows");
+            held += usize::from((low..high).contains(&(1.0 / 60.0)));
+            assert!(high / low < 1.6, "seed {seed}: {low} to {high}");
+            let [from, to] = r.angle_random_walk_plateau_s.expect("a plateau");
+            assert!(from > 1.0, "seed {seed}: {from} to {to} s");
+        }
+        assert!(held >= 36, "{held} of 40");
     }
 
     #[test]

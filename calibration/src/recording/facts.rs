@@ -94,7 +94,7 @@ impl Facts {
         }
         if let Some(attitude) = &self.attitude {
             match Attitude::of(r.meta("latitude_deg"), r.meta("axes"))? {
-                Some(own) if own == *attitude => {}
+                Some(own) if own.agrees_with(attitude) => {}
                 Some(own) => {
                     return Err(Disagreement::Attitude(own.latitude_deg.to_string(), own.axes_text()).into());
                 }

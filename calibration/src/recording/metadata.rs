@@ -290,8 +290,8 @@ impl Direction {
 pub struct Attitude {
     /// Latitude, degrees, -90 to 90; north is positive.
     pub latitude_deg: f64,
-    /// Where each axis points.
-    pub axes: [Direction; AXES],
+    /// Where each axis points; `None` for one that is not named.
+    pub axes: [Option<Direction>; AXES],
 }
 
 impl Attitude {
@@ -315,18 +315,37 @@ impl Attitude {
         }
     }
 
-    /// Components of the earth's rate along the axes, deg/h.
+    /// Refuses an attitude that does not name an axis.
+    ///
+    /// # Errors
+    /// The axes that are not named.
+    pub fn names(&self, mut axes: impl Iterator<Item = usize>) -> Result<(), MetadataError> {
+        let item = || self.axes_text();
+        match axes.find(|a| self.axes[*a].is_none()) {
+            Some(a) => Err(MetadataError::Axes { item: item(), fault: NOT_NAMED[a] }),
+            None => Ok(()),
+        }
+    }
+
+    /// True where another attitude says the same of the latitude and of every axis that both name.
+    #[must_use]
+    pub fn agrees_with(&self, other: &Self) -> bool {
+        let same = |(x, y): (&Option<Direction>, &Option<Direction>)| x.is_none() || y.is_none() || x == y;
+        self.latitude_deg == other.latitude_deg && self.axes.iter().zip(&other.axes).all(same)
+    }
+
+    /// Components of the earth's rate along the axes, deg/h; 0 along one that is not named.
     #[must_use]
     pub fn earth_rate_dph(&self) -> [f64; AXES] {
         let (up, north) = self.latitude_deg.to_radians().sin_cos();
         self.axes.map(|d| {
             EARTH_RATE_DPH
                 * match d {
-                    Direction::North => north,
-                    Direction::South => -north,
-                    Direction::Up => up,
-                    Direction::Down => -up,
-                    Direction::East | Direction::West => 0.0,
+                    Some(Direction::North) => north,
+                    Some(Direction::South) => -north,
+                    Some(Direction::Up) => up,
+                    Some(Direction::Down) => -up,
+                    Some(Direction::East | Direction::West) | None => 0.0,
                 }
         })
     }
@@ -334,24 +353,32 @@ impl Attitude {
     /// The axes as metadata carry them.
     #[must_use]
     pub fn axes_text(&self) -> String {
-        let items: Vec<String> = AXIS_NAMES.iter().zip(self.axes).map(|(n, d)| format!("{n}={}", d.name())).collect();
+        let named = AXIS_NAMES.iter().zip(self.axes).filter_map(|(n, d)| Some(format!("{n}={}", d?.name())));
+        let items: Vec<String> = named.collect();
         items.join(" ")
     }
 }
 
-/// `x=north y=east z=down`, blanks or commas between.
-/// Whether three directions lie along three lines.
-fn apart(d: [Direction; AXES]) -> bool {
+/// Why an attitude does not do for a recording that has the axis.
+const NOT_NAMED: [&str; AXES] = [
+    "does not name x, which the recording has",
+    "does not name y, which the recording has",
+    "does not name z, which the recording has",
+];
+
+/// True where the directions that are named lie along different lines.
+fn apart(d: [Option<Direction>; AXES]) -> bool {
     let line = |d: Direction| match d {
         Direction::North | Direction::South => 0,
         Direction::East | Direction::West => 1,
         Direction::Up | Direction::Down => 2,
     };
-    let lines = d.map(line);
-    lines[0] != lines[1] && lines[1] != lines[2] && lines[0] != lines[2]
+    let lines: Vec<usize> = d.into_iter().flatten().map(line).collect();
+    (1..lines.len()).all(|k| !lines[..k].contains(&lines[k]))
 }
 
-fn directions(text: &str) -> Result<[Direction; AXES], MetadataError> {
+/// `x=north y=east z=down`, blanks or commas between; a unit of one axis names that one.
+fn directions(text: &str) -> Result<[Option<Direction>; AXES], MetadataError> {
     let mut out = [None; AXES];
     for item in text.split([' ', ',']).filter(|s| !s.is_empty()) {
         let bad = |fault| MetadataError::Axes { item: item.into(), fault };
@@ -365,14 +392,14 @@ fn directions(text: &str) -> Result<[Direction; AXES], MetadataError> {
             return Err(bad("names an axis a second time"));
         }
     }
-    match out {
-        [Some(x), Some(y), Some(z)] if apart([x, y, z]) => Ok([x, y, z]),
-        [Some(_), Some(_), Some(_)] => Err(MetadataError::Axes {
-            item: text.into(),
-            fault: "has two axes along one line: the three stand at right angles",
-        }),
-        _ => Err(MetadataError::Axes { item: text.into(), fault: "does not name all of x, y and z" }),
+    let refused = |fault| Err(MetadataError::Axes { item: text.into(), fault });
+    if out.iter().all(Option::is_none) {
+        return refused("names no axis");
     }
+    if !apart(out) {
+        return refused("has two axes along one line: they stand at right angles");
+    }
+    Ok(out)
 }
 
 #[cfg(test)]
@@ -397,7 +424,8 @@ mod tests {
             (&[" power_on_s: inf"][..], "power_on_s"),
             (&[" axes: X=north y=east z=down", " latitude_deg: 28"][..], "\"X=north\" names no axis"),
             (&[" axes: x=north y=east z=below", " latitude_deg: 28"][..], "\"z=below\" names no direction"),
-            (&[" axes: x=north y=east", " latitude_deg: 28"][..], "all of x, y and z"),
+            (&[" axes: x=north y=south", " latitude_deg: 28"][..], "along one line"),
+            (&[" axes: ,", " latitude_deg: 28"][..], "names no axis"),
             (&[" axes: x=north x=east z=down", " latitude_deg: 28"][..], "a second time"),
             (&[" axes: north east down", " latitude_deg: 28"][..], "of the form"),
             (&[" latitude_deg: 28.2"][..], "latitude_deg is given without axes"),
@@ -446,5 +474,11 @@ mod tests {
         let [x, y, z] = a.earth_rate_dph();
         assert!((x - 13.0259).abs() < 1e-3 && (y - 7.5205).abs() < 1e-3 && z == 0.0, "{x} {y} {z}");
         assert_eq!(a.axes_text(), "x=north y=up z=west");
+        let one = Attitude::of(Some("30"), Some("x=north")).expect("fine").expect("both");
+        assert_eq!((one.earth_rate_dph(), one.axes_text().as_str()), ([x, 0.0, 0.0], "x=north"));
+        assert!(a.agrees_with(&one) && one.agrees_with(&a) && one.names([0].into_iter()).is_ok());
+        assert!(one.names(0..3).expect_err("two are missing").to_string().contains("does not name y"));
+        let other = Attitude::of(Some("30"), Some("x=south")).expect("fine").expect("both");
+        assert!(!a.agrees_with(&other));
     }
 }

@@ -250,6 +250,7 @@ impl Recording {
             return Ok(());
         }
         let Some(attitude) = self.attitude()? else { return Ok(()) };
+        attitude.names(self.present())?;
         let parts = attitude.earth_rate_dph();
         for (column, part) in self.rate_dph.iter_mut().zip(parts) {
             column.iter_mut().for_each(|v| *v -= part);

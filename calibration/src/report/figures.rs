@@ -8,12 +8,17 @@ use crate::numeric::stats::{block_means, mean, std_dev};
 use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
+use std::collections::VecDeque;
 use std::fmt::Write as _;
 
 /// A start is judged on this stretch after the first row, s.
 const START_S: [usize; 2] = [0, 600];
 /// Shortest stretch that an Allan deviation is taken of, s.
 const STRETCH_S: usize = 1800;
+/// On a soak the temperature, in means of a minute, stays within this, C.
+const BAND_C: f64 = 0.5;
+/// The temperature is smoothed over so many seconds.
+const SMOOTHED_S: usize = 60;
 
 /// `t` beyond which a share of 2.5 % lies.
 pub(super) fn students(freedom: f64) -> f64 {
@@ -74,8 +79,8 @@ pub(super) fn span_of_bias(bins: &[Bin]) -> Quantity {
     let (v, w) = (high.mean_dph - low.mean_dph, low.half_width_dph.hypot(high.half_width_dph));
     let conditions = format!(
         "means of {BIN_C:.0} C wide ranges, {:.1} to {:.1} C; least at {:.1} C, largest at {:.1} C",
-        bins[0].temperature_c - 0.5 * BIN_C,
-        bins[bins.len() - 1].temperature_c + 0.5 * BIN_C,
+        bins[0].from_c,
+        bins[bins.len() - 1].to_c,
         low.temperature_c,
         high.temperature_c
     );
@@ -113,22 +118,25 @@ pub(super) fn slope_of_temperature(means: &[Mean]) -> Quantity {
 pub(super) fn loop_width(means: &[Mean]) -> Quantity {
     let name = "largest loop width at equal temperature";
     let mut best: Option<(f64, f64, f64, usize)> = None;
+    let temperature = |here: &[&Mean]| mean(&here.iter().map(|m| m.t).collect::<Vec<_>>());
     let mut count = 0;
     for run in 0..=means.iter().map(|m| m.run).max().unwrap_or(0) {
         for k in -40..=40 {
             let (from, to) = (f64::from(k) * 2.0, f64::from(k) * 2.0 + 2.0);
-            let of = |sign: f64| -> Vec<f64> {
+            let of = |sign: f64| -> Vec<&Mean> {
                 let here = |m: &&Mean| m.run == run && m.t >= from && m.t < to && sign * m.ramp > SOAK;
-                means.iter().filter(here).map(|m| m.rate).collect()
+                means.iter().filter(here).collect()
             };
             let (heating, cooling) = (of(1.0), of(-1.0));
             if heating.is_empty() || cooling.is_empty() {
                 continue;
             }
             count += 1;
-            let v = mean(&heating) - mean(&cooling);
+            let rate = |here: &[&Mean]| mean(&here.iter().map(|m| m.rate).collect::<Vec<_>>());
+            let v = rate(&heating) - rate(&cooling);
             if best.is_none_or(|b| v.abs() > b.0.abs()) {
-                best = Some((v, 0.5 * (from + to), 1.0 / heating.len() as f64 + 1.0 / cooling.len() as f64, run));
+                let at = 0.5 * (temperature(&heating) + temperature(&cooling));
+                best = Some((v, at, 1.0 / heating.len() as f64 + 1.0 / cooling.len() as f64, run));
             }
         }
     }
@@ -193,21 +201,14 @@ type Stretch = (Vec<f64>, f64);
 
 /// The longest stretch at one temperature; where there is none, the longest recording.
 pub(super) fn stretch(a: usize, recordings: &[Recording], steps: &[Steps], runs: Option<&[Run]>) -> (Stretch, String) {
-    let mut best: Option<(usize, usize, usize)> = None;
-    for (number, run) in runs.unwrap_or_default().iter().enumerate() {
-        let mut from = 0;
-        for k in 0..=run.steps.len() {
-            let soak = k < run.steps.len() && run.state(k, a).is_some_and(|s| f64::from(s.1.abs()) < SOAK);
-            if !soak {
-                if k - from > best.map_or(0, |b| b.2 - b.1) {
-                    best = Some((number, from, k));
-                }
-                from = k + 1;
-            }
-        }
-    }
-    if let (Some((number, from, to)), Some(runs)) = (best.filter(|b| b.2 - b.1 >= STRETCH_S), runs) {
-        let t = runs[number].state((from + to) / 2, a).map_or(f64::NAN, |s| f64::from(s.0));
+    let soak_of = |(number, run): (usize, &Run)| {
+        let t: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
+        let t = block_means(&t, SMOOTHED_S);
+        let (from, to) = longest_within(&t, BAND_C);
+        (number, from * SMOOTHED_S, (to * SMOOTHED_S).min(run.steps.len()), mean(&t[from..to]))
+    };
+    let best = runs.unwrap_or_default().iter().enumerate().map(soak_of).max_by_key(|(_, from, to, _)| to - from);
+    if let Some((number, from, to, t)) = best.filter(|b| b.2 - b.1 >= STRETCH_S) {
         let text = format!("soak of {:.1} h at {t:.1} C, recording {}", (to - from) as f64 / 3600.0, number + 1);
         return ((steps[number].rate_dph[a][from..to].to_vec(), 1.0), text);
     }
@@ -220,6 +221,42 @@ pub(super) fn stretch(a: usize, recordings: &[Recording], steps: &[Steps], runs:
         format!("recording {} of {hours:.1} h, temperature unknown", longest + 1)
     };
     ((rates[a].clone(), step_s), text)
+}
+
+/// The longest part of a series that stays within a band: its first place, and the one behind its last. NaN ends a part.
+fn longest_within(values: &[f64], band: f64) -> (usize, usize) {
+    // Places of values that may still be the least and the largest of the part: each list has those in order.
+    let (mut least, mut most) = (VecDeque::new(), VecDeque::new());
+    let (mut best, mut from) = ((0, 0), 0);
+    for (k, v) in values.iter().enumerate() {
+        if !v.is_finite() {
+            (from, least, most) = (k + 1, VecDeque::new(), VecDeque::new());
+            continue;
+        }
+        while least.back().is_some_and(|b: &usize| values[*b] >= *v) {
+            least.pop_back();
+        }
+        while most.back().is_some_and(|b: &usize| values[*b] <= *v) {
+            most.pop_back();
+        }
+        least.push_back(k);
+        most.push_back(k);
+        while let (Some(l), Some(m)) = (least.front(), most.front()) {
+            if values[*m] - values[*l] <= band {
+                break;
+            }
+            from = 1 + *l.min(m);
+            for places in [&mut least, &mut most] {
+                while places.front().is_some_and(|place| *place < from) {
+                    places.pop_front();
+                }
+            }
+        }
+        if k + 1 - from > best.1 - best.0 {
+            best = (from, k + 1);
+        }
+    }
+    best
 }
 
 pub(super) fn stability((rates, step_s): &Stretch, conditions: &str) -> Quantity {
@@ -237,7 +274,7 @@ pub(super) fn widened(p: &allan::Point, factor: f64) -> (f64, f64, f64) {
 pub(super) fn instability(curve: &[allan::Point], conditions: &str) -> Quantity {
     let name = "bias instability";
     let Some(least) = curve.iter().min_by(|x, y| x.deviation.total_cmp(&y.deviation)) else {
-        return quantity(name, "deg/h", None, "too few values".into());
+        return quantity(name, "deg/h", None, conditions.into());
     };
     let reached = allan::read(curve).bias_instability_reached;
     let bound = if reached { "" } else { "; the curve has not turned up: an upper bound" };
@@ -248,16 +285,21 @@ pub(super) fn instability(curve: &[allan::Point], conditions: &str) -> Quantity 
 
 pub(super) fn random_walk(curve: &[allan::Point], conditions: &str) -> Quantity {
     let (name, unit) = ("angle random walk", "deg/sqrt(h)");
-    let Some(arw) = allan::read(curve).angle_random_walk_deg_per_root_h else {
-        return quantity(name, unit, None, format!("no slope of -1/2 in the Allan deviation; {conditions}"));
+    let r = allan::read(curve);
+    let found = r
+        .angle_random_walk_deg_per_root_h
+        .zip(r.angle_random_walk_interval_deg_per_root_h)
+        .zip(r.angle_random_walk_plateau_s);
+    let Some(((arw, [low, high]), [from, to])) = found else {
+        let why = if curve.is_empty() { "" } else { "no plateau of the Allan deviation times the root of time; " };
+        return quantity(name, unit, None, format!("{why}{conditions}"));
     };
-    // The bar of the point that is nearest to it.
-    let off = |p: &allan::Point| (p.deviation * (p.tau_s / 3600.0).sqrt() / arw).ln().abs();
-    let v = curve.iter().min_by(|x, y| off(x).total_cmp(&off(y))).map(|p| {
-        let (own, low, high) = widened(p, 1.0);
-        (arw, arw * low / own, arw * high / own)
-    });
-    quantity(name, unit, v, conditions.into())
+    quantity(
+        name,
+        unit,
+        Some((arw, low, high)),
+        format!("plateau of the Allan deviation times the root of time, {from:.3} to {to:.3} s; {conditions}"),
+    )
 }
 
 pub(super) fn ramp_sensitivity(means: &[Mean]) -> Quantity {

@@ -10,7 +10,7 @@ pub use page::{html, text};
 
 use crate::fit::MEAN_S;
 use crate::numeric::allan;
-use crate::numeric::stats::{block_means, mean};
+use crate::numeric::stats::{block_means, mean, quantile};
 use crate::recording::steps::{Run, Steps};
 use crate::recording::Recording;
 use crate::thermometer::curve;
@@ -38,8 +38,12 @@ pub struct Quantity {
 /// Bias in a range of temperature.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Bin {
-    /// Middle of the range, C.
+    /// Mean of the temperatures in it, C.
     pub temperature_c: f64,
+    /// Lowest of them.
+    pub from_c: f64,
+    /// Highest of them.
+    pub to_c: f64,
     /// Mean rate while heating, cooling and altogether, deg/h.
     pub heating_dph: Option<f64>,
     /// While cooling.
@@ -156,7 +160,12 @@ fn axis(a: usize, recordings: &[Recording], steps: &[Steps], runs: Option<&[Run]
     let means = means(a, steps, runs);
     let bins = bins(&means);
     let (stretch, where_) = figures::stretch(a, recordings, steps, runs);
-    let curve = allan::overlapping(&stretch.0, stretch.1, &allan::decades(stretch.0.len()));
+    let refused = allan::enough(&stretch.0).err();
+    let curve = match &refused {
+        None => allan::overlapping(&stretch.0, stretch.1, &allan::decades(stretch.0.len())),
+        Some(_) => vec![],
+    };
+    let of_allan = refused.map_or_else(|| where_.clone(), |why| format!("{why}; {where_}"));
     let mut quantities = vec![
         figures::span_of_bias(&bins),
         figures::slope_of_temperature(&means),
@@ -164,8 +173,8 @@ fn axis(a: usize, recordings: &[Recording], steps: &[Steps], runs: Option<&[Run]
         figures::turn_on(a, steps, runs),
     ];
     quantities.push(figures::stability(&stretch, &where_));
-    quantities.push(figures::instability(&curve, &where_));
-    quantities.push(figures::random_walk(&curve, &where_));
+    quantities.push(figures::instability(&curve, &of_allan));
+    quantities.push(figures::random_walk(&curve, &of_allan));
     quantities.push(figures::ramp_sensitivity(&means));
     AxisReport { axis: AXIS_NAMES[a], quantities, bias_over_temperature: bins, allan: curve }
 }
@@ -178,14 +187,17 @@ fn bins(means: &[Mean]) -> Vec<Bin> {
     by_bin
         .into_iter()
         .filter(|(_, m)| m.len() >= 3)
-        .map(|(k, m)| {
+        .map(|(_, m)| {
             let all: Vec<f64> = m.iter().map(|m| m.rate).collect();
             let of = |keep: &dyn Fn(f64) -> bool| {
                 let v: Vec<f64> = m.iter().filter(|m| keep(m.ramp)).map(|m| m.rate).collect();
                 (!v.is_empty()).then(|| mean(&v))
             };
+            let t: Vec<f64> = m.iter().map(|m| m.t).collect();
             Bin {
-                temperature_c: (k as f64 + 0.5) * BIN_C,
+                temperature_c: mean(&t),
+                from_c: quantile(&t, 0.0),
+                to_c: quantile(&t, 1.0),
                 heating_dph: of(&|r| r > SOAK),
                 cooling_dph: of(&|r| r < -SOAK),
                 mean_dph: mean(&all),
@@ -245,6 +257,54 @@ mod tests {
         };
         let (with, without) = (width(&["hysteresis:size=8"]), width(&[]));
         assert!(with > 1.3 * without, "{with} {without}");
+    }
+
+    /// A recording with temperature sensors, each second: soaks with ramps of 1 C per minute between, a bias that follows the
+    /// temperature, white noise, and noise of the sensors.
+    fn sensed(soaks: &[(f64, usize)], noise_c: f64) -> Recording {
+        let mut x = crate::numeric::draws::Draws::new(11);
+        let mut text = String::from("# thermometer: sensor\ntime_s,temp_c,rate_x_dph\n");
+        let (mut at, mut k) = (soaks[0].0, 0);
+        let mut row = |at: f64, k: &mut usize| {
+            *k += 1;
+            let (t, rate) = (at + noise_c * 12f64.sqrt() * x.centred(), 0.1 * at + 2.0 * x.centred());
+            text.push_str(&format!("{k},{t:.4},{rate:.5}\n"));
+        };
+        for (to, seconds) in soaks {
+            while (at - to).abs() > 1.0 / 120.0 {
+                at += (to - at).signum() / 60.0;
+                row(at, &mut k);
+            }
+            (0..*seconds).for_each(|_| row(*to, &mut k));
+        }
+        Recording::parse(text.as_bytes()).expect("a recording")
+    }
+
+    #[test]
+    fn a_noisy_thermometer_hides_no_soak() {
+        for noise_c in [0.0, 0.02, 0.05] {
+            let r = report(&[sensed(&[(-40.0, 3600), (25.0, 1800), (60.0, 7200), (-20.0, 2400)], noise_c)])
+                .expect("usable");
+            let stability = of(&r, "x", "bias stability");
+            assert!(stability.conditions.contains("soak of 2.0 h at 60.0 C"), "{noise_c}: {stability:?}");
+            // White noise of a deviation of 2 / sqrt(12) a second.
+            let put_in = 3.0 * 2.0 / 12f64.sqrt() / 10.0;
+            assert!(stability.value.is_some_and(|v| (v / put_in - 1.0).abs() < 0.25), "{stability:?} for {put_in}");
+            let span = of(&r, "x", "bias over temperature");
+            assert!(span.conditions.contains("-40.0 to 60.0 C"), "{span:?}");
+        }
+    }
+
+    #[test]
+    fn figures_that_an_allan_deviation_refuses_are_not_stated() {
+        let mut r = sensed(&[(25.0, 7200)], 0.0);
+        let n = r.time_s.len();
+        r.rate_dph[0][n / 10..].fill(f64::NAN);
+        let r = report(&[r]).expect("usable");
+        for name in ["bias instability", "angle random walk"] {
+            let q = of(&r, "x", name);
+            assert!(q.value.is_none() && q.low.is_none() && q.conditions.contains("nine of ten"), "{q:?}");
+        }
     }
 
     #[test]

@@ -64,7 +64,7 @@ pub struct Plan {
 
 /// Where a simulated unit stands unless told otherwise.
 pub const ATTITUDE: Attitude =
-    Attitude { latitude_deg: 28.2, axes: [Direction::North, Direction::East, Direction::Down] };
+    Attitude { latitude_deg: 28.2, axes: [Some(Direction::North), Some(Direction::East), Some(Direction::Down)] };
 
 /// What the simulator knows and the recording does not tell.
 #[derive(Debug, Clone)]

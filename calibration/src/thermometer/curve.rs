@@ -174,9 +174,14 @@ pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
                 }
             };
             let sensors: Vec<Vec<f32>> = runs.iter().map(sensor).collect();
-            let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
-            lag_s[a] = least(error, LONGEST_LAG_S);
-            let fitted = lagged_fit(runs, &sensors, a, lag_s[a])?.0;
+            let (fitted, lag) = if reference == Reference::Case {
+                let error = |tau: f64| lagged_fit(runs, &sensors, a, tau).map_or(f64::INFINITY, |(_, e)| e);
+                let lag = least(error, LONGEST_LAG_S);
+                (lagged_fit(runs, &sensors, a, lag)?.0, lag)
+            } else {
+                behind_chamber(runs, &sensors, a, &shifted(curve, low, high))?
+            };
+            lag_s[a] = lag;
             if plausible(&fitted, low, high) {
                 *curve = fitted;
             } else {
@@ -294,31 +299,139 @@ fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
     at
 }
 
-/// The curve fitted to a lagged sensor, and its weighted residual.
-fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureCurve, f64), BadInput> {
-    let share = crate::thermometer::lag::share(tau);
-    let (mut f, mut t) = (Vec::new(), Vec::new());
-    for (s, sensor) in runs.iter().zip(sensors) {
-        let settle = (sensor.len() / 8).min(600);
-        let mut state = f64::NAN;
-        for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
-            let x = f64::from(*x);
-            if x.is_finite() {
-                state = if state.is_nan() { x } else { state + share * (x - state) };
-            }
-            // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
-            if k % 20 == 0 && k > settle && state.is_finite() && hz.is_finite() && x.is_finite() {
-                f.push(*hz);
-                t.push(state);
+/// Frequencies of a resonator with the temperatures of a sensor behind lags, evenly weighted over temperature.
+struct Pairs {
+    frequency_hz: Vec<f64>,
+    temperature_c: Vec<f64>,
+    weights: Vec<f64>,
+}
+
+impl Pairs {
+    /// `taus_s`: the time constants of lags in series.
+    fn new(runs: &[Steps], sensors: &[Vec<f32>], a: usize, taus_s: &[f64]) -> Self {
+        let shares: Vec<f64> = taus_s.iter().map(|tau| crate::thermometer::lag::share(*tau)).collect();
+        let (mut frequency_hz, mut temperature_c) = (Vec::new(), Vec::new());
+        for (s, sensor) in runs.iter().zip(sensors) {
+            let settle = (sensor.len() / 8).min(600);
+            let mut states = vec![f64::NAN; shares.len()];
+            for (k, (x, hz)) in sensor.iter().zip(&s.frequency_hz[a]).enumerate() {
+                let x = f64::from(*x);
+                let mut input = x;
+                for (state, share) in states.iter_mut().zip(&shares).filter(|_| x.is_finite()) {
+                    *state = if state.is_nan() { input } else { *state + share * (input - *state) };
+                    input = *state;
+                }
+                // The start is not in equilibrium: self-heating, and a lag that does not know what was before.
+                if k % 20 == 0 && k > settle && hz.is_finite() && x.is_finite() {
+                    frequency_hz.push(*hz);
+                    temperature_c.push(input);
+                }
             }
         }
+        let bin = |f: f64| f.floor() as i64;
+        let mut count = std::collections::BTreeMap::<i64, f64>::new();
+        for f in &frequency_hz {
+            *count.entry(bin(*f)).or_default() += 1.0;
+        }
+        let weights: Vec<f64> = frequency_hz.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
+        Self { frequency_hz, temperature_c, weights }
     }
-    let bin = |f: f64| f.floor() as i64;
-    let mut count = std::collections::BTreeMap::<i64, f64>::new();
-    for f in &f {
-        *count.entry(bin(*f)).or_default() += 1.0;
-    }
-    let weights: Vec<f64> = f.iter().map(|f| 1.0 / count[&bin(*f)]).collect();
+}
+
+/// Shares of the first of two lags in series that the second one is tried at.
+const SECOND_LAGS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0];
+/// Spread of a resonator's slope about that of Table 1, as a share: three times what its three gyros differ by.
+const SLOPE_STD: f64 = 0.07;
+/// The same of the quadratic and the cubic coefficient over 21 Hz either way, C.
+const CURVATURE_STD_C: [f64; 2] = [0.12, 0.08];
+/// Seconds within which the error of a thermal model is one value.
+const ALIKE_S: f64 = 2000.0;
+
+/// The curve of a resonator of which only the chamber's temperature is known, and the time constants between the two together, s.
+///
+/// Between chamber and resonator stand the air, the case and the resonator's mount: two lags in series. The error of that model would
+/// bend and tilt a free cubic, so slope and curvature are held near those of `like`, the curve of Table 1 at these frequencies.
+fn behind_chamber(
+    runs: &[Steps],
+    sensors: &[Vec<f32>],
+    a: usize,
+    like: &TemperatureCurve,
+) -> Result<(TemperatureCurve, f64), BadInput> {
+    let seconds: usize = runs.iter().map(Steps::len).sum();
+    let independent = (seconds as f64 / ALIKE_S).max(1.0);
+    let pairs = |second: f64, long: f64| Pairs::new(runs, sensors, a, &[long, long * second]);
+    // Less log-likelihood of two time constants: what they leave, in Hz, and how far the slope is from Table 1's.
+    let cost = |second: f64, long: f64| -> f64 {
+        let Ok(straight) = near(&pairs(second, long), like, None) else { return f64::INFINITY };
+        let off = straight.slope.max(1e-6).ln() / SLOPE_STD;
+        0.5 * independent * (straight.left_c2 / straight.slope.powi(2)).ln() + 0.5 * off * off
+    };
+    let of = |second: f64| {
+        let long = least(|long| cost(second, long), LONGEST_LAG_S);
+        (cost(second, long), second, long)
+    };
+    let (_, second, long) =
+        SECOND_LAGS.map(of).into_iter().min_by(|x, y| x.0.total_cmp(&y.0)).unwrap_or((f64::INFINITY, 0.0, 0.0));
+    let pairs = pairs(second, long);
+    let straight = near(&pairs, like, None)?;
+    let found = if plausible_slope(&straight.curve) {
+        near(&pairs, like, Some(straight.left_c2 / independent))?
+    } else {
+        straight
+    };
+    Ok((found.curve, long * (1.0 + second)))
+}
+
+/// A cubic `T(f)` near another one.
+struct Near {
+    curve: TemperatureCurve,
+    /// Its slope over that of the other.
+    slope: f64,
+    /// Weighted mean square that it leaves, C^2.
+    left_c2: f64,
+}
+
+/// Fits a cubic with the curvature of another one and its own slope; or, where `variance_c2` is the variance of a mean of all rows, with
+/// slope and curvature near those of the other.
+fn near(pairs: &Pairs, like: &TemperatureCurve, variance_c2: Option<f64>) -> Result<Near, BadInput> {
+    // (For the centre, the scale and the range.)
+    let mut curve = fit_inverse(&pairs.frequency_hz, &pairs.temperature_c, Some(&pairs.weights), 1)?;
+    let ratio = f64::from(curve.frequency_scale_hz) / f64::from(like.frequency_scale_hz);
+    let [_, line, square, cube] = like.temperature_coefficients_c.map(f64::from);
+    let theirs = [0.0, line * ratio, square * ratio.powi(2), cube * ratio.powi(3)];
+    let total: f64 = pairs.weights.iter().sum();
+    let root: Vec<f64> = pairs.weights.iter().map(|w| (w / total).sqrt()).collect();
+    let u: Vec<f64> = pairs.frequency_hz.iter().map(|f| f64::from(curve.normalised(*f))).collect();
+    let scaled = |v: Vec<f64>| -> Vec<f64> { v.iter().zip(&root).map(|(v, r)| v * r).collect() };
+    let powers: Vec<Vec<f64>> = lsq::powers(&u, 3).into_iter().map(scaled).collect();
+    let rest: Vec<f64> = (0..u.len())
+        .map(|k| root[k] * pairs.temperature_c[k] - powers.iter().zip(theirs).map(|(x, c)| x[k] * c).sum::<f64>())
+        .collect();
+    let fit = match variance_c2 {
+        None => lsq::fit(&powers[..2], &rest, None, &["1", "u"])?,
+        Some(v) => {
+            let [square_c, cube_c] = CURVATURE_STD_C;
+            let spread = [SLOPE_STD * theirs[1], square_c * ratio.powi(2), cube_c * ratio.powi(3)];
+            let prior = [None].into_iter().chain(spread.map(|s| Some(s * s / v.max(1e-12)))).collect::<Vec<_>>();
+            lsq::fit_shrunk(&powers, &rest, &prior, &["1", "u", "u^2", "u^3"])?
+        }
+    };
+    let mut c = theirs;
+    c.iter_mut().zip(&fit.coefficients).for_each(|(to, own)| *to += own);
+    let left = |k: usize| rest[k] - powers.iter().zip(&fit.coefficients).map(|(x, b)| x[k] * b).sum::<f64>();
+    let left_c2 = (0..rest.len()).map(|k| left(k).powi(2)).sum();
+    curve.temperature_coefficients_c = c.map(|v| v as f32);
+    Ok(Near { curve, slope: c[1] / theirs[1], left_c2 })
+}
+
+/// True where the slope at the middle of a curve is one of fused silica.
+fn plausible_slope(curve: &TemperatureCurve) -> bool {
+    plausible(curve, curve.frequency_centre_hz, curve.frequency_centre_hz)
+}
+
+/// The curve fitted to a lagged sensor, and its weighted residual.
+fn lagged_fit(runs: &[Steps], sensors: &[Vec<f32>], a: usize, tau: f64) -> Result<(TemperatureCurve, f64), BadInput> {
+    let Pairs { frequency_hz: f, temperature_c: t, weights } = Pairs::new(runs, sensors, a, &[tau]);
     let curve = fit_inverse(&f, &t, Some(&weights), 3)?;
     let error: f64 =
         f.iter().zip(&t).zip(&weights).map(|((f, t), w)| w * (f64::from(curve.temperature_c(*f)) - t).powi(2)).sum();
@@ -343,6 +456,41 @@ pub fn sensor_curve(low_c: f64, high_c: f64) -> TemperatureCurve {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulate::{Plan, Profile};
+
+    #[test]
+    fn behind_a_chamber_sensor_alone_the_curve_stays_one_of_fused_silica() {
+        for profile in ["cycle", "dong", "stairs", "ramps", "fast", "zhao", "wu", "20,40@1,10m,0@2,30m"] {
+            for unit in [5, 9] {
+                let simulated = Plan::of(Profile::parse(profile).expect("a profile"), unit, 3).simulate();
+                let mut steps = Steps::new(&simulated.recording).expect("long enough");
+                let with_case = from_steps(std::slice::from_ref(&steps)).expect("a curve");
+                steps.case_c.iter_mut().for_each(Vec::clear);
+                let found = from_steps(&[steps]).expect("a curve");
+                assert_eq!(found.reference, Reference::Chamber, "{profile}");
+                for (a, (own, wanted)) in found.curves.iter().zip(&with_case.curves).enumerate() {
+                    // The unit is warmer than the chamber by some degrees, everywhere alike.
+                    let low_hz = wanted.frequency_centre_hz - f64::from(wanted.frequency_scale_hz);
+                    let apart: Vec<f64> = (0..=20)
+                        .map(|k| low_hz + 0.1 * f64::from(k) * f64::from(wanted.frequency_scale_hz))
+                        .map(|f| f64::from(own.temperature_c(f) - wanted.temperature_c(f)))
+                        .collect();
+                    let spread = quantile(&apart, 1.0) - quantile(&apart, 0.0);
+                    let span = f64::from(wanted.valid_to_c - wanted.valid_from_c);
+                    assert!(spread < 0.08 * span, "{profile}, unit {unit}, axis {a}: {spread} C over {span} C");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_sensor_of_something_else_is_called_so() {
+        let simulated = Plan::of(Profile::parse("cycle").expect("named"), 5, 3).simulate();
+        let mut steps = Steps::new(&simulated.recording).expect("long enough");
+        steps.case_c.iter_mut().for_each(Vec::clear);
+        steps.chamber_c.iter_mut().for_each(|t| *t = 20.0 + 0.1 * *t);
+        assert_eq!(from_steps(&[steps]).expect("a curve").reference, Reference::Implausible);
+    }
 
     #[test]
     fn the_law_of_a_sensor_gives_back_what_it_reads() {

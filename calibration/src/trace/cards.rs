@@ -62,6 +62,8 @@ pub enum Refine {
     Place(f32),
     /// The first parameter is moved by steps of a block of rows.
     Time,
+    /// The same, and the second parameter is multiplied.
+    TimeAndScale,
     /// A period in time: moved by less than a cycle over the run.
     Period,
     /// Both parameters are places on the temperature axis.
@@ -75,14 +77,18 @@ impl Refine {
         match self {
             Self::No => 0,
             Self::Scale | Self::Cycle | Self::Place(_) | Self::Time | Self::Period => 1,
-            Self::Places(_) => 2,
+            Self::Places(_) | Self::TimeAndScale => 2,
         }
     }
 
-    /// Whether a parameter is moved by a share of itself, and not by a distance.
+    /// Whether a parameter, by its place, is moved by a share of itself, and not by a distance.
     #[must_use]
-    pub fn by_factor(self) -> bool {
-        matches!(self, Self::Scale | Self::Cycle)
+    pub fn by_factor(self, place: usize) -> bool {
+        match self {
+            Self::Scale | Self::Cycle => true,
+            Self::TimeAndScale => place == 1,
+            _ => false,
+        }
     }
 }
 
@@ -255,6 +261,7 @@ pub fn card(effect: EffectId) -> Card {
         E::ThermometerError => (Class::Thermometer, Simple, Refine::No, |x| vec![[x.lag_s, 0.0]]),
         E::Aging => (Class::Event, Simple, Refine::No, once),
         E::Step => (Class::Event, Proposed, Refine::Time, nowhere),
+        E::Shock => (Class::Event, Proposed, Refine::TimeAndScale, nowhere),
         E::Periodic => (Class::Event, Proposed, Refine::Period, nowhere),
     };
     let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
@@ -278,6 +285,7 @@ fn generator(effect: EffectId) -> Generator {
         E::TemperatureShape => studied([-38.0, 60.0]),
         E::SecondDerivative | E::CaseGradient | E::Aging => studied([0.0; 2]),
         E::DriveAmplitude | E::Quadrature | E::Board => studied([0.0; 2]),
+        E::Shock => studied([9000.0, 1800.0]),
         E::Timebase | E::ThermometerError => of([694.0, 0.0]),
         E::TemperatureSpline => of([-38.0, 60.0]),
         E::Ripple => of([14.0, 0.0]),
@@ -309,8 +317,14 @@ fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
         E::ThermometerError | E::FrequencyDirect => (Needs::Resonator, false, None),
         E::Step => mended(|p| {
             format!(
-                "something changed at {:.0} s: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+                "something changed at {:.0} s on the recording's clock: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
                 p(E::Step.facts().parameters[0])
+            )
+        }),
+        E::Shock => mended(|p| {
+            let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
+            format!(
+                "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
             )
         }),
         E::Periodic => mended(|p| {

@@ -26,6 +26,7 @@ pub fn equation(effect: EffectId) -> String {
         warm_up: WarmUp,
         aging: Aging,
         step: Step,
+        shock: Shock,
         periodic: Periodic,
         timebase: Timebase,
         drive_amplitude: DriveAmplitude,

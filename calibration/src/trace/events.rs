@@ -10,7 +10,7 @@ use crate::numeric::lsq;
 use crate::recording::steps::Run;
 use crate::AXIS_NAMES;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{EffectId, Reach, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Facts, Reach, MAX_PARAMETERS};
 use hrg_core::AXES;
 use std::collections::BTreeMap;
 
@@ -24,7 +24,9 @@ pub fn refit(
     let mut rest = residual.clone();
     let mut out = Vec::new();
     let mut done: Vec<&str> = Vec::new();
-    for t in terms.iter().filter(|t| t.lead().facts.reach == Reach::Unpredictable) {
+    // (A shock that recovered is over.)
+    let happens_again = |c: &Candidate| c.facts.reach == Reach::Unpredictable && c.facts.effect != EffectId::Shock;
+    for t in terms.iter().filter(|t| happens_again(t.lead())) {
         let c = t.lead();
         // A second step or period of the train runs says nothing of the verify run's.
         if done.contains(&c.facts.name) {
@@ -38,11 +40,9 @@ pub fn refit(
                 *r -= gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
             }
         }
-        let named: BTreeMap<String, f64> =
-            c.facts.parameters.iter().zip(parameters).map(|(n, v)| ((*n).to_string(), f64::from(v))).collect();
         out.push(Refitted {
             name: c.facts.name.to_string(),
-            parameters: named,
+            parameters: on_clock_of(run, c.facts, &parameters),
             gains_dph: (0..AXES)
                 .filter(|a| t.on(*a))
                 .map(|a| (AXIS_NAMES[a].to_string(), gains[a].first().copied().unwrap_or(0.0)))
@@ -50,6 +50,18 @@ pub fn refit(
         });
     }
     (out, rest)
+}
+
+/// Name of a parameter that is a time since power-on.
+const TIME: &str = "time_s";
+
+/// The inner parameters of an effect by name; a time is that of the recording's own clock.
+pub fn on_clock_of(run: &Run, facts: &Facts, parameters: &[f32; MAX_PARAMETERS]) -> BTreeMap<String, f64> {
+    let one = |(name, v): (&&str, &f32)| {
+        let since_s = if *name == TIME { run.steps.power_on_s } else { 0.0 };
+        ((*name).to_string(), f64::from(*v) + since_s)
+    };
+    facts.parameters.iter().zip(parameters).map(one).collect()
 }
 
 type Gains = [Vec<f64>; AXES];

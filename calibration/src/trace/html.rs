@@ -146,7 +146,7 @@ fn figures(r: &Report) -> String {
     }
     s += "</table><p class=small>Standard deviation of 100 s means, deg/h. The noise floor comes from what neighbouring means differ by; the brackets hold 95 %. The verify run was only evaluated, never used to choose an effect.</p>";
     if let Some(block) = &r.block {
-        s += "<h3>The written image on the verify run</h3><table><tr><th>axis</th><th>model</th><th>deg/h</th><th>mean error against train, deg/h</th><th>&plusmn;</th><th>means</th></tr>";
+        s += "<h3>The image on the verify run</h3><table><tr><th>axis</th><th>model</th><th>deg/h</th><th>mean error against train, deg/h</th><th>&plusmn;</th><th>means</th></tr>";
         for (n, b) in block {
             let model = serde_json::to_value(b.model).ok();
             let _ = write!(

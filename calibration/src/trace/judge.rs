@@ -102,15 +102,16 @@ pub fn agreement(smaller: &Means, larger: &Means, floor: f64) -> Agreement {
         .collect();
     let n = rows.len() as f64;
     if rows.len() < 4 {
-        return Agreement { share: 0.0, share_std: f64::INFINITY, gain_dph2: 0.0, gain_std_dph2: f64::INFINITY };
+        return Agreement::NONE;
     }
     let (ms, md) = rows.iter().fold((0.0, 0.0), |(s, d), r| (s + r.0 / n, d + r.1 / n));
     let e: Vec<f64> = rows.iter().map(|r| r.0 - ms).collect();
     let d: Vec<f64> = rows.iter().map(|r| r.1 - md).collect();
     let power: f64 = d.iter().map(|d| d * d).sum();
+    let before_dph2 = e.iter().map(|e| e * e).sum::<f64>() / n;
     if !(power > 1e-9 * n * floor * floor) {
         // The two models are the same on this run.
-        return Agreement { share: 1.0, share_std: f64::INFINITY, gain_dph2: 0.0, gain_std_dph2: 0.0 };
+        return Agreement { share: 1.0, before_dph2, gain_std_dph2: 0.0, ..Agreement::NONE };
     }
     let share = e.iter().zip(&d).map(|(e, d)| e * d).sum::<f64>() / power;
     let products: Vec<f64> = e.iter().zip(&d).map(|(e, d)| (e - share * d) * d).collect();
@@ -123,6 +124,7 @@ pub fn agreement(smaller: &Means, larger: &Means, floor: f64) -> Agreement {
     Agreement {
         share,
         share_std,
+        before_dph2,
         gain_dph2: (2.0 * share - 1.0) * power / n,
         gain_std_dph2: 2.0 * share_std * power / n,
     }

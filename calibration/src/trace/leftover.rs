@@ -24,7 +24,7 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
             .collect();
         let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());
         let here = |effect: EffectId| on_axis().filter(|m| m.parts[0].facts.effect == effect).count();
-        if here(EffectId::Step) > 1 {
+        if here(EffectId::Step) + here(EffectId::Shock) > 1 {
             left.push("in time: the rates jump more than once, so something switches".into());
         }
         if here(EffectId::Periodic) > 1 {

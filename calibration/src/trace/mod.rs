@@ -69,6 +69,8 @@ pub struct Options {
     pub units: Units,
     /// The image that the unit has in use: a new one must beat it.
     pub in_use: Option<Calibration>,
+    /// Accept a verify run that repeats the profile of a train run as ground for a burn.
+    pub repeat_is_enough: bool,
     /// Processors to use; 0 counts as 1.
     pub jobs: usize,
     /// Effects of the caller's own.
@@ -179,23 +181,21 @@ fn judged(
     witness: impl FnOnce() -> Option<Vec<Candidate>>,
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
-    let (mut calibration, mut notes) = (prepared.calibration.clone(), prepared.notes.clone());
-    let scaling = calibration.scaling;
-    calibration.sequence = 1;
+    let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
+    let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
     let baseline_fit = Fitted::new(data, &[], [0; AXES])?;
     let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
-    let after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
+    let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
     let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
     // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
     notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
     learnt.terms.clone_from(&fitted.terms);
-    let after_verify = fitted.residuals(verify_run, None, &scaling, &known);
-    let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
-    notes.extend(learnt.terms.iter().map(Term::lead).filter(lacks).map(|c| {
-        format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
-    }));
+    let mut after_verify = fitted.residuals(verify_run, None, &scaling, &known);
+    keep_baseline(&learnt.terms, after_train.iter_mut().zip(&before_train));
+    keep_baseline(&learnt.terms, [(&mut after_verify, &before_verify)]);
+    notes.extend(lacking(&learnt.terms, &known));
     let (refitted, judged) = events::refit(&learnt.terms, verify_run, &scaling, &after_verify);
 
     let there: Vec<usize> = verify_run.steps.present().collect();
@@ -212,8 +212,8 @@ fn judged(
         let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
     });
-    let more_than_noise = |r: &floor::Ratio| r.ratio.is_finite() && !r.is_noise();
-    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| more_than_noise(r)) {
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
+    {
         left.push(format!("on the verify run ({ratio})"));
     }
     // Where naming does not reach, a sum of families without a name may compensate.
@@ -221,7 +221,7 @@ fn judged(
     if left.iter().any(|l| !l.is_empty()) || effects.iter().any(|e| e.confirmed == Some(false)) {
         models.extend(on_verify.sum_of_families(&mut search, &learnt)?);
     }
-    let written = on_verify.image(&calibration, &learnt, &models, &baseline_fit, options, &mut notes);
+    let written = on_verify.image(&calibration, &learnt, &models, &baseline_fit, options, &mut notes)?;
     let exchanged = witness().map(|found| exchanged(&found, &effects));
     let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
     let mut report = Report {
@@ -242,11 +242,13 @@ fn judged(
         unexplained: by_axis(|a| !left[a].is_empty()),
         left_over: by_axis(|a| left[a].clone()),
         outside_fit: outside_fit(verify_run, &calibration),
+        verify_repeats_train: runs.iter().any(|run| independence::repeats(verify_run, run)),
         exchanged,
         advice: Vec::new(),
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
     };
+    report.burn &= options.repeat_is_enough || !report.verify_repeats_train;
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
     (report.verdict, report.advice) = (words::verdict(&report), words::advice(&report));
     let mut image = written.image;
@@ -262,6 +264,27 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// A sentence for each effect whose input the verify run lacks.
+fn lacking(terms: &[Term], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
+    let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
+    let say = |c: &Candidate| {
+        format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
+    };
+    terms.iter().map(Term::lead).filter(lacks).map(say).collect()
+}
+
+/// Gives each axis that has no effect the residuals that the baseline leaves.
+fn keep_baseline<'r>(
+    terms: &[Term],
+    of_runs: impl IntoIterator<Item = (&'r mut [Vec<f64>; AXES], &'r [Vec<f64>; AXES])>,
+) {
+    for (after, before) in of_runs {
+        for a in (0..AXES).filter(|a| terms.iter().all(|t| !t.on(*a))) {
+            after[a].clone_from(&before[a]);
+        }
+    }
 }
 
 /// A sentence where a step of the train run holds on.
@@ -402,13 +425,15 @@ fn conclude(
     if effects.is_empty() {
         return if left.iter().all(Vec::is_empty) { VerdictKind::NothingLacks } else { VerdictKind::Unexplained };
     }
-    let predictable = effects.iter().any(|e| e.confirmed.is_some());
-    if !predictable {
-        // Only what nobody can predict was named: the verify run cannot speak for it.
+    // The verify run cannot speak for what nobody can predict, nor do axes without an effect speak for one.
+    if effects.iter().all(|e| e.confirmed != Some(true)) {
         return VerdictKind::NotConfirmed;
     }
-    let each: Vec<Agreement> =
-        (0..AXES).map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor())).collect();
+    let has = |a: &usize| effects.iter().any(|e| e.confirmed.is_some() && e.axes.contains_key(AXIS_NAMES[*a]));
+    let each: Vec<Agreement> = (0..AXES)
+        .filter(has)
+        .map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor()))
+        .collect();
     let witnessed = exchanged.is_none_or(|x| unwitnessed(effects, x).is_empty());
     if witnessed && each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
         VerdictKind::Confirmed
@@ -537,7 +562,7 @@ mod tests {
         }
         let t = trace(&[train], &verify).expect("traces");
         assert_eq!(t.report.image, Image::None, "{}", t.report.verdict);
-        assert!(!t.report.burn && t.report.block.is_none() && t.report.verdict.contains("No image is written"));
+        assert!(!t.report.burn && t.report.block.is_none() && t.report.verdict.contains("There is no image"));
     }
 
     /// Something like noise.
@@ -558,6 +583,129 @@ mod tests {
         for n in AXIS_NAMES {
             assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);
         }
+    }
+
+    #[test]
+    fn a_named_event_is_a_column_of_the_baseline_that_is_written() {
+        // A step, or a shock that recovers, in the train run only: on another day it is not there.
+        for (k, event) in ["step:size=6", "shock:time_s=9000,tau_s=2500,size=6"].into_iter().enumerate() {
+            for seed in [48, 52] {
+                let t = trace(&[plan("cycle", &[event], seed, 101)], &plan("verify", &[], seed, 102 + k as u64))
+                    .expect("traces");
+                let name = event.split(':').next().expect("a name");
+                assert_eq!(names(&t.report), [name], "{}", t.report.verdict);
+                assert!(t.image.effects.is_empty() && t.report.image == Image::Baseline, "{}", t.report.verdict);
+                for n in AXIS_NAMES {
+                    let block = t.report.block.as_ref().expect("an image")[n];
+                    let floors = block.verify_rms_dph / t.report.noise_floor_dph[n];
+                    assert!(floors < 1.25, "{event} of unit {seed}, {n}: {floors} floors");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn times_of_events_are_those_of_the_recording() {
+        // The recording's clock began 2000 s after power-on.
+        let mut train = plan("cycle", &["step:time_s=12000,size=6"], 48, 101);
+        train.time_s.iter_mut().for_each(|t| *t -= 2000.0);
+        train.set_meta("power_on_s", "-2000");
+        let r = trace(&[train], &plan("verify", &[], 48, 102)).expect("traces").report;
+        assert_eq!(names(&r), ["step"], "{}", r.verdict);
+        let at = r.effects[0].parameters["time_s"];
+        assert!((at - 10_000.0).abs() < 150.0, "{at}");
+        let said = r.advice.iter().find(|a| a.contains("on the recording's clock")).expect("advice");
+        assert!(said.contains(&format!("at {at:.0} s")), "{said}");
+    }
+
+    #[test]
+    fn a_repeat_of_the_train_profile_is_no_ground_for_a_burn() {
+        let effects = ["thermal-lag:size=3"];
+        let (train, again) = (plan("cycle", &effects, 38, 77), plan("cycle", &effects, 38, 78));
+        let r = trace(std::slice::from_ref(&train), &again).expect("traces").report;
+        assert!(r.verify_repeats_train && !r.burn && r.image == Image::Extended, "{}", r.verdict);
+        assert!(r.verdict.contains("repeats the profile") && r.verdict.contains("--repeat-is-enough"), "{}", r.verdict);
+        let options = Options { repeat_is_enough: true, ..Options::default() };
+        let r = trace_with(std::slice::from_ref(&train), &again, &options).expect("traces").report;
+        assert!(r.verify_repeats_train && r.burn, "{}", r.verdict);
+        let r = trace(&[train], &plan("verify", &effects, 38, 79)).expect("traces").report;
+        assert!(!r.verify_repeats_train && r.burn, "{}", r.verdict);
+    }
+
+    #[test]
+    fn rates_that_are_a_thousand_times_too_large_confirm_nothing() {
+        let effects = ["thermal-lag:size=3"];
+        let train = plan("cycle", &effects, 38, 77);
+        let mut verify = plan("verify", &effects, 38, 79);
+        verify.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1000.0);
+        let r = trace(&[train], &verify).expect("traces").report;
+        assert!(!r.burn && r.verdict_kind != VerdictKind::Confirmed, "{}", r.verdict);
+        assert!(!r.verdict.contains("The verify run agrees"), "{}", r.verdict);
+        assert!(r.effects.iter().all(|e| e.confirmed == Some(false)), "{:?}", r.effects);
+    }
+
+    #[test]
+    fn the_uncertainty_holds_what_the_verify_run_shows_to_be_left() {
+        // The verify run has what the model lacks: the image's bias is uncertain by that much.
+        let t = trace(&[plan("cycle", &[], 33, 67)], &plan("verify", &["hysteresis:size=5"], 33, 68)).expect("traces");
+        let by_unit = crate::fit::correct::correct(&t.image, &t.verify.steps);
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let left = t.report.block.as_ref().expect("an image")[*n].verify_rms_dph;
+            let excess = left.powi(2) - t.report.noise_floor_dph[*n].powi(2);
+            let stated = f64::from(by_unit[by_unit.len() / 2].bias_std_dph[a]).powi(2);
+            assert!(excess > 0.0 && stated >= 0.999 * excess, "{n}: {stated} stated, {excess} left");
+        }
+    }
+
+    #[test]
+    fn an_axis_without_an_effect_keeps_the_baseline_and_has_no_say() {
+        // A kink on x alone; on y and z the verify run has more of something else than the train run knows.
+        let (clean, own) = (plan("cycle", &[], 34, 69), plan("cycle", &["kink:size=4"], 34, 69));
+        let (odd, own_v) = (plan("verify", &["hysteresis:size=3"], 34, 70), plan("verify", &["kink:size=4"], 34, 70));
+        let only_x = |own: &Recording, rest: &Recording| {
+            let mut r = rest.clone();
+            r.rate_dph[0] = own.rate_dph[0].clone();
+            r
+        };
+        let r = trace(&[only_x(&own, &clean)], &only_x(&own_v, &odd)).expect("traces").report;
+        assert_eq!(names(&r), ["kink"], "{}", r.verdict);
+        for n in ["y", "z"] {
+            assert_eq!(r.r#final[n], r.baseline[n], "{n}");
+            assert_ne!(r.block.as_ref().expect("an image")[n].model, report::AxisModel::Extended, "{n}");
+        }
+        assert!(r.effects[0].confirmed == Some(true), "{:?}", r.effects[0].on_verify);
+    }
+
+    #[test]
+    fn one_axis_gives_numbers() {
+        let one = |mut r: Recording| {
+            r.absent = [false, true, true];
+            for a in 1..AXES {
+                r.rate_dph[a].fill(f64::NAN);
+                r.frequency_hz[a].fill(f64::NAN);
+            }
+            r
+        };
+        let effects = ["thermal-lag:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 38, 77), plan("verify", &effects, 38, 79));
+        let r = trace(&[one(train)], &one(verify)).expect("traces").report;
+        assert_eq!(r.effects.iter().map(|e| e.class).collect::<Vec<_>>(), [Class::Memory], "{}", r.verdict);
+        for k in &r.effects[0].rank {
+            assert!(k.gain_in_cv.is_finite() && k.net_evidence.is_finite(), "{k:?}");
+        }
+        assert!(!json(&r).contains("\"gain_in_cv\": null"));
+    }
+
+    #[test]
+    fn an_interval_that_holds_one_is_undecided() {
+        let mut r = traced(&[], 80);
+        r.floor_ratio.insert("x".into(), floor::Ratio { ratio: 2.07, low: 0.95, high: 2.33 });
+        r.unexplained.insert("x".into(), true);
+        let said = words::verdict(&r);
+        assert!(said.contains("x 2.07 floors [0.95, 2.33]: undecided") && !said.contains("more than noise"), "{said}");
+        // Three digits of each number.
+        let digits: Vec<String> = [0.04, -0.0213, 12.5, 9000.0, 0.0].iter().map(|v| report::three_digits(*v)).collect();
+        assert_eq!(digits, ["0.04", "-0.0213", "12.5", "9000", "0"]);
     }
 
     #[test]

@@ -142,12 +142,16 @@ impl Fitted {
         self.terms[e].on(a).then(|| from..from + width(&self.terms[e]))
     }
 
-    /// Where the gains of steps that hold on stand among an axis' coefficients. A step of the train run is over and done with there;
-    /// where the log goes on without a break, the unit is what it became by it.
+    /// Places, among an axis' coefficients, of the gains of steps that last. A step of the train run ends with that run; where the log
+    /// goes on without a break, the unit keeps it.
     pub fn lasting(&self, a: usize) -> Vec<usize> {
-        let steps =
-            self.terms.iter().enumerate().filter(|(_, t)| self.goes_on && t.lead().facts.effect == EffectId::Step);
-        steps.filter_map(|(e, _)| Some(self.gains(e, a)?.start)).collect()
+        let step = |t: &Term| match t.lead().facts.effect {
+            EffectId::Step => Some(0),
+            EffectId::Shock => Some(1),
+            _ => None,
+        };
+        let steps = self.terms.iter().enumerate().filter_map(|(e, t)| Some((e, step(t).filter(|_| self.goes_on)?)));
+        steps.filter_map(|(e, output)| Some(self.gains(e, a)?.start + output)).collect()
     }
 
     /// The bias of a run on every step, of the baseline and those terms that `which` lets through. `number`: which of the

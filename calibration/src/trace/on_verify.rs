@@ -2,6 +2,7 @@
 
 use super::cards::Kind;
 use super::data::{Candidate, Data, Starts};
+use super::events::on_clock_of;
 use super::judge::{agreement, Means, Noise};
 use super::model::{drop_idle_effects, take_axis, with_axes_of, Fitted, Term};
 use super::own::card_of;
@@ -88,13 +89,7 @@ impl OnVerifyRun<'_> {
             out.push(Found {
                 name: c.facts.name.to_string(),
                 class,
-                parameters: c
-                    .facts
-                    .parameters
-                    .iter()
-                    .zip(c.parameters)
-                    .map(|(n, v)| ((*n).to_string(), f64::from(v)))
-                    .collect(),
+                parameters: on_clock_of(self.run_of(c), c.facts, &c.parameters),
                 parameter_std: parameter_std(c, k, stated),
                 axes: gains_by_axis(fitted, k),
                 confirmed: (self.known)(c)
@@ -118,6 +113,11 @@ impl OnVerifyRun<'_> {
             });
         }
         Ok(out)
+    }
+
+    /// The run on whose clock the times of an effect are: the train run that it belongs to.
+    fn run_of(&self, c: &Candidate) -> &Run {
+        self.data.runs.get(c.run.unwrap_or(0)).unwrap_or(self.run)
     }
 
     fn agreements(&self, term: &Term, without: &[Vec<f64>; AXES], with: &[Vec<f64>; AXES]) -> ByAxis<Agreement> {
@@ -229,9 +229,9 @@ impl OnVerifyRun<'_> {
         baseline_fit: &Fitted,
         options: &Options,
         notes: &mut Vec<String>,
-    ) -> Written {
-        let baseline_stated = uncertainty::of(self.data, baseline_fit, learnt.baseline_noise_models, Weights::Plain);
-        let baseline = baseline_fit.image(calibration, &baseline_stated, notes);
+    ) -> Result<Written, BadInput> {
+        let events = self.events(learnt)?;
+        let baseline = self.baseline(calibration, learnt, baseline_fit, events.as_ref(), notes);
         let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
         let named = models[0].fitted.image(calibration, &models[0].stated, notes);
         let (mut image, of_axis) = self.beside(named, models, calibration, notes);
@@ -254,7 +254,7 @@ impl OnVerifyRun<'_> {
                 AxisModel::Constant if self.run.steps.absent[a] => {}
                 AxisModel::Constant => {
                     take_axis(&mut image, &baseline, a);
-                    image.axes[a].coefficients = constant(&self.data.axes[a].y);
+                    image.axes[a].coefficients = constant(&self.beside_events(events.as_ref(), a));
                     image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
                     image.axes[a].uncertainty = Uncertainty::default();
                 }
@@ -269,7 +269,7 @@ impl OnVerifyRun<'_> {
             Image::None
         };
         if kind == Image::None {
-            return Written { image: baseline, kind, burn: false, figures: None };
+            return Ok(Written { image: baseline, kind, burn: false, figures: None });
         }
         let chosen = corrected(&image);
         let in_use = options.in_use.as_ref().map(corrected);
@@ -284,7 +284,61 @@ impl OnVerifyRun<'_> {
                 model: models[a],
             }
         });
-        Written { image, kind, burn: kind == Image::Extended && beats_use, figures: Some(figures) }
+        // What the verify run shows to be left beyond the noise is part of the image's uncertainty.
+        for a in self.run.steps.present() {
+            let left_dph2 = chosen[a].deviation().powi(2) - self.noise[a].floor().powi(2);
+            if left_dph2 > 0.0 {
+                image.axes[a].uncertainty.rest_dph2 += left_dph2 as f32;
+            }
+        }
+        Ok(Written { image, kind, burn: kind == Image::Extended && beats_use, figures: Some(figures) })
+    }
+
+    /// The baseline beside the named events alone; `None` where none is named.
+    fn events(&self, learnt: &Learnt) -> Result<Option<Fitted>, BadInput> {
+        let event = |t: &&Term| t.lead().facts.reach == Reach::Unpredictable;
+        let terms: Vec<Term> = learnt.terms.iter().filter(event).cloned().collect();
+        (!terms.is_empty()).then(|| Fitted::new(self.data, &terms, learnt.model.noise_models)).transpose()
+    }
+
+    /// The baseline as an image. On an axis that has a named event, the event is a column of the fit: on another day it is not there,
+    /// and the coefficients must not hold it.
+    fn baseline(
+        &self,
+        calibration: &Calibration,
+        learnt: &Learnt,
+        plain: &Fitted,
+        events: Option<&Fitted>,
+        notes: &mut Vec<String>,
+    ) -> Calibration {
+        let stated = uncertainty::of(self.data, plain, learnt.baseline_noise_models, Weights::Plain);
+        let mut image = plain.image(calibration, &stated, notes);
+        if let Some(fitted) = events {
+            let stated = uncertainty::of(self.data, fitted, learnt.model.noise_models, Weights::Noise);
+            let beside = fitted.image(calibration, &stated, &mut Vec::new());
+            // (Unless the verify run shows what was taken for an event as well: then the plain fit is right.)
+            let corrected = |c: &Calibration| fit::correct(c, &self.run.steps).map(|r| Means::of(&r));
+            let (of_plain, of_beside) = (corrected(&image), corrected(&beside));
+            let plain = |a: usize| agreement(&of_beside[a], &of_plain[a], self.noise[a].floor()).wins();
+            (0..AXES)
+                .filter(|a| fitted.terms.iter().any(|t| t.on(*a)) && !plain(*a))
+                .for_each(|a| take_axis(&mut image, &beside, a));
+        }
+        image
+    }
+
+    /// The rates of an axis on the train rows, without what its named events did.
+    fn beside_events(&self, events: Option<&Fitted>, a: usize) -> Vec<f64> {
+        let mut y = self.data.axes[a].y.clone();
+        let Some(fitted) = events else { return y };
+        for (e, t) in fitted.terms.iter().enumerate() {
+            let Some(range) = fitted.gains(e, a) else { continue };
+            let columns = t.parts.iter().flat_map(|c| self.data.columns(c, a, true).unwrap_or_default());
+            for (column, g) in columns.zip(&fitted.axes[a].coefficients[range]) {
+                y.iter_mut().zip(column).for_each(|(y, x)| *y -= g * x);
+            }
+        }
+        y
     }
 }
 

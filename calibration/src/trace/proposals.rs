@@ -9,6 +9,8 @@ use hrg_core::AXES;
 
 /// As many jumps, and as many periods, are proposed from one view.
 const EACH: usize = 6;
+/// Time constants from which the recovery of a [shock](EffectId::Shock) is refined, s.
+pub const RECOVERIES_S: [f32; 3] = [600.0, 2000.0, 6000.0];
 
 /// The rates of an axis whitened by a noise model, free of the baseline and of a model.
 pub struct Left<'b> {
@@ -64,6 +66,15 @@ fn line(y: &[f64], blocks: &[usize], w: f64) -> (f64, f64) {
         im += s * y;
     }
     (re, im)
+}
+
+/// A shock at the place of each step, with some times of recovery.
+pub fn shocks(steps: &[Candidate]) -> Vec<Candidate> {
+    let at = |step: &Candidate| {
+        let (run, time_s) = (step.run, step.parameters[0]);
+        RECOVERIES_S.map(|tau_s| Candidate { run, ..Candidate::new(EffectId::Shock, [time_s, tau_s]) })
+    };
+    steps.iter().flat_map(at).collect()
 }
 
 /// Times at which the rates seem to jump: every block boundary is tried as a step, and the best are kept. (A step that is placed

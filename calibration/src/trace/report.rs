@@ -133,23 +133,61 @@ pub struct Agreement {
     pub share: f64,
     /// Its standard deviation.
     pub share_std: f64,
+    /// Mean square error of the smaller model about its mean, (deg/h)^2.
+    pub before_dph2: f64,
     /// By how much the mean square error falls, (deg/h)^2; negative where it rises.
     pub gain_dph2: f64,
     /// Standard deviation of that.
     pub gain_std_dph2: f64,
 }
 
+/// A fall of the mean square error by a smaller share, 1 % of its root, is no ground for another image.
+const MATTERS: f64 = 0.02;
+/// Share of a prediction beyond which the prediction is of another size than what the run shows: it then leaves a quarter of the
+/// effect's power, as much as one that shows half of it.
+const TOO_LARGE: f64 = 2.0;
+
 impl Agreement {
-    /// Whether the error falls by more than the uncertainty (95 %) of its fall.
+    /// Nothing to compare: too few values.
+    pub const NONE: Self =
+        Self { share: 0.0, share_std: f64::INFINITY, before_dph2: 0.0, gain_dph2: 0.0, gain_std_dph2: f64::INFINITY };
+
+    /// True where the error falls by more than the uncertainty (95 %) of its fall, by a share that matters, and the run shows the
+    /// effect in the size that was predicted: the 95 % interval of the share reaches below 2 (a share below 1/2 is no fall).
     #[must_use]
     pub fn wins(&self) -> bool {
-        self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.gain_dph2 > 0.0
+        self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(self.gain_dph2) && self.is_of_that_size()
     }
 
-    /// Whether it rises by more than that.
+    /// True where the error rises by more than the uncertainty (95 %) of its rise, by a share that matters.
     #[must_use]
     pub fn loses(&self) -> bool {
-        -self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.gain_dph2 < 0.0
+        -self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(-self.gain_dph2)
+    }
+
+    /// True where a change of the mean square error is a share of it that matters.
+    fn matters(&self, change_dph2: f64) -> bool {
+        change_dph2 > 0.0 && change_dph2 >= MATTERS * self.before_dph2
+    }
+
+    /// True where the run does not show many times the prediction.
+    fn is_of_that_size(&self) -> bool {
+        self.share - 1.96 * self.share_std < TOO_LARGE
+    }
+}
+
+/// A number with three significant digits, without an exponent: `0.04`, `12.5`, `9000`.
+#[must_use]
+pub fn three_digits(v: f64) -> String {
+    if !v.is_finite() || v == 0.0 {
+        return v.to_string();
+    }
+    let decimals = (2 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{v:.decimals$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
     }
 }
 
@@ -160,7 +198,7 @@ pub struct Found {
     pub name: String,
     /// What kind of physics.
     pub class: Class,
-    /// Inner parameters, by name with unit.
+    /// Inner parameters, by name with unit; a time (`time_s`) is that of the recording's own clock.
     pub parameters: BTreeMap<String, f64>,
     /// Standard deviations of those that were refined.
     pub parameter_std: BTreeMap<String, f64>,
@@ -186,7 +224,7 @@ pub struct Found {
 pub struct Refitted {
     /// Name.
     pub name: String,
-    /// Inner parameters on the verify run.
+    /// Inner parameters on the verify run; a time (`time_s`) is that of the recording's own clock.
     pub parameters: BTreeMap<String, f64>,
     /// Gains there, deg/h per unit of the first regressor.
     pub gains_dph: ByAxis<f64>,
@@ -197,8 +235,8 @@ impl Found {
     #[must_use]
     pub fn parameters_text(&self) -> String {
         let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
-            Some(s) => format!("{n} {v:.1} \u{b1} {:.1}", 1.96 * s),
-            None => format!("{n} {v:.1}"),
+            Some(s) => format!("{n} {} \u{b1} {}", three_digits(*v), three_digits(1.96 * s)),
+            None => format!("{n} {}", three_digits(*v)),
         };
         self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
     }
@@ -295,6 +333,8 @@ pub struct Report {
     pub left_over: ByAxis<Vec<String>>,
     /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
     pub outside_fit: f64,
+    /// True where the verify run has the temperatures of a train run: it cannot show what the image does elsewhere.
+    pub verify_repeats_train: bool,
     /// The second witness; absent where the verify run is too short to learn from.
     pub exchanged: Option<Exchanged>,
     /// What to do.

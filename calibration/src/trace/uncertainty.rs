@@ -50,7 +50,7 @@ fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
         let how = card_of(t.lead().facts).refine;
         for place in 0..how.places() {
-            let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
+            let of = if how.by_factor(place) { t.lead().parameters[place] } else { high - low };
             out.push((e, place, SHARE * of));
         }
     }

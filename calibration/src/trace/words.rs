@@ -1,6 +1,6 @@
 //! The sentences of a report. Each word comes from a number of the report.
 
-use super::report::{AxisModel, ByAxis, Found, Image, Report, VerdictKind};
+use super::report::{three_digits, AxisModel, ByAxis, Found, Image, Report, VerdictKind};
 use super::Class;
 use crate::list;
 use crate::trace::cards::{card, parting};
@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 /// An effect with its parameter and the axes that have it.
 fn called(e: &Found, there: usize) -> String {
     let parameter = match e.parameters.iter().next().filter(|_| e.name != EffectId::TemperatureShape.name()) {
-        Some((n, v)) => format!(" ({n} {v:.0})"),
+        Some((n, v)) => format!(" ({n} {})", three_digits(*v)),
         None => String::new(),
     };
     let axes: Vec<&String> = e.axes.keys().collect();
@@ -28,6 +28,7 @@ fn rest(r: &Report) -> String {
         let ratio = r.floor_ratio[n];
         match (ratio.is_noise(), r.unexplained[n]) {
             (true, false) => format!("{n} {ratio}: noise"),
+            (false, _) if ratio.low <= 1.0 => format!("{n} {ratio}: undecided, for the interval holds 1"),
             (false, _) => format!("{n} {ratio}: more than noise"),
             (true, true) => format!("{n} {ratio}, with structure"),
         }
@@ -66,9 +67,10 @@ pub fn verdict(r: &Report) -> String {
         ),
         VerdictKind::NotConfirmed => write!(
             s,
-            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s); the error does not fall by more than its uncertainty, or it rises on an axis. ",
+            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s); {}. ",
             list(&names),
-            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
+            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph),
+            unconfirmed(r)
         ),
         VerdictKind::Confirmed | VerdictKind::Unexplained => write!(
             s,
@@ -88,8 +90,20 @@ pub fn verdict(r: &Report) -> String {
     }
     s += &rest(r);
     s += &outside(r);
+    if r.verify_repeats_train {
+        s += " The verify run repeats the profile of a train run: it shows nothing of other temperatures and ramps.";
+    }
     s += &to_do(r);
     s
+}
+
+/// Why the verify run does not confirm.
+fn unconfirmed(r: &Report) -> &'static str {
+    if r.effects.iter().all(|e| e.confirmed != Some(true)) {
+        "no effect by itself makes the error fall there by more than its uncertainty and by 1 % at the least, in the size that was predicted"
+    } else {
+        "together they do not make the error fall by more than its uncertainty, or it rises on an axis that has one"
+    }
 }
 
 /// Classes that the exchanged search does not find.
@@ -134,23 +148,30 @@ fn to_do(r: &Report) -> String {
         (Image::Extended, Some(b)) if r.verdict_kind != VerdictKind::Confirmed => {
             let _ = write!(
                 s,
-                " The extended image is written and by itself reaches {} deg/h there, but it is not confirmed: there is no reason to burn it before another run agrees.",
+                " The image is the extended one and by itself reaches {} deg/h there, but it is not confirmed: there is no reason to burn it before another run agrees.",
+                to(b)
+            );
+        }
+        (Image::Extended, Some(b)) if r.verify_repeats_train => {
+            let _ = write!(
+                s,
+                " The image is the extended one and by itself reaches {} deg/h there, but a repeat of the train profile is no ground to burn it: judge it on a run of another profile (--repeat-is-enough if the unit will never meet another).",
                 to(b)
             );
         }
         (Image::Extended, Some(_)) => {
-            s += " The extended image is written, but does not beat the image in use by more than its uncertainty: do not burn it.";
+            s += " The image is the extended one, but does not beat the image in use by more than its uncertainty: do not burn it.";
         }
         (Image::Baseline, Some(b)) => {
             let _ = write!(
                 s,
-                " The image written is the baseline, with {} deg/h there{}{}.",
+                " The image is the baseline, with {} deg/h there{}{}.",
                 to(b),
                 constants(&block(&|m| m == AxisModel::Constant)),
                 if r.effects.is_empty() { "" } else { "; there is no reason to burn an extended one" }
             );
         }
-        _ => s += " No image is written: not even the baseline beats the raw rates on the verify run by more than its uncertainty.",
+        _ => s += " There is no image: not even the baseline beats the raw rates on the verify run by more than its uncertainty.",
     }
     let own: Vec<&str> = r.effects.iter().filter(|e| e.class == Class::Own).map(|e| e.name.as_str()).collect();
     if !own.is_empty() {
@@ -189,8 +210,10 @@ pub fn advice(r: &Report) -> Vec<String> {
         }
     }
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
+        let undecided = left.len() == 1 && !r.floor_ratio[n].is_noise() && r.floor_ratio[n].low <= 1.0;
         out.push(format!(
-            "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
+            "axis {n}: structure {} left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
+            if undecided { "may be" } else { "is" },
             list(left)
         ));
     }

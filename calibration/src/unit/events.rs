@@ -3,6 +3,7 @@
 use crate::AXIS_NAMES;
 use hrg_core::events::{Event, Record};
 use hrg_core::maintenance::Answer;
+use hrg_core::sectors::Place;
 use hrg_core::status::{AxisStatus, UnitStatus};
 
 /// Time since power-on as days, hours, minutes, seconds.
@@ -45,6 +46,10 @@ pub fn line(record: &Record) -> String {
             let why = Answer::from_number(answer).map_or_else(|| format!("answer {answer}"), |a| a.to_string());
             format!("burn refused: {why}")
         }
+        Event::CutShort { place } => match Place::from_number(place) {
+            Some(place) => format!("a burn was cut short ({place}): the image before it stays in use"),
+            None => "a burn was cut short: the image before it stays in use".into(),
+        },
         Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
         Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),
     };

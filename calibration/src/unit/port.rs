@@ -4,14 +4,15 @@
 use crate::recording::metadata::{same_scale, scale_text};
 use crate::recording::names;
 use crate::unit::keys;
-use crate::BadInput;
+use crate::{BadInput, AXIS_NAMES};
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
 use hrg_core::events::{records, Record, SECTOR};
-use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
+use hrg_core::status::{AxisStatus, UnitStatus};
 use serialport::SerialPort;
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -194,6 +195,15 @@ impl BurnError {
     }
 }
 
+/// A burn that is done.
+#[derive(Debug, Clone)]
+pub struct Burnt {
+    /// The unit after its restart.
+    pub identity: Identity,
+    /// The image that it ran before; `None`: the default, or one that cannot be read.
+    pub before: Option<Calibration>,
+}
+
 /// What the user says of a burn.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Burn {
@@ -203,6 +213,39 @@ pub struct Burn {
     pub new_scale_factor: bool,
     /// The key that signs the image, for firmware that wants it.
     pub key: Option<SigningKey>,
+}
+
+/// Within this the next second of a unit comes, whatever it is busy with.
+const SECOND: Duration = Duration::from_secs(5);
+/// Within this a unit that has started measures: some seconds for the first frequencies, and as many for their slope.
+const STARTED: Duration = Duration::from_secs(12);
+/// Temperatures that a resonator or its sensor can have, C.
+const POSSIBLE_C: std::ops::RangeInclusive<f64> = -90.0..=130.0;
+
+/// Flags of an axis with which it sends no bias of its image.
+const USELESS: AxisStatus =
+    AxisStatus::UNCALIBRATED.union(AxisStatus::FREQUENCY_LOST).union(AxisStatus::TEMPERATURE_STALE);
+/// Flags of a unit that no image cures, but that a burn must not hide.
+const BROKEN: UnitStatus = UnitStatus::DEFAULT_CALIBRATION
+    .union(UnitStatus::IMAGE_REFUSED)
+    .union(UnitStatus::ADC_FAULT)
+    .union(UnitStatus::TIMEBASE)
+    .union(UnitStatus::PROGRAM);
+
+/// What a unit shows that makes its rates useless: the names of the flags with their axes; `None`: nothing.
+fn unusable(h: &Housekeeping) -> Option<String> {
+    let mut shown: Vec<String> = Vec::new();
+    for (status, name) in h.axis_status.iter().zip(AXIS_NAMES) {
+        let flags = status.intersection(USELESS);
+        shown.extend(named(flags.bits(), &AxisStatus::NAMES).map(|flag| format!("{flag} on {name}")));
+    }
+    shown.extend(named(h.unit_status.intersection(BROKEN).bits().into(), &UnitStatus::NAMES).map(String::from));
+    (!shown.is_empty()).then(|| crate::list(&shown))
+}
+
+/// The names of the bits that are set.
+fn named<'n>(bits: u16, names: &'n [&'n str]) -> impl Iterator<Item = &'n str> + 'n {
+    names.iter().enumerate().filter(move |(k, _)| bits >> k & 1 != 0).map(|(_, n)| *n)
 }
 
 /// The link of a unit.
@@ -474,17 +517,62 @@ impl Unit {
         Ok((identity, images?))
     }
 
+    /// The next second of the unit.
+    ///
+    /// # Errors
+    /// Where none comes.
+    fn second(&mut self, within: Duration) -> Result<Housekeeping> {
+        let until = Instant::now() + within;
+        while let Some(left) = until.checked_duration_since(Instant::now()) {
+            match self.next(left).context("the port is gone")? {
+                Some(Message::Housekeeping(h)) => return Ok(h),
+                Some(_) => {}
+                None => break,
+            }
+        }
+        Err(BadInput::new("the unit sends no housekeeping; check its power, and that the port is its link").into())
+    }
+
+    /// Refuses a calibration whose curves make no temperature of what the unit reads now: one of sensors for a unit of resonators,
+    /// one in kHz, or that of another unit. An axis whose frequency is lost says nothing.
+    fn curves_fit(&mut self, image: &Calibration) -> Result<()> {
+        let now = self.second(SECOND)?;
+        for (a, name) in AXIS_NAMES.iter().enumerate() {
+            let reading = now.frequency_hz[a];
+            let temperature = f64::from(image.axes[a].curve.temperature_c(reading));
+            if reading > 0.0 && !POSSIBLE_C.contains(&temperature) {
+                let own = f64::from(now.temperature_c[a]);
+                return Err(BadInput::new(format!(
+                    "axis {name}: the unit reads {reading:.3} now ({own:.1} C by its own curve), which is {temperature:.0} C by the curve of this calibration ({}); it is not of this unit: nothing was written",
+                    if image.axes[a].curve.is_of_sensor() { "one of a temperature sensor" } else { "one of a resonator" }
+                ))
+                .into());
+            }
+        }
+        Ok(())
+    }
+
+    /// Waits until a unit that has just started shows rates that can be used; gives the flags that stay on.
+    ///
+    /// # Errors
+    /// Where the port goes.
+    pub fn shows(&mut self) -> Result<Option<String>> {
+        let until = Instant::now() + STARTED;
+        loop {
+            let h = self.second(SECOND)?;
+            let flags = unusable(&h);
+            if flags.is_none() || Instant::now() >= until {
+                return Ok(flags);
+            }
+        }
+    }
+
     /// Burns a calibration: writes it, has the unit check it, reads it back, restarts the unit and sees that it runs it.
-    /// Gives the identity of the unit afterwards. `progress` is told the share done.
+    /// Gives the unit as it is afterwards. `progress` is told the share done.
     ///
     /// # Errors
     /// [`BurnError`]: before the flash was touched (names, scale factors, an empty image), or in the middle of it.
-    pub fn burn(
-        &mut self,
-        calibration: &Calibration,
-        said: &Burn,
-        progress: impl Fn(f64),
-    ) -> Result<Identity, BurnError> {
+    pub fn burn(&mut self, calibration: &Calibration, said: &Burn, progress: impl Fn(f64)) -> Result<Burnt, BurnError> {
         if !calibration.calibrated {
             let empty = "the file holds no calibration, but the default of an uncalibrated unit; nothing was written";
             return Err(BurnError::before(BadInput::new(empty)));
@@ -497,9 +585,12 @@ impl Unit {
         if !said.new_scale_factor {
             self.same_scale(&identity, &image).map_err(BurnError::before)?;
         }
+        self.curves_fit(&image).map_err(BurnError::before)?;
         let opened = self.done(Command::Open(identity.unit), "maintenance mode").map_err(BurnError::before)?;
         // An image that was burnt since the last start is newer than the one in use.
-        let newest = match self.images(opened).map_err(BurnError::before)?.newest {
+        let Images { in_use, newest } = self.images(opened).map_err(BurnError::before)?;
+        let before = in_use.and_then(|(_, image)| image.ok());
+        let newest = match newest {
             Some((_, Ok(newest))) => newest.sequence,
             _ => identity.sequence,
         };
@@ -509,7 +600,8 @@ impl Unit {
             Some(key) => keys::sign(&bytes, key),
             None => bytes.to_vec(),
         };
-        self.write(&bytes, image.checksum(), progress).map_err(BurnError::after)
+        let identity = self.write(&bytes, image.checksum(), progress).map_err(BurnError::after)?;
+        Ok(Burnt { identity, before })
     }
 
     /// An image of another scale factor would change every rate of the unit: its recording was made with another one.

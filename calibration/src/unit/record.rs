@@ -241,7 +241,7 @@ impl Recorder {
             let stem = self.base.file_stem().unwrap_or_default().to_string_lossy();
             self.base.with_file_name(format!("{stem}-{}.csv", self.power_ons))
         };
-        let file = std::fs::File::options().write(true).create_new(true).open(&path).map_err(|e| {
+        let file = crate::output::create_new(&path).map_err(|e| {
             BadInput::new(match e.kind() {
                 std::io::ErrorKind::AlreadyExists => {
                     format!(

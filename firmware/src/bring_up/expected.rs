@@ -3,7 +3,7 @@
 /// In the order of the rows: name, figure.
 pub const EXPECTED: [(&str, f32); super::table::ROWS] = [
     ("wave x (PB9-PA0): frequency", 4900.093),
-    ("wave y (PA8-PA1): frequency", 4891.969),
+    ("wave y (PA8-PA1): frequency", 4891.836),
     ("wave z (PB14-PB10): frequency", 4703.669),
     ("wave x: shortest period captured", 18366.0),
     ("wave x: longest period captured", 18368.0),

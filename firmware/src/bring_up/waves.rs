@@ -8,17 +8,17 @@ use embassy_stm32::pac::timer::TimGp16;
 use embassy_stm32::peripherals::{TIM1, TIM10, TIM12, TIM4, TIM8};
 use embassy_stm32::rcc;
 
-/// Counts of a period: of TIM4 and TIM12 at 90 MHz, of TIM1 at 180 MHz. Near the frequencies of a unit with the default calibration at 10 C: 4900.093,
-/// 4891.969 and 4703.669 Hz.
-pub const PERIODS: [u16; 3] = [18_367, 36_795, 19_134];
+/// Counts of a period: of TIM4, TIM1 and TIM12, all at 90 MHz. Near the frequencies of a unit with the default calibration at 10 C: 4900.093,
+/// 4891.836 and 4703.669 Hz.
+pub const PERIODS: [u16; 3] = [18_367, 18_398, 19_134];
 
 /// The periods go through these, one each 10 ms: so the resolution of the captures shows.
 const DITHER: [i16; 4] = [0, 1, 0, -1];
 
-/// TIM8: 60 MHz of 180, 1 kHz.
-const READY: (u16, u16) = (2, 60_000);
-/// TIM10: 10 kHz of 180 MHz, 1 Hz; high for 10 ms.
-const PULSE: (u16, u16) = (17_999, 10_000);
+/// TIM8: 30 MHz of 90, 1 kHz.
+const READY: (u16, u16) = (2, 30_000);
+/// TIM10: 10 kHz of 90 MHz, 1 Hz; high for 10 ms.
+const PULSE: (u16, u16) = (8_999, 10_000);
 const PULSE_HIGH: u16 = 100;
 
 /// The three waves.

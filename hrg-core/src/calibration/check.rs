@@ -116,6 +116,10 @@ impl EffectTerm {
         match shape(self.id) {
             None => Err(ImageError::UnknownEffect(self.id)),
             Some(s) if !s.on_unit => Err(ImageError::NotOnUnit(self.id)),
+            // (A play of negative width would jump each second.)
+            Some(s) if s.positive.iter().zip(&self.parameters).any(|(wanted, v)| *wanted && !(*v > 0.0)) => {
+                Err(ImageError::Absurd("width or time constant of an effect"))
+            }
             Some(_) => Ok(()),
         }
     }

@@ -198,7 +198,7 @@ impl Calibration {
             for (number, axis) in self.axes.iter().enumerate() {
                 w.f32s(&axis.uncertainty.baseline[k]);
                 for e in &self.effects {
-                    let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
+                    let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs.min(MAX_OUTPUTS));
                     for gain in &e.directions[k][number][..outputs] {
                         w.u16(gain.bits());
                     }
@@ -226,7 +226,7 @@ impl Calibration {
                 axis.uncertainty.baseline[k] = r.f32s()?;
                 for e in &mut self.effects {
                     let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-                    for gain in &mut e.directions[k][number][..outputs] {
+                    for gain in e.directions[k][number].iter_mut().take(outputs) {
                         *gain = Half::from_bits(r.u16()?);
                     }
                 }
@@ -265,6 +265,7 @@ impl Calibration {
             if usize::from(stated) != outputs {
                 return Some(Err(ImageError::Absurd("number of gains of an effect")));
             }
+            let outputs = outputs.min(MAX_OUTPUTS);
             let mut e = EffectTerm::new(id, parameters);
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
                 r.fill(&mut gains[..outputs])?;

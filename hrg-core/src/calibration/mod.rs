@@ -283,6 +283,7 @@ pub(crate) mod tests {
     use crate::bias::four_parameter::FourParameter;
     use crate::bytes::crc32;
     use crate::effects::shape;
+    use crate::effects::EffectId;
     use proptest::prelude::*;
 
     pub(crate) fn full() -> Calibration {
@@ -415,6 +416,17 @@ pub(crate) mod tests {
         let swapped = |c: &mut Calibration| c.accelerometers.matrix = [[0.0, 1.0], [1.0, 0.0]];
         assert_eq!(refused(&swapped), ImageError::Absurd("accelerometers"));
         assert_eq!(refused(&|c| c.effects[0].id = 11), ImageError::NotOnUnit(11));
+        for (effect, parameters) in [
+            (EffectId::Hysteresis, [-10.0, 0.0]),
+            (EffectId::PlayLadder, [1.0, 0.0]),
+            (EffectId::ThermalLag, [0.0, 0.0]),
+            (EffectId::LagLadder, [-60.0, 6000.0]),
+            (EffectId::ArrheniusLadder, [0.02, -1.0]),
+            (EffectId::WarmUp, [-1800.0, 0.0]),
+        ] {
+            let e = refused(&|c| (c.effects[0].id, c.effects[0].parameters) = (effect.facts().id, parameters));
+            assert_eq!(e, ImageError::Absurd("width or time constant of an effect"), "{effect:?}");
+        }
         let nan = |c: &mut Calibration| c.axes[1].coefficients = Coefficients::Network([f32::NAN; 16]);
         assert_eq!(refused(&nan), ImageError::NotFinite);
         let rates = |edit: fn(&mut RateAxis)| {

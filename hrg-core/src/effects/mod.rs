@@ -125,6 +125,8 @@ pub trait Effect: Sized {
     const ID: u16;
     /// Names of the inner parameters, with unit.
     const PARAMETERS: &'static [&'static str];
+    /// Which of the inner parameters must be above zero: time constants, widths, periods and ramps, by their names.
+    const POSITIVE: [bool; MAX_PARAMETERS] = positive(Self::PARAMETERS);
     /// Who can compensate it.
     const REACH: Reach;
     /// Whether it looks at nothing that belongs to an axis: then the unit computes it once for the three.
@@ -152,6 +154,33 @@ pub trait Effect: Sized {
     }
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
+}
+
+/// Which parameters must be above zero, by the beginnings of their names. (When the program is compiled: a unit holds no names.)
+const fn positive(names: &[&str]) -> [bool; MAX_PARAMETERS] {
+    const BEGINNINGS: [&str; 4] = ["tau", "width", "period", "ramp"];
+    let mut out = [false; MAX_PARAMETERS];
+    let mut n = 0;
+    while n < names.len() && n < MAX_PARAMETERS {
+        let mut b = 0;
+        while b < BEGINNINGS.len() {
+            out[n] |= begins(names[n].as_bytes(), BEGINNINGS[b].as_bytes());
+            b += 1;
+        }
+        n += 1;
+    }
+    out
+}
+
+const fn begins(name: &[u8], beginning: &[u8]) -> bool {
+    let mut k = 0;
+    while k < beginning.len() {
+        if k >= name.len() || name[k] != beginning[k] {
+            return false;
+        }
+        k += 1;
+    }
+    true
 }
 
 /// Arrays of up to [`MAX_OUTPUTS`] regressors.
@@ -221,6 +250,8 @@ pub struct Shape {
     pub outputs: usize,
     /// Whether a unit can compute it.
     pub on_unit: bool,
+    /// Which of its inner parameters must be above zero: [`Effect::POSITIVE`].
+    pub positive: [bool; MAX_PARAMETERS],
 }
 
 /// Gains of an effect on each axis.
@@ -291,12 +322,15 @@ macro_rules! effects {
         }),+];
 
         /// What a unit must know of the effect with a number; it holds no names.
+        // (One table in flash, for all that ask.)
+        #[inline(never)]
         #[must_use]
         pub fn shape(id: u16) -> Option<Shape> {
             match id {
                 $(<$name as Effect>::ID => Some(Shape {
                     outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
                     on_unit: matches!(<$name as Effect>::REACH, Reach::Unit),
+                    positive: <$name as Effect>::POSITIVE,
                 }),)+
                 _ => None,
             }
@@ -389,6 +423,7 @@ effects! {
     warm_up::{WarmUp},
     aging::{Aging},
     step::{Step},
+    shock::{Shock},
     periodic::{Periodic},
     timebase::{Timebase},
     drive_amplitude::{DriveAmplitude},

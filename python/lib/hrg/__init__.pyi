@@ -59,7 +59,8 @@ class Corrected:
         """Biases that this second gave, deg/h; they hold in the next. Shape (seconds, 3)."""
     @property
     def bias_std_dph(self) -> NDArray[np.float32]:
-        """Their standard uncertainties, deg/h; NaN where the calibration does not state them. Shape (seconds, 3)."""
+        """Their standard uncertainties, deg/h; NaN where the calibration does not state them. Learnt from one train run, they do not hold the
+        constant that changes with each power-on. Shape (seconds, 3)."""
     @property
     def temperature_c(self) -> NDArray[np.float32]:
         """Temperatures of the gyros, C. Shape (seconds, 3)."""
@@ -237,6 +238,7 @@ def trace(
     verify: Recording,
     *,
     in_use: Calibration | None = None,
+    repeat_is_enough: bool = False,
     different_units: bool = False,
     jobs: int | None = None,
     progress: Callable[[int], object] | None = None,

@@ -101,7 +101,7 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let report = points::report(&Points::parse(&text)?)?;
     for e in &report.effects {
-        say!(told, "   {} against the {}: {}", e.name, e.reference, e.finding);
+        say!(told, "   {} against the {}: {}", e.name, hrg_cal::thermometer::points::called(&e.reference), e.finding);
         for (axis, b) in &e.axes {
             say!(
                 told,

@@ -12,7 +12,7 @@ use hrg_cal::unit::events;
 use hrg_cal::unit::keys;
 use hrg_cal::unit::monitor;
 use hrg_cal::unit::monitor::State;
-use hrg_cal::unit::port::{agreed_name, name_of, At, Burn, NameError, Unit};
+use hrg_cal::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
 use hrg_cal::unit::record::{Recorder, Second};
 use hrg_cal::unit::sensors::Sensors;
 use hrg_cal::BadInput;
@@ -57,7 +57,7 @@ impl RecordArguments {
     pub(crate) fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
         let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
         let mut recorder = Recorder::new(out, unit.unwrap_or(""));
-        recorder.head.attitude = self.place.attitude()?;
+        recorder.head.attitude = self.place.attitude_of_three()?;
         recorder.head.scale_factor = self.scale_factor()?;
         recorder.of_sensors = match self.thermometer.as_str() {
             // (Empty: made without the command line.)
@@ -266,11 +266,18 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
         bar.set_position((done * 100.0) as u64);
     });
     bar.finish_and_clear();
-    let after = match after {
-        Ok(after) => after,
+    let Burnt { identity: after, before } = match after {
+        Ok(burnt) => burnt,
         Err(e) if e.begun => return Err(with_what_it_holds(&mut unit, port, &e.why)),
         Err(e) => return Err(e.why.context(port.clone())),
     };
+    if let Some(flags) = unit.shows().with_context(|| format!("{port}: image {:08x} is burnt", after.calibration))? {
+        anyhow::bail!(
+            "{port}: image {:08x} is burnt and runs, but the unit shows {flags}; {}",
+            after.calibration,
+            way_back(before.as_ref(), port)?
+        );
+    }
     println!(
         "{}: burnt, read back, and running: image {:08x}, number {}, scale factor {} deg/h per code (x y z)",
         after.unit_name(),
@@ -285,6 +292,16 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
         SECTOR_BYTES / room(length)
     );
     Ok(())
+}
+
+/// How the unit gets the image back that it ran before, which is kept in a file.
+fn way_back(before: Option<&Calibration>, port: &str) -> Result<String> {
+    let Some(before) = before else {
+        return Ok("it ran no image before that could be read: burn the calibration of this unit".into());
+    };
+    let file = PathBuf::from(format!("before-{:08x}.toml", before.checksum()));
+    image_file::save(&file, before)?;
+    Ok(format!("to go back, burn the image that it ran before: hrg burn {} --port {port}", file.display()))
 }
 
 /// What `hrg image` is told.

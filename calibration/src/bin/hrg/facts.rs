@@ -8,6 +8,7 @@ use hrg_cal::recording::metadata::{scale_factor, Attitude};
 use hrg_cal::recording::names;
 use hrg_cal::recording::Recording;
 use hrg_cal::{load_recording_with, BadInput};
+use hrg_core::AXES;
 use std::path::PathBuf;
 
 /// Where the unit stands.
@@ -25,6 +26,16 @@ impl Place {
     /// The attitude; `None` where none is given.
     pub fn attitude(&self) -> Result<Option<Attitude>, BadInput> {
         Ok(Attitude::of(self.latitude.as_deref(), self.axes.as_deref())?)
+    }
+
+    /// The attitude of a unit of three axes.
+    ///
+    /// # Errors
+    /// As [`attitude`](Self::attitude), and where an axis is not named.
+    pub fn attitude_of_three(&self) -> Result<Option<Attitude>, BadInput> {
+        let attitude = self.attitude()?;
+        attitude.map_or(Ok(()), |a| a.names(0..AXES))?;
+        Ok(attitude)
     }
 }
 

@@ -67,7 +67,7 @@ fn load(arguments: &Arguments) -> Result<Vec<Dated>> {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if let Some(out) = arguments.out.as_deref().filter(|o| o.extension().is_none_or(|e| e != "svg")) {
+    if let Some(out) = arguments.out.as_deref().filter(|o| o.extension().is_some_and(|e| e != "svg")) {
         return Err(BadInput::new(format!(
             "--out {}: the picture is SVG; give a name that ends in .svg",
             out.display()
@@ -100,6 +100,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         values[0][0].last().map_or(f64::NAN, |v| v.temperature_c)
     );
     println!("sigmas: root mean square over temperature of the change over its standard deviation; about 1 where only noise changed");
+    println!("{}", hrg_cal::fit::correct::WITHOUT_TURN_ON);
     match images::trends(&all, &quantities, &values) {
         Ok(trends) => say_trends(&trends, arguments.limit),
         Err(e) if all.len() > 2 => println!("no trend: {e}"),

@@ -114,7 +114,7 @@ fn print_points(r: &points::Report) {
     }
     for e in &r.effects {
         println!();
-        println!("{} (against the {}): {}", e.name, e.reference, e.finding);
+        println!("{} (against the {}): {}", e.name, hrg_cal::thermometer::points::called(&e.reference), e.finding);
         println!("p-value: {:.1e} ({})", e.p_value, e.statistic);
         if !e.indistinguishable_from.is_empty() {
             println!("these points cannot tell it from: {}", e.indistinguishable_from.join(", "));

@@ -79,7 +79,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         })
         .collect::<Result<Vec<_>, _>>()?;
     let noise = Noise { white_100s_dph: noise.unwrap_or(usual.white_100s_dph), ..usual };
-    let attitude = place.attitude()?.unwrap_or(ATTITUDE);
+    let attitude = place.attitude_of_three()?.unwrap_or(ATTITUDE);
     let turning = rates.as_deref().map(Scheme::of_rates).transpose()?;
     let plan = Plan {
         kind,

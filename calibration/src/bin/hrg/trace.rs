@@ -34,6 +34,9 @@ pub struct Arguments {
     /// The image that the unit has in use: the new one must beat it before it is recommended.
     #[arg(long)]
     in_use: Option<PathBuf>,
+    /// Recommend a burn also where the verify run only repeats the profile of a train run.
+    #[arg(long)]
+    repeat_is_enough: bool,
     /// Trace what the scale factors lack under this calibration, on runs on a rate table (hrg profile --rates), in the place of what
     /// the biases lack. Every deg/h of the report is then a ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
@@ -53,8 +56,20 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { train, verify, split, out, html, calibration, in_use, rates, jobs, different_units, facts } =
-        arguments;
+    let Arguments {
+        train,
+        verify,
+        split,
+        out,
+        html,
+        calibration,
+        in_use,
+        repeat_is_enough,
+        rates,
+        jobs,
+        different_units,
+        facts,
+    } = arguments;
     let (mut train, mut verify) = runs_of_trace(&train, verify, split, &facts)?;
     if let Some(path) = &rates {
         let under = image_file::load(path)?;
@@ -70,6 +85,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let options = trace::Options {
         units: units(different_units),
         in_use,
+        repeat_is_enough,
         jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
         own: Vec::new(),
     };
@@ -143,7 +159,7 @@ fn print_trace(r: &trace::Report) {
     println!("standard deviation of 100 s means, deg/h; how many means there are, train / verify; in brackets 95 %");
     if let Some(block) = &r.block {
         println!();
-        println!("{:<5} {:>14} {:>26}   the written image on the verify run", "axis", "verify", "mean against train");
+        println!("{:<5} {:>14} {:>26}   the image on the verify run", "axis", "verify", "mean against train");
         for (n, b) in block {
             println!(
                 "{n:<5} {:>14.3} {:>26}",
@@ -154,7 +170,8 @@ fn print_trace(r: &trace::Report) {
     }
     for e in &r.effects {
         println!();
-        let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
+        let parameters: Vec<String> =
+            e.parameters.iter().map(|(n, v)| format!("{n} {}", trace::report::three_digits(*v))).collect();
         let p_value = e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}"));
         println!("effect {} {} ({}, {}; p-value {p_value})", e.name, parameters.join(", "), e.class.name(), e.reach);
         for (n, v) in &e.on_verify {

@@ -47,6 +47,19 @@ pub struct Report {
     pub advice: Vec<String>,
 }
 
+/// Names of the references in reports: the sensors on the cases, and the chamber's.
+const REFERENCES: [&str; 2] = ["shell", "chamber"];
+
+/// The word for a reference in sentences: reports keep the former one of the cases.
+#[must_use]
+pub fn called(reference: &str) -> &'static str {
+    if reference == REFERENCES[0] {
+        "case"
+    } else {
+        "chamber"
+    }
+}
+
 /// The curve of each axis as the unit evaluates it, and what it is referred to: the cases, or the chamber where an axis has no case
 /// sensor. `None` for an axis that the table does not have.
 ///
@@ -55,7 +68,8 @@ pub struct Report {
 pub fn curves(p: &Points) -> Result<[Option<(TemperatureCurve, &'static str)>; AXES], BadInput> {
     let mut out = [None; AXES];
     for (a, out) in out.iter_mut().enumerate() {
-        for (reference, name) in [("shell", "case"), ("chamber", "chamber")] {
+        for reference in REFERENCES {
+            let name = called(reference);
             let (f, t) = both(&p.frequency_hz[a], p.temperatures(reference, a));
             if f.len() >= LEAST_SOAKS {
                 *out = Some((curve::fit_inverse(&f, &t, None, 3)?, name));
@@ -75,7 +89,7 @@ pub fn curves(p: &Points) -> Result<[Option<(TemperatureCurve, &'static str)>; A
 /// Where a fit is not possible.
 pub fn report(p: &Points) -> Result<Report, BadInput> {
     let mut fits = BTreeMap::new();
-    for reference in ["shell", "chamber"] {
+    for reference in REFERENCES {
         let mut axes = BTreeMap::new();
         for (a, name) in AXIS_NAMES.iter().enumerate() {
             let (f, t) = both(&p.frequency_hz[a], p.temperatures(reference, a));

@@ -379,7 +379,9 @@ impl<'a> Search<'a> {
                 baseline: self.axes[a].baseline(noise_models[a]),
                 y: y.next().unwrap_or_default(),
             });
-            proposed.extend(proposals::jumps(self.data, &left));
+            let jumps = proposals::jumps(self.data, &left);
+            proposed.extend(proposals::shocks(&jumps));
+            proposed.extend(jumps);
             if k == 0 || k == 2 {
                 proposed.extend(proposals::periods(self.data, &left));
             }
@@ -387,7 +389,8 @@ impl<'a> Search<'a> {
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
         for c in proposed {
             if self.alone(&c).is_none() {
-                self.push(vec![c], rows / 3.0);
+                let shapes = if c.facts.effect == EffectId::Shock { proposals::RECOVERIES_S.len() } else { 1 };
+                self.push(vec![c], shapes as f64 * rows / 3.0);
             }
         }
     }

@@ -22,13 +22,14 @@ impl Search<'_> {
         let (low, high) = self.data.temperature_range();
         let span = high - low;
         let p = start.parameters;
-        let mut step = match how {
-            Refine::No => 0.0,
-            Refine::Scale => 0.16,
-            Refine::Cycle => (0.25 * p[0] / span).min(0.16),
-            Refine::Place(share) | Refine::Places(share) => share * span,
-            Refine::Time => self.data.block_s as f32,
-            Refine::Period => 0.3 * p[0] * p[0] / self.data.longest_s(),
+        let mut steps = match how {
+            Refine::No => [0.0; 2],
+            Refine::Scale => [0.16; 2],
+            Refine::Cycle => [(0.25 * p[0] / span).min(0.16); 2],
+            Refine::Place(share) | Refine::Places(share) => [share * span; 2],
+            Refine::Time => [self.data.block_s as f32; 2],
+            Refine::TimeAndScale => [self.data.block_s as f32, 0.3],
+            Refine::Period => [0.3 * p[0] * p[0] / self.data.longest_s(); 2],
         };
         let mut best = (self.trial(&state, k, &[start]), start);
         for _ in 0..6 {
@@ -36,8 +37,9 @@ impl Search<'_> {
                 for sign in [-1.0, 1.0] {
                     let mut c = best.1;
                     let q = c.parameters[place];
-                    c.parameters[place] = if how.by_factor() { q * (1.0 + sign * step) } else { q + sign * step };
-                    if how.places() == 2 && c.parameters[1] > c.parameters[0] {
+                    let step = sign * steps[place];
+                    c.parameters[place] = if how.by_factor(place) { q * (1.0 + step) } else { q + step };
+                    if matches!(how, Refine::Places(_)) && c.parameters[1] > c.parameters[0] {
                         continue;
                     }
                     let net_evidence = self.trial(&state, k, &[c]);
@@ -46,7 +48,7 @@ impl Search<'_> {
                     }
                 }
             }
-            step *= 0.55;
+            steps.iter_mut().for_each(|s| *s *= 0.55);
         }
         if best.1 == start {
             return state;

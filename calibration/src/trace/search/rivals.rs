@@ -55,6 +55,7 @@ impl Search<'_> {
     fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
         let evidence = with.net() - others.net();
         let gain_in_cv = (0..AXES)
+            .filter(|a| !self.data.axes[*a].y.is_empty())
             .map(|a| {
                 let m = &with.axes[a];
                 let n = self.data.axes[a].y.len() as f64;

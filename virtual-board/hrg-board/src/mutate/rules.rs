@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use virtual_board::mutation::RegisterWrite;
-use virtual_board::part::Part;
+use virtual_board::part::{Part, FED_BACK_MAX_HZ};
 use virtual_board::tables::Pin;
 
 /// The chip is in the state of the unmutated program when its start is over.
@@ -45,7 +45,7 @@ const NO_OUTPUT: &str = "ODR says nothing where the pin is no output of the prog
 const NO_FUNCTION: &str = "AFR says nothing where the pin is not on its alternate function (RM0390 section 7.4.9)";
 const SELECTED: &str =
     "the ADC is selected from the set-up of the pin until the first frame ends: that frame is the set-up's, and no sample of it is used (SBAS950 section 8.5.1.1)";
-const FASTER: &str = "the pin is fast enough at either setting (data sheet, I/O AC characteristics)";
+const FAST_ENOUGH: &str = "the pin is fast enough for its signal (data sheet, I/O AC characteristics: 4 and 25 MHz at the two lowest speeds), and the clock of SPI1 for PCLK2 (errata ES0298 section 2.14)";
 
 /// Rules that need nothing but the register and its fields.
 const RULES: &[Rule] = &[
@@ -221,7 +221,7 @@ impl Rules {
         if name.starts_with("RCC.A") && (name.contains("ENR") || name.ends_with("RSTR")) {
             return self.gates(address, left);
         }
-        if name == "USART1.BRR" && (96..=99).contains(&value) {
+        if name == "USART1.BRR" && (48..=49).contains(&value) {
             return Some("the baud rate is off by less than 2 % (RM0390 section 25.4.5)");
         }
         let mut why = None;
@@ -315,8 +315,13 @@ impl Rules {
         }
         let w = &self.part.wiring;
         let inputs = [&w.resonators[..], &[w.data_ready, w.pulse, w.from_adc, w.link_in, SWCLK]].concat();
-        let fast = [w.clock, w.to_adc];
-        let pulled = w.resonators.contains(&wired[0]) || wired[0] == w.from_adc;
+        // Of the unit's outputs only the two of the bus are above what the lowest speed is good for. APB2 runs at half of its limit.
+        let pclk2 = self.part.clocks.apb2 / 2;
+        let fast_enough = |p: &Pin| match value >> (2 * p.1) & 3 {
+            speed if *p == w.clock => FED_BACK_MAX_HZ[speed as usize] >= pclk2,
+            speed => *p != w.to_adc || speed != 0,
+        };
+        let pulled = w.resonators.contains(&wired[0]) || [w.from_adc, w.link_in].contains(&wired[0]);
         match register {
             0x10 => Some(READ_ONLY),
             // The data of a pin that is no output.
@@ -324,9 +329,15 @@ impl Rules {
             0x04 if wired.iter().all(|p| inputs.contains(p)) => Some(INPUT),
             0x20 | 0x24 if wired.iter().all(|p| [w.select, w.reset, w.mark].contains(p)) => Some(NO_FUNCTION),
             0x14 | 0x18 if wired.iter().all(|p| *p == w.select) && value == 0 => Some(SELECTED),
-            // At a pin that is fast, the lowest is too slow.
-            0x08 if wired.iter().all(|p| !fast.contains(p) || value >> (2 * p.1) & 3 != 0) => Some(FASTER),
-            0x0C if wired.iter().all(|p| !pulled || matches!(value >> (2 * p.1) & 3, 1 | 2)) => Some(DRIVEN),
+            0x08 if wired.iter().all(fast_enough) => Some(FAST_ENOUGH),
+            // (The link in rests high: pulled down, it would receive a break.)
+            0x0C if wired.iter().all(|p| {
+                let pull = value >> (2 * p.1) & 3;
+                !pulled || pull == 1 || pull == 2 && *p != w.link_in
+            }) =>
+            {
+                Some(DRIVEN)
+            }
             _ => None,
         }
     }
