@@ -295,7 +295,7 @@ pub fn to_csv(
     if source.thermometer.is_sensor() {
         s.push_str("# thermometer: sensor\n");
     }
-    let _ = writeln!(s, "# {WITHOUT_TURN_ON}");
+    let _ = writeln!(s, "# note: {WITHOUT_TURN_ON}");
     let present: Vec<usize> = source.present().collect();
     let written = written(source);
     s.push_str(&columns::header(&written, &present));
