@@ -411,6 +411,10 @@ impl Chip {
             });
             return false;
         }
+        // A receiver that is on needs its pin as soon as the program uses the line, with or without a cable.
+        if out && self.usart1.receives() && !self.carries(Signal::LinkIn) {
+            return false;
+        }
         self.carries(if out { Signal::LinkOut } else { Signal::LinkIn }) && self.awake(0x4001_1000, "no bit moves")
     }
 

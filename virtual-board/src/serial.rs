@@ -104,6 +104,12 @@ const ORE: u32 = 1 << 3;
 const TC: u32 = 1 << 6;
 
 impl Usart {
+    /// `true` if the receiver is on: CR1.UE and CR1.RE.
+    pub fn receives(&self) -> bool {
+        let on = 1 << 13 | 1 << 2;
+        self.regs[3] & on == on
+    }
+
     pub fn read(&mut self, word: usize) -> Option<u32> {
         match word {
             0 => {
