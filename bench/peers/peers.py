@@ -1,7 +1,7 @@
 """Our desktop work beside the libraries that one would use in Python, in one run: prints ratios of times (theirs / ours).
 
     python3 -m venv target/peers && target/peers/bin/pip install -r bench/peers/requirements.txt
-    cargo build --release -p hrg-cal
+    cargo build --release -p hrg-study
     target/peers/bin/python bench/peers/peers.py
 
 Each job is the same on both sides, in memory, start-up not counted; each is timed alone, on one core, the best of some runs.
@@ -18,12 +18,12 @@ os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-OURS = ROOT / "target/release/hrg-bench"
+OURS = ROOT / "target/release/hrg-study"
 DATA = ROOT / "target/bench/10h-1hz.csv"
 
 
 def ours(job, *arguments):
-    out = subprocess.run(["taskset", "-c", "0", OURS, "--child", job, DATA, *map(str, arguments)], capture_output=True, text=True, check=True)
+    out = subprocess.run(["taskset", "-c", "0", OURS, "bench-desktop", "--child", job, DATA, *map(str, arguments)], capture_output=True, text=True, check=True)
     return json.loads(out.stdout)
 
 
@@ -42,7 +42,7 @@ def report(name, theirs, mine, difference):
 
 def main():
     if not OURS.exists() or not DATA.exists():
-        sys.exit("first: cargo xtask bench (it builds hrg-bench and makes the data)")
+        sys.exit("first: cargo xtask bench (it builds hrg-study and makes the data)")
     os.sched_setaffinity(0, {0})
     print(f"{'job':<58} {'theirs':>13} {'ours':>13} {'ratio':>10}   difference of the results")
 

@@ -1,7 +1,7 @@
 """The trace beside general regressions, on unseen runs: what each leaves, as a standard deviation of 100 s means.
 
     python3 -m venv target/peers && target/peers/bin/pip install -r bench/peers/requirements.txt
-    cargo build --release -p hrg-cal -p foreign-plant
+    cargo build --release -p hrg -p foreign-plant
     target/peers/bin/python bench/peers/trace_peers.py --units 40 --page docs/trace-peers.md
 
 Files: the measured recordings (imu_raw_data split at 6500 s, gpsdo.short both halves both ways) and units of the second plant, which
@@ -289,7 +289,7 @@ def main():
     options.add_argument("--page", type=Path, help="write the table into this page")
     options = options.parse_args()
     if not HRG.exists() or not PLANT.exists():
-        sys.exit("first: cargo build --release -p hrg-cal -p foreign-plant")
+        sys.exit("first: cargo build --release -p hrg -p foreign-plant")
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         files = list(measured(folder)) + list(foreign(folder / "foreign", options.units))

@@ -30,9 +30,9 @@ pub fn run(data: &[u8]) {
         fly(&c);
     }
     if let Ok(text) = std::str::from_utf8(data) {
-        if let Ok(c) = hrg_cal::image_file::from_text(text) {
+        if let Ok(c) = hrg_data::image_file::from_text(text) {
             let again =
-                hrg_cal::image_file::from_text(&hrg_cal::image_file::to_text(&c)).expect("what we write we read");
+                hrg_data::image_file::from_text(&hrg_data::image_file::to_text(&c)).expect("what we write we read");
             assert_eq!(again.to_bytes(), c.to_bytes());
             fly(&c);
         }

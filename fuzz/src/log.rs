@@ -1,8 +1,8 @@
 //! The log: ELF files, raw defmt streams, and lines of text.
 
-use hrg_cal::unit::log::Decoder;
-use hrg_cal::unit::record::{unit_in_log, Second};
-use hrg_cal::unit::sensors::Lines;
+use hrg::unit::record::{unit_in_log, Second};
+use hrg::unit::sensors::Lines;
+use hrg_data::log::Decoder;
 use std::cell::RefCell;
 
 /// Where the ELF is, seen from this package and from the tests.

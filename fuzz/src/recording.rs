@@ -1,8 +1,8 @@
 //! Recordings: any bytes are read, cleaned and brought to model steps, or refused with a sentence; so is a chamber's log beside one.
 
-use hrg_cal::recording::merge::{merge, Wanted};
-use hrg_cal::recording::steps::Steps;
-use hrg_cal::recording::Recording;
+use hrg_data::recording::merge::{merge, Wanted};
+use hrg_data::recording::steps::Steps;
+use hrg_data::recording::Recording;
 
 /// Takes an input; it panics where something promised does not hold.
 pub fn run(data: &[u8]) {
@@ -27,6 +27,6 @@ pub fn run(data: &[u8]) {
         if let Ok(merged) = merge(RUN, text, "log", &wanted) {
             assert_eq!(Recording::parse(merged.text.as_bytes()).expect("what we write we read").time_s, [1.0, 2.0]);
         }
-        let _ = hrg_cal::align::Recording::parse(text);
+        let _ = hrg_align_tools::Recording::parse(text);
     }
 }

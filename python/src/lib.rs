@@ -11,7 +11,7 @@ mod tools;
 mod work;
 
 use calibration::Calibration;
-use hrg_cal::BadInput;
+use hrg_data::error::BadInput;
 use pyo3::prelude::*;
 
 pyo3::create_exception!(

@@ -1,8 +1,8 @@
 //! Effects that a user has written in Python: columns in, columns out.
 
-use hrg_cal::trace::own::{Computed, OwnEffect, States};
-use hrg_cal::AXIS_NAMES;
 use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_identify::trace::own::{Computed, OwnEffect, States};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

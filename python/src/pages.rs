@@ -3,12 +3,17 @@
 use crate::recording::Recording;
 use crate::tools::of_json;
 use crate::{bad, refused, work, Calibration};
-use hrg_cal::align::accelerometers;
-use hrg_cal::compare::{self as comparing, Contender};
-use hrg_cal::fit::independence::{self, Units};
-use hrg_cal::thermometer::soaks as standing;
-use hrg_cal::{image_file, report, BadInput, MOST_RECORDING};
+use hrg::report;
+use hrg_align_tools::accelerometers;
 use hrg_core::alignment::normal_gravity;
+use hrg_data::error::BadInput;
+use hrg_data::files::MOST_RECORDING;
+use hrg_data::image_file;
+use hrg_identify::fit::independence;
+use hrg_identify::fit::independence::Units;
+use hrg_identify::thermometer::soaks as standing;
+use hrg_papers::compare as comparing;
+use hrg_papers::compare::Contender;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::{Path, PathBuf};
@@ -68,7 +73,7 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;")
 }
 
-fn clean(recordings: &[Bound<'_, Recording>]) -> Vec<hrg_cal::recording::Recording> {
+fn clean(recordings: &[Bound<'_, Recording>]) -> Vec<hrg_data::recording::Recording> {
     recordings.iter().map(|r| r.get().clean.clone()).collect()
 }
 
@@ -151,7 +156,7 @@ pub fn soaks(
 
 /// Reads a table as text.
 pub fn table(path: &Path) -> Result<String, BadInput> {
-    let bytes = hrg_cal::read_file(path, MOST_RECORDING, true)?;
+    let bytes = hrg_data::files::read_file(path, MOST_RECORDING, true)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 

@@ -2,15 +2,17 @@
 
 use crate::calibration::Calibration;
 use crate::{bad, refused, work};
-use hrg_cal::fit::correct as corrections;
-use hrg_cal::recording::facts::{self, Facts};
-use hrg_cal::recording::format::Thermometer;
-use hrg_cal::recording::import::map::{Map, BUILT_IN};
-use hrg_cal::recording::metadata::{scale_text, Attitude};
-use hrg_cal::recording::{columns, import, names, parquet, Original, Recording as Inner};
-use hrg_cal::simulate::{inject_defects, EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
-use hrg_cal::{BadInput, AXIS_NAMES};
 use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::recording::facts;
+use hrg_data::recording::facts::Facts;
+use hrg_data::recording::format::Thermometer;
+use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::metadata::{scale_text, Attitude};
+use hrg_data::recording::{columns, import, names, parquet, Original, Recording as Inner};
+use hrg_identify::fit::correct as corrections;
+use hrg_simulate::{inject_defects, EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;

@@ -2,18 +2,20 @@
 
 use crate::recording::{path_of, Recording};
 use crate::{bad, refused, work, Calibration};
-use hrg_cal::align::accelerometers::Accelerometers;
-use hrg_cal::align::{self as alignment, FilterKind};
-use hrg_cal::numeric::allan as curve;
-use hrg_cal::thermometer::points as static_points;
-use hrg_cal::trace::cards::card;
-use hrg_cal::trace::equations::equation;
-use hrg_cal::unit::log::{housekeeping_of_line, Decoder};
-use hrg_cal::MOST_ELF;
+use hrg::unit::log::housekeeping_of_line;
+use hrg_align_tools as alignment;
+use hrg_align_tools::accelerometers::Accelerometers;
+use hrg_align_tools::FilterKind;
 use hrg_core::effects::{Facts, Reach};
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::schema::{Layout, Number};
+use hrg_data::cards::card;
+use hrg_data::files::MOST_ELF;
+use hrg_data::log::Decoder;
+use hrg_data::numeric::allan as curve;
+use hrg_identify::thermometer::points as static_points;
+use hrg_identify::trace::equations::equation;
 use numpy::{PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
@@ -108,7 +110,7 @@ pub fn align<'py>(
 pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work::run(py, None, move || {
         let p = static_points::Points::parse(&crate::pages::table(&path)?)
-            .map_err(|e| hrg_cal::BadInput::new(format!("{}: {e}", path.display())))?;
+            .map_err(|e| hrg_data::error::BadInput::new(format!("{}: {e}", path.display())))?;
         Ok(serde_json::to_string(&static_points::report(&p)?)?)
     })?;
     of_json(py, &report)
@@ -208,7 +210,7 @@ impl LogDecoder {
     #[pyo3(signature = (elf = None))]
     fn new(elf: Option<&Bound<'_, PyAny>>) -> PyResult<Self> {
         let Some(elf) = elf else { return Ok(Self { raw: None }) };
-        let bytes = hrg_cal::read_file(&path_of(elf)?, MOST_ELF, false).map_err(refused)?;
+        let bytes = hrg_data::files::read_file(&path_of(elf)?, MOST_ELF, false).map_err(refused)?;
         Ok(Self { raw: Some(Decoder::new(&bytes).map_err(refused)?) })
     }
 

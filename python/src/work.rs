@@ -1,7 +1,7 @@
 //! Long work beside the interpreter: the lock is released, progress is told, and Ctrl-C stops it.
 
 use crate::refused;
-use hrg_cal::numeric::progress;
+use hrg_data::numeric::progress;
 use pyo3::prelude::*;
 use std::sync::mpsc::{channel, RecvTimeoutError};
 use std::sync::Mutex;

@@ -10,8 +10,22 @@ use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-const HOST_PACKAGES: [&str; 8] =
-    ["hrg-core", "hrg-cal", "virtual-board", "hrg-board", "chip-tables", "host-tests", "foreign-plant", "xtask"];
+const HOST_PACKAGES: [&str; 14] = [
+    "hrg-core",
+    "hrg-data",
+    "hrg-identify",
+    "hrg-simulate",
+    "hrg-align-tools",
+    "hrg-papers",
+    "hrg",
+    "hrg-study",
+    "virtual-board",
+    "hrg-board",
+    "chip-tables",
+    "host-tests",
+    "foreign-plant",
+    "xtask",
+];
 
 /// Programs that run at once. (Some use two processors by themselves.)
 const AT_ONCE: usize = 2;

@@ -1,8 +1,8 @@
 //! `cargo xtask fingerprint`: what the project computes, a checksum a result, to compare before and after a change that should change
-//! nothing. `hrg-board fingerprint` computes images, calibration files, frames and corrected recordings; here are the traces of twenty
+//! nothing. `hrg-study fingerprint` computes images, calibration files, frames and corrected recordings; here are the traces of twenty
 //! units and a short study. All files stay in `target/fingerprint`, to see where two differ.
 
-use crate::{board, foreign_plant, root, Failure};
+use crate::{foreign_plant, root, study, Failure};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -35,7 +35,7 @@ const SIMULATED: [(&str, &[&str]); 10] = [
 ];
 
 /// What the study runs: a unit of each effect and size, three clean ones.
-const STUDY: [&str; 4] = ["--runs", "1", "--clean", "3"];
+const STUDY: [&str; 5] = ["trace", "--runs", "1", "--clean", "3"];
 
 /// Makes everything and prints the checksums.
 pub fn print(arguments: &[String]) -> Result<(), Failure> {
@@ -62,9 +62,9 @@ pub fn print(arguments: &[String]) -> Result<(), Failure> {
         }
         results.push(traced(&programs, &folder, &name)?);
     }
-    results.push(study(&programs, &folder)?);
+    results.push(short_study(&programs, &folder)?);
     let files = results.into_iter().flat_map(|r| ["--file".to_string(), folder.join(r).display().to_string()]);
-    board("fingerprint", &arguments.iter().cloned().chain(files).collect::<Vec<_>>())
+    study("fingerprint", &arguments.iter().cloned().chain(files).collect::<Vec<_>>())
 }
 
 /// Runs a program in the folder, silently: reports then name their files alike wherever the folder lies.
@@ -95,7 +95,7 @@ fn traced(programs: &Path, folder: &Path, name: &str) -> Result<PathBuf, Failure
 }
 
 /// The trials of a short study, without the seconds that each took.
-fn study(programs: &Path, folder: &Path) -> Result<PathBuf, Failure> {
+fn short_study(programs: &Path, folder: &Path) -> Result<PathBuf, Failure> {
     println!("a short study");
     run_in(folder, Command::new(programs.join("hrg-study")).args(STUDY).args(["--out", "all.csv"]))?;
     let all = std::fs::read_to_string(folder.join("all.csv")).map_err(|e| Failure(e.to_string()))?;

@@ -50,6 +50,8 @@ const USAGE: &str = "cargo xtask COMMAND
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
+  rates [ARGS]      scale factor and misalignment over temperature on a simulated unit, before and after, through the ELF (12 min)
+  formats           columns of recordings and tables of bytes, into docs/formats.md
   pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
                     take minutes, too
   reference         docs/reference.md: every status bit, every command's help
@@ -67,16 +69,16 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let rest = arguments.get(1..).unwrap_or_default();
     let result = match arguments.first().map(String::as_str) {
-        Some("demo") => board("demo", rest).and_then(|()| page_of(rest, "cargo xtask demo", true)),
+        Some("demo") => study("demo", rest).and_then(|()| page_of(rest, "cargo xtask demo", true)),
         Some("screens") => screens(),
         Some("align-demo") => align_demo(rest).and_then(|()| page_of(rest, "cargo xtask align-demo", false)),
-        Some("bench") => board("bench", rest)
-            .and_then(|()| tool("hrg-bench", rest))
+        Some("bench") => study("bench", rest)
+            .and_then(|()| tool("hrg-study", &[vec!["bench-desktop".to_string()], rest.to_vec()].concat()))
             .and_then(|()| page_of(rest, "cargo xtask bench", false)),
         Some("fingerprint") => fingerprint::print(rest),
-        Some("faults") => board("faults", rest).and_then(|()| page_of(rest, "cargo xtask faults", false)),
-        Some("mutate") => board("mutate", rest),
-        Some("methods") => board("methods", rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
+        Some("faults") => study("faults", rest).and_then(|()| page_of(rest, "cargo xtask faults", false)),
+        Some("mutate") => study("mutate", rest),
+        Some("methods") => study("methods", rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
         Some("test") => course::test(),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
@@ -99,10 +101,12 @@ fn main() -> ExitCode {
         Some("audit") => audit(),
         Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
         Some("study") if rest.first().is_some_and(|a| a == "--controls") => controls(&rest[1..]),
-        Some("study") => tool("hrg-study", rest)
+        Some("study") => tool("hrg-study", &[vec!["trace".to_string()], rest.to_vec()].concat())
             .and_then(|()| page_of(rest, &["cargo xtask study", &rest.join(" ")].join(" "), true)),
         Some("measured") => measured(),
-        Some("wu2023") => tool("hrg", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
+        Some("formats") => tool("hrg-study", &["formats", "--page", "docs/formats.md"].map(String::from)),
+        Some("rates") => study("rates", rest),
+        Some("wu2023") => tool("hrg-study", &[vec!["wu2023".to_string()], rest.to_vec()].concat()),
         Some("python") => python::tests(),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("pages") => pages(rest),
@@ -194,8 +198,20 @@ fn field<'m>(message: &'m str, key: &str) -> Option<&'m str> {
 /// dependencies, and compile these anew.
 fn programs() -> Result<(), Failure> {
     setup::host()?;
-    println!("building hrg, hrg-board and foreign-plant");
-    run(&mut cargo(&["build", "--release", "--locked", "-p", "hrg-cal", "-p", "hrg-board", "-p", "foreign-plant"]))
+    println!("building hrg, hrg-board, hrg-study and foreign-plant");
+    run(&mut cargo(&[
+        "build",
+        "--release",
+        "--locked",
+        "-p",
+        "hrg",
+        "-p",
+        "hrg-board",
+        "-p",
+        "hrg-study",
+        "-p",
+        "foreign-plant",
+    ]))
 }
 
 /// Runs a host program in release.
@@ -251,7 +267,7 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
 /// The loop on the measured recordings, and the pages that show it.
 fn measured() -> Result<(), Failure> {
     let words = "measured --page docs/measured.md --caption README.md --picture docs/measured-imu.svg";
-    tool("hrg", &words.split(' ').map(String::from).collect::<Vec<_>>())?;
+    tool("hrg-study", &words.split(' ').map(String::from).collect::<Vec<_>>())?;
     printed::stamp(&["docs/measured.md"], "cargo xtask measured", true)
 }
 
@@ -291,17 +307,17 @@ fn grade(plant: &Path, folder: &Path, page: &str, heading: &str) -> Result<(), F
         .arg(folder))
 }
 
-/// A command of `hrg-board`, with the firmware built before.
-fn board(command: &str, arguments: &[String]) -> Result<(), Failure> {
+/// A command of `hrg-study`, with the firmware built before.
+fn study(command: &str, arguments: &[String]) -> Result<(), Failure> {
     let t = setup::toolchain()?;
     setup::host()?;
     build(&t)?;
     let mut all = vec![command.to_string()];
     all.extend_from_slice(arguments);
-    tool("hrg-board", &all)
+    tool("hrg-study", &all)
 }
 
-/// `hrg-board align-demo`, with a second firmware that holds the particle filter.
+/// `hrg-study align-demo`, with a second firmware that holds the particle filter.
 fn align_demo(arguments: &[String]) -> Result<(), Failure> {
     let t = setup::toolchain()?;
     build(&t)?;
@@ -309,7 +325,7 @@ fn align_demo(arguments: &[String]) -> Result<(), Failure> {
     let elf = variant(&t, "upf", |c| c.args(["--features", "upf"]))?;
     let mut all = vec!["align-demo".to_string(), "--upf".to_string(), elf.display().to_string()];
     all.extend_from_slice(arguments);
-    tool("hrg-board", &all)
+    tool("hrg-study", &all)
 }
 
 fn size() -> Result<(), Failure> {

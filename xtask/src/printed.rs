@@ -1,5 +1,5 @@
 //! The last line of each page that a command prints: which command, at which commit, and the short form of what the program computed then
-//! (`hrg-study --short-form`). A test compares the short form with today's program (host-tests/tests/docs.rs): a page whose figures are those
+//! (`hrg-study short-form`). A test compares the short form with today's program (host-tests/tests/docs.rs): a page whose figures are those
 //! of another program fails it.
 
 use crate::{output, root, Failure};
@@ -14,8 +14,8 @@ pub fn stamp(pages: &[&str], command: &str, of_traces: bool) -> Result<(), Failu
     let commit = git(&["rev-parse", "--short=7", "HEAD"]).map_or("unknown".into(), |c| c.trim().to_string());
     let short = if of_traces {
         let study = root().join("target/release/hrg-study");
-        let form = output(Command::new(&study).arg("--short-form"))
-            .ok_or_else(|| Failure(format!("{} --short-form failed", study.display())))?;
+        let form = output(Command::new(&study).arg("short-form"))
+            .ok_or_else(|| Failure(format!("{} short-form failed", study.display())))?;
         format!(", short form {}", form.trim())
     } else {
         String::new()

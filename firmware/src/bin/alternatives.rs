@@ -1,5 +1,5 @@
 //! Frequency to temperature as others would write it, beside ours: each is called with the same frequencies, the virtual board
-//! counts the instructions of the calls and reads the results (`hrg-board bench`). Nothing here touches a peripheral.
+//! counts the instructions of the calls and reads the results (`hrg-study bench`). Nothing here touches a peripheral.
 //!
 //! All are of one and the same curve: the default's for axis x, given as cubic `T(u)`, uncentred, as forward cubic `f(T)`, as table
 //! and as network trained on it (the numbers are printed by `bench/alternatives.py`).

@@ -1,6 +1,6 @@
 """Thermal calibration of hemispherical resonator gyros, by the code that the unit itself runs.
 
-Every function is the library ``hrg-cal`` itself: a fit from here and one by the command ``hrg fit`` are the same image, and
+Every function is the desktop library itself: a fit from here and one by the command ``hrg fit`` are the same image, and
 :func:`correct` gives what a unit would send, to the last bit.
 
 Rates are in deg/h, temperatures in degrees Celsius, frequencies in Hz, times in s. What cannot be used raises

@@ -1,7 +1,7 @@
 //! The bring-up program (docs/bring-up.md) on the virtual board, with the jumpers of that page.
 
 use anyhow::{bail, Context, Result};
-use hrg_cal::unit::log::Decoder;
+use hrg_data::log::Decoder;
 use std::path::Path;
 use virtual_board::tables::Pin;
 use virtual_board::{Board, Jumper, Stop, World, CPU_HZ};
@@ -149,7 +149,7 @@ fn show(page: &Path, log: &[String]) -> Result<()> {
         let printed = line.starts_with("    INFO ").then(|| log.iter().find(|l| key(l) == key(line))).flatten();
         printed.map_or_else(|| line.to_string(), |l| format!("    {}", l.trim_end()))
     });
-    hrg_cal::write_file(page, (new.collect::<Vec<_>>().join("\n") + "\n").as_bytes())
+    hrg_data::output::write_file(page, (new.collect::<Vec<_>>().join("\n") + "\n").as_bytes())
 }
 
 /// `hrg-board bring-up`.
@@ -170,7 +170,7 @@ pub fn command(elf: &[u8], without: Option<&str>, expect: Option<&Path>, page: O
         let text = format!(
             "//! What the virtual board says of each row of the table: printed by `cargo xtask bring-up --virtual --expect`; not written by hand.\n\n/// In the order of the rows: name, figure.\npub const EXPECTED: [(&str, f32); super::table::ROWS] = [\n{values}];\n"
         );
-        hrg_cal::write_file(path, text.as_bytes())?;
+        hrg_data::output::write_file(path, text.as_bytes())?;
         println!("written to {}: run it again", path.display());
         return Ok(());
     }

@@ -2,7 +2,7 @@
 //! command line that the debugger gives.
 
 use anyhow::{bail, Context, Result};
-use hrg_cal::unit::log::Decoder;
+use hrg_data::log::Decoder;
 use object::{Object, ObjectSection, ObjectSymbol};
 use serde::Deserialize;
 use virtual_board::{Board, Stop, World, CPU_HZ};

@@ -3,10 +3,10 @@
 use crate::replay::{self, Options};
 use crate::symbol;
 use anyhow::{Context, Result};
-use hrg_cal::compare::Cost;
-use hrg_cal::image_file;
-use hrg_cal::recording::steps::Steps;
 use hrg_core::bias::Coefficients;
+use hrg_data::cost::Cost;
+use hrg_data::image_file;
+use hrg_data::recording::steps::Steps;
 use std::path::{Path, PathBuf};
 
 /// Runs the ELF with a calibration for `seconds` and counts.

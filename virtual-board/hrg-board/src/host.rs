@@ -1,6 +1,5 @@
 //! The host's end of the link, in step with the board: what a test engineer's computer asks of the unit.
 
-use crate::faults::cycles;
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
@@ -98,4 +97,9 @@ pub fn running(board: &mut Board<Wires>, seconds: f64) -> Result<Identity> {
         _ => None,
     })?;
     identity.context("the board stopped")
+}
+
+/// Seconds as cycles.
+pub fn cycles(seconds: f64) -> u64 {
+    (seconds * CPU_HZ as f64) as u64
 }

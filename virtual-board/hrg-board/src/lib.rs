@@ -5,25 +5,13 @@
 //! | [`wires`] | turns a recording into edges and ADC codes, and collects what the unit sends |
 //! | [`twin`] | runs `hrg_core` on the desktop over the same time stamps and codes, and compares every frame |
 //! | [`bring_up`] | the program for a bare board with jumpers, on the virtual board |
-//! | [`demo`] | the main job from end to end |
-//! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
-//! | [`faults`] | attacks the promises of docs/promises.md |
-//! | [`mutate`] | proof by mutation: set-up code made wrong, which the board must notice |
 //! | [`replay`] | a whole run: ELF, calibration, recording in; corrected recording, log and figures out |
 #![forbid(unsafe_code)]
 
-pub mod align;
-pub mod bench;
 pub mod bring_up;
 pub mod chip_tests;
 pub mod cost;
-pub mod demo;
-pub mod faults;
-pub mod fingerprint;
 pub mod host;
-pub mod methods;
-pub mod mutate;
-pub mod rates;
 pub mod replay;
 pub mod serve;
 pub mod twin;

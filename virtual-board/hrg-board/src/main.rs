@@ -2,18 +2,18 @@
 
 use anyhow::Result;
 use clap::{Args, Parser, Subcommand};
-use hrg_board::methods::Work;
 use hrg_board::replay::{self, Options};
-use hrg_board::{cost, faults, mutate, serve};
-use hrg_cal::image_file;
-use hrg_cal::recording::facts;
-use hrg_cal::recording::format::Thermometer;
-use hrg_cal::recording::steps::Steps;
-use hrg_cal::recording::Recording;
-use hrg_cal::simulate::{Plan, Profile};
-use hrg_cal::{BadInput, AXIS_NAMES};
+use hrg_board::{cost, serve};
 use hrg_core::calibration::Calibration;
-use std::path::{Path, PathBuf};
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::recording::facts;
+use hrg_data::recording::format::Thermometer;
+use hrg_data::recording::steps::Steps;
+use hrg_data::recording::Recording;
+use hrg_simulate::{Plan, Profile};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
@@ -55,25 +55,6 @@ enum Command {
         #[arg(long)]
         elf: Option<PathBuf>,
     },
-    /// What the unit costs in instructions and bytes, what others would write, and how near its numbers come to their limits.
-    ///
-    /// Example: hrg-board bench
-    Bench {
-        /// Page whose tables are written anew.
-        #[arg(long)]
-        page: Option<PathBuf>,
-    },
-    /// Checksums of frames, images and files: print them before and after a change that should change nothing.
-    ///
-    /// Example: hrg-board fingerprint > before.txt
-    Fingerprint {
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-        /// A file whose checksum is printed, too. Several may be given.
-        #[arg(long)]
-        file: Vec<PathBuf>,
-    },
     /// The bring-up program on the virtual board, with the jumpers of docs/bring-up.md. cargo xtask bring-up --virtual builds and runs it.
     ///
     /// Example: hrg-board bring-up --elf target/bring-up/thumbv7em-none-eabihf/firmware/firmware
@@ -99,55 +80,6 @@ enum Command {
         #[arg(long)]
         elf: PathBuf,
     },
-    /// Attack what the unit promises (docs/promises.md): power cuts, flipped bits, sensor faults, noise on the link, load, time.
-    ///
-    /// Example: hrg-board faults --short
-    Faults {
-        /// A small part of it, as the tests do.
-        #[arg(long)]
-        short: bool,
-        /// Seed of every draw.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// One part alone.
-        #[arg(long, value_parser = faults::PARTS)]
-        only: Option<String>,
-        /// One flipped bit of RAM again, by its number, with what happened on the way.
-        #[arg(long, conflicts_with_all = ["short", "only"])]
-        trial: Option<u64>,
-        /// Of which kind that one is.
-        #[arg(long, value_enum, default_value = "single")]
-        upset: faults::memory::Upset,
-        /// Page whose table is written anew.
-        #[arg(long, conflicts_with = "only")]
-        page: Option<PathBuf>,
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-    },
-    /// Make the set-up code wrong in one write after the other; the board must notice.
-    ///
-    /// Example: hrg-board mutate --short
-    Mutate {
-        /// Seed of every draw.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// So many mutants.
-        #[arg(long, default_value_t = mutate::COUNT)]
-        count: u64,
-        /// A tenth of them, as the tests do.
-        #[arg(long)]
-        short: bool,
-        /// Print every mutant, not only those that were not noticed.
-        #[arg(long)]
-        list: bool,
-        /// Page whose table is written anew.
-        #[arg(long, conflicts_with = "short")]
-        page: Option<PathBuf>,
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-    },
     /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
     ///
     /// Example: hrg-board cost --recording run.csv cal.toml other.toml
@@ -165,83 +97,6 @@ enum Command {
         /// Print JSON.
         #[arg(long)]
         json: bool,
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-    },
-    /// Self-alignment: campaigns over the filters, what they cost on the unit, and chen2015's case on the ELF.
-    ///
-    /// Example: hrg-board align-demo --runs 200
-    AlignDemo {
-        /// Platforms in each campaign.
-        #[arg(long, default_value_t = 200)]
-        runs: u64,
-        /// Seed.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Where the files go.
-        #[arg(long, default_value = "out/alignment")]
-        out: PathBuf,
-        /// Write the figures as Markdown to this file, and the curves beside it.
-        #[arg(long)]
-        table: Option<PathBuf>,
-        /// Firmware built with the feature upf.
-        #[arg(long)]
-        upf: Option<PathBuf>,
-    },
-    /// Every identification method on a simulated unit of each paper's kind, its cost counted, and flown.
-    ///
-    /// Example: hrg-board methods --out out/methods
-    Methods {
-        /// Seed of noise and searches.
-        #[arg(long, default_value_t = 1)]
-        seed: u64,
-        /// Where the files go.
-        #[arg(long, default_value = "out/methods")]
-        out: PathBuf,
-        /// Fly only so many seconds of the repeat runs.
-        #[arg(long)]
-        seconds: Option<u64>,
-        /// Fly only the image of this unit (dong-like, wu-like or zhao-like).
-        #[arg(long)]
-        fly: Option<String>,
-        /// Write the tables as Markdown to this file, and the pictures beside it.
-        #[arg(long)]
-        table: Option<PathBuf>,
-        /// Write the short table into this page, between its marks.
-        #[arg(long)]
-        page: Option<PathBuf>,
-        /// Firmware; by default the one that cargo xtask build makes.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-    },
-    /// Scale factor and misalignment over temperature on a simulated unit and rate table, before and after, through the ELF.
-    ///
-    /// Example: hrg-board rates --seed 6
-    Rates {
-        /// Which unit.
-        #[arg(long, default_value_t = 6)]
-        seed: u64,
-        /// Where the images go.
-        #[arg(long, default_value = "out/rates")]
-        out: PathBuf,
-        /// The firmware; by default the one that is built here.
-        #[arg(long)]
-        elf: Option<PathBuf>,
-    },
-    /// The main job from end to end, on a simulated unit.
-    ///
-    /// Example: hrg-board demo --seed 7
-    Demo {
-        /// Which unit.
-        #[arg(long, default_value_t = 10)]
-        seed: u64,
-        /// Where the files go.
-        #[arg(long)]
-        out: Option<PathBuf>,
-        /// Page into which what is printed goes, between its marks.
-        #[arg(long)]
-        page: Option<PathBuf>,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -285,7 +140,7 @@ struct RunArguments {
 
 fn main() -> ExitCode {
     end_where_nobody_reads();
-    hrg_cal::exit("hrg-board", run(Arguments::parse().command))
+    hrg_data::error::exit("hrg-board", run(Arguments::parse().command), |e| e.is::<image_file::FileError>())
 }
 
 /// Standard output may be a pipe whose reader has had enough (`| head`): the program then ends, which is no error.
@@ -301,7 +156,6 @@ fn end_where_nobody_reads() {
 }
 
 fn run(command: Command) -> Result<()> {
-    let top = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     match command {
         Command::Run(arguments) => play(arguments),
         Command::Cost { recording, calibrations, seconds, json, elf } => {
@@ -336,64 +190,13 @@ fn run(command: Command) -> Result<()> {
             let options = serve::Options { speed, seconds, folder };
             serve::serve(&elf, calibration.as_ref(), &Steps::new(&source)?, &options, &stop)
         }
-        Command::AlignDemo { runs, seed, out, table, upf } => {
-            let elf = replay::read_elf(&replay::default_elf())?;
-            let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
-            let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
-            hrg_board::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
-        }
-        Command::Bench { page } => bench(page.as_deref()),
         Command::ChipTests { elf } => hrg_board::chip_tests::command(&replay::read_elf(&elf)?),
         Command::BringUp { elf, without, expect, page } => {
-            let expect = expect.then(|| top.join("firmware/src/bring_up/expected.rs"));
+            let expect = expect.then(|| PathBuf::from("firmware/src/bring_up/expected.rs"));
             let elf = replay::read_elf(&elf)?;
             hrg_board::bring_up::command(&elf, without.as_deref(), expect.as_deref(), page.as_deref())
         }
-        Command::Fingerprint { elf, file } => {
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            print!("{}{}", hrg_board::fingerprint::fingerprints(&elf)?, hrg_board::fingerprint::of_files(&file)?);
-            Ok(())
-        }
-        Command::Faults { short, seed, only, trial, upset, page, elf } => {
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            if let Some(trial) = trial {
-                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial, upset);
-            }
-            let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
-            faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
-        }
-        Command::Mutate { seed, count, short, list, page, elf } => {
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            mutate::mutate(&elf, seed, if short { count.div_ceil(10) } else { count }, list, page.as_deref())
-        }
-        Command::Methods { seed, out, seconds, fly, table, page, elf } => {
-            let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
-            let (fly, table, page) = (fly.as_deref(), table.as_deref(), page.as_deref());
-            hrg_board::methods::methods(&elf, &Work { out: &out, seed, seconds, fly, table, page })
-        }
-        Command::Rates { seed, out, elf } => {
-            hrg_board::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
-        }
-        Command::Demo { seed, out, page, elf } => {
-            let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
-            let elf = elf.unwrap_or_else(replay::default_elf);
-            let told = hrg_board::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))?;
-            page.map_or(Ok(()), |page| hrg_cal::splice(&page, "demo", &format!("```\n{told}```\n")))
-        }
     }
-}
-
-/// `hrg-board bench`.
-fn bench(page: Option<&Path>) -> Result<()> {
-    let elf = replay::read_elf(&replay::default_elf())?;
-    let alternatives = replay::read_elf(&replay::default_elf().with_file_name("alternatives"))?;
-    let (tables, within) = hrg_board::bench::tables(&elf, &alternatives)?;
-    print!("{tables}");
-    if let Some(page) = page {
-        hrg_cal::splice(page, "unit", &tables)?;
-    }
-    anyhow::ensure!(within, "a figure is over its bound");
-    Ok(())
 }
 
 /// `hrg-board run`.
@@ -410,12 +213,12 @@ fn play(arguments: RunArguments) -> Result<()> {
         replay::run(&elf, calibration.as_ref(), &steps, &options, |done| bar.set_position((done * 1000.0) as u64))?;
     bar.finish_and_clear();
     let rows = outcome.seconds_of_frames();
-    hrg_cal::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;
+    hrg_data::output::write_file(&out, replay::to_csv(&source, calibration.as_ref(), &rows).as_bytes())?;
     if let Some(path) = defmt {
-        hrg_cal::write_file(&path, &outcome.received.log_bytes)?;
+        hrg_data::output::write_file(&path, &outcome.received.log_bytes)?;
     }
     if let Some(log) = log {
-        hrg_cal::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
+        hrg_data::output::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
     }
     if !outcome.profile.is_empty() {
         println!("{:>12} {:>6}  function", "per second", "share");
@@ -462,9 +265,9 @@ fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibrat
 /// A recording of raw rates, as the unit measures them: with the earth's rate left in.
 /// Sensors in the place of resonators are for a firmware of one's own (feature `sensors`).
 fn load_raw(path: &std::path::Path, elf: Option<&PathBuf>) -> Result<Recording> {
-    let mut source = hrg_cal::load_recording(path)?;
+    let mut source = hrg_data::load::load_recording(path)?;
     if elf.is_none() || source.thermometer != Thermometer::Sensors {
-        hrg_cal::recording::format::require_resonators(&source).map_err(|e| {
+        hrg_data::recording::format::require_resonators(&source).map_err(|e| {
             let own = "a firmware with the feature sensors (cargo xtask size --sensors builds target/sensors) is given with --elf";
             BadInput::new(format!("{}: {e}; {own}", path.display()))
         })?;

@@ -3,10 +3,10 @@
 use crate::replay::{CALIBRATION_A, CALIBRATION_B};
 use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
-use hrg_cal::recording::steps::Steps;
-use hrg_cal::unit::log::Decoder;
 use hrg_core::calibration::Calibration;
 use hrg_core::sectors::SECTOR_BYTES as SECTOR;
+use hrg_data::log::Decoder;
+use hrg_data::recording::steps::Steps;
 use serialport::{SerialPort, TTYPort};
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -123,7 +123,7 @@ pub fn serve(
     for (k, at) in SECTORS.iter().enumerate() {
         board.read_memory(virtual_board::FLASH_START + at, &mut image[k * SECTOR..(k + 1) * SECTOR])?;
     }
-    hrg_cal::write_file(&flash, &image)?;
+    hrg_data::output::write_file(&flash, &image)?;
     for name in ["link", "log"] {
         let _ = std::fs::remove_file(options.folder.join(name));
     }

@@ -3,7 +3,6 @@
 //! The same `hrg_core`, compiled for the desktop. Every frame that the ELF sends must equal, byte for byte, the one
 //! that comes out here.
 
-use hrg_cal::fit::correct::{Model, Stepped};
 use hrg_core::adc::{Dialogue, WORDS};
 use hrg_core::alignment::linear::Linear;
 use hrg_core::alignment::particles::{Kernels, CHEN};
@@ -19,6 +18,7 @@ use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
+use hrg_identify::fit::correct::{Model, Stepped};
 use std::collections::VecDeque;
 use virtual_board::CYCLES_PER_TICK;
 
@@ -101,7 +101,7 @@ impl Twin {
     ///
     /// # Errors
     /// Words that are not intact.
-    pub fn resume(&mut self, words: &[u32]) -> Result<(), hrg_cal::BadInput> {
+    pub fn resume(&mut self, words: &[u32]) -> Result<(), hrg_data::error::BadInput> {
         self.model.resume(words)?;
         self.telemetry.set_resets(self.model.resets());
         Ok(())

@@ -1,12 +1,12 @@
 //! What is on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
 use crate::twin::Twin;
-use hrg_cal::recording::format::Thermometer;
-use hrg_cal::recording::steps::Steps;
-use hrg_cal::unit::log::Decoder;
 use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
+use hrg_data::log::Decoder;
+use hrg_data::recording::format::Thermometer;
+use hrg_data::recording::steps::Steps;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};

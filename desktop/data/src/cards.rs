@@ -1,0 +1,488 @@
+//! One card for each effect: what the desktop must know of it beyond its equation. The compiler asks for a card of every effect.
+
+use crate::recording::steps::Run;
+use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
+use hrg_core::AXES;
+use serde::{Serialize, Serializer};
+
+/// What kind of physics an effect is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Class {
+    /// Linear thermal memory: lags, relaxations, gradients between bodies.
+    Memory,
+    /// Memory of the path, not of time.
+    Hysteresis,
+    /// A curve of temperature.
+    Shape,
+    /// A curve of the rate of change of temperature.
+    Rate,
+    /// A curve of the time since power-on.
+    PowerOn,
+    /// A recorded quantity.
+    Input,
+    /// The thermometer is at fault.
+    Thermometer,
+    /// Happens once, or cannot be predicted.
+    Event,
+    /// A user's own, whose physics nobody told.
+    Own,
+}
+
+impl Class {
+    /// Its name in reports.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Memory => "memory",
+            Self::Hysteresis => "hysteresis",
+            Self::Shape => "shape",
+            Self::Rate => "rate",
+            Self::PowerOn => "power-on",
+            Self::Input => "input",
+            Self::Thermometer => "thermometer",
+            Self::Event => "event",
+            Self::Own => "own",
+        }
+    }
+}
+
+impl Serialize for Class {
+    fn serialize<S: Serializer>(&self, s: S) -> Result<S::Ok, S::Error> {
+        s.serialize_str(self.name())
+    }
+}
+
+/// Inner parameters of an effect.
+pub type Parameters = [f32; MAX_PARAMETERS];
+
+/// Makes the values of the inner parameters to begin with.
+pub type Grid = fn(&Extent) -> Vec<Parameters>;
+
+/// What the runs span, from which a card takes its grid.
+#[derive(Debug, Clone, Copy)]
+pub struct Extent {
+    /// Lowest temperature, C.
+    pub low_c: f32,
+    /// Highest temperature, C.
+    pub high_c: f32,
+    /// Fastest ramp either way, C per minute.
+    pub fastest_c_per_min: f32,
+    /// Duration of the longest run, s.
+    pub longest_s: f32,
+    /// Time constant by which the resonators follow their cases, s.
+    pub lag_s: f32,
+    /// How many runs there are.
+    pub runs: usize,
+}
+
+impl Extent {
+    fn span_c(&self) -> f32 {
+        self.high_c - self.low_c
+    }
+}
+
+/// What an effect is to the search.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A named physical effect with few gains.
+    Simple,
+    /// A family: many columns that are linear in their gains, whose parameters are not searched.
+    Family,
+    /// A family with a parameter to choose: some values are offered.
+    Searched,
+    /// Found by the data themselves (a step, a period): offered where a jump or a spectral line points.
+    Proposed,
+    /// Not searched: another one spans it.
+    Idle,
+}
+
+/// How an inner parameter is refined after the grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Refine {
+    /// Not at all.
+    No,
+    /// The first parameter is multiplied: a time, a width, a scale.
+    Scale,
+    /// The same of a period of temperature: by less than a quarter of a cycle over the span.
+    Cycle,
+    /// The first parameter is moved by steps of this share of the temperature span.
+    Place(f32),
+    /// The first parameter is moved by steps of a block of rows.
+    Time,
+    /// The same, and the second parameter is multiplied.
+    TimeAndScale,
+    /// A period in time: moved by less than a cycle over the run.
+    Period,
+    /// Both parameters are places on the temperature axis.
+    Places(f32),
+}
+
+impl Refine {
+    /// How many of the parameters are refined.
+    #[must_use]
+    pub fn places(self) -> usize {
+        match self {
+            Self::No => 0,
+            Self::Scale | Self::Cycle | Self::Place(_) | Self::Time | Self::Period => 1,
+            Self::Places(_) | Self::TimeAndScale => 2,
+        }
+    }
+
+    /// Whether a parameter, by its place, is moved by a share of itself, and not by a distance.
+    #[must_use]
+    pub fn by_factor(self, place: usize) -> bool {
+        match self {
+            Self::Scale | Self::Cycle => true,
+            Self::TimeAndScale => place == 1,
+            _ => false,
+        }
+    }
+}
+
+/// See the module.
+pub struct Card {
+    /// What kind of physics.
+    pub class: Class,
+    /// What it is to the search.
+    pub kind: Kind,
+    /// How its parameter is refined.
+    pub refine: Refine,
+    /// Whether a model may hold it more than once.
+    pub repeats: bool,
+    /// Values of the inner parameters to begin with.
+    pub grid: Grid,
+    /// What a recording must have for it.
+    pub needs: Needs,
+    /// How the simulator puts it into a run.
+    pub generator: Generator,
+    /// Whether a chamber profile is judged by how well it parts this effect from the others.
+    pub parted_by_profile: bool,
+    /// What to repair where a unit cannot compensate it.
+    pub mend: Option<Mend>,
+}
+
+/// What a recording must have for an effect, beside what the effect itself shows by NaN.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Needs {
+    /// Nothing.
+    Nothing,
+    /// Temperatures of three axes that can differ.
+    OtherAxes,
+    /// A resonator as the thermometer.
+    Resonator,
+    /// Resonators on all three axes.
+    ThreeResonators,
+}
+
+impl Needs {
+    /// Whether a run has it.
+    #[must_use]
+    pub fn met_by(self, run: &Run) -> bool {
+        let thermometer = run.steps.thermometer;
+        let three = run.steps.present().count() == AXES;
+        match self {
+            Self::Nothing => true,
+            Self::OtherAxes => three && thermometer.parts_axes(),
+            Self::Resonator => !thermometer.is_sensor(),
+            Self::ThreeResonators => three && !thermometer.is_sensor(),
+        }
+    }
+}
+
+/// How the simulator puts an effect into a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Generator {
+    /// Inner parameters unless told otherwise.
+    pub usual: [f64; MAX_PARAMETERS],
+    /// Range from which the first one is drawn; `None`: as usual.
+    pub range: Option<[f64; 2]>,
+    /// Whether `secret:SEED` may draw it.
+    pub secret: bool,
+    /// Whether the study of single effects has it.
+    pub study: bool,
+}
+
+/// What to repair, from the inner parameters by name.
+pub type Mend = fn(&dyn Fn(&str) -> f64) -> String;
+
+fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
+    (0..n).map(|k| [from * (to / from).powf(k as f32 / (n - 1) as f32), 0.0]).collect()
+}
+
+fn even(from: f32, to: f32, n: usize) -> Vec<Parameters> {
+    (0..n).map(|k| [from + (to - from) * k as f32 / (n - 1) as f32, 0.0]).collect()
+}
+
+fn once(_: &Extent) -> Vec<Parameters> {
+    vec![[0.0; MAX_PARAMETERS]]
+}
+
+fn nowhere(_: &Extent) -> Vec<Parameters> {
+    vec![]
+}
+
+fn lags(x: &Extent) -> Vec<Parameters> {
+    vec![[60.0, slowest(x)]]
+}
+
+/// The slowest memory that a run can show, s.
+fn slowest(x: &Extent) -> f32 {
+    (0.9 * x.longest_s).clamp(600.0, 21_600.0)
+}
+
+fn decays(x: &Extent) -> Vec<Parameters> {
+    vec![[120.0, (0.8 * x.longest_s).max(2000.0)]]
+}
+
+fn ramps(x: &Extent) -> Vec<Parameters> {
+    vec![[x.fastest_c_per_min, 0.0]]
+}
+
+fn temperatures(x: &Extent) -> Vec<Parameters> {
+    vec![[x.low_c, x.high_c]]
+}
+
+/// Periods of a ripple, evenly in the number of ripples over the span.
+fn ripples(x: &Extent) -> Vec<Parameters> {
+    let most = (2.0 * x.span_c() / 3.0) as usize;
+    (4..=most.max(4)).map(|k| [2.0 * x.span_c() / k as f32, 0.0]).collect()
+}
+
+/// Pairs of thresholds: on above off.
+fn thresholds(x: &Extent) -> Vec<Parameters> {
+    let place = |k: usize| x.low_c + x.span_c() * k as f32 / 13.0;
+    (1..=12).flat_map(|on| (1..on).map(move |off| [place(on), place(off)])).collect()
+}
+
+/// The card of an effect.
+#[must_use]
+pub fn card(effect: EffectId) -> Card {
+    use EffectId as E;
+    use Kind::{Family, Idle, Proposed, Searched, Simple};
+    let (class, kind, refine, grid): (Class, Kind, Refine, Grid) = match effect {
+        E::Cubic => (Class::Shape, Simple, Refine::No, once),
+        E::Kink => (Class::Shape, Simple, Refine::Place(0.02), |x| {
+            even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20)
+        }),
+        E::TemperatureShape => (Class::Shape, Simple, Refine::No, temperatures),
+        E::TemperatureSpline => (Class::Shape, Family, Refine::No, temperatures),
+        E::Ripple => (Class::Shape, Simple, Refine::Cycle, ripples),
+        E::FrequencyDirect => (Class::Shape, Idle, Refine::No, nowhere),
+        E::ThermalLag => (Class::Memory, Simple, Refine::Scale, |x| log(120.0, (x.longest_s / 2.5).max(600.0), 18)),
+        E::SecondDerivative | E::CaseGradient => (Class::Memory, Simple, Refine::No, once),
+        E::AxisGradient => (Class::Memory, Simple, Refine::No, once),
+        E::NeighbourLags => (Class::Memory, Family, Refine::No, once),
+        E::LagLadder | E::LagLadderByTemperature => (Class::Memory, Family, Refine::No, lags),
+        E::HeatingLags => (Class::Memory, Family, Refine::No, |x| vec![[120.0, slowest(x)]]),
+        E::ArrheniusLadder => {
+            (Class::Memory, Searched, Refine::No, |x| [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec())
+        }
+        E::Hysteresis => {
+            (Class::Hysteresis, Simple, Refine::Scale, |x| log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14))
+        }
+        E::PlayLadder => {
+            (Class::Hysteresis, Family, Refine::No, |x| vec![[(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()]])
+        }
+        E::PlayCurve => (Class::Hysteresis, Searched, Refine::No, |x| {
+            [0.02, 0.04, 0.08, 0.15, 0.25].map(|s| [s * x.span_c(), 0.0]).to_vec()
+        }),
+        E::Relay => (Class::Hysteresis, Simple, Refine::Places(0.04), thresholds),
+        E::Extremes => (Class::Hysteresis, Family, Refine::No, once),
+        E::CoolingHeating => (Class::Rate, Simple, Refine::No, once),
+        E::CoolingHeatingHeld => (Class::Rate, Idle, Refine::No, nowhere),
+        E::RateSaturation => {
+            (Class::Rate, Simple, Refine::Scale, |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10))
+        }
+        E::RateCurve | E::RateCurveByTemperature => (Class::Rate, Family, Refine::No, ramps),
+        E::RampByShape | E::HeatingByShape => (Class::Rate, Family, Refine::No, once),
+        E::WarmUp => (Class::PowerOn, Simple, Refine::Scale, |x| log(150.0, x.longest_s / 3.0, 12)),
+        E::PowerOnLadder | E::PowerOnLadderByTemperature => (Class::PowerOn, Family, Refine::No, decays),
+        // What depends on the temperature at power-on takes several power-ons to be seen.
+        E::PowerOnLadderByStart => {
+            (Class::PowerOn, Family, Refine::No, |x| if x.runs > 1 { decays(x) } else { vec![] })
+        }
+        E::DriveAmplitude | E::Quadrature => (Class::Input, Simple, Refine::No, once),
+        E::Board => (Class::Input, Simple, Refine::No, |_| vec![[0.0, 0.0], [1.0, 0.0]]),
+        E::RecordedQuantity => (Class::Input, Searched, Refine::No, |_| (0..8).map(|k| [k as f32, 0.0]).collect()),
+        E::Timebase => (Class::Thermometer, Simple, Refine::No, |x| vec![[x.lag_s, 0.0]]),
+        E::ThermometerError => (Class::Thermometer, Simple, Refine::No, |x| vec![[x.lag_s, 0.0]]),
+        E::Aging => (Class::Event, Simple, Refine::No, once),
+        E::Step => (Class::Event, Proposed, Refine::Time, nowhere),
+        E::Shock => (Class::Event, Proposed, Refine::TimeAndScale, nowhere),
+        E::Periodic => (Class::Event, Proposed, Refine::Period, nowhere),
+    };
+    let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
+    let (needs, parted_by_profile, mend) = surroundings(effect);
+    Card { class, kind, refine, repeats, grid, needs, generator: generator(effect), parted_by_profile, mend }
+}
+
+fn generator(effect: EffectId) -> Generator {
+    use EffectId as E;
+    let of = |usual| Generator { usual, range: None, secret: false, study: false };
+    let studied = |usual| Generator { study: true, ..of(usual) };
+    let drawn = |usual, low, high| Generator { range: Some([low, high]), secret: true, ..studied([usual, 0.0]) };
+    match effect {
+        E::Cubic | E::AxisGradient => Generator { secret: true, ..studied([0.0; 2]) },
+        E::Kink => drawn(8.0, -18.0, 32.0),
+        E::ThermalLag => drawn(2400.0, 1200.0, 6000.0),
+        E::Hysteresis => drawn(12.0, 5.0, 25.0),
+        E::WarmUp => drawn(1800.0, 700.0, 4000.0),
+        E::Step => drawn(9000.0, 4000.0, 20_000.0),
+        E::Periodic => drawn(900.0, 400.0, 3000.0),
+        E::TemperatureShape => studied([-38.0, 60.0]),
+        E::SecondDerivative | E::CaseGradient | E::Aging => studied([0.0; 2]),
+        E::DriveAmplitude | E::Quadrature | E::Board => studied([0.0; 2]),
+        E::Shock => studied([9000.0, 1800.0]),
+        E::Timebase | E::ThermometerError => of([694.0, 0.0]),
+        E::TemperatureSpline => of([-38.0, 60.0]),
+        E::Ripple => of([14.0, 0.0]),
+        E::LagLadder | E::LagLadderByTemperature => of([60.0, 6000.0]),
+        E::HeatingLags | E::PowerOnLadder | E::PowerOnLadderByTemperature | E::PowerOnLadderByStart => {
+            of([120.0, 6000.0])
+        }
+        E::ArrheniusLadder => of([0.02, 6000.0]),
+        E::PlayLadder => of([1.0, 60.0]),
+        E::PlayCurve => of([8.0, 0.0]),
+        E::Relay => of([30.0, -10.0]),
+        E::RateCurve | E::RateCurveByTemperature => of([1.5, 0.0]),
+        E::RateSaturation => of([0.3, 0.0]),
+        E::FrequencyDirect | E::CoolingHeating | E::NeighbourLags | E::RampByShape | E::HeatingByShape => of([0.0; 2]),
+        E::Extremes | E::RecordedQuantity | E::CoolingHeatingHeld => of([0.0; 2]),
+    }
+}
+
+/// What a recording must have for an effect, whether a chamber profile is judged by how well it parts it (those that a unit can compensate
+/// with what it measures itself, one name for each thing that a chamber can tell), and what to repair.
+fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
+    use EffectId as E;
+    let mended = |mend: Mend| (Needs::Nothing, false, Some(mend));
+    match effect {
+        E::Cubic | E::Kink | E::ThermalLag | E::SecondDerivative | E::Hysteresis => (Needs::Nothing, true, None),
+        E::WarmUp | E::CoolingHeating => (Needs::Nothing, true, None),
+        E::AxisGradient => (Needs::OtherAxes, true, None),
+        E::NeighbourLags => (Needs::OtherAxes, false, None),
+        E::ThermometerError | E::FrequencyDirect => (Needs::Resonator, false, None),
+        E::Step => mended(|p| {
+            format!(
+                "something changed at {:.0} s on the recording's clock: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+                p(E::Step.facts().parameters[0])
+            )
+        }),
+        E::Shock => mended(|p| {
+            let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
+            format!(
+                "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
+            )
+        }),
+        E::Periodic => mended(|p| {
+            format!(
+                "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
+                p(E::Periodic.facts().parameters[0])
+            )
+        }),
+        E::Aging => (
+            Needs::Nothing,
+            true,
+            Some(|_| {
+                "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
+            }),
+        ),
+        E::CaseGradient => mended(|_| needs_case_sensors(E::CaseGradient)),
+        E::Timebase => (Needs::ThreeResonators, false, Some(|_| needs_case_sensors(E::Timebase))),
+        E::DriveAmplitude => mended(|_| needs_voltage(E::DriveAmplitude)),
+        E::Quadrature => mended(|_| needs_voltage(E::Quadrature)),
+        E::Board => mended(|_| needs_voltage(E::Board)),
+        E::TemperatureShape
+        | E::LagLadder
+        | E::LagLadderByTemperature
+        | E::HeatingLags
+        | E::ArrheniusLadder
+        | E::PlayLadder
+        | E::PlayCurve
+        | E::Relay
+        | E::TemperatureSpline
+        | E::Ripple
+        | E::RateCurve
+        | E::RateCurveByTemperature
+        | E::RampByShape
+        | E::HeatingByShape
+        | E::PowerOnLadder
+        | E::PowerOnLadderByTemperature
+        | E::PowerOnLadderByStart
+        | E::Extremes
+        | E::RecordedQuantity
+        | E::CoolingHeatingHeld
+        | E::RateSaturation => (Needs::Nothing, false, None),
+    }
+}
+
+fn needs_case_sensors(effect: EffectId) -> String {
+    format!(
+        "{} needs the case sensors, which the unit does not read: wire them to the unit, or give the case time to settle",
+        effect.name()
+    )
+}
+
+fn needs_voltage(effect: EffectId) -> String {
+    format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", effect.name())
+}
+
+/// Which profile parts two effects.
+#[must_use]
+pub fn parting(a: EffectId, b: EffectId) -> &'static str {
+    let classes = [card(a).class, card(b).class];
+    let both = |wanted: &[Class]| classes.iter().all(|c| wanted.contains(c));
+    let either = |wanted: &[Class]| classes.iter().any(|c| wanted.contains(c));
+    if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
+        "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither"
+    } else if both(&[Class::Shape]) {
+        "a run that reaches further on both ends, with soaks each 10 C, parts them"
+    } else if either(&[Class::PowerOn, Class::Event]) {
+        "a second run with the same profile, started after the unit has been on for hours, parts what belongs to the clock from what belongs to temperature"
+    } else {
+        "a run that passes the same temperatures in both directions and at two speeds parts them"
+    }
+}
+
+/// Effects that a chamber profile should part.
+#[must_use]
+pub fn parted() -> Vec<EffectId> {
+    all().filter(|(_, c)| c.parted_by_profile).map(|(f, _)| f.effect).collect()
+}
+
+/// Effects that are offered together, with one variance for all their gains.
+#[derive(Debug, Clone, Copy)]
+pub struct Bundle {
+    /// The families; the first gives the name. One alone leaves what the other is needed for: a Preisach operator is a sum of curves
+    /// of the outputs of plays of all widths; memory in a material changes with temperature.
+    pub families: &'static [EffectId],
+    /// Only where a run begins in a ramp, so that the lags do not begin in equilibrium; then with what each run owes to that: a
+    /// [`beginning`] of its own.
+    pub in_ramp: bool,
+}
+
+/// The bundles.
+pub const BUNDLES: &[Bundle] = &[
+    Bundle { families: &[EffectId::PlayCurve], in_ramp: false },
+    Bundle { families: &[EffectId::PlayCurve, EffectId::TemperatureSpline], in_ramp: false },
+    Bundle { families: &[EffectId::LagLadder, EffectId::LagLadderByTemperature], in_ramp: false },
+    Bundle { families: &[EffectId::LagLadder], in_ramp: true },
+    Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], in_ramp: false },
+];
+
+/// What a lag owes to a run that began in a ramp: decays of that run alone.
+#[must_use]
+pub fn beginning(x: &Extent) -> (EffectId, Parameters) {
+    (EffectId::PowerOnLadder, [120.0, slowest(x)])
+}
+
+/// The class of an effect by its name; `None` for a name that is not in the list.
+#[must_use]
+pub fn class_of(name: &str) -> Option<Class> {
+    EffectId::by_name(name).map(|e| card(e).class)
+}
+
+/// Every effect with its card.
+pub fn all() -> impl Iterator<Item = (&'static Facts, Card)> {
+    ALL.iter().map(|f| (f, card(f.effect)))
+}

@@ -1,0 +1,63 @@
+//! Input files: how much of one is read, and what is refused before it is.
+
+use crate::error::BadInput;
+
+/// Most bytes of a recording: 30 days at 100 Hz with every column.
+pub const MOST_RECORDING: u64 = 64 << 30;
+/// Most bytes of a calibration file: twenty times what the largest has.
+pub const MOST_CALIBRATION: u64 = 1 << 20;
+/// Most bytes of a firmware ELF: with all debug information it has some ten million.
+pub const MOST_ELF: u64 = 1 << 30;
+
+/// How a file begins that gzip has packed.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
+/// its first zero byte, however large it is.
+///
+/// # Errors
+/// A sentence with the path.
+pub fn read_file(path: &std::path::Path, most: u64, text: bool) -> Result<Vec<u8>, BadInput> {
+    use std::io::{BufRead, Read};
+    let cannot = |e: std::io::Error| BadInput::new(format!("cannot read {}: {e}; check the path", path.display()));
+    let file = std::fs::File::open(path).map_err(cannot)?;
+    let size = file.metadata().map_err(cannot)?.len();
+    if size > most {
+        return Err(BadInput::new(format!(
+            "{} has {size} bytes, more than the {most} that such a file may have; check that it is the right one",
+            path.display()
+        )));
+    }
+    let mut bytes = Vec::with_capacity(size.min(most) as usize);
+    let mut file = std::io::BufReader::new(file);
+    let packed = file.fill_buf().map_err(cannot)?.starts_with(&GZIP);
+    let mut content: Box<dyn Read> =
+        if packed { Box::new(flate2::bufread::MultiGzDecoder::new(file)) } else { Box::new(file) };
+    loop {
+        let start = bytes.len();
+        let n = content.by_ref().take(1 << 20).read_to_end(&mut bytes).map_err(cannot)?;
+        if n == 0 {
+            return Ok(bytes);
+        }
+        if bytes.len() as u64 > most {
+            return Err(BadInput::new(format!(
+                "{} unpacks to more than the {most} bytes that such a file may have; check that it is the right one",
+                path.display()
+            )));
+        }
+        if text {
+            no_zero(&bytes[start..], start).map_err(|e| BadInput::new(format!("{}: {e}", path.display())))?;
+        }
+    }
+}
+
+/// Zero bytes are of a binary file, or of UTF-16. `before`: how many bytes were read before these.
+pub(crate) fn no_zero(bytes: &[u8], before: usize) -> Result<(), BadInput> {
+    match memchr::memchr(0, bytes) {
+        Some(at) => Err(BadInput(format!(
+            "byte {} is zero: this is a binary file, or text in UTF-16; save it as text in UTF-8",
+            before + at + 1
+        ))),
+        None => Ok(()),
+    }
+}

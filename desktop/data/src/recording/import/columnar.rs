@@ -1,0 +1,116 @@
+//! Tables that lie column by column (Parquet, ArduPilot's logs): the columns that a map wants, as numbers.
+
+use super::map::Map;
+use super::{choose, Table};
+use crate::error::BadInput;
+use crate::recording::parquet;
+use crate::recording::parquet::Cells;
+
+/// Reads the columns of a Parquet table that a map wants.
+///
+/// # Errors
+/// One sentence with row and column.
+pub fn read(bytes: Vec<u8>, map: &Map) -> Result<Table, BadInput> {
+    let contents = parquet::read(bytes)?;
+    let mut table = table(&contents.columns, map)?;
+    if !contents.others.is_empty() {
+        table.notes.push(format!(
+            "columns of lists, structures or decimals are left out: {}",
+            crate::error::list(&contents.others)
+        ));
+    }
+    Ok(table)
+}
+
+/// The columns that a map wants, of those that are there.
+///
+/// # Errors
+/// One sentence with row and column.
+pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> {
+    let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
+    let wanted = choose(map, &names)?;
+    let rows = kept(columns, map)?;
+    let mut table = Table::default();
+    for (at, name) in wanted {
+        let is_time = map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
+        let dates = is_time && map.time.unit.as_deref() == Some("iso");
+        let cells = &columns[at].1;
+        let values = rows.iter().map(|k| number(cells, *k, dates)).collect::<Option<Vec<f64>>>();
+        let values = values.ok_or_else(|| {
+            let row = rows.iter().find(|k| number(cells, **k, dates).is_none()).map_or(0, |k| k + 1);
+            let wanted = if dates { "a date" } else { "a number" };
+            BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; correct or empty it"))
+        })?;
+        table.columns.push((name, values));
+    }
+    let empty: usize = table.columns.iter().map(|(_, v)| v.iter().filter(|v| v.is_nan()).count()).sum();
+    if empty > 0 {
+        table.notes.push(format!("{empty} cells are empty"));
+    }
+    Ok(table)
+}
+
+/// The rows that the map keeps, in order.
+fn kept(columns: &[(String, Cells)], map: &Map) -> Result<Vec<usize>, BadInput> {
+    let rows = columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
+    let mut kept: Vec<usize> = (0..rows).collect();
+    for (name, word) in &map.table.keep {
+        let (_, cells) = columns.iter().find(|(n, _)| n == name).ok_or_else(|| {
+            let names: Vec<&str> = columns.iter().map(|(n, _)| n.as_str()).collect();
+            BadInput(format!(
+                "the map keeps rows by the column \"{name}\", which is not there; there are {}",
+                names.join(", ")
+            ))
+        })?;
+        kept.retain(|k| match cells {
+            Cells::Texts(v) => v.get(*k).is_some_and(|t| t == word),
+            Cells::Numbers(v, _) => v.get(*k).is_some_and(|n| word.parse() == Ok(*n)),
+        });
+    }
+    Ok(kept.split_off(map.table.drop_rows.min(kept.len())))
+}
+
+/// A cell as a number, or in seconds where it is a date; `None` where it is neither. Dates that are numbers count from the first of
+/// them: since 1970 they would lose digits.
+fn number(cells: &Cells, k: usize, dates: bool) -> Option<f64> {
+    match (cells, dates) {
+        (Cells::Numbers(v, Some(per_second)), true) => {
+            let first = v.iter().find(|v| v.is_finite()).unwrap_or(&0.0);
+            v.get(k).map(|v| (v - first) / per_second)
+        }
+        (Cells::Numbers(v, _), _) => v.get(k).copied(),
+        (Cells::Texts(v), _) => super::delimited::number(v.get(k)?.trim(), dates),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MAP: &str = "hrg-map = 1
+[table]
+drop_rows = 1
+keep = { imu = \"0\" }
+[time]
+column = \"t\"
+unit = \"ms\"
+[temperature]
+all = { column = \"T\" }
+[rate]
+z = { column = \"gz\", unit = \"deg/s\" }
+";
+
+    #[test]
+    fn rows_and_columns_are_those_of_the_map() {
+        let csv = "t,imu,T,gz\n0,0,20,1\n10,1,99,9\n20,0,21,2\n30,0,,3\n";
+        let bytes = parquet::from_csv(csv).expect("written");
+        let table = read(bytes.clone(), &Map::parse(MAP).expect("a map")).expect("fits");
+        assert_eq!(table.columns[0], ("t".into(), vec![20.0, 30.0]));
+        assert_eq!(table.columns[2], ("gz".into(), vec![2.0, 3.0]));
+        assert!(table.columns[1].1[1].is_nan() && table.notes == ["1 cells are empty"]);
+        let e = read(bytes.clone(), &Map::parse(&MAP.replace("gz", "wz")).expect("a map")).expect_err("no wz").0;
+        assert!(e.contains("\"wz\"") && e.contains("\"gz\""), "{e}");
+        let e = read(bytes, &Map::parse(&MAP.replace("imu", "I")).expect("a map")).expect_err("no I").0;
+        assert!(e.contains("\"I\", which is not there; there are t, imu, T, gz"), "{e}");
+    }
+}

@@ -1,0 +1,278 @@
+//! Maps: which columns of a table are what, and in which units. TOML, described in docs/formats.md; some are built in.
+
+use crate::axes::AXIS_NAMES;
+use crate::error::BadInput;
+use crate::recording::columns;
+use serde::Deserialize;
+use std::collections::BTreeMap;
+
+/// Maps that come with the program: name, text.
+pub const BUILT_IN: [(&str, &str); 4] = [
+    ("px4", include_str!("../../../maps/px4.toml")),
+    ("ardupilot", include_str!("../../../maps/ardupilot.toml")),
+    ("adis", include_str!("../../../maps/adis.toml")),
+    ("bosch", include_str!("../../../maps/bosch.toml")),
+];
+
+/// What kind of file a map is for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Format {
+    /// Text with a separator; a Parquet file or an ArduPilot log, if it begins as one.
+    #[default]
+    Delimited,
+    /// PX4's binary log.
+    Ulog,
+}
+
+/// How the text of a table is laid out.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Layout {
+    /// `comma`, `semicolon`, `tab`, `space` (any white space) or one character; by default what the header has most of.
+    pub separator: Option<String>,
+    /// Whether the first line names the columns; else they are called 1, 2, 3, ...
+    pub header: bool,
+    /// Lines before the header.
+    pub skip_lines: usize,
+    /// Lines that begin so are left out.
+    pub comment: String,
+    /// Rows of data that are left out at the beginning.
+    pub drop_rows: usize,
+    /// Rows that are kept: those with these words in these columns.
+    pub keep: BTreeMap<String, String>,
+    /// PX4: the topic. ArduPilot: the message.
+    pub topic: Option<String>,
+    /// PX4: which instance of the topic.
+    pub instance: u8,
+}
+
+impl Default for Layout {
+    fn default() -> Self {
+        Self {
+            separator: None,
+            header: true,
+            skip_lines: 0,
+            comment: "#".into(),
+            drop_rows: 0,
+            keep: BTreeMap::new(),
+            topic: None,
+            instance: 0,
+        }
+    }
+}
+
+/// A column with its unit.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Column {
+    /// Its name; or names, of which the first that is there counts.
+    pub column: Names,
+    /// Unit of its values; by default that of the recording.
+    #[serde(default)]
+    pub unit: Option<String>,
+    /// Added to the values as they stand in the file, before anything else.
+    #[serde(default)]
+    pub offset: f64,
+    /// Factor on the values, beside that of the unit: -1 for an axis that points the other way.
+    #[serde(default = "one")]
+    pub factor: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// One name, or several that programs have used.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Names {
+    /// One.
+    One(String),
+    /// Several, the likeliest first.
+    Any(Vec<String>),
+}
+
+impl Names {
+    /// All of them.
+    #[must_use]
+    pub fn all(&self) -> Vec<&str> {
+        match self {
+            Self::One(n) => vec![n],
+            Self::Any(n) => n.iter().map(String::as_str).collect(),
+        }
+    }
+}
+
+/// Where the times come from.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Time {
+    /// The column.
+    pub column: Option<Names>,
+    /// `s`, `ms`, `us`, `ns`, or `iso` for dates like 2024-05-01T12:00:00.
+    pub unit: Option<String>,
+    /// In the place of a column: rows are so far apart, s.
+    pub step_s: Option<f64>,
+    /// Whether the column counts from power-on; else the first row is at time 0.
+    pub since_power_on: bool,
+}
+
+/// A map.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Map {
+    /// Version of the format of maps: 1.
+    #[serde(rename = "hrg-map")]
+    pub version: u32,
+    /// Kind of file.
+    #[serde(default)]
+    pub format: Format,
+    /// Layout.
+    #[serde(default)]
+    pub table: Layout,
+    /// Metadata of the recording.
+    #[serde(default)]
+    pub meta: BTreeMap<String, String>,
+    /// Times.
+    pub time: Time,
+    /// Resonators, by axis.
+    #[serde(default)]
+    pub frequency: BTreeMap<String, Column>,
+    /// Temperature sensors by axis, or one under `all`.
+    #[serde(default)]
+    pub temperature: BTreeMap<String, Column>,
+    /// Rates, by axis.
+    pub rate: BTreeMap<String, Column>,
+    /// Other columns of a recording, by their names there.
+    #[serde(default)]
+    pub optional: BTreeMap<String, Column>,
+}
+
+/// Factor and offset from a unit to that of the recording.
+type Conversion = (f64, f64);
+
+/// Units that a quantity may have.
+fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
+    const DEGREE_PER_RAD: f64 = 180.0 / std::f64::consts::PI;
+    match quantity {
+        "rate" => &[
+            ("deg/h", (1.0, 0.0)),
+            ("deg/s", (3600.0, 0.0)),
+            ("rad/s", (3600.0 * DEGREE_PER_RAD, 0.0)),
+            ("mrad/s", (3.6 * DEGREE_PER_RAD, 0.0)),
+            // Not a rate: a quantity that stands in its place, its values as they are.
+            ("ppb", (1.0, 0.0)),
+            ("ppm", (1000.0, 0.0)),
+        ],
+        "temperature" => {
+            &[("C", (1.0, 0.0)), ("K", (1.0, -273.15)), ("mC", (1e-3, 0.0)), ("F", (5.0 / 9.0, -160.0 / 9.0))]
+        }
+        "frequency" => &[("Hz", (1.0, 0.0)), ("kHz", (1e3, 0.0)), ("MHz", (1e6, 0.0))],
+        "time" => &[("s", (1.0, 0.0)), ("ms", (1e-3, 0.0)), ("us", (1e-6, 0.0)), ("ns", (1e-9, 0.0))],
+        _ => &[("V", (1.0, 0.0)), ("mV", (1e-3, 0.0))],
+    }
+}
+
+/// The conversion of a unit.
+///
+/// # Errors
+/// A unit that the quantity does not have, with those that it has.
+pub fn conversion(quantity: &str, unit: Option<&str>) -> Result<Conversion, BadInput> {
+    let known = units(quantity);
+    let unit = unit.unwrap_or(known[0].0);
+    known.iter().find(|(n, _)| *n == unit).map(|(_, c)| *c).ok_or_else(|| {
+        let names: Vec<&str> = known.iter().map(|(n, _)| *n).collect();
+        BadInput(format!("the map has the unit \"{unit}\" for a {quantity}; there are {}", names.join(", ")))
+    })
+}
+
+impl Map {
+    /// Reads a map.
+    ///
+    /// # Errors
+    /// One sentence: what is wrong where.
+    pub fn parse(text: &str) -> Result<Self, BadInput> {
+        let map: Self = toml::from_str(text).map_err(|e| {
+            let place = e.span().map_or(String::new(), |s| {
+                format!(
+                    "line {}: ",
+                    1 + text.as_bytes()[..s.start.min(text.len())].iter().filter(|b| **b == b'\n').count()
+                )
+            });
+            BadInput(format!("{place}{}", e.message().replace('\n', " ")))
+        })?;
+        map.check()?;
+        Ok(map)
+    }
+
+    fn check(&self) -> Result<(), BadInput> {
+        let bad = |s: String| Err(BadInput(s));
+        if self.version != 1 {
+            return bad(format!("the map is of version {}, this program reads version 1", self.version));
+        }
+        if self.rate.is_empty() {
+            return bad("the map has no rate: [rate] needs x, y or z".into());
+        }
+        if !self.frequency.is_empty() && !self.temperature.is_empty() {
+            return bad(
+                "a map has [frequency] or [temperature], not both (or neither, where there is no thermometer)".into()
+            );
+        }
+        for (section, columns) in
+            [("rate", &self.rate), ("frequency", &self.frequency), ("temperature", &self.temperature)]
+        {
+            for (axis, c) in columns {
+                let all = section == "temperature" && axis == "all";
+                if !(all || AXIS_NAMES.contains(&axis.as_str())) {
+                    return bad(format!("[{section}] has \"{axis}\"; its axes are x, y and z"));
+                }
+                let _ = conversion(section, c.unit.as_deref())?;
+            }
+        }
+        for axis in self.rate.keys() {
+            let readings = if self.frequency.is_empty() { &self.temperature } else { &self.frequency };
+            if !(readings.is_empty() || readings.contains_key(axis) || readings.contains_key("all")) {
+                return bad(format!("the map has a rate of axis {axis} and no thermometer for it"));
+            }
+        }
+        for (name, c) in &self.optional {
+            if !columns::optional().any(|o| o == name) {
+                return bad(format!("[optional] has \"{name}\"; there are {}", columns::optional_names()));
+            }
+            let _ = conversion(quantity_of(name), c.unit.as_deref())?;
+        }
+        match (&self.time.column, self.time.step_s) {
+            (None, Some(step)) if step > 0.0 => Ok(()),
+            (Some(_), None) if self.time.unit.as_deref() == Some("iso") => Ok(()),
+            (Some(_), None) => conversion("time", self.time.unit.as_deref()).map(drop),
+            _ => bad("[time] has either a column, or step_s above zero".into()),
+        }
+    }
+
+    /// All columns that the map wants, by the place where they stand in it.
+    #[must_use]
+    pub fn wanted(&self) -> Vec<(String, &Names)> {
+        let mut out: Vec<(String, &Names)> = Vec::new();
+        out.extend(self.time.column.as_ref().map(|c| ("[time]".to_string(), c)));
+        let sections = [
+            ("frequency", &self.frequency),
+            ("temperature", &self.temperature),
+            ("rate", &self.rate),
+            ("optional", &self.optional),
+        ];
+        for (section, columns) in sections {
+            out.extend(columns.iter().map(|(k, c)| (format!("[{section}] {k}"), &c.column)));
+        }
+        out
+    }
+}
+
+/// What an optional column holds.
+#[must_use]
+pub fn quantity_of(name: &str) -> &'static str {
+    match columns::find(name) {
+        Some((column, _)) if column.unit == "C" => "temperature",
+        _ => "voltage",
+    }
+}

@@ -1,0 +1,261 @@
+//! Recordings from other programs' files: any table as text or Parquet, PX4's and ArduPilot's logs, by a [map](map::Map) that says which column is what.
+//!
+//! A map that does not fit ends with one sentence: the column that is missing, and those that are there.
+
+mod columnar;
+mod dataflash;
+mod delimited;
+pub mod map;
+mod ulog;
+
+use crate::axes::AXIS_NAMES;
+use crate::error::BadInput;
+use crate::recording::format::Thermometer;
+use crate::recording::{columns, parquet, Recording};
+use map::{conversion, quantity_of, Column, Format, Map, Names};
+use std::path::Path;
+
+/// Columns of a file by name, as numbers; NaN where a cell is empty.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Table {
+    /// Names and values of the columns that a map asked for.
+    columns: Vec<(String, Vec<f64>)>,
+    /// What was found on the way.
+    notes: Vec<String>,
+}
+
+impl Table {
+    fn column(&self, names: &Names) -> Option<&[f64]> {
+        names.all().iter().find_map(|n| self.columns.iter().find(|(c, _)| c == n)).map(|(_, v)| v.as_slice())
+    }
+
+    fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, v)| v.len())
+    }
+}
+
+/// Of the names that are there, those that a map wants, each with its place.
+///
+/// # Errors
+/// The first that is missing, with all that there are.
+fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput> {
+    let mut out: Vec<(usize, String)> = Vec::new();
+    for (place, names) in map.wanted() {
+        let found = names.all().iter().find_map(|n| there.iter().position(|t| t == n));
+        let Some(at) = found else {
+            return Err(BadInput(format!(
+                "the map's column for {place}, {}, is not in the file; there are {}",
+                names.all().iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(" or "),
+                there.iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(", ")
+            )));
+        };
+        if !out.iter().any(|(k, _)| *k == at) {
+            out.push((at, there[at].clone()));
+        }
+    }
+    Ok(out)
+}
+
+/// Reads a file by a map.
+///
+/// # Errors
+/// One sentence: what does not fit, where.
+pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
+    let here = |e: BadInput| BadInput(format!("{}: {e}", path.display()));
+    let table = match map.format {
+        Format::Delimited if parquet::begins_as_parquet(path) => {
+            columnar::read(crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+        }
+        Format::Delimited if dataflash::begins(path) => {
+            dataflash::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+        }
+        Format::Delimited => {
+            let bytes = crate::files::read_file(path, crate::files::MOST_RECORDING, true)?;
+            delimited::read(&bytes, map).map_err(here)?
+        }
+        Format::Ulog => ulog::read(path, map).map_err(here)?,
+    };
+    if table.rows() < 2 {
+        return Err(
+            here(BadInput(format!("the map leaves {} rows of data; check drop_rows and keep", table.rows()))).into()
+        );
+    }
+    Ok(recording(&table, map).map_err(here)?)
+}
+
+/// The values of a column in the unit of the recording.
+fn converted(table: &Table, column: &Column, quantity: &str) -> Result<Vec<f64>, BadInput> {
+    let (factor, offset) = conversion(quantity, column.unit.as_deref())?;
+    let values = table.column(&column.column).ok_or_else(|| BadInput::new("a column got lost"))?;
+    Ok(values.iter().map(|v| ((v + column.offset) * factor + offset) * column.factor).collect())
+}
+
+/// Times in s; `true` where they count from power-on.
+fn times(table: &Table, map: &Map) -> Result<Vec<f64>, BadInput> {
+    let Some(names) = &map.time.column else {
+        let step = map.time.step_s.unwrap_or(1.0);
+        return Ok((0..table.rows()).map(|k| k as f64 * step).collect());
+    };
+    let unit = map.time.unit.as_deref();
+    // Dates are seconds already.
+    let per_second = if unit == Some("iso") { 1.0 } else { (1.0 / conversion("time", unit)?.0).round() };
+    let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
+    let first = raw.iter().copied().find(|t| t.is_finite()).unwrap_or(0.0);
+    let origin = if map.time.since_power_on { 0.0 } else { first };
+    // (The first is taken off before the unit: nanoseconds since 1970 keep their microseconds.)
+    Ok(raw.iter().map(|t| (t - origin) / per_second).collect())
+}
+
+fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
+    let mut r = Recording { time_s: times(table, map)?, notes: table.notes.clone(), ..Recording::default() };
+    r.set_meta("hrg-recording", "2");
+    r.set_meta("rate_unit", "deg/h");
+    let shared = map.temperature.get("all");
+    r.thermometer = match (map.frequency.is_empty(), shared) {
+        (true, None) if map.temperature.is_empty() => Thermometer::None,
+        (false, _) => Thermometer::Frequency,
+        (true, None) => Thermometer::Sensors,
+        (true, Some(_)) => Thermometer::OneSensor,
+    };
+    let kind = match r.thermometer {
+        Thermometer::Frequency => "frequency",
+        Thermometer::None => "none",
+        _ => "sensor",
+    };
+    r.set_meta("thermometer", kind);
+    if map.time.since_power_on {
+        r.set_meta("power_on_s", "0");
+    }
+    map.meta.iter().for_each(|(k, v)| r.set_meta(k, v));
+    for (a, axis) in AXIS_NAMES.iter().enumerate() {
+        let Some(rate) = map.rate.get(*axis) else {
+            r.absent[a] = true;
+            (r.rate_dph[a], r.frequency_hz[a]) = (vec![f64::NAN; table.rows()], vec![f64::NAN; table.rows()]);
+            continue;
+        };
+        r.rate_dph[a] = converted(table, rate, "rate")?;
+        if let Some(unit @ ("ppb" | "ppm")) = rate.unit.as_deref() {
+            r.set_meta("rate_stands_for", if unit == "ppm" { "ppb, converted from ppm" } else { "ppb" });
+        }
+        if r.thermometer == Thermometer::None {
+            r.frequency_hz[a] = vec![f64::NAN; table.rows()];
+            continue;
+        }
+        let (quantity, readings) = if map.frequency.is_empty() {
+            ("temperature", shared.or_else(|| map.temperature.get(*axis)))
+        } else {
+            ("frequency", map.frequency.get(*axis))
+        };
+        let readings = readings.ok_or_else(|| BadInput(format!("the map has no thermometer for axis {axis}")))?;
+        r.frequency_hz[a] = converted(table, readings, quantity)?;
+    }
+    for name in columns::optional() {
+        if let Some(c) = map.optional.get(name) {
+            r.optional.push((name, converted(table, c, quantity_of(name))?));
+        }
+    }
+    crate::recording::metadata::check(&r.meta)?;
+    Ok(r)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn import(map: &str, text: &str) -> Result<Recording, BadInput> {
+        let map = Map::parse(map)?;
+        recording(&delimited::read(text.as_bytes(), &map)?, &map)
+    }
+
+    const MAP: &str = "hrg-map = 1
+[table]
+drop_rows = 1
+[meta]
+unit = \"G-1\"
+[time]
+column = \"t\"
+unit = \"ns\"
+[temperature]
+x = { column = \"T\", unit = \"K\" }
+[rate]
+x = { column = [\"gx\", \"wx\"], unit = \"rad/s\", factor = -1 }
+[optional]
+supply_v = { column = \"u\", unit = \"mV\" }
+";
+
+    #[test]
+    fn units_signs_and_origins() {
+        let text = "t;u;T;wx\n1;2;3;4\n1627342541000000000;5000;300,15;0,01\n1627342542500000000;;301.15;\n"
+            .replace("301.15", "301,15");
+        let r = import(MAP, &text).expect("fits");
+        assert_eq!(r.time_s, [0.0, 1.5]);
+        assert!((r.frequency_hz[0][0] - 27.0).abs() < 1e-9 && r.absent == [false, true, true]);
+        assert!((r.rate_dph[0][0] + 2062.648).abs() < 1e-3 && r.rate_dph[0][1].is_nan());
+        assert!(r.column("supply_v").is_some_and(|v| v[0] == 5.0 && v[1].is_nan()));
+        assert_eq!((r.unit(), r.thermometer), ("G-1", Thermometer::Sensors));
+        assert!(r.notes.iter().any(|n| n.contains("2 cells are empty")), "{:?}", r.notes);
+    }
+
+    #[test]
+    fn white_space_numbers_for_names_and_rows_that_are_kept() {
+        let map = "hrg-map = 1
+[table]
+separator = \"space\"
+header = false
+keep = { \"1\" = \"IMU\" }
+[time]
+column = \"2\"
+unit = \"us\"
+since_power_on = true
+[temperature]
+all = { column = \"4\" }
+[rate]
+y = { column = \"3\", unit = \"deg/s\" }
+";
+        let r = import(map, "IMU 1000000  0.5 20\nGPS 1 2 3 4\n  IMU 2000000  0.25\n").expect("fits");
+        assert_eq!((r.time_s.as_slice(), r.rate_dph[1].as_slice()), (&[1.0, 2.0][..], &[1800.0, 900.0][..]));
+        assert!(r.frequency_hz[1][1].is_nan() && r.meta("power_on_s") == Some("0"));
+    }
+
+    #[test]
+    fn a_map_that_does_not_fit_says_what_is_missing_and_what_is_there() {
+        let says = |map: &str, text: &str, words: &[&str]| {
+            let e = import(map, text).expect_err("must be refused").0;
+            assert!(words.iter().all(|w| e.contains(w)), "{e}");
+        };
+        says(MAP, "t,u,Temp,wx\n1,2,3,4\n", &["[temperature] x, \"T\"", "there are \"t\", \"u\", \"Temp\", \"wx\""]);
+        says(MAP, "t,u,T,wy\n1,2,3,4\n", &["[rate] x, \"gx\" or \"wx\""]);
+        says(MAP, "t,u,T,wx\n0,0,0,0\n1,2,hot,4\n", &["line 3, column \"T\": \"hot\" is not a number"]);
+        says(&MAP.replace("rad/s", "rpm"), "", &["\"rpm\"", "deg/h, deg/s, rad/s"]);
+        says(&MAP.replace("[rate]\nx", "[rate]\nw"), "", &["[rate] has \"w\""]);
+        says(&MAP.replace("supply_v", "mass_kg"), "", &["mass_kg", "supply_v"]);
+        says(&MAP.replace("hrg-map = 1", "hrg-map = 2"), "", &["version 2"]);
+        says(&MAP.replace("unit = \"ns\"", "unit = \"h\""), "", &["\"h\" for a time"]);
+        says(&MAP.replace("drop_rows", "droprows"), "", &["line 3", "droprows"]);
+        says(&MAP.replace("unit = \"G-1\"", "axes = \"x=north\""), "t,u,T,wx\n0,0,0,0\n1,2,3,4\n", &["axes"]);
+        says(MAP, "", &["no header"]);
+    }
+
+    #[test]
+    fn the_built_in_maps_are_maps() {
+        for (name, text) in map::BUILT_IN {
+            let m = Map::parse(text).unwrap_or_else(|e| panic!("{name}: {e}"));
+            assert!(m.rate.len() == 3, "{name}");
+        }
+    }
+
+    #[test]
+    fn ardupilot_tables_are_read() {
+        let text = "timestamp,TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz\n\
+            1.0,65645398,0,0.0009,0.00097,-0.0009,0,0,-9.8,0,0,41.5,1,1,1000,1000\n\
+            1.0,65645398,1,9,9,9,0,0,-9.8,0,0,44,1,1,1000,1000\n\
+            1.1,65685398,0,0.0008,0.00096,-0.0008,0,0,-9.8,0,0,41.6,1,1,1000,1000\n";
+        let map = map::BUILT_IN.iter().find(|(n, _)| *n == "ardupilot").expect("there").1;
+        let r = import(map, text).expect("fits");
+        assert_eq!(
+            (r.time_s.as_slice(), r.frequency_hz[2].as_slice()),
+            (&[65.645398, 65.685398][..], &[41.5, 41.6][..])
+        );
+        assert!((r.rate_dph[0][0] - 0.0009 * 206_264.806_247).abs() < 1e-6);
+    }
+}

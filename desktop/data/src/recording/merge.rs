@@ -1,0 +1,528 @@
+//! A chamber's own log into a recording, by time: `hrg merge`.
+//!
+//! The rows of the recording stay as they are, with all their columns; values of the log are put beside them on straight lines
+//! between its rows. Where the log has a gap, or has not begun, cells stay empty.
+
+use crate::error::BadInput;
+use crate::numeric::stats::median;
+use crate::recording::dialect;
+use crate::recording::{columns, Recording};
+use chrono::{DateTime, NaiveDateTime, NaiveTime};
+use std::fmt::Write as _;
+
+/// Neighbouring rows of a log that are further apart than so many usual steps have a gap between them.
+const GAP_STEPS: f64 = 5.0;
+
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
+
+/// Why a log cannot be merged.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MergeError {
+    /// `--time` or `--columns` that cannot be read.
+    #[error("{0}")]
+    Usage(String),
+    /// A column is missing.
+    #[error("there is no column {wanted}; its columns are {there}")]
+    NoColumn {
+        /// Wanted.
+        wanted: String,
+        /// What there is.
+        there: String,
+    },
+    /// The recording has values there already.
+    #[error("the recording has values in {0} already; rename that column, or merge under another name")]
+    Taken(String),
+    /// A time that cannot be read.
+    #[error("line {line}: \"{text}\" is not a time of the form {format}")]
+    Time {
+        /// Line.
+        line: usize,
+        /// What stands there.
+        text: String,
+        /// What should.
+        format: String,
+    },
+    /// A value that is none.
+    #[error("line {line}: \"{text}\" in column {column} is not a number; correct or empty the cell")]
+    Value {
+        /// Line.
+        line: usize,
+        /// Column.
+        column: String,
+        /// What stands there.
+        text: String,
+    },
+    /// Too short.
+    #[error("it has {0} rows with a time that increases; at least two are needed")]
+    Short(usize),
+    /// The clocks have nothing to do with each other.
+    #[error("its times are of a clock of its own, and the recording does not say when its power-on was; give what that clock showed then with --power-on TIME")]
+    NoPowerOn,
+    /// No common time.
+    #[error("the times do not overlap: the recording runs from {run_from:.0} to {run_to:.0} s, the log, on the recording's clock, from {log_from:.0} to {log_to:.0} s; give --power-on TIME or --offset SECONDS")]
+    NoOverlap {
+        /// Of the recording, s.
+        run_from: f64,
+        /// Of the recording, s.
+        run_to: f64,
+        /// Of the log, s.
+        log_from: f64,
+        /// Of the log, s.
+        log_to: f64,
+    },
+}
+
+impl From<MergeError> for BadInput {
+    fn from(e: MergeError) -> Self {
+        Self(e.to_string())
+    }
+}
+
+/// How a log writes its times.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Format {
+    /// A number, each of so many seconds.
+    Number(f64),
+    /// Seconds since 1970.
+    Unix,
+    /// `2026-11-21T10:15:00`, with or without fraction and zone (without: UTC), or a blank for the T.
+    Iso,
+    /// A pattern like `%d.%m.%Y %H:%M:%S`; without a date, days are counted where the time goes back to the morning.
+    Pattern(String),
+}
+
+impl Format {
+    /// By name: s, ms, min, h, unix, iso, or a pattern with %.
+    ///
+    /// # Errors
+    /// Anything else.
+    pub fn parse(text: &str) -> Result<Self, MergeError> {
+        Ok(match text {
+            "s" => Self::Number(1.0),
+            "ms" => Self::Number(1e-3),
+            "min" => Self::Number(60.0),
+            "h" => Self::Number(3600.0),
+            "unix" => Self::Unix,
+            "iso" => Self::Iso,
+            pattern if pattern.contains('%') => Self::Pattern(pattern.into()),
+            other => {
+                return Err(MergeError::Usage(format!(
+                    "--time: \"{other}\" is no form of a time; there are s, ms, min, h, unix, iso and patterns like %d.%m.%Y_%H:%M:%S"
+                )))
+            }
+        })
+    }
+
+    fn name(&self) -> String {
+        match self {
+            Self::Number(_) | Self::Unix => "of a number".into(),
+            Self::Iso => "2026-11-21T10:15:00".into(),
+            Self::Pattern(p) => p.clone(),
+        }
+    }
+
+    /// Seconds on the log's clock.
+    fn read(&self, text: &str) -> Option<f64> {
+        let seconds = |t: NaiveDateTime| t.and_utc().timestamp_micros() as f64 * 1e-6;
+        match self {
+            Self::Number(unit) => text.parse().ok().map(|t: f64| t * unit),
+            Self::Unix => text.parse().ok(),
+            Self::Iso => DateTime::parse_from_rfc3339(&text.replacen(' ', "T", 1))
+                .map(|t| seconds(t.naive_utc()))
+                .or_else(|_| {
+                    NaiveDateTime::parse_from_str(&text.replacen(' ', "T", 1), "%Y-%m-%dT%H:%M:%S%.f").map(seconds)
+                })
+                .ok(),
+            Self::Pattern(p) if p.contains("z") => {
+                DateTime::parse_from_str(text, p).map(|t| seconds(t.naive_utc())).ok()
+            }
+            Self::Pattern(p) => NaiveDateTime::parse_from_str(text, p)
+                .map(seconds)
+                .or_else(|_| {
+                    NaiveTime::parse_from_str(text, p).map(|t| (t - NaiveTime::MIN).num_milliseconds() as f64 * 1e-3)
+                })
+                .ok(),
+        }
+        .filter(|t: &f64| t.abs() < 1e13)
+    }
+
+    /// Whether its seconds count from 1970.
+    fn absolute(&self) -> bool {
+        match self {
+            Self::Number(_) => false,
+            Self::Unix | Self::Iso => true,
+            Self::Pattern(p) => ["%Y", "%y", "%F", "%D", "%x", "%c", "%s", "%+"].iter().any(|d| p.contains(d)),
+        }
+    }
+}
+
+/// What to merge.
+#[derive(Debug, Clone)]
+pub struct Wanted {
+    /// Column of the log's times.
+    pub time: String,
+    /// How they are written.
+    pub format: Format,
+    /// What the log's clock showed at the unit's power-on, written as its times are.
+    pub power_on: Option<String>,
+    /// Added to the log's times, s.
+    pub offset_s: f64,
+    /// Columns: the recording's name, the log's name.
+    pub columns: Vec<(String, String)>,
+    /// Rows of the log that are further apart have a gap between them, s; `None`: five usual steps.
+    pub gap_s: Option<f64>,
+}
+
+impl Wanted {
+    /// From `COLUMN[=FORMAT]` and `name=column` items.
+    ///
+    /// # Errors
+    /// Names that no recording has, and forms that no time has.
+    pub fn parse(time: &str, columns: &[String]) -> Result<Self, MergeError> {
+        let (column, format) = time.split_once('=').unwrap_or((time, "s"));
+        let mut pairs: Vec<(String, String)> = Vec::new();
+        for item in columns {
+            let Some((ours, theirs)) = item.split_once('=') else {
+                return Err(MergeError::Usage(format!(
+                    "--columns: \"{item}\" is not of the form chamber_c=Temperature"
+                )));
+            };
+            let ours = columns::today(ours.trim());
+            if !columns::optional().any(|o| o == ours) {
+                return Err(MergeError::Usage(format!(
+                    "--columns: a recording has no column {ours}; there are {}",
+                    columns::optional_names()
+                )));
+            }
+            if pairs.iter().any(|(o, _)| o == ours) {
+                return Err(MergeError::Usage(format!("--columns: {ours} is named twice")));
+            }
+            pairs.push((ours.into(), theirs.trim().into()));
+        }
+        Ok(Self {
+            time: column.trim().into(),
+            format: Format::parse(format.trim())?,
+            power_on: None,
+            offset_s: 0.0,
+            columns: pairs,
+            gap_s: None,
+        })
+    }
+}
+
+/// A log as it was read: time on its own clock, and the wanted columns.
+struct Log {
+    time_s: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+    left_out: usize,
+}
+
+/// Names of the columns in a line.
+fn names(line: &str) -> Vec<&str> {
+    line.split(',').map(str::trim).collect()
+}
+
+impl Log {
+    /// Reads the wanted columns. What stands before the header (a title, settings) is skipped.
+    fn read(text: &str, wanted: &Wanted) -> Result<Self, BadInput> {
+        let mut before = 0;
+        let mut rest = text;
+        // The header is the first line in which the name of the time column is a cell.
+        while let Some(line) = rest.split_inclusive('\n').next() {
+            let cells = line.trim_end().split([',', ';', '\t']).map(|c| c.trim().trim_matches('"').trim());
+            if cells.into_iter().any(|c| c == wanted.time) {
+                break;
+            }
+            before += 1;
+            rest = &rest[line.len()..];
+        }
+        let first = text.lines().find(|l| l.contains([',', ';', '\t'])).unwrap_or("").trim();
+        let none = |wanted: &str, there: &str| MergeError::NoColumn { wanted: wanted.into(), there: there.into() };
+        if rest.is_empty() {
+            return Err(none(&wanted.time, first).into());
+        }
+        let plain = if dialect::is_plain(rest) && !rest.contains('"') { rest.into() } else { dialect::plain(rest)? };
+        let mut lines = plain.lines().enumerate().filter(|(_, l)| !l.trim().is_empty() && !l.starts_with('#'));
+        let header = lines.next().map_or("", |(_, l)| l);
+        let names = names(header);
+        let at = |name: &str| names.iter().position(|n| *n == name).ok_or_else(|| none(name, header));
+        let time = at(&wanted.time)?;
+        let columns = wanted.columns.iter().map(|(_, theirs)| at(theirs)).collect::<Result<Vec<_>, _>>()?;
+        let mut log = Self { time_s: vec![], columns: vec![vec![]; columns.len()], left_out: 0 };
+        let (mut last, mut days, mut previous) = (f64::NEG_INFINITY, 0.0, f64::NEG_INFINITY);
+        for (k, line) in lines {
+            let number = before + k + 1;
+            let cells: Vec<&str> = line.split(',').map(str::trim).collect();
+            let cell = |at: usize| cells.get(at).copied().unwrap_or("");
+            let Some(mut t) = wanted.format.read(cell(time)) else {
+                if cell(time).is_empty() {
+                    log.left_out += 1;
+                    continue;
+                }
+                let (text, format) = (cell(time).chars().take(32).collect(), wanted.format.name());
+                return Err(MergeError::Time { line: number, text, format }.into());
+            };
+            if matches!(wanted.format, Format::Pattern(_)) && !wanted.format.absolute() {
+                days += if t < previous - 0.5 * DAY_S { DAY_S } else { 0.0 };
+                previous = t;
+                t += days;
+            }
+            let values = columns
+                .iter()
+                .zip(&wanted.columns)
+                .map(|(c, (_, theirs))| value(cell(*c)).ok_or((theirs, *c)))
+                .collect::<Result<Vec<_>, _>>()
+                .map_err(|(column, c)| MergeError::Value {
+                    line: number,
+                    column: column.clone(),
+                    text: cell(c).chars().take(24).collect(),
+                })?;
+            if t <= last {
+                log.left_out += 1;
+                continue;
+            }
+            last = t;
+            log.time_s.push(t);
+            log.columns.iter_mut().zip(values).for_each(|(to, v)| to.push(v));
+        }
+        if log.time_s.len() < 2 {
+            return Err(MergeError::Short(log.time_s.len()).into());
+        }
+        Ok(log)
+    }
+}
+
+/// A cell: NaN where it is empty, `None` where it is no number.
+fn value(cell: &str) -> Option<f64> {
+    if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+        return Some(f64::NAN);
+    }
+    cell.parse().ok().filter(|v: &f64| v.is_finite())
+}
+
+/// A recording with columns of a log.
+#[derive(Debug)]
+pub struct Merged {
+    /// The file.
+    pub text: String,
+    /// Rows of the recording.
+    pub rows: usize,
+    /// Of each column, how many of them got a value.
+    pub filled: Vec<(String, usize)>,
+    /// What was found on the way.
+    pub notes: Vec<String>,
+}
+
+/// Values on straight lines between the points of a log, at increasing times; NaN in gaps and beyond the ends.
+fn between(log_s: &[f64], values: &[f64], gap_s: f64, times: &[f64]) -> Vec<f64> {
+    let points: Vec<(f64, f64)> =
+        log_s.iter().copied().zip(values.iter().copied()).filter(|(_, v)| v.is_finite()).collect();
+    times
+        .iter()
+        .map(|t| {
+            let after = points.partition_point(|(p, _)| p < t);
+            match (after.checked_sub(1).and_then(|k| points.get(k)), points.get(after)) {
+                (_, Some((at, v))) if at == t => *v,
+                (Some((a, x)), Some((b, y))) if b - a <= gap_s => x + (y - x) * (t - a) / (b - a),
+                _ => f64::NAN,
+            }
+        })
+        .collect()
+}
+
+/// Merges. `run` and `log` are the files as they are; `source` names the log in the metadata.
+///
+/// # Errors
+/// [`MergeError`]; and what [`Recording::parse`] refuses. Sentences about the log do not name it.
+pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merged, BadInput> {
+    let r = Recording::parse(run.as_bytes())?;
+    let plain = if dialect::is_plain(run) { run.to_string() } else { dialect::plain(run)? };
+    let mut table = Log::read(log, wanted)?;
+    let form = || MergeError::Usage(format!("--power-on: not of the form {}", wanted.format.name()));
+    let power_on = match &wanted.power_on {
+        Some(text) => Some(wanted.format.read(text).ok_or_else(form)?),
+        None if wanted.format.absolute() => {
+            Some(r.meta("power_on_unix_s").and_then(|v| v.parse().ok()).ok_or(MergeError::NoPowerOn)?)
+        }
+        None if matches!(wanted.format, Format::Pattern(_)) => return Err(MergeError::NoPowerOn.into()),
+        None => None,
+    };
+    // On the recording's clock.
+    let shift_s = wanted.offset_s + power_on.map_or(0.0, |p: f64| r.power_on_s() - p);
+    table.time_s.iter_mut().for_each(|t| *t += shift_s);
+    let finite = || r.time_s.iter().copied().filter(|t| t.is_finite());
+    let (run_from, run_to) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
+    let (log_from, log_to) = (table.time_s[0], table.time_s[table.time_s.len() - 1]);
+    if !(log_from <= run_to && log_to >= run_from) {
+        return Err(MergeError::NoOverlap { run_from, run_to, log_from, log_to }.into());
+    }
+    let mut steps: Vec<f64> = table.time_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let usual = median(&mut steps).unwrap_or(1.0);
+    let gap_s = wanted.gap_s.unwrap_or(GAP_STEPS * usual);
+    let mut notes = Vec::new();
+    if table.left_out > 0 {
+        notes.push(format!("{} rows of the log have no time, or one that does not increase: left out", table.left_out));
+    }
+    let gaps = table.time_s.windows(2).filter(|w| w[1] - w[0] > gap_s).count();
+    if gaps > 0 {
+        notes.push(format!("the log has {gaps} gaps of more than {gap_s:.0} s: left empty"));
+    }
+    let mut added = Vec::new();
+    let mut filled = Vec::new();
+    for ((ours, _), values) in wanted.columns.iter().zip(&table.columns) {
+        if r.column(ours).is_some_and(|c| c.iter().any(|v| v.is_finite())) {
+            return Err(MergeError::Taken(ours.clone()).into());
+        }
+        let column = between(&table.time_s, values, gap_s, &r.time_s);
+        filled.push((ours.clone(), column.iter().filter(|v| v.is_finite()).count()));
+        added.push((ours.as_str(), column));
+    }
+    let text = beside(&plain, source, &added);
+    Ok(Merged { text, rows: r.time_s.len(), filled, notes })
+}
+
+/// The text of a recording with columns added; one that is there and empty is filled.
+fn beside(plain: &str, source: &str, added: &[(&str, Vec<f64>)]) -> String {
+    let mut out = String::with_capacity(plain.len() + plain.len() / 4);
+    // Of each column added: where it stands already.
+    let mut there: Option<Vec<Option<usize>>> = None;
+    let mut row = 0;
+    for line in plain.lines() {
+        let line = line.trim_end_matches('\r');
+        if line.trim_start().starts_with('#') || line.trim().is_empty() {
+            out.push_str(line);
+        } else if let Some(there) = &there {
+            let mut cells: Vec<String> = line.split(',').map(String::from).collect();
+            for ((_, column), at) in added.iter().zip(there) {
+                let v = column.get(row).copied().unwrap_or(f64::NAN);
+                let text = if v.is_finite() { format!("{v:.4}") } else { String::new() };
+                match at {
+                    Some(at) => cells[*at] = text,
+                    None => cells.push(text),
+                }
+            }
+            out.push_str(&cells.join(","));
+            row += 1;
+        } else {
+            let names = names(line);
+            let at = |ours: &str| names.iter().position(|n| columns::today(n) == ours);
+            let places: Vec<Option<usize>> = added.iter().map(|(ours, _)| at(ours)).collect();
+            let list: Vec<&str> = added.iter().map(|(ours, _)| *ours).collect();
+            let _ = writeln!(out, "# merged: {} from {source}", list.join(" "));
+            out.push_str(line);
+            for ((ours, _), _) in added.iter().zip(&places).filter(|(_, p)| p.is_none()) {
+                out.push(',');
+                out.push_str(ours);
+            }
+            there = Some(places);
+        }
+        out.push('\n');
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RUN: &str = "# unit: A\n# power_on_unix_s: 1795255200\ntime_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,temperature_x_c,chamber_c\n";
+
+    fn run() -> String {
+        (1..=20).fold(RUN.to_string(), |s, k| s + &format!("{k},4900.1,4890.1,4700.1,1,2,3,{k}.5,\n"))
+    }
+
+    fn wanted(time: &str) -> Wanted {
+        Wanted::parse(time, &["chamber_c=Temp".into(), "case_x_c=S1".into()]).expect("fine")
+    }
+
+    fn column(text: &str, name: &str) -> Vec<f64> {
+        Recording::parse(text.as_bytes()).expect("a recording").column(name).expect("there").to_vec()
+    }
+
+    #[test]
+    fn straight_lines_between_the_logs_rows_and_nothing_in_gaps() {
+        let log = "Chamber 7\nset;25\n\nZeit;Temp;S1\n2;20,5;1\n4;21,5;\n6;22,5;3\n14;30;5\n16;31;6\n";
+        let w = Wanted { gap_s: Some(5.0), ..wanted("Zeit") };
+        let m = merge(&run(), log, "log.csv", &w).expect("merges");
+        let chamber = column(&m.text, "chamber_c");
+        for (k, v) in chamber.iter().enumerate() {
+            let t = k as f64 + 1.0;
+            let truth = match t {
+                2.0..=6.0 => 20.5 + 0.5 * (t - 2.0),
+                14.0..=16.0 => 30.0 + 0.5 * (t - 14.0),
+                _ => f64::NAN,
+            };
+            assert!((v - truth).abs() < 1e-9 || (v.is_nan() && truth.is_nan()), "{t} s: {v}, {truth}");
+        }
+        assert_eq!(column(&m.text, "case_x_c")[2], 1.5, "over an empty cell");
+        assert_eq!(m.filled, [("chamber_c".to_string(), 8), ("case_x_c".to_string(), 8)]);
+        assert!(m.text.contains("# merged: chamber_c case_x_c from log.csv\n") && m.text.contains("\n7,4900.1,"));
+        assert!(m.text.lines().filter(|l| !l.starts_with('#')).all(|l| l.split(',').count() == 10));
+        assert!(m.notes[0].contains("1 gaps of more than 5 s"), "{:?}", m.notes);
+        assert!(merge(&m.text, log, "log.csv", &w).expect_err("refused").0.contains("values in chamber_c already"));
+    }
+
+    #[test]
+    fn clocks_of_every_form_come_to_the_recordings() {
+        let of = |time: &str, power_on: Option<&str>, offset_s: f64, stamps: [&str; 2]| {
+            let log = format!("{time_column},Temp,S1\n{},10,1\n{},30,3\n", stamps[0], stamps[1], time_column = "when");
+            let w = Wanted { power_on: power_on.map(String::from), offset_s, gap_s: Some(60.0), ..wanted(time) };
+            merge(&run(), &log, "log", &w).map(|m| column(&m.text, "chamber_c")[9])
+        };
+        // Each: from 5 s (10 C) to 15 s (30 C) of the run, so 20 C at 10 s.
+        for (time, power_on, offset, stamps) in [
+            ("when", None, 0.0, ["5", "15"]),
+            ("when=ms", None, 0.0, ["5000", "15000"]),
+            ("when=s", Some("100"), 0.0, ["105", "115"]),
+            ("when=min", None, -60.0, ["1.0833333333333333", "1.25"]),
+            ("when=unix", None, 0.0, ["1795255205", "1795255215"]),
+            ("when=iso", None, 0.0, ["2026-11-21T10:00:05", "2026-11-21 10:00:15.0"]),
+            ("when=iso", None, 0.0, ["2026-11-21T18:00:05+08:00", "2026-11-21T10:00:15Z"]),
+            ("when=iso", None, -28_800.0, ["2026-11-21T18:00:05", "2026-11-21T18:00:15"]),
+            ("when=%d.%m.%Y %H:%M:%S", None, 0.0, ["21.11.2026 10:00:05", "21.11.2026 10:00:15"]),
+            ("when=%d.%m.%Y %H:%M:%S %z", None, 0.0, ["21.11.2026 18:00:05 +0800", "21.11.2026 11:00:15 +0100"]),
+            ("when=%H:%M:%S", Some("23:59:50"), 0.0, ["23:59:55", "00:00:05"]),
+        ] {
+            let v = of(time, power_on, offset, stamps).unwrap_or_else(|e| panic!("{time}: {e}"));
+            assert!((v - 20.0).abs() < 1e-3, "{time} {power_on:?}: {v}");
+        }
+        for (time, stamps, says) in [
+            ("when", ["5", "soon"], "line 3: \"soon\" is not a time"),
+            ("when=iso", ["5", "6"], "2026-11-21T10:15:00"),
+            (
+                "when",
+                ["500", "600"],
+                "recording runs from 1 to 20 s, the log, on the recording's clock, from 500 to 600 s",
+            ),
+            ("when", ["5", "5"], "1 rows"),
+            ("when=%H:%M:%S", ["10:00:05", "10:00:15"], "--power-on"),
+        ] {
+            let e = of(time, None, 0.0, stamps).expect_err(says).0;
+            assert!(e.contains(says), "{time}: {e}");
+        }
+        assert!(of("when=iso", Some("noon"), 0.0, ["5", "6"]).is_err());
+        let untold = run().replace("# power_on_unix_s: 1795255200\n", "");
+        let log = "when,Temp,S1\n1795255205,1,2\n1795255206,1,2\n";
+        assert!(merge(&untold, log, "log", &wanted("when=unix")).expect_err("refused").0.contains("--power-on"));
+    }
+
+    #[test]
+    fn what_is_asked_for_must_be_there() {
+        for (time, columns, says) in [
+            ("t=never", "chamber_c=T", "no form of a time"),
+            ("t", "oven_c=T", "no column oven_c"),
+            ("t", "chamber_c", "of the form"),
+        ] {
+            let e = Wanted::parse(time, &[columns.into()]).expect_err(says).to_string();
+            assert!(e.contains(says), "{e}");
+        }
+        let twice = ["chamber_c=a".to_string(), "chamber_c=b".to_string()];
+        assert!(Wanted::parse("t", &twice).expect_err("refused").to_string().contains("twice"));
+        let e = |log: &str| merge(&run(), log, "log", &wanted("t")).expect_err("refused").0;
+        assert!(e("x,Temp,S1\n1,2,3\n").contains("no column t; its columns are x,Temp,S1"));
+        assert!(e("t,Temp\n1,2\n").contains("no column S1"));
+        assert!(e("t,Temp,S1\n1,2,3\n2,warm,3\n").contains("line 3: \"warm\" in column Temp"));
+        assert!(e("").contains("no column t"));
+    }
+}

@@ -1,0 +1,378 @@
+//! A recording as the unit would have seen it: on the grid of model steps, through the unit's own code.
+
+use crate::error::BadInput;
+use crate::recording::columns;
+use crate::recording::columns::Column;
+use crate::recording::own_columns::OwnColumns;
+use crate::recording::Recording;
+use hrg_core::bias::{Scaling, State};
+use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::temperature::TemperatureCurve;
+use hrg_core::thermal::{Thermal, Thermometer};
+use hrg_core::{AXES, MODEL_STEP_S};
+use std::sync::Arc;
+
+/// A recording brought to one row per model step (one second).
+///
+/// Faster rows are averaged within their second. Slower rows: frequencies are interpolated between rows no
+/// further than [`BRIDGE_S`] apart, so that the states of the model run on; a rate stands for the time about its row.
+#[derive(Debug, Clone)]
+pub struct Steps {
+    /// Time of the first step on the recording's clock, s.
+    pub start_s: f64,
+    /// Time of power-on on the same clock, s.
+    pub power_on_s: f64,
+    /// Steps before the first that is judged.
+    pub run_in: usize,
+    /// What gives the temperatures.
+    pub thermometer: crate::recording::format::Thermometer,
+    /// Whether the axes have rates in turns ([`hrg_identify::rates::lacking`]): each a quarter of the time at most.
+    pub in_turns: bool,
+    /// Axes that the recording does not have.
+    pub absent: [bool; AXES],
+    /// Readings of the thermometers: frequencies, Hz, or temperatures, C; NaN where missing.
+    pub frequency_hz: [Vec<f64>; AXES],
+    /// Rates, deg/h; NaN where missing.
+    pub rate_dph: [Vec<f64>; AXES],
+    /// Case sensors; empty where not recorded.
+    pub case_c: [Vec<f32>; AXES],
+    /// Chamber; empty where not recorded.
+    pub chamber_c: Vec<f32>,
+    /// Board; empty where not recorded.
+    pub board_c: Vec<f32>,
+    /// Supply; empty where not recorded.
+    pub supply_v: Vec<f32>,
+    /// Drive; empty where not recorded.
+    pub drive_v: [Vec<f32>; AXES],
+    /// Quadrature; empty where not recorded.
+    pub quad_v: [Vec<f32>; AXES],
+}
+
+/// Longest gap that is bridged by a straight line, s. The unit kept running during a gap in its recording: its lags and
+/// plays went on, and a straight line is nearer to what they saw than a temperature that stands still. (Rates are not
+/// bridged.) Longer than that, the temperature is held, as the unit does when a frequency is lost.
+pub const BRIDGE_S: f64 = 900.0;
+
+impl Steps {
+    /// Brings a cleaned recording to model steps.
+    ///
+    /// # Errors
+    /// Where it is too short to say anything (less than three minutes).
+    pub fn new(r: &Recording) -> Result<Self, BadInput> {
+        let steps = Self::on_grid(r)?.0;
+        if steps.len() < 180 {
+            return Err(BadInput::new(format!(
+                "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",
+                steps.len() - 1
+            )));
+        }
+        Ok(steps)
+    }
+
+    /// Brings a recording to model steps as the unit saw it: a row without a frequency is a second in which the unit had none.
+    /// Only the seconds of no row are bridged, for the unit ran on in them. Gives which seconds have a row, too.
+    ///
+    /// # Errors
+    /// Where it has no rows, or spans years.
+    pub fn as_seen(r: &Recording) -> Result<(Self, Vec<bool>), BadInput> {
+        let (mut steps, index) = Self::on_grid(r)?;
+        let mut there = vec![false; steps.len()];
+        index.iter().for_each(|k| there[*k] = true);
+        for (to, from) in steps.frequency_hz.iter_mut().zip(&r.frequency_hz) {
+            let mut lost = there.clone();
+            index.iter().zip(from).filter(|(_, f)| f.is_finite()).for_each(|(k, _)| lost[*k] = false);
+            to.iter_mut().zip(lost).filter(|(_, lost)| *lost).for_each(|(f, _)| *f = f64::NAN);
+        }
+        Ok((steps, there))
+    }
+
+    /// The steps, and the step of each row.
+    fn on_grid(r: &Recording) -> Result<(Self, Vec<usize>), BadInput> {
+        let (first, last) = match (r.time_s.first(), r.time_s.last()) {
+            (Some(a), Some(b)) => (*a, *b),
+            _ => return Err(BadInput::new("the recording has no rows")),
+        };
+        let step = f64::from(MODEL_STEP_S);
+        let n = ((last - first) / step).round() as usize + 1;
+        if n > 40_000_000 {
+            return Err(BadInput::new("the recording's times span more than a year; check column time_s"));
+        }
+        let index: Vec<usize> = r.time_s.iter().map(|t| (((t - first) / step).round() as usize).min(n - 1)).collect();
+        let slow = r.step_s() > 1.5 * step;
+        let bin = |values: &[f64]| -> Vec<f64> {
+            let mut sum = vec![0.0; n];
+            let mut count = vec![0u32; n];
+            for (&k, v) in index.iter().zip(values) {
+                if v.is_finite() {
+                    sum[k] += v;
+                    count[k] += 1;
+                }
+            }
+            sum.iter().zip(&count).map(|(s, c)| if *c > 0 { s / f64::from(*c) } else { f64::NAN }).collect()
+        };
+        let held = |name: &str| -> Vec<f32> {
+            r.column(name).map_or_else(Vec::new, |v| {
+                let mut b = bin(v);
+                bridge(&mut b);
+                dequantise(&mut b);
+                b.into_iter().map(|x| x as f32).collect()
+            })
+        };
+        // Single seconds without a frequency (a spike taken out), and the seconds between slow rows, are bridged: the
+        // states of the model run on.
+        let mut frequency_hz = [0, 1, 2].map(|a| bin(&r.frequency_hz[a]));
+        frequency_hz.iter_mut().for_each(|f| bridge(f));
+        let mut rate_dph = [0, 1, 2].map(|a| bin(&r.rate_dph[a]));
+        if slow {
+            let half = (0.5 * r.step_s() / step).floor() as usize;
+            rate_dph.iter_mut().for_each(|v| spread(v, half));
+        }
+        let axis = |column: Column| [0, 1, 2].map(|a| held(column.name(a)));
+        let steps = Self {
+            start_s: first,
+            power_on_s: r.power_on_s(),
+            run_in: r.judged_from_s.map_or(0, |t| ((t - first) / step).round().clamp(0.0, n as f64) as usize),
+            thermometer: r.thermometer,
+            in_turns: r.meta("rates") == Some(crate::recording::metadata::LACKING),
+            absent: r.absent,
+            frequency_hz,
+            rate_dph,
+            case_c: axis(columns::CASE),
+            chamber_c: held(columns::CHAMBER.name(0)),
+            board_c: held(columns::BOARD.name(0)),
+            supply_v: held(columns::SUPPLY.name(0)),
+            drive_v: axis(columns::DRIVE),
+            quad_v: axis(columns::QUADRATURE),
+        };
+        Ok((steps, index))
+    }
+
+    /// Number of steps.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.frequency_hz[0].len()
+    }
+
+    /// Whether there are none.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Axes that the recording has.
+    pub fn present(&self) -> impl Iterator<Item = usize> + '_ {
+        (0..AXES).filter(|&a| !self.absent[a])
+    }
+
+    /// Readings of the thermometers at a step; `None` where one is missing.
+    #[must_use]
+    pub fn frequencies(&self, k: usize) -> [Option<f64>; AXES] {
+        [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
+    }
+
+    /// What only the recording has, at a step, for an axis.
+    #[must_use]
+    pub fn recorded(&self, k: usize) -> Recorded {
+        let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
+        Recorded {
+            case_c: [at(&self.case_c[0]), at(&self.case_c[1]), at(&self.case_c[2])],
+            board_c: at(&self.board_c),
+            supply_v: at(&self.supply_v),
+            drive_v: self.drive_v.each_ref().map(|v| at(v)),
+            quad_v: self.quad_v.each_ref().map(|v| at(v)),
+        }
+    }
+}
+
+/// Lets each value stand for `half` steps on either side of it, where nothing else stands.
+fn spread(values: &mut [f64], half: usize) {
+    let given: Vec<(usize, f64)> = values.iter().copied().enumerate().filter(|(_, v)| v.is_finite()).collect();
+    let n = values.len();
+    for (k, v) in given {
+        for j in k.saturating_sub(half)..(k + half + 1).min(n) {
+            if values[j].is_nan() {
+                values[j] = v;
+            }
+        }
+    }
+}
+
+/// Fills gaps of at most [`BRIDGE_S`] by straight lines.
+fn bridge(values: &mut [f64]) {
+    let mut last: Option<usize> = None;
+    for k in 0..values.len() {
+        if !values[k].is_finite() {
+            continue;
+        }
+        if let Some(l) = last {
+            if k - l > 1 && (k - l) as f64 * f64::from(MODEL_STEP_S) <= BRIDGE_S {
+                let (a, b) = (values[l], values[k]);
+                for j in l + 1..k {
+                    values[j] = a + (b - a) * (j - l) as f64 / (k - l) as f64;
+                }
+            }
+        }
+        last = Some(k);
+    }
+}
+
+/// Half the window of [`dequantise`], steps.
+const SMOOTH: usize = 150;
+
+/// Smooths a sensor that shows coarse steps (a DS18B20: 0.0625 C): a parabola fitted to five minutes about each
+/// value. Gentle enough for a case with a time constant of minutes; a sensor with fine resolution is left alone.
+fn dequantise(values: &mut [f64]) {
+    let pairs = values.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()).count();
+    let repeats = values.windows(2).filter(|w| w[0] == w[1]).count();
+    let n = values.len();
+    if 2 * repeats < pairs || n < 4 * SMOOTH || values.iter().any(|v| !v.is_finite()) {
+        return;
+    }
+    // Prefix sums of v, k v and k^2 v about the middle of the data, for every window at once.
+    let origin = values[n / 2];
+    let mut sums = vec![[0.0f64; 3]; n + 1];
+    for k in 0..n {
+        let (x, v) = (k as f64, values[k] - origin);
+        let last = sums[k];
+        sums[k + 1] = [last[0] + v, last[1] + x * v, last[2] + x * x * v];
+    }
+    for k in 0..n {
+        // Near the ends the window is shorter, and centred all the same: a straight mean of what is there.
+        let half = SMOOTH.min(k).min(n - 1 - k);
+        if half < 3 {
+            continue;
+        }
+        let (a, b, c) = (k - half, k + half + 1, k as f64);
+        let d = [0, 1, 2].map(|j: usize| sums[b][j] - sums[a][j]);
+        let m = (2 * half + 1) as f64;
+        // Second moment of the centred window, and the sums about its centre.
+        let h = half as f64;
+        let s2 = h * (h + 1.0) * (2.0 * h + 1.0) / 3.0;
+        let s4 = s2 * (3.0 * h * h + 3.0 * h - 1.0) / 5.0;
+        let y0 = d[0];
+        let y2 = d[2] - 2.0 * c * d[1] + c * c * d[0];
+        values[k] = origin + (s4 * y0 - s2 * y2) / (m * s4 - s2 * s2);
+    }
+}
+
+/// A recording with its temperatures, as the unit computes them.
+#[derive(Debug, Clone)]
+pub struct Run {
+    /// The recording on the grid.
+    pub steps: Steps,
+    /// The thermal state of every step.
+    pub thermal: Vec<Thermal>,
+    /// The curves by which the temperatures were made.
+    pub curves: [TemperatureCurve; AXES],
+    /// Columns of effects of a user's own.
+    pub own: Vec<Arc<OwnColumns>>,
+}
+
+impl Run {
+    /// Runs the unit's thermometer over the steps.
+    #[must_use]
+    pub fn new(steps: Steps, curves: [TemperatureCurve; AXES]) -> Self {
+        // The thermometer's clock is ahead by one step: time at the end of a step.
+        let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
+        let mut thermometer = Thermometer::new(curves, offset as f32);
+        let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
+        Self { steps, thermal, curves, own: Vec::new() }
+    }
+
+    /// Temperature and its rate of change at a step; `None` while the frequency is lost.
+    #[must_use]
+    pub fn state(&self, k: usize, a: usize) -> Option<(f32, f32)> {
+        self.bias_state(k, a).map(|s| (s.temperature_c, s.ramp_c_per_min))
+    }
+
+    /// All that a bias model may look at, at a step; `None` while the frequency is lost.
+    #[must_use]
+    pub fn bias_state(&self, k: usize, a: usize) -> Option<&State> {
+        let t = &self.thermal[k];
+        t.state(a).filter(|_| t.axes[a].age == 0)
+    }
+
+    /// What an effect may look at, with what is recorded of it; `None` where the axis has no temperature yet.
+    #[must_use]
+    pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize, recorded: Recorded) -> Option<Inputs<'a>> {
+        let thermal = &self.thermal[k];
+        thermal.state(a)?;
+        Some(Inputs { scaling, thermal, axis: a, recorded })
+    }
+
+    /// The columns of an effect of a user's own, if it is one.
+    #[must_use]
+    pub fn own_columns(&self, id: u16, parameters: &[f32; MAX_PARAMETERS]) -> Option<&OwnColumns> {
+        self.own.iter().find(|o| o.are_of(id, parameters)).map(AsRef::as_ref)
+    }
+
+    /// The regressors of an effect over the run for one axis; NaN where a needed quantity is missing.
+    #[must_use]
+    pub fn effect(
+        &self,
+        id: u16,
+        parameters: &[f32; MAX_PARAMETERS],
+        start: f32,
+        scaling: &Scaling,
+        a: usize,
+    ) -> Vec<[f32; MAX_OUTPUTS]> {
+        if let Some(own) = self.own_columns(id, parameters) {
+            return own.on(a).to_vec();
+        }
+        let mut running = Running::new(id, parameters, MODEL_STEP_S);
+        if let Some(r) = &mut running {
+            r.start_on(start);
+        }
+        (0..self.thermal.len())
+            .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k)), &mut running) {
+                (Some(i), Some(r)) => r.step(&i),
+                _ => [f32::NAN; MAX_OUTPUTS],
+            })
+            .collect()
+    }
+
+    /// Lowest and highest temperature of an axis.
+    #[must_use]
+    pub fn temperature_range(&self, a: usize) -> (f32, f32) {
+        let mut range = (f32::INFINITY, f32::NEG_INFINITY);
+        for k in 0..self.thermal.len() {
+            if let Some((t, _)) = self.state(k, a) {
+                range = (range.0.min(t), range.1.max(t));
+            }
+        }
+        range
+    }
+
+    /// Lowest and highest rate of change of an axis.
+    #[must_use]
+    pub fn ramp_range(&self, a: usize) -> (f32, f32) {
+        let mut range = (0.0f32, 0.0f32);
+        for k in 0..self.thermal.len() {
+            if let Some((_, r)) = self.state(k, a) {
+                range = (range.0.min(r), range.1.max(r));
+            }
+        }
+        range
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coarse_steps_are_smoothed_and_fine_ones_left() {
+        let truth: Vec<f64> = (0..6000).map(|k| 20.0 + 15.0 * (1.0 - (-(k as f64) / 900.0).exp())).collect();
+        let mut coarse: Vec<f64> = truth.iter().map(|t| (t / 0.0625).round() * 0.0625).collect();
+        let error = |v: &[f64]| {
+            let e: Vec<f64> = v.iter().zip(&truth).skip(300).take(2500).map(|(a, b)| a - b).collect();
+            (e.iter().map(|x| x * x).sum::<f64>() / e.len() as f64).sqrt()
+        };
+        let before = error(&coarse);
+        dequantise(&mut coarse);
+        assert!(error(&coarse) < 0.5 * before, "{} {before}", error(&coarse));
+        let mut fine = truth.clone();
+        dequantise(&mut fine);
+        assert_eq!(fine, truth);
+    }
+}

@@ -1,0 +1,62 @@
+//! `hrg allan`: Allan deviation of the rates.
+
+use anyhow::Result;
+use clap::Args;
+use hrg_data::error::BadInput;
+use hrg_data::load::load_recording;
+use hrg_data::numeric::allan;
+use std::path::PathBuf;
+
+/// What `hrg allan` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recording; best one at rest and at one temperature.
+    recording: PathBuf,
+    /// Where the picture (SVG) goes.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Where the curves (JSON) go.
+    #[arg(long)]
+    json: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { recording, out, json } = arguments;
+    let r = load_recording(&recording)?;
+    // Rates on an even grid of the recording's own step.
+    let (rates, step_s) = r.even_rates();
+    let rates: Vec<(usize, &[f64])> = r.present().map(|a| (a, rates[a].as_slice())).collect();
+    let axes = allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+    println!(
+        "{:<5} {:>24} {:>22} {:>12} {:>26}",
+        "axis", "angle random walk", "bias instability", "at", "rate random walk"
+    );
+    println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", "deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)");
+    for a in &axes {
+        let (n, r) = (a.axis, &a.readings);
+        let show = |v: Option<f64>| v.map_or("does not show".to_string(), |v| format!("{v:.5}"));
+        let least = if r.bias_instability_reached { "" } else { "under " };
+        println!(
+            "{n:<5} {:>24} {:>22} {:>12} {:>26}",
+            show(r.angle_random_walk_deg_per_root_h),
+            format!("{least}{}", show(r.bias_instability_dph)),
+            r.bias_instability_at_s.map_or(String::new(), |t| format!("{t:.0}")),
+            show(r.rate_random_walk_dph_per_root_h)
+        );
+    }
+    if let Some(missing) = axes.iter().map(|a| a.missing).max().filter(|m| *m > 0) {
+        println!("up to {missing} missing values an axis, bridged with the mean");
+    }
+    if let Some(out) = out {
+        let title = format!("{}, {}: overlapping Allan deviation, bars of one sigma", r.unit(), recording.display());
+        hrg_data::output::write_file(&out, allan::picture(&axes, &title)?.as_bytes())?;
+    }
+    if let Some(json) = json {
+        hrg_data::output::write_file(&json, serde_json::to_string_pretty(&axes)?.as_bytes())?;
+    }
+    Ok(())
+}

@@ -1,0 +1,567 @@
+//! Commands for the chamber: a unit on a port, or its log.
+
+use crate::facts::Place;
+use anyhow::{Context, Result};
+use clap::Args;
+use crossterm::event::{KeyCode, KeyModifiers};
+use hrg::unit::events;
+use hrg::unit::keys;
+use hrg::unit::monitor;
+use hrg::unit::monitor::State;
+use hrg::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
+use hrg::unit::record::{Recorder, Second};
+use hrg::unit::sensors::Sensors;
+use hrg_core::calibration::{Calibration, MAX_BYTES};
+use hrg_core::link::{Housekeeping, Identity, Message};
+use hrg_core::sectors::{room, SECTOR_BYTES};
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::recording::metadata::{same_scale, scale_factor, scale_text};
+use hrg_data::recording::names;
+use hrg_simulate::Profile;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// Set by Ctrl-C.
+fn interrupted() -> Result<Arc<AtomicBool>> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let set = flag.clone();
+    ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
+    Ok(flag)
+}
+
+/// What a recording says of the unit, and what is recorded beside it.
+#[derive(Args, Clone, Debug, Default)]
+pub struct RecordArguments {
+    /// Name of the unit, where it has none yet (or its log does not tell).
+    #[arg(long)]
+    unit: Option<String>,
+    #[command(flatten)]
+    place: Place,
+    /// Scale factor that makes the unit's rates, deg/h per code, where it cannot be read from the unit.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    scale_factor: Option<String>,
+    /// What the unit has for a thermometer: frequency (resonators), or sensor (firmware with the feature sensors)
+    #[arg(long, default_value = "frequency")]
+    thermometer: String,
+    /// Sensors on the cases and in the chamber: lines like "case_x_c=23.5 chamber_c=25.1" from a file, a pipe or a port (PORT@BAUD)
+    #[arg(long, value_name = "FILE|PORT")]
+    case_sensors: Option<String>,
+}
+
+impl RecordArguments {
+    /// A recorder with all of it but the unit's own part. `live`: the unit runs now.
+    pub(crate) fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
+        let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
+        let mut recorder = Recorder::new(out, unit.unwrap_or(""));
+        recorder.head.attitude = self.place.attitude_of_three()?;
+        recorder.head.scale_factor = self.scale_factor()?;
+        recorder.of_sensors = match self.thermometer.as_str() {
+            // (Empty: made without the command line.)
+            "frequency" | "" => false,
+            "sensor" => true,
+            other => {
+                return Err(BadInput::new(format!(
+                    "thermometer \"{other}\" is not known; there are frequency and sensor"
+                ))
+                .into())
+            }
+        };
+        let sensors = if live { Sensors::open } else { Sensors::of_file };
+        recorder.sensors = self.case_sensors.as_deref().map(sensors).transpose()?;
+        Ok(recorder)
+    }
+
+    fn scale_factor(&self) -> Result<Option<[f32; 3]>, BadInput> {
+        Ok(self.scale_factor.as_deref().map(scale_factor).transpose()?)
+    }
+
+    /// The name of a unit that has one, or the one that is given; empty where nobody knows.
+    pub(crate) fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
+        match (own, self.unit.as_deref()) {
+            (Some(own), Some(said)) if own != said => Err(BadInput::new(format!(
+                "the unit is {own}, --unit says {said}; leave --unit out, or connect the right unit"
+            ))),
+            (own, said) => Ok(own.or(said).unwrap_or("").to_string()),
+        }
+    }
+}
+
+/// A unit on a port that is being recorded.
+struct Recording<'a> {
+    arguments: &'a RecordArguments,
+    port: String,
+    recorder: Recorder,
+    identity: Identity,
+}
+
+impl<'a> Recording<'a> {
+    fn start(unit: &mut Unit, port: &str, out: &Path, arguments: &'a RecordArguments) -> Result<Self> {
+        let mut recorder = arguments.recorder(out, true)?;
+        recorder.head.live = true;
+        let identity = unit.identity()?;
+        let mut r = Self { arguments, port: port.into(), recorder, identity };
+        r.look(unit)?;
+        if r.recorder.head.unit.is_empty() {
+            eprintln!("note: the unit has no name yet, and so the recording has none; name it with --unit NAME here or at hrg fit");
+        }
+        if arguments.place.latitude.is_none() {
+            eprintln!("note: without --latitude and --axes the earth's rate stays in the rates, and in what is fitted to them");
+        }
+        Ok(r)
+    }
+
+    /// Asks the unit for its name and scale factor.
+    fn look(&mut self, unit: &mut Unit) -> Result<()> {
+        self.recorder.head.unit = self.arguments.name(name_of(&self.identity))?;
+        let said = self.arguments.scale_factor()?;
+        let own = unit.in_use(&self.identity)?.scale_factor();
+        if let (Some(own), Some(said)) = (own, said) {
+            if !same_scale(&own, &said) {
+                return Err(BadInput::new(format!(
+                    "the unit makes its rates with the scale factor {} deg/h per code (x y z), --scale-factor says {}; leave it out, and give the right one to hrg fit, which converts the rates",
+                    scale_text(&own),
+                    scale_text(&said)
+                ))
+                .into());
+            }
+        }
+        self.recorder.head.scale_factor = own.or(said);
+        if self.recorder.head.scale_factor.is_none() {
+            eprintln!("note: the unit does not let its scale factor be read; give it with --scale-factor X,Y,Z");
+        }
+        Ok(())
+    }
+
+    /// A second of the unit. It may have been given another image, and started anew.
+    fn second(&mut self, unit: &mut Unit, h: &Housekeeping) -> Result<()> {
+        if h.calibration != self.identity.calibration {
+            let identity = unit.identity()?;
+            self.same_unit(&identity)?;
+            self.identity = identity;
+            self.look(unit)?;
+        }
+        self.recorder.push(&Second::from(h))
+    }
+
+    /// A unit without a name may have got one; any other change of name is another unit.
+    fn same_unit(&self, now: &Identity) -> Result<(), BadInput> {
+        match (name_of(&self.identity), name_of(now)) {
+            (Some(before), now) if now != Some(before) => Err(BadInput::new(format!(
+                "{}: the unit there is {} now, the recording is of {before}: it ends here, and its {} rows stay",
+                self.port,
+                now.unwrap_or("one without a name"),
+                self.recorder.rows
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// The cable was out: whether it is the same unit that is there again. `None`: nobody yet.
+    fn again(&mut self) -> Result<Option<Unit>> {
+        let Ok(mut unit) = Unit::open(&self.port) else { return Ok(None) };
+        let Ok(identity) = unit.identity() else { return Ok(None) };
+        self.same_unit(&identity)?;
+        Ok(Some(unit))
+    }
+}
+
+/// `hrg record --port`.
+pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &RecordArguments) -> Result<()> {
+    let stop = interrupted()?;
+    let bar = indicatif::ProgressBar::new_spinner();
+    let mut unit = Unit::open(port)?;
+    let mut recording = Recording::start(&mut unit, port, out, arguments)?;
+    let start = Instant::now();
+    let enough = |rows: u64| seconds.is_some_and(|s| rows >= s);
+    let mut lost: Option<Instant> = None;
+    while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows) {
+        match unit.next(Duration::from_millis(500)) {
+            Ok(Some(Message::Housekeeping(h))) => {
+                lost = None;
+                recording.second(&mut unit, &h)?;
+                let recorder = &recording.recorder;
+                bar.set_message(format!(
+                    "{}: {} rows, {} gaps, {:.1} h; T {:.2} {:.2} {:.2} C; {} bad frames",
+                    recorder.path().unwrap_or(out).display(),
+                    recorder.rows,
+                    recorder.gaps,
+                    start.elapsed().as_secs_f64() / 3600.0,
+                    h.temperature_c[0],
+                    h.temperature_c[1],
+                    h.temperature_c[2],
+                    unit.bad_frames
+                ));
+                bar.tick();
+            }
+            Ok(_) => {}
+            Err(e) => {
+                // The cable is out: wait for it, the file stays open.
+                let since = lost.get_or_insert_with(Instant::now).elapsed();
+                bar.set_message(format!("{port} is gone since {:.0} s ({e}); waiting for it", since.as_secs_f64()));
+                bar.tick();
+                std::thread::sleep(Duration::from_millis(250));
+                if let Some(again) = recording.again()? {
+                    unit = again;
+                }
+            }
+        }
+    }
+    bar.finish_and_clear();
+    report(&recording.recorder, out);
+    Ok(())
+}
+
+pub(crate) fn report(recorder: &Recorder, out: &Path) {
+    println!("{}: {} rows, {} gaps marked", recorder.path().unwrap_or(out).display(), recorder.rows, recorder.gaps);
+    if let Some(sensors) = &recorder.sensors {
+        println!("{}", sensors.summary());
+    }
+}
+
+/// What `hrg burn` is told.
+#[derive(Args)]
+pub struct BurnArguments {
+    /// The calibration.
+    calibration: PathBuf,
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// The unit's name, where it or the calibration has none.
+    #[arg(long)]
+    unit: Option<String>,
+    /// Replace the unit's scale factor by the calibration's.
+    #[arg(long)]
+    new_scale_factor: bool,
+    /// The key that signs the image (hrg keygen), for a unit whose firmware wants it.
+    #[arg(long)]
+    key: Option<PathBuf>,
+}
+
+/// A unit that fails in the middle of a burn is asked for so long what it holds.
+const HELD_WITHIN: Duration = Duration::from_secs(15);
+
+/// `hrg burn`.
+pub fn burn(arguments: &BurnArguments) -> Result<()> {
+    let BurnArguments { calibration, port, unit: said, new_scale_factor, key } = arguments;
+    let key = key.as_deref().map(keys::load).transpose()?;
+    let c = image_file::load(calibration)?;
+    let mut unit = Unit::open(port)?;
+    let named = match said {
+        Some(said) => Some(said.clone()),
+        None => ask_for_a_name(&unit.identity()?, &c)?,
+    };
+    let bar = indicatif::ProgressBar::new(100);
+    bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
+    let said = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
+    // Where nobody sees the bar, a line says from when on the unit must not be switched off.
+    let unsaid = std::cell::Cell::new(!std::io::stderr().is_terminal());
+    let after = unit.burn(&c, &said, |done| {
+        if unsaid.replace(false) {
+            eprintln!("{port}: the image is being written; leave the unit on");
+        }
+        bar.set_position((done * 100.0) as u64);
+    });
+    bar.finish_and_clear();
+    let Burnt { identity: after, before } = match after {
+        Ok(burnt) => burnt,
+        Err(e) if e.begun => return Err(with_what_it_holds(&mut unit, port, &e.why)),
+        Err(e) => return Err(e.why.context(port.clone())),
+    };
+    if let Some(flags) = unit.shows().with_context(|| format!("{port}: image {:08x} is burnt", after.calibration))? {
+        anyhow::bail!(
+            "{port}: image {:08x} is burnt and runs, but the unit shows {flags}; {}",
+            after.calibration,
+            way_back(before.as_ref(), port)?
+        );
+    }
+    println!(
+        "{}: burnt, read back, and running: image {:08x}, number {}, scale factor {} deg/h per code (x y z)",
+        after.unit_name(),
+        after.calibration,
+        after.sequence,
+        scale_text(&c.scale_factors_dph_per_code())
+    );
+    let length = c.to_bytes().map_or(MAX_BYTES, |b| b.len());
+    println!(
+        "this was burn {} of the unit; {} images of this length fit a sector, which is erased (the unit stands still for 2 s) when the other one is full, and endures 10000 erases",
+        after.sequence,
+        SECTOR_BYTES / room(length)
+    );
+    Ok(())
+}
+
+/// How the unit gets the image back that it ran before, which is kept in a file.
+fn way_back(before: Option<&Calibration>, port: &str) -> Result<String> {
+    let Some(before) = before else {
+        return Ok("it ran no image before that could be read: burn the calibration of this unit".into());
+    };
+    let file = PathBuf::from(format!("before-{:08x}.toml", before.checksum()));
+    image_file::save(&file, before)?;
+    Ok(format!("to go back, burn the image that it ran before: hrg burn {} --port {port}", file.display()))
+}
+
+/// What `hrg image` is told.
+#[derive(Args)]
+pub struct ImageArguments {
+    /// Calibration.
+    calibration: PathBuf,
+    /// File that the image goes to, signature and all.
+    #[arg(long)]
+    out: PathBuf,
+    /// The unit's name, where the calibration names none, or as a check.
+    #[arg(long)]
+    unit: Option<String>,
+    /// Number of the image: of several in a unit's flash it runs the one with the largest.
+    #[arg(long, default_value_t = 1)]
+    number: u32,
+    /// Private key that signs it (hrg keygen).
+    #[arg(long)]
+    key: Option<PathBuf>,
+}
+
+/// Where a calibration sector begins, for a debug probe: sector A (memory.x).
+const SECTOR_A: u32 = 0x0804_0000;
+
+/// `hrg image`.
+pub fn image(arguments: &ImageArguments) -> Result<()> {
+    let ImageArguments { calibration, out, unit, number, key } = arguments;
+    let key = key.as_deref().map(keys::load).transpose()?;
+    let mut c = image_file::load(calibration)?;
+    if !c.calibrated {
+        let empty = "holds no calibration, but the default of an uncalibrated unit";
+        return Err(BadInput::new(format!("{}: {empty}", calibration.display())).into());
+    }
+    let name = match (names::of(&c), unit.as_deref()) {
+        (Some(own), Some(said)) if own != said => {
+            return Err(BadInput::new(format!("{}: it is of unit {own}, not of {said}", calibration.display())).into());
+        }
+        (Some(name), _) | (None, Some(name)) => name.to_string(),
+        (None, None) => {
+            return Err(BadInput::new(format!("{}: it names no unit; give --unit NAME", calibration.display())).into());
+        }
+    };
+    c.set_unit_name(&name);
+    c.sequence = *number;
+    let bytes = c.to_bytes().context("the calibration does not fit an image")?;
+    let bytes = key.as_ref().map_or_else(|| bytes.to_vec(), |key| keys::sign(&bytes, key));
+    hrg_data::output::write_file(out, &bytes)?;
+    println!(
+        "{}: image {:08x} of unit {name}, number {number}, {} bytes{}",
+        out.display(),
+        c.checksum(),
+        bytes.len(),
+        if key.is_some() { ", signed" } else { "" }
+    );
+    println!("into an erased calibration sector by the debug port, for one: probe-rs download --chip STM32F446RETx --binary-format bin --base-address {SECTOR_A:#010x} {}", out.display());
+    Ok(())
+}
+
+/// `hrg keygen`.
+pub fn keygen(out: &Path) -> Result<()> {
+    let public = keys::generate(out)?;
+    println!("{}: the private key, readable for you only; who has it can calibrate your units", out.display());
+    println!("{}.pub: the public key", out.display());
+    println!("build the firmware with the feature signed and HRG_PUBLIC_KEY={public}");
+    Ok(())
+}
+
+/// Where somebody has to say whose calibration this is, and a person sits there, asks for it.
+fn ask_for_a_name(identity: &Identity, c: &Calibration) -> Result<Option<String>> {
+    let question = match agreed_name(name_of(identity), names::of(c), None) {
+        Err(NameError::UnitUnnamed { image }) => {
+            format!("The unit has no name yet and takes that of the calibration, {image}. If it is that unit, type its name: ")
+        }
+        Err(NameError::ImageUnnamed { unit }) => {
+            format!("The calibration names no unit. If it is of the unit on this port, {unit}, type its name: ")
+        }
+        Err(NameError::BothUnnamed) => "Neither the unit nor the calibration has a name. Type the unit's: ".to_string(),
+        _ => return Ok(None),
+    };
+    if !std::io::stdin().is_terminal() {
+        return Ok(None);
+    }
+    eprint!("{question}");
+    let mut line = String::new();
+    std::io::stdin().read_line(&mut line)?;
+    Ok(Some(line.trim().to_string()))
+}
+
+/// Why a burn failed, and what the unit holds now: asked from the unit.
+fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyhow::Error {
+    let held = match unit.held(HELD_WITHIN) {
+        Ok(held) => held.to_string(),
+        Err(e) => format!("the unit does not answer ({e:#}): what it holds is not known until hrg read asks it"),
+    };
+    let sentence = format!("{port}: {why:#}; {held}");
+    if why.is::<BadInput>() {
+        BadInput::new(sentence).into()
+    } else {
+        anyhow::anyhow!(sentence)
+    }
+}
+
+/// `hrg read`.
+pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
+    let (identity, images) = Unit::open(port)?.read()?;
+    let name = name_of(&identity).unwrap_or("without a name");
+    println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
+    let tell = |(place, image): &At, what: &str| match image {
+        Ok(c) => println!(
+            "{place}: image {:08x}, number {}, made {} (seconds since 1970), {what}",
+            c.checksum(),
+            c.sequence,
+            c.created_unix_s
+        ),
+        Err(e) => println!("{place}: {e}; {what}"),
+    };
+    if let Some(at) = &images.in_use {
+        tell(at, "in use");
+    }
+    if let Some(at) = images.newest.as_ref().filter(|_| images.newest != images.in_use) {
+        tell(at, "runs from the next start on");
+    }
+    let running = match images.in_use {
+        Some((_, Ok(c))) => Some(c).filter(|c| c.checksum() == identity.calibration),
+        _ => None,
+    };
+    match (out, running) {
+        (Some(out), Some(c)) => {
+            image_file::save(out, &c)?;
+            println!("{}: the image in use", out.display());
+            Ok(())
+        }
+        (Some(_), None) => {
+            Err(BadInput::new("the unit runs its compiled-in default; there is no image to write").into())
+        }
+        (None, _) => Ok(()),
+    }
+}
+
+/// Prints the field log of a unit.
+///
+/// # Errors
+/// Where the unit does not answer.
+pub fn read_events(port: &str) -> Result<()> {
+    let all = Unit::open(port)?.events()?;
+    println!("{} events; times since power-on, over restarts", all.len());
+    for record in &all {
+        println!("{}", events::line(record));
+    }
+    Ok(())
+}
+
+/// What `hrg monitor` is told.
+#[derive(Args)]
+pub struct MonitorArguments {
+    /// Serial port of the link.
+    #[arg(long, conflicts_with = "defmt", required_unless_present = "defmt")]
+    port: Option<String>,
+    /// The unit's log instead: lines as probe-rs or defmt-print show them, or the raw stream; - for standard input.
+    #[arg(long, conflicts_with = "out")]
+    defmt: Option<PathBuf>,
+    /// The firmware that made a raw stream.
+    #[arg(long)]
+    elf: Option<PathBuf>,
+    /// Chamber profile that runs since power-on, named or written out: for the remaining time.
+    #[arg(long, allow_hyphen_values = true)]
+    profile: Option<String>,
+    /// Print the screen once, as text, after so many seconds of the unit.
+    #[arg(long)]
+    snapshot: Option<u32>,
+    /// Record meanwhile, as hrg record does.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    #[command(flatten)]
+    record: RecordArguments,
+}
+
+/// `hrg monitor`.
+pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
+    let MonitorArguments { port, defmt, elf, profile, snapshot, out, record } = arguments;
+    let mut state = State::default();
+    state.profile = profile.as_deref().map(Profile::parse).transpose()?;
+    if let Some(log) = defmt {
+        return crate::log::monitor(log, elf.as_deref(), state, *snapshot);
+    }
+    let port = port.as_deref().ok_or_else(|| BadInput::new("give --port or --defmt"))?;
+    let mut unit = Unit::open(port)?;
+    state.identity = Some(unit.identity()?);
+    if let Some(seconds) = *snapshot {
+        let mut seen = 0;
+        while seen < seconds {
+            let message = unit.next(Duration::from_secs(5)).with_context(|| format!("{port} is gone"))?;
+            let message = message.ok_or_else(|| BadInput::new("the unit has sent nothing for 5 s; check its power"))?;
+            seen += u32::from(matches!(message, Message::Housekeeping(_)));
+            state.take(&message);
+        }
+        print!("{}", monitor::screen(&state)?);
+        return Ok(());
+    }
+    let mut recording = out.as_deref().map(|out| Recording::start(&mut unit, port, out, record)).transpose()?;
+    let mut terminal = ratatui::try_init()?;
+    let result = watch(&mut terminal, &mut unit, &mut state, port, &mut recording);
+    ratatui::restore();
+    if let (Some(recording), Some(out)) = (&recording, out) {
+        report(&recording.recorder, out);
+    }
+    result
+}
+
+/// Until somebody ends it.
+fn watch(
+    terminal: &mut ratatui::DefaultTerminal,
+    unit: &mut Unit,
+    state: &mut State,
+    port: &str,
+    recording: &mut Option<Recording<'_>>,
+) -> Result<()> {
+    let mut drawn = Instant::now();
+    loop {
+        match unit.next(Duration::from_millis(50)) {
+            Ok(Some(message)) => {
+                state.port_error = None;
+                state.take(&message);
+                if let (Some(recording), Message::Housekeeping(h)) = (recording.as_mut(), &message) {
+                    recording.second(unit, h)?;
+                }
+            }
+            Ok(None) => {}
+            Err(e) => {
+                state.port_error = Some(format!("{port} is gone ({e}); waiting for it"));
+                std::thread::sleep(Duration::from_millis(200));
+                let again = match recording {
+                    Some(recording) => recording.again()?,
+                    None => Unit::open(port).ok(),
+                };
+                if let Some(again) = again {
+                    *unit = again;
+                }
+            }
+        }
+        state.bad_frames = unit.bad_frames;
+        if drawn.elapsed() > Duration::from_millis(200) {
+            terminal.draw(|f| monitor::draw(f, state))?;
+            drawn = Instant::now();
+            if ended()? {
+                return Ok(());
+            }
+        }
+    }
+}
+
+/// Whether somebody has pressed a key that ends the screen.
+pub(crate) fn ended() -> Result<bool> {
+    while crossterm::event::poll(Duration::ZERO)? {
+        if let crossterm::event::Event::Key(key) = crossterm::event::read()? {
+            let ctrl_c = key.code == KeyCode::Char('c') && key.modifiers.contains(KeyModifiers::CONTROL);
+            if ctrl_c || matches!(key.code, KeyCode::Char('q') | KeyCode::Esc) {
+                return Ok(true);
+            }
+        }
+    }
+    Ok(false)
+}

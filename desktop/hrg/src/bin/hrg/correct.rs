@@ -1,0 +1,57 @@
+//! `hrg correct`.
+
+use anyhow::Result;
+use clap::Args;
+use hrg_core::status::AxisStatus;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::recording::{facts, parquet, Recording};
+use hrg_identify::fit::correct;
+use std::path::PathBuf;
+
+/// What `hrg correct` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recording of raw rates.
+    recording: PathBuf,
+    /// Calibration.
+    #[arg(long)]
+    calibration: PathBuf,
+    /// Use a calibration of another unit.
+    #[arg(long)]
+    different_units: bool,
+    /// Where the corrected recording goes: text, or Parquet if it ends in .parquet
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Corrects a recording as a unit does.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { recording, calibration, different_units, out } = arguments;
+    let c = image_file::load(calibration)?;
+    let here = |e: BadInput| BadInput::new(format!("{}: {e}", recording.display()));
+    let bytes = parquet::read_text(recording)?;
+    let r = Recording::parse(&bytes).map_err(here)?;
+    let mut notes = facts::fits(&c, &r, *different_units).map_err(|e| here(e.into()))?;
+    let corrected = correct::recording(&c, &r).map_err(here)?;
+    notes.extend(corrected.notes);
+    let seconds = corrected.seconds;
+    let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
+    parquet::write_text(out, &text)?;
+    for note in notes {
+        println!("note: {note}");
+    }
+    println!("note: {}", correct::WITHOUT_TURN_ON);
+    let axes: Vec<usize> = r.present().collect();
+    let flagged = seconds.iter().filter(|s| s.status[3] != 0 || axes.iter().any(|a| s.status[*a] != 0)).count();
+    let outside = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE).bits();
+    let outside = seconds.iter().filter(|s| axes.iter().any(|a| s.status[*a] & outside != 0)).count();
+    println!(
+        "{}: {} seconds of {}, calibration {:08x}; {flagged} of them flagged, {outside} outside the calibrated temperatures or ramps",
+        out.display(),
+        seconds.len(),
+        c.unit_name(),
+        c.checksum()
+    );
+    Ok(())
+}

@@ -1,0 +1,75 @@
+//! Options that say of a unit what its recordings may not tell.
+
+use anyhow::Result;
+use clap::Args;
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::load::load_recording_with;
+use hrg_data::recording::facts::Facts;
+use hrg_data::recording::metadata::{scale_factor, Attitude};
+use hrg_data::recording::names;
+use hrg_data::recording::Recording;
+use std::path::PathBuf;
+
+/// Where the unit stands.
+#[derive(Args, Clone, Debug, Default)]
+pub struct Place {
+    /// Latitude in degrees, north positive; with --axes the earth's rate is taken off.
+    #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
+    pub latitude: Option<String>,
+    /// Where the axes point, like "x=north y=east z=down"
+    #[arg(long)]
+    pub axes: Option<String>,
+}
+
+impl Place {
+    /// The attitude; `None` where none is given.
+    pub fn attitude(&self) -> Result<Option<Attitude>, BadInput> {
+        Ok(Attitude::of(self.latitude.as_deref(), self.axes.as_deref())?)
+    }
+
+    /// The attitude of a unit of three axes.
+    ///
+    /// # Errors
+    /// As [`attitude`](Self::attitude), and where an axis is not named.
+    pub fn attitude_of_three(&self) -> Result<Option<Attitude>, BadInput> {
+        let attitude = self.attitude()?;
+        attitude.map_or(Ok(()), |a| a.names(0..AXES))?;
+        Ok(attitude)
+    }
+}
+
+/// What else recordings may not tell.
+#[derive(Args, Clone, Debug, Default)]
+pub struct FactsArguments {
+    /// Name of the unit, where the recordings name none.
+    #[arg(long)]
+    unit: Option<String>,
+    #[command(flatten)]
+    place: Place,
+    /// Scale factor of the rate channels, deg/h per code of the ADC. Rates made with another one are converted.
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
+    scale_factor: Option<String>,
+    /// A calibration of this unit whose scale factor (and name) is kept.
+    #[arg(long, value_name = "OLD.toml")]
+    base: Option<PathBuf>,
+}
+
+impl FactsArguments {
+    fn facts(&self) -> Result<Facts> {
+        let checked = |name: &String| names::check(name).map(String::from);
+        Ok(Facts {
+            unit: self.unit.as_ref().map(checked).transpose().map_err(BadInput::from)?,
+            attitude: self.place.attitude()?,
+            scale_factor: self.scale_factor.as_deref().map(scale_factor).transpose().map_err(BadInput::from)?,
+            base: self.base.as_deref().map(image_file::load).transpose()?,
+        })
+    }
+
+    /// Reads recordings and adds what the arguments give.
+    pub fn load(&self, paths: &[PathBuf]) -> Result<Vec<Recording>> {
+        let facts = self.facts()?;
+        paths.iter().map(|p| load_recording_with(p, &facts)).collect()
+    }
+}

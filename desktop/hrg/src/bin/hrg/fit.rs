@@ -1,0 +1,112 @@
+//! `hrg fit`: coefficients of a bias model.
+
+use crate::facts::FactsArguments;
+use crate::{now, units};
+use anyhow::Result;
+use clap::Args;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_identify::fit;
+use hrg_identify::fit::evidence;
+use hrg_papers::history::csv;
+use hrg_papers::method::Method;
+use hrg_papers::methods;
+use std::path::PathBuf;
+
+/// What `hrg fit` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recordings of one unit.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Scale factors and misalignments over temperature from runs on a rate table (table_rate_?_dph), added to --calibration.
+    ///
+    /// Example: hrg fit --rates table.csv --calibration cal.toml --verify unseen.csv --out cal2.toml
+    #[arg(long, requires = "calibration")]
+    rates: bool,
+    /// With --rates: the calibration whose biases are taken off, and to which the rest is added.
+    #[arg(long, requires = "rates")]
+    calibration: Option<PathBuf>,
+    /// With --rates: runs that the fit does not see; before and after are printed on them.
+    #[arg(long, requires = "rates")]
+    verify: Vec<PathBuf>,
+    /// How: see docs/methods.md
+    #[arg(long, default_value = "lsq")]
+    method: Method,
+    /// Seed of swarms and genetic searches: the same seed gives the same image.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Give every degree the same weight instead of every second.
+    #[arg(long)]
+    uniform: bool,
+    /// A calibration whose curves of frequency over temperature are taken, of soaks (hrg points --calibration) for instance. The
+    /// temperatures of a recording of sensors, or of predicted ones, stay; the image then has these curves.
+    #[arg(long, value_name = "CAL")]
+    curve: Option<PathBuf>,
+    /// The breakpoint of the four-parameter methods (fog-...), C, instead of searching it: wu2023's div_a.
+    #[arg(long, allow_negative_numbers = true)]
+    breakpoint: Option<f64>,
+    /// Where the course of the search goes: objective and best coefficients after each iteration (CSV).
+    #[arg(long)]
+    history: Option<PathBuf>,
+    /// Allow recordings of different units.
+    #[arg(long)]
+    different_units: bool,
+    #[command(flatten)]
+    facts: FactsArguments,
+    /// Where the calibration goes: text, or the binary image if it ends in .bin
+    #[arg(long)]
+    out: PathBuf,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    if let (true, Some(calibration)) = (arguments.rates, &arguments.calibration) {
+        return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &arguments.out);
+    }
+    let Arguments {
+        recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, out, ..
+    } = arguments;
+    let recordings = facts.load(&recordings)?;
+    let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
+    let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
+    let options = methods::Options { seed, uniform, breakpoint_c: breakpoint };
+    let mut found = methods::identify_with(&prepared, method, &options)?;
+    if let Some(history) = history {
+        if found.history.is_empty() {
+            return Err(BadInput(format!(
+                "{method} is solved exactly: there is no course of a search to write; leave --history out"
+            ))
+            .into());
+        }
+        hrg_data::output::write_file(&history, csv(&found.history).as_bytes())?;
+    }
+    found.calibration.created_unix_s = now();
+    found.calibration.sequence = 1;
+    let raw = fit::spread(prepared.runs.iter().map(|r| &r.steps.rate_dph));
+    let corrected: Vec<_> = prepared.runs.iter().map(|r| fit::correct(&found.calibration, &r.steps)).collect();
+    let fitted = fit::spread(&corrected);
+    let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+    for &a in &present {
+        found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
+    }
+    if let Some(known) = known.filter(|_| recordings.iter().all(|r| r.thermometer.is_sensor())) {
+        fit::fly_by(&mut found.calibration, known)?;
+    }
+    image_file::save(&out, &found.calibration)?;
+    println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
+    for a in present {
+        let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
+        println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
+    }
+    println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");
+    for n in found.notes.iter().chain(&prepared.notes) {
+        println!("note: {n}");
+    }
+    println!("{}: {method}, image {:08x}", out.display(), found.calibration.checksum());
+    Ok(())
+}

@@ -1,0 +1,39 @@
+//! `hrg report`: figures of a data sheet from recordings alone.
+
+use crate::facts::FactsArguments;
+use anyhow::Result;
+use clap::Args;
+use std::path::PathBuf;
+
+/// What `hrg report` is told.
+#[derive(Args)]
+pub struct Arguments {
+    /// Recordings of one unit, each one power-on.
+    #[arg(required = true)]
+    recordings: Vec<PathBuf>,
+    /// Where the figures (JSON) go.
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Where the figures as a page, with pictures, go.
+    #[arg(long)]
+    html: Option<PathBuf>,
+    #[command(flatten)]
+    facts: FactsArguments,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Bad input, or a file that cannot be written.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { recordings, json, html, facts } = arguments;
+    let report = hrg::report::report(&facts.load(&recordings)?)?;
+    print!("{}", hrg::report::text(&report));
+    if let Some(path) = json {
+        hrg_data::output::write_file(&path, serde_json::to_string_pretty(&report)?.as_bytes())?;
+    }
+    if let Some(path) = html {
+        hrg_data::output::write_file(&path, hrg::report::html(&report)?.as_bytes())?;
+    }
+    Ok(())
+}

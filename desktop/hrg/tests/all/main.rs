@@ -1,0 +1,10 @@
+//! Tests of the program `hrg` and of what stands behind it.
+
+mod align_port;
+mod burn;
+mod cli;
+mod day;
+mod effect_names;
+mod outputs;
+mod rate_saturation;
+mod rates;

@@ -1,0 +1,294 @@
+//! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
+//! ([`correct()`]). Between the two stand [`hrg_papers::methods`] and [`crate::trace`].
+
+pub mod correct;
+pub mod evidence;
+pub mod independence;
+
+use crate::thermometer::curve;
+use hrg_core::bias::{regressors, Scaling, TERMS};
+use hrg_core::calibration::Calibration;
+use hrg_core::temperature::TemperatureCurve;
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::recording::facts;
+use hrg_data::recording::format::named;
+use hrg_data::recording::names;
+use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::Recording;
+use independence::Units;
+
+/// Seconds of a mean: the field's figure is three sigma of 100 s means.
+pub const MEAN_S: usize = 100;
+
+/// Temperatures that span less are called narrow, C.
+const NARROW_C: f32 = 20.0;
+
+/// Names of the regressors of eq 7.
+pub const NAMES: [&str; TERMS] = ["1", "T", "T^2", "dT/dt", "(dT/dt)^2", "T dT/dt"];
+
+/// Runs made ready for a fit.
+#[derive(Debug)]
+pub struct Prepared {
+    /// The runs through the unit's thermometer.
+    pub runs: Vec<Run>,
+    /// Curves, scaling and ranges; no bias yet.
+    pub calibration: Calibration,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// Time constant by which each resonator follows its sensor, s (0: not identified).
+    pub lag_s: [f64; AXES],
+    /// Fastest cooling (negative) and heating of the first axis that is there, C per minute: 0 where there is none.
+    pub fastest: [f32; 2],
+}
+
+impl Prepared {
+    /// Mean of the time constants by which the resonators follow their sensors, s.
+    #[must_use]
+    pub fn mean_lag_s(&self) -> f64 {
+        self.lag_s.iter().sum::<f64>() / AXES as f64
+    }
+}
+
+/// Prepares runs for a fit: refuses corrected ones, brings them to steps, identifies the temperature curves.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare(recordings: &[Recording]) -> Result<Prepared, BadInput> {
+    prepare_for(recordings, Units::Same)
+}
+
+/// As [`prepare`], perhaps of different units.
+///
+/// # Errors
+/// One sentence.
+pub fn prepare_for(recordings: &[Recording], units: Units) -> Result<Prepared, BadInput> {
+    prepare_with(recordings, units, None)
+}
+
+/// As [`prepare_for`], with curves of frequency over temperature that are known already, from soaks for instance. Recordings of sensors
+/// have no use for them: there they go into an image with [`fly_by`].
+///
+/// # Errors
+/// One sentence; also where a curve is not that of the resonator in the recording.
+pub fn prepare_with(
+    recordings: &[Recording],
+    units: Units,
+    known: Option<[TemperatureCurve; AXES]>,
+) -> Result<Prepared, BadInput> {
+    let mut notes = Vec::new();
+    let steps = recordings.iter().map(raw_steps).collect::<Result<Vec<_>, _>>()?;
+    let first = recordings.first().ok_or_else(|| BadInput::new("no recording was given"))?;
+    let all: Vec<&Recording> = recordings.iter().collect();
+    notes.extend(independence::same_unit(&all, units)?);
+    let agreed = facts::agree(&all)?;
+    if let Some(r) = recordings.iter().find(|r| r.absent != first.absent) {
+        return Err(BadInput::new(format!(
+            "one recording has the axes {}, another {}; give recordings of the same axes",
+            named(first.absent.map(|a| !a)),
+            named(r.absent.map(|a| !a))
+        )));
+    }
+    independence::require(&all.iter().map(|r| (*r, "train")).collect::<Vec<_>>())?;
+    let curve::Identified { curves, reference, lag_s } = match known {
+        Some(known) if !first.thermometer.is_sensor() => curve::given(&steps, known)?,
+        _ => curve::from_steps(&steps)?,
+    };
+    notes.push(about_reference(reference, first, lag_s));
+    let mut calibration = Calibration::uncalibrated();
+    if first.unit() != names::NONE {
+        let kept = names::kept(first.unit());
+        if kept != first.unit() {
+            notes.push(format!("the unit's name {} does not fit: the calibration calls it {kept}", first.unit()));
+        }
+        calibration.set_unit_name(&kept);
+    }
+    calibration.calibrated = true;
+    calibration.data_crc32 = data_crc32(recordings);
+    let present: Vec<usize> = first.present().collect();
+    for ((axis, curve), scale) in calibration.axes.iter_mut().zip(curves).zip(agreed.scale_factor) {
+        axis.curve = curve;
+        axis.scale_factor_dph_per_code = scale;
+    }
+    notes.extend(agreed.notes);
+    let (low, high) = present.iter().fold((f32::INFINITY, f32::NEG_INFINITY), |(l, h), &a| {
+        (l.min(curves[a].valid_from_c), h.max(curves[a].valid_to_c))
+    });
+    if high - low < NARROW_C {
+        notes.push(format!(
+            "the temperatures span {:.1} C: what is fitted holds there and nowhere else, and its terms are hard to tell apart; a run over tens of degrees shows more",
+            high - low
+        ));
+    }
+    calibration.scaling = Scaling {
+        t_ref_c: (0.5 * (low + high)).round(),
+        t_scale_c: (0.5 * (high - low)).max(5.0).round(),
+        // The polynomial is trusted a little beyond the data and continued straight from there.
+        linear_below_c: low - 5.0,
+        linear_above_c: high + 5.0,
+        linear_beyond_c_per_min: 10.0,
+        blend_band_c_per_min: 0.1,
+    };
+    let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
+    for (run, r) in runs.iter().zip(recordings) {
+        let name = if r.source.is_empty() { "the run" } else { &r.source };
+        evidence::require(run, name)?;
+        notes.extend(evidence::few(run, name));
+    }
+    let fastest = ramps(&mut calibration, &runs, &present, &mut notes);
+    let r_most = calibration
+        .axes
+        .iter()
+        .flat_map(|a| [a.valid_from_c_per_min, a.valid_to_c_per_min])
+        .fold(0.0f32, |m, r| m.max(r.abs()));
+    calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
+    Ok(Prepared { runs, calibration, notes, lag_s, fastest })
+}
+
+/// Puts the curves of resonators into an image that was identified on temperatures (predicted ones, as zhao2022 has them, or those of
+/// sensors): the unit then has its temperatures by frequency.
+///
+/// # Errors
+/// Where the method looks at the reading itself.
+pub fn fly_by(calibration: &mut Calibration, curves: [TemperatureCurve; AXES]) -> Result<(), BadInput> {
+    for (axis, curve) in calibration.axes.iter_mut().zip(curves) {
+        if matches!(axis.coefficients, hrg_core::bias::Coefficients::Direct(_)) {
+            return Err(BadInput::new("direct is a curve of the reading itself, which is a temperature in this recording and a frequency on the unit; use another method"));
+        }
+        axis.curve = curve;
+    }
+    Ok(())
+}
+
+/// A recording on the unit's grid; one that is corrected already is refused.
+fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
+    if r.corrected() {
+        return Err(BadInput::new(format!(
+            "the recording of {} holds corrected rates; a fit on them would be applied on top of another one: use the raw recording",
+            r.unit()
+        )));
+    }
+    if r.turned() {
+        return Err(BadInput::new(format!(
+            "the recording of {} was made on a table that turned the unit; hrg fit --rates takes its scale factors out of it",
+            r.unit()
+        )));
+    }
+    Steps::new(r)
+}
+
+/// What the temperatures are referred to, in words.
+fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; AXES]) -> String {
+    match reference {
+        curve::Reference::Sensor if first.thermometer.parts_axes() => {
+            "temperatures are those of the sensors temp_?_c".into()
+        }
+        curve::Reference::Sensor => {
+            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
+        }
+        curve::Reference::Narrow => "too little temperature for a frequency-temperature curve: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Case => format!(
+            "the resonators follow their cases with time constants of {:.0}, {:.0} and {:.0} s",
+            lag_s[0], lag_s[1], lag_s[2]
+        ),
+        curve::Reference::Given => "temperatures are those of the curves that were given".into(),
+        curve::Reference::Chamber => "no case sensor: temperatures are referred to the chamber".into(),
+        curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
+        curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
+    }
+}
+
+/// Writes the range of ramps into each axis; gives the fastest cooling and heating of the first.
+fn ramps(calibration: &mut Calibration, runs: &[Run], present: &[usize], notes: &mut Vec<String>) -> [f32; 2] {
+    let mut fastest = [0.0; 2];
+    for &a in present {
+        let ranges: Vec<(f32, f32)> = runs.iter().map(|r| r.ramp_range(a)).collect();
+        let cold = ranges.iter().map(|r| r.0).fold(0.0, f32::min);
+        let hot = ranges.iter().map(|r| r.1).fold(0.0, f32::max);
+        // A tenth beyond the ramps seen is still called inside.
+        let axis = &mut calibration.axes[a];
+        (axis.valid_from_c_per_min, axis.valid_to_c_per_min) = (cold * 1.1 - 0.02, hot * 1.1 + 0.02);
+        if a == present[0] {
+            fastest = [cold, hot];
+            for (slowest, missing) in [(cold > -0.1, "cooling"), (hot < 0.1, "heating")] {
+                if slowest {
+                    notes.push(format!("there is no {missing} ramp in the data: what differs between heating and cooling cannot be seen"));
+                }
+            }
+        }
+    }
+    fastest
+}
+
+/// CRC-32 of the data that made a calibration.
+#[must_use]
+pub fn data_crc32(recordings: &[Recording]) -> u32 {
+    let crc = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
+    let mut d = crc.digest();
+    for r in recordings {
+        for column in r.present().map(|a| &r.frequency_hz[a]).chain(r.present().map(|a| &r.rate_dph[a])) {
+            for v in column {
+                d.update(&v.to_le_bytes());
+            }
+        }
+    }
+    d.finalize()
+}
+
+/// The regressor columns of the baseline for an axis over a run, one per coefficient.
+#[must_use]
+pub fn baseline_columns(run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
+    let mut columns = vec![Vec::new(); TERMS];
+    for k in 0..run.steps.len() {
+        let row = run.state(k, a).map(|(t, r)| regressors(scaling, t, r));
+        for (j, column) in columns.iter_mut().enumerate() {
+            column.push(row.map_or(f64::NAN, |x| f64::from(x[j])));
+        }
+    }
+    columns
+}
+
+/// Corrects a run with a calibration as the unit does: corrected rate of each step, under the bias that held in it
+/// ([`mod@crate::fit::correct`]). NaN in the first, which had none yet.
+#[must_use]
+pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
+    let seconds = correct::correct(calibration, steps);
+    [0, 1, 2].map(|a: usize| {
+        seconds.iter().enumerate().map(|(k, s)| if k == 0 { f64::NAN } else { f64::from(s.corrected_dph[a]) }).collect()
+    })
+}
+
+/// Standard deviation of the 100 s means of several runs together, per axis, deg/h.
+#[must_use]
+pub fn spread<'a>(rates_dph: impl IntoIterator<Item = &'a [Vec<f64>; AXES]>) -> [f64; AXES] {
+    let mut means: [Vec<f64>; AXES] = Default::default();
+    for rates in rates_dph {
+        means.iter_mut().zip(rates).for_each(|(m, r)| m.extend(block_means(r, MEAN_S)));
+    }
+    means.map(|m| std_dev(&m))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrg_simulate::{Plan, Profile};
+
+    fn run(profile: &str, seed: u64) -> Recording {
+        Plan::of(Profile::parse(profile).expect("named"), 21, seed).simulate().recording
+    }
+
+    #[test]
+    fn corrected_rates_are_not_fitted_again() {
+        let mut r = run("fast", 1);
+        r.meta.retain(|(k, _)| k != "rates");
+        r.meta.push(("rates".into(), "corrected".into()));
+        assert!(prepare(&[r]).expect_err("refused").0.contains("on top of another"));
+    }
+
+    #[test]
+    fn a_missing_direction_is_said() {
+        let p = prepare(&[run("up", 1)]).expect("prepares");
+        assert!(p.notes.iter().any(|n| n.contains("no cooling ramp")), "{:?}", p.notes);
+    }
+}

@@ -1,0 +1,14 @@
+//! Identification: from recordings to a thermometer, a bias model, the effects that the model lacks, and the scale factors.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`thermometer`] | frequency to temperature, the lag of a resonator, static points |
+//! | [`fit`] | recordings made ready, enough data behind a fit, a run corrected by the unit's code |
+//! | [`trace`] | the effects that a model lacks |
+//! | [`rates`] | scale factor and misalignment over temperature from runs on a rate table |
+#![forbid(unsafe_code)]
+
+pub mod fit;
+pub mod rates;
+pub mod thermometer;
+pub mod trace;

@@ -1,0 +1,217 @@
+//! The dwells of a run on a rate table: times at one rate, behind the settling, of whole revolutions.
+
+use crate::fit::correct;
+use hrg_core::calibration::Calibration;
+use hrg_core::rate_factors::{scale_regressors, SCALE_TERMS};
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::turns::{END_S, SETTLE_S};
+use hrg_data::recording::Recording;
+
+/// Shortest time at one rate behind the settling, s.
+const SHORTEST_S: usize = 30;
+
+/// Two rates that differ by less than this share are one rate.
+const SAME: f64 = 1e-4;
+
+/// A time at one rate.
+#[derive(Debug, Clone)]
+pub struct Dwell {
+    /// Which visit of an axis it belongs to: dwells about one axis after each other, of whatever sign. The bias and the earth's rate along the
+    /// table's axis are the same in it.
+    pub visit: usize,
+    /// Rate of the table along the axes of the case, deg/h.
+    pub table_dph: [f64; AXES],
+    /// Axis that lies along the table's; `None`: at rest, or askew.
+    pub about: Option<usize>,
+    /// Seconds of the recording that it takes, settling and end apart.
+    pub at: std::ops::Range<usize>,
+    /// Seconds in the means.
+    pub seconds: usize,
+    /// Mean temperature of each axis, C.
+    pub temperature_c: [f64; AXES],
+    /// Mean ramp, C per minute.
+    pub ramp_c_per_min: [f64; AXES],
+    /// Mean raw rate less the bias of the calibration, deg/h.
+    pub unbiased_dph: [f64; AXES],
+    /// Mean rate as the calibration corrects it, deg/h.
+    pub corrected_dph: [f64; AXES],
+    /// Means of the regressors of the scale factor, each times the rate less its bias, deg/h.
+    pub scale_dph: [[f64; SCALE_TERMS]; AXES],
+    /// Means of the normalised temperature of the axis times the rates less their biases, deg/h.
+    pub by_temperature_dph: [[f64; AXES]; AXES],
+}
+
+impl Dwell {
+    /// Rate about its axis, deg/h; 0 at rest.
+    #[must_use]
+    pub fn rate_dph(&self) -> f64 {
+        self.about.map_or(0.0, |a| self.table_dph[a])
+    }
+}
+
+/// The table's rates, second by second; NaN where no row stands.
+pub(super) fn table_by_step(r: &Recording, steps: &Steps) -> Result<[Vec<f64>; AXES], BadInput> {
+    let table = r.table_rate_dph().ok_or_else(|| {
+        BadInput::new(format!(
+            "the recording of {} does not tell the table's rate; add columns table_rate_?_dph, or a line \"# table_rate_dph: x y z\" where it was the same all along",
+            r.unit()
+        ))
+    })?;
+    let mut out = [0; AXES].map(|_| vec![f64::NAN; steps.len()]);
+    for (k, t) in r.time_s.iter().enumerate() {
+        let at = ((t - steps.start_s).round() as usize).min(steps.len() - 1);
+        for (to, from) in out.iter_mut().zip(&table) {
+            // (Of several rows of a second the last.)
+            to[at] = from[k];
+        }
+    }
+    Ok(out)
+}
+
+/// The one axis that a rate is about.
+fn axis_of(table_dph: [f64; AXES]) -> Option<usize> {
+    let size = table_dph.iter().map(|t| t * t).sum::<f64>().sqrt();
+    (0..AXES).find(|a| size > 0.0 && table_dph[*a].abs() > 0.999 * size)
+}
+
+/// Last seconds of so many that are whole revolutions at a rate; all of them at rest, none where there is not one.
+fn whole_revolutions(seconds: usize, rate_dph: f64) -> usize {
+    if rate_dph == 0.0 {
+        return seconds;
+    }
+    let period_s = 360.0 * 3600.0 / rate_dph.abs();
+    ((seconds as f64 / period_s + 1e-6).floor() * period_s).round() as usize
+}
+
+/// The dwells of a run, corrected by a calibration; visits count from `first_visit`.
+///
+/// # Errors
+/// A recording without the table's rate, of corrected rates, or without any dwell.
+pub fn dwells(r: &Recording, calibration: &Calibration, first_visit: usize) -> Result<Vec<Dwell>, BadInput> {
+    if r.corrected() {
+        return Err(BadInput::new("the rates are corrected already; take the raw recording"));
+    }
+    if r.absent.iter().any(|a| *a) {
+        return Err(BadInput::new("a misalignment is one of three axes; give recordings of all three"));
+    }
+    let steps = Steps::new(r)?;
+    let table = table_by_step(r, &steps)?;
+    let seconds = correct::correct(calibration, &steps);
+    of_seconds(&table, &seconds, calibration, steps, first_visit, r.unit())
+}
+
+/// The same with seconds that a unit has sent, one for each second of its recording from the first on.
+///
+/// # Errors
+/// As [`dwells`].
+pub fn dwells_of_unit(
+    r: &Recording,
+    calibration: &Calibration,
+    seconds: &[correct::Second],
+    first_visit: usize,
+) -> Result<Vec<Dwell>, BadInput> {
+    let steps = Steps::new(r)?;
+    let table = table_by_step(r, &steps)?;
+    of_seconds(&table, seconds, calibration, steps, first_visit, r.unit())
+}
+
+fn of_seconds(
+    table: &[Vec<f64>; AXES],
+    seconds: &[correct::Second],
+    calibration: &Calibration,
+    steps: Steps,
+    first_visit: usize,
+    unit: &str,
+) -> Result<Vec<Dwell>, BadInput> {
+    let run = Run::new(steps, calibration.axes.each_ref().map(|a| a.curve));
+    let at = |k: usize| [0, 1, 2].map(|a: usize| table[a][k]);
+    let same = |a: [f64; AXES], b: [f64; AXES]| {
+        let size = a.iter().map(|v| v * v).sum::<f64>().sqrt();
+        a.iter().zip(b).all(|(x, y)| (x - y).abs() <= SAME * size + 1e-3)
+    };
+    let mut out: Vec<Dwell> = Vec::new();
+    let mut visit = first_visit;
+    let mut last_axis = None;
+    let mut from = 0;
+    let n = seconds.len().min(table[0].len());
+    while from < n {
+        let rate = at(from);
+        let to = (from + 1..n).find(|k| !same(rate, at(*k))).unwrap_or(n);
+        let about = axis_of(rate);
+        let settled = (to - from).saturating_sub(SETTLE_S + END_S);
+        let used = whole_revolutions(settled, rate.iter().map(|v| v * v).sum::<f64>().sqrt());
+        if about != last_axis {
+            visit += 1;
+            last_axis = about;
+        }
+        if used >= SHORTEST_S && rate.iter().all(|v| v.is_finite()) {
+            out.extend(one(&run, calibration, seconds, to - END_S - used..to - END_S, rate, about, visit));
+        }
+        from = to;
+    }
+    if out.is_empty() {
+        return Err(BadInput::new(format!(
+            "the recording of {unit} has no time of {SHORTEST_S} s at one rate of the table, in whole revolutions, {SETTLE_S} s of settling apart"
+        )));
+    }
+    Ok(out)
+}
+
+/// The means of a dwell; `None` where most of its seconds have no rate or temperature.
+fn one(
+    run: &Run,
+    calibration: &Calibration,
+    seconds: &[correct::Second],
+    at: std::ops::Range<usize>,
+    table_dph: [f64; AXES],
+    about: Option<usize>,
+    visit: usize,
+) -> Option<Dwell> {
+    let mut d = Dwell {
+        visit,
+        table_dph,
+        about,
+        at: at.clone(),
+        seconds: 0,
+        temperature_c: [0.0; AXES],
+        ramp_c_per_min: [0.0; AXES],
+        unbiased_dph: [0.0; AXES],
+        corrected_dph: [0.0; AXES],
+        scale_dph: [[0.0; SCALE_TERMS]; AXES],
+        by_temperature_dph: [[0.0; AXES]; AXES],
+    };
+    let wanted = at.len();
+    for k in at {
+        let (s, before) = (&seconds[k], &seconds[k.checked_sub(1)?]);
+        // The bias and the temperatures that the unit has are those of the second before.
+        let states = [0, 1, 2].map(|a: usize| run.state(k - 1, a));
+        let [Some(x), Some(y), Some(z)] = states else { continue };
+        let states = [x, y, z];
+        let free = [0, 1, 2].map(|a: usize| f64::from(s.raw_dph[a]) - f64::from(before.bias_dph[a]));
+        if free.iter().any(|v| !v.is_finite()) {
+            continue;
+        }
+        d.seconds += 1;
+        for a in 0..AXES {
+            let (t, r) = states[a];
+            d.temperature_c[a] += f64::from(t);
+            d.ramp_c_per_min[a] += f64::from(r);
+            d.unbiased_dph[a] += free[a];
+            d.corrected_dph[a] += f64::from(s.corrected_dph[a]);
+            let u = f64::from(calibration.scaling.u(t));
+            let regressors = scale_regressors(&calibration.scaling, t, r);
+            d.scale_dph[a].iter_mut().zip(regressors).for_each(|(to, x)| *to += f64::from(x) * free[a]);
+            d.by_temperature_dph[a].iter_mut().zip(free).for_each(|(to, f)| *to += u * f);
+        }
+    }
+    if 2 * d.seconds < wanted {
+        return None;
+    }
+    let share = 1.0 / d.seconds as f64;
+    let rows = d.scale_dph.as_flattened_mut().iter_mut().chain(d.by_temperature_dph.as_flattened_mut());
+    let means = d.temperature_c.iter_mut().chain(&mut d.ramp_c_per_min).chain(&mut d.unbiased_dph);
+    means.chain(&mut d.corrected_dph).chain(rows).for_each(|v| *v *= share);
+    Some(d)
+}

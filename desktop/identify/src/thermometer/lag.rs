@@ -1,0 +1,398 @@
+//! Thermal lag from a chamber step (zhao2022): how a resonator follows its surroundings.
+//!
+//! `T_res = T_0 + K lag(T_in - T_in0, tau)`, the first-order lag `K / (tau s + 1)`, with the recorded chamber (or
+//! case) temperature as input, so that a chamber which takes minutes for its step does no harm. `tau` is searched, `K`,
+//! `T_0` and the state at the start are linear. Where a second lag in series explains clearly more, it is given as well.
+//!
+//! With it, the resonator's temperature can be predicted where no frequency is at hand.
+//!
+//! Where the curve of frequency over temperature is not known either, the gyro's own output answers the step ([`Output::Rate`], as in
+//! zhao2022): its bias follows the resonator. What it finds is a little off where the bias depends on dT/dt as well.
+
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::lsq;
+use hrg_data::recording::columns;
+use hrg_data::recording::steps::Run;
+use serde::Serialize;
+
+/// Which temperature drives the lag.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Input {
+    /// The chamber's sensor.
+    Chamber,
+    /// The sensor on the gyro's case.
+    Case,
+}
+
+/// What answers the step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Output {
+    /// The resonator's temperature, by its frequency.
+    Frequency,
+    /// The rate.
+    Rate,
+}
+
+impl Output {
+    /// The unit of the answer.
+    #[must_use]
+    pub const fn unit(self) -> &'static str {
+        match self {
+            Self::Frequency => "C",
+            Self::Rate => "deg/h",
+        }
+    }
+}
+
+/// A first-order lag, or two in series.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Lag {
+    /// Gain `K`, C (or deg/h) per C.
+    pub gain: f64,
+    /// Its standard deviation for white residuals.
+    pub gain_std: f64,
+    /// Time constants, s: one or two.
+    pub tau_s: Vec<f64>,
+    /// Resonator temperature (or rate) where the input is zero.
+    pub offset_c: f64,
+    /// RMS of what the lag leaves, C (or deg/h).
+    pub residual_c: f64,
+}
+
+/// The response of one axis.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Response {
+    /// What drove it.
+    pub input: Input,
+    /// What answered.
+    pub output: Output,
+    /// The first-order lag (zhao2022's model).
+    pub first_order: Lag,
+    /// Two lags in series, where they leave less than half of the residual.
+    pub second_order: Option<Lag>,
+}
+
+/// A step of the input must span this, C, for its answer to be read.
+const SMALLEST_STEP_C: f64 = 3.0;
+const LONGEST_S: f64 = 20_000.0;
+/// The rate answers a step where its gain is so many standard deviations.
+const LEAST_ANSWER: f64 = 10.0;
+
+impl Response {
+    /// The lag of the resonator's temperature. The rate tells its time constant alone: in equilibrium the resonator is then taken to
+    /// be as warm as what drives it, as zhao2022 does.
+    #[must_use]
+    pub fn of_temperature(&self) -> Lag {
+        let lag = self.second_order.as_ref().unwrap_or(&self.first_order).clone();
+        match self.output {
+            Output::Frequency => lag,
+            Output::Rate => Lag { gain: 1.0, gain_std: f64::NAN, offset_c: 0.0, residual_c: f64::NAN, ..lag },
+        }
+    }
+}
+
+impl Lag {
+    /// Resonator temperatures for an input, beginning in equilibrium (or with `start_c`, where it is known).
+    #[must_use]
+    pub fn predict(&self, input_c: &[f64], start_c: Option<f64>) -> Vec<f64> {
+        let mut y = input_c.to_vec();
+        for (n, tau) in self.tau_s.iter().enumerate() {
+            // A known start is the state of the last lag.
+            let known = start_c.filter(|_| n + 1 == self.tau_s.len()).map(|s| (s - self.offset_c) / self.gain);
+            y = lagged(&y, *tau, known);
+        }
+        y.iter().map(|x| self.offset_c + self.gain * x).collect()
+    }
+}
+
+/// Share of the way that a first-order lag goes in a model step.
+pub(crate) fn share(tau: f64) -> f64 {
+    if tau > 0.0 {
+        1.0 - (-f64::from(hrg_core::MODEL_STEP_S) / tau).exp()
+    } else {
+        1.0
+    }
+}
+
+/// First-order lag of a series of seconds; starts at `start`, else in equilibrium with the first value. A missing value
+/// holds the one before.
+fn lagged(input: &[f64], tau: f64, start: Option<f64>) -> Vec<f64> {
+    let share = share(tau);
+    let first = input.iter().copied().find(|x| x.is_finite()).unwrap_or(f64::NAN);
+    let (mut held, mut y) = (first, start.unwrap_or(first));
+    input
+        .iter()
+        .map(|x| {
+            if x.is_finite() {
+                held = *x;
+            }
+            y += share * (held - y);
+            y
+        })
+        .collect()
+}
+
+/// The lagged input, and how the state that is not known at the start dies out.
+fn regressors(input: &[f64], taus: &[f64]) -> [Vec<f64>; 2] {
+    let mut y = input.to_vec();
+    for tau in taus {
+        y = lagged(&y, *tau, None);
+    }
+    let longest = taus.iter().copied().fold(0.0, f64::max);
+    let fading = (0..y.len()).map(|k| (-(k as f64) * f64::from(hrg_core::MODEL_STEP_S) / longest).exp()).collect();
+    [y, fading]
+}
+
+fn with_taus(input: &[f64], output: &[f64], taus: &[f64]) -> Result<(Lag, f64), BadInput> {
+    let [lagged, fading] = regressors(input, taus);
+    let ones = vec![1.0; lagged.len()];
+    let fit = lsq::fit(&[ones, lagged, fading], output, None, &["offset", "lagged input", "state at the start"])?;
+    let lag = Lag {
+        gain: fit.coefficients[1],
+        gain_std: fit.std[1],
+        tau_s: taus.to_vec(),
+        offset_c: fit.coefficients[0],
+        residual_c: (fit.squares / fit.rows as f64).sqrt(),
+    };
+    Ok((lag, fit.squares))
+}
+
+/// Sum of squares that a lag of some time constants leaves: as [`with_taus`], without its extras, for the search.
+fn cost(input: &[f64], output: &[f64], taus: &[f64]) -> f64 {
+    let [mut x, mut e] = regressors(input, taus);
+    let mut y = output.to_vec();
+    let used: Vec<bool> = (0..y.len()).map(|k| x[k].is_finite() && y[k].is_finite()).collect();
+    let dot = |a: &[f64], b: &[f64]| -> f64 {
+        a.iter().zip(b).zip(&used).filter(|(_, u)| **u).map(|((a, b), _)| a * b).sum()
+    };
+    let n = used.iter().filter(|u| **u).count() as f64;
+    for v in [&mut x, &mut e, &mut y] {
+        let mean = v.iter().zip(&used).filter(|(_, u)| **u).map(|(v, _)| *v).sum::<f64>() / n;
+        v.iter_mut().for_each(|v| *v -= mean);
+    }
+    // One after the other is made orthogonal to those before.
+    let strip = |from: &mut Vec<f64>, what: &[f64]| {
+        let share = dot(from, what) / dot(what, what).max(1e-300);
+        from.iter_mut().zip(what).for_each(|(f, w)| *f -= share * w);
+    };
+    strip(&mut x, &e);
+    strip(&mut y, &e);
+    strip(&mut y, &x);
+    let left = dot(&y, &y);
+    if left.is_finite() {
+        left
+    } else {
+        f64::INFINITY
+    }
+}
+
+/// Golden-section search of the logarithm of a time constant.
+fn search(mut cost: impl FnMut(f64) -> f64) -> f64 {
+    // A coarse grid first: the cost need not have one valley only.
+    let grid: Vec<f64> = (0..=24).map(|k| (10f64).ln() + (LONGEST_S / 10.0).ln() * f64::from(k) / 24.0).collect();
+    let costs: Vec<f64> = grid.iter().map(|l| cost(l.exp())).collect();
+    let at = (0..grid.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
+    let (mut low, mut high) = (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]);
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    for _ in 0..20 {
+        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+        if cost(a.exp()) < cost(b.exp()) {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    (0.5 * (low + high)).exp()
+}
+
+/// The input of a run; `None` where it was not recorded.
+#[must_use]
+pub fn input_of(run: &Run, a: usize, input: Input) -> Option<Vec<f64>> {
+    let column = match input {
+        Input::Chamber => &run.steps.chamber_c,
+        Input::Case => &run.steps.case_c[a],
+    };
+    (column.iter().filter(|x| x.is_finite()).count() * 2 > run.steps.len())
+        .then(|| column.iter().map(|x| f64::from(*x)).collect())
+}
+
+/// Temperatures of a resonator over a run, C; NaN while its frequency is lost.
+#[must_use]
+pub fn resonator(run: &Run, a: usize) -> Vec<f64> {
+    (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |(t, _)| f64::from(t))).collect()
+}
+
+/// Steps of rest before the step of temperature that take part: what came before it (self-heating after power-on) is
+/// none of the lag.
+const REST: usize = 600;
+
+/// Where the steepest ten minutes of an input begin, less the rest before them.
+fn step_at(input: &[f64]) -> usize {
+    let change = |k: usize| {
+        let d = (input[k + REST] - input[k]).abs();
+        if d.is_finite() {
+            d
+        } else {
+            0.0
+        }
+    };
+    let steepest = (0..input.len().saturating_sub(REST)).max_by(|a, b| change(*a).total_cmp(&change(*b))).unwrap_or(0);
+    steepest.saturating_sub(REST)
+}
+
+/// Identifies the lag of each axis from a run that holds a step of the chamber's temperature: from ten minutes before the
+/// steepest ten minutes of the input to the end. Let the unit warm up before the step.
+///
+/// # Errors
+/// One sentence: no sensor, no step, no rest before it, too short a hold after it.
+pub fn identify(run: &Run, input: Input, output: Output) -> Result<[Response; AXES], BadInput> {
+    if run.steps.absent.contains(&true) {
+        return Err(BadInput::new("the lags of the three axes are wanted, and the recording does not have three"));
+    }
+    let mut out = Vec::new();
+    for a in 0..AXES {
+        let name = if input == Input::Chamber { columns::CHAMBER } else { columns::CASE }.name(a);
+        let u = input_of(run, a, input).ok_or_else(|| {
+            BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
+        })?;
+        let (low, high) = u
+            .iter()
+            .filter(|x| x.is_finite())
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+        if !(high - low > SMALLEST_STEP_C) {
+            return Err(BadInput::new(format!(
+                "column {name} spans {:.1} C; a step response needs a step of some degrees, 10 C for instance, and a hold of at least three time constants (an hour)",
+                high - low
+            )));
+        }
+        let from = step_at(&u);
+        let answer = match output {
+            Output::Frequency => resonator(run, a),
+            Output::Rate => run.steps.rate_dph[a].clone(),
+        };
+        let (u, y) = (u[from..].to_vec(), answer[from..].to_vec());
+        let cost = |taus: &[f64]| cost(&u, &y, taus);
+        let tau = search(|t| cost(&[t]));
+        let (first_order, squares) = with_taus(&u, &y, &[tau])?;
+        let held = u.len() as f64 * f64::from(hrg_core::MODEL_STEP_S);
+        if tau > 0.5 * held || tau > 0.9 * LONGEST_S {
+            return Err(BadInput::new(format!(
+                "axis {}: the time constant of {tau:.0} s does not show within a run of {held:.0} s; hold the temperature after the step for at least three time constants",
+                hrg_data::axes::AXIS_NAMES[a]
+            )));
+        }
+        if output == Output::Rate {
+            if !(first_order.gain.abs() > LEAST_ANSWER * first_order.gain_std) {
+                return Err(BadInput::new(format!(
+                    "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C); its bias does not change there: step elsewhere, or further",
+                    hrg_data::axes::AXIS_NAMES[a],
+                    first_order.gain,
+                    first_order.gain_std
+                )));
+            }
+            // Its noise hides a second lag.
+            out.push(Response { input, output, first_order, second_order: None });
+            continue;
+        }
+        // Two lags in series, the longer one first found again for each shorter one.
+        let short = search(|s| {
+            let long = search(|l| cost(&[l, s]));
+            cost(&[long, s])
+        });
+        let long = search(|l| cost(&[l, short]));
+        let (second, squares_2) = with_taus(&u, &y, &[long.max(short), long.min(short)])?;
+        let second_order = (squares_2 < 0.25 * squares).then_some(second);
+        out.push(Response { input, output, first_order, second_order });
+    }
+    out.try_into().map_err(|_| BadInput::new("three axes were expected"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::prepare;
+    use hrg_simulate::{Plan, Profile};
+
+    fn run(profile: &str) -> Run {
+        let r = Plan::of(Profile::parse(profile).expect("named"), 3, 4).simulate().recording;
+        prepare(&[r]).expect("prepares").runs.remove(0)
+    }
+
+    #[test]
+    fn the_time_constants_put_in_come_out() {
+        // The curves of this run are found from a cycle, whose temperatures span enough.
+        let cycle = Plan::of(Profile::parse("cycle").expect("named"), 3, 4).simulate().recording;
+        let curves = prepare(&[cycle]).expect("prepares").calibration.axes.map(|a| a.curve);
+        let step = Plan::of(Profile::parse("lag").expect("named"), 3, 5).simulate().recording;
+        let run = Run::new(hrg_data::recording::steps::Steps::new(&step).expect("long enough"), curves);
+        let case = identify(&run, Input::Case, Output::Frequency).expect("a step");
+        for (r, tau) in case.iter().zip([694.0, 655.0, 741.0]) {
+            // Self-heating, which builds up in the first hour, is not part of the model.
+            assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
+            assert!((r.first_order.gain - 1.0).abs() < 0.05, "{:?}", r.first_order);
+        }
+        // Behind the chamber stand two lags in series.
+        let chamber = identify(&run, Input::Chamber, Output::Frequency).expect("a step");
+        for (r, [long, short]) in chamber.iter().zip([[694.0, 420.0], [655.0, 380.0], [741.0, 450.0]]) {
+            let second = r.second_order.as_ref().expect("two lags");
+            let sum = second.tau_s[0] + second.tau_s[1];
+            assert!((sum / (long + short) - 1.0).abs() < 0.1, "{second:?}");
+        }
+    }
+
+    /// zhao2022's experiment 1: the time constant from the gyro's output, with no frequency at all.
+    #[test]
+    fn the_output_answers_the_step_as_the_resonator_does() {
+        use hrg_data::recording::steps::Steps;
+        use hrg_simulate::Kind;
+        let curves = hrg_core::calibration::Calibration::uncalibrated().axes.map(|a| a.curve);
+        let plan = Plan::of(Profile::parse("lag").expect("named"), 4, 6);
+        let simulated = Plan { noise: Kind::Zhao.noise(), ..plan }.simulate();
+        let mut steps = Steps::new(&simulated.recording).expect("long enough");
+        // A bias that is linear in the resonator's temperature, as zhao2022 takes it to be over its step; and no frequency.
+        let run = Run::new(steps.clone(), curves);
+        for a in 0..AXES {
+            let both = resonator(&run, a).into_iter().zip(&simulated.noise_dph[a]);
+            steps.rate_dph[a] = both.map(|(t, noise)| -2.0 - 0.4 * t + noise).collect();
+            steps.frequency_hz[a].fill(f64::NAN);
+        }
+        let found = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect("a step");
+        for (r, tau) in found.iter().zip([694.0, 655.0, 741.0]) {
+            assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
+            assert_eq!(r.of_temperature().gain, 1.0);
+        }
+        // At 0 to 10 C the bias of a simulated unit like zhao2022's is flat.
+        let kind = Kind::Zhao;
+        let flat = Plan { kind, noise: kind.noise(), ..Plan::of(Profile::parse("lag").expect("named"), 4, 6) };
+        let steps = Steps::new(&flat.simulate().recording).expect("long enough");
+        let e = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect_err("refused").0;
+        assert!(e.contains("does not answer"), "{e}");
+    }
+
+    #[test]
+    fn a_lost_frequency_is_predicted() {
+        let run = run("fast");
+        let r = &identify(&run, Input::Case, Output::Frequency).expect("ramps do as well")[0];
+        let u = input_of(&run, 0, Input::Case).expect("recorded");
+        let truth = resonator(&run, 0);
+        let at = 1200;
+        let predicted = r.first_order.predict(&u[at..], Some(truth[at]));
+        let worst = predicted.iter().zip(&truth[at..]).map(|(p, t)| (p - t).abs()).fold(0.0, f64::max);
+        assert!(worst < 1.0, "{worst} C while the temperature went through tens of degrees");
+    }
+
+    #[test]
+    fn no_step_is_said() {
+        let mut flat = run("fast");
+        flat.steps.chamber_c.fill(20.0);
+        assert!(identify(&flat, Input::Chamber, Output::Frequency).expect_err("refused").0.contains("needs a step"));
+        flat.steps.chamber_c.clear();
+        assert!(identify(&flat, Input::Chamber, Output::Frequency)
+            .expect_err("refused")
+            .0
+            .contains("chamber_c is missing"));
+    }
+}

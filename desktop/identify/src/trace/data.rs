@@ -1,0 +1,382 @@
+//! What the search works on: block means of rates and regressors, and the library of candidate columns.
+
+use crate::fit::baseline_columns;
+use hrg_core::bias::Scaling;
+use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::{AXES, MODEL_STEP_S};
+use hrg_data::cards;
+use hrg_data::cards::Extent;
+use hrg_data::recording::steps::Run;
+
+/// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Candidate {
+    /// Facts about the effect.
+    pub facts: &'static Facts,
+    /// Inner parameters.
+    pub parameters: [f32; MAX_PARAMETERS],
+    /// The run it happens in; `None`: all.
+    pub run: Option<usize>,
+    /// Where it stands when a run begins, if it remembers the path of the temperature.
+    pub starts: Starts,
+}
+
+/// Where an effect that remembers the path of the temperature stands when each run begins ([`hrg_core::effects::Effect::start_on`]): on
+/// either branch, or in the middle. It belongs to the run and not to the unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Starts {
+    /// Two bits for each of the first runs: 0 the middle, 1 and 2 the branches.
+    codes: u64,
+    runs: u8,
+    unseen: u8,
+}
+
+impl Starts {
+    /// The branches there are.
+    pub const BRANCHES: [f32; 3] = [0.0, 1.0, -1.0];
+
+    /// The same in so many runs.
+    pub fn all(runs: usize, branch: usize) -> Self {
+        let runs = runs.min(32);
+        let codes = (0..runs).fold(0, |codes, k| codes | (branch as u64) << (2 * k));
+        Self { codes, runs: runs as u8, unseen: branch as u8 }
+    }
+
+    /// With another branch (its number in [`Self::BRANCHES`]) in one run. A run that is not among the train runs has what they have in
+    /// common.
+    pub fn with(self, run: usize, branch: usize) -> Self {
+        if run >= usize::from(self.runs) {
+            return self;
+        }
+        let codes = self.codes & !(3 << (2 * run)) | (branch as u64) << (2 * run);
+        let first = (codes & 3) as usize;
+        let common = Self::all(usize::from(self.runs), first).codes == codes;
+        Self { codes, unseen: if common { first as u8 } else { 0 }, ..self }
+    }
+
+    /// With another branch in a run that is not among the train runs.
+    pub fn with_unseen(self, branch: usize) -> Self {
+        Self { unseen: branch as u8, ..self }
+    }
+
+    /// Where it stands in a train run, or in another one.
+    pub fn of(self, run: Option<usize>) -> f32 {
+        let code = run.map_or(u64::from(self.unseen), |r| if r < 32 { self.codes >> (2 * r) & 3 } else { 0 });
+        Self::BRANCHES[code as usize % 3]
+    }
+
+    /// Where the train runs have it in common; else the middle.
+    pub fn common(self) -> f32 {
+        self.with(0, (self.codes & 3) as usize).of(None)
+    }
+
+    /// Where a unit begins: where all runs have it in common, the verify run included; else the middle.
+    pub fn on_unit(&self) -> f32 {
+        if self.of(None) == self.common() {
+            self.common()
+        } else {
+            0.0
+        }
+    }
+}
+
+impl Candidate {
+    /// A candidate that is there in every run.
+    pub fn new(effect: EffectId, parameters: [f32; MAX_PARAMETERS]) -> Self {
+        Self { facts: effect.facts(), parameters, run: None, starts: Starts::default() }
+    }
+
+    /// The same, standing there when the runs begin, if it remembers the path of the temperature.
+    pub fn starting(self, starts: Starts) -> Self {
+        if self.facts.remembers_path {
+            Self { starts, ..self }
+        } else {
+            self
+        }
+    }
+
+    /// Whether a unit can take it into its image: it can compute it, and it does not belong to one run.
+    pub fn on_unit(&self) -> bool {
+        self.facts.reach == Reach::Unit && self.run.is_none()
+    }
+}
+
+/// The columns of a candidate, axis after axis: what is common to axes with the same rows is computed once.
+pub struct AxisByAxis<'c> {
+    candidate: &'c Candidate,
+    /// The axis they were made for last, and they.
+    last: Option<(usize, Option<Vec<Vec<f64>>>)>,
+}
+
+impl<'c> AxisByAxis<'c> {
+    /// Nothing computed yet.
+    pub fn new(candidate: &'c Candidate) -> Self {
+        Self { candidate, last: None }
+    }
+
+    /// The columns on an axis; `None` where the axis does not have what they need.
+    pub fn on(&mut self, data: &Data<'_>, a: usize) -> Option<Vec<Vec<f64>>> {
+        let same = |of: usize| self.candidate.facts.common && data.axes[a].keep == data.axes[of].keep;
+        let columns = match self.last.take() {
+            Some((of, columns)) if same(of) => columns,
+            _ => data.columns(self.candidate, a, false),
+        };
+        self.last = Some((a, columns.clone()));
+        columns
+    }
+}
+
+/// Rows of one axis.
+#[derive(Debug, Clone)]
+pub struct AxisRows {
+    /// Numbers of the blocks that have data.
+    pub keep: Vec<usize>,
+    /// Where a run begins, as an index into `keep`.
+    pub starts: Vec<usize>,
+    /// Mean rate of each kept block, deg/h.
+    pub y: Vec<f64>,
+    /// Means of the baseline's regressors, then a column for each run after the first: see [`day_column`].
+    pub base: Vec<Vec<f64>>,
+}
+
+/// All rows.
+#[derive(Debug)]
+pub struct Data<'a> {
+    /// The runs.
+    pub runs: &'a [Run],
+    /// Centre and scale.
+    pub scaling: Scaling,
+    /// Time constant by which the resonators follow their cases, s.
+    pub lag_s: f32,
+    /// Seconds in a block.
+    pub block_s: usize,
+    /// Seconds between the rows on which stateful effects are searched.
+    pub coarse_s: usize,
+    /// Blocks of each run.
+    pub blocks: Vec<usize>,
+    /// The axes.
+    pub axes: [AxisRows; AXES],
+    /// Whether what is judged goes on where the only run ends: a step that the run shows then holds on.
+    pub goes_on: bool,
+}
+
+/// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
+pub fn day_column(day: usize, run: usize) -> f64 {
+    match run {
+        0 => -1.0,
+        r if r == day + 1 => 1.0,
+        _ => 0.0,
+    }
+}
+
+impl<'a> Data<'a> {
+    /// Cuts runs into blocks: about 600 in all, of 21 to 99 s.
+    pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
+        let total: usize = runs.iter().map(|r| r.steps.len()).sum();
+        let coarse_s = (total / 1800).clamp(7, 33);
+        let block_s = 3 * coarse_s;
+        let blocks: Vec<usize> = runs.iter().map(|r| r.steps.len() / block_s).collect();
+        let axes = [0, 1, 2].map(|a| {
+            let mut rows =
+                AxisRows { keep: vec![], starts: vec![], y: vec![], base: vec![vec![]; hrg_core::bias::TERMS] };
+            // Each run has its own constant: the first one's is what the others' add up to, taken negative.
+            rows.base.extend(vec![vec![]; runs.len().saturating_sub(1)]);
+            let mut first = 0;
+            for (number, (run, &n)) in runs.iter().zip(&blocks).enumerate() {
+                rows.starts.push(rows.keep.len());
+                let columns = baseline_columns(run, &scaling, a);
+                for b in 0..n {
+                    let range = b * block_s..(b + 1) * block_s;
+                    let good: Vec<usize> =
+                        range.filter(|&k| run.steps.rate_dph[a][k].is_finite() && columns[0][k].is_finite()).collect();
+                    if 2 * good.len() < block_s {
+                        continue;
+                    }
+                    let mean = |v: &[f64]| good.iter().map(|&k| v[k]).sum::<f64>() / good.len() as f64;
+                    rows.keep.push(first + b);
+                    rows.y.push(mean(&run.steps.rate_dph[a]));
+                    let (baseline, days) = rows.base.split_at_mut(hrg_core::bias::TERMS);
+                    for (to, from) in baseline.iter_mut().zip(&columns) {
+                        to.push(mean(from));
+                    }
+                    for (day, to) in days.iter_mut().enumerate() {
+                        to.push(day_column(day, number));
+                    }
+                }
+                first += n;
+            }
+            rows
+        });
+        Self { runs, scaling, lag_s: lag_s as f32, block_s, coarse_s, blocks, axes, goes_on: false }
+    }
+
+    /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not
+    /// recorded. `exact`: at every model step; else on the coarse rows, which is enough to search with.
+    pub fn columns(&self, c: &Candidate, a: usize, exact: bool) -> Option<Vec<Vec<f64>>> {
+        let every = if exact { 1 } else { self.coarse_s };
+        let outputs = c.facts.outputs;
+        // Looking up what nobody asks for would take half the time.
+        let recorded = matches!(c.facts.reach, Reach::NeedsInput(_));
+        let mut all: Vec<[f64; MAX_OUTPUTS]> = Vec::new();
+        for (number, (run, &n)) in self.runs.iter().zip(&self.blocks).enumerate() {
+            let own = run.own_columns(c.facts.id, &c.parameters);
+            if c.run.is_some_and(|r| r != number) {
+                all.extend(std::iter::repeat_n([0.0; MAX_OUTPUTS], n));
+                continue;
+            }
+            let mut running = match own {
+                Some(_) => None,
+                None => Some(Running::new(c.facts.id, &c.parameters, every as f32 * MODEL_STEP_S)?),
+            };
+            if let Some(r) = &mut running {
+                r.start_on(c.starts.of(Some(number)));
+            }
+            for b in 0..n {
+                let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
+                for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
+                    let at = k + every / 2;
+                    let recorded = if recorded { run.steps.recorded(at) } else { Recorded::NONE };
+                    let Some(inputs) = run.inputs(&self.scaling, at, a, recorded) else {
+                        continue;
+                    };
+                    let x = match (&mut running, own) {
+                        (Some(r), _) => r.step(&inputs),
+                        (None, own) => own.map_or([f32::NAN; MAX_OUTPUTS], |own| own.on(a)[at]),
+                    };
+                    if x[0].is_nan() {
+                        continue;
+                    }
+                    for (s, v) in sum.iter_mut().zip(x).take(outputs) {
+                        *s += f64::from(v);
+                    }
+                    count += 1.0;
+                }
+                all.push(sum.map(|s| if count > 0.0 { s / count } else { f64::NAN }));
+            }
+        }
+        let rows = &self.axes[a];
+        let mut out = vec![Vec::with_capacity(rows.keep.len()); c.facts.outputs];
+        let mut missing = 0;
+        for &k in &rows.keep {
+            let x = all.get(k)?;
+            missing += usize::from(x[0].is_nan());
+            for (to, v) in out.iter_mut().zip(x) {
+                to.push(if v.is_nan() { 0.0 } else { *v });
+            }
+        }
+        // A recorded quantity with a tenth of its rows missing says nothing reliable.
+        (missing * 10 <= rows.keep.len()).then(|| {
+            for column in &mut out {
+                let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
+                // Absolute levels (a drive voltage) are no matter: the baseline has a constant.
+                if missing == 0 && c.facts.reach != Reach::Unit && c.run.is_none() {
+                    column.iter_mut().for_each(|v| *v -= mean);
+                }
+            }
+            out
+        })
+    }
+
+    /// Lowest and highest temperature over axes and runs.
+    pub fn temperature_range(&self) -> (f32, f32) {
+        let mut range = (f32::INFINITY, f32::NEG_INFINITY);
+        for run in self.runs {
+            for a in 0..AXES {
+                let (low, high) = run.temperature_range(a);
+                range = (range.0.min(low), range.1.max(high));
+            }
+        }
+        range
+    }
+
+    /// Duration of the longest run, s.
+    pub fn longest_s(&self) -> f32 {
+        self.runs.iter().map(|r| r.steps.len()).max().unwrap_or(0) as f32
+    }
+
+    /// What the runs span.
+    pub fn extent(&self) -> Extent {
+        let (low_c, high_c) = self.temperature_range();
+        let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
+        Extent {
+            low_c,
+            high_c,
+            fastest_c_per_min: ramps.fold(0.1, |m, (low, high)| m.max(high).max(-low)),
+            longest_s: self.longest_s(),
+            lag_s: self.lag_s,
+            runs: self.runs.len(),
+        }
+    }
+
+    /// The library: every effect with the values of its parameters, and how many values each is one of; then those of a user's own.
+    pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
+        let extent = self.extent();
+        let own = self.runs.first().map_or(&[][..], |r| &r.own);
+        let values = |facts: &Facts| own.iter().filter(|o| o.facts == facts).count() as f64;
+        let of_user = own.iter().map(|o| {
+            let c = Candidate { parameters: [o.parameter, 0.0], facts: o.facts, run: None, starts: Starts::default() };
+            (c, values(o.facts))
+        });
+        cards::all()
+            .flat_map(|(facts, card)| {
+                let grid = (card.grid)(&extent);
+                let tries = grid.len() as f64;
+                // What an effect needs from another axis must be there.
+                let offered = self.runs.iter().all(|r| card.needs.met_by(r));
+                grid.into_iter()
+                    .filter(move |_| offered)
+                    .map(move |parameters| (Candidate::new(facts.effect, parameters).starting(starts), tries))
+            })
+            .chain(of_user)
+            .collect()
+    }
+
+    /// Effects that are offered together, with one variance for all their gains: the first gives the name.
+    pub fn bundles(&self, starts: Starts) -> Vec<Vec<Candidate>> {
+        let extent = self.extent();
+        let parts = |effect: EffectId| -> Vec<Candidate> {
+            let of = |parameters| Candidate::new(effect, parameters).starting(starts);
+            (cards::card(effect).grid)(&extent).into_iter().map(of).collect()
+        };
+        let (effect, parameters) = cards::beginning(&extent);
+        let beginnings = (0..self.runs.len()).map(|n| Candidate { run: Some(n), ..Candidate::new(effect, parameters) });
+        let in_ramp = self.runs.iter().any(begins_in_ramp);
+        cards::BUNDLES
+            .iter()
+            .filter(|b| !b.in_ramp || in_ramp)
+            .map(|b| {
+                let families = b.families.iter().flat_map(|e| parts(*e));
+                families.chain(beginnings.clone().filter(|_| b.in_ramp)).collect()
+            })
+            .collect()
+    }
+
+    /// Temperature (C) and its rate of change (C per minute) in the middle of each kept block of an axis.
+    pub fn states(&self, a: usize) -> Vec<Option<(f64, f64)>> {
+        let middles = |(run, n): (&'a Run, &usize)| {
+            let block_s = self.block_s;
+            (0..*n).map(move |b| {
+                let state = run.thermal[b * block_s + block_s / 2].state(a);
+                state.map(|s| (f64::from(s.temperature_c), f64::from(s.ramp_c_per_min)))
+            })
+        };
+        let all: Vec<_> = self.runs.iter().zip(&self.blocks).flat_map(middles).collect();
+        self.axes[a].keep.iter().map(|&k| all[k]).collect()
+    }
+
+    /// How many axes have data.
+    pub fn axes_there(&self) -> usize {
+        self.axes.iter().filter(|a| !a.y.is_empty()).count().max(1)
+    }
+}
+
+/// Ramp above which a run does not begin at rest, C per minute.
+const RAMP_C_PER_MIN: f32 = 0.2;
+
+/// Whether a run begins in a ramp: the mean of its first ten minutes.
+pub fn begins_in_ramp(run: &Run) -> bool {
+    (0..AXES).any(|a| {
+        let ramps: Vec<f32> = (0..run.steps.len().min(600)).filter_map(|k| run.state(k, a)).map(|s| s.1).collect();
+        ramps.iter().sum::<f32>().abs() > RAMP_C_PER_MIN * ramps.len() as f32
+    })
+}

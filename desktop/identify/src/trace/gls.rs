@@ -1,0 +1,143 @@
+//! Least squares with correlated noise.
+//!
+//! The noise of a block mean is modelled as first-order autoregressive plus moving average (ARMA(1,1)): white noise,
+//! a slow Gauss-Markov process on top of it, and what lies between; flicker is close to one of these over the two decades that a
+//! chamber run spans. Whitening is a recursion that is applied to data and regressors alike; the likelihood then is
+//! that of white residuals. The noise parameters are taken from a small grid, anew for every model that is
+//! compared, so that structure can be explained by the model or by the noise, whichever does it better.
+
+use hrg_data::numeric::stats::{dot, sum_of_products, take_off};
+
+/// One noise model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseModel {
+    /// Autoregressive coefficient per block.
+    pub phi: f64,
+    /// Moving-average coefficient; equal to `phi` for white noise.
+    pub theta: f64,
+}
+
+/// The grid: white, then Gauss-Markov processes of 20 to 2000 blocks with rising share.
+pub const NOISE_MODELS: [NoiseModel; 9] = [
+    NoiseModel { phi: 0.0, theta: 0.0 },
+    NoiseModel { phi: 0.95, theta: 0.88 },
+    NoiseModel { phi: 0.95, theta: 0.70 },
+    NoiseModel { phi: 0.99, theta: 0.97 },
+    NoiseModel { phi: 0.99, theta: 0.92 },
+    NoiseModel { phi: 0.99, theta: 0.80 },
+    NoiseModel { phi: 0.998, theta: 0.96 },
+    NoiseModel { phi: 0.9995, theta: 0.97 },
+    NoiseModel { phi: 0.9995, theta: 0.90 },
+];
+
+impl NoiseModel {
+    /// Factor on the first value of a run, which has no past.
+    pub fn first_factor(&self) -> f64 {
+        ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
+    }
+
+    /// Whitens a column in place; `starts` are the indices at which a run begins.
+    pub fn whiten(&self, x: &mut [f64], starts: &[usize]) {
+        if self.phi == 0.0 && self.theta == 0.0 {
+            return;
+        }
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let (mut past, mut e) = (0.0, 0.0);
+            for (j, v) in x[from..to].iter_mut().enumerate() {
+                let now = *v;
+                e = if j == 0 { now * self.first_factor() } else { now - self.phi * past + self.theta * e };
+                past = now;
+                *v = e;
+            }
+        }
+    }
+
+    /// A column whitened by every model of [`NOISE_MODELS`]: as [`whiten`](Self::whiten) does it, side by side.
+    pub fn whiten_by_all(x: &[f64], starts: &[usize]) -> [Vec<f64>; NOISE_MODELS.len()] {
+        let phi = NOISE_MODELS.map(|c| c.phi);
+        let theta = NOISE_MODELS.map(|c| c.theta);
+        let first = NOISE_MODELS.map(|c| if c == NOISE_MODELS[0] { 1.0 } else { c.first_factor() });
+        let mut out = [(); NOISE_MODELS.len()].map(|()| Vec::with_capacity(x.len()));
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let (mut past, mut e) = (0.0, [0.0; NOISE_MODELS.len()]);
+            for (j, &now) in x[from..to].iter().enumerate() {
+                for s in 0..NOISE_MODELS.len() {
+                    e[s] = if j == 0 { now * first[s] } else { now - phi[s] * past + theta[s] * e[s] };
+                }
+                past = now;
+                for (o, e) in out.iter_mut().zip(e) {
+                    o.push(e);
+                }
+            }
+        }
+        out
+    }
+
+    /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
+    pub fn give(&self, e: &mut [f64], starts: &[usize]) {
+        for (k, &from) in starts.iter().enumerate() {
+            let to = starts.get(k + 1).copied().unwrap_or(e.len());
+            let (mut past, mut before) = (0.0, 0.0);
+            for (j, v) in e[from..to].iter_mut().enumerate() {
+                let now = *v;
+                past = if j == 0 { now / self.first_factor() } else { self.phi * past + now - self.theta * before };
+                before = now;
+                *v = past;
+            }
+        }
+    }
+}
+
+/// Takes out of `x` what orthonormal columns span; a second time where so little is left that rounding shows.
+#[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
+fn reduce(columns: &[Vec<f64>], x: &mut [f64]) {
+    let before = sum_of_products(x, x);
+    for q in columns {
+        let d = sum_of_products(q, x);
+        take_off(x, d, q);
+    }
+    if sum_of_products(x, x) < SMALL * before {
+        for q in columns {
+            let d = sum_of_products(q, x);
+            take_off(x, d, q);
+        }
+    }
+}
+
+/// Share of a column's squares below which what is left of it is cleaned of rounding.
+const SMALL: f64 = 1e-4;
+
+/// An orthonormal basis that grows.
+#[derive(Debug, Clone, Default)]
+pub struct Basis {
+    /// Orthonormal columns.
+    pub columns: Vec<Vec<f64>>,
+}
+
+impl Basis {
+    /// Takes out of `x` what the basis spans.
+    pub fn reduce(&self, x: &mut [f64]) {
+        reduce(&self.columns, x);
+    }
+
+    /// Adds a column; `false` where the basis spans it already (to a relative 1e-5).
+    pub fn add(&mut self, x: Vec<f64>) -> bool {
+        self.add_measured(x) > 0.0
+    }
+
+    /// As [`add`](Self::add); gives the square of the length that the column adds, 0 where it adds none.
+    pub fn add_measured(&mut self, mut x: Vec<f64>) -> f64 {
+        let before = dot(&x, &x);
+        self.reduce(&mut x);
+        let left = dot(&x, &x);
+        if !(left > 1e-10 * before) || before == 0.0 {
+            return 0.0;
+        }
+        let f = 1.0 / left.sqrt();
+        x.iter_mut().for_each(|v| *v *= f);
+        self.columns.push(x);
+        left
+    }
+}

@@ -1,0 +1,283 @@
+//! The report as one self-contained page.
+
+use super::data::Data;
+use super::{shapes, Report, Trace};
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::numeric::allan;
+use hrg_data::numeric::stats::block_means;
+use hrg_data::plot::{svg, Panel, Series};
+use std::fmt::Write as _;
+
+fn escape(s: &str) -> String {
+    s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// 100 s means of a series, with their times in hours.
+fn against_time(values: &[f64]) -> Vec<(f64, f64)> {
+    block_means(values, 100).iter().enumerate().map(|(k, v)| ((k as f64 + 0.5) / 36.0, *v)).collect()
+}
+
+/// Amplitude spectral density of 100 s means by direct Fourier sums, at 60 frequencies.
+fn spectrum(values: &[f64]) -> Vec<(f64, f64)> {
+    let v: Vec<f64> = block_means(values, 50);
+    let m = hrg_data::numeric::stats::mean(&v);
+    let v: Vec<f64> = v.iter().map(|x| if x.is_finite() { x - m } else { 0.0 }).collect();
+    let n = v.len();
+    let (low, high) = (1.0 / n as f64, 0.5);
+    (0..60)
+        .map(|k| {
+            // Averaged over four neighbouring frequencies, so that the line is steady.
+            let f = low * (high / low).powf(f64::from(k) / 59.0);
+            let mut power = 0.0;
+            for j in 0..4 {
+                let g = f * (1.0 + 0.02 * f64::from(j));
+                let (mut re, mut im) = (0.0, 0.0);
+                for (t, x) in v.iter().enumerate() {
+                    let (s, c) = (std::f64::consts::TAU * g * t as f64).sin_cos();
+                    re += c * x;
+                    im += s * x;
+                }
+                power += re * re + im * im;
+            }
+            (f / 50.0 * 1000.0, (power / 4.0 * 2.0 * 50.0 / n as f64).sqrt())
+        })
+        .collect()
+}
+
+fn series(label: &str, points: Vec<(f64, f64)>, colour: usize, dots: bool) -> Series {
+    Series { label: label.into(), points, colour, dots }
+}
+
+fn panel(title: String, x: &str, y: &str, log: bool, series: Vec<Series>) -> Panel {
+    Panel { title, x: x.into(), y: y.into(), log, series }
+}
+
+fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
+    let run = &t.verify;
+    let name = AXIS_NAMES[a];
+    let [before, after] = &t.verify_residuals;
+    let temperature: Vec<f64> =
+        (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
+    let ramp: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.1))).collect();
+    let (mt, mr) = (block_means(&temperature, 100), block_means(&ramp, 100));
+    let pair =
+        |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect() };
+    let direction = |y: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
+        mr.iter().zip(block_means(y, 100)).filter(|(r, _)| keep(**r)).map(|(r, y)| (*r, y)).collect()
+    };
+    let panels = [
+        panel(
+            format!("{name}: residual against temperature, verify run"),
+            "resonator temperature [C]",
+            "100 s mean [deg/h]",
+            false,
+            vec![series("before", pair(&mt, &before[a]), 0, true), series("after", pair(&mt, &after[a]), 1, true)],
+        ),
+        panel(
+            format!("{name}: residual after, against dT/dt"),
+            "dT/dt [C/min]",
+            "100 s mean [deg/h]",
+            false,
+            vec![
+                series("heating", direction(&after[a], &|r| r > 0.02), 2, true),
+                series("cooling", direction(&after[a], &|r| r < -0.02), 3, true),
+                series("soak", direction(&after[a], &|r| r.abs() <= 0.02), 0, true),
+            ],
+        ),
+        panel(
+            format!("{name}: residual against time, verify run"),
+            "time [h]",
+            "100 s mean [deg/h]",
+            false,
+            vec![
+                series("before", against_time(&before[a]), 0, false),
+                series("after", against_time(&after[a]), 1, false),
+            ],
+        ),
+        panel(
+            format!("{name}: spectrum"),
+            "frequency [mHz]",
+            "deg/h per root Hz",
+            true,
+            vec![series("before", spectrum(&before[a]), 0, false), series("after", spectrum(&after[a]), 1, false)],
+        ),
+        panel(
+            format!("{name}: Allan deviation"),
+            "averaging time [s]",
+            "deg/h",
+            true,
+            vec![series("before", curve(&before[a]), 0, false), series("after", curve(&after[a]), 1, false)],
+        ),
+        panel(
+            format!("{name}: residual against time, train run"),
+            "time [h]",
+            "100 s mean [deg/h]",
+            false,
+            vec![
+                series("before", against_time(&t.train_residuals[0][0][a]), 0, false),
+                series("after", against_time(&t.train_residuals[1][0][a]), 1, false),
+            ],
+        ),
+    ];
+    svg(&panels, 3, 460, 300)
+}
+
+fn figures(r: &Report) -> String {
+    let mut s = String::from(
+        "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>means, train / verify</th><th>noise floor</th><th>left, in floors</th><th>structure left</th></tr>",
+    );
+    for n in r.axes() {
+        let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
+        let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "none found".into() };
+        let _ = write!(
+            s,
+            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td><b>{:.3}</b></td><td>{} / {}</td><td>{:.3}</td><td>{:.2} [{:.2}, {:.2}]</td><td>{left}</td></tr>",
+            b.train_rms_dph,
+            b.verify_rms_dph,
+            f.train_rms_dph,
+            f.verify_rms_dph,
+            f.train_means,
+            f.verify_means,
+            r.noise_floor_dph[n],
+            ratio.ratio,
+            ratio.low,
+            ratio.high
+        );
+    }
+    s += "</table><p class=small>Standard deviation of 100 s means, deg/h. The noise floor comes from what neighbouring means differ by; the brackets hold 95 %. The verify run was only evaluated, never used to choose an effect.</p>";
+    if let Some(block) = &r.block {
+        s += "<h3>The image on the verify run</h3><table><tr><th>axis</th><th>model</th><th>deg/h</th><th>mean error against train, deg/h</th><th>&plusmn;</th><th>means</th></tr>";
+        for (n, b) in block {
+            let model = serde_json::to_value(b.model).ok();
+            let _ = write!(
+                s,
+                "<tr><td>{n}</td><td>{}</td><td><b>{:.3}</b></td><td>{:+.3}</td><td>{:.3}</td><td>{}</td></tr>",
+                model.as_ref().and_then(serde_json::Value::as_str).unwrap_or_default(),
+                b.verify_rms_dph,
+                b.mean_dph,
+                b.mean_std_dph,
+                b.used_means
+            );
+        }
+        s += "</table>";
+    }
+    s
+}
+
+/// What was taken out of the files.
+fn cleaned(r: &Report) -> String {
+    let mut rows = String::new();
+    for (file, columns) in &r.cleaned {
+        for (column, kinds) in columns {
+            for (kind, count) in kinds {
+                let _ = write!(
+                    rows,
+                    "<tr><td>{}</td><td>{}</td><td>{kind}</td><td>{count}</td></tr>",
+                    escape(file),
+                    escape(column)
+                );
+            }
+        }
+    }
+    if rows.is_empty() {
+        return "<p>Nothing was taken out of the files.</p>".into();
+    }
+    format!("<table><tr><th>file</th><th>column</th><th>kind</th><th>values</th></tr>{rows}</table>")
+}
+
+fn ranking(t: &Trace) -> anyhow::Result<String> {
+    let r = &t.report;
+    let mut s = String::new();
+    let data = Data::new(&t.train, t.baseline.scaling, t.lag_s);
+    for (e, shapes) in r.effects.iter().zip(shapes::of(&data, &t.fitted)) {
+        let _ = write!(
+            s,
+            "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
+            escape(&e.name),
+            e.class.name(),
+            e.parameters_text(),
+            e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}")),
+            match e.confirmed {
+                Some(true) => "confirmed by the verify run",
+                Some(false) => "not confirmed by the verify run",
+                None => "cannot be confirmed by another run",
+            },
+            if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
+        );
+        s += &svg(&shapes, 2, 460, 300)?;
+        s += "<br><table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
+        for (n, g) in &e.axes {
+            let share =
+                e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
+            let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td><td>{share}</td></tr>", g.gain, g.gain_std);
+        }
+        s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>net evidence (log evidence less its price)</th></tr>";
+        for k in &e.rank {
+            let _ = write!(
+                s,
+                "<tr><td>{}</td><td>{:.1} %</td><td>{:.1}</td></tr>",
+                escape(&k.name),
+                100.0 * k.gain_in_cv,
+                k.net_evidence
+            );
+        }
+        s += "</table>";
+        if !e.indistinguishable_from.is_empty() {
+            let _ =
+                write!(s, "<p>This profile cannot tell it from: {}.</p>", escape(&e.indistinguishable_from.join(", ")));
+        }
+    }
+    if r.effects.is_empty() {
+        s += "<p>The data warrant no effect.</p>";
+    }
+    Ok(s)
+}
+
+/// The page.
+///
+/// # Errors
+/// Where a picture cannot be drawn.
+pub fn html(t: &Trace) -> anyhow::Result<String> {
+    let r = &t.report;
+    let mut s = format!(
+        "<!doctype html><html lang=en><meta charset=utf-8><title>hrg trace: {unit}</title><style>\
+         body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1420px;padding:0 16px;color:#222}}\
+         h1{{font-size:22px}}h2{{font-size:18px;margin-top:28px}}h3{{font-size:16px;margin-bottom:4px}}\
+         table{{border-collapse:collapse;margin:6px 24px 6px 0;display:inline-table;vertical-align:top}}\
+         td,th{{border-bottom:1px solid #ddd;padding:3px 12px;text-align:right}}td:first-child,th:first-child{{text-align:left}}\
+         th{{font-weight:600;background:#f6f6f6}}.small{{color:#666;font-size:13px;font-weight:400}}\
+         .verdict{{background:#eef4fb;border-left:4px solid #1e88e5;padding:10px 16px;font-size:17px}}svg{{max-width:100%;height:auto}}\
+         </style><h1>What the model of {unit} lacks</h1><p class=verdict>{verdict}</p><h2>Before and after</h2>{figures}<h2>Effects</h2>{ranking}",
+        unit = escape(&r.unit),
+        verdict = escape(&r.verdict),
+        figures = figures(r),
+        ranking = ranking(t)?
+    );
+    if !r.advice.is_empty() {
+        s += "<h2>Advice</h2><ul>";
+        for a in &r.advice {
+            let _ = write!(s, "<li>{}</li>", escape(a));
+        }
+        s += "</ul>";
+    }
+    if !r.notes.is_empty() {
+        s += "<h2>Notes on the data</h2><ul>";
+        for a in &r.notes {
+            let _ = write!(s, "<li>{}</li>", escape(a));
+        }
+        s += "</ul>";
+    }
+    s += "<h2>Taken out of the files</h2>";
+    s += &cleaned(r);
+    s += "<h2>Residuals</h2>";
+    for a in t.verify.steps.present() {
+        s += &pictures(t, a)?;
+    }
+    Ok(s + "</html>\n")
+}
+
+/// An Allan deviation as points of a picture.
+fn curve(values: &[f64]) -> Vec<(f64, f64)> {
+    let points = allan::overlapping(values, f64::from(hrg_core::MODEL_STEP_S), &allan::octaves(values.len()));
+    points.into_iter().map(|p| (p.tau_s, p.deviation)).collect()
+}

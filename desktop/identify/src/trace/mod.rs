@@ -1,0 +1,866 @@
+//! Closes the loop: baseline fit, residual, the effects that the model lacks, refit, before and after.
+//!
+//! The method is written down in `docs/trace.md`. In short: models are compared by their likelihood under correlated
+//! noise ([`gls`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
+//! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
+
+pub mod data;
+pub mod equations;
+mod events;
+pub mod floor;
+pub mod gls;
+pub mod gram;
+mod html;
+pub mod judge;
+mod leftover;
+pub mod model;
+mod on_verify;
+pub mod own;
+mod proposals;
+pub mod report;
+pub mod search;
+pub mod separable;
+mod settling;
+mod shapes;
+mod surrogate;
+mod uncertainty;
+mod witness;
+mod words;
+
+pub use html::html;
+
+pub use report::{json, Found, Image, Report, Rms, VerdictKind};
+
+use crate::fit;
+use crate::fit::evidence;
+use crate::fit::independence;
+use crate::fit::independence::Units;
+use crate::fit::{prepare_for, Prepared};
+use data::{Candidate, Data};
+use floor::{Clean, Neighbours};
+use hrg_core::bias::Scaling;
+use hrg_core::calibration::Calibration;
+use hrg_core::effects::Reach;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::progress;
+use hrg_data::recording::facts;
+use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::Recording;
+use judge::{agreement, spread, Means, Noise};
+use model::{Fitted, Term};
+use on_verify::{start_verify_run, OnVerifyRun};
+use report::{by_axis, Agreement, ByAxis, Exchanged};
+use search::{Model, Rival, Search};
+use settling::Memory;
+use uncertainty::Weights;
+pub(crate) use witness::unwitnessed;
+use witness::{exchanged, second_search, shortest, LEAST_EXCHANGED};
+
+/// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
+const INDISTINGUISHABLE: f64 = 4.0;
+
+/// Seed of the surrogates and of the noise: the same data give the same report.
+const SEED: u64 = 20_231_106;
+
+/// What a trace is told beside the recordings.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Whether the runs may be of different units.
+    pub units: Units,
+    /// The image that the unit has in use: a new one must beat it.
+    pub in_use: Option<Calibration>,
+    /// Accept a verify run that repeats the profile of a train run as ground for a burn.
+    pub repeat_is_enough: bool,
+    /// Processors to use; 0 counts as 1.
+    pub jobs: usize,
+    /// Effects of the caller's own.
+    pub own: Vec<own::OwnEffect>,
+}
+
+/// Everything that came of a trace.
+#[derive(Debug)]
+pub struct Trace {
+    /// The report.
+    pub report: Report,
+    /// Baseline only.
+    pub baseline: Calibration,
+    /// The image of [`Report::image`]: what is judged in [`Report::block`] and written. Where none is, the baseline.
+    pub image: Calibration,
+    /// The verify run, for pictures.
+    pub verify: Run,
+    /// Residuals of the train runs, before and after, one value a step.
+    pub train_residuals: [Vec<[Vec<f64>; AXES]>; 2],
+    /// Residuals of the verify run, before and after.
+    pub verify_residuals: [[Vec<f64>; AXES]; 2],
+    /// The train runs.
+    pub train: Vec<Run>,
+    /// The fitted model, for pictures.
+    pub fitted: Fitted,
+    /// Time constant by which the resonators follow their cases, s: mean of the axes.
+    pub lag_s: f64,
+}
+
+/// Traces what the baseline lacks.
+///
+/// # Errors
+/// As [`trace_with`].
+pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput> {
+    trace_with(train, verify, &Options::default())
+}
+
+/// Traces what the baseline lacks.
+///
+/// # Errors
+/// One sentence: recordings that cannot be used, that share data, are of different units, hold too little data, or cannot hold
+/// the baseline down.
+pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
+    let (prepared, verify_run) = ready(train, verify, options)?;
+    let work = progress::inherit();
+    let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
+    std::thread::scope(|scope| {
+        let witness = (long && options.jobs > 1)
+            .then(|| scope.spawn(|| progress::continued(work, || second_search(verify, &options.own))));
+        let witness = || match witness {
+            Some(running) => running.join().unwrap_or_default(),
+            None if long => second_search(verify, &options.own),
+            None => None,
+        };
+        closed(train, verify, options, prepared, verify_run, witness)
+    })
+}
+
+/// The loop on recordings that may be used. `witness`: what [`second_search`] finds.
+fn closed(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+    mut prepared: Prepared,
+    mut verify_run: Run,
+    witness: impl FnOnce() -> Option<Vec<Candidate>>,
+) -> Result<Trace, BadInput> {
+    let mut settled = false;
+    loop {
+        let mut data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+        data.goes_on = goes_on(train, verify);
+        let mut search = Search::new(&data, SEED);
+        let learnt = Learnt::new(&mut search);
+        let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
+        let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
+        let unknown = memory.and_then(|m| Some((m, settling::unknown(&data, &fitted, &verify_run, m)?)));
+        let Some((memory, unknown)) = unknown else {
+            return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted), witness);
+        };
+        // The search begins anew on what is left.
+        settled = true;
+        let several = prepared.runs.len() > 1;
+        for (k, run) in prepared.runs.iter_mut().enumerate().filter(|(k, _)| unknown[*k]) {
+            let what = if several { format!("train run {}", k + 1) } else { "the train run".into() };
+            prepared.notes.push(memory.leave_out(run, &what, true));
+        }
+        if unknown[prepared.runs.len()] {
+            prepared.notes.push(memory.leave_out(&mut verify_run, "the verify run", false));
+        }
+    }
+}
+
+/// Whether what is judged goes on where the train run ends: the two parts of one log ([`Recording::split`]).
+fn goes_on(train: &[Recording], verify: &Recording) -> bool {
+    let Some(from_s) = verify.judged_from_s else { return false };
+    let before = verify.time_s.partition_point(|t| *t < from_s);
+    matches!(train, [one] if one.time_s == verify.time_s[..before])
+}
+
+/// The loop from what the search has learnt on.
+fn judged(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+    prepared: &Prepared,
+    verify_run: &Run,
+    (mut search, mut learnt, mut fitted): (Search<'_>, Learnt, Fitted),
+    witness: impl FnOnce() -> Option<Vec<Candidate>>,
+) -> Result<Trace, BadInput> {
+    let (runs, data) = (&prepared.runs, search.data());
+    let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
+    let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
+    let baseline_fit = Fitted::new(data, &[], [0; AXES])?;
+    let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
+    let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
+    let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
+    // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
+    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
+    notes.extend(there_after_steps(&fitted));
+    notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
+    learnt.terms.clone_from(&fitted.terms);
+    let mut after_verify = fitted.residuals(verify_run, None, &scaling, &known);
+    keep_baseline(&learnt.terms, after_train.iter_mut().zip(&before_train));
+    keep_baseline(&learnt.terms, [(&mut after_verify, &before_verify)]);
+    notes.extend(lacking(&learnt.terms, &known));
+    let (refitted, judged) = events::refit(&learnt.terms, verify_run, &scaling, &after_verify);
+
+    let there: Vec<usize> = verify_run.steps.present().collect();
+    let clean = clean_of(&after_train, &judged, &there);
+    // (What is stated of an axis that is not there is taken out of the report.)
+    let own = |a: usize| if there.contains(&a) { a } else { there[0] };
+    let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
+    let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
+    let stated = uncertainty::of(data, &fitted, learnt.model.noise_models, Weights::Noise);
+    let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
+    let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
+    let mut left = leftover::judge(data, &mut search, &learnt.model);
+    let floor_ratio = by_axis(|a| {
+        let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
+        noise[a].ratio(Means::of(&judged[a]).deviation(), more)
+    });
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
+    {
+        left.push(format!("on the verify run ({ratio})"));
+    }
+    // Where naming does not reach, a sum of families without a name may compensate.
+    let mut models = vec![for_unit];
+    if left.iter().any(|l| !l.is_empty()) || effects.iter().any(|e| e.confirmed == Some(false)) {
+        models.extend(on_verify.sum_of_families(&mut search, &learnt)?);
+    }
+    let written = on_verify.image(&calibration, &learnt, &models, &baseline_fit, options, &mut notes)?;
+    let exchanged = witness().map(|found| exchanged(&found, &effects));
+    let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
+    let mut report = Report {
+        version: report::VERSION,
+        unit: train.first().map_or("unnamed", Recording::unit).to_string(),
+        verdict_kind,
+        burn: written.burn && verdict_kind == VerdictKind::Confirmed,
+        image: written.kind,
+        verdict: String::new(),
+        baseline: table(&before_train, &before_verify),
+        effects,
+        r#final: table(&after_train, &after_verify),
+        refitted_on_verify: refitted,
+        judged_rms_dph: by_axis(|a| Means::of(&judged[a]).deviation()),
+        block: written.figures,
+        noise_floor_dph: by_axis(|a| noise[a].floor()),
+        floor_ratio,
+        unexplained: by_axis(|a| !left[a].is_empty()),
+        left_over: by_axis(|a| left[a].clone()),
+        outside_fit: outside_fit(verify_run, &calibration),
+        verify_repeats_train: runs.iter().any(|run| independence::repeats(verify_run, run)),
+        exchanged,
+        advice: Vec::new(),
+        notes,
+        cleaned: report::cleaned(named_files(train, verify)),
+    };
+    report.burn &= options.repeat_is_enough || !report.verify_repeats_train;
+    report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
+    (report.verdict, report.advice) = (words::verdict(&report), words::advice(&report));
+    let mut image = written.image;
+    state_reached(&mut image, &report, runs, &there);
+    Ok(Trace {
+        report,
+        baseline: baseline_fit.image(&calibration, &[None, None, None], &mut Vec::new()),
+        image,
+        verify: verify_run.clone(),
+        train_residuals: [before_train, after_train],
+        verify_residuals: [before_verify, after_verify],
+        fitted,
+        lag_s: prepared.mean_lag_s(),
+        train: runs.clone(),
+    })
+}
+
+/// A sentence for each effect whose input the verify run lacks.
+fn lacking(terms: &[Term], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
+    let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
+    let say = |c: &Candidate| {
+        format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
+    };
+    terms.iter().map(Term::lead).filter(lacks).map(say).collect()
+}
+
+/// Gives each axis that has no effect the residuals that the baseline leaves.
+fn keep_baseline<'r>(
+    terms: &[Term],
+    of_runs: impl IntoIterator<Item = (&'r mut [Vec<f64>; AXES], &'r [Vec<f64>; AXES])>,
+) {
+    for (after, before) in of_runs {
+        for a in (0..AXES).filter(|a| terms.iter().all(|t| !t.on(*a))) {
+            after[a].clone_from(&before[a]);
+        }
+    }
+}
+
+/// A sentence where a step of the train run holds on.
+fn there_after_steps(fitted: &Fitted) -> Option<String> {
+    let axes: Vec<&str> = (0..AXES).filter(|a| !fitted.lasting(*a).is_empty()).map(|a| AXIS_NAMES[a]).collect();
+    (!axes.is_empty()).then(|| {
+        format!(
+            "the log goes on after the train part without a break: on {} the constant is the one after the step, in the image, too",
+            hrg_data::error::list(&axes)
+        )
+    })
+}
+
+/// What clean residuals of these lengths show, by the axis that has fewest means.
+fn clean_of(train: &[[Vec<f64>; AXES]], judged: &[Vec<f64>; AXES], there: &[usize]) -> Clean {
+    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
+    let fewest = there.iter().map(|&a| count(judged, a)).min().unwrap_or(0);
+    let trained = there.iter().map(|&a| train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
+    Clean::new(fewest, trained, SEED)
+}
+
+/// The noise of each axis; `own`: the axis that stands for one that is not there.
+fn noises<'c>(
+    train: &[[Vec<f64>; AXES]],
+    judged: &[Vec<f64>; AXES],
+    own: impl Fn(usize) -> usize,
+    clean: &'c Clean,
+    run: &Run,
+) -> Result<Vec<Noise<'c>>, BadInput> {
+    (0..AXES).map(|a| noise_of(train, judged, own(a), clean, run.steps.in_turns)).collect()
+}
+
+/// The noise of an axis, from what is left on all runs. `in_turns`: the axes have rates in turns, a mean or two at a time; then means of one turn and
+/// of the next are neighbours.
+fn noise_of<'c>(
+    train: &[[Vec<f64>; AXES]],
+    judged: &[Vec<f64>; AXES],
+    a: usize,
+    clean: &'c Clean,
+    in_turns: bool,
+) -> Result<Noise<'c>, BadInput> {
+    let series: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
+    let kept = |v: &f64| !in_turns || v.is_finite();
+    let series: Vec<Vec<f64>> = series.iter().map(|m| m.series().iter().copied().filter(kept).collect()).collect();
+    let series: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
+    let neighbours = Neighbours::of(&series).ok_or_else(|| {
+        BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
+    })?;
+    Ok(Noise { neighbours, clean })
+}
+
+/// What residuals scatter by, axis by axis.
+fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
+    by_axis(|a| {
+        let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
+        Rms { train_rms_dph: t.0, verify_rms_dph: v.0, train_means: t.1, verify_means: v.1 }
+    })
+}
+
+/// Writes into an image what it leaves on the train runs and on the verify run.
+fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: &[usize]) {
+    let train: Vec<_> = runs.iter().map(|r| fit::correct(image, &r.steps)).collect();
+    for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
+        image.axes[a].train_rms_dph = spread(train.iter().map(|r| &r[a])).0 as f32;
+        image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
+    }
+}
+
+/// Recordings that may be learnt from and judged on.
+fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run), BadInput> {
+    if verify.corrected() {
+        return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
+    }
+    let all: Vec<&Recording> = train.iter().chain([verify]).collect();
+    if let Some(r) = train.iter().find(|r| r.absent != verify.absent || r.thermometer != verify.thermometer) {
+        return Err(BadInput::new(format!(
+            "the train recording {} and the verify recording {} have different axes or thermometers; give recordings of one unit with the same columns",
+            r.source, verify.source
+        )));
+    }
+    let note = independence::same_unit(&all, options.units)?;
+    facts::agree(&all)?;
+    let mut prepared = prepare_for(train, options.units)?;
+    prepared.notes.extend(note);
+    for r in train {
+        independence::require(&[(r, "train"), (verify, "verify")])?;
+    }
+    let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
+    let mut run = Run::new(Steps::new(verify)?, curves);
+    let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
+    evidence::require(&run, &format!("the verify run{name}"))?;
+    prepared.notes.extend(evidence::few(&run, "the verify run"));
+    prepared.runs.iter_mut().chain([&mut run]).try_for_each(|run| own::attach(&options.own, run))?;
+    Ok((prepared, run))
+}
+
+/// File names of the runs, or what they are given as.
+fn named_files<'r>(train: &'r [Recording], verify: &'r Recording) -> Vec<(String, &'r Recording)> {
+    let name = |r: &Recording, role: String| if r.source.is_empty() { role } else { r.source.clone() };
+    let mut out: Vec<(String, &Recording)> =
+        train.iter().enumerate().map(|(k, r)| (name(r, format!("train {}", k + 1)), r)).collect();
+    out.push((name(verify, "verify".into()), verify));
+    out
+}
+
+fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f64>; AXES]> {
+    runs.iter().enumerate().map(|(n, r)| fitted.residuals(r, Some(n), scaling, &|_| true)).collect()
+}
+
+/// What the search found on the train runs.
+struct Learnt {
+    model: Model,
+    /// Noise model of each axis under the baseline alone.
+    baseline_noise_models: [usize; AXES],
+    terms: Vec<Term>,
+    /// For each effect, what could stand in its place.
+    ranks: Vec<Vec<Rival>>,
+}
+
+impl Learnt {
+    fn new(search: &mut Search<'_>) -> Self {
+        let model = search.run();
+        let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
+        let terms = model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
+        Self { model, baseline_noise_models: search.noise_models_of_baseline(), terms, ranks }
+    }
+}
+
+/// What it all comes to.
+fn conclude(
+    effects: &[Found],
+    exchanged: Option<&Exchanged>,
+    left: &[Vec<String>; AXES],
+    after: &[Vec<f64>; AXES],
+    before: &[Vec<f64>; AXES],
+    noise: &[Noise<'_>],
+) -> VerdictKind {
+    if effects.is_empty() {
+        return if left.iter().all(Vec::is_empty) { VerdictKind::NothingLacks } else { VerdictKind::Unexplained };
+    }
+    // The verify run cannot speak for what nobody can predict, nor do axes without an effect speak for one.
+    if effects.iter().all(|e| e.confirmed != Some(true)) {
+        return VerdictKind::NotConfirmed;
+    }
+    let has = |a: &usize| effects.iter().any(|e| e.confirmed.is_some() && e.axes.contains_key(AXIS_NAMES[*a]));
+    let each: Vec<Agreement> = (0..AXES)
+        .filter(has)
+        .map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor()))
+        .collect();
+    let witnessed = exchanged.is_none_or(|x| unwitnessed(effects, x).is_empty());
+    if witnessed && each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
+        VerdictKind::Confirmed
+    } else {
+        VerdictKind::NotConfirmed
+    }
+}
+
+/// Share of a run outside the fitted temperatures and ramps, of the axis where it is largest.
+fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
+    let share = |a: usize| {
+        let axis = &calibration.axes[a];
+        let (slowest, fastest) = (axis.valid_from_c_per_min, axis.valid_to_c_per_min);
+        let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
+        let inside = |&(t, r): &(f32, f32)| {
+            (axis.curve.valid_from_c..=axis.curve.valid_to_c).contains(&t) && (slowest..=fastest).contains(&r)
+        };
+        1.0 - states.iter().filter(|s| inside(s)).count() as f64 / states.len().max(1) as f64
+    };
+    run.steps.present().map(share).fold(0.0, f64::max)
+}
+
+fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
+    c.facts.reach == Reach::Unit
+        || run.steps.present().all(|a| {
+            let values = run.effect(c.facts.id, &c.parameters, 0.0, scaling, a);
+            values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrg_data::cards::Class;
+    use hrg_simulate::{inject_defects, EffectSpec, Plan, Profile};
+
+    fn plan(profile: &str, effects: &[&str], unit: u64, seed: u64) -> Recording {
+        let plan = Plan {
+            effects: effects.iter().map(|e| EffectSpec::parse(e).expect("known")).collect(),
+            ..Plan::of(Profile::parse(profile).expect("named"), unit, seed)
+        };
+        plan.simulate().recording
+    }
+
+    fn traced(effects: &[&str], unit: u64) -> Report {
+        trace(&[plan("cycle", effects, unit, unit * 2 + 1)], &plan("verify", effects, unit, unit * 2 + 2))
+            .expect("traces")
+            .report
+    }
+
+    fn names(r: &Report) -> Vec<&str> {
+        r.effects.iter().map(|e| e.name.as_str()).collect()
+    }
+
+    #[test]
+    fn each_effect_that_is_put_in_comes_out() {
+        for (k, name) in
+            ["cubic", "kink", "thermal-lag", "hysteresis", "axis-gradient", "warm-up", "step", "periodic", "aging"]
+                .into_iter()
+                .enumerate()
+        {
+            let r = traced(&[&format!("{name}:size=3")], 40 + k as u64);
+            assert_eq!(names(&r), [name], "{}", r.verdict);
+            assert!(r.unexplained.values().all(|u| !u), "{name}: {:?}", r.left_over);
+        }
+    }
+
+    #[test]
+    fn two_effects_are_parted() {
+        let r = traced(&["kink:size=3", "warm-up:size=3"], 70);
+        let mut found = names(&r);
+        found.sort_unstable();
+        assert_eq!(found, ["kink", "warm-up"]);
+    }
+
+    #[test]
+    fn where_the_state_of_a_memory_is_unknown_the_beginning_is_left_out() {
+        let lag = ["thermal-lag:size=6"];
+        let (train, whole) = (plan("cycle", &lag, 31, 63), plan("verify", &lag, 31, 64));
+        // The log begins in the middle of a ramp; the unit has been on for hours.
+        let late = whole.split(3.0 * 3600.0).expect("splits").1.judged_part();
+        let r = trace(std::slice::from_ref(&train), &late).expect("traces").report;
+        let note = r.notes.iter().find(|n| n.contains("begins in a state of thermal-lag"));
+        assert!(note.is_some_and(|n| n.starts_with("the verify run") && n.contains("are left out")), "{:?}", r.notes);
+        assert!(r.floor_ratio.values().all(floor::Ratio::is_noise), "{:?}", r.floor_ratio);
+        // Known from its beginning on, nothing is left out.
+        let r = trace(&[train], &whole).expect("traces").report;
+        assert!(r.notes.iter().all(|n| !n.contains("begins in a state")), "{:?}", r.notes);
+    }
+
+    #[test]
+    fn a_large_gain_is_not_tested_and_says_so() {
+        let r = traced(&["kink:size=5"], 44);
+        assert_eq!(r.effects[0].p_value, None);
+        let r = traced(&["kink:size=0.5"], 44);
+        let p = r.effects[0].p_value.expect("tested");
+        assert!(p > 0.0 && p < 2e-3, "{p}");
+    }
+
+    #[test]
+    fn a_verify_run_that_disagrees_keeps_the_baseline() {
+        // The train run has an effect that the verify run of the same unit does not have.
+        let t = trace(&[plan("cycle", &["hysteresis:size=4"], 30, 61)], &plan("verify", &[], 30, 62)).expect("traces");
+        let r = &t.report;
+        assert_eq!(r.verdict_kind, VerdictKind::NotConfirmed, "{}", r.verdict);
+        assert!(!r.burn && r.image == Image::Baseline && t.image.effects.is_empty(), "{}", r.verdict);
+        assert!(r.effects.iter().all(|e| e.confirmed == Some(false)));
+        assert!(r.verdict.contains("does not confirm") && !r.verdict.contains("To do: burn"), "{}", r.verdict);
+        let by_unit = crate::fit::correct(&t.image, &t.verify.steps);
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let written = r.block.as_ref().expect("an image")[*n].verify_rms_dph;
+            assert!((written - Means::of(&by_unit[a]).deviation()).abs() < 1e-9, "what is written is what is judged");
+        }
+    }
+
+    #[test]
+    fn a_baseline_that_the_raw_rates_beat_is_not_written() {
+        // Trained on one unit, judged on another: its eq 7 is not this unit's.
+        let (train, mut verify) = (plan("cycle", &[], 31, 63), plan("verify", &[], 131, 64));
+        let of_train = train.meta("unit").expect("named").to_string();
+        assert!(trace(std::slice::from_ref(&train), &verify).expect_err("two units").0.contains("--different-units"));
+        verify.meta.retain(|(k, _)| k != "unit");
+        verify.meta.push(("unit".into(), of_train));
+        // A gyro that does not depend on temperature.
+        for (a, rates) in verify.rate_dph.iter_mut().enumerate() {
+            rates.iter_mut().enumerate().for_each(|(k, v)| *v = grain(k, a));
+        }
+        let t = trace(&[train], &verify).expect("traces");
+        assert_eq!(t.report.image, Image::None, "{}", t.report.verdict);
+        assert!(!t.report.burn && t.report.block.is_none() && t.report.verdict.contains("There is no image"));
+    }
+
+    /// Something like noise.
+    fn grain(k: usize, a: usize) -> f64 {
+        let x = (k as u64 * 3 + a as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+        x as f64 / f64::from(1u32 << 23) - 1.0
+    }
+
+    #[test]
+    fn an_event_beside_an_effect_hides_neither_its_gain_nor_the_image() {
+        let r = traced(&["thermal-lag:size=3", "step:size=3"], 71);
+        let mut found = names(&r);
+        found.sort_unstable();
+        assert_eq!(found, ["step", "thermal-lag"], "{}", r.verdict);
+        assert!(r.burn && r.image == Image::Extended, "{}", r.verdict);
+        assert!(r.verdict.contains("To do: burn") && r.verdict.contains("Repair step"), "{}", r.verdict);
+        assert_eq!(r.refitted_on_verify.len(), 1);
+        for n in AXIS_NAMES {
+            assert!(r.judged_rms_dph[n] < r.r#final[n].verify_rms_dph);
+        }
+    }
+
+    #[test]
+    fn a_named_event_is_a_column_of_the_baseline_that_is_written() {
+        // A step, or a shock that recovers, in the train run only: on another day it is not there.
+        for (k, event) in ["step:size=6", "shock:time_s=9000,tau_s=2500,size=6"].into_iter().enumerate() {
+            for seed in [48, 52] {
+                let t = trace(&[plan("cycle", &[event], seed, 101)], &plan("verify", &[], seed, 102 + k as u64))
+                    .expect("traces");
+                let name = event.split(':').next().expect("a name");
+                assert_eq!(names(&t.report), [name], "{}", t.report.verdict);
+                assert!(t.image.effects.is_empty() && t.report.image == Image::Baseline, "{}", t.report.verdict);
+                for n in AXIS_NAMES {
+                    let block = t.report.block.as_ref().expect("an image")[n];
+                    let floors = block.verify_rms_dph / t.report.noise_floor_dph[n];
+                    assert!(floors < 1.25, "{event} of unit {seed}, {n}: {floors} floors");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn times_of_events_are_those_of_the_recording() {
+        // The recording's clock began 2000 s after power-on.
+        let mut train = plan("cycle", &["step:time_s=12000,size=6"], 48, 101);
+        train.time_s.iter_mut().for_each(|t| *t -= 2000.0);
+        train.set_meta("power_on_s", "-2000");
+        let r = trace(&[train], &plan("verify", &[], 48, 102)).expect("traces").report;
+        assert_eq!(names(&r), ["step"], "{}", r.verdict);
+        let at = r.effects[0].parameters["time_s"];
+        assert!((at - 10_000.0).abs() < 150.0, "{at}");
+        let said = r.advice.iter().find(|a| a.contains("on the recording's clock")).expect("advice");
+        assert!(said.contains(&format!("at {at:.0} s")), "{said}");
+    }
+
+    #[test]
+    fn a_repeat_of_the_train_profile_is_no_ground_for_a_burn() {
+        let effects = ["thermal-lag:size=3"];
+        let (train, again) = (plan("cycle", &effects, 38, 77), plan("cycle", &effects, 38, 78));
+        let r = trace(std::slice::from_ref(&train), &again).expect("traces").report;
+        assert!(r.verify_repeats_train && !r.burn && r.image == Image::Extended, "{}", r.verdict);
+        assert!(r.verdict.contains("repeats the profile") && r.verdict.contains("--repeat-is-enough"), "{}", r.verdict);
+        let options = Options { repeat_is_enough: true, ..Options::default() };
+        let r = trace_with(std::slice::from_ref(&train), &again, &options).expect("traces").report;
+        assert!(r.verify_repeats_train && r.burn, "{}", r.verdict);
+        let r = trace(&[train], &plan("verify", &effects, 38, 79)).expect("traces").report;
+        assert!(!r.verify_repeats_train && r.burn, "{}", r.verdict);
+    }
+
+    #[test]
+    fn rates_that_are_a_thousand_times_too_large_confirm_nothing() {
+        let effects = ["thermal-lag:size=3"];
+        let train = plan("cycle", &effects, 38, 77);
+        let mut verify = plan("verify", &effects, 38, 79);
+        verify.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1000.0);
+        let r = trace(&[train], &verify).expect("traces").report;
+        assert!(!r.burn && r.verdict_kind != VerdictKind::Confirmed, "{}", r.verdict);
+        assert!(!r.verdict.contains("The verify run agrees"), "{}", r.verdict);
+        assert!(r.effects.iter().all(|e| e.confirmed == Some(false)), "{:?}", r.effects);
+    }
+
+    #[test]
+    fn the_uncertainty_holds_what_the_verify_run_shows_to_be_left() {
+        // The verify run has what the model lacks: the image's bias is uncertain by that much.
+        let t = trace(&[plan("cycle", &[], 33, 67)], &plan("verify", &["hysteresis:size=5"], 33, 68)).expect("traces");
+        let by_unit = crate::fit::correct::correct(&t.image, &t.verify.steps);
+        for (a, n) in AXIS_NAMES.iter().enumerate() {
+            let left = t.report.block.as_ref().expect("an image")[*n].verify_rms_dph;
+            let excess = left.powi(2) - t.report.noise_floor_dph[*n].powi(2);
+            let stated = f64::from(by_unit[by_unit.len() / 2].bias_std_dph[a]).powi(2);
+            assert!(excess > 0.0 && stated >= 0.999 * excess, "{n}: {stated} stated, {excess} left");
+        }
+    }
+
+    #[test]
+    fn an_axis_without_an_effect_keeps_the_baseline_and_has_no_say() {
+        // A kink on x alone; on y and z the verify run has more of something else than the train run knows.
+        let (clean, own) = (plan("cycle", &[], 34, 69), plan("cycle", &["kink:size=4"], 34, 69));
+        let (odd, own_v) = (plan("verify", &["hysteresis:size=3"], 34, 70), plan("verify", &["kink:size=4"], 34, 70));
+        let only_x = |own: &Recording, rest: &Recording| {
+            let mut r = rest.clone();
+            r.rate_dph[0] = own.rate_dph[0].clone();
+            r
+        };
+        let r = trace(&[only_x(&own, &clean)], &only_x(&own_v, &odd)).expect("traces").report;
+        assert_eq!(names(&r), ["kink"], "{}", r.verdict);
+        for n in ["y", "z"] {
+            assert_eq!(r.r#final[n], r.baseline[n], "{n}");
+            assert_ne!(r.block.as_ref().expect("an image")[n].model, report::AxisModel::Extended, "{n}");
+        }
+        assert!(r.effects[0].confirmed == Some(true), "{:?}", r.effects[0].on_verify);
+    }
+
+    #[test]
+    fn one_axis_gives_numbers() {
+        let one = |mut r: Recording| {
+            r.absent = [false, true, true];
+            for a in 1..AXES {
+                r.rate_dph[a].fill(f64::NAN);
+                r.frequency_hz[a].fill(f64::NAN);
+            }
+            r
+        };
+        let effects = ["thermal-lag:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 38, 77), plan("verify", &effects, 38, 79));
+        let r = trace(&[one(train)], &one(verify)).expect("traces").report;
+        assert_eq!(r.effects.iter().map(|e| e.class).collect::<Vec<_>>(), [Class::Memory], "{}", r.verdict);
+        for k in &r.effects[0].rank {
+            assert!(k.gain_in_cv.is_finite() && k.net_evidence.is_finite(), "{k:?}");
+        }
+        assert!(!json(&r).contains("\"gain_in_cv\": null"));
+    }
+
+    #[test]
+    fn an_interval_that_holds_one_is_undecided() {
+        let mut r = traced(&[], 80);
+        r.floor_ratio.insert("x".into(), floor::Ratio { ratio: 2.07, low: 0.95, high: 2.33 });
+        r.unexplained.insert("x".into(), true);
+        let said = words::verdict(&r);
+        assert!(said.contains("x 2.07 floors [0.95, 2.33]: undecided") && !said.contains("more than noise"), "{said}");
+        // Three digits of each number.
+        let digits: Vec<String> = [0.04, -0.0213, 12.5, 9000.0, 0.0].iter().map(|v| report::three_digits(*v)).collect();
+        assert_eq!(digits, ["0.04", "-0.0213", "12.5", "9000", "0"]);
+    }
+
+    #[test]
+    fn in_one_log_a_step_holds_on() {
+        // A step in the first part, by hand: 2 deg/h on y from 9000 s on.
+        let mut whole = plan("dong", &["thermal-lag:size=3"], 46, 93);
+        let after = whole.time_s.partition_point(|t| *t < 9000.0);
+        whole.rate_dph[1][after..].iter_mut().for_each(|v| *v += 2.0);
+        let (before, rest) = whole.split(20_000.0).expect("within");
+        let r = trace(std::slice::from_ref(&before), &rest).expect("traces").report;
+        assert!(names(&r).contains(&"step"), "{}", r.verdict);
+        assert!(r.notes.iter().any(|n| n.contains("on y the constant is the one after the step")), "{:?}", r.notes);
+        let b = &r.block.as_ref().expect("an image")["y"];
+        assert!(b.mean_dph.abs() < 3.0 * b.mean_std_dph && b.mean_std_dph < 0.7, "{b:?}");
+        // As runs of their own the second one has a constant that the first does not promise.
+        let r = trace(&[before], &rest.judged_part()).expect("traces").report;
+        assert!(r.notes.iter().all(|n| !n.contains("after the step")), "{:?}", r.notes);
+        assert!((r.block.as_ref().expect("an image")["y"].mean_dph - 2.0).abs() < 0.7);
+    }
+
+    #[test]
+    fn an_event_does_not_switch_the_judgement_off() {
+        // The train run has a step; the verify run has what the model lacks beside one.
+        let r = trace(&[plan("cycle", &["step:size=4"], 33, 67)], &plan("verify", &["hysteresis:size=5"], 33, 68))
+            .expect("traces")
+            .report;
+        assert!(names(&r).contains(&"step"));
+        assert!(r.unexplained.values().all(|u| *u), "{}", r.verdict);
+        assert!(r.floor_ratio.values().all(|f| f.low > 1.0) && r.verdict.contains("more than noise"), "{}", r.verdict);
+    }
+
+    #[test]
+    fn what_only_one_axis_has_is_said_of_that_axis() {
+        let (clean, own) = (plan("cycle", &[], 34, 69), plan("cycle", &["kink:size=4"], 34, 69));
+        let (clean_v, own_v) = (plan("verify", &[], 34, 70), plan("verify", &["kink:size=4"], 34, 70));
+        let only_x = |own: &Recording, clean: &Recording| {
+            let mut r = clean.clone();
+            r.rate_dph[0] = own.rate_dph[0].clone();
+            r
+        };
+        let t = trace(&[only_x(&own, &clean)], &only_x(&own_v, &clean_v)).expect("traces");
+        let r = &t.report;
+        assert_eq!(names(r), ["kink"]);
+        assert_eq!(r.effects[0].axes.keys().collect::<Vec<_>>(), ["x"], "{}", r.verdict);
+        assert!(r.unexplained.values().all(|u| !u), "{:?}", r.left_over);
+        assert!(r.burn && r.verdict.contains("on x"), "{}", r.verdict);
+        assert!(t.image.effects[0].gains[1..].iter().flatten().all(|g| *g == 0.0));
+        // An unmodelled effect on x alone: y and z are not called unexplained.
+        let clean = plan("verify", &[], 35, 72);
+        let odd = only_x(&plan("verify", &["unmodelled-product:size=6"], 35, 72), &clean);
+        let r = trace(&[plan("cycle", &[], 35, 71)], &odd).expect("traces").report;
+        assert!(r.unexplained["x"] && !r.unexplained["y"] && !r.unexplained["z"], "{:?}", r.left_over);
+    }
+
+    #[test]
+    fn another_days_constant_and_other_temperatures_are_stated() {
+        let train = plan("20,-20@1,2h,35@1,2h,20@1", &[], 36, 73);
+        let mut verify = plan("verify", &[], 36, 74);
+        verify.rate_dph[1].iter_mut().for_each(|v| *v += 2.0);
+        let r = trace(&[train], &verify).expect("traces").report;
+        let b = &r.block.as_ref().expect("an image")["y"];
+        assert!((b.mean_dph - 2.0).abs() < 3.0 * b.mean_std_dph.max(0.1) && b.mean_std_dph < 0.5, "{b:?}");
+        assert!(r.advice.iter().any(|a| a.contains("axis y: the constant differs")), "{:?}", r.advice);
+        assert!(!r.advice.iter().any(|a| a.contains("axis x: the constant differs")), "{:?}", r.advice);
+        assert!((0.2..0.7).contains(&r.outside_fit), "{}", r.outside_fit);
+        assert!(r.verdict.contains("nothing is promised there"), "{}", r.verdict);
+    }
+
+    #[test]
+    fn an_image_must_beat_the_one_in_use() {
+        let effects = ["kink:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 37, 75), plan("verify", &effects, 37, 76));
+        let first = trace(std::slice::from_ref(&train), &verify).expect("traces");
+        assert!(first.report.burn);
+        let with = |in_use: &Calibration| {
+            let options = Options { in_use: Some(in_use.clone()), ..Options::default() };
+            trace_with(std::slice::from_ref(&train), &verify, &options).expect("traces").report
+        };
+        assert!(with(&first.baseline).burn, "it beats the baseline");
+        let again = with(&first.image);
+        assert!(!again.burn && again.verdict.contains("does not beat the image in use"), "{}", again.verdict);
+    }
+
+    #[test]
+    fn the_exchange_names_the_same_classes() {
+        let r = traced(&["thermal-lag:size=3"], 38);
+        let x = r.exchanged.expect("long enough");
+        assert!(x.same_classes && x.classes == [Class::Memory], "{x:?}");
+        let r = trace(&[plan("cycle", &[], 39, 77)], &plan("20,30@1,50m", &[], 39, 78)).expect("traces").report;
+        assert!(r.exchanged.is_none());
+    }
+
+    #[test]
+    fn frequencies_in_kilohertz_are_no_perfect_result() {
+        let train = plan("cycle", &[], 40, 79);
+        let mut verify = plan("verify", &[], 40, 80);
+        verify.frequency_hz.iter_mut().flatten().for_each(|f| *f /= 1000.0);
+        assert!(trace(&[train], &verify).expect_err("refused").0.contains("kHz"));
+    }
+
+    #[test]
+    fn on_clean_units_nothing_is_invented() {
+        for unit in 80..90 {
+            let r = traced(&[], unit);
+            assert!(r.effects.is_empty() && r.unexplained.values().all(|u| !u), "unit {unit}: {}", r.verdict);
+        }
+    }
+
+    #[test]
+    fn what_the_library_lacks_is_called_so() {
+        for (k, name) in ["unmodelled-product", "unmodelled-drift-burst", "unmodelled-ripple"].into_iter().enumerate() {
+            let r = traced(&[&format!("{name}:size=4")], 95 + k as u64);
+            let flagged = r.unexplained.values().any(|u| *u) || r.verdict_kind != VerdictKind::Confirmed;
+            // A family may span what no named effect does: then the unit compensates it.
+            let compensated = r.burn && r.floor_ratio.values().all(floor::Ratio::is_noise);
+            assert!(flagged || compensated, "{name}: {}", r.verdict);
+        }
+    }
+
+    #[test]
+    fn dirt_changes_neither_name_nor_error() {
+        let effects = ["thermal-lag:size=3"];
+        let (train, verify) = (plan("cycle", &effects, 7, 15), plan("verify", &effects, 7, 16));
+        let mut dirty = train.clone();
+        inject_defects(&mut dirty, 3);
+        dirty.clean().expect("usable");
+        assert!(dirty.notes.len() >= 10, "{:?}", dirty.notes);
+        let clean = trace(&[train], &verify).expect("traces").report;
+        let soiled = trace(&[dirty], &verify).expect("traces").report;
+        assert_eq!(names(&clean), names(&soiled));
+        for a in AXIS_NAMES {
+            let ratio = soiled.r#final[a].verify_rms_dph / clean.r#final[a].verify_rms_dph;
+            assert!((ratio - 1.0).abs() < 0.05, "{a}: {ratio}");
+        }
+    }
+
+    #[test]
+    fn the_block_computes_what_the_fit_did() {
+        let effects = ["hysteresis:size=4", "kink:size=3"];
+        let t = trace(&[plan("cycle", &effects, 9, 19)], &plan("verify", &effects, 9, 20)).expect("traces");
+        let by_unit = crate::fit::correct::correct(&t.image, &t.verify.steps);
+        for a in 0..AXES {
+            let largest = by_unit
+                .iter()
+                .zip(&t.verify.steps.rate_dph[a])
+                .map(|(s, rate)| rate - f64::from(s.bias_dph[a]))
+                .zip(&t.verify_residuals[1][a])
+                .map(|(u, f)| (u - f).abs())
+                .filter(|d| d.is_finite())
+                .fold(0.0, f64::max);
+            // Coefficients of a few deg/h in single precision.
+            assert!(largest < 1e-4, "axis {a}: {largest} deg/h");
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! What the data themselves propose: times at which the rates jump, periods at which their spectrum stands out. Looked for in what
+//! a model leaves.
+
+use super::data::{Candidate, Data};
+use super::gls::{Basis, NoiseModel};
+use hrg_core::effects::EffectId;
+use hrg_core::AXES;
+use hrg_data::numeric::stats::dot;
+
+/// As many jumps, and as many periods, are proposed from one view.
+const EACH: usize = 6;
+/// Time constants from which the recovery of a [shock](EffectId::Shock) is refined, s.
+pub const RECOVERIES_S: [f32; 3] = [600.0, 2000.0, 6000.0];
+
+/// The rates of an axis whitened by a noise model, free of the baseline and of a model.
+pub struct Left<'b> {
+    /// The noise model.
+    pub noise_model: NoiseModel,
+    /// The baseline's basis.
+    pub baseline: &'b Basis,
+    /// The rates.
+    pub y: Vec<f64>,
+}
+
+/// Periods at which the spectrum stands out, from one view of each axis.
+pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
+    let block = data.block_s as f64;
+    let total = f64::from(data.longest_s());
+    let (f_low, f_high) = (4.0 / total, 1.0 / (2.5 * block));
+    let n = ((f_high - f_low) * total * 1.5) as usize;
+    if n < 3 {
+        return Vec::new();
+    }
+    let frequency = |k: usize| f_low + (f_high - f_low) * k as f64 / n as f64;
+    let mut power = vec![0.0; n];
+    for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
+        let variance = dot(&view.y, &view.y) / view.y.len().max(1) as f64;
+        for (k, p) in power.iter_mut().enumerate() {
+            let (re, im) = line(&view.y, &rows.keep, std::f64::consts::TAU * frequency(k) * block);
+            *p += (re * re + im * im) / (view.y.len() as f64 * variance);
+        }
+    }
+    let mut peaks: Vec<usize> = (1..n - 1).filter(|&k| power[k] >= power[k - 1] && power[k] >= power[k + 1]).collect();
+    peaks.sort_by(|x, y| power[*y].total_cmp(&power[*x]));
+    peaks
+        .into_iter()
+        .take(EACH)
+        .map(|k| Candidate::new(EffectId::Periodic, [(1.0 / frequency(k)) as f32, 0.0]))
+        .collect()
+}
+
+/// One line of a spectrum: `w` is the phase from a block to the next.
+fn line(y: &[f64], blocks: &[usize], w: f64) -> (f64, f64) {
+    let (step_s, step_c) = w.sin_cos();
+    let (mut re, mut im) = (0.0, 0.0);
+    let mut at = usize::MAX;
+    let (mut s, mut c) = (0.0, 1.0);
+    for (y, &b) in y.iter().zip(blocks) {
+        if at != usize::MAX && b == at + 1 {
+            (s, c) = (s * step_c + c * step_s, c * step_c - s * step_s);
+        } else {
+            (s, c) = (w * b as f64).sin_cos();
+        }
+        at = b;
+        re += c * y;
+        im += s * y;
+    }
+    (re, im)
+}
+
+/// A shock at the place of each step, with some times of recovery.
+pub fn shocks(steps: &[Candidate]) -> Vec<Candidate> {
+    let at = |step: &Candidate| {
+        let (run, time_s) = (step.run, step.parameters[0]);
+        RECOVERIES_S.map(|tau_s| Candidate { run, ..Candidate::new(EffectId::Shock, [time_s, tau_s]) })
+    };
+    steps.iter().flat_map(at).collect()
+}
+
+/// Times at which the rates seem to jump: every block boundary is tried as a step, and the best are kept. (A step that is placed
+/// some blocks off explains almost nothing.)
+pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
+    let mut out: Vec<Candidate> = Vec::new();
+    let mut first_block = 0;
+    for (number, run) in data.runs.iter().enumerate() {
+        let blocks = data.blocks[number];
+        let margin = (blocks / 30).max(2);
+        let mut score = vec![0.0; blocks];
+        for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
+            let n = view.y.len();
+            let variance = dot(&view.y, &view.y) / n.max(1) as f64;
+            let to = rows.starts.get(number + 1).copied().unwrap_or(n);
+            let from = rows.starts[number];
+            for (k, s) in steps(view, from, to).into_iter().enumerate() {
+                let block = rows.keep[from + k] - first_block;
+                if block < blocks {
+                    score[block] += s / variance;
+                }
+            }
+        }
+        let mut best: Vec<usize> = (margin..blocks.saturating_sub(margin))
+            .filter(|&k| score[k] >= score[k - 1] && score[k] >= score[k + 1])
+            .collect();
+        best.sort_by(|x, y| score[*y].total_cmp(&score[*x]));
+        for k in best.into_iter().take(EACH) {
+            let t = run.thermal[k * data.block_s].time_s;
+            out.push(Candidate { run: Some(number), ..Candidate::new(EffectId::Step, [t, 0.0]) });
+        }
+        first_block += blocks;
+    }
+    out
+}
+
+/// What a step at each row explains of the rates, in squares. A whitened step is the response h from its place on; its product
+/// with the rates, and with each column of the baseline, is found for all places at once by the recursion run backwards.
+fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
+    let NoiseModel { phi, theta } = view.noise_model;
+    let response = |x: &[f64]| -> Vec<f64> {
+        let (mut back, mut sum) = (0.0, 0.0);
+        let mut out = vec![0.0; to - from];
+        for k in (from..to).rev() {
+            // Adjoint of e_t = x_t - phi x_(t-1) + theta e_(t-1), then of the step's running sum.
+            let adjoint = x[k] + theta * back;
+            sum += adjoint - phi * back;
+            back = adjoint;
+            out[k - from] = sum;
+        }
+        out
+    };
+    let product = response(&view.y);
+    let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| response(q)).collect();
+    // Squares of the response from each place to the end.
+    let mut squares = vec![0.0; to - from + 1];
+    let mut e = 0.0;
+    for k in 0..to - from {
+        e = if k == 0 { 1.0 } else { 1.0 - phi + theta * e };
+        squares[k + 1] = squares[k] + e * e;
+    }
+    (0..to - from)
+        .map(|k| {
+            let whole = squares[to - from - k];
+            let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
+            if left > 1e-3 * whole {
+                product[k] * product[k] / left
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}

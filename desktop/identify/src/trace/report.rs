@@ -1,0 +1,330 @@
+//! What a trace reports: plain data, written as JSON (version 2 of the report).
+
+use super::floor::Ratio;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::cards::Class;
+use hrg_data::recording::Recording;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Version of the report.
+pub const VERSION: u32 = 2;
+
+/// A value for each axis, by name.
+pub type ByAxis<T> = BTreeMap<String, T>;
+
+/// Collects a value for each axis.
+pub fn by_axis<T>(f: impl FnMut(usize) -> T) -> ByAxis<T> {
+    AXIS_NAMES.iter().map(|n| (*n).to_string()).zip((0..AXIS_NAMES.len()).map(f)).collect()
+}
+
+/// What the trace concludes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VerdictKind {
+    /// The baseline is all that the data warrant.
+    NothingLacks,
+    /// Effects are named, and the verify run agrees.
+    Confirmed,
+    /// Effects are named on the train run, and the verify run does not get better by more than its uncertainty.
+    NotConfirmed,
+    /// Structure is left that nothing explains.
+    Unexplained,
+}
+
+/// Which image a trace gives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Image {
+    /// Baseline and effects.
+    Extended,
+    /// The baseline alone.
+    Baseline,
+    /// None: not even the baseline beats the raw rates on the verify run.
+    None,
+}
+
+/// RMS figures of one axis, deg/h: standard deviations of 100 s means of the compensated rate.
+#[derive(Debug, Clone, Copy, Serialize, Default, PartialEq)]
+pub struct Rms {
+    /// On the train runs.
+    pub train_rms_dph: f64,
+    /// On the verify run.
+    pub verify_rms_dph: f64,
+    /// Means behind the figure of the train runs.
+    pub train_means: usize,
+    /// Means behind the figure of the verify run.
+    pub verify_means: usize,
+}
+
+/// Gain of an effect on one axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct Gain {
+    /// Of the first regressor, deg/h per its unit.
+    pub gain: f64,
+    /// Its standard deviation.
+    pub gain_std: f64,
+    /// Of every regressor.
+    pub gains: Vec<f64>,
+}
+
+/// One entry of the ranking.
+#[derive(Debug, Clone, Serialize)]
+pub struct Ranked {
+    /// Effect.
+    pub name: String,
+    /// Reduction of the cross-validated squared error, as a share.
+    pub gain_in_cv: f64,
+    /// Log evidence that it brings, less its price.
+    pub net_evidence: f64,
+}
+
+/// How much of what a model predicts the verify run shows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Share of the predicted difference between two models that is there: 1 where the larger model is right, 0 where the
+    /// smaller one is.
+    pub share: f64,
+    /// Its standard deviation.
+    pub share_std: f64,
+    /// Mean square error of the smaller model about its mean, (deg/h)^2.
+    pub before_dph2: f64,
+    /// By how much the mean square error falls, (deg/h)^2; negative where it rises.
+    pub gain_dph2: f64,
+    /// Standard deviation of that.
+    pub gain_std_dph2: f64,
+}
+
+/// A fall of the mean square error by a smaller share, 1 % of its root, is no ground for another image.
+const MATTERS: f64 = 0.02;
+/// Share of a prediction beyond which the prediction is of another size than what the run shows: it then leaves a quarter of the
+/// effect's power, as much as one that shows half of it.
+const TOO_LARGE: f64 = 2.0;
+
+impl Agreement {
+    /// Nothing to compare: too few values.
+    pub const NONE: Self =
+        Self { share: 0.0, share_std: f64::INFINITY, before_dph2: 0.0, gain_dph2: 0.0, gain_std_dph2: f64::INFINITY };
+
+    /// True where the error falls by more than the uncertainty (95 %) of its fall, by a share that matters, and the run shows the
+    /// effect in the size that was predicted: the 95 % interval of the share reaches below 2 (a share below 1/2 is no fall).
+    #[must_use]
+    pub fn wins(&self) -> bool {
+        self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(self.gain_dph2) && self.is_of_that_size()
+    }
+
+    /// True where the error rises by more than the uncertainty (95 %) of its rise, by a share that matters.
+    #[must_use]
+    pub fn loses(&self) -> bool {
+        -self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(-self.gain_dph2)
+    }
+
+    /// True where a change of the mean square error is a share of it that matters.
+    fn matters(&self, change_dph2: f64) -> bool {
+        change_dph2 > 0.0 && change_dph2 >= MATTERS * self.before_dph2
+    }
+
+    /// True where the run does not show many times the prediction.
+    fn is_of_that_size(&self) -> bool {
+        self.share - 1.96 * self.share_std < TOO_LARGE
+    }
+}
+
+/// A number with three significant digits, without an exponent: `0.04`, `12.5`, `9000`.
+#[must_use]
+pub fn three_digits(v: f64) -> String {
+    if !v.is_finite() || v == 0.0 {
+        return v.to_string();
+    }
+    let decimals = (2 - v.abs().log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{v:.decimals$}");
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        text
+    }
+}
+
+/// One effect found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Found {
+    /// Name.
+    pub name: String,
+    /// What kind of physics.
+    pub class: Class,
+    /// Inner parameters, by name with unit; a time (`time_s`) is that of the recording's own clock.
+    pub parameters: BTreeMap<String, f64>,
+    /// Standard deviations of those that were refined.
+    pub parameter_std: BTreeMap<String, f64>,
+    /// Gains, by axis: only the axes that have it.
+    pub axes: ByAxis<Gain>,
+    /// Whether the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an effect that
+    /// nobody can predict, or whose input the verify run lacks.
+    pub confirmed: Option<bool>,
+    /// By axis: the share of the effect that the verify run shows.
+    pub on_verify: ByAxis<Agreement>,
+    /// The candidates for its place, best first.
+    pub rank: Vec<Ranked>,
+    /// Effects that this profile cannot tell from it.
+    pub indistinguishable_from: Vec<String>,
+    /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
+    pub p_value: Option<f64>,
+    /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.
+    pub reach: String,
+}
+
+/// An effect that nobody can predict, fitted again to the verify run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Refitted {
+    /// Name.
+    pub name: String,
+    /// Inner parameters on the verify run; a time (`time_s`) is that of the recording's own clock.
+    pub parameters: BTreeMap<String, f64>,
+    /// Gains there, deg/h per unit of the first regressor.
+    pub gains_dph: ByAxis<f64>,
+}
+
+impl Found {
+    /// The inner parameters in words, with 95 % intervals where they were refined.
+    #[must_use]
+    pub fn parameters_text(&self) -> String {
+        let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
+            Some(s) => format!("{n} {} \u{b1} {}", three_digits(*v), three_digits(1.96 * s)),
+            None => format!("{n} {}", three_digits(*v)),
+        };
+        self.parameters.iter().map(one).collect::<Vec<_>>().join(", ")
+    }
+}
+
+/// What the written image reaches on the verify run, one axis.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct OnVerify {
+    /// Standard deviation of 100 s means, deg/h.
+    pub verify_rms_dph: f64,
+    /// Mean error against the train runs, deg/h.
+    pub mean_dph: f64,
+    /// Its standard deviation if both days have the same constant.
+    pub mean_std_dph: f64,
+    /// Means behind these figures.
+    pub used_means: usize,
+    /// Which model this axis has.
+    pub model: AxisModel,
+}
+
+/// Which model an axis of an image has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum AxisModel {
+    /// Baseline and effects.
+    Extended,
+    /// The baseline alone.
+    Baseline,
+    /// A constant alone: the baseline is worse than that on the verify run.
+    Constant,
+}
+
+/// The same search with train and verify exchanged.
+#[derive(Debug, Clone, Serialize)]
+pub struct Exchanged {
+    /// Classes that it names.
+    pub classes: Vec<Class>,
+    /// Effects that it names.
+    pub names: Vec<String>,
+    /// Whether the classes are those of the report.
+    pub same_classes: bool,
+}
+
+/// Counts of what was taken out: by file, by column, by kind.
+pub type CleanedCounts = BTreeMap<String, BTreeMap<String, BTreeMap<String, usize>>>;
+
+/// Counts of what was taken out of recordings.
+#[must_use]
+pub fn cleaned<'r>(recordings: impl IntoIterator<Item = (String, &'r Recording)>) -> CleanedCounts {
+    let mut out = CleanedCounts::new();
+    for (file, r) in recordings {
+        let columns = out.entry(file).or_default();
+        for c in &r.cleaned {
+            *columns.entry(c.column.clone()).or_default().entry(c.defect.name().to_string()).or_default() += c.count;
+        }
+    }
+    out
+}
+
+/// The report of `hrg trace`.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Unit.
+    pub unit: String,
+    /// What is concluded.
+    pub verdict_kind: VerdictKind,
+    /// Whether the image is to be burnt: it beats the baseline, and the image in use where one was given, on the verify run.
+    pub burn: bool,
+    /// Which image is written.
+    pub image: Image,
+    /// The verdict in some sentences.
+    pub verdict: String,
+    /// Baseline model alone.
+    pub baseline: ByAxis<Rms>,
+    /// What it lacks.
+    pub effects: Vec<Found>,
+    /// Baseline and effects, those that need a recorded input included; effects that nobody can predict are left in.
+    pub r#final: ByAxis<Rms>,
+    /// Effects that nobody can predict, fitted again to the verify run for the judgement.
+    pub refitted_on_verify: Vec<Refitted>,
+    /// The verify run with those taken out, too, deg/h.
+    pub judged_rms_dph: ByAxis<f64>,
+    /// The written image on the verify run; absent where none is written.
+    pub block: Option<ByAxis<OnVerify>>,
+    /// Standard deviation of 100 s means of the noise on the verify run, deg/h, from what neighbouring means differ by.
+    pub noise_floor_dph: ByAxis<f64>,
+    /// The judged residual of the verify run in noise floors, with its 95 % interval.
+    pub floor_ratio: ByAxis<Ratio>,
+    /// Whether structure is left.
+    pub unexplained: ByAxis<bool>,
+    /// Where it is left, in words.
+    pub left_over: ByAxis<Vec<String>>,
+    /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
+    pub outside_fit: f64,
+    /// True where the verify run has the temperatures of a train run: it cannot show what the image does elsewhere.
+    pub verify_repeats_train: bool,
+    /// The second witness; absent where the verify run is too short to learn from.
+    pub exchanged: Option<Exchanged>,
+    /// What to do.
+    pub advice: Vec<String>,
+    /// What the user should know of the data.
+    pub notes: Vec<String>,
+    /// What was taken out of the files.
+    pub cleaned: CleanedCounts,
+}
+
+impl Report {
+    /// Names of the axes that it is about.
+    #[must_use]
+    pub fn axes(&self) -> Vec<&'static str> {
+        AXIS_NAMES.into_iter().filter(|n| self.baseline.contains_key(*n)).collect()
+    }
+
+    /// Keeps the axes that the recordings have.
+    pub(super) fn keep_axes(&mut self, there: impl Fn(&str) -> bool) {
+        self.baseline.retain(|n, _| there(n));
+        self.r#final.retain(|n, _| there(n));
+        self.judged_rms_dph.retain(|n, _| there(n));
+        self.noise_floor_dph.retain(|n, _| there(n));
+        self.floor_ratio.retain(|n, _| there(n));
+        self.unexplained.retain(|n, _| there(n));
+        self.left_over.retain(|n, _| there(n));
+        if let Some(block) = &mut self.block {
+            block.retain(|n, _| there(n));
+        }
+        self.refitted_on_verify.iter_mut().for_each(|e| e.gains_dph.retain(|n, _| there(n)));
+    }
+}
+
+/// The report as JSON.
+#[must_use]
+pub fn json(report: &Report) -> String {
+    // A report is plain data: it always serialises.
+    serde_json::to_string_pretty(report).unwrap_or_default()
+}

@@ -1,0 +1,35 @@
+//! A sum of families without a name: what compensates where naming does not reach.
+
+use super::{Model, Search};
+use hrg_core::calibration::MAX_EFFECTS;
+use hrg_data::cards::Kind;
+
+/// Log evidence that a further family must bring; it pays no price, as it is not named.
+const LEAST: f64 = 1.0;
+
+impl Search<'_> {
+    /// Families side by side, each with the variance of highest evidence, beside what the model has that no unit can compute (so that it
+    /// bends nothing): the one that brings most evidence first, as long as any does and an image can hold it.
+    pub fn sum_of_families(&mut self, model: &Model) -> Model {
+        let mut state = model.state.clone();
+        while let Some(k) = (0..state.groups.len()).find(|k| self.lead(state.groups[*k]).on_unit()) {
+            state = self.without(&state, k);
+        }
+        let others = state.groups.len();
+        while state.groups.len() < others + MAX_EFFECTS {
+            let ranked = self.extensions(&state);
+            let family = |g: &usize| {
+                self.candidates[*g].len() == 1 && self.lead(*g).on_unit() && self.card(*g).kind == Kind::Family
+            };
+            let gain = |e: &(f64, usize, _)| e.0 + self.price(e.1, &state.groups);
+            let best = ranked.iter().filter(|e| family(&e.1)).max_by(|x, y| gain(x).total_cmp(&gain(y)));
+            let Some((group, on)) = best.filter(|e| gain(e) > LEAST).map(|e| (e.1, e.2)) else { break };
+            let next = self.with(&state, group, &on);
+            if next.evidence() <= state.evidence() {
+                break;
+            }
+            state = next;
+        }
+        self.model(state)
+    }
+}

@@ -1,0 +1,101 @@
+//! Which effects a chamber profile can tell apart: before the run, from its temperatures alone; after it, from the
+//! recording. By the columns and the measure that [`super::search`] uses on data.
+//!
+//! An effect of two noise floors is told from another if, over the whole run, the other leaves more of it unexplained than
+//! `INDISTINGUISHABLE` in log-likelihood. So a longer run tells more, as it does with data.
+
+use super::data::Data;
+use super::search::Search;
+use super::INDISTINGUISHABLE;
+use crate::fit::prepare;
+use hrg_core::effects::EffectId;
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::recording::Recording;
+use serde::Serialize;
+
+/// Size at which effects are to be told apart, noise floors (RMS of 100 s means after the baseline fit).
+pub const SIZE: f64 = 2.0;
+
+/// What a run says of one effect.
+#[derive(Debug, Clone, Serialize)]
+pub struct Verdict {
+    /// The effect.
+    pub name: String,
+    /// Share of its size that the baseline leaves: the rest looks like eq 7.
+    pub left_by_baseline: f64,
+    /// Effects that it would be taken for, with the share that they explain.
+    pub taken_for: Vec<(String, f64)>,
+}
+
+/// Below this share the baseline takes an effect so fully that it cannot be seen, and does no harm either.
+pub const SEEN: f64 = 0.02;
+
+/// Judges a recording (or a simulated one) for some effects.
+///
+/// # Errors
+/// A recording that cannot be used.
+pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdict>, BadInput> {
+    let prepared = prepare(recordings)?;
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let rows = data.axes.iter().map(|a| a.y.len()).min().unwrap_or(0);
+    if rows < 40 {
+        return Err(BadInput::new(format!("only {rows} usable means in the run; a profile of some hours is needed")));
+    }
+    let search = Search::new(&data, 1);
+    // An effect of that size counts so much in log-likelihood over all axes.
+    let hundreds = (rows * data.block_s) as f64 / 100.0;
+    let weight = 0.5 * hundreds * SIZE * SIZE * AXES as f64;
+    let limit = 1.0 - INDISTINGUISHABLE / weight;
+    Ok(search
+        .overlaps(wanted)
+        .into_iter()
+        .map(|o| Verdict {
+            name: o.effect.name().to_string(),
+            left_by_baseline: o.left,
+            taken_for: o
+                .shares
+                .into_iter()
+                .filter(|(_, s)| *s > limit)
+                .map(|(n, s)| (n.name().to_string(), s))
+                .collect(),
+        })
+        .collect())
+}
+
+/// Effects that are neither told from every other nor hidden in the baseline.
+#[must_use]
+pub fn not_told(verdicts: &[Verdict]) -> Vec<String> {
+    verdicts
+        .iter()
+        .filter(|v| v.left_by_baseline >= SEEN && !v.taken_for.is_empty())
+        .map(|v| {
+            let names: Vec<&str> = v.taken_for.iter().map(|(n, _)| n.as_str()).collect();
+            format!("{} (for {})", v.name, names.join(", "))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrg_data::cards::parted;
+    use hrg_simulate::{Plan, Profile};
+
+    fn verdicts(profile: &str) -> Vec<Verdict> {
+        let r = Plan::of(Profile::parse(profile).expect("fine"), 1, 1).simulate().recording;
+        judge(&[r], &parted()).expect("usable")
+    }
+
+    #[test]
+    fn a_full_cycle_parts_more_than_a_ramp_one_way() {
+        let (cycle, up) = (not_told(&verdicts("cycle")), not_told(&verdicts("up")));
+        assert!(cycle.len() < up.len(), "{cycle:?} {up:?}");
+        // On a ramp one way a play is an offset: hysteresis hides.
+        let of = |v: &[Verdict], n: &str| v.iter().find(|v| v.name == n).expect("wanted").clone();
+        let up_verdicts = verdicts("up");
+        let hysteresis = of(&up_verdicts, "hysteresis");
+        assert!(hysteresis.left_by_baseline < 0.3 || !hysteresis.taken_for.is_empty(), "{hysteresis:?}");
+        assert!(of(&verdicts("cycle"), "hysteresis").taken_for.is_empty());
+    }
+}

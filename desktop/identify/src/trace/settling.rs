@@ -1,0 +1,120 @@
+//! Beginnings that nobody knows. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the
+//! recording does not tell. Where the rates show a memory, its first three time constants of such a run are left out of fit and
+//! judgement: by then a twentieth of what the state was is left.
+
+use super::data::{begins_in_ramp, Candidate, Data};
+use super::judge::Means;
+use super::model::Fitted;
+use crate::fit::MEAN_S;
+use hrg_core::effects::{EffectId, NeighbourLags};
+use hrg_core::AXES;
+use hrg_data::cards::{card, Class};
+use hrg_data::numeric::stats::{dot, mean};
+use hrg_data::recording::steps::Run;
+use std::collections::BTreeSet;
+
+/// Time constants that are left out.
+const TIME_CONSTANTS: f64 = 3.0;
+/// Largest share of a run that is left out: a slow memory would leave nothing to learn it from.
+const MOST: f64 = 0.25;
+/// Share of its cells of temperature and direction that a train run must keep.
+const LEAST_PASSED: f64 = 0.9;
+/// Width of a cell of temperature, C.
+const CELL_C: f32 = 5.0;
+/// Log-likelihood that a decay from the beginning of a run must bring (the noise is not white).
+const DECAY: f64 = 20.0;
+
+/// The memory that a model has, by its longest time constant.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Memory {
+    name: &'static str,
+    tau_s: f64,
+}
+
+impl Memory {
+    /// The slowest of a model.
+    pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
+        let slowest = |c: &Candidate| {
+            let last = c.facts.parameters.len().checked_sub(1);
+            let tau_s = match (c.facts.effect, last) {
+                (EffectId::NeighbourLags, _) => NeighbourLags::TAUS_S[NeighbourLags::TAUS_S.len() - 1],
+                (e, Some(last)) if card(e).class == Class::Memory => c.parameters[last],
+                _ => return None,
+            };
+            Some(Self { name: c.facts.name, tau_s: f64::from(tau_s) })
+        };
+        effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
+    }
+
+    /// Whether a run begins in a state that it does not tell: in a ramp, or with a decay of this time constant in what the model leaves.
+    fn begins_unknown(self, run: &Run, left: &[Vec<f64>; AXES]) -> bool {
+        let decays: f64 = run.steps.present().map(|a| self.decay(&left[a])).sum();
+        run.steps.run_in == 0 && (begins_in_ramp(run) || decays > DECAY)
+    }
+
+    /// Log-likelihood that a decay from the first step on brings to a residual.
+    fn decay(self, left: &[f64]) -> f64 {
+        let means = Means::of(left);
+        let (mut x, mut y) = (Vec::new(), Vec::new());
+        for (k, v) in means.series().iter().enumerate().filter(|(_, v)| v.is_finite()) {
+            x.push((-((k * MEAN_S) as f64) / self.tau_s).exp());
+            y.push(*v);
+        }
+        let about = |v: &mut Vec<f64>| {
+            let m = mean(v);
+            v.iter_mut().for_each(|v| *v -= m);
+        };
+        about(&mut x);
+        about(&mut y);
+        let (xx, xy, yy) = (dot(&x, &x), dot(&x, &y), dot(&y, &y));
+        if xx * yy <= 0.0 {
+            return 0.0;
+        }
+        -0.5 * y.len() as f64 * (1.0 - xy * xy / (xx * yy)).max(1e-12).ln()
+    }
+
+    /// Leaves out the beginning of a run; a sentence says so. `what` names the run. With `learnt`, the run is learnt from: it stays whole
+    /// where nothing later passes the same temperatures in the same direction.
+    pub(super) fn leave_out(self, run: &mut Run, what: &str, learnt: bool) -> String {
+        let seconds = (TIME_CONSTANTS * self.tau_s).min(MOST * run.steps.len() as f64) as usize;
+        if learnt {
+            let (all, later) = (passed(run, 0), passed(run, seconds));
+            if (later.len() as f64) < LEAST_PASSED * all.len() as f64 {
+                return format!(
+                    "{what} begins in a state of {} (time constant {:.0} s) that it does not tell; its beginning is kept, as nothing later passes those temperatures in that direction: record a run that begins at rest",
+                    self.name, self.tau_s
+                );
+            }
+        }
+        run.steps.rate_dph.iter_mut().for_each(|r| r[..seconds].fill(f64::NAN));
+        run.steps.run_in = seconds;
+        format!(
+            "{what} begins in a state of {} (time constant {:.0} s) that it does not tell: its first {seconds} s are left out of fit and judgement",
+            self.name, self.tau_s
+        )
+    }
+}
+
+/// Temperatures that the axes of a run pass from a step on, in cells of 5 C, by the sign of the ramp.
+fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
+    let of = |a: usize| {
+        (from..run.steps.len())
+            .filter_map(move |k| run.state(k, a).map(|s| (a, (s.0 / CELL_C).floor() as i32, s.1 > 0.0)))
+    };
+    run.steps.present().flat_map(of).collect()
+}
+
+/// Which runs begin in a state that nobody knows: each train run, then the verify run. `None` where none does.
+pub(super) fn unknown(data: &Data<'_>, fitted: &Fitted, verify: &Run, memory: Memory) -> Option<Vec<bool>> {
+    let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
+    let of = |run: &Run, number: Option<usize>| {
+        let left = match number {
+            Some(_) => fitted.residuals(run, number, &data.scaling, &|_| true),
+            None => fitted.residuals(run, None, &data.scaling, &known),
+        };
+        memory.begins_unknown(run, &left)
+    };
+    let mut out: Vec<bool> = data.runs.iter().enumerate().map(|(n, r)| of(r, Some(n))).collect();
+    out.push(of(verify, None));
+    out.contains(&true).then_some(out)
+}

@@ -1,0 +1,44 @@
+//! The second witness: the same search on the verify run. A class that it does not find is not confirmed.
+
+use super::data::{Candidate, Data};
+use super::own::{self, card_of, OwnEffect};
+use super::report::{Exchanged, Found};
+use super::search::Search;
+use super::SEED;
+use crate::fit;
+use crate::fit::evidence;
+use hrg_data::cards::Class;
+use hrg_data::recording::steps::Run;
+use hrg_data::recording::Recording;
+use std::collections::BTreeSet;
+
+/// Means of the axis of a run that has fewest.
+pub(super) fn shortest(run: &Run) -> usize {
+    run.steps.present().map(|a| evidence::means(run, a).0).min().unwrap_or(0)
+}
+
+/// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
+pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option<Vec<Candidate>> {
+    let mut prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
+    prepared.runs.iter_mut().try_for_each(|run| own::attach(effects, run)).ok()?;
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let mut search = Search::new(&data, SEED);
+    Some(search.run().effects().copied().collect())
+}
+
+/// What the second witness found, beside the effects of the report.
+pub(super) fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
+    let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
+    let classes: BTreeSet<Class> = found.iter().map(|c| card_of(c.facts).class).collect();
+    let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
+    Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
+}
+
+/// Classes of the report that the exchanged search does not find. What happens once need not happen again.
+pub(crate) fn unwitnessed(effects: &[Found], exchanged: &Exchanged) -> BTreeSet<Class> {
+    let named = effects.iter().filter(|e| e.confirmed.is_some()).map(|e| e.class);
+    named.filter(|c| !exchanged.classes.contains(c)).collect()
+}
+
+/// Means of a verify run from which effects can be learnt: three hours.
+pub(super) const LEAST_EXCHANGED: usize = 108;

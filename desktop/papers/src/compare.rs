@@ -1,0 +1,550 @@
+//! Methods side by side: the same training runs, the same unseen runs, one table.
+
+use crate::history;
+use crate::history::History;
+use crate::method::Method;
+use crate::methods::{identify, Identified};
+use crate::stages;
+use crate::stages::Stage;
+use hrg_core::calibration::Calibration;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::cost::Cost;
+use hrg_data::error::BadInput;
+use hrg_data::image_file;
+use hrg_data::numeric::allan;
+use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::plot;
+use hrg_data::plot::{Panel, Series};
+use hrg_data::recording::facts;
+use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::Recording;
+use hrg_identify::fit;
+use hrg_identify::fit::evidence;
+use hrg_identify::fit::independence;
+use hrg_identify::fit::independence::Units;
+use hrg_identify::fit::MEAN_S;
+use hrg_identify::trace;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Instant;
+
+/// What is compared: a method, or the traced model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Contender {
+    /// A method.
+    Method(Method),
+    /// What [`hrg_identify::trace`] finds.
+    Trace,
+}
+
+impl Contender {
+    /// Every method, and the traced model.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        Method::ALL.into_iter().map(Self::Method).chain([Self::Trace]).collect()
+    }
+
+    /// The name in commands and tables.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Method(method) => method.name(),
+            Self::Trace => "trace",
+        }
+    }
+
+    /// The one with a name.
+    ///
+    /// # Errors
+    /// A sentence with the names that there are.
+    pub fn by_name(name: &str) -> Result<Self, BadInput> {
+        Self::all().into_iter().find(|c| c.name() == name).ok_or_else(|| {
+            let names: Vec<&str> = Method::ALL.into_iter().map(Method::name).collect();
+            BadInput::new(format!("method \"{name}\" is not known; there are {} and trace", names.join(", ")))
+        })
+    }
+}
+
+/// Three sigma of 100 s means, per axis, deg/h, and what else is read off corrected rates.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct Judged {
+    /// On the training runs.
+    pub train_3sigma_dph: [f64; AXES],
+    /// The same of each stage, cooling and heating, as dong2023's Table 4 has them.
+    pub train_stages_3sigma_dph: [[f64; AXES]; 2],
+    /// The same on the unseen runs: the mean over them.
+    pub verify_3sigma_dph: [f64; AXES],
+    /// The mean over those unseen runs that repeat a training profile; none where there is no such run.
+    pub repeat_3sigma_dph: Option<[f64; AXES]>,
+    /// The mean over those of another profile.
+    pub other_3sigma_dph: Option<[f64; AXES]>,
+    /// Bias instability of the unseen runs by Allan deviation (its least value over 0.664), deg/h.
+    pub bias_instability_dph: [f64; AXES],
+}
+
+/// A method in the comparison.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Row {
+    /// Its name.
+    pub method: String,
+    /// Numbers identified per axis.
+    pub parameters: usize,
+    /// What it reaches.
+    #[serde(flatten)]
+    pub judged: Judged,
+    /// How long the identification took, s.
+    pub identification_s: f64,
+    /// What it costs on the unit; missing where `hrg-board` was not at hand.
+    #[serde(rename = "weight")]
+    pub cost: Option<Cost>,
+    /// What the search reached.
+    pub notes: Vec<String>,
+    /// How each search went.
+    #[serde(skip)]
+    pub history: Vec<History>,
+}
+
+/// The comparison.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Comparison {
+    /// The unit.
+    pub unit: String,
+    /// The raw rate, as a method that does nothing.
+    pub raw: Judged,
+    /// The methods.
+    pub rows: Vec<Row>,
+    /// Which unseen runs repeat a training profile, and which do not: one sentence.
+    pub about_verify: String,
+    /// Methods that could not be used, and why.
+    pub left_out: Vec<String>,
+}
+
+/// Root mean square over the axes that are there.
+#[must_use]
+pub fn over_axes(v: &[f64; AXES]) -> f64 {
+    let there: Vec<f64> = v.iter().copied().filter(|x| x.is_finite()).collect();
+    (there.iter().map(|x| x * x).sum::<f64>() / there.len() as f64).sqrt()
+}
+
+/// Mean over runs of a figure of each axis.
+fn over_runs(runs: &[[Vec<f64>; AXES]], figure: impl Fn(&[f64]) -> f64) -> [f64; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        // (An axis that is not there has no finite rate, and so has a run without a stage.)
+        let there: Vec<f64> =
+            runs.iter().filter(|r| r[a].iter().any(|v| v.is_finite())).map(|r| figure(&r[a])).collect();
+        if there.is_empty() {
+            f64::NAN
+        } else {
+            there.iter().sum::<f64>() / there.len() as f64
+        }
+    })
+}
+
+fn three_sigma(v: &[f64]) -> f64 {
+    3.0 * std_dev(&block_means(v, MEAN_S))
+}
+
+/// Least Allan deviation over 0.664: the level of flicker that would give it.
+fn bias_instability(v: &[f64]) -> f64 {
+    let points = allan::overlapping(v, f64::from(hrg_core::MODEL_STEP_S), &allan::octaves(v.len()));
+    points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
+}
+
+/// The runs on which images are judged.
+struct Bench {
+    train: Vec<Steps>,
+    /// The stage of each step of each training run, axis by axis.
+    stages: Vec<[Vec<Option<Stage>>; AXES]>,
+    verify: Vec<Steps>,
+    /// Which of the verify runs repeat a training profile.
+    repeats: Vec<bool>,
+    /// Steps at the start of each run that are not judged.
+    skip: usize,
+}
+
+impl Bench {
+    fn new(prepared: &fit::Prepared, verify: Vec<Steps>, from_s: f64) -> Self {
+        let scaling = &prepared.calibration.scaling;
+        let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
+        let again = |v: &Steps| prepared.runs.iter().any(|t| independence::repeats(&Run::new(v.clone(), curves), t));
+        Self {
+            train: prepared.runs.iter().map(|r| r.steps.clone()).collect(),
+            stages: prepared.runs.iter().map(|r| [0, 1, 2].map(|a| stages::of_run(r, scaling, a))).collect(),
+            repeats: verify.iter().map(again).collect(),
+            verify,
+            skip: from_s as usize,
+        }
+    }
+
+    /// What rates reach that are corrected somehow.
+    fn judge(&self, correct: impl Fn(&Steps) -> [Vec<f64>; AXES]) -> Judged {
+        let judged = |steps: &Steps| {
+            let mut rates = correct(steps);
+            rates.iter_mut().for_each(|r| r.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN));
+            rates
+        };
+        let train: Vec<_> = self.train.iter().map(judged).collect();
+        let verify: Vec<_> = self.verify.iter().map(judged).collect();
+        let of_stage = |stage| -> Vec<[Vec<f64>; AXES]> {
+            let both = train.iter().zip(&self.stages);
+            both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect()
+        };
+        let of_kind = |kind: bool| {
+            let chosen: Vec<_> =
+                verify.iter().zip(&self.repeats).filter(|(_, r)| **r == kind).map(|(v, _)| v.clone()).collect();
+            (!chosen.is_empty()).then(|| over_runs(&chosen, three_sigma))
+        };
+        Judged {
+            train_3sigma_dph: over_runs(&train, three_sigma),
+            train_stages_3sigma_dph: Stage::ALL.map(|s| over_runs(&of_stage(s), three_sigma)),
+            verify_3sigma_dph: over_runs(&verify, three_sigma),
+            repeat_3sigma_dph: of_kind(true),
+            other_3sigma_dph: of_kind(false),
+            bias_instability_dph: over_runs(&verify, |v| bias_instability(&v[self.skip.min(v.len())..])),
+        }
+    }
+
+    /// Which unseen runs say what.
+    fn about(&self) -> String {
+        let repeats = self.repeats.iter().filter(|r| **r).count();
+        match (repeats, self.repeats.len() - repeats) {
+            (_, 0) => "every verify run repeats a training profile: what a method does on another one is not known; give --verify a run of another profile as well".into(),
+            (0, _) => "no verify run repeats a training profile".into(),
+            (repeats, others) => format!("of the verify runs {repeats} repeat a training profile and {others} do not"),
+        }
+    }
+}
+
+/// The image of the traced model.
+fn traced(train: &[Recording], verify: &Recording, units: Units) -> Result<Identified, BadInput> {
+    let start = Instant::now();
+    let options = trace::Options { units, ..trace::Options::default() };
+    trace::trace_with(train, verify, &options).map(|t| {
+        let names: Vec<String> = t.report.effects.iter().map(|e| e.name.clone()).collect();
+        let gains: usize = t
+            .image
+            .effects
+            .iter()
+            .filter_map(|e| hrg_core::effects::by_id(e.id))
+            .map(|f| f.outputs + f.parameters.len())
+            .sum();
+        Identified {
+            parameters: hrg_core::bias::TERMS + gains,
+            seconds: start.elapsed().as_secs_f64(),
+            notes: vec![if names.is_empty() {
+                "no effect beyond eq 7 is warranted".to_string()
+            } else {
+                format!("found {}", names.join(", "))
+            }],
+            calibration: t.image,
+            history: Vec::new(),
+        }
+    })
+}
+
+/// What a comparison is told beside its recordings.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// Seed of swarms and genetic searches.
+    pub seed: u64,
+    /// Whether recordings of different units are allowed.
+    pub units: Units,
+    /// From this time of each run on the images are judged, s: a paper may leave the soak before its ramp out.
+    pub from_s: f64,
+}
+
+/// Compares methods, the traced model among them. Calibrations go to `out` as `METHOD.toml`.
+///
+/// # Errors
+/// Recordings that cannot be used; a method that cannot is listed in [`Comparison::left_out`].
+pub fn compare(
+    train: &[Recording],
+    verify: &[Recording],
+    methods: &[Contender],
+    options: &Options,
+    out: &Path,
+    mut progress: impl FnMut(&str),
+) -> anyhow::Result<Comparison> {
+    let &Options { seed, units, from_s } = options;
+    let prepared = fit::prepare_for(train, units)?;
+    let steps = unseen_steps(train, verify, &prepared, units)?;
+    if let Some(short) =
+        steps.iter().chain(prepared.runs.iter().map(|r| &r.steps)).find(|s| (s.len() as f64) < from_s + 600.0)
+    {
+        return Err(BadInput::new(format!(
+            "a run lasts {} s: judged from {from_s} s on, less than ten minutes of it are left; give an earlier --from",
+            short.len()
+        ))
+        .into());
+    }
+    let first = verify.first().ok_or_else(|| BadInput::new("no recording to verify on was given"))?;
+    let bench = Bench::new(&prepared, steps, from_s);
+    let mut rows = Vec::new();
+    let mut left_out = Vec::new();
+    for contender in methods {
+        let method = contender.name();
+        progress(method);
+        let found = match contender {
+            Contender::Trace => traced(train, first, units),
+            Contender::Method(m) => identify(&prepared, *m, seed).map_err(BadInput::from),
+        };
+        let found = match found {
+            Ok(f) => f,
+            Err(e) => {
+                left_out.push(format!("{method}: {e}"));
+                continue;
+            }
+        };
+        let path = out.join(format!("{method}.toml"));
+        let judged = bench.judge(|s| fit::correct(&found.calibration, s));
+        let mut calibration: Calibration = found.calibration;
+        calibration.sequence = 1;
+        for a in bench.train[0].present() {
+            calibration.axes[a].train_rms_dph = (judged.train_3sigma_dph[a] / 3.0) as f32;
+            calibration.axes[a].verify_rms_dph = (judged.verify_3sigma_dph[a] / 3.0) as f32;
+        }
+        image_file::save(&path, &calibration)?;
+        rows.push(Row {
+            method: method.to_string(),
+            parameters: found.parameters,
+            judged,
+            identification_s: found.seconds,
+            cost: None,
+            notes: found.notes,
+            history: found.history,
+        });
+    }
+    Ok(Comparison {
+        unit: first.unit().to_string(),
+        raw: bench.judge(|s| s.rate_dph.clone()),
+        about_verify: bench.about(),
+        rows,
+        left_out,
+    })
+}
+
+/// The verify runs on model steps: raw, of the same unit, with enough data, and sharing none with the train runs.
+fn unseen_steps(
+    train: &[Recording],
+    verify: &[Recording],
+    prepared: &fit::Prepared,
+    units: Units,
+) -> Result<Vec<Steps>, BadInput> {
+    let all: Vec<&Recording> = train.iter().chain(verify).collect();
+    independence::same_unit(&all, units)?;
+    facts::agree(&all).map_err(BadInput::from)?;
+    let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
+    verify
+        .iter()
+        .map(|r| {
+            if r.corrected() {
+                return Err(BadInput::new("the recording to verify on holds corrected rates; use the raw one"));
+            }
+            for t in train {
+                independence::require(&[(t, "train"), (r, "verify")])?;
+            }
+            let run = Run::new(Steps::new(r)?, curves);
+            evidence::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
+            Ok(run.steps)
+        })
+        .collect()
+}
+
+/// Has `hrg-board cost` count what each image costs. A program of its own, because it brings the emulator with it.
+///
+/// # Errors
+/// Where it cannot be started, or fails.
+pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, seconds: u64) -> anyhow::Result<()> {
+    let files: Vec<PathBuf> = c.rows.iter().map(|r| out.join(format!("{}.toml", r.method))).collect();
+    let output = Command::new(board)
+        .args(["cost", "--json", "--seconds", &seconds.to_string(), "--recording"])
+        .arg(recording)
+        .args(&files)
+        .output()?;
+    if !output.status.success() {
+        return Err(BadInput::new(format!(
+            "{} could not count what the images cost: {}",
+            board.display(),
+            String::from_utf8_lossy(&output.stderr).trim()
+        ))
+        .into());
+    }
+    let costs: Vec<Cost> = serde_json::from_slice(&output.stdout).map_err(|_| {
+        BadInput::new(format!("{} does not answer as hrg-board does; give the right one", board.display()))
+    })?;
+    for (row, w) in c.rows.iter_mut().zip(costs) {
+        row.cost = Some(w);
+    }
+    Ok(())
+}
+
+/// Headings of the table.
+const HEADER: [&str; 13] = [
+    "method",
+    "numbers",
+    "train 3s",
+    "cooling",
+    "heating",
+    "repeat 3s",
+    "other 3s",
+    "instability",
+    "time s",
+    "f to bias",
+    "update",
+    "bytes",
+    "ELF differs",
+];
+
+/// A column more: its heading, and what stands there for a method.
+pub type Column<'a> = (&'a str, &'a dyn Fn(&str) -> String);
+
+/// The table, plain text or Markdown. `last` adds a column.
+#[must_use]
+pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String {
+    let dash = || "-".to_string();
+    let figure = |v: f64| match v {
+        v if v.is_nan() => dash(),
+        v if v < 0.1 => format!("{v:.4}"),
+        v => format!("{v:.3}"),
+    };
+    let judged = |j: &Judged| -> Vec<String> {
+        let [cooling, heating] = &j.train_stages_3sigma_dph;
+        let unseen = [&j.repeat_3sigma_dph, &j.other_3sigma_dph];
+        let all =
+            [Some(&j.train_3sigma_dph), Some(cooling), Some(heating)].into_iter().chain(unseen.map(Option::as_ref));
+        all.chain([Some(&j.bias_instability_dph)]).map(|v| v.map_or_else(dash, |v| figure(over_axes(v)))).collect()
+    };
+    let mut lines: Vec<Vec<String>> = vec![HEADER.map(String::from).to_vec()];
+    lines.push(["raw".to_string(), dash()].into_iter().chain(judged(&c.raw)).chain((0..5).map(|_| dash())).collect());
+    for r in &c.rows {
+        let w = r.cost.as_ref();
+        let costs = [
+            format!("{:.2}", r.identification_s),
+            w.map_or_else(dash, |w| format!("{:.0}", w.bias_instructions + w.curve_instructions)),
+            w.map_or_else(dash, |w| format!("{:.0}", w.update_instructions)),
+            w.map_or_else(dash, |w| w.bytes.to_string()),
+            w.map_or_else(dash, |w| format!("{} of {}", w.differing, w.frames)),
+        ];
+        lines.push(
+            [r.method.clone(), r.parameters.to_string()].into_iter().chain(judged(&r.judged)).chain(costs).collect(),
+        );
+    }
+    if let Some((heading, cell)) = last {
+        for (n, line) in lines.iter_mut().enumerate() {
+            let text = if n == 0 { heading.to_string() } else { cell(&line[0]) };
+            line.push(text);
+        }
+    }
+    let width: Vec<usize> = (0..lines[0].len()).map(|j| lines.iter().map(|l| l[j].len()).max().unwrap_or(0)).collect();
+    let mut out = String::new();
+    for (n, line) in lines.iter().enumerate() {
+        let cells: Vec<String> = line
+            .iter()
+            .enumerate()
+            .map(|(j, c)| if j == 0 { format!("{c:<w$}", w = width[j]) } else { format!("{c:>w$}", w = width[j]) })
+            .collect();
+        if markdown {
+            let _ = writeln!(out, "| {} |", cells.join(" | "));
+            if n == 0 {
+                let rules: Vec<String> = width
+                    .iter()
+                    .enumerate()
+                    .map(|(j, w)| if j == 0 { "-".repeat(*w) } else { format!("{}:", "-".repeat(w - 1)) })
+                    .collect();
+                let _ = writeln!(out, "| {} |", rules.join(" | "));
+            }
+        } else {
+            let _ = writeln!(out, "{}", cells.join("  "));
+        }
+    }
+    out
+}
+
+/// The picture: errors on training and unseen runs, method by method.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn picture(c: &Comparison) -> anyhow::Result<String> {
+    let pair = |j: &Judged| match (&j.repeat_3sigma_dph, &j.other_3sigma_dph) {
+        (Some(repeat), Some(other)) => [over_axes(repeat), over_axes(other)],
+        _ => [over_axes(&j.train_3sigma_dph), over_axes(&j.verify_3sigma_dph)],
+    };
+    let both = c.raw.repeat_3sigma_dph.is_some() && c.raw.other_3sigma_dph.is_some();
+    let labels = if both {
+        ["repeat of the training run", "another profile"]
+    } else {
+        ["on the training runs", "on runs never seen"]
+    };
+    let bars = plot::Bars {
+        title: format!("{}: three sigma of 100 s means, RMS of the axes", c.unit),
+        unit: "deg/h".to_string(),
+        labels: labels.map(String::from),
+        rows: [("raw".to_string(), pair(&c.raw))]
+            .into_iter()
+            .chain(c.rows.iter().map(|r| (r.method.clone(), pair(&r.judged))))
+            .collect(),
+    };
+    plot::bars(&bars, 860)
+}
+
+/// The searches drawn: objective and coefficients over the iterations.
+///
+/// # Errors
+/// Where the drawing library fails.
+pub fn searches(c: &Comparison) -> anyhow::Result<String> {
+    let all: Vec<_> =
+        c.rows.iter().filter(|r| !r.history.is_empty()).map(|r| (r.method.clone(), r.history.clone())).collect();
+    history::picture(&all)
+}
+
+/// One line per axis and method: corrected 100 s means over time, for looking closer.
+///
+/// # Errors
+/// Where a calibration or the drawing fails.
+pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Result<String> {
+    let steps = Steps::new(verify)?;
+    let means = |v: &[f64]| -> Vec<(f64, f64)> {
+        block_means(v, MEAN_S)
+            .into_iter()
+            .enumerate()
+            .map(|(k, m)| ((k as f64 + 0.5) * MEAN_S as f64 / 3600.0, m))
+            .collect()
+    };
+    let mut panels = Vec::new();
+    for r in &c.rows {
+        let calibration = image_file::load(&out.join(format!("{}.toml", r.method)))?;
+        let corrected = fit::correct(&calibration, &steps);
+        panels.push(Panel {
+            title: r.method.clone(),
+            x: "time [h]".into(),
+            y: "deg/h".into(),
+            log: false,
+            series: steps
+                .present()
+                .map(|a| Series {
+                    label: AXIS_NAMES[a].to_string(),
+                    points: means(&corrected[a]),
+                    colour: a + 1,
+                    dots: false,
+                })
+                .collect(),
+        });
+    }
+    plot::svg(&panels, 3, 420, 260)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_method_is_refused_with_those_there_are() {
+        assert_eq!(Contender::by_name("trace"), Ok(Contender::Trace));
+        assert_eq!(Contender::by_name("ga-bp"), Ok(Contender::Method(Method::GaBp)));
+        let e = Contender::by_name("guess").expect_err("refused").0;
+        assert!(e.contains("guess") && e.contains("polynomial, ga-bp, direct and trace"), "{e}");
+    }
+}

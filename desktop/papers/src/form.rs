@@ -1,0 +1,273 @@
+//! Models that are linear in their coefficients: their regressors by the unit's own code, and their data.
+
+use crate::method::{Method, Model};
+use crate::stages::{self, Stage};
+use hrg_core::bias::four_parameter::{self, FourParameter};
+use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
+use hrg_core::calibration::{Calibration, EffectTerm};
+use hrg_core::effects::{EffectId, MAX_PARAMETERS};
+use hrg_data::error::BadInput;
+use hrg_data::numeric::lsq;
+use hrg_data::numeric::stats::{block_means, mean, quantile};
+use hrg_data::recording::steps::Run;
+
+/// A model that is linear in its coefficients.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Form {
+    Baseline,
+    TwoSets,
+    TwoSetsHeld,
+    Polynomial,
+    Direct,
+    Four { breakpoint_c: f32, origin_c: f32 },
+}
+
+impl Form {
+    /// Of a method; `None` where its model is not linear, or a breakpoint is searched too.
+    pub(super) fn of(method: Method) -> Option<Self> {
+        match method.parts().model {
+            Model::OneSet => Some(Self::Baseline),
+            Model::CoolingHeating => Some(Self::TwoSets),
+            Model::CoolingHeatingHeld => Some(Self::TwoSetsHeld),
+            Model::Polynomial => Some(Self::Polynomial),
+            Model::Frequency => Some(Self::Direct),
+            Model::FourParameters | Model::FourParametersLiteral | Model::Network => None,
+        }
+    }
+
+    const POLYNOMIAL: [&'static str; 4] = ["1", "T", "T^2", "T^3"];
+    const DIRECT: [&'static str; direct::TERMS] = ["1", "f", "f^2", "f^3", "df/dt", "(df/dt)^2", "f df/dt"];
+    const FOUR: [&'static str; four_parameter::TERMS] = ["1", "dT when cooling", "dT when heating", "T low", "T high"];
+
+    pub(super) fn names(self) -> Vec<&'static str> {
+        match self {
+            Self::Baseline => hrg_identify::fit::NAMES.to_vec(),
+            Self::TwoSets | Self::TwoSetsHeld => {
+                hrg_identify::fit::NAMES.iter().chain(&hrg_identify::fit::NAMES).copied().collect()
+            }
+            Self::Polynomial => Self::POLYNOMIAL.to_vec(),
+            Self::Direct => Self::DIRECT.to_vec(),
+            Self::Four { .. } => Self::FOUR.to_vec(),
+        }
+    }
+
+    /// Where a held set begins: with the first stage of the first run.
+    pub(super) fn begin(self, c: &mut Calibration, runs: &[Run], scaling: &Scaling, a: usize) {
+        let first = runs.first().and_then(|run| *self.stages(run, scaling, a).first()?);
+        if let (Self::TwoSetsHeld, Some(stage)) = (self, first) {
+            effect(c, EffectId::CoolingHeatingHeld).start = stages::start_of(stage);
+        }
+    }
+
+    /// The stage of each step of a run, where the form has a set for each.
+    fn stages(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
+        match self {
+            Self::TwoSetsHeld => stages::of_run(run, scaling, a),
+            _ => vec![None; run.steps.len()],
+        }
+    }
+
+    /// The regressors of one step, by the unit's own code; a set of a stage has none in a step of the other stage.
+    pub(super) fn row(self, scaling: &Scaling, s: &State, stage: Option<Stage>, out: &mut [f64]) {
+        let (t, r) = (s.temperature_c, s.ramp_c_per_min);
+        if self == Self::TwoSetsHeld {
+            out.fill(if stage.is_none() { f64::NAN } else { 0.0 });
+            let from = if stage == Some(Stage::Heating) { TERMS } else { 0 };
+            let own = out.iter_mut().skip(from).zip(regressors(scaling, t, r));
+            own.filter(|_| stage.is_some()).for_each(|(o, x)| *o = f64::from(x));
+            return;
+        }
+        let mut fill = |values: &[f32]| out.iter_mut().zip(values).for_each(|(o, v)| *o = f64::from(*v));
+        match self {
+            Self::Baseline | Self::TwoSetsHeld => fill(&regressors(scaling, t, r)),
+            Self::TwoSets => {
+                let (x, w) = (regressors(scaling, t, r), bias::heating_weight(scaling, r));
+                let both: [f32; 2 * TERMS] =
+                    std::array::from_fn(|j| if j < TERMS { (1.0 - w) * x[j] } else { w * x[j - TERMS] });
+                fill(&both);
+            }
+            Self::Polynomial => {
+                let x = regressors(scaling, t, r);
+                fill(&[x[0], x[1], x[2], scaling.cube(t)]);
+            }
+            Self::Direct => fill(&direct::regressors(s.frequency_u, s.frequency_u_per_min, scaling.w_linear())),
+            Self::Four { breakpoint_c, origin_c } => {
+                fill(&four_parameter::regressors(breakpoint_c, origin_c, t, s.difference_c_per_min));
+            }
+        }
+    }
+
+    /// Puts coefficients into a calibration.
+    pub(super) fn store(self, c: &mut Calibration, a: usize, k: &[f64], std: &[f64]) {
+        fn take<const N: usize>(k: &[f64], at: usize) -> [f32; N] {
+            std::array::from_fn(|j| k.get(at + j).map_or(0.0, |x| *x as f32))
+        }
+        c.axes[a].bias_std_dph = [take(std, 0), take(std, TERMS)];
+        c.axes[a].coefficients = match self {
+            Self::Baseline => Coefficients::One(take(k, 0)),
+            Self::TwoSets => Coefficients::CoolingHeating(take(k, 0), take(k, TERMS)),
+            Self::TwoSetsHeld => {
+                // The mean of both sets, and the effect that adds half their difference one way or the other.
+                let of = |from: &[f64], j: usize| from.get(j).copied().unwrap_or(0.0);
+                for j in 0..TERMS {
+                    let std = of(std, j).hypot(of(std, TERMS + j));
+                    let term = effect(c, EffectId::CoolingHeatingHeld);
+                    term.gains[a][j] = (of(k, TERMS + j) - of(k, j)) as f32;
+                    term.gain_std[a][j] = std as f32;
+                    c.axes[a].bias_std_dph[0][j] = (0.5 * std) as f32;
+                }
+                c.axes[a].bias_std_dph[1] = [0.0; TERMS];
+                Coefficients::One(std::array::from_fn(|j| (0.5 * (of(k, j) + of(k, TERMS + j))) as f32))
+            }
+            Self::Polynomial => {
+                let std3 = std.get(3).map_or(0.0, |x| *x as f32);
+                c.axes[a].bias_std_dph[0][3] = 0.0;
+                let term = effect(c, EffectId::Cubic);
+                (term.gains[a][0], term.gain_std[a][0]) = (k[3] as f32, std3);
+                Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
+            }
+            Self::Direct => Coefficients::Direct(take(k, 0)),
+            Self::Four { breakpoint_c, origin_c } => Coefficients::FourParameter(FourParameter {
+                constant_cooling_heating_low_high: take(k, 0),
+                breakpoint_c,
+                origin_c,
+            }),
+        };
+    }
+}
+
+/// The only effect of a method's image, which is put in with its first axis.
+fn effect(c: &mut Calibration, id: EffectId) -> &mut EffectTerm {
+    if c.effects.is_empty() {
+        let _ = c.effects.push(EffectTerm::new(id.facts().id, [0.0; MAX_PARAMETERS]));
+    }
+    &mut c.effects[0]
+}
+
+/// Columns and rates of one axis over all runs, run after run.
+pub(super) struct Data {
+    pub(super) columns: Vec<Vec<f64>>,
+    pub(super) y: Vec<f64>,
+    pub(super) lengths: Vec<usize>,
+    pub(super) names: Vec<&'static str>,
+}
+
+impl Data {
+    pub(super) fn new(runs: &[Run], scaling: &Scaling, a: usize, form: Form) -> Self {
+        let names = form.names();
+        let total = runs.iter().map(|r| r.steps.len()).sum();
+        let mut columns = vec![Vec::new(); names.len()];
+        let mut y = Vec::with_capacity(total);
+        let mut row = vec![0.0; names.len()];
+        for run in runs {
+            for (k, stage) in form.stages(run, scaling, a).into_iter().enumerate() {
+                match run.bias_state(k, a) {
+                    Some(s) => form.row(scaling, s, stage, &mut row),
+                    None => row.fill(f64::NAN),
+                }
+                columns.iter_mut().zip(&row).for_each(|(c, v)| c.push(*v));
+            }
+            y.extend_from_slice(&run.steps.rate_dph[a]);
+        }
+        Self { columns, y, lengths: runs.iter().map(|r| r.steps.len()).collect(), names }
+    }
+
+    /// Means over windows that do not cross from one run into the next; rows with anything missing are left out.
+    pub(super) fn means(&self, length: usize) -> Self {
+        let blocks = |values: &[f64]| -> Vec<f64> {
+            let mut at = 0;
+            let mut out = Vec::new();
+            for n in &self.lengths {
+                out.extend(block_means(&values[at..at + n], length));
+                at += n;
+            }
+            out
+        };
+        let mut columns: Vec<Vec<f64>> = self.columns.iter().map(|c| blocks(c)).collect();
+        let mut y = blocks(&self.y);
+        let keep: Vec<bool> =
+            (0..y.len()).map(|k| y[k].is_finite() && columns.iter().all(|c| c[k].is_finite())).collect();
+        for v in columns.iter_mut().chain([&mut y]) {
+            let mut flags = keep.iter();
+            v.retain(|_| *flags.next().unwrap_or(&false));
+        }
+        let n = y.len();
+        Self { columns, y, lengths: vec![n], names: self.names.clone() }
+    }
+
+    /// The data of one of two sets, whose columns are zero in the rows of the other.
+    pub(super) fn of_set(&self, stage: Stage) -> Self {
+        let from = if stage == Stage::Heating { TERMS } else { 0 };
+        let own = &self.columns[from..from + TERMS];
+        // (The first regressor of a set is one in its rows.)
+        let rows: Vec<usize> = (0..self.y.len()).filter(|&k| own[0][k] == 1.0).collect();
+        let take = |v: &[f64]| rows.iter().map(|&k| v[k]).collect::<Vec<_>>();
+        Self {
+            columns: own.iter().map(|c| take(c)).collect(),
+            y: take(&self.y),
+            lengths: vec![rows.len()],
+            names: self.names[from..from + TERMS].to_vec(),
+        }
+    }
+
+    pub(super) fn residuals(&self, k: &[f64]) -> Vec<f64> {
+        (0..self.y.len()).map(|i| self.y[i] - self.columns.iter().zip(k).map(|(c, k)| c[i] * k).sum::<f64>()).collect()
+    }
+
+    pub(super) fn fit(&self, weights: Option<&[f64]>) -> Result<lsq::Fit, BadInput> {
+        lsq::fit(&self.columns, &self.y, weights, &self.names)
+    }
+
+    /// Adds the constant that brings the mean of the residuals to zero (the middle of their range would leave the mean of
+    /// a run off zero), and gives all coefficients.
+    pub(super) fn with_constant(&self, rest: &[f64]) -> Vec<f64> {
+        let mut k = vec![0.0];
+        k.extend_from_slice(rest);
+        k[0] = mean(&self.residuals(&k));
+        k
+    }
+}
+
+/// Least squares of a form over all steps of the runs, without columns of them.
+pub(super) fn fit_directly(
+    runs: &[Run],
+    scaling: &Scaling,
+    a: usize,
+    form: Form,
+    weights: Option<&[f64]>,
+) -> Result<lsq::Fit, BadInput> {
+    let names = form.names();
+    let stages: Vec<_> = runs.iter().map(|run| form.stages(run, scaling, a)).collect();
+    let mut steps = runs.iter().zip(&stages).flat_map(|(run, s)| s.iter().enumerate().map(move |(k, s)| (run, k, *s)));
+    lsq::fit_rows(runs.iter().map(|r| r.steps.len()).sum(), names.len(), &names, |k, row| {
+        let weight = weights.map_or(1.0, |w| w[k]);
+        let Some((run, step, stage)) = steps.next() else { return false };
+        let Some(state) = run.bias_state(step, a) else { return false };
+        if form == Form::TwoSetsHeld && stage.is_none() {
+            return false;
+        }
+        form.row(scaling, state, stage, row);
+        row[names.len()] = run.steps.rate_dph[a][step];
+        row.iter_mut().for_each(|v| *v *= weight.sqrt());
+        weight > 0.0
+    })
+}
+
+pub(super) fn range(v: &[f64]) -> f64 {
+    quantile(v, 1.0) - quantile(v, 0.0)
+}
+
+/// Weights that make every two degrees of temperature count alike, whatever time was spent there.
+pub(super) fn uniform_weights(runs: &[Run], a: usize) -> Vec<f64> {
+    let bins: Vec<Option<i64>> = runs
+        .iter()
+        .flat_map(|r| {
+            (0..r.steps.len()).map(move |k| r.bias_state(k, a).map(|s| (s.temperature_c / 2.0).floor() as i64))
+        })
+        .collect();
+    let mut count = std::collections::BTreeMap::<i64, f64>::new();
+    for b in bins.iter().flatten() {
+        *count.entry(*b).or_default() += 1.0;
+    }
+    bins.iter().map(|b| b.map_or(0.0, |b| 1.0 / count[&b])).collect()
+}

@@ -1,0 +1,240 @@
+//! The methods: which model, how its coefficients are found, and what makes one set of them the best.
+
+/// A bias model, as far as methods differ in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Model {
+    /// Eq 7.
+    OneSet,
+    /// Eq 7 with a set for cooling and one for heating.
+    CoolingHeating,
+    /// The same, with the set of the last direction held.
+    CoolingHeatingHeld,
+    /// Four parameters, continuous at the breakpoint.
+    FourParameters,
+    /// Four parameters with the temperature from 0 C: the bias jumps at the breakpoint.
+    FourParametersLiteral,
+    /// A cubic of temperature.
+    Polynomial,
+    /// A 1-5-1 network.
+    Network,
+    /// A curve of frequency and its rate.
+    Frequency,
+}
+
+/// How coefficients are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Search {
+    /// The exact solution.
+    Exact,
+    /// Exact, with outliers counting less.
+    Robust,
+    /// A particle swarm.
+    Swarm,
+    /// A particle swarm in the box that the paper prints.
+    LiteralSwarm,
+    /// A genetic algorithm that Levenberg-Marquardt finishes.
+    Genetic,
+}
+
+/// What is made least.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Objective {
+    /// The sum of squares.
+    Squares,
+    /// The range of 100 s means.
+    Range,
+}
+
+/// What a method is made of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Parts {
+    /// The model.
+    pub model: Model,
+    /// How its coefficients are found.
+    pub search: Search,
+    /// What is made least.
+    pub objective: Objective,
+}
+
+/// A method of identification; the table is in [`crate::methods`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Eq 7 by least squares.
+    Lsq,
+    /// A cooling and a heating set by least squares.
+    TwoSets,
+    /// A cooling and a heating set by least squares, each held until the other direction begins.
+    TwoSetsHeld,
+    /// The same by a swarm for each stage, as dong2023 has it.
+    PsoTwoSets,
+    /// Eq 7 with outliers counting less.
+    Huber,
+    /// Eq 7 by a swarm.
+    Pso,
+    /// Eq 7 by a swarm in the box of its paper.
+    PsoLiteral,
+    /// Eq 7 by a swarm, for the smallest range.
+    PsoRange,
+    /// Eq 7 with the smallest range.
+    LpRange,
+    /// Four parameters, exactly.
+    FogLsq,
+    /// Four parameters by a swarm.
+    FogPso,
+    /// Four parameters with the smallest range.
+    FogLp,
+    /// Four parameters by a swarm, for the smallest range.
+    FogPsoRange,
+    /// Four parameters as their paper writes them.
+    FogLiteral,
+    /// The same, by the swarm of its paper in the box of its paper.
+    FogPsoLiteral,
+    /// The same, for the smallest range.
+    FogPsoRangeLiteral,
+    /// A cubic of temperature.
+    Polynomial,
+    /// A network.
+    GaBp,
+    /// A curve of frequency.
+    Direct,
+}
+
+impl Method {
+    /// All, in the order of the table.
+    pub const ALL: [Self; 19] = [
+        Self::Lsq,
+        Self::TwoSets,
+        Self::TwoSetsHeld,
+        Self::PsoTwoSets,
+        Self::Huber,
+        Self::Pso,
+        Self::PsoLiteral,
+        Self::PsoRange,
+        Self::LpRange,
+        Self::FogLsq,
+        Self::FogPso,
+        Self::FogLp,
+        Self::FogPsoRange,
+        Self::FogLiteral,
+        Self::FogPsoLiteral,
+        Self::FogPsoRangeLiteral,
+        Self::Polynomial,
+        Self::GaBp,
+        Self::Direct,
+    ];
+
+    /// The name in commands and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lsq => "lsq",
+            Self::TwoSets => "two-sets",
+            Self::TwoSetsHeld => "two-sets-held",
+            Self::PsoTwoSets => "pso-two-sets",
+            Self::Huber => "huber",
+            Self::Pso => "pso",
+            Self::PsoLiteral => "pso-literal",
+            Self::PsoRange => "pso-range",
+            Self::LpRange => "lp-range",
+            Self::FogLsq => "fog-lsq",
+            Self::FogPso => "fog-pso",
+            Self::FogLp => "fog-lp",
+            Self::FogPsoRange => "fog-pso-range",
+            Self::FogLiteral => "fog-literal",
+            Self::FogPsoLiteral => "fog-pso-literal",
+            Self::FogPsoRangeLiteral => "fog-pso-range-literal",
+            Self::Polynomial => "polynomial",
+            Self::GaBp => "ga-bp",
+            Self::Direct => "direct",
+        }
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub const fn parts(self) -> Parts {
+        use Model::{
+            CoolingHeating, CoolingHeatingHeld, FourParameters, FourParametersLiteral, Frequency, Network, OneSet,
+            Polynomial,
+        };
+        use Objective::{Range, Squares};
+        use Search::{Exact, Genetic, LiteralSwarm, Robust, Swarm};
+        let (model, search, objective) = match self {
+            Self::Lsq => (OneSet, Exact, Squares),
+            Self::TwoSets => (CoolingHeating, Exact, Squares),
+            Self::TwoSetsHeld => (CoolingHeatingHeld, Exact, Squares),
+            Self::PsoTwoSets => (CoolingHeatingHeld, Swarm, Squares),
+            Self::Huber => (OneSet, Robust, Squares),
+            Self::Pso => (OneSet, Swarm, Squares),
+            Self::PsoLiteral => (OneSet, LiteralSwarm, Squares),
+            Self::PsoRange => (OneSet, Swarm, Range),
+            Self::LpRange => (OneSet, Exact, Range),
+            Self::FogLsq => (FourParameters, Exact, Squares),
+            Self::FogPso => (FourParameters, Swarm, Squares),
+            Self::FogLp => (FourParameters, Exact, Range),
+            Self::FogPsoRange => (FourParameters, Swarm, Range),
+            Self::FogLiteral => (FourParametersLiteral, Exact, Squares),
+            Self::FogPsoLiteral => (FourParametersLiteral, LiteralSwarm, Squares),
+            Self::FogPsoRangeLiteral => (FourParametersLiteral, LiteralSwarm, Range),
+            Self::Polynomial => (Polynomial, Exact, Squares),
+            Self::GaBp => (Network, Genetic, Squares),
+            Self::Direct => (Frequency, Exact, Squares),
+        };
+        Parts { model, search, objective }
+    }
+
+    /// Whether a row may have a weight: a model that is linear, with the exact least sum of squares.
+    #[must_use]
+    pub const fn is_weighable(self) -> bool {
+        let p = self.parts();
+        matches!(p.search, Search::Exact) && matches!(p.objective, Objective::Squares) && !self.has_a_breakpoint()
+    }
+
+    /// Whether it has coefficients of their own for cooling and heating.
+    #[must_use]
+    pub const fn needs_both_directions(self) -> bool {
+        matches!(self.parts().model, Model::CoolingHeating | Model::CoolingHeatingHeld) || self.has_a_breakpoint()
+    }
+
+    /// Whether its model has a breakpoint.
+    #[must_use]
+    pub const fn has_a_breakpoint(self) -> bool {
+        matches!(self.parts().model, Model::FourParameters | Model::FourParametersLiteral)
+    }
+
+    /// The method with a name.
+    #[must_use]
+    pub fn by_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|m| m.name() == name)
+    }
+}
+
+impl std::fmt::Display for Method {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl clap::ValueEnum for Method {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<clap::builder::PossibleValue> {
+        Some(self.name().into())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lead_back_and_parts_differ() {
+        for (k, a) in Method::ALL.into_iter().enumerate() {
+            assert_eq!(Method::by_name(a.name()), Some(a));
+            assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
+        }
+        let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
+        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct"]);
+    }
+}

@@ -1,0 +1,549 @@
+//! Every identification method of the sources, on the same data, each ending in a block that the unit runs.
+//!
+//! A method is a *form* (which model) and a *search* (how its coefficients are found). Forms that are linear in their
+//! coefficients have an exact solution, which a swarm can approach and not beat; what each search reaches beside that
+//! solution is stated in its notes.
+//!
+//! | name | form | search | source |
+//! |---|---|---|---|
+//! | `lsq` | eq 7 | least squares by QR | dong2023 |
+//! | `two-sets` | eq 7, cooling and heating set, blended | least squares | dong2023 |
+//! | `two-sets-held` | the same, the set of the last direction held: steps where the direction changes | least squares | dong2023 |
+//! | `pso-two-sets` | the same | swarm of dong2023 on each stage | dong2023 |
+//! | `huber` | eq 7 | least squares, outliers of less weight (Huber) | |
+//! | `pso` | eq 7 | swarm of dong2023 in orthogonal coordinates | dong2023 |
+//! | `pso-literal` | eq 7 | the same swarm in its literal box: -1..1 on unscaled regressors, in deg/s and C/s | dong2023 |
+//! | `pso-range` | eq 7 | the same swarm, smallest range of 100 s means | dong2023, wu2023 |
+//! | `lp-range` | eq 7 | smallest range, exactly | |
+//! | `fog-lsq` | four parameters, breakpoint scanned | least standard deviation of 100 s means, exactly | |
+//! | `fog-pso` | four parameters, breakpoint searched too | swarm of wu2023, least standard deviation | wu2023 |
+//! | `fog-lp` | four parameters, breakpoint scanned | smallest range, exactly | |
+//! | `fog-pso-range` | four parameters, breakpoint searched too | swarm of wu2023, smallest range | wu2023 |
+//! | `fog-literal` | four parameters, temperature from 0 C: steps at the breakpoint | least standard deviation, exactly | wu2023 |
+//! | `fog-pso-literal` | the same, breakpoint given | swarm of wu2023 in its box, least standard deviation | wu2023 |
+//! | `fog-pso-range-literal` | the same | the same swarm, smallest range | wu2023 |
+//! | `polynomial` | cubic of temperature | least squares | zhao2022 |
+//! | `ga-bp` | 1-5-1 network | genetic start, Levenberg-Marquardt | zhao2022 |
+//! | `direct` | curve of frequency and its rate | least squares | dong2023, outlook |
+//!
+//! `hrg compare` adds the traced model ([`hrg_identify::trace`]) as `trace`.
+
+use crate::form::{fit_directly, range, uniform_weights, Data, Form};
+use crate::four_parameter::four_parameters;
+use crate::history::History;
+use crate::method::{Method, Model, Objective, Search};
+use crate::network;
+use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smallest_range, LiteralUnits};
+use crate::stages::Stage;
+use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
+use hrg_core::calibration::Calibration;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::block_means;
+use hrg_data::recording::steps::Run;
+use hrg_identify::fit::{Prepared, MEAN_S};
+use std::time::Instant;
+
+/// Why a method cannot be used on some data.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum MethodError {
+    /// Its rows cannot have weights.
+    #[error("{method} cannot give all temperatures the same weight; {able} can")]
+    NotWeighable {
+        /// The method.
+        method: Method,
+        /// Methods that can.
+        able: String,
+    },
+    /// Its model has no breakpoint.
+    #[error("{method} has no breakpoint to be given; {able} have one")]
+    NoBreakpoint {
+        /// The method.
+        method: Method,
+        /// Methods that have one.
+        able: String,
+    },
+    /// The data lack a direction for which it has coefficients.
+    #[error("{method} has coefficients of its own for {which}, and there is no {which} ramp in the data; add a run that is {which} by at least 0.1 C per minute over the range of temperature")]
+    MissingDirection {
+        /// The method.
+        method: Method,
+        /// "cooling" or "heating".
+        which: &'static str,
+    },
+    /// A model that is linear has no use for a genetic search.
+    #[error("a genetic search is for networks only")]
+    GeneticIsForNetworks,
+    /// An axis whose data do not do.
+    #[error("axis {axis}: {why}")]
+    Axis {
+        /// Its name.
+        axis: &'static str,
+        /// What is wrong.
+        why: BadInput,
+    },
+}
+
+impl From<MethodError> for hrg_data::error::BadInput {
+    fn from(e: MethodError) -> Self {
+        Self(e.to_string())
+    }
+}
+
+/// What a method has identified.
+#[derive(Debug, Clone)]
+pub struct Identified {
+    /// The calibration.
+    pub calibration: Calibration,
+    /// Numbers identified per axis, inner ones included.
+    pub parameters: usize,
+    /// How long it took here, s.
+    pub seconds: f64,
+    /// What the search reached beside the exact solution, and what the user should know.
+    pub notes: Vec<String>,
+    /// How each search went; empty where the solution is exact.
+    pub history: Vec<History>,
+}
+
+/// What a user may ask of an identification.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Options {
+    /// Seed of swarms and genetic searches.
+    pub seed: u64,
+    /// Every degree of temperature counts alike instead of every second (methods that are [weighable](Method::is_weighable) only).
+    pub uniform: bool,
+    /// The breakpoint, C, where it is not to be searched (methods that [have one](Method::has_a_breakpoint) only).
+    pub breakpoint_c: Option<f64>,
+}
+
+/// Runs one method on prepared data. The same seed gives the same image.
+///
+/// # Errors
+/// One sentence that says what the data lack, and what run would supply it.
+pub fn identify(prepared: &Prepared, method: Method, seed: u64) -> Result<Identified, MethodError> {
+    identify_with(prepared, method, &Options { seed, ..Options::default() })
+}
+
+/// As [`identify`], with more to ask.
+///
+/// # Errors
+/// As [`identify`], and where a method has no use for what is asked.
+pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> Result<Identified, MethodError> {
+    let able = |wanted: fn(Method) -> bool| {
+        let able: Vec<&str> = Method::ALL.into_iter().filter(|m| wanted(*m)).map(Method::name).collect();
+        able.join(", ")
+    };
+    if options.uniform && !method.is_weighable() {
+        return Err(MethodError::NotWeighable { method, able: able(Method::is_weighable) });
+    }
+    if options.breakpoint_c.is_some() && !method.has_a_breakpoint() {
+        return Err(MethodError::NoBreakpoint { method, able: able(Method::has_a_breakpoint) });
+    }
+    let start = Instant::now();
+    let mut calibration = prepared.calibration.clone();
+    let (mut notes, mut history) = (Vec::new(), Vec::new());
+    let mut parameters = 0;
+    needs(prepared, method)?;
+    let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+    for a in present {
+        let here = |why: BadInput| MethodError::Axis { axis: AXIS_NAMES[a], why };
+        let scaling = calibration.scaling;
+        let options = Options { seed: options.seed.wrapping_add(a as u64), ..*options };
+        let task = Task { runs: &prepared.runs, scaling, method, options, a };
+        let mut told = Told { axis: a, notes: &mut notes, history: &mut history };
+        parameters = match Form::of(method) {
+            Some(form) => task.linear(form, &mut calibration, &mut told).inspect(|_| {
+                form.begin(&mut calibration, &prepared.runs, &scaling, a);
+            }),
+            None => task.not_linear(&mut calibration, &mut told),
+        }
+        .map_err(here)?;
+    }
+    Ok(Identified { calibration, parameters, seconds: start.elapsed().as_secs_f64(), notes, history })
+}
+
+/// What an identification tells beside its coefficients.
+pub(super) struct Told<'a> {
+    axis: usize,
+    notes: &'a mut Vec<String>,
+    history: &'a mut Vec<History>,
+}
+
+impl Told<'_> {
+    /// A sentence about the axis.
+    pub(super) fn note(&mut self, text: impl AsRef<str>) {
+        self.notes.push(format!("{}: {}", AXIS_NAMES[self.axis], text.as_ref()));
+    }
+
+    /// How a search went.
+    pub(super) fn searched(&mut self, stage: Option<Stage>, make: impl FnOnce(String) -> History) {
+        let axis = AXIS_NAMES[self.axis];
+        let history = make(stage.map_or_else(|| axis.to_string(), |s| format!("{axis} {}", s.name())));
+        self.notes.push(format!(
+            "{}: within a thousandth of its end from iteration {} of {} on",
+            history.of,
+            history.settled_at() + 1,
+            history.objective.len()
+        ));
+        self.history.push(history);
+    }
+}
+
+/// What a method needs to see in the data.
+fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
+    if !method.needs_both_directions() {
+        return Ok(());
+    }
+    for (which, missing) in [("cooling", prepared.fastest[0] > -0.1), ("heating", prepared.fastest[1] < 0.1)] {
+        if missing {
+            return Err(MethodError::MissingDirection { method, which });
+        }
+    }
+    Ok(())
+}
+
+/// One axis to identify.
+struct Task<'a> {
+    runs: &'a [Run],
+    scaling: Scaling,
+    method: Method,
+    options: Options,
+    a: usize,
+}
+
+impl Task<'_> {
+    /// A model that is linear in its coefficients; gives their number.
+    fn linear(&self, form: Form, c: &mut Calibration, told: &mut Told<'_>) -> Result<usize, BadInput> {
+        let a = self.a;
+        let data = || Data::new(self.runs, &self.scaling, a, form);
+        let parts = self.method.parts();
+        let k = match (parts.search, parts.objective) {
+            (Search::Exact, Objective::Squares) => {
+                let weights = self.options.uniform.then(|| uniform_weights(self.runs, a));
+                let fit = fit_directly(self.runs, &self.scaling, a, form, weights.as_deref())?;
+                form.store(c, a, &fit.coefficients, &fit.std);
+                told.note(format!("condition number {:.1}", fit.condition));
+                return Ok(fit.coefficients.len());
+            }
+            (Search::Robust, _) => {
+                let (fit, down) = huber(&data())?;
+                form.store(c, a, &fit.coefficients, &fit.std);
+                told.note(format!(
+                    "{:.2} % of the rows with less weight, condition number {:.1}",
+                    100.0 * down,
+                    fit.condition
+                ));
+                return Ok(fit.coefficients.len());
+            }
+            (Search::Swarm, Objective::Squares) if form == Form::TwoSetsHeld => {
+                let both = data();
+                let mut k = Vec::new();
+                for stage in Stage::ALL {
+                    k.extend(self.swarm_of_squares(&both.of_set(stage), Some(stage), told)?);
+                }
+                k
+            }
+            (Search::Swarm, Objective::Squares) => self.swarm_of_squares(&data(), None, told)?,
+            (Search::Genetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
+            (Search::LiteralSwarm, _) => self.literal(&data(), told)?,
+            (Search::Exact, Objective::Range) => {
+                let (k, smallest) = smallest_range(&data().means(MEAN_S))?;
+                told.note(format!("range of 100 s means {smallest:.4} deg/h, the smallest there is"));
+                k
+            }
+            (Search::Swarm, Objective::Range) => {
+                let d = data().means(MEAN_S);
+                let found = range_swarm(&d, self.options.seed)?;
+                told.note(format!(
+                    "range of 100 s means {:.4} deg/h, {:.2} % above the smallest there is",
+                    range(&d.residuals(&found.k)),
+                    100.0 * found.above
+                ));
+                told.searched(None, |of| found.history(of, "range [deg/h]", &d.names));
+                found.k
+            }
+        };
+        form.store(c, a, &k, &[]);
+        Ok(k.len())
+    }
+
+    fn swarm_of_squares(&self, d: &Data, stage: Option<Stage>, told: &mut Told<'_>) -> Result<Vec<f64>, BadInput> {
+        let found = orthogonal_swarm(d, self.options.seed)?;
+        let which = stage.map_or_else(String::new, |s| format!("{}: ", s.name()));
+        told.note(format!("{which}sum of squares {:.1e} % above that of least squares", 100.0 * found.above));
+        told.searched(stage, |of| found.history(of, "RMS [deg/h]", &d.names));
+        Ok(found.k)
+    }
+
+    /// The box of the paper in the units in which it holds the solution; beside it what it reaches in ours.
+    fn literal(&self, d: &Data, told: &mut Told<'_>) -> Result<Vec<f64>, BadInput> {
+        let swarm = |units| literal_swarm(self.runs, &self.scaling, d, self.a, self.options.seed, units);
+        let (seconds, hours) = (swarm(LiteralUnits::SECONDS)?, swarm(LiteralUnits::HOURS)?);
+        for (units, s) in [("deg/s and C/s", &seconds), ("deg/h and C/min", &hours)] {
+            told.note(format!(
+                "in {units} the largest coefficient of least squares is {:.2}, the condition number {:.1e}: sum of squares {:.2} times the least",
+                s.largest,
+                s.condition,
+                1.0 + s.found.above
+            ));
+        }
+        told.searched(None, |of| seconds.found.history(of, "RMS [deg/h]", &d.names));
+        Ok(seconds.found.k)
+    }
+
+    /// The four parameters with their breakpoint, or the network; gives the number of coefficients.
+    fn not_linear(&self, c: &mut Calibration, told: &mut Told<'_>) -> Result<usize, BadInput> {
+        let a = self.a;
+        if self.method.parts().model == Model::Network {
+            let trained = self.train_network()?;
+            told.searched(None, |of| History {
+                of,
+                objective_name: "RMS [deg/h]",
+                objective: trained.generations_rms_dph,
+                names: vec![],
+                coefficients: vec![],
+            });
+            c.axes[a].coefficients = Coefficients::Network(trained.weights);
+            return Ok(bias::network::WEIGHTS);
+        }
+        let m = four_parameters(self.runs, &self.scaling, a, self.method, &self.options, told)?;
+        c.axes[a].coefficients = Coefficients::FourParameter(m);
+        Ok(four_parameter::TERMS + 1)
+    }
+
+    /// The network sees what it will see on the unit, thinned to means of ten seconds.
+    fn train_network(&self) -> Result<network::Trained, BadInput> {
+        let (mut u, mut y) = (Vec::new(), Vec::new());
+        for run in self.runs {
+            let input: Vec<f64> = (0..run.steps.len())
+                .map(|k| {
+                    run.bias_state(k, self.a)
+                        .map_or(f64::NAN, |s| f64::from(bias::network::input(&self.scaling, s.temperature_c)))
+                })
+                .collect();
+            for (u1, y1) in block_means(&input, 10).into_iter().zip(block_means(&run.steps.rate_dph[self.a], 10)) {
+                if u1.is_finite() && y1.is_finite() {
+                    u.push(u1);
+                    y.push(y1);
+                }
+            }
+        }
+        network::train(&u, &y, self.options.seed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::search::{Folded, Searched};
+    use hrg_core::AXES;
+    use hrg_data::numeric::stats::std_dev;
+    use hrg_data::recording::steps::Steps;
+    use hrg_identify::fit;
+    use hrg_identify::fit::prepare;
+    use hrg_simulate::{Kind, Noise, Plan, Profile};
+
+    fn plan(kind: Kind, profile: &str, seed: u64) -> Plan {
+        Plan { kind, noise: kind.noise(), ..Plan::of(Profile::parse(profile).expect("named"), 5, seed) }
+    }
+
+    fn errors(c: &Calibration, plan: &Plan) -> ([f64; AXES], [f64; AXES]) {
+        let s = plan.simulate();
+        let corrected = fit::correct(c, &Steps::new(&s.recording).expect("long enough"));
+        ([0, 1, 2].map(|a: usize| std_dev(&block_means(&corrected[a], MEAN_S))), s.truth.floor_dph)
+    }
+
+    #[test]
+    fn every_method_of_an_hrg_reaches_the_noise_on_an_unseen_run() {
+        let p = prepare(&[plan(Kind::Hrg, "cycle", 1).simulate().recording]).expect("prepares");
+        let verify = plan(Kind::Hrg, "verify", 2);
+        // What the data of the fit hold of range alone says less of another run: allowed twice the floor.
+        for (method, most) in [
+            (Method::Lsq, 1.1),
+            (Method::TwoSets, 1.15),
+            (Method::TwoSetsHeld, 1.15),
+            (Method::PsoTwoSets, 1.15),
+            (Method::Huber, 1.1),
+            (Method::Pso, 1.1),
+            (Method::LpRange, 2.0),
+            (Method::PsoRange, 2.0),
+            (Method::Direct, 1.1),
+        ] {
+            let id = identify(&p, method, 3).expect("identifies");
+            id.calibration.check().expect("a block");
+            let (e, floor) = errors(&id.calibration, &verify);
+            for a in 0..AXES {
+                assert!(e[a] < most * floor[a], "{method} axis {a}: {} over {}", e[a], floor[a]);
+            }
+        }
+    }
+
+    #[test]
+    fn a_swarm_approaches_least_squares_and_the_literal_box_does_not() {
+        // A constant far above what varies, and a rate that the model explains almost wholly, are no harder.
+        for (kind, profile) in [(Kind::Fog, "wu"), (Kind::Zhao, "zhao"), (Kind::Hrg, "cycle")] {
+            let p = prepare(&[plan(kind, profile, 1).simulate().recording]).expect("prepares");
+            for a in 0..AXES {
+                let d = Data::new(&p.runs, &p.calibration.scaling, a, Form::Baseline);
+                for seed in 0..5 {
+                    let Searched { k, above, path, .. } = orthogonal_swarm(&d, seed).expect("swarms");
+                    assert_eq!(path.last(), Some(&k));
+                    let squares =
+                        |k: &[f64]| -> f64 { d.residuals(k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum() };
+                    let least = squares(&d.fit(None).expect("fits").coefficients);
+                    assert!((0.0..1e-5).contains(&above), "{kind:?} axis {a}: {above:e}");
+                    assert!((squares(&k) / least - 1.0).abs() < 2e-5, "{kind:?} axis {a}: what it says is so");
+                }
+            }
+        }
+        let p = prepare(&[plan(Kind::Hrg, "dong", 1).simulate().recording]).expect("prepares");
+        for a in 0..AXES {
+            let d = Data::new(&p.runs, &p.calibration.scaling, a, Form::Baseline);
+            let above = orthogonal_swarm(&d, 1).expect("swarms").above;
+            assert!((0.0..1e-5).contains(&above), "{above:e}");
+            let literal = |units| literal_swarm(&p.runs, &p.calibration.scaling, &d, a, 1, units).expect("swarms");
+            let (seconds, hours) = (literal(LiteralUnits::SECONDS), literal(LiteralUnits::HOURS));
+            // In deg/s and C/s the box holds the solution, and the swarm misses it all the same: the regressors are too unequal.
+            assert!(seconds.largest < 1.0 && hours.largest > 1.0, "{} {}", seconds.largest, hours.largest);
+            assert!(seconds.condition > 1e4 && hours.condition > 1e3, "{:e} {:e}", seconds.condition, hours.condition);
+            for (what, above_here) in [("deg/s", seconds.found.above), ("deg/h", hours.found.above)] {
+                assert!(above_here > 0.01 && above_here > 1e4 * above, "{what}: {above_here}");
+            }
+            // What it says of its coefficients is so.
+            let squares = |k: &[f64]| -> f64 { d.residuals(k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum() };
+            let ratio = squares(&seconds.found.k) / d.fit(None).expect("fits").squares;
+            assert!((ratio / (1.0 + seconds.found.above) - 1.0).abs() < 1e-3, "{ratio} {}", seconds.found.above);
+        }
+    }
+
+    #[test]
+    fn folded_and_long_sums_are_the_same() {
+        let p = prepare(&[plan(Kind::Hrg, "fast", 1).simulate().recording]).expect("prepares");
+        let d = Data::new(&p.runs, &p.calibration.scaling, 0, Form::Baseline);
+        let k = [1.0, -0.5, 0.25, 2.0, 0.1, -0.3];
+        let long: f64 = d.residuals(&k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum();
+        assert!((Folded::new(&d.columns, &d.y).sum_of_squares(&k) / long - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn four_parameters_come_back_with_their_breakpoint() {
+        let p = prepare(&[plan(Kind::Fog, "wu", 1).simulate().recording]).expect("prepares");
+        let verify = plan(Kind::Fog, "wu", 2);
+        for (method, most) in
+            [(Method::FogLsq, 1.15), (Method::FogPso, 1.15), (Method::FogLp, 1.5), (Method::FogPsoRange, 1.5)]
+        {
+            let id = identify(&p, method, 3).expect("identifies");
+            let (e, floor) = errors(&id.calibration, &verify);
+            for a in 0..AXES {
+                assert!(e[a] < most * floor[a], "{method} axis {a}: {} over {}", e[a], floor[a]);
+            }
+        }
+    }
+
+    #[test]
+    fn exact_solutions_are_not_beaten_by_swarms() {
+        let p = prepare(&[plan(Kind::Fog, "wu", 4).simulate().recording]).expect("prepares");
+        for method in [Method::FogPso, Method::FogPsoRange] {
+            let notes = identify(&p, method, 3).expect("identifies").notes;
+            let above: Vec<f64> =
+                notes.iter().filter_map(|n| n.split("deg/h, ").nth(1)?.split(' ').next()?.parse().ok()).collect();
+            assert_eq!(above.len(), 3, "{notes:?}");
+            assert!(above.iter().all(|x| (0.0..10.0).contains(x)), "{method}: {notes:?}");
+        }
+    }
+
+    /// wu2023 as printed (Table 1, eq 3 to 8): four coefficients in boxes of 800 and 100, a breakpoint that is given.
+    #[test]
+    fn the_printed_swarm_of_four_coefficients_is_as_good_as_exact() {
+        let p = prepare(&[plan(Kind::Fog, "wu", 1).simulate().recording]).expect("prepares");
+        for (method, most) in [(Method::FogPsoLiteral, 1e-6), (Method::FogPsoRangeLiteral, 0.2)] {
+            for seed in [1, 20, 300] {
+                let options = Options { seed, breakpoint_c: Some(22.0), ..Options::default() };
+                let found = identify_with(&p, method, &options).expect("identifies");
+                let above: Vec<f64> = found
+                    .notes
+                    .iter()
+                    .filter_map(|n| n.split("deg/h, ").nth(1)?.split(" %").next()?.parse().ok())
+                    .collect();
+                assert!(above.len() == AXES && above.iter().all(|x| (0.0..most).contains(x)), "{:?}", found.notes);
+                assert_eq!((found.history.len(), found.history[0].coefficients.len()), (AXES, 1000));
+                for a in &found.calibration.axes {
+                    let Coefficients::FourParameter(m) = a.coefficients else { panic!("not four parameters") };
+                    assert_eq!((m.breakpoint_c, m.origin_c), (22.0, 0.0));
+                }
+            }
+        }
+        let e = identify_with(&p, Method::Lsq, &Options { breakpoint_c: Some(22.0), ..Options::default() });
+        assert!(e.expect_err("refused").to_string().contains("no breakpoint"));
+        let e = identify_with(&p, Method::FogLsq, &Options { breakpoint_c: Some(300.0), ..Options::default() });
+        assert!(e.expect_err("refused").to_string().contains("lies outside"));
+    }
+
+    /// dong2023's two stages: what a held set leaves is what two fits by hand leave, and the image says the same.
+    #[test]
+    fn two_sets_that_are_held_are_two_fits() {
+        let p = prepare(&[plan(Kind::Hrg, "dong", 1).simulate().recording]).expect("prepares");
+        let id = identify(&p, Method::TwoSetsHeld, 1).expect("identifies");
+        let (run, scaling) = (&p.runs[0], &p.calibration.scaling);
+        let corrected = fit::correct(&id.calibration, &run.steps);
+        for a in 0..AXES {
+            let stages = crate::stages::of_run(run, scaling, a);
+            let columns = fit::baseline_columns(run, scaling, a);
+            for stage in Stage::ALL {
+                let y = crate::stages::only(&run.steps.rate_dph[a], &stages, stage);
+                let by_hand = hrg_data::numeric::lsq::fit(&columns, &y, None, &fit::NAMES).expect("fits");
+                let left = crate::stages::only(&corrected[a], &stages, stage);
+                let squares: f64 = left.iter().filter(|v| v.is_finite()).map(|v| v * v).sum();
+                assert!((squares / by_hand.squares - 1.0).abs() < 2e-3, "{squares} {}", by_hand.squares);
+            }
+        }
+    }
+
+    #[test]
+    fn a_network_learns_a_gyro_and_repeats_itself() {
+        let p = prepare(&[plan(Kind::Zhao, "zhao", 1).simulate().recording]).expect("prepares");
+        let id = identify(&p, Method::GaBp, 3).expect("identifies");
+        assert_eq!(id.calibration, identify(&p, Method::GaBp, 3).expect("identifies").calibration);
+        let polynomial = identify(&p, Method::Polynomial, 3).expect("identifies");
+        let verify = plan(Kind::Zhao, "zhao", 2);
+        let ((network, floor), (cubic, _)) =
+            (errors(&id.calibration, &verify), errors(&polynomial.calibration, &verify));
+        for a in 0..AXES {
+            assert!(network[a] < 1.3 * floor[a], "axis {a}: {} over {}", network[a], floor[a]);
+            assert!(network[a] < cubic[a], "axis {a}");
+        }
+    }
+
+    #[test]
+    fn outliers_hardly_move_the_robust_fit() {
+        let clean = plan(Kind::Hrg, "cycle", 1).simulate().recording;
+        let mut dirty = clean.clone();
+        // A disturbance too long to be a spike and too small to be taken out: ten minutes of three deg/h in each hour.
+        for v in &mut dirty.rate_dph {
+            for (k, x) in v.iter_mut().enumerate() {
+                if k % 3600 < 600 {
+                    *x += 30.0;
+                }
+            }
+        }
+        let verify = plan(Kind::Hrg, "verify", 2);
+        let p = prepare(&[dirty]).expect("prepares");
+        let error = |method| {
+            let (e, _) = errors(&identify(&p, method, 1).expect("identifies").calibration, &verify);
+            e.iter().sum::<f64>()
+        };
+        assert!(error(Method::Huber) < 0.7 * error(Method::Lsq), "{} {}", error(Method::Huber), error(Method::Lsq));
+    }
+
+    #[test]
+    fn what_the_data_lack_is_said() {
+        let p = prepare(&[plan(Kind::Hrg, "up", 1).simulate().recording]).expect("prepares");
+        for method in [Method::TwoSets, Method::FogLsq] {
+            let e = identify(&p, method, 1).expect_err("refused").to_string();
+            assert!(e.contains("cooling") && e.contains("add a run"), "{e}");
+        }
+        let quiet = Plan { noise: Noise::default(), ..plan(Kind::Hrg, "20,3h", 1) };
+        let p = prepare(&[quiet.simulate().recording]).expect("with a warning");
+        assert!(p.notes.iter().any(|n| n.contains("hard to tell apart")), "{:?}", p.notes);
+    }
+}

@@ -1,0 +1,29 @@
+//! Writers of this repository's pages, and its campaigns.
+//!
+//! | module | contents |
+//! |---|---|
+//! | [`demo`] | the main job from end to end |
+//! | [`measured`] | the loop on measured data |
+//! | [`campaign`] | the seeded campaign behind docs/trace.md |
+//! | [`methods`], [`rates`], [`align`] | methods, scale factors and self-alignment through the ELF |
+//! | [`faults`] | attacks the promises of docs/promises.md |
+//! | [`mutate`] | proof by mutation: set-up code made wrong, which the board must notice |
+//! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
+//! | [`formats`] | the tables of bytes in docs/formats.md |
+//! | [`unit_bench`], [`desktop_bench`] | cost of the unit in instructions and bytes, of the desktop in time |
+//! | [`pages`] | texts between the marks of a page |
+#![forbid(unsafe_code)]
+
+pub mod align;
+pub mod campaign;
+pub mod demo;
+pub mod desktop_bench;
+pub mod faults;
+pub mod fingerprint;
+pub mod formats;
+pub mod measured;
+pub mod methods;
+pub mod mutate;
+pub mod pages;
+pub mod rates;
+pub mod unit_bench;

@@ -1,0 +1,406 @@
+//! The loop closed on measured data: the recordings of host-tests/recordings/measured, through every method and the trace.
+//!
+//! What is known of these files, and what the figures mean, is in docs/measured.md. Nothing here is tuned to them.
+
+use hrg_core::calibration::Calibration;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::files::MOST_RECORDING;
+use hrg_data::numeric::stats::{block_means, mean, std_dev};
+use hrg_data::plot::{svg, Panel, Series};
+use hrg_data::recording::import;
+use hrg_data::recording::import::map::Map;
+use hrg_data::recording::steps::Steps;
+use hrg_data::recording::Recording;
+use hrg_identify::fit;
+use hrg_identify::fit::MEAN_S;
+use hrg_identify::thermometer::points;
+use hrg_identify::thermometer::points::Points;
+use hrg_identify::trace;
+use hrg_identify::trace::report::{AxisModel, OnVerify};
+use hrg_identify::trace::VerdictKind;
+use hrg_papers::method::Method;
+use hrg_papers::methods;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Rows of imu_raw_data that are learnt from, at one a second; the last cooling is kept back.
+pub const IMU_TRAIN_S: f64 = 6500.0;
+
+/// Rows of each half of gpsdo.short.
+const GPSDO_HALF: usize = 10_000;
+
+/// Modes of the quartz that are each other's thermometers: the other two hardly depend on temperature.
+const MODES: [&str; AXES] = ["A100", "B100", "B300"];
+
+/// Reads one of the measured recordings by the map beside it.
+///
+/// # Errors
+/// Where the folder does not hold it.
+pub fn load(folder: &Path, name: &str) -> anyhow::Result<Recording> {
+    let path = folder.join(format!("{name}.toml"));
+    let text = hrg_data::files::read_file(&path, hrg_data::files::MOST_CALIBRATION, true)?;
+    let map = Map::parse(&String::from_utf8_lossy(&text)).map_err(|e| BadInput(format!("{}: {e}", path.display())))?;
+    let mut r = import::read(&folder.join(format!("{name}.csv.gz")), &map)?;
+    r.clean()?;
+    r.source = name.into();
+    Ok(r)
+}
+
+/// What a residual comes to on an axis: standard deviation and root mean square of its 100 s means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figure {
+    /// About their own mean.
+    pub deviation: f64,
+    /// About zero.
+    pub rms: f64,
+}
+
+impl Figure {
+    /// Of a residual on every step, less a constant.
+    #[must_use]
+    pub fn of(residual: &[f64], constant: f64) -> Self {
+        let means: Vec<f64> =
+            block_means(residual, MEAN_S).into_iter().filter(|m| m.is_finite()).map(|m| m - constant).collect();
+        let rms = (means.iter().map(|m| m * m).sum::<f64>() / means.len().max(1) as f64).sqrt();
+        Self { deviation: std_dev(&means), rms }
+    }
+}
+
+/// One row: a method and its figures by axis; `None` for axes that are not there.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// Name.
+    pub method: String,
+    /// By axis.
+    pub axes: [Option<Figure>; AXES],
+}
+
+/// What came of methods and of the trace on a train and a verify run.
+#[derive(Debug)]
+pub struct Compared {
+    /// Raw, each method, the trace.
+    pub rows: Vec<Row>,
+    /// The images behind the rows after the first.
+    pub images: Vec<Calibration>,
+    /// Mean rate of the train run by axis: what stands for a calibration where there is none, deg/h.
+    pub constant_dph: [f64; AXES],
+    /// Methods that cannot be used: a sentence each.
+    pub left_out: Vec<String>,
+    /// The trace.
+    pub report: trace::Report,
+}
+
+/// Some methods and the trace on a train and a verify run.
+///
+/// # Errors
+/// Recordings that cannot be used.
+pub fn compare(train: &Recording, verify: &Recording, of: &[Method]) -> Result<Compared, BadInput> {
+    let prepared = fit::prepare(std::slice::from_ref(train))?;
+    let steps = Steps::new(verify)?;
+    let by_axis = |residual: &[Vec<f64>; AXES], constant: [f64; AXES]| {
+        [0, 1, 2].map(|a: usize| (!steps.absent[a]).then(|| Figure::of(&residual[a], constant[a])))
+    };
+    // A constant bias is the least that anybody takes off.
+    let constant_dph = [0, 1, 2].map(|a: usize| mean(&prepared.runs[0].steps.rate_dph[a]));
+    let mut rows = vec![Row { method: "raw".into(), axes: by_axis(&steps.rate_dph, constant_dph) }];
+    let (mut images, mut left_out) = (Vec::new(), Vec::new());
+    for method in of {
+        match methods::identify(&prepared, *method, 1) {
+            Ok(found) => {
+                let axes = by_axis(&fit::correct(&found.calibration, &steps), [0.0; AXES]);
+                rows.push(Row { method: method.name().into(), axes });
+                images.push(found.calibration);
+            }
+            Err(e) => left_out.push(format!("{method}: {e}")),
+        }
+    }
+    let t = trace::trace(std::slice::from_ref(train), verify)?;
+    rows.push(Row { method: "trace".into(), axes: by_axis(&fit::correct(&t.image, &steps), [0.0; AXES]) });
+    images.push(t.image);
+    Ok(Compared { rows, images, constant_dph, left_out, report: t.report })
+}
+
+fn table(rows: &[Row], unit: &str, present: &[usize], digits: usize) -> String {
+    let mut s = format!("   {:<14}", format!("[{unit}]"));
+    for a in present {
+        let _ = write!(s, "{:>12}{:>12}", format!("{} sd", AXIS_NAMES[*a]), format!("{} rms", AXIS_NAMES[*a]));
+    }
+    s.push('\n');
+    for r in rows {
+        let _ = write!(s, "   {:<14}", r.method);
+        for a in present {
+            match r.axes[*a] {
+                Some(f) => {
+                    let _ = write!(s, "{:>12.digits$}{:>12.digits$}", f.deviation, f.rms);
+                }
+                None => s.push_str("           -           -"),
+            }
+        }
+        s.push('\n');
+    }
+    s
+}
+
+/// What a trace names, in a line.
+fn named(r: &trace::Report) -> String {
+    let kind = match r.verdict_kind {
+        VerdictKind::NothingLacks => "nothing-lacks",
+        VerdictKind::Confirmed => "confirmed",
+        VerdictKind::NotConfirmed => "not-confirmed",
+        VerdictKind::Unexplained => "unexplained",
+    };
+    let names: Vec<&str> = r.effects.iter().map(|e| e.name.as_str()).collect();
+    let left: Vec<String> = r.floor_ratio.iter().map(|(n, f)| format!("{n} {f}")).collect();
+    format!("verdict {kind}; named: {}; left: {}", hrg_data::error::list(&names), left.join("; "))
+}
+
+/// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through.
+///
+/// # Errors
+/// Where the file is not there.
+pub fn imu(folder: &Path) -> anyhow::Result<String> {
+    let (whole, c) = imu_loop(folder, &Method::ALL)?;
+    let present: Vec<usize> = whole.present().collect();
+    let mut s = format!(
+        "imu_raw_data: learnt from rows up to {IMU_TRAIN_S:.0}, judged on the last cooling ({} rows), states carried through\n   standard deviation and RMS of 100 s means; raw less the mean of the train rows\n",
+        whole.time_s.len() - IMU_TRAIN_S as usize
+    );
+    s += &table(&c.rows, "deg/h", &present, 0);
+    c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+    s += &format!("   trace: {}\n", named(&c.report));
+    Ok(s)
+}
+
+/// The whole log of the IMU, and what came of it.
+fn imu_loop(folder: &Path, of: &[Method]) -> anyhow::Result<(Recording, Compared)> {
+    let whole = load(folder, "imu_raw_data")?;
+    let (train, verify) = whole.split(IMU_TRAIN_S)?;
+    let compared = compare(&train, &verify, of)?;
+    Ok((whole, compared))
+}
+
+/// The loop on the IMU in short: raw, eq 7 and the trace, as a table and as a picture of the whole log.
+#[derive(Debug)]
+pub struct InShort {
+    /// The table, as plain text.
+    pub table: String,
+    /// What is shown, in lines.
+    pub caption: String,
+    /// The picture (SVG).
+    pub picture: String,
+}
+
+/// What the first page shows, and the demo prints.
+///
+/// # Errors
+/// Where the file is not there.
+pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
+    let (whole, c) = imu_loop(folder, &[Method::Lsq])?;
+    let present: Vec<usize> = whole.present().collect();
+    let kept_back = whole.time_s.len() - IMU_TRAIN_S as usize;
+    let names = ["raw", "eq 7", "trace"];
+    let rows: Vec<Row> = c.rows.iter().zip(names).map(|(r, n)| Row { method: n.into(), ..r.clone() }).collect();
+    let figures = |pick: &dyn Fn(Figure) -> f64| -> String {
+        let by_row = rows.iter().map(|r| {
+            let axes: Vec<String> = r.axes.iter().flatten().map(|f| format!("{:.0}", pick(*f))).collect();
+            format!("{} {}", r.method, axes.join(" / "))
+        });
+        by_row.collect::<Vec<_>>().join(", ")
+    };
+    let plain = |(n, b): (&String, &OnVerify)| (b.model == AxisModel::Baseline).then(|| n.clone());
+    let plain: Vec<String> = c.report.block.iter().flatten().filter_map(plain).collect();
+    let plain = if plain.is_empty() {
+        String::new()
+    } else {
+        format!(" On {} none of its effects holds there, and its image is eq 7.", hrg_data::error::list(&plain))
+    };
+    let caption = format!(
+        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). Learnt from \
+         rows up to {IMU_TRAIN_S:.0}, judged on the {kept_back} rows of the last cooling, which were kept back. Standard deviation of \
+         100-row means there, x / y / z, deg/h: {}. Root mean square, the constant included: {}. The trace: {}.{plain}",
+        whole.time_s.len(),
+        figures(&|f| f.deviation),
+        figures(&|f| f.rms),
+        named(&c.report)
+    );
+    Ok(InShort {
+        table: table(&rows, "deg/h", &present, 0),
+        caption: wrapped(&caption),
+        picture: picture(&whole, &c, names)?,
+    })
+}
+
+/// Lines of at most this many characters in pages.
+const LINE: usize = 140;
+
+/// A text in lines.
+fn wrapped(text: &str) -> String {
+    let (mut out, mut width) = (String::new(), 0);
+    for word in text.split(' ') {
+        let long = word.chars().count();
+        if width > 0 {
+            let wraps = width + 1 + long > LINE;
+            out.push(if wraps { '\n' } else { ' ' });
+            width = if wraps { 0 } else { width + 1 };
+        }
+        out += word;
+        width += long;
+    }
+    out
+}
+
+/// The rates of the whole log before and after, learnt and kept back, an axis in each panel.
+fn picture(whole: &Recording, c: &Compared, names: [&str; 3]) -> anyhow::Result<String> {
+    let steps = Steps::new(whole)?;
+    let corrected: Vec<[Vec<f64>; AXES]> = c.images.iter().map(|image| fit::correct(image, &steps)).collect();
+    let line = |rate: &[f64], constant: f64| -> Vec<(f64, f64)> {
+        let means = block_means(rate, MEAN_S).into_iter().enumerate();
+        means.map(|(k, m)| ((k as f64 + 0.5) * MEAN_S as f64, m - constant)).collect()
+    };
+    let panels: Vec<Panel> = whole
+        .present()
+        .map(|a| {
+            let raw = line(&steps.rate_dph[a], c.constant_dph[a]);
+            let (low, high) = raw
+                .iter()
+                .filter(|p| p.1.is_finite())
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p.1), h.max(p.1)));
+            let mut series = vec![
+                Series { label: names[0].into(), points: raw, colour: 0, dots: false },
+                Series {
+                    label: String::new(),
+                    points: vec![(IMU_TRAIN_S, low), (IMU_TRAIN_S, high)],
+                    colour: 3,
+                    dots: false,
+                },
+            ];
+            for ((rates, name), colour) in corrected.iter().zip(&names[1..]).zip([2, 1]) {
+                series.push(Series { label: (*name).into(), points: line(&rates[a], 0.0), colour, dots: false });
+            }
+            Panel {
+                title: format!("axis {}: learnt up to row {IMU_TRAIN_S:.0}, then kept back", AXIS_NAMES[a]),
+                x: "row (measured)".into(),
+                y: "mean of 100 rows [deg/h]".into(),
+                log: false,
+                series,
+            }
+        })
+        .collect();
+    svg(&panels, 3, 460, 360)
+}
+
+/// Halves of a recording as two of their own.
+fn halves(r: &Recording, rows: usize) -> Result<[Recording; 2], BadInput> {
+    let at = *r.time_s.get(rows).ok_or_else(|| BadInput::new("the recording is shorter than its halves"))?;
+    let (first, second) = r.split(at)?;
+    Ok([first, second.judged_part()].map(|mut h| {
+        h.source = format!("{} from {:.0} s", r.source, h.time_s[0]);
+        h
+    }))
+}
+
+/// The quartz oscillator: each half learnt from, the other judged on.
+///
+/// # Errors
+/// Where the file is not there.
+pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
+    let whole = load(folder, "gpsdo.short")?;
+    let [first, second] = halves(&whole, GPSDO_HALF)?;
+    let mut s = format!(
+        "gpsdo.short: {} rows, each half judged by the other; ppb of frequency in the place of deg/h\n",
+        whole.time_s.len()
+    );
+    let mut classes = Vec::new();
+    for (train, verify, name) in [
+        (&first, &second, "first half learnt from, second judged"),
+        (&second, &first, "second half learnt from, first judged"),
+    ] {
+        let c = compare(train, verify, &Method::ALL)?;
+        s += &format!(" {name}\n");
+        s += &table(&c.rows, "ppb", &[0], 3);
+        c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+        s += &format!("   trace: {}\n", named(&c.report));
+        let mut named: Vec<&str> = c.report.effects.iter().map(|e| e.class.name()).collect();
+        named.sort_unstable();
+        named.dedup();
+        classes.push(named.join(", "));
+    }
+    let same = if classes[0] == classes[1] { "the same classes" } else { "other classes" };
+    s += &format!(" swap test: {same} both ways ([{}] and [{}])\n", classes[0], classes[1]);
+    Ok(s)
+}
+
+/// Soaks of three modes of one quartz body, by orientation.
+///
+/// # Errors
+/// Where the file is not there, or is another table.
+pub fn modes(folder: &Path) -> anyhow::Result<BTreeMap<String, Points>> {
+    let path = folder.join("uberclock-peaks.csv.gz");
+    let bytes = hrg_data::files::read_file(&path, MOST_RECORDING, true)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut soaks: BTreeMap<String, BTreeMap<i64, [f64; AXES]>> = BTreeMap::new();
+    for line in text.lines().skip(1) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let [orientation, mode, chamber, _, peak, ..] = cells[..] else { continue };
+        let Some(axis) = MODES.iter().position(|m| *m == mode) else { continue };
+        let number =
+            |t: &str| t.parse::<f64>().map_err(|_| BadInput(format!("{}: \"{t}\" is not a number", path.display())));
+        let soak =
+            soaks.entry(orientation.into()).or_default().entry(number(chamber)? as i64).or_insert([f64::NAN; AXES]);
+        soak[axis] = number(peak)?;
+    }
+    soaks
+        .into_iter()
+        .map(|(orientation, soaks)| {
+            let mut csv = "chamber_c,fx_hz,fy_hz,fz_hz\n".to_string();
+            for (t, f) in soaks {
+                let _ = writeln!(csv, "{t},{},{},{}", f[0], f[1], f[2]);
+            }
+            Ok((orientation, Points::parse(&csv)?))
+        })
+        .collect()
+}
+
+/// The quartz of five modes: three of them as each other's thermometers.
+///
+/// # Errors
+/// As [`modes`].
+pub fn uberclock(folder: &Path) -> anyhow::Result<String> {
+    let mut s = format!(
+        "uberclock: one quartz, modes {} as each other's thermometers (hrg points), 20 to 65 C\n   {:<12}{:<12}{:>24}{:>22}{:>12}{:>10}\n",
+        hrg_data::error::list(&MODES),
+        "orientation",
+        "modes",
+        "against the chamber [C]",
+        "by the other [C]",
+        "correlation",
+        "p-value"
+    );
+    for (orientation, p) in modes(folder)? {
+        let report = points::report(&p)?;
+        for pair in report.each_other {
+            let mode = |n: &str| MODES[AXIS_NAMES.iter().position(|a| *a == n).unwrap_or(0)];
+            let two = |v: [f64; 2]| format!("{:.3} / {:.3}", v[0], v[1]);
+            let _ = writeln!(
+                s,
+                "   {orientation:<12}{:<12}{:>24}{:>22}{:>12.2}{:>10.1e}",
+                format!("{} {}", mode(&pair.axes[0]), mode(&pair.axes[1])),
+                two(pair.against_chamber_rms_c),
+                two(pair.by_the_other_rms_c),
+                pair.correlation,
+                pair.p_value
+            );
+        }
+        for e in report.effects {
+            let _ = writeln!(
+                s,
+                "   {orientation:<12}found: {} against the {} (p-value {:.1e})",
+                e.name, e.reference, e.p_value
+            );
+        }
+    }
+    Ok(s)
+}

@@ -1,0 +1,326 @@
+//! Proof by mutation: the set-up code of the flashed program is made wrong in one write, and the board must notice.
+//!
+//! # Design
+//! The program starts once, and each write to a register is taken down until the first corrected rate has gone out. A mutant is one of these
+//! writes with another value, left out, or sent elsewhere: to the next instance, port, stream, pin or interrupt. It is changed on its way to the
+//! register ([`virtual_board::mutation`]), which is the same as another constant in the instruction that writes it, with no program to be built.
+//! Which bits exist is taken from the tables of stm32-metapac, not from the program.
+//!
+//! Each mutant then goes through an `exam`: start, a second of flight with pulses per second and commands, a damaged byte, a crystal that
+//! stops, a sagging supply, a burn. It is *noticed* where the board ends the run with a sentence, or where what the unit sends or logs differs
+//! from the unmutated program. It is *harmless* where a rule of `rules` says so, with the manual's section. Nothing else may be left.
+
+mod exam;
+mod rules;
+
+use crate::faults::{draws, trials, Scene};
+use anyhow::{Context, Result};
+use exam::{Exam, Outcome};
+use rand::seq::IndexedRandom;
+use rand::Rng;
+use std::collections::{BTreeMap, HashMap};
+use std::fmt::Write as _;
+use virtual_board::mutation::{Change, Mutation, RegisterWrite};
+use virtual_board::tables::{Register, Tables};
+
+/// Data, no set-up: the CRC unit's data register, which is fed the program word by word, and the alarms of the time driver (CCR1 to CCR4 of TIM5).
+fn data(address: u32) -> bool {
+    matches!(address, 0x4002_3000 | 0x4000_0C34..=0x4000_0C40)
+}
+/// Interrupts whose handlers run tasks, which set things up as well: UART4 and UART5, as exceptions.
+const EXECUTORS: [u16; 2] = [16 + 52, 16 + 53];
+/// So many writes of one place in the program to one register are taken: a timer's compare value is written again and again.
+const ALIKE: usize = 3;
+
+/// Mutants of a campaign, unless told otherwise.
+pub const COUNT: u64 = 400;
+
+/// One write, made wrong.
+#[derive(Debug, Clone)]
+pub struct Mutant {
+    /// As the program writes it.
+    pub write: RegisterWrite,
+    /// What becomes of it.
+    pub change: Change,
+    /// How it was made.
+    pub kind: &'static str,
+}
+
+impl Mutant {
+    /// What the register would hold without the write; of those that act on ones alone, nothing.
+    #[must_use]
+    pub fn before(&self) -> u32 {
+        if acts_on_ones(self.write.address) {
+            0
+        } else {
+            self.write.before
+        }
+    }
+
+    /// Bits of the register that end up otherwise, where it stays at its register.
+    #[must_use]
+    pub fn bits(&self) -> u32 {
+        match self.change {
+            Change::LeftOut => self.write.value ^ self.before(),
+            Change::Becomes { value, .. } => self.write.value ^ value,
+        }
+    }
+
+    fn describe(&self, tables: &Tables, function: &str) -> String {
+        let w = &self.write;
+        let name = tables.register_name(w.address);
+        let fields = tables.registers.get(&w.address).map(|r| r.fields_of(self.bits())).unwrap_or_default();
+        let became = match self.change {
+            Change::LeftOut => "left out".to_string(),
+            Change::Becomes { address, value } if address == w.address => format!("{value:#010x} ({fields})"),
+            Change::Becomes { address, value } => format!("{value:#010x} at {}", tables.register_name(address)),
+        };
+        format!("{}: {name} {:#010x}->{:#010x} becomes {became}, in {function}", self.kind, w.before, w.value)
+    }
+}
+
+/// Registers of which a one does something and a zero nothing: sets and clears of the NVIC, BSRR, IFCR.
+fn acts_on_ones(address: u32) -> bool {
+    match address {
+        0xE000_E100..=0xE000_E2FF => true,
+        0x4002_0000..=0x4002_1FFF => address & 0x3FF == 0x18,
+        0x4002_6000..=0x4002_67FF => matches!(address & 0x3FF, 8 | 0xC),
+        _ => false,
+    }
+}
+
+/// What came of a mutant.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Verdict {
+    /// The board ended the run with this sentence.
+    Sentence(String),
+    /// What the unit did differs.
+    Differs(&'static str),
+    /// It does not matter; the rule that says so.
+    Harmless(&'static str),
+    /// Nobody noticed.
+    Unnoticed,
+}
+
+/// All mutants, with what came of them.
+#[derive(Debug)]
+pub struct Campaign {
+    /// In the order of their numbers: what, and what came of it.
+    pub mutants: Vec<(String, Verdict)>,
+    /// Writes that mutants were made of.
+    pub writes: usize,
+}
+
+/// The writes that mutants are made of.
+fn set_up(recorded: &[RegisterWrite]) -> Vec<RegisterWrite> {
+    let mut alike = HashMap::<(u32, u32), usize>::new();
+    let fresh = |w: &&RegisterWrite| {
+        let n = alike.entry((w.block, w.address)).or_default();
+        *n += 1;
+        *n <= ALIKE
+    };
+    let set_up = |w: &&RegisterWrite| !data(w.address) && (w.exception == 0 || EXECUTORS.contains(&w.exception));
+    recorded.iter().filter(set_up).filter(fresh).copied().collect()
+}
+
+/// Registers of the core, which stm32-metapac does not have: ARMv7-M architecture reference manual, sections B3.2 and B3.4.
+fn fields(tables: &Tables, address: u32) -> Vec<u32> {
+    let each = |bits: std::ops::Range<u32>| bits.map(|b| 1 << b).collect();
+    match address {
+        0xE000_E100..=0xE000_E1FF => each(0..32),
+        0xE000_E200..=0xE000_E3FF => each(0..32),
+        // Priorities: the upper four bits of each byte.
+        0xE000_E400..=0xE000_E4FF => vec![0xF0],
+        0xE000_ED88 => vec![3 << 20, 3 << 22],
+        _ => match tables.registers.get(&address) {
+            Some(Register { fields, .. }) if !fields.is_empty() => {
+                fields.iter().map(virtual_board::tables::Field::mask).collect()
+            }
+            _ => each(0..32),
+        },
+    }
+}
+
+/// Where else a write may land by mistake.
+fn neighbours(tables: &Tables, w: &RegisterWrite) -> Vec<(u32, u32)> {
+    let mut out = Vec::new();
+    // Another instance: the next peripheral of the same letters.
+    if let Some(p) = tables.peripheral_at(w.address) {
+        let kind = |name: &str| name.trim_end_matches(|c: char| c.is_ascii_digit()).to_string();
+        let kind = if p.name.starts_with("GPIO") { "GPIO".to_string() } else { kind(&p.name) };
+        let others = tables.peripherals.values().filter(|q| q.address != p.address && q.name.starts_with(&kind));
+        let near = others.filter(|q| tables.registers.contains_key(&(q.address + (w.address - p.address))));
+        out.extend(near.map(|q| (q.address + (w.address - p.address), w.value)));
+        // Another stream of a DMA controller.
+        if p.name.starts_with("DMA") && w.address - p.address >= 0x10 {
+            let (first, last) = (p.address + 0x10, p.address + 0xD0);
+            out.extend(
+                [w.address + 0x18, w.address - 0x18]
+                    .into_iter()
+                    .filter(|a| (first..last).contains(a))
+                    .map(|a| (a, w.value)),
+            );
+        }
+        // The next register.
+        out.extend([w.address + 4].into_iter().filter(|a| tables.registers.contains_key(a)).map(|a| (a, w.value)));
+    }
+    // What it changes, one field further: another pin, gate, channel or interrupt.
+    let before = if acts_on_ones(w.address) { 0 } else { w.before };
+    let changed = w.value ^ before;
+    let fields = fields(tables, w.address);
+    for f in fields.iter().filter(|f| **f & changed != 0) {
+        let width = f.count_ones();
+        let moved = |to: u32| {
+            w.value & !(f | to) | before & f | if to > *f { (w.value & f) << width } else { (w.value & f) >> width }
+        };
+        out.extend(
+            [f << width, f >> width].into_iter().filter(|to| fields.contains(to)).map(|to| (w.address, moved(to))),
+        );
+    }
+    out.retain(|(address, value)| (*address, *value) != (w.address, w.value));
+    out
+}
+
+/// The mutant of a number.
+fn mutant(tables: &Tables, writes: &[RegisterWrite], seed: u64, number: u64) -> Option<Mutant> {
+    let mut draw = draws(seed, 20, number);
+    for _ in 0..100 {
+        let write = *writes.choose(&mut draw)?;
+        let field = *fields(tables, write.address).choose(&mut draw)?;
+        let becomes = |value| Change::Becomes { address: write.address, value };
+        let (kind, change) = match number % 4 {
+            0 => {
+                let bits: Vec<u32> = (0..32).filter(|b| field & 1 << b != 0).collect();
+                ("bit", becomes(write.value ^ 1 << bits.choose(&mut draw)?))
+            }
+            1 => ("field", becomes(write.value & !field | draw.random::<u32>() & field)),
+            2 => ("left out", Change::LeftOut),
+            _ => {
+                let Some(&(address, value)) = neighbours(tables, &write).choose(&mut draw) else { continue };
+                ("elsewhere", Change::Becomes { address, value })
+            }
+        };
+        if change != becomes(write.value) {
+            return Some(Mutant { write, change, kind });
+        }
+    }
+    None
+}
+
+/// Runs a campaign.
+///
+/// # Errors
+/// Where the unmutated program cannot be run, or complains.
+pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
+    let scene = Scene::new(elf, 1)?;
+    let exam = Exam::new(&scene)?;
+    let part = &virtual_board::part::STM32F446RE;
+    let recorded = exam.record()?;
+    let writes = set_up(&recorded);
+    let rules = rules::Rules::new(part, &recorded);
+    let good = exam.sit(None);
+    anyhow::ensure!(good.ended.is_none(), "the unmutated program: {}", good.ended.unwrap_or_default());
+    anyhow::ensure!(good == exam.sit(None), "the unmutated program does not run twice alike");
+    let firmware = virtual_board::Firmware::parse(elf)?;
+    let mutants = trials(
+        count,
+        || Ok(()),
+        |(), k| {
+            let m = mutant(&part.tables, &writes, seed, k).context("no mutant can be made")?;
+            let function = firmware.function_before(m.write.block).unwrap_or("?");
+            let told = format!("{k}: {}", m.describe(&part.tables, function));
+            let mutation = Some(Mutation { number: m.write.number, change: m.change });
+            let found = exam.sit(mutation);
+            let verdict = match judge(&good, &found) {
+                Verdict::Unnoticed => {
+                    let excused = rules.harmless(&good.registers, &found.registers).map(Verdict::Harmless);
+                    excused.unwrap_or_else(|| judge(&exam.long_flight(None), &exam.long_flight(mutation)))
+                }
+                verdict => verdict,
+            };
+            let told = match verdict {
+                Verdict::Unnoticed => format!("{told}; {}", different(&part.tables, &good.registers, &found.registers)),
+                _ => told,
+            };
+            Ok((told, verdict))
+        },
+    )?;
+    Ok(Campaign { mutants, writes: writes.len() })
+}
+
+/// Registers that differ after the start, with both values.
+fn different(tables: &Tables, good: &BTreeMap<u32, u32>, found: &BTreeMap<u32, u32>) -> String {
+    let differs = good.iter().filter_map(|(address, value)| {
+        let other = found.get(address).copied().unwrap_or(0);
+        (other != *value).then(|| format!("{} {value:#010x} -> {other:#010x}", tables.register_name(*address)))
+    });
+    format!("after the start: {}", differs.collect::<Vec<_>>().join(", "))
+}
+
+fn judge(good: &Outcome, found: &Outcome) -> Verdict {
+    if let Some(sentence) = &found.ended {
+        return Verdict::Sentence(sentence.clone());
+    }
+    match good.difference(found) {
+        Some(what) => Verdict::Differs(what),
+        None => Verdict::Unnoticed,
+    }
+}
+
+impl Campaign {
+    fn count(&self, of: impl Fn(&Verdict) -> bool) -> usize {
+        self.mutants.iter().filter(|(_, v)| of(v)).count()
+    }
+
+    /// Mutants that nobody noticed.
+    pub fn unnoticed(&self) -> impl Iterator<Item = &str> {
+        self.mutants.iter().filter(|(_, v)| *v == Verdict::Unnoticed).map(|(m, _)| m.as_str())
+    }
+
+    /// The tables of the page.
+    #[must_use]
+    pub fn markdown(&self) -> String {
+        let mut s = String::from("| what became of the mutants | |\n|---|---:|\n");
+        let sentences = self.count(|v| matches!(v, Verdict::Sentence(_)));
+        let _ = writeln!(s, "| the board ended the run with a sentence | {sentences} |");
+        let mut differs = BTreeMap::<&str, usize>::new();
+        let mut harmless = BTreeMap::<&str, usize>::new();
+        for (_, v) in &self.mutants {
+            match v {
+                Verdict::Differs(what) => *differs.entry(what).or_default() += 1,
+                Verdict::Harmless(rule) => *harmless.entry(rule).or_default() += 1,
+                Verdict::Sentence(_) | Verdict::Unnoticed => {}
+            }
+        }
+        for (what, n) in &differs {
+            let _ = writeln!(s, "| {what} | {n} |");
+        }
+        let _ = writeln!(s, "| harmless by the manual | {} |", harmless.values().sum::<usize>());
+        let _ = writeln!(s, "| not noticed | {} |", self.unnoticed().count());
+        let _ = writeln!(s, "| all, of {} writes | {} |", self.writes, self.mutants.len());
+        s.push_str("\n| harmless, because | |\n|---|---:|\n");
+        for (rule, n) in &harmless {
+            let _ = writeln!(s, "| {rule} | {n} |");
+        }
+        s
+    }
+}
+
+/// Runs a campaign, prints it, and fails where a mutant was not noticed.
+///
+/// # Errors
+/// As [`campaign`]; where one was not noticed; where the page cannot be written.
+pub fn mutate(elf: &[u8], seed: u64, count: u64, list: bool, page: Option<&std::path::Path>) -> Result<()> {
+    let start = std::time::Instant::now();
+    let all = campaign(elf, seed, count)?;
+    for (m, verdict) in all.mutants.iter().filter(|(_, v)| list || *v == Verdict::Unnoticed) {
+        println!("{m}\n    {verdict:?}");
+    }
+    println!("{}seed {seed}, {:.0} s", all.markdown(), start.elapsed().as_secs_f64());
+    if let Some(page) = page {
+        crate::pages::splice(page, "mutants", &all.markdown())?;
+    }
+    let unnoticed = all.unnoticed().count();
+    anyhow::ensure!(unnoticed == 0, "{unnoticed} mutants were not noticed");
+    Ok(())
+}

@@ -1,0 +1,47 @@
+//! The trace on units of the second plant, which shares no code with its effects.
+// A test may panic.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use foreign_plant::generate::Generated;
+use hrg_data::recording::Recording;
+use hrg_identify::trace::{trace, Report};
+
+fn traced(case: &str) -> (Generated, Report) {
+    let case = foreign_plant::cases().into_iter().find(|c| c.name == case).expect("a case of the plant");
+    let made = case.generate(1);
+    let folder = std::env::temp_dir().join(format!("hrg-foreign-{}-{}", case.name, std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    let load = |r: &foreign_plant::recording::Recording, name: &str| {
+        let path = folder.join(name);
+        r.save(&path).expect("saved");
+        Recording::load(&path).expect("loads")
+    };
+    let train: Vec<Recording> = made.train.iter().enumerate().map(|(k, r)| load(r, &format!("train{k}.csv"))).collect();
+    let verify = load(&made.verify, "verify.csv");
+    let report = trace(&train, &verify).expect("traces").report;
+    std::fs::remove_dir_all(&folder).expect("removed");
+    (made, report)
+}
+
+/// Floors that the written image leaves on the worst axis.
+fn left(made: &Generated, report: &Report) -> f64 {
+    let truth = made.truth.runs.last().expect("a verify run");
+    let image = report.block.as_ref().expect("an image is written");
+    truth.axes.iter().map(|(a, t)| image[a].verify_rms_dph / t.floor_dph).fold(0.0, f64::max)
+}
+
+#[test]
+fn where_naming_does_not_reach_a_sum_of_families_compensates() {
+    // A lag whose time constant depends on the ramp is no effect of the library.
+    let (made, report) = traced("memory-tau-by-ramp");
+    assert!(report.notes.iter().any(|n| n.contains("a sum of families")), "{:?}", report.notes);
+    assert!(left(&made, &report) < 1.5, "{}", left(&made, &report));
+    assert!(report.unexplained.values().any(|u| *u) && !report.burn, "{}", report.verdict);
+}
+
+#[test]
+fn a_run_that_begins_in_an_unknown_state_does_not_bend_the_lag() {
+    let (made, report) = traced("state-kept-from-yesterday");
+    assert!(report.notes.iter().any(|n| n.contains("are left out of fit and judgement")), "{:?}", report.notes);
+    assert!(left(&made, &report) < 1.5, "{}", left(&made, &report));
+}
