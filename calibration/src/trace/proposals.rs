@@ -1,4 +1,4 @@
-//! Proposals by the data themselves: times at which the rates jump, and periods at which their spectrum stands out. They are searched for
+//! Proposals by the data themselves: times at which the rates jump, and periods at which their spectrum has a peak. They are searched for
 //! in the residual of a model.
 
 use super::data::{Candidate, Data};
