@@ -159,7 +159,7 @@ pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<Searched, BadInput
 /// squares is above the least.
 ///
 /// # Errors
-/// If the columns cannot be told apart.
+/// If the columns are linearly dependent.
 pub fn swarm_on(columns: Vec<Vec<f64>>, y: Vec<f64>, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
     let (lengths, names) = (vec![y.len()], vec!["column"; columns.len()]);
     let found = orthogonal_swarm(&Data { columns, y, lengths, names }, seed)?;
