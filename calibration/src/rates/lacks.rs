@@ -1,4 +1,4 @@
-//! What a scale factor lacks, as a recording: so the search for what a bias lacks ([`crate::trace`]) finds it by the same families.
+//! Lacks of a scale factor, as a recording: so the search for the lacks of a bias ([`crate::trace`]) finds them by the same families.
 
 use super::dwells::{dwells, table_by_step};
 use super::quality::visits;
@@ -11,7 +11,7 @@ use crate::BadInput;
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 
-/// What `# rates` says of such a recording.
+/// Value of `# rates` in such a recording.
 pub const LACKING: &str = "scale-factor-lacks";
 
 /// The recording of a run on a rate table with, in the place of each rate, what the scale factor of the axis lacks, ppm: in the dwells of visits
