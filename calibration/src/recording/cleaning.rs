@@ -321,8 +321,8 @@ fn increase(values: &[f64]) -> bool {
     pairs.map(|(v, next)| u64::from(v < next)).sum::<u64>() + 1 >= values.len() as u64
 }
 
-/// Takes out runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. The length of a long run
-/// depends on how often this channel repeats by its resolution alone.
+/// Removes runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. The length of a long run depends
+/// on how often this channel repeats by its resolution alone.
 fn remove_stuck(
     values: &mut [f64],
     repeats: usize,
