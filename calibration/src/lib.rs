@@ -85,7 +85,7 @@ macro_rules! bad_input {
         }
     )+
 
-        /// Whether an error is bad input, of whichever room.
+        /// `true` if an error is bad input, of whichever module.
         fn is_bad_input(e: &anyhow::Error) -> bool {
             e.is::<BadInput>() $(|| e.is::<$error>())+
         }
@@ -99,7 +99,7 @@ bad_input! {
     thermometer::points::TableError,
 }
 
-/// How a program ends: 0 done, 2 bad input, 1 internal; the error is one line on standard error.
+/// Exit code of a program: 0 done, 2 bad input, 1 internal; the error is one line on standard error.
 #[must_use]
 pub fn exit(program: &str, result: anyhow::Result<()>) -> std::process::ExitCode {
     match result {
@@ -134,7 +134,7 @@ pub fn load_recording_with(
     Ok(r)
 }
 
-/// How a file begins that gzip has packed.
+/// First bytes of a file that gzip has packed.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
@@ -187,7 +187,7 @@ pub const MOST_ELF: u64 = 1 << 30;
 /// Writes a text into a page, between the marks of a name.
 ///
 /// # Errors
-/// Where the page has no such marks.
+/// If the page has no such marks.
 pub fn splice(page: &std::path::Path, name: &str, text: &str) -> anyhow::Result<()> {
     use anyhow::Context;
     let (begin, end) = (format!("<!-- {name}: begin -->"), format!("<!-- {name}: end -->"));
