@@ -442,7 +442,7 @@ impl Scatter {
         self.places[self.place(from)..=self.place(to - 1)].iter().fold(f64::INFINITY, |m, s| m.min(*s))
     }
 
-    /// The scatter at places from one on. (Where it is the same at both ends, it is so between: the places are steps.)
+    /// The scatter at places from one on. (The places are steps: a scatter that is the same at both ends is so between.)
     fn along(&self, from: usize, out: &mut [f64]) {
         let place = |k: usize| self.place(k);
         let (first, last) = (place(from), place(from + out.len().max(1) - 1));

@@ -46,7 +46,7 @@ impl Ends {
         for (k, marks) in self.marks.as_chunks().0.iter().enumerate() {
             let mut marks = u64::from_le_bytes(*marks);
             let count = marks.count_ones() as usize;
-            // (What is written beyond the count is written over.)
+            // (Places written beyond the count are overwritten.)
             let mut take = |places: &mut [u16]| {
                 for place in places {
                     *place = (64 * k) as u16 + marks.trailing_zeros() as u16;
