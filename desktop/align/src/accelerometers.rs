@@ -1,5 +1,5 @@
-//! Errors of the two horizontal accelerometers (chen2015, eq 2): bias, scale and cross-axis, found on a tilting table, where
-//! `A1 = g th2` and `A2 = -g th1` of tilts that are known. What is done with them is in [`hrg_core::alignment::accelerometers`].
+//! Errors of the two horizontal accelerometers (chen2015, eq 2): bias, scale and cross-axis, found on a tilting table, where `A1 = g th2`
+//! and `A2 = -g th1` of tilts that are known. [`hrg_core::alignment::accelerometers`] applies them.
 
 use super::Recording;
 use hrg_core::alignment::accelerometers as core;
@@ -9,7 +9,7 @@ use hrg_data::numeric::lsq;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// What the two accelerometers read for what there is.
+/// Model of the two accelerometers: readings for a given acceleration.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Accelerometers {
     /// Readings at rest and level, m/s^2.
@@ -18,7 +18,7 @@ pub struct Accelerometers {
     pub matrix: [[f64; 2]; 2],
 }
 
-/// What was found, and how well.
+/// Identified accelerometers, and their uncertainty.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Identified {
     /// The accelerometers.
@@ -26,7 +26,7 @@ pub struct Identified {
     pub accelerometers: Accelerometers,
     /// Standard deviations of each row: bias, and both elements of the matrix.
     pub std: [[f64; 3]; 2],
-    /// What is left, RMS, m/s^2.
+    /// Residual, RMS, m/s^2.
     pub residual_mps2: [f64; 2],
     /// Rows of the table.
     pub rows: usize,

@@ -11,7 +11,7 @@ use hrg_core::alignment::{wrap, Config, ARCMIN, DEGREE, DPH};
 use hrg_data::numeric::lsq;
 use serde::Serialize;
 
-/// What two positions say by themselves.
+/// Result of two positions by themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct ClosedForm {
     /// Heading of axis 1 as it stood in position 1, degrees, -180 to 180.
@@ -26,7 +26,7 @@ pub struct ClosedForm {
 /// Rows of a position that a parabola needs.
 const FEWEST: usize = 20;
 
-/// What a position shows: its tilt rates with the coupling of the tilts taken off, rad/s.
+/// Tilt rates of a position with the coupling of the tilts taken off, rad/s.
 fn apparent(recording: &Recording, config: &Config, position: u8) -> Option<[f64; 2]> {
     let rows: Vec<_> = recording.rows.iter().filter(|r| r.1 == position).collect();
     let (first, last) = (rows.first()?.0, rows.last()?.0);
@@ -73,7 +73,7 @@ pub fn closed_form(recording: &Recording, config: &Config, azimuth: Option<f64>)
 }
 
 impl ClosedForm {
-    /// How far it is from an azimuth, arc minutes.
+    /// Difference from an azimuth, arc minutes, -10800 to 10800.
     #[must_use]
     pub fn apart_arcmin(&self, azimuth_deg: f64) -> f64 {
         wrap((self.azimuth_deg - azimuth_deg) * DEGREE) / ARCMIN

@@ -17,7 +17,7 @@ const CHANGED: f64 = 3.0;
 /// One alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Entry {
-    /// When, seconds since 1970.
+    /// Time, seconds since 1970.
     pub unix_s: u32,
     /// Azimuth, degrees.
     pub azimuth_deg: f64,
@@ -58,7 +58,7 @@ pub fn load(path: &Path) -> Result<Vec<Entry>, BadInput> {
 /// Writes a file of drifts.
 ///
 /// # Errors
-/// Where it cannot be written.
+/// If it cannot be written.
 pub fn save(path: &Path, all: &[Entry]) -> anyhow::Result<()> {
     let mut text = format!("{HEADER}\n");
     for e in all {
@@ -68,7 +68,7 @@ pub fn save(path: &Path, all: &[Entry]) -> anyhow::Result<()> {
     hrg_data::output::write_file(path, text.as_bytes())
 }
 
-/// What has become of the drifts: a sentence for each gyro and position. Those before count as far as they had the same turn.
+/// Compares the drifts with earlier ones: a sentence for each gyro and position. Entries before count only if they had the same turn.
 #[must_use]
 pub fn compare(before: &[Entry], now: &Entry) -> Vec<String> {
     let alike: Vec<&Entry> = before.iter().filter(|e| (e.turn_deg - now.turn_deg).abs() < 1.0).collect();

@@ -28,7 +28,7 @@ pub struct Pair {
     pub to_deg: f64,
     /// Mean difference of the drifts, deg/h.
     pub difference_dph: f64,
-    /// How well that difference repeats: its standard deviation over the calibrations, deg/h.
+    /// Repeatability of that difference: its standard deviation over the calibrations, deg/h.
     pub repeats_dph: f64,
     /// Both together, deg/h: what an alignment in this pair has to reckon with.
     pub both_dph: f64,

@@ -31,13 +31,13 @@ pub struct Recording {
     pub angle_walk_deg_per_root_h: Option<f64>,
     /// White noise of the accelerometers, micro-g per root hertz; optional.
     pub accelerometer_ug_per_root_hz: Option<f64>,
-    /// What the drifts may be, one sigma, deg/h; optional.
+    /// Drifts to expect, one sigma, deg/h; optional.
     pub drift_dph: Option<f64>,
-    /// What the tilts may be at the start, one sigma, arc minutes; optional.
+    /// Tilts to expect at the start, one sigma, arc minutes; optional.
     pub tilt_arcmin: Option<f64>,
-    /// What each drift may change by from one position to the other, one sigma, deg/h; optional.
+    /// Change of each drift to expect from one position to the other, one sigma, deg/h; optional.
     pub heading_drift_dph: Option<f64>,
-    /// What the turn may differ by from its angle, one sigma, arc minutes; optional.
+    /// Error of the turn's angle to expect, one sigma, arc minutes; optional.
     pub turn_error_arcmin: Option<f64>,
     /// Angle of the turn between the positions, degrees.
     pub turn_deg: f64,
@@ -128,7 +128,7 @@ pub enum ReadError {
         line: usize,
         /// Its name.
         name: &'static str,
-        /// What an alignment has.
+        /// Columns that an alignment has.
         columns: String,
     },
     /// Metadata that are no number.
@@ -138,7 +138,7 @@ pub enum ReadError {
         line: usize,
         /// Their key.
         place: String,
-        /// What stands there.
+        /// Text in the file.
         text: String,
     },
     /// A cell that is no number.
@@ -148,7 +148,7 @@ pub enum ReadError {
         line: usize,
         /// Column, by number and name.
         place: String,
-        /// What stands there.
+        /// Text of the cell.
         cell: String,
     },
     /// A row that is too short.
@@ -156,7 +156,7 @@ pub enum ReadError {
     Cells {
         /// Line, from 1.
         line: usize,
-        /// How many it has.
+        /// Number of its cells.
         cells: usize,
     },
     /// A position that there is not.
@@ -164,7 +164,7 @@ pub enum ReadError {
     Position {
         /// Line, from 1.
         line: usize,
-        /// What stands there.
+        /// Text of the cell.
         position: String,
     },
     /// Time that does not go on.
@@ -188,7 +188,7 @@ impl From<ReadError> for hrg_data::error::BadInput {
     }
 }
 
-/// Where the columns stand in a header.
+/// Indices of the columns in a header.
 fn places_of(cells: &[&str], line: usize) -> Result<[usize; 4], ReadError> {
     let mut found = [0; 4];
     for (to, name) in found.iter_mut().zip(COLUMNS) {
@@ -345,7 +345,7 @@ impl Recording {
         if let Some(noise) = self.accelerometer_ug_per_root_hz {
             config.velocity_walk = Some(noise).filter(possible).ok_or(Refusal::Site)? * 1e-6 * gravity;
         }
-        // What there may be at the start: up to a hundred degrees an hour, and as far as a tilt is small.
+        // Limits at the start: drifts up to a hundred degrees an hour, and tilts that are small.
         if let Some(drift) = self.drift_dph {
             config.drift = Some(drift).filter(|d| (1e-4..=100.0).contains(d)).ok_or(Refusal::Site)? * DPH;
         }
@@ -401,11 +401,11 @@ pub struct Report {
     pub tilt_std_arcmin: [f64; 2],
     /// See [`tilt_std_arcmin`](Self::tilt_std_arcmin).
     pub drift_std_dph: [f64; 2],
-    /// When the azimuth was known to 15' (two sigma), s; null if it never was.
+    /// Time at which the azimuth was known to 15' (two sigma), s; null if it never was.
     pub converged_at_s: Option<f64>,
     /// Chi-square, one degree of freedom, of the two positions against each other (linear filter only).
     pub integrity: Option<f64>,
-    /// When the tilts were known to 1' (two sigma), s; null if they never were.
+    /// Time at which the tilts were known to 1' (two sigma), s; null if they never were.
     pub level_at_s: Option<f64>,
     /// The azimuth without a filter, and the drift of each position by itself; null where the turn parts nothing.
     pub closed_form: Option<ClosedForm>,
@@ -468,7 +468,7 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
 /// Seconds without a row within a position that are still bridged.
 const LONGEST_HOLE: f64 = 3.0;
 
-/// How the filters start.
+/// Start values of the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Start {
     /// First azimuth of the EKF, degrees.
@@ -527,10 +527,10 @@ fn level_at_s(history: &[(f64, u8, Estimate)]) -> Option<f64> {
 
 /// Drifts beyond so many standard deviations of what was expected are none that were expected.
 const BEYOND: f64 = 4.0;
-/// Where there is no azimuth, drifts are allowed to be so many times as large, to see whether they explain it.
+/// Factor by which larger drifts are allowed if there is no azimuth, to see whether they explain it.
 const WIDE: f64 = 50.0;
 
-/// Where the drifts are larger than the filter was told, it is wrong and does not know it, or takes them for a base that moves: that has a
+/// Detects drifts larger than the filter's prior: the filter is then wrong and does not know it, or reports a moving base. That has a
 /// sentence of its own. `again`: the outcome with drifts allowed to be much larger.
 fn beyond_the_prior(
     outcome: &Result<Estimate, Refusal>,
@@ -550,7 +550,7 @@ fn beyond_the_prior(
     )))
 }
 
-/// What a run gives: the outcome, when it converged, and what it estimated each second.
+/// Result of a run: the outcome, the time of convergence in s, and the estimates of each second.
 pub type FilterRun = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Estimate)>);
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// What a platform and its surroundings are like.
+/// Properties of a platform and its surroundings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plant {
     /// Latitude, degrees.
@@ -34,13 +34,13 @@ pub struct Plant {
     pub seconds: [usize; 3],
     /// Angle of the turn as commanded, rad.
     pub turn: f64,
-    /// What the turn is off by, rad.
+    /// Error of the turn, rad.
     pub turn_error: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
 
-/// What a platform knows that its recording does not tell: the state at its end.
+/// True state at the end of the recording, which it does not contain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Truth {
     /// Azimuth of axis 1 as it would stand without the turn, rad.
@@ -167,7 +167,7 @@ impl Plant {
         let recording = Recording {
             latitude_deg: Some(self.latitude_deg),
             gravity_mps2: Some(g),
-            // What the reading is uncertain by: noise, and the pulse.
+            // Uncertainty of a reading: noise, and the pulse.
             velocity_noise_mps: Some((self.velocity_noise.powi(2) + self.pulse.powi(2) / 12.0).sqrt()),
             angle_walk_deg_per_root_h: Some(self.angle_random_walk * 60.0 / DEGREE),
             accelerometer_ug_per_root_hz: Some(self.velocity_walk / g * 1e6),

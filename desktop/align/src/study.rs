@@ -12,7 +12,7 @@ use std::fmt::Write as _;
 /// Results of one filter over a campaign.
 #[derive(Debug, Clone)]
 pub struct Row {
-    /// What was run.
+    /// Name of the case.
     pub name: String,
     /// Errors of azimuth at the end, arc minutes, run by run; infinite where the filter broke down.
     pub errors: Vec<f64>,
@@ -119,7 +119,7 @@ pub fn campaigns(runs: u64, seed: u64) -> Vec<Row> {
     ]
 }
 
-/// What comes with the turn, drawn for each platform, one sigma: drift of each axis, deg/h, and the turn's error, arc minutes.
+/// Changes that come with the turn, drawn for each platform, one sigma: drift of each axis, deg/h, and the turn's error, arc minutes.
 pub const WITH_THE_TURN: [f64; 2] = [0.02, 6.0];
 
 /// Platforms whose drifts change with the heading, and whose turns are wrong, by [`WITH_THE_TURN`]: with neither, either and both of them,
@@ -180,8 +180,8 @@ pub fn table(rows: &[Row]) -> String {
     s
 }
 
-/// Whether a turn's error shows: the share of runs whose check of the positions (chi-square, one degree of freedom) is
-/// beyond 3.84 (one in twenty without an error), for turns wrong by some arc minutes.
+/// Tests if a turn's error shows: the share of runs whose check of the positions (chi-square, one degree of freedom) is beyond 3.84 (one in
+/// twenty without an error), for turns wrong by some arc minutes.
 #[must_use]
 pub fn turn_error_seen(runs: u64, seed: u64, errors_arcmin: &[f64]) -> Vec<(f64, f64, f64)> {
     errors_arcmin
@@ -205,7 +205,7 @@ pub fn turn_error_seen(runs: u64, seed: u64, errors_arcmin: &[f64]) -> Vec<(f64,
 /// chen2015's case, filter by filter, in two positions and in one: errors over time as curves (its Fig. 3 to 5).
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn curves(seed: u64) -> anyhow::Result<String> {
     let two = Plant::chen(seed);
     let one = Plant { seconds: [200, 0, 0], ..two };
@@ -286,7 +286,7 @@ pub fn chen(seed: u64) -> String {
     s
 }
 
-/// What stands above [`claims`].
+/// Text above [`claims`].
 pub const CLAIMS: &str = "## chen2015's claims\nThe times that it claims, read off its figures 3 to 5 (one position) and its turntable, beside ours on its case, where the second\nposition begins at 115 s. One position cannot do what it claims, with any filter: [papers.md](papers.md).\n";
 
 /// chen2015's headline claims beside ours, on its case: when errors have come within a limit for good. Theirs are its figures 3 to 5 and its

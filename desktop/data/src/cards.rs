@@ -5,7 +5,7 @@ use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
 use serde::{Serialize, Serializer};
 
-/// What kind of physics an effect is.
+/// Class of physics of an effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Class {
     /// Linear thermal memory: lags, relaxations, gradients between bodies.
@@ -24,7 +24,7 @@ pub enum Class {
     Thermometer,
     /// Happens once, or cannot be predicted.
     Event,
-    /// A user's own, whose physics nobody told.
+    /// A user's own effect, of unknown physics.
     Own,
 }
 
@@ -58,7 +58,7 @@ pub type Parameters = [f32; MAX_PARAMETERS];
 /// Makes the values of the inner parameters to begin with.
 pub type Grid = fn(&Extent) -> Vec<Parameters>;
 
-/// What the runs span, from which a card takes its grid.
+/// Span of the runs (temperature, ramp, duration), from which a card makes its grid.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     /// Lowest temperature, C.
@@ -71,7 +71,7 @@ pub struct Extent {
     pub longest_s: f32,
     /// Time constant by which the resonators follow their cases, s.
     pub lag_s: f32,
-    /// How many runs there are.
+    /// Number of runs.
     pub runs: usize,
 }
 
@@ -81,7 +81,7 @@ impl Extent {
     }
 }
 
-/// What an effect is to the search.
+/// Role of an effect in the search.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// A named physical effect with few gains.
@@ -96,7 +96,7 @@ pub enum Kind {
     Idle,
 }
 
-/// How an inner parameter is refined after the grid.
+/// Refinement of an inner parameter after the grid search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Refine {
     /// Not at all.
@@ -118,7 +118,7 @@ pub enum Refine {
 }
 
 impl Refine {
-    /// How many of the parameters are refined.
+    /// Number of inner parameters that are refined.
     #[must_use]
     pub fn places(self) -> usize {
         match self {
@@ -128,7 +128,7 @@ impl Refine {
         }
     }
 
-    /// Whether a parameter, by its place, is moved by a share of itself, and not by a distance.
+    /// `true` if the parameter at `place` is refined by a factor, and not by a distance.
     #[must_use]
     pub fn by_factor(self, place: usize) -> bool {
         match self {
@@ -141,27 +141,27 @@ impl Refine {
 
 /// See the module.
 pub struct Card {
-    /// What kind of physics.
+    /// Class of physics.
     pub class: Class,
-    /// What it is to the search.
+    /// Role in the search.
     pub kind: Kind,
-    /// How its parameter is refined.
+    /// Refinement of its parameters.
     pub refine: Refine,
-    /// Whether a model may hold it more than once.
+    /// Set if a model may hold it more than once.
     pub repeats: bool,
     /// Values of the inner parameters to begin with.
     pub grid: Grid,
-    /// What a recording must have for it.
+    /// Inputs that a recording must have for it.
     pub needs: Needs,
-    /// How the simulator puts it into a run.
+    /// Draw of its parameters when the simulator puts it into a run.
     pub generator: Generator,
-    /// Whether a chamber profile is judged by how well it parts this effect from the others.
+    /// Set if a chamber profile is judged by its separation of this effect from the others.
     pub parted_by_profile: bool,
-    /// What to repair where a unit cannot compensate it.
+    /// Text of the repair for an effect that a unit cannot compensate.
     pub mend: Option<Mend>,
 }
 
-/// What a recording must have for an effect, beside what the effect itself shows by NaN.
+/// Inputs that an effect needs from a recording, beside those whose absence the effect itself shows by NaN.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Needs {
     /// Nothing.
@@ -175,7 +175,7 @@ pub enum Needs {
 }
 
 impl Needs {
-    /// Whether a run has it.
+    /// `true` if a run has these inputs.
     #[must_use]
     pub fn met_by(self, run: &Run) -> bool {
         let thermometer = run.steps.thermometer;
@@ -189,20 +189,20 @@ impl Needs {
     }
 }
 
-/// How the simulator puts an effect into a run.
+/// Use of an effect by the simulator: its usual parameters and their range.
 #[derive(Debug, Clone, Copy)]
 pub struct Generator {
     /// Inner parameters unless told otherwise.
     pub usual: [f64; MAX_PARAMETERS],
     /// Range from which the first one is drawn; `None`: as usual.
     pub range: Option<[f64; 2]>,
-    /// Whether `secret:SEED` may draw it.
+    /// Set if `secret:SEED` may draw it.
     pub secret: bool,
-    /// Whether the study of single effects has it.
+    /// Set if the study of single effects has it.
     pub study: bool,
 }
 
-/// What to repair, from the inner parameters by name.
+/// Makes the text of a repair from the inner parameters by name.
 pub type Mend = fn(&dyn Fn(&str) -> f64) -> String;
 
 fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
@@ -297,7 +297,7 @@ pub fn card(effect: EffectId) -> Card {
         E::RampByShape | E::HeatingByShape => (Class::Rate, Family, Refine::No, once),
         E::WarmUp => (Class::PowerOn, Simple, Refine::Scale, |x| log(150.0, x.longest_s / 3.0, 12)),
         E::PowerOnLadder | E::PowerOnLadderByTemperature => (Class::PowerOn, Family, Refine::No, decays),
-        // What depends on the temperature at power-on takes several power-ons to be seen.
+        // A dependence on the temperature at power-on shows only over several power-ons.
         E::PowerOnLadderByStart => {
             (Class::PowerOn, Family, Refine::No, |x| if x.runs > 1 { decays(x) } else { vec![] })
         }
@@ -351,8 +351,8 @@ fn generator(effect: EffectId) -> Generator {
     }
 }
 
-/// What a recording must have for an effect, whether a chamber profile is judged by how well it parts it (those that a unit can compensate
-/// with what it measures itself, one name for each thing that a chamber can tell), and what to repair.
+/// Inputs that an effect needs, its part in the judgement of chamber profiles, and its repair. Profiles are judged by the separation of
+/// effects that a unit can compensate with its own measurements, one name for each thing that a chamber can tell.
 fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
     use EffectId as E;
     let mended = |mend: Mend| (Needs::Nothing, false, Some(mend));
@@ -427,7 +427,7 @@ fn needs_voltage(effect: EffectId) -> String {
     format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", effect.name())
 }
 
-/// Which profile parts two effects.
+/// Names the profile that separates two effects.
 #[must_use]
 pub fn parting(a: EffectId, b: EffectId) -> &'static str {
     let classes = [card(a).class, card(b).class];
@@ -470,7 +470,7 @@ pub const BUNDLES: &[Bundle] = &[
     Bundle { families: &[EffectId::RateCurve, EffectId::RateCurveByTemperature], in_ramp: false },
 ];
 
-/// What a lag owes to a run that began in a ramp: decays of that run alone.
+/// Decays that a lag adds to a run that began in a ramp; they belong to that run alone.
 #[must_use]
 pub fn beginning(x: &Extent) -> (EffectId, Parameters) {
     (EffectId::PowerOnLadder, [120.0, slowest(x)])

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What an image costs on the unit, as `hrg-board cost` counts it.
+/// Cost of an image on the unit, as `hrg-board cost` counts it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Cost {
     /// The calibration.

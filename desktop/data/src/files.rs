@@ -9,7 +9,7 @@ pub const MOST_CALIBRATION: u64 = 1 << 20;
 /// Most bytes of a firmware ELF: with all debug information it has some ten million.
 pub const MOST_ELF: u64 = 1 << 30;
 
-/// How a file begins that gzip has packed.
+/// First bytes of a gzip file.
 const GZIP: [u8; 2] = [0x1f, 0x8b];
 
 /// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at

@@ -19,7 +19,7 @@ impl Decoder {
     /// Reads the format strings out of the ELF.
     ///
     /// # Errors
-    /// Where the ELF has no defmt table of a known version.
+    /// If the ELF has no defmt table of a known version.
     pub fn new(elf: &[u8]) -> Result<Self, BadInput> {
         let table = Table::parse(elf)
             .map_err(|e| BadInput::new(format!("the ELF holds no log table: {e}")))?

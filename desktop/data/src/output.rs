@@ -14,7 +14,7 @@ const STDOUT: [&str; 4] = ["-", "/dev/stdout", "/dev/fd/1", "/proc/self/fd/1"];
 /// Links in a row beyond which they are taken for a circle, as Linux does.
 const MOST_LINKS: usize = 40;
 
-/// Where an output goes.
+/// Target of an output.
 #[derive(Debug, PartialEq, Eq)]
 enum Target {
     /// Standard output.
@@ -52,7 +52,7 @@ fn end_of_links(path: &Path) -> io::Result<PathBuf> {
 /// Writes an output: see the [module](self). `-` is standard output.
 ///
 /// # Errors
-/// Where the folder is not there, or the place cannot be written; a file that was there stays as it was.
+/// If the folder is not there, or the place cannot be written; a file that was there stays as it was.
 pub fn write_file(path: &Path, content: &[u8]) -> anyhow::Result<()> {
     let cannot = || format!("cannot write {}", path.display());
     match Target::of(path).with_context(cannot)? {

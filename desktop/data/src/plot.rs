@@ -27,7 +27,7 @@ pub struct Panel {
     pub y: String,
     /// Both axes logarithmic.
     pub log: bool,
-    /// What it shows.
+    /// Curves that it shows.
     pub series: Vec<Series>,
 }
 
@@ -38,7 +38,7 @@ pub const PALETTE: [RGBColor; 7] = [GREY_500, BLUE_600, ORANGE_700, TEAL_700, PU
 /// Panels in a grid of `columns`, as an SVG of `width` by `height` per panel.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn svg(panels: &[Panel], columns: usize, width: u32, height: u32) -> anyhow::Result<String> {
     let columns = columns.max(1);
     let rows = panels.len().div_ceil(columns);
@@ -152,7 +152,7 @@ pub struct Bars {
     pub title: String,
     /// Of the figures.
     pub unit: String,
-    /// What the first and the second figure of a row are.
+    /// Names of the first and the second figure of a row.
     pub labels: [String; 2],
     /// Name and figures; NaN: none. The longest bars are cut where they would dwarf the rest, and say so.
     pub rows: Vec<(String, [f64; 2])>,
@@ -164,7 +164,7 @@ const ROW: u32 = 30;
 /// Bars as an SVG.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn bars(b: &Bars, width: u32) -> anyhow::Result<String> {
     let mut figures: Vec<f64> = b.rows.iter().flat_map(|r| r.1).filter(|v| v.is_finite()).collect();
     figures.sort_by(f64::total_cmp);

@@ -25,7 +25,7 @@ use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
 use hrg_identify::fit::correct::{Model, Stepped};
 
-/// How long an image is given the readings of a soak, s.
+/// Duration for which an image receives the readings of a soak, s.
 const SOAK_S: u32 = 1800;
 
 /// Time since power-on: effects of the power-on are over, s.
@@ -42,9 +42,9 @@ pub const YEAR_S: f64 = 365.25 * 86_400.0;
 pub struct Dated {
     /// Its file.
     pub name: String,
-    /// What it holds.
+    /// Calibration in it.
     pub calibration: Calibration,
-    /// When it was made, seconds since 1970; `None`: neither the image nor anyone says it.
+    /// Date of its making, seconds since 1970; `None`: neither the image nor the user states it.
     pub unix_s: Option<f64>,
 }
 
@@ -59,12 +59,12 @@ pub struct Value {
     pub std: f64,
 }
 
-/// What is compared.
+/// Quantity that is compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// Bias of an axis on a soak, deg/h.
     Bias(usize),
-    /// What the rate of an axis is multiplied by on a soak, less one, ppm: with a constant scale factor that is another one.
+    /// Factor of the rate of an axis on a soak, less one, ppm: a constant scale factor gives another one.
     ScaleFactor(usize),
     /// Misalignment of an axis to the first or second of the others ([`OTHERS`]), urad.
     Misalignment(usize, usize),
@@ -111,7 +111,7 @@ impl Quantity {
 /// A quantity of a newer image less that of an older one, coldest first.
 #[derive(Debug, Clone)]
 pub struct Change {
-    /// What.
+    /// Quantity.
     pub quantity: Quantity,
     /// Over the temperatures.
     pub values: Vec<Value>,
@@ -172,7 +172,7 @@ fn bias_std_dph(c: &Calibration, a: usize, output: &Output) -> f64 {
     }
 }
 
-/// What an image gives for the readings of a soak: each quantity, with its standard deviation.
+/// Values of an image for the readings of a soak: each quantity, with its standard deviation.
 fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Vec<(f64, f64)> {
     let mut model = Model::new(c.clone(), AGE_S);
     let step = |step: u32| StepFrequencies {
@@ -267,7 +267,7 @@ pub fn values(all: &[Dated], quantities: &[Quantity]) -> Result<Vec<Vec<Vec<Valu
     Ok(out)
 }
 
-/// What changed from one image to a newer one, by what [`values`] gave for them.
+/// Changes from one image to a newer one, from the values that [`values`] gave for them.
 #[must_use]
 pub fn changes(quantities: &[Quantity], old: &[Vec<Value>], new: &[Vec<Value>]) -> Vec<Change> {
     let less = |(o, n): (&Value, &Value)| Value {
@@ -282,10 +282,10 @@ pub fn changes(quantities: &[Quantity], old: &[Vec<Value>], new: &[Vec<Value>]) 
     quantities.iter().zip(old.iter().zip(new)).map(of).collect()
 }
 
-/// How a quantity goes with time.
+/// Course of a quantity over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trend {
-    /// What.
+    /// Quantity.
     pub quantity: Quantity,
     /// Date, mean over the temperatures (of the first image: zero), and its standard deviation, oldest first.
     pub means: Vec<Value>,
@@ -349,11 +349,11 @@ fn straight_line(years: &[f64], means: &[Value], stated: bool) -> (f64, f64) {
     (slope, if stated { (scatter / spread).sqrt() } else { f64::NAN })
 }
 
-/// What changed from the oldest to each newer image, over the temperatures, as SVG: a panel for each quantity, a line for each image, a band of two
-/// standard deviations about zero from the newest.
+/// Draws the changes from the oldest to each newer image, over the temperatures, as SVG: a panel for each quantity, a line for each image,
+/// a band of two standard deviations about zero from the newest.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn picture(all: &[Dated], quantities: &[Quantity], values: &[Vec<Vec<Value>>]) -> anyhow::Result<String> {
     let panels: Vec<Panel> = quantities
         .iter()

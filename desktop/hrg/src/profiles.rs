@@ -1,4 +1,4 @@
-//! Which chamber profile tells effects apart: the named ones judged on a simulated unit, and the best of them.
+//! Chamber profiles that tell effects apart: the named ones judged on a simulated unit, and the best of them.
 
 use hrg_core::effects::EffectId;
 use hrg_data::error::BadInput;
@@ -13,7 +13,7 @@ pub struct Judged {
     pub name: &'static str,
     /// The profile.
     pub profile: Profile,
-    /// How long it lasts, h.
+    /// Duration, h.
     pub hours: f64,
     /// Effects that it does not tell apart, or why it cannot be used.
     pub not_told: Result<Vec<String>, BadInput>,
@@ -27,7 +27,7 @@ impl Judged {
         Self { name, hours: profile.temperatures().len() as f64 / 3600.0, profile, not_told }
     }
 
-    /// Whether it serves the baseline itself, which wants both directions over 60 C at the least.
+    /// `true` if it serves the baseline itself, which wants both directions over 60 C at the least.
     fn serves_the_baseline(&self) -> bool {
         let t = self.profile.temperatures();
         let (low, high) = t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
@@ -36,7 +36,7 @@ impl Judged {
     }
 }
 
-/// What a run of a profile tells of some effects.
+/// Separation of some effects by a run of a profile.
 ///
 /// # Errors
 /// A profile too short to be used.

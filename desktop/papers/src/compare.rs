@@ -31,12 +31,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
-/// What is compared: a method, or the traced model.
+/// Subject of a comparison: a method, or the traced model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Contender {
     /// A method.
     Method(Method),
-    /// What [`hrg_identify::trace`] finds.
+    /// The model that [`crate::trace`] finds.
     Trace,
 }
 
@@ -92,17 +92,17 @@ pub struct Row {
     pub method: String,
     /// Numbers identified per axis.
     pub parameters: usize,
-    /// What it reaches.
+    /// Errors that it reaches.
     #[serde(flatten)]
     pub judged: Judged,
-    /// How long the identification took, s.
+    /// Duration of the identification, s.
     pub identification_s: f64,
-    /// What it costs on the unit; missing where `hrg-board` was not at hand.
+    /// Cost on the unit; missing if `hrg-board` was not at hand.
     #[serde(rename = "weight")]
     pub cost: Option<Cost>,
-    /// What the search reached.
+    /// Notes of the search.
     pub notes: Vec<String>,
-    /// How each search went.
+    /// Course of each search.
     #[serde(skip)]
     pub history: Vec<History>,
 }
@@ -116,7 +116,7 @@ pub struct Comparison {
     pub raw: Judged,
     /// The methods.
     pub rows: Vec<Row>,
-    /// Which unseen runs repeat a training profile, and which do not: one sentence.
+    /// Sentence on the unseen runs that repeat a training profile, and those that do not.
     pub about_verify: String,
     /// Methods that could not be used, and why.
     pub left_out: Vec<String>,
@@ -159,7 +159,7 @@ struct Bench {
     /// The stage of each step of each training run, axis by axis.
     stages: Vec<[Vec<Option<Stage>>; AXES]>,
     verify: Vec<Steps>,
-    /// Which of the verify runs repeat a training profile.
+    /// Set for each verify run that repeats a training profile.
     repeats: Vec<bool>,
     /// Steps at the start of each run that are not judged.
     skip: usize,
@@ -179,7 +179,7 @@ impl Bench {
         }
     }
 
-    /// What rates reach that are corrected somehow.
+    /// Errors of rates after a given correction.
     fn judge(&self, correct: impl Fn(&Steps) -> [Vec<f64>; AXES]) -> Judged {
         let judged = |steps: &Steps| {
             let mut rates = correct(steps);
@@ -207,7 +207,7 @@ impl Bench {
         }
     }
 
-    /// Which unseen runs say what.
+    /// Sentence on the verify runs: those that repeat a training profile, and the others.
     fn about(&self) -> String {
         let repeats = self.repeats.iter().filter(|r| **r).count();
         match (repeats, self.repeats.len() - repeats) {
@@ -245,12 +245,12 @@ fn traced(train: &[Recording], verify: &Recording, units: Units) -> Result<Ident
     })
 }
 
-/// What a comparison is told beside its recordings.
+/// Options of a comparison beside its recordings.
 #[derive(Debug, Clone, Copy)]
 pub struct Options {
     /// Seed of swarms and genetic searches.
     pub seed: u64,
-    /// Whether recordings of different units are allowed.
+    /// Permission for recordings of different units.
     pub units: Units,
     /// From this time of each run on the images are judged, s: a paper may leave the soak before its ramp out.
     pub from_s: f64,
@@ -356,7 +356,7 @@ fn unseen_steps(
 /// Has `hrg-board cost` count what each image costs. A program of its own, because it brings the emulator with it.
 ///
 /// # Errors
-/// Where it cannot be started, or fails.
+/// If it cannot be started, or fails.
 pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, seconds: u64) -> anyhow::Result<()> {
     let files: Vec<PathBuf> = c.rows.iter().map(|r| out.join(format!("{}.toml", r.method))).collect();
     let output = Command::new(board)
@@ -466,7 +466,7 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
 /// The picture: errors on training and unseen runs, method by method.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn picture(c: &Comparison) -> anyhow::Result<String> {
     let pair = |j: &Judged| match (&j.repeat_3sigma_dph, &j.other_3sigma_dph) {
         (Some(repeat), Some(other)) => [over_axes(repeat), over_axes(other)],
@@ -493,7 +493,7 @@ pub fn picture(c: &Comparison) -> anyhow::Result<String> {
 /// The searches drawn: objective and coefficients over the iterations.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn searches(c: &Comparison) -> anyhow::Result<String> {
     let all: Vec<_> =
         c.rows.iter().filter(|r| !r.history.is_empty()).map(|r| (r.method.clone(), r.history.clone())).collect();
@@ -503,7 +503,7 @@ pub fn searches(c: &Comparison) -> anyhow::Result<String> {
 /// One line per axis and method: corrected 100 s means over time, for looking closer.
 ///
 /// # Errors
-/// Where a calibration or the drawing fails.
+/// If a calibration or the drawing fails.
 pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Result<String> {
     let steps = Steps::new(verify)?;
     let means = |v: &[f64]| -> Vec<(f64, f64)> {

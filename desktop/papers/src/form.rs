@@ -51,7 +51,7 @@ impl Form {
         }
     }
 
-    /// Where a held set begins: with the first stage of the first run.
+    /// Sets the start of a held set to the first stage of the first run.
     pub(super) fn begin(self, c: &mut Calibration, runs: &[Run], scaling: &Scaling, a: usize) {
         let first = runs.first().and_then(|run| *self.stages(run, scaling, a).first()?);
         if let (Self::TwoSetsHeld, Some(stage)) = (self, first) {

@@ -107,7 +107,7 @@ fn exact_solution(tables: &[Data], by_range: bool) -> Result<Option<(f64, usize,
     Ok(best)
 }
 
-/// What a swarm makes least: the range, or the sum of squares about the mean, of what some coefficients leave.
+/// Objective of a swarm: the range, or the sum of squares about the mean, of the residual after some coefficients.
 fn objective<'a>(
     d: impl Fn(&[f64]) -> &'a Data + 'a,
     scale: &'a [f64],
@@ -136,7 +136,7 @@ fn objective<'a>(
     }
 }
 
-/// What a swarm has found as coefficients, with the constant that brings the mean to zero.
+/// Converts the result of a swarm to coefficients, with the constant that brings the mean to zero.
 fn searched<'a>(
     found: &swarm::Found,
     scale: &[f64],

@@ -1,4 +1,4 @@
-//! How a search went: its objective and the best coefficients after each iteration (wu2023's figures 5 to 9, zhao2022's figure 9).
+//! Course of a search: its objective and the best coefficients after each iteration (wu2023's figures 5 to 9, zhao2022's figure 9).
 
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
@@ -7,9 +7,9 @@ use std::fmt::Write as _;
 /// One search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct History {
-    /// What was searched: the axis, and the stage where each has its own.
+    /// Subject of the search: the axis, and the stage if each has its own.
     pub of: String,
-    /// What was made least, with unit.
+    /// Objective that is minimised, with unit.
     pub objective_name: &'static str,
     /// The least so far after each iteration.
     pub objective: Vec<f64>,
@@ -61,7 +61,7 @@ fn drawn(iterations: usize) -> impl Iterator<Item = usize> {
 /// The searches of some methods drawn: one row a method, the objective first, then each coefficient.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn picture(methods: &[(String, Vec<History>)]) -> anyhow::Result<String> {
     let columns = 1 + methods.iter().flat_map(|(_, all)| all.iter().map(|h| h.names.len())).max().unwrap_or(0);
     let mut panels = Vec::new();

@@ -21,7 +21,7 @@ pub enum Model {
     Frequency,
 }
 
-/// How coefficients are found.
+/// Search for the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Search {
     /// The exact solution.
@@ -36,7 +36,7 @@ pub enum Search {
     Genetic,
 }
 
-/// What is made least.
+/// Objective that is minimised.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Objective {
     /// The sum of squares.
@@ -45,14 +45,14 @@ pub enum Objective {
     Range,
 }
 
-/// What a method is made of.
+/// Parts of a method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Parts {
     /// The model.
     pub model: Model,
-    /// How its coefficients are found.
+    /// Search for its coefficients.
     pub search: Search,
-    /// What is made least.
+    /// Objective that is minimised.
     pub objective: Objective,
 }
 
@@ -149,7 +149,7 @@ impl Method {
         }
     }
 
-    /// What it is made of.
+    /// Model, search and objective of the method.
     #[must_use]
     pub const fn parts(self) -> Parts {
         use Model::{
@@ -182,20 +182,20 @@ impl Method {
         Parts { model, search, objective }
     }
 
-    /// Whether a row may have a weight: a model that is linear, with the exact least sum of squares.
+    /// `true` if a row may have a weight: a model that is linear, with the exact least sum of squares.
     #[must_use]
     pub const fn is_weighable(self) -> bool {
         let p = self.parts();
         matches!(p.search, Search::Exact) && matches!(p.objective, Objective::Squares) && !self.has_a_breakpoint()
     }
 
-    /// Whether it has coefficients of their own for cooling and heating.
+    /// `true` if it has coefficients of their own for cooling and heating.
     #[must_use]
     pub const fn needs_both_directions(self) -> bool {
         matches!(self.parts().model, Model::CoolingHeating | Model::CoolingHeatingHeld) || self.has_a_breakpoint()
     }
 
-    /// Whether its model has a breakpoint.
+    /// `true` if its model has a breakpoint.
     #[must_use]
     pub const fn has_a_breakpoint(self) -> bool {
         matches!(self.parts().model, Model::FourParameters | Model::FourParametersLiteral)

@@ -79,7 +79,7 @@ pub enum MethodError {
     Axis {
         /// Its name.
         axis: &'static str,
-        /// What is wrong.
+        /// Reason.
         why: BadInput,
     },
 }
@@ -90,22 +90,22 @@ impl From<MethodError> for hrg_data::error::BadInput {
     }
 }
 
-/// What a method has identified.
+/// Result of a method.
 #[derive(Debug, Clone)]
 pub struct Identified {
     /// The calibration.
     pub calibration: Calibration,
     /// Numbers identified per axis, inner ones included.
     pub parameters: usize,
-    /// How long it took here, s.
+    /// Duration of the identification here, s.
     pub seconds: f64,
-    /// What the search reached beside the exact solution, and what the user should know.
+    /// Objective that the search reached beside the exact solution, and remarks for the user.
     pub notes: Vec<String>,
-    /// How each search went; empty where the solution is exact.
+    /// Course of each search; empty if the solution is exact.
     pub history: Vec<History>,
 }
 
-/// What a user may ask of an identification.
+/// Options of an identification.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Options {
     /// Seed of swarms and genetic searches.
@@ -162,7 +162,7 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
     Ok(Identified { calibration, parameters, seconds: start.elapsed().as_secs_f64(), notes, history })
 }
 
-/// What an identification tells beside its coefficients.
+/// Notes and histories of an identification beside its coefficients.
 pub(super) struct Told<'a> {
     axis: usize,
     notes: &'a mut Vec<String>,
@@ -175,7 +175,7 @@ impl Told<'_> {
         self.notes.push(format!("{}: {}", AXIS_NAMES[self.axis], text.as_ref()));
     }
 
-    /// How a search went.
+    /// Adds the course of a search, and a note on its convergence.
     pub(super) fn searched(&mut self, stage: Option<Stage>, make: impl FnOnce(String) -> History) {
         let axis = AXIS_NAMES[self.axis];
         let history = make(stage.map_or_else(|| axis.to_string(), |s| format!("{axis} {}", s.name())));
@@ -189,7 +189,7 @@ impl Told<'_> {
     }
 }
 
-/// What a method needs to see in the data.
+/// Checks that the data have the directions (cooling, heating) that a method needs.
 fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
     if !method.needs_both_directions() {
         return Ok(());
@@ -357,7 +357,7 @@ mod tests {
     fn every_method_of_an_hrg_reaches_the_noise_on_an_unseen_run() {
         let p = prepare(&[plan(Kind::Hrg, "cycle", 1).simulate().recording]).expect("prepares");
         let verify = plan(Kind::Hrg, "verify", 2);
-        // What the data of the fit hold of range alone says less of another run: allowed twice the floor.
+        // The fit's data of range alone constrain another run less: allowed twice the floor.
         for (method, most) in [
             (Method::Lsq, 1.1),
             (Method::TwoSets, 1.15),
@@ -409,7 +409,7 @@ mod tests {
             for (what, above_here) in [("deg/s", seconds.found.above), ("deg/h", hours.found.above)] {
                 assert!(above_here > 0.01 && above_here > 1e4 * above, "{what}: {above_here}");
             }
-            // What it says of its coefficients is so.
+            // The stated excess of its sum of squares is true.
             let squares = |k: &[f64]| -> f64 { d.residuals(k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum() };
             let ratio = squares(&seconds.found.k) / d.fit(None).expect("fits").squares;
             assert!((ratio / (1.0 + seconds.found.above) - 1.0).abs() < 1e-3, "{ratio} {}", seconds.found.above);

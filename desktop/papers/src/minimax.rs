@@ -14,7 +14,7 @@ const TOLERANCE: f64 = 1e-7;
 /// Smallest range of `y - X b`, and the `b` of it. The constant is not among the columns: it moves no range.
 ///
 /// # Errors
-/// Where the columns do not determine `b`.
+/// If the columns do not determine `b`.
 pub fn fit(columns: &[Vec<f64>], y: &[f64]) -> Result<(Vec<f64>, f64), BadInput> {
     let spread = |v: &[f64]| {
         v.iter().copied().fold(f64::NEG_INFINITY, f64::max) - v.iter().copied().fold(f64::INFINITY, f64::min)

@@ -1,4 +1,4 @@
-//! How the coefficients of a linear model are found where least squares is not all: outliers, swarms, the smallest range.
+//! Searches for the coefficients of a linear model beyond least squares: outliers, swarms, the smallest range.
 
 use crate::form::{range, Data};
 use crate::history::History;
@@ -55,7 +55,7 @@ impl Folded {
     }
 }
 
-/// What a swarm has found, in the coefficients of the model.
+/// Result of a swarm, in the coefficients of the model.
 pub(super) struct Searched {
     pub(super) k: Vec<f64>,
     /// By how much the objective is above the least there is, as a share.
@@ -67,7 +67,7 @@ pub(super) struct Searched {
 }
 
 impl Searched {
-    /// How it went.
+    /// Course of the search.
     pub(super) fn history(&self, of: String, objective_name: &'static str, names: &[&'static str]) -> History {
         let (objective, coefficients) = (self.objective.clone(), self.path.clone());
         History { of, objective_name, objective, names: names.to_vec(), coefficients }
@@ -159,7 +159,7 @@ pub(super) fn orthogonal_swarm(d: &Data, seed: u64) -> Result<Searched, BadInput
 /// squares is above the least.
 ///
 /// # Errors
-/// Where the columns cannot be told apart.
+/// If the columns are linearly dependent.
 pub fn swarm_on(columns: Vec<Vec<f64>>, y: Vec<f64>, seed: u64) -> Result<(Vec<f64>, f64), BadInput> {
     let (lengths, names) = (vec![y.len()], vec!["column"; columns.len()]);
     let found = orthogonal_swarm(&Data { columns, y, lengths, names }, seed)?;
@@ -181,14 +181,14 @@ impl LiteralUnits {
     /// deg/h and C per minute.
     pub(super) const HOURS: Self = Self { rate: 1.0, ramp: 1.0 };
 
-    /// What the coefficients of eq 7 in deg/h and C per minute are multiplied by to have them in these units.
+    /// Factors that convert the coefficients of eq 7 from deg/h and C per minute to these units.
     fn factors(self) -> [f64; TERMS] {
         let (y, r) = (self.rate, self.ramp);
         [y, y, y, y / r, y / (r * r), y / r]
     }
 }
 
-/// What dong2023's swarm as printed has found.
+/// Result of dong2023's swarm as printed.
 pub(super) struct LiteralSearched {
     /// In the unit's centred terms.
     pub(super) found: Searched,

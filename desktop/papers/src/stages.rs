@@ -4,7 +4,7 @@ use hrg_core::bias::Scaling;
 use hrg_core::effects::EffectId;
 use hrg_data::recording::steps::Run;
 
-/// Which stage a step belongs to.
+/// Stage of a model step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stage {
     /// Cooling, and the soak after it.
@@ -48,7 +48,7 @@ pub fn of_run(run: &Run, scaling: &Scaling, a: usize) -> Vec<Option<Stage>> {
     stages
 }
 
-/// Where an effect that holds the last direction begins ([`hrg_core::effects::Effect::start_on`]) so that a run which begins with this
+/// Start state for an effect that holds the last direction ([`hrg_core::effects::Effect::start_on`]), so that a run which begins with this
 /// stage has it from its first step on.
 #[must_use]
 pub const fn start_of(stage: Stage) -> f32 {

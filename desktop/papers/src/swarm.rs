@@ -27,7 +27,7 @@ pub const DONG: Constants = Constants { particles: 200, iterations: 200, own: 1.
 /// wu2023, its Table 1: falling inertia. It prints no limits of it; 0.9 and 0.4 are those of the method's authors.
 pub const WU: Constants = Constants { particles: 100, iterations: 1000, own: 1.3, common: 1.7, inertia: [0.9, 0.4] };
 
-/// What a swarm has found.
+/// Result of a swarm.
 #[derive(Debug, Clone)]
 pub struct Found {
     /// Best position.

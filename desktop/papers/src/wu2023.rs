@@ -25,13 +25,13 @@ struct Run {
     seed: u64,
 }
 
-/// What is learnt from: 1 C per minute over the whole range, a power-on for each direction.
+/// Runs to learn from: 1 C per minute over the whole range, a power-on for each direction.
 const TRAIN: [Run; 2] = [
     Run { name: "cooling", profile: "60,1h,-40@1,1h", seed: 11 },
     Run { name: "heating", profile: "-40,1h,60@1,1h", seed: 12 },
 ];
 
-/// What is judged on: other ramps, other ends, cooling and then heating in one run.
+/// Run to judge on: other ramps, other ends, cooling and then heating in one run.
 const VERIFY: Run = Run { name: "verify", profile: "55,30m,-35@0.9,1h,50@0.8,1h", seed: 21 };
 
 /// The unit.

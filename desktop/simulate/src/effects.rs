@@ -98,7 +98,7 @@ impl Unmodelled {
     }
 }
 
-/// What can be put in.
+/// Source of an effect that can be put in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Source {
     /// An effect of the library.
@@ -131,7 +131,7 @@ impl Source {
         }
     }
 
-    /// Whether a unit can compensate it.
+    /// `true` if a unit can compensate it.
     #[must_use]
     pub fn on_unit(self) -> bool {
         matches!(self, Self::Library(effect) if effect.facts().reach == Reach::Unit)
@@ -141,11 +141,11 @@ impl Source {
 /// An effect to put in: which, its parameters, its size.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EffectSpec {
-    /// Which effect.
+    /// The effect.
     pub source: Source,
     /// Inner parameters, in their units.
     pub parameters: [f64; MAX_PARAMETERS],
-    /// What it leaves after the baseline fit, RMS of 100 s means, in noise floors.
+    /// Residual of it after the baseline fit, RMS of 100 s means, in noise floors.
     pub size: f64,
 }
 
@@ -240,7 +240,7 @@ pub(super) fn effect_bias(
         .collect()
 }
 
-/// What a series leaves, RMS of 100 s means, after the baseline has taken its share.
+/// Residual of a series after the baseline fit, RMS of 100 s means.
 pub(super) fn left_after_baseline(series: &[f64], plant: &Plant, scaling: &Scaling, a: usize) -> f64 {
     let columns: Vec<Vec<f64>> = (0..TERMS)
         .map(|j| {

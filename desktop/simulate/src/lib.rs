@@ -40,35 +40,35 @@ use turning::{Gyros, Scheme};
 /// A run to simulate. The same `unit_seed` is the same unit; `seed` is the noise of this run.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// What kind of unit.
+    /// Kind of unit.
     pub kind: Kind,
-    /// What gives its temperatures: resonators, or a sensor in each gyro ([`Thermometer::Sensors`]). With sensors the recording has no
-    /// column of a resonator: no frequency, no case sensor to calibrate it by, no drive, no quadrature.
+    /// Thermometers: resonators, or a sensor in each gyro ([`Thermometer::Sensors`]). With sensors the recording has no column of a
+    /// resonator: no frequency, no case sensor to calibrate it by, no drive, no quadrature.
     pub thermometer: Thermometer,
     /// Chamber profile.
     pub profile: Profile,
     /// Effects put in.
     pub effects: Vec<EffectSpec>,
-    /// Which unit.
+    /// Seed of the unit.
     pub unit_seed: u64,
-    /// Which noise.
+    /// Seed of the noise.
     pub seed: u64,
-    /// How much noise.
+    /// Noise level.
     pub noise: Noise,
     /// The profile on which the effects have the sizes wanted. Gains belong to the unit: the same unit, effects and
     /// sizing have the same gains on any other profile. `None`: the profile `cycle`.
     pub sizing: Option<Profile>,
-    /// How the unit stands: its recording holds the components of the earth's rate along its axes, and says so.
+    /// Attitude: its recording holds the components of the earth's rate along its axes, and states it.
     pub attitude: Attitude,
     /// A rate table that turns it; its recording then holds the table's rates, and the whole earth's rate. `None`: it stands still.
     pub turning: Option<Scheme>,
 }
 
-/// Where a simulated unit stands unless told otherwise.
+/// Attitude of a simulated unit by default.
 pub const ATTITUDE: Attitude =
     Attitude { latitude_deg: 28.2, axes: [Some(Direction::North), Some(Direction::East), Some(Direction::Down)] };
 
-/// What the simulator knows and the recording does not tell.
+/// True values that the recording does not contain.
 #[derive(Debug, Clone)]
 pub struct Truth {
     /// Effects.
@@ -84,9 +84,9 @@ pub struct Truth {
 /// A simulated run.
 #[derive(Debug, Clone)]
 pub struct Simulated {
-    /// What a chamber would have recorded.
+    /// Recording as a chamber would have made it.
     pub recording: Recording,
-    /// What it does not tell.
+    /// True values behind it.
     pub truth: Truth,
     /// The noise in the rates, deg/h: without it they are the bias (and the earth's rate).
     pub noise_dph: [Vec<f64>; AXES],

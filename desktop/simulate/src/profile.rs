@@ -16,7 +16,7 @@ pub enum Leg {
     UntilGyros(f64),
 }
 
-/// How a simulated chamber goes to its set point: a first-order lag, s. (dong2023 prints no rate of its chamber.)
+/// Time constant of the first-order lag of a simulated chamber behind its set point, s. (dong2023 prints no rate of its chamber.)
 const CHAMBER_TAU_S: f64 = 900.0;
 /// It is there when it is so near, C.
 const THERE_C: f64 = 0.1;
@@ -129,7 +129,7 @@ impl Profile {
         std::iter::once(self.start_c).chain(self.legs.iter().filter_map(of))
     }
 
-    /// Where the profile ends by what the gyros read: the temperature, C.
+    /// End of the profile if the gyros' readings decide it: the temperature, C.
     #[must_use]
     pub fn ends_by_gyros(&self) -> Option<f64> {
         match self.legs.last() {

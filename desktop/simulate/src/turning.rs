@@ -24,7 +24,7 @@ pub type Turn = Option<(usize, f64)>;
 pub const EIGHT: [Turn; 8] =
     [None, Some((0, 1.0)), Some((0, -1.0)), Some((1, 1.0)), Some((1, -1.0)), Some((2, 1.0)), Some((2, -1.0)), None];
 
-/// How a table turns the unit.
+/// Motion of a rate table.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scheme {
     /// Its steps, which are repeated.
@@ -107,7 +107,7 @@ impl Scheme {
     }
 }
 
-/// What the gyros of a unit make of a rate.
+/// Response of a unit's gyros to a rate.
 #[derive(Debug, Clone)]
 pub struct Gyros {
     axes: [Gyro; AXES],
@@ -121,7 +121,7 @@ struct Gyro {
     damping_c: f64,
     /// Parabola of the reference.
     bend: f64,
-    /// What makes the change over -40 to 60 C as large as wanted, with its sign.
+    /// Scale that makes the change over -40 to 60 C as large as wanted, with its sign.
     size: f64,
     asymmetry: f64,
     /// At 20 deg/s.
@@ -225,7 +225,7 @@ impl Gyros {
         1e6 * self.axes[axis].asymmetry
     }
 
-    /// What its scale factor gains up to a rate in deg/s, ppm.
+    /// Gain of its scale factor from zero up to a rate in deg/s, ppm.
     #[must_use]
     pub fn nonlinearity_ppm(&self, axis: usize, rate_deg_per_s: f64) -> f64 {
         1e6 * self.axes[axis].nonlinearity * (rate_deg_per_s * 3600.0 / FULL_DPH).powi(2)

@@ -7,7 +7,7 @@ use hrg_data::error::BadInput;
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What kind of unit.
+/// Kind of unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Kind {
     /// A unit like dong2023's: eq 7.

@@ -387,7 +387,7 @@ fn share(part: usize, of: usize) -> String {
     }
 }
 
-/// How often the class is right, by class and size, with intervals.
+/// Share of trials in which the class is right, by class and size, with intervals.
 fn by_class(s: &mut String, all: &[Outcome]) {
     let sizes: Vec<String> = SIZES.iter().map(f64::to_string).collect();
     let _ = writeln!(s, "| class | size {} |\n|---|{}", sizes.join(" | "), "---|".repeat(SIZES.len()));
@@ -410,7 +410,7 @@ fn by_class(s: &mut String, all: &[Outcome]) {
     s.push('\n');
 }
 
-/// How often each effect of each size is named.
+/// Share of trials in which each effect of each size is named.
 fn by_effect(s: &mut String, all: &[Outcome]) {
     let sizes: Vec<String> = SIZES.iter().map(f64::to_string).collect();
     let _ = writeln!(s, "| effect | size {} |\n|---|{}", sizes.join(" | "), "---|".repeat(SIZES.len()));
@@ -430,7 +430,7 @@ fn by_effect(s: &mut String, all: &[Outcome]) {
     }
 }
 
-/// What defects in a file change.
+/// Changes by the defects in a file.
 fn with_defects(s: &mut String, all: &[Outcome]) {
     let (mut same_name, mut same_error, mut files) = (0, 0, 0);
     for w in all.windows(2).filter(|w| w[0].trial.kind == "clean file" && w[1].trial.kind == "defective file") {
@@ -442,7 +442,7 @@ fn with_defects(s: &mut String, all: &[Outcome]) {
     let _ = writeln!(s, "| defective files: error within 5 % of the clean file | all | {} |", share(same_error, files));
 }
 
-/// How often the uncertainty holds that the image states.
+/// Coverage of the uncertainty that the image states.
 fn with_uncertainty(s: &mut String, all: &[Outcome]) {
     let stated: Vec<Coverage> = all
         .iter()

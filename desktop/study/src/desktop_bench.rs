@@ -1,4 +1,4 @@
-//! How fast the desktop's work is, and how it grows with the length of a recording.
+//! Measures the time of the desktop's work, and its growth with the length of a recording.
 //!
 //! Each measurement is a process of its own (this program, called again), so that its memory is its own too. Times are of this
 //! machine and in no test; what counts is how they grow, and the ratios beside them.

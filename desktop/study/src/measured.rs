@@ -1,6 +1,6 @@
 //! The loop closed on measured data: the recordings of host-tests/recordings/measured, through every method and the trace.
 //!
-//! What is known of these files, and what the figures mean, is in docs/measured.md. Nothing here is tuned to them.
+//! The origin of these files, and the meaning of the figures, are in docs/measured.md. Nothing here is tuned to them.
 
 use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
@@ -38,7 +38,7 @@ const MODES: [&str; AXES] = ["A100", "B100", "B300"];
 /// Reads one of the measured recordings by the map beside it.
 ///
 /// # Errors
-/// Where the folder does not hold it.
+/// If the folder does not hold it.
 pub fn load(folder: &Path, name: &str) -> anyhow::Result<Recording> {
     let path = folder.join(format!("{name}.toml"));
     let text = hrg_data::files::read_file(&path, hrg_data::files::MOST_CALIBRATION, true)?;
@@ -49,7 +49,7 @@ pub fn load(folder: &Path, name: &str) -> anyhow::Result<Recording> {
     Ok(r)
 }
 
-/// What a residual comes to on an axis: standard deviation and root mean square of its 100 s means.
+/// Figures of a residual on an axis: standard deviation and root mean square of its 100 s means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figure {
     /// About their own mean.
@@ -78,7 +78,7 @@ pub struct Row {
     pub axes: [Option<Figure>; AXES],
 }
 
-/// What came of methods and of the trace on a train and a verify run.
+/// Results of methods and of the trace on a train and a verify run.
 #[derive(Debug)]
 pub struct Compared {
     /// Raw, each method, the trace.
@@ -144,7 +144,7 @@ fn table(rows: &[Row], unit: &str, present: &[usize], digits: usize) -> String {
     s
 }
 
-/// What a trace names, in a line.
+/// Names that a trace gives, in a line.
 fn named(r: &trace::Report) -> String {
     let kind = match r.verdict_kind {
         VerdictKind::NothingLacks => "nothing-lacks",
@@ -160,7 +160,7 @@ fn named(r: &trace::Report) -> String {
 /// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through.
 ///
 /// # Errors
-/// Where the file is not there.
+/// If the file is not there.
 pub fn imu(folder: &Path) -> anyhow::Result<String> {
     let (whole, c) = imu_loop(folder, &Method::ALL)?;
     let present: Vec<usize> = whole.present().collect();
@@ -187,16 +187,16 @@ fn imu_loop(folder: &Path, of: &[Method]) -> anyhow::Result<(Recording, Compared
 pub struct InShort {
     /// The table, as plain text.
     pub table: String,
-    /// What is shown, in lines.
+    /// Caption of the picture, in lines.
     pub caption: String,
     /// The picture (SVG).
     pub picture: String,
 }
 
-/// What the first page shows, and the demo prints.
+/// Contents of the first page, which the demo prints, too.
 ///
 /// # Errors
-/// Where the file is not there.
+/// If the file is not there.
 pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
     let (whole, c) = imu_loop(folder, &[Method::Lsq])?;
     let present: Vec<usize> = whole.present().collect();
@@ -305,7 +305,7 @@ fn halves(r: &Recording, rows: usize) -> Result<[Recording; 2], BadInput> {
 /// The quartz oscillator: each half learnt from, the other judged on.
 ///
 /// # Errors
-/// Where the file is not there.
+/// If the file is not there.
 pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
     let whole = load(folder, "gpsdo.short")?;
     let [first, second] = halves(&whole, GPSDO_HALF)?;
@@ -336,7 +336,7 @@ pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
 /// Soaks of three modes of one quartz body, by orientation.
 ///
 /// # Errors
-/// Where the file is not there, or is another table.
+/// If the file is not there, or is another table.
 pub fn modes(folder: &Path) -> anyhow::Result<BTreeMap<String, Points>> {
     let path = folder.join("uberclock-peaks.csv.gz");
     let bytes = hrg_data::files::read_file(&path, MOST_RECORDING, true)?;

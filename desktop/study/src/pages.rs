@@ -5,7 +5,7 @@ use hrg_data::output::write_file;
 /// Writes a text into a page, between the marks of a name.
 ///
 /// # Errors
-/// Where the page has no such marks.
+/// If the page has no such marks.
 pub fn splice(page: &std::path::Path, name: &str, text: &str) -> anyhow::Result<()> {
     use anyhow::Context;
     let (begin, end) = (format!("<!-- {name}: begin -->"), format!("<!-- {name}: end -->"));

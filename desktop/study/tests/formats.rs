@@ -18,7 +18,7 @@ fn the_page_has_the_tables_as_they_are_printed() {
     }
 }
 
-/// What Python reads from bytes by the format of fields, or `None` where there is no Python.
+/// Values that Python reads from bytes by the format of fields, or `None` if there is no Python.
 fn by_python(fields: &[Field], bytes: &[u8]) -> Option<Vec<String>> {
     let hex: String = bytes.iter().map(|b| format!("{b:02x}")).collect();
     let program =

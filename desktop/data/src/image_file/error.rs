@@ -15,7 +15,7 @@ pub enum FileError {
     /// The directions of an uncertainty are too many, or not as long as the regressors.
     #[error("{place}: uncertainty_directions_dph must be at most {most} rows of {width} numbers")]
     Directions {
-        /// Where.
+        /// Place in the file.
         place: String,
         /// Most rows.
         most: usize,
@@ -25,17 +25,17 @@ pub enum FileError {
     /// Something is not there.
     #[error("{place} lacks {name}")]
     Missing {
-        /// Where.
+        /// Place in the file.
         place: String,
-        /// What.
+        /// Name of the missing value.
         name: String,
     },
     /// A value of another kind, or of another number of values.
     #[error("{place}: {name} cannot be {given}")]
     Wrong {
-        /// Where.
+        /// Place in the file.
         place: String,
-        /// What.
+        /// Name of the value.
         name: &'static str,
         /// As it stands there.
         given: String,
@@ -43,17 +43,17 @@ pub enum FileError {
     /// A row of another length.
     #[error("{place}: {name} must be {count} numbers")]
     Row {
-        /// Where.
+        /// Place in the file.
         place: String,
-        /// What.
+        /// Name of the row.
         name: String,
-        /// How many it must have.
+        /// Number of values that it must have.
         count: usize,
     },
     /// A checksum that is none.
     #[error("{name} \"{text}\" is not a hexadecimal number")]
     NotHexadecimal {
-        /// What.
+        /// Name of the checksum.
         name: String,
         /// As it stands there.
         text: String,
@@ -71,13 +71,13 @@ pub enum FileError {
         effect: String,
         /// The axis.
         axis: &'static str,
-        /// How many it needs.
+        /// Number of values that it needs.
         count: usize,
     },
     /// More effects than an image has room for.
     #[error("the calibration file has more effects than an image can hold")]
     TooManyEffects,
-    /// What it says is impossible.
+    /// The content is impossible.
     #[error("the calibration file cannot be used: {0}")]
     Unusable(ImageError),
     /// Changed by hand, or damaged.

@@ -20,18 +20,18 @@ const VERSION: u32 = 1;
 /// Names that files of older programs have.
 const FORMER: [(&str, &str); 1] = [("scale_factor_dph_per_code", "rate_scale_dph_per_code")];
 
-/// What the centre and scale of a thermometer are called where it is a sensor.
+/// Keys for the centre and scale of a thermometer that is a sensor.
 const SENSOR: [(&str, &str); 2] =
     [("frequency_centre_hz", "sensor_centre_c"), ("frequency_scale_hz", "sensor_scale_c")];
 
 /// The table of the four-parameter model.
 const FOUR_PARAMETER: &str = "four_parameter_dph";
 
-/// What states how uncertain the bias is.
+/// Key of the constant part of the bias's variance.
 const REST: &str = "uncertainty_rest_dph2";
 /// The directions of that uncertainty.
 const DIRECTIONS_KEY: &str = "uncertainty_directions_dph";
-/// Where an effect stands when the unit begins.
+/// Key of an effect's state at the begin of a unit.
 const START: &str = "start";
 
 /// Errors of the accelerometers.
@@ -59,7 +59,7 @@ pub fn load(path: &Path) -> anyhow::Result<Calibration> {
 /// Writes a calibration: binary where the path ends in `.bin`, else text.
 ///
 /// # Errors
-/// Where the file cannot be written.
+/// If the file cannot be written.
 pub fn save(path: &Path, c: &Calibration) -> anyhow::Result<()> {
     if path.extension().is_some_and(|e| e == "bin") {
         let bytes = c.to_bytes().ok_or_else(|| anyhow::anyhow!("the calibration does not fit an image"))?;

@@ -200,7 +200,7 @@ fn freedom(slope: f64, count: f64, n: f64) -> f64 {
     }
 }
 
-/// What is read off a curve of rates in deg/h; `None` where the curve does not show it.
+/// Values read off a curve of rates in deg/h; `None` if the curve does not show them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Readings {
     /// Angle random walk, deg per root hour: the longest plateau of the deviation times the root of the averaging time.
@@ -213,7 +213,7 @@ pub struct Readings {
     pub bias_instability_dph: Option<f64>,
     /// At this averaging time, s.
     pub bias_instability_at_s: Option<f64>,
-    /// Whether the curve has turned up again: if not, the bias instability is an upper bound.
+    /// Set if the curve has turned up again: if not, the bias instability is an upper bound.
     pub bias_instability_reached: bool,
     /// Rate random walk, deg/h per root hour, where the curve rises with slope +1/2.
     pub rate_random_walk_dph_per_root_h: Option<f64>,
@@ -225,7 +225,7 @@ pub const FLICKER: f64 = 0.664;
 const NEAR: f64 = 0.12;
 /// Points of a plateau lie within this of its level, as a share, or within their own bar where that is wider.
 const LEVEL: f64 = 0.05;
-/// What a point of a plateau may be off by beside its bar, as a share: the most precise ones do not outvote the others.
+/// Allowed deviation of a point of a plateau beside its bar, as a share: the most precise ones do not outvote the others.
 const UNEVEN: f64 = 0.03;
 /// Points with a wider bar, by logarithm, say nothing of a plateau.
 const WIDEST_BAR: f64 = 0.2;
@@ -309,7 +309,7 @@ pub struct Axis {
     pub values: usize,
     /// Missing values.
     pub missing: usize,
-    /// What is read off.
+    /// Values read off the curve.
     pub readings: Readings,
     /// The curve.
     pub curve: Vec<Point>,
@@ -333,7 +333,7 @@ pub fn enough(values: &[f64]) -> Result<(), BadInput> {
 /// Reports of axes by their numbers.
 ///
 /// # Errors
-/// Where there is too little, or much is missing.
+/// If there are too few values, or many are missing.
 pub fn report(rates: &[(usize, &[f64])], step_s: f64) -> Result<Vec<Axis>, BadInput> {
     let mut out = Vec::new();
     for &(a, values) in rates {
@@ -348,7 +348,7 @@ pub fn report(rates: &[(usize, &[f64])], step_s: f64) -> Result<Vec<Axis>, BadIn
 /// The curves with their bars.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn picture(axes: &[Axis], title: &str) -> anyhow::Result<String> {
     let mut series = Vec::new();
     for (a, axis) in axes.iter().enumerate() {

@@ -99,7 +99,7 @@ impl Triangle {
         }
         let (before, rows) = (self.r.clone(), self.rows);
         self.fold();
-        // What is missing leaves nothing finite behind.
+        // A missing value leaves nothing finite behind.
         let whole = self.r.iter().all(|v| v.is_finite());
         if !whole {
             (self.r, self.rows) = (before, rows);

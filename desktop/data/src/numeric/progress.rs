@@ -1,4 +1,4 @@
-//! How far long work is, and a way to stop it: for callers that have a user in front of them.
+//! Progress of long work, and a way to stop it: for callers that have a user in front of them.
 //!
 //! Work that knows nothing of it costs one look at a thread's own pointer for each model that is tried.
 
@@ -20,7 +20,7 @@ thread_local! {
     static CURRENT: RefCell<Option<Work>> = const { RefCell::new(None) };
 }
 
-/// What unwinds the stack of work that was stopped.
+/// Payload that unwinds the stack of work that was stopped.
 struct Stopped;
 
 impl Work {

@@ -15,7 +15,7 @@ pub fn on_all(most: usize, work: impl Fn() + Sync) {
     });
 }
 
-/// What `work` makes of each item, in their order. One item, or one processor, needs no thread.
+/// Results of `work` on each item, in their order. One item, or one processor, needs no thread.
 pub fn each<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
     let mut made: Vec<Option<R>> = items.iter().map(|_| None).collect();
     let most = items.len();

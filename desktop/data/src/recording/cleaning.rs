@@ -41,7 +41,7 @@ pub struct Cleaned {
     pub column: String,
     /// Why.
     pub defect: Defect,
-    /// How many values.
+    /// Number of values.
     pub count: usize,
 }
 
@@ -49,7 +49,7 @@ impl Recording {
     /// Takes out rows whose time is missing, repeats, goes back or is far ahead, and notes it.
     ///
     /// # Errors
-    /// Where more than half of the rows would have to go, or fewer than two are left.
+    /// If more than half of the rows would have to go, or fewer than two are left.
     pub fn order(&mut self) -> Result<(), BadInput> {
         let rows = self.time_s.len();
         if rows > 1 && self.in_order() {
@@ -111,7 +111,7 @@ impl Recording {
         Ok(())
     }
 
-    /// Whether each row has a time after that of the row before.
+    /// `true` if each row has a time after that of the row before.
     fn in_order(&self) -> bool {
         increase(&self.time_s) && self.time_s.first().is_some_and(|t| !t.is_nan())
     }
@@ -119,7 +119,7 @@ impl Recording {
     /// Takes out what cannot be true, and notes it.
     ///
     /// # Errors
-    /// As [`Recording::order`]; and where more than half of the values of a channel would have to go.
+    /// As [`Recording::order`]; and if more than half of the values of a channel would have to go.
     pub fn clean(&mut self) -> Result<(), BadInput> {
         self.cleaned_values().map(drop)
     }
@@ -243,14 +243,14 @@ impl Recording {
     }
 }
 
-/// What was found in a column.
+/// Defects found in a column.
 #[derive(Default)]
 struct Found {
     /// Its name; empty for a copy of another.
     column: String,
-    /// Which of [`Recording::columns_mut`].
+    /// Index in [`Recording::columns_mut`].
     place: usize,
-    /// Whether a recording is nothing without it.
+    /// Set if a recording is useless without it.
     needed: bool,
     stuck: usize,
     spikes: usize,
@@ -260,18 +260,18 @@ struct Found {
     taken: Vec<(usize, f64)>,
 }
 
-/// What it takes to have a recording as it was before it was cleaned.
+/// Data that restore a recording to its state before cleaning.
 #[derive(Debug, Clone)]
 pub enum Original {
     /// The recording.
     Whole(Box<Recording>),
-    /// What cleaning changed.
+    /// Changes that cleaning made.
     Changes {
         /// Values of each column, by their rows.
         values: Vec<Vec<(usize, f64)>>,
         /// Notes before.
         notes: Vec<String>,
-        /// What was taken out before.
+        /// Values that were taken out before.
         cleaned: Vec<Cleaned>,
     },
 }
@@ -295,7 +295,7 @@ impl Original {
     }
 }
 
-/// What the cells of a column hold.
+/// Quantity in the cells of a column.
 #[derive(Clone, Copy)]
 enum Cells {
     Frequency,
@@ -303,7 +303,7 @@ enum Cells {
     Sensor,
 }
 
-/// How many values are the next ones, too, and how many are there.
+/// Counts the values that equal their successor, and the finite values.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
 fn repeats_and_finite(values: &[f64]) -> (usize, usize) {
     let (mut repeats, mut finite) = (0u64, u64::from(values.last().is_some_and(|v| v.is_finite())));
@@ -314,15 +314,15 @@ fn repeats_and_finite(values: &[f64]) -> (usize, usize) {
     (repeats as usize, finite as usize)
 }
 
-/// Whether each value is larger than the one before.
+/// `true` if each value is larger than the one before.
 #[multiversion::multiversion(targets("x86_64+avx512f+avx512vl", "x86_64+avx2"))]
 fn increase(values: &[f64]) -> bool {
     let pairs = values.iter().zip(values.get(1..).unwrap_or_default());
     pairs.map(|(v, next)| u64::from(v < next)).sum::<u64>() + 1 >= values.len() as u64
 }
 
-/// Runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. What counts
-/// as long depends on how often this channel repeats by its resolution alone.
+/// Removes runs of exactly equal values: no measured frequency or rate repeats to the last digit for long. The length of a long run depends
+/// on how often this channel repeats by its resolution alone.
 fn remove_stuck(
     values: &mut [f64],
     repeats: usize,
@@ -442,7 +442,7 @@ impl Scatter {
         self.places[self.place(from)..=self.place(to - 1)].iter().fold(f64::INFINITY, |m, s| m.min(*s))
     }
 
-    /// The scatter at places from one on. (Where it is the same at both ends, it is so between: the places are steps.)
+    /// The scatter at places from one on. (The places are steps: a scatter that is the same at both ends is so between.)
     fn along(&self, from: usize, out: &mut [f64]) {
         let place = |k: usize| self.place(k);
         let (first, last) = (place(from), place(from + out.len().max(1) - 1));
@@ -457,8 +457,8 @@ impl Scatter {
 /// Hampel filter: values further than `limit` times the scatter from the median of 11 neighbours. Deviations
 /// below `harmless` count as that (a frequency of 0.5 mHz is 1 mK).
 ///
-/// A spike is rare. Where more than [`MOST_SPIKES`] of the values are that far off, the scatter is not what makes them so (a coarse
-/// resolution hides it, or the channel moves fast): the limit is doubled until it is.
+/// A spike is rare. If more than [`MOST_SPIKES`] of the values are that far off, the scatter is not the cause (a coarse resolution hides
+/// it, or the channel moves fast): the limit is doubled until spikes are rare.
 fn remove_spikes(values: &mut [f64], limit: f64, harmless: f64, taken: &mut Vec<(usize, f64)>) -> usize {
     if values.len() < 2 * HALF + 1 {
         return 0;
@@ -483,8 +483,8 @@ const MOST_SPIKES: f64 = 0.02;
 /// Values whose neighbours are looked at together.
 const TOGETHER: usize = 256;
 
-/// How many of the neighbours of each value are not further from it than `near`, itself among them. `around` begins [`HALF`] before the first value and ends as
-/// many behind the last.
+/// Counts the neighbours of each value that are not further from it than `near`, itself among them. `around` begins [`HALF`] before the
+/// first value and ends as many behind the last.
 #[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
 fn close_neighbours(around: &[f64], near: &[f64; TOGETHER], close: &mut [f64; TOGETHER]) {
     close.fill(0.0);
@@ -518,7 +518,7 @@ fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
     let (mut near, mut close) = ([0.0; TOGETHER], [0.0; TOGETHER]);
     for from in (0..n).step_by(TOGETHER) {
         let to = (from + TOGETHER).min(n);
-        // Where all values and their neighbours lie closer together than the limit, none is a spike: nearly everywhere.
+        // No value is a spike if all values and their neighbours lie closer together than the limit: true nearly everywhere.
         let (least, most) = range(&values[from.saturating_sub(HALF)..(to + HALF).min(n)]);
         if from >= HALF && to + HALF <= n && most - least <= limit * scatter.least(from, to) {
             continue;
@@ -541,7 +541,7 @@ fn spikes(values: &[f64], limit: f64, scatter: &Scatter) -> Vec<usize> {
     spikes
 }
 
-/// Whether a value is further than `near` from the median of its neighbours.
+/// `true` if a value is further than `near` from the median of its neighbours.
 fn is_spike(values: &[f64], k: usize, near: f64) -> bool {
     let n = values.len();
     // Values at the ends have neighbours on one side only: a ramp may lead away from their median.

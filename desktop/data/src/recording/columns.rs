@@ -4,7 +4,7 @@ use super::format::Thermometer;
 use crate::axes::AXIS_NAMES;
 use std::fmt::Write as _;
 
-/// What a column is for.
+/// Purpose of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// Time of the rows.
@@ -15,13 +15,13 @@ pub enum Role {
     Reading(Thermometer),
     /// Kept where it is there.
     Optional,
-    /// What the unit flagged.
+    /// Flags of the unit.
     Status,
-    /// What a unit or a program computed from the others: for the reader's eyes.
+    /// Computed from the others by a unit or a program: for the reader's eyes.
     Computed,
 }
 
-/// How its values are written.
+/// Text format of its values.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// A decimal number with as many digits as bring it back to the last bit.
@@ -42,13 +42,13 @@ pub struct Column {
     pub former: &'static [&'static str],
     /// Unit of its values.
     pub unit: &'static str,
-    /// How its values are written.
+    /// Text format of its values.
     pub format: Format,
-    /// What it is for.
+    /// Purpose.
     pub role: Role,
-    /// Whether a recording must have it, in words.
+    /// Necessity in a recording, in words.
     pub needed: &'static str,
-    /// What its values are.
+    /// Meaning of its values.
     pub meaning: &'static str,
 }
 
@@ -123,13 +123,13 @@ impl Column {
         self.names[if self.is_of_axes() { a } else { 0 }]
     }
 
-    /// Whether each axis has one of its own.
+    /// `true` if each axis has a column of its own.
     #[must_use]
     pub const fn is_of_axes(&self) -> bool {
         self.names.len() > 1
     }
 
-    /// What stands in a sentence for its names: `case_?_c`.
+    /// Pattern of its names for a sentence: `case_?_c`.
     #[must_use]
     pub fn pattern(&self) -> String {
         pattern(self.names)

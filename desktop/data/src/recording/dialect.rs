@@ -7,8 +7,8 @@
 //! | `1,5` in a file of semicolons or tabs | 1.5 |
 //! | lines that end in CR LF or in CR | lines |
 //!
-//! What could mean two things is refused: a comma within quotes between commas (decimals or thousands?), and decimal points beside
-//! decimal commas. A plain file is left as it is, after a look at its header alone.
+//! Ambiguous text is refused: a comma within quotes between commas (decimals or thousands?), and decimal points beside decimal commas. A
+//! plain file is left as it is, after a check of its header alone.
 
 use crate::error::BadInput;
 use std::borrow::Cow;
@@ -26,7 +26,7 @@ pub enum DialectError {
         line: usize,
         /// Column.
         column: usize,
-        /// What stands there.
+        /// Text of the cell.
         cell: String,
     },
     /// Decimal points in one place, decimal commas in another.
@@ -53,7 +53,7 @@ fn header(text: &str) -> Option<&str> {
     })
 }
 
-/// Whether nothing is to be done, as far as the lines up to the header tell.
+/// `true` if the text needs no conversion, as far as the lines up to the header tell.
 #[must_use]
 pub fn is_plain(text: &str) -> bool {
     if !text.contains('\n') && text.contains('\r') {
@@ -88,7 +88,7 @@ fn separator_of(header: &str) -> char {
     counts.iter().find(|c| c.0 == most).map_or(',', |c| c.1)
 }
 
-/// Whether a cell is a number with a decimal comma (`Some(true)`) or point (`Some(false)`).
+/// Decimal sign of a numeric cell: comma (`Some(true)`) or point (`Some(false)`).
 fn decimal(cell: &str) -> Option<bool> {
     let at = cell.find([',', '.'])?;
     let comma = cell.as_bytes()[at] == b',';

@@ -1,4 +1,4 @@
-//! What a user says of a unit beside its recordings: its name, its attitude, its scale factor. And whether recordings and a
+//! Facts that a user states of a unit beside its recordings: its name, its attitude, its scale factor. Also tests if recordings and a
 //! calibration image agree about them.
 
 use crate::error::BadInput;
@@ -40,7 +40,7 @@ pub enum Disagreement {
         recording: String,
         /// In the image.
         image: String,
-        /// What to do.
+        /// Advice to the user.
         advice: &'static str,
     },
     /// Two recordings were made with different scale factors.
@@ -65,12 +65,12 @@ impl From<Disagreement> for BadInput {
     }
 }
 
-/// What a user says beside the recordings.
+/// Facts that a user states beside the recordings.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Facts {
     /// Name of the unit.
     pub unit: Option<String>,
-    /// How it stood.
+    /// Attitude while it was recorded.
     pub attitude: Option<Attitude>,
     /// Scale factor of its rate channels, deg/h per code.
     pub scale_factor: Option<[f32; AXES]>,
@@ -83,7 +83,7 @@ impl Facts {
     /// are converted, and a note says so.
     ///
     /// # Errors
-    /// Where the recording says otherwise.
+    /// If the recording contradicts them.
     pub fn apply(&self, r: &mut Recording) -> Result<(), BadInput> {
         for name in self.unit.as_deref().into_iter().chain(self.base.as_ref().and_then(names::of)) {
             if r.unit() == names::NONE {
@@ -136,16 +136,16 @@ impl Facts {
     }
 }
 
-/// What recordings that are used together agree about.
+/// Facts that recordings used together have in common.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Agreed {
     /// Scale factor that made their rates, deg/h per code; the default where none of them tells.
     pub scale_factor: [f32; AXES],
-    /// What nobody knows.
+    /// Notes on unknown facts.
     pub notes: Vec<String>,
 }
 
-/// Whether recordings may be used together.
+/// Checks that recordings may be used together.
 ///
 /// # Errors
 /// [`Disagreement`] of scale factors, or of what was done about the earth's rate.
@@ -182,7 +182,7 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
     Ok(Agreed { scale_factor: first.unwrap_or([DEFAULT_SCALE_FACTOR; AXES]), notes })
 }
 
-/// Whether a calibration image may be used on a recording; what cannot be known comes back as notes.
+/// Checks that a calibration image may be used on a recording; unknown facts come back as notes.
 ///
 /// # Errors
 /// [`Disagreement`] of names (unless `different_units`), or of scale factors.

@@ -1,4 +1,4 @@
-//! What the axes of a recording read their temperature from: their resonators, or sensors.
+//! Thermometers of the axes of a recording: their resonators, or sensors.
 //!
 //! A resonator needs a curve from frequency to temperature. A sensor gives the temperature itself; the unit's code then runs with
 //! the curve `T = T`, so that a unit with sensors is calibrated, corrected and judged by the same code as one with resonators.
@@ -7,7 +7,7 @@ use super::columns::{self, Column, Role};
 use crate::axes::AXIS_NAMES;
 use hrg_core::AXES;
 
-/// Where the temperatures of a recording come from.
+/// Source of the temperatures of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Thermometer {
     /// Each axis' resonator: `f?_hz`, Hz.
@@ -22,7 +22,7 @@ pub enum Thermometer {
 }
 
 impl Thermometer {
-    /// Whether readings are temperatures.
+    /// `true` if readings are temperatures.
     #[must_use]
     pub fn is_sensor(self) -> bool {
         matches!(self, Self::Sensors | Self::OneSensor)
@@ -40,7 +40,7 @@ impl Thermometer {
         columns::ALL.iter().find(|c| c.role == Role::Reading(self))
     }
 
-    /// What a reading is called in a sentence.
+    /// Name of a reading in a sentence.
     #[must_use]
     pub fn reading(self) -> &'static str {
         if self.is_sensor() {
@@ -50,7 +50,7 @@ impl Thermometer {
         }
     }
 
-    /// Whether temperatures of two axes can differ: each must have a thermometer of its own.
+    /// `true` if temperatures of two axes can differ: each must have a thermometer of its own.
     #[must_use]
     pub fn parts_axes(self) -> bool {
         matches!(self, Self::Frequency | Self::Sensors)

@@ -5,7 +5,7 @@ use crate::error::BadInput;
 use crate::files::no_zero;
 use std::io::Read;
 
-/// What is left of a text.
+/// Remaining lines of a text.
 pub(super) struct Lines<R> {
     from: R,
     /// Read, and not given.
@@ -23,7 +23,7 @@ impl<R: Read> Lines<R> {
         Self { from, held: Vec::new(), piece: piece.clamp(1, MOST_BYTES / 4), size, read: 0, ended: false }
     }
 
-    /// How many pieces there may be.
+    /// Upper limit of the number of pieces.
     pub fn pieces(&self) -> usize {
         usize::try_from(self.size / self.piece as u64).unwrap_or(usize::MAX).saturating_add(1)
     }
@@ -31,7 +31,7 @@ impl<R: Read> Lines<R> {
     /// The next piece, in the place of what `text` holds; whether there was one. It ends with a line feed, but for the last.
     ///
     /// # Errors
-    /// Where there is no reading on, or no text: a sentence without the file's name.
+    /// If reading fails, or the bytes are no text: a sentence without the file's name.
     pub fn next(&mut self, text: &mut Vec<u8>) -> Result<bool, BadInput> {
         text.clear();
         text.append(&mut self.held);
@@ -67,7 +67,7 @@ impl<R: Read> Lines<R> {
     }
 }
 
-/// How many lines a text has. (The last one need not end with a line feed.)
+/// Number of lines of a text. (The last one need not end with a line feed.)
 pub(super) fn count(text: &[u8]) -> usize {
     let ended = text.is_empty() || text.ends_with(b"\n");
     memchr::memchr_iter(b'\n', text).count() + usize::from(!ended)

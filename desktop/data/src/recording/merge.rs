@@ -1,7 +1,7 @@
 //! A chamber's own log into a recording, by time: `hrg merge`.
 //!
-//! The rows of the recording stay as they are, with all their columns; values of the log are put beside them on straight lines
-//! between its rows. Where the log has a gap, or has not begun, cells stay empty.
+//! The rows of the recording stay as they are, with all their columns; values of the log are put beside them on straight lines between its
+//! rows. Cells stay empty if the log has a gap, or has not begun.
 
 use crate::error::BadInput;
 use crate::numeric::stats::median;
@@ -27,7 +27,7 @@ pub enum MergeError {
     NoColumn {
         /// Wanted.
         wanted: String,
-        /// What there is.
+        /// Columns that the log has.
         there: String,
     },
     /// The recording has values there already.
@@ -38,9 +38,9 @@ pub enum MergeError {
     Time {
         /// Line.
         line: usize,
-        /// What stands there.
+        /// Text of the cell.
         text: String,
-        /// What should.
+        /// Format that was expected.
         format: String,
     },
     /// A value that is none.
@@ -50,7 +50,7 @@ pub enum MergeError {
         line: usize,
         /// Column.
         column: String,
-        /// What stands there.
+        /// Text of the cell.
         text: String,
     },
     /// Too short.
@@ -79,7 +79,7 @@ impl From<MergeError> for BadInput {
     }
 }
 
-/// How a log writes its times.
+/// Time format of a log.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Format {
     /// A number, each of so many seconds.
@@ -147,7 +147,7 @@ impl Format {
         .filter(|t: &f64| t.abs() < 1e13)
     }
 
-    /// Whether its seconds count from 1970.
+    /// `true` if its seconds count from 1970.
     fn absolute(&self) -> bool {
         match self {
             Self::Number(_) => false,
@@ -157,14 +157,14 @@ impl Format {
     }
 }
 
-/// What to merge.
+/// Options of a merge.
 #[derive(Debug, Clone)]
 pub struct Wanted {
     /// Column of the log's times.
     pub time: String,
-    /// How they are written.
+    /// Format of these times.
     pub format: Format,
-    /// What the log's clock showed at the unit's power-on, written as its times are.
+    /// Time of the log's clock at the unit's power-on, written as its times are.
     pub power_on: Option<String>,
     /// Added to the log's times, s.
     pub offset_s: f64,
@@ -224,7 +224,7 @@ fn names(line: &str) -> Vec<&str> {
 }
 
 impl Log {
-    /// Reads the wanted columns. What stands before the header (a title, settings) is skipped.
+    /// Reads the wanted columns. Lines before the header (a title, settings) are skipped.
     fn read(text: &str, wanted: &Wanted) -> Result<Self, BadInput> {
         let mut before = 0;
         let mut rest = text;
@@ -310,7 +310,7 @@ pub struct Merged {
     pub rows: usize,
     /// Of each column, how many of them got a value.
     pub filled: Vec<(String, usize)>,
-    /// What was found on the way.
+    /// Notes of the merge.
     pub notes: Vec<String>,
 }
 

@@ -1,4 +1,4 @@
-//! What the `# key: value` lines of a recording say, and whether it can be used.
+//! Meaning of the `# key: value` lines of a recording, and checks that it can be used.
 //!
 //! A line that is there and cannot be used is an error, never ignored: corrected rates that are taken for raw ones, or the
 //! earth's rate left in a constant, show nowhere else. Keys that this program does not know are kept and mean nothing.
@@ -50,9 +50,9 @@ pub enum MetadataError {
     Value {
         /// Key.
         key: &'static str,
-        /// What stands there.
+        /// Value in the file.
         value: String,
-        /// What should.
+        /// Value that was expected.
         wanted: &'static str,
     },
     /// Two lines contradict each other.
@@ -84,9 +84,9 @@ pub enum MetadataError {
     /// An item of `axes`.
     #[error("metadata axes: \"{item}\" {fault}; write for instance x=north y=east z=down")]
     Axes {
-        /// What stands there.
+        /// Item in the file.
         item: String,
-        /// What is wrong with it.
+        /// Fault of the item.
         fault: &'static str,
     },
     /// Rates in another unit.
@@ -244,7 +244,7 @@ pub fn table_rate(text: &str) -> Result<[f64; AXES], MetadataError> {
     numbers.try_into().map_err(|_| MetadataError::Value { key: TABLE_RATE, value: text.into(), wanted })
 }
 
-/// Whether two scale factors are the same to a millionth: numbers typed with seven digits are.
+/// `true` if two scale factors are the same to a millionth: numbers typed with seven digits are.
 #[must_use]
 pub fn same_scale(a: &[f32; AXES], b: &[f32; AXES]) -> bool {
     a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 1e-6 * a.abs())
@@ -257,7 +257,7 @@ pub fn scale_text(scale: &[f32; AXES]) -> String {
     format!("{x} {y} {z}")
 }
 
-/// Where an axis points.
+/// Direction of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// Along the meridian, towards the north pole.
@@ -289,12 +289,12 @@ impl Direction {
     }
 }
 
-/// How a unit stands on the earth while it is recorded.
+/// Attitude of a unit on the earth while it is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Attitude {
     /// Latitude, degrees, -90 to 90; north is positive.
     pub latitude_deg: f64,
-    /// Where each axis points; `None` for one that is not named.
+    /// Direction of each axis; `None` for one that is not named.
     pub axes: [Option<Direction>; AXES],
 }
 

@@ -40,7 +40,7 @@ pub struct Recording {
     pub meta: Vec<(String, String)>,
     /// Time of each row, s; increasing after [`Recording::clean`].
     pub time_s: Vec<f64>,
-    /// What gives the temperatures.
+    /// Source of the temperatures.
     pub thermometer: Thermometer,
     /// Axes that the recording does not have: their readings and rates are NaN throughout.
     pub absent: [bool; AXES],
@@ -53,14 +53,14 @@ pub struct Recording {
     pub optional: Vec<(&'static str, Vec<f64>)>,
     /// Status of the axes and the unit in each row as it was read, where a unit recorded it: else empty.
     pub status: Vec<[u16; 4]>,
-    /// What was found on the way: one sentence each.
+    /// Notes of reading and cleaning: one sentence each.
     pub notes: Vec<String>,
-    /// What was taken out, by column and kind.
+    /// Counts of values taken out, by column and kind.
     pub cleaned: Vec<Cleaned>,
     /// Time from which on it is judged, s: rates before are left out, and readings there only bring the states of the model up to
     /// date. `None`: from its beginning.
     pub judged_from_s: Option<f64>,
-    /// Where it was read from; empty where it was not read from a file.
+    /// File that it was read from; empty if there is none.
     pub source: String,
     /// Earth rate that was taken off the rates of each axis, deg/h. A file holds it: [`Recording::to_csv`] adds it again.
     pub earth_rate_dph: Option<[f64; 3]>,
@@ -138,7 +138,7 @@ impl Recording {
         Some(constant.map(|rate| vec![rate; n]))
     }
 
-    /// Whether a table turned the unit: such a recording tells scale factors, and not the bias alone.
+    /// `true` if a rate table turned the unit: such a recording shows scale factors, and not the bias alone.
     #[must_use]
     pub fn turned(&self) -> bool {
         self.table_rate_dph().is_some_and(|rates| rates.iter().flatten().any(|r| *r != 0.0))
@@ -156,7 +156,7 @@ impl Recording {
         self.meta(metadata::SCALE_FACTOR).and_then(|v| metadata::scale_factor(v).ok())
     }
 
-    /// Whether the rates are free of the earth's rate.
+    /// `true` if the rates are free of the earth's rate.
     #[must_use]
     pub fn without_earth_rate(&self) -> bool {
         self.earth_rate_dph.is_some() || self.meta("earth_rate") == Some("removed")
@@ -176,7 +176,7 @@ impl Recording {
         self.meta("power_on_s").and_then(|v| v.trim().parse().ok()).unwrap_or(0.0)
     }
 
-    /// Whether the rates are corrected ones (a fit refuses them).
+    /// `true` if the rates are corrected ones (a fit refuses them).
     #[must_use]
     pub fn corrected(&self) -> bool {
         self.meta("rates") == Some("corrected")
@@ -268,12 +268,12 @@ impl Recording {
         }
     }
 
-    /// Parts a recording in two at a time: to learn from what is before, and to judge on what is after, with the states of the
-    /// model (lags, hysteresis) carried on from the beginning. Whether two parts of one run are independent enough is for the user
-    /// to say: nothing that lasts longer than the first part is learnt from it.
+    /// Parts a recording in two at a time: to learn from the rows before, and to judge on those after, with the states of the model (lags,
+    /// hysteresis) carried on from the beginning. The user decides if two parts of one run are independent enough: nothing that lasts
+    /// longer than the first part is learnt from it.
     ///
     /// # Errors
-    /// Where the time is outside the recording.
+    /// If the time is outside the recording.
     pub fn split(&self, at_s: f64) -> Result<(Self, Self), BadInput> {
         let at = self.time_s.partition_point(|t| *t < at_s);
         if at < 2 || at + 2 > self.time_s.len() {

@@ -9,7 +9,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::unit_name::UnitName;
 use std::borrow::Cow;
 
-/// What recordings call a unit without a name.
+/// Name in recordings for a unit without a name.
 pub const NONE: &str = "unnamed";
 
 /// Bytes of a name at most.
@@ -32,7 +32,7 @@ impl From<NameError> for BadInput {
     }
 }
 
-/// Whether a name stands for having none.
+/// `true` if the text means a unit without a name.
 #[must_use]
 pub fn is_unnamed(name: &str) -> bool {
     name.is_empty() || name == NONE || name == UnitName::UNNAMED.as_str()

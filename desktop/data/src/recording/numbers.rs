@@ -1,4 +1,4 @@
-//! Plain decimal numbers, many at once. What makes them fast: no step of the work waits for a number to end before the next begins, and a
+//! Plain decimal numbers, many at once. They are fast because no step of the work waits for a number to end before the next begins, and a
 //! compiler can do each step for several numbers side by side.
 
 /// Numbers that are read at once.
@@ -46,7 +46,7 @@ impl Ends {
         for (k, marks) in self.marks.as_chunks().0.iter().enumerate() {
             let mut marks = u64::from_le_bytes(*marks);
             let count = marks.count_ones() as usize;
-            // (What is written beyond the count is written over.)
+            // (Places written beyond the count are overwritten.)
             let mut take = |places: &mut [u16]| {
                 for place in places {
                     *place = (64 * k) as u16 + marks.trailing_zeros() as u16;
@@ -102,20 +102,20 @@ impl Cells {
         self.place[k] = negative << 63 | (from as u64 + negative) << 32 | to as u64;
     }
 
-    /// Where cell `k` is.
+    /// Range of the bytes of cell `k`.
     pub fn place(&self, k: usize) -> std::ops::Range<usize> {
         let place = self.place[k];
         ((place >> 32 & MOST_BYTES as u64) - (place >> 63)) as usize..(place & 0xFFFF_FFFF) as usize
     }
 
-    /// Reads the first cells, as many as `to` takes: numbers of at most 15 digits, with or without sign and point. Such a number is a
-    /// quotient of two that an f64 holds exactly, so that one division gives what the standard library's parser gives. Whether all of
+    /// Reads the first cells, one for each value of `to`: numbers of at most 15 digits, with or without sign and point. Such a number is a
+    /// quotient of two that an f64 holds exactly, so that one division gives the same as the standard library's parser. `true` if all of
     /// them are such numbers; [`Self::is_plain`] tells which are.
     pub fn read(&mut self, to: &mut [f64]) -> bool {
         read(&self.first, &self.last, &self.place, &mut self.plain, to)
     }
 
-    /// Whether the last [`Self::read`] has read cell `k`.
+    /// `true` if the last [`Self::read`] has read cell `k`.
     pub fn is_plain(&self, k: usize) -> bool {
         self.plain[k]
     }
@@ -153,7 +153,7 @@ fn number(first: u64, last: u64, length: u64) -> (f64, bool) {
     let one = others_last == in_last << 7 && others_first == in_first << 7 && (in_last == 0 || in_first == 0);
     let plain = one && is_point(last, in_last) && is_point(first, in_first);
     let digits = length.wrapping_sub(u64::from(in_last | in_first != 0));
-    // What stands before the point moves into its place.
+    // Move the digits before the point into its place.
     let behind = |point: u64| !(point << 8).wrapping_sub(1);
     let close = |x: u64, point: u64| x & behind(point) | (x & point.wrapping_sub(1)) << 8;
     let low = if in_last != 0 { close(last, in_last) | first >> 56 } else { last };
@@ -179,7 +179,7 @@ fn eight_digits(x: u64) -> u64 {
 mod tests {
     use super::*;
 
-    /// What becomes of cells, each with something before it.
+    /// Values read from cells, each with something before it.
     fn read(cells: &[String]) -> Vec<Option<f64>> {
         let mut out = Vec::new();
         for some in cells.chunks(BATCH) {

@@ -6,7 +6,7 @@ use hrg_core::AXES;
 /// The columns of an effect for one value of its parameter, on a run.
 #[derive(Debug)]
 pub struct OwnColumns {
-    /// What the search knows of it.
+    /// Facts about it for the search.
     pub facts: &'static Facts,
     /// Value of the parameter; 0 where there is none.
     pub parameter: f32,
@@ -20,7 +20,7 @@ impl OwnColumns {
         Self { facts, parameter, axes }
     }
 
-    /// Whether these are the columns of an effect with a parameter.
+    /// `true` if these are the columns of the effect `id` with its parameter.
     #[must_use]
     pub fn are_of(&self, id: u16, parameters: &[f32; MAX_PARAMETERS]) -> bool {
         self.facts.id == id && self.parameter.to_bits() == parameters[0].to_bits()

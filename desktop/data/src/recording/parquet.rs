@@ -21,13 +21,13 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::Arc;
 
-/// How a Parquet file begins.
+/// First bytes of a Parquet file.
 pub const MAGIC: &[u8] = b"PAR1";
 
 /// Key under which pandas keeps `DataFrame.attrs`, as JSON.
 const ATTRIBUTES: &str = "PANDAS_ATTRS";
 
-/// How pandas names the columns of an index that has no name.
+/// Prefix of pandas' names for the columns of an index that has no name.
 const INDEX: &str = "__index_level_";
 
 /// Rows that are read or written at once.
@@ -43,7 +43,7 @@ pub enum Cells {
 }
 
 impl Cells {
-    /// How many there are.
+    /// Number of cells.
     #[must_use]
     pub fn len(&self) -> usize {
         match self {
@@ -52,7 +52,7 @@ impl Cells {
         }
     }
 
-    /// Whether there are none.
+    /// `true` if there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -70,7 +70,7 @@ pub struct Contents {
     pub others: Vec<String>,
 }
 
-/// Whether a path asks for Parquet.
+/// `true` if a path asks for Parquet.
 #[must_use]
 pub fn is_wanted(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("parquet"))
@@ -111,7 +111,7 @@ fn values<T: DataType, V: Clone>(
     }
 }
 
-/// How many units of a column of times make a second.
+/// Number of units of a column of times in a second.
 fn per_second(of: &ColumnDescriptor) -> Option<f64> {
     match (of.logical_type_ref(), of.converted_type()) {
         (Some(LogicalType::Timestamp(t)), _) => Some(match t.unit {
@@ -327,7 +327,7 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, BadInput> {
     })
 }
 
-/// Whether a file begins as Parquet does; a file that cannot be read does not.
+/// `true` if a file begins as Parquet does; `false` for a file that cannot be read.
 #[must_use]
 pub fn begins_as_parquet(path: &Path) -> bool {
     use std::io::Read;
@@ -339,7 +339,7 @@ pub fn begins_as_parquet(path: &Path) -> bool {
 /// Writes the text of a recording: as Parquet if the path ends so, else as text.
 ///
 /// # Errors
-/// Where the folder cannot be written.
+/// If the folder cannot be written.
 pub fn write_text(path: &Path, csv: &str) -> anyhow::Result<()> {
     if is_wanted(path) {
         crate::output::write_file(path, &from_csv(csv)?)

@@ -36,7 +36,7 @@ impl Recording {
         if !(LARGE..=crate::files::MOST_RECORDING).contains(&size) || parquet::begins_as_parquet(path) {
             return None;
         }
-        // (Rows are about as long as the first ones. Where they become much shorter, all of them are counted.)
+        // (Rows are about as long as the first ones. All of them are counted if they become much shorter.)
         let about =
             |first: &[u8]| (1.1 * size as f64 * lines::count(first) as f64 / first.len() as f64) as usize + 1000;
         Self::stream(Lines::new(file, size, PIECE), true, about).ok().flatten()
@@ -250,7 +250,7 @@ impl Recording {
         Ok(slots)
     }
 
-    /// Which columns are the thermometer, in words.
+    /// Names the columns that are the thermometer, in words.
     fn says_thermometer(&self) -> &'static str {
         match self.thermometer {
             Thermometer::Frequency => {
@@ -316,7 +316,7 @@ pub(super) fn not_text(line: usize) -> BadInput {
     BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
 }
 
-/// What the header shows of why a column is missing.
+/// Hint from the header at the reason why a column is missing.
 fn why_missing(wanted: &str, names: &[&str]) -> String {
     if let Some(near) = names.iter().find(|n| n.eq_ignore_ascii_case(wanted)) {
         return format!(" (there is {near}: names are written in small letters)");
@@ -391,7 +391,7 @@ mod tests {
             text.insert_str(k, insert);
         }
         let mut texts = vec![text.clone(), text.replace('\n', "\r\n"), text.trim_end().to_string()];
-        // What is wrong is told with its line: in a row, in the number of cells, in metadata, and of two the first.
+        // Every error names its line: in a row, in the number of cells, in metadata, and of two errors the first.
         for (line, insert) in [(45, "1,two,3,4,5,6,7\n"), (55, "1,2\n"), (33, "# unit: B\n"), (12, "# unit = B\n")] {
             let k = at(&text, line);
             let mut wrong = text.clone();
@@ -444,7 +444,7 @@ mod tests {
             assert_eq!(Recording::read_large(&path).is_some(), at_once);
             assert_eq!(Recording::read(&path).expect("readable"), Recording::parse(text.as_bytes()).expect("readable"));
         }
-        // What is wrong far behind is told with its line, as of any file.
+        // An error far behind names its line, as in any file.
         std::fs::write(&path, long + "1,2\n").expect("written");
         let e = Recording::read(&path).expect_err("refused").0;
         assert!(e.contains("line 160003 has 2 cells") && e.contains("hrg-large"), "{e}");

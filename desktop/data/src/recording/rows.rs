@@ -9,15 +9,15 @@ use crate::numeric::side_by_side;
 use std::io::Read;
 use std::sync::{Mutex, PoisonError};
 
-/// What the header says of the rows.
+/// Columns of the rows, from the header.
 pub(super) struct Header<'h> {
     /// Names of the columns.
     pub names: &'h [&'h str],
-    /// Which of them are read.
+    /// Set for the columns that are read.
     pub kept: &'h [bool],
 }
 
-/// What came of the rows.
+/// Result of reading the rows.
 pub(super) struct Rows {
     /// A column each; empty where it is not read.
     pub columns: Vec<Vec<f64>>,
@@ -27,7 +27,7 @@ pub(super) struct Rows {
     pub first_missing: Option<(usize, usize)>,
 }
 
-/// What came of a piece.
+/// Result of reading a piece.
 struct Piece {
     rows: usize,
     lines: usize,
@@ -39,15 +39,15 @@ struct Piece {
     failed: Option<(usize, Option<String>)>,
 }
 
-/// What the threads take their work from.
+/// Source of the threads' work.
 struct Feed<'c, R> {
     lines: Lines<R>,
-    /// What is not filled of the columns, and how many rows that is.
+    /// Unfilled part of the columns, and its number of rows.
     columns: Vec<&'c mut [f64]>,
     left: usize,
-    /// How many lines each piece has.
+    /// Number of lines of each piece.
     pieces: Vec<usize>,
-    /// Whether nothing behind the pieces so far is wanted; and why, where it cannot be had.
+    /// Set if nothing behind the pieces so far is wanted; and the reason, if it cannot be read.
     stopped: bool,
     failed: Option<BadInput>,
 }
@@ -164,7 +164,7 @@ impl Header<'_> {
             Ok(text) => (text, false),
             Err(e) => (std::str::from_utf8(&bytes[..e.valid_up_to()]).unwrap_or(""), true),
         };
-        // What stands before it in its line is no row, either.
+        // Text before it in its line is no row, either.
         if bad {
             rest = &rest[..rest.rfind('\n').map_or(0, |k| k + 1)];
         }
@@ -204,7 +204,7 @@ impl Header<'_> {
     fn plain_rows(&self, text: &str, columns: &mut [&mut [f64]], out: &mut Piece) -> usize {
         let bytes = text.as_bytes();
         let mut batch: Vec<Cells> = self.names.iter().map(|_| Cells::new()).collect();
-        // Where the row begins, and the cell; which cell it is, and which row of the batch.
+        // Begins of the row and of the cell; index of the cell in its row, and of the row in the batch.
         let (mut row, mut from, mut column, mut rows) = (0, 0, 0, 0);
         let mut ends = Ends::new();
         'text: for (k, some) in bytes.chunks(LOOK).enumerate() {

@@ -24,9 +24,9 @@ pub struct Steps {
     pub power_on_s: f64,
     /// Steps before the first that is judged.
     pub run_in: usize,
-    /// What gives the temperatures.
+    /// Source of the temperatures.
     pub thermometer: crate::recording::format::Thermometer,
-    /// Whether the axes have rates in turns ([`hrg_identify::rates::lacking`]): each a quarter of the time at most.
+    /// Set if the axes have rates in turns (recordings of the errors of a scale factor): each a quarter of the time at most.
     pub in_turns: bool,
     /// Axes that the recording does not have.
     pub absent: [bool; AXES],
@@ -57,7 +57,7 @@ impl Steps {
     /// Brings a cleaned recording to model steps.
     ///
     /// # Errors
-    /// Where it is too short to say anything (less than three minutes).
+    /// If it is too short for any statement (less than three minutes).
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
         let steps = Self::on_grid(r)?.0;
         if steps.len() < 180 {
@@ -73,7 +73,7 @@ impl Steps {
     /// Only the seconds of no row are bridged, for the unit ran on in them. Gives which seconds have a row, too.
     ///
     /// # Errors
-    /// Where it has no rows, or spans years.
+    /// If it has no rows, or spans years.
     pub fn as_seen(r: &Recording) -> Result<(Self, Vec<bool>), BadInput> {
         let (mut steps, index) = Self::on_grid(r)?;
         let mut there = vec![false; steps.len()];
@@ -153,7 +153,7 @@ impl Steps {
         self.frequency_hz[0].len()
     }
 
-    /// Whether there are none.
+    /// `true` if there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -170,7 +170,7 @@ impl Steps {
         [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
     }
 
-    /// What only the recording has, at a step, for an axis.
+    /// Quantities that only the recording has, at a step, for an axis.
     #[must_use]
     pub fn recorded(&self, k: usize) -> Recorded {
         let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
@@ -292,7 +292,7 @@ impl Run {
         t.state(a).filter(|_| t.axes[a].age == 0)
     }
 
-    /// What an effect may look at, with what is recorded of it; `None` where the axis has no temperature yet.
+    /// Inputs that an effect may read, with the recorded ones; `None` if the axis has no temperature yet.
     #[must_use]
     pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize, recorded: Recorded) -> Option<Inputs<'a>> {
         let thermal = &self.thermal[k];

@@ -1,7 +1,7 @@
-//! What a data sheet states of a gyro, from recordings alone: bias over temperature, the loop between heating and cooling, turn-on
-//! repeatability, bias stability, angle random walk, sensitivity to ramps. Each with a 95 % interval and the conditions under which
-//! it was taken. (The quantities are those that IEEE 1431 asks of a Coriolis gyro's specification; the standard's text is not at
-//! hand, so its clause numbers are not given.)
+//! Data-sheet figures of a gyro, from recordings alone: bias over temperature, the loop between heating and cooling, turn-on repeatability,
+//! bias stability, angle random walk, sensitivity to ramps. Each has a 95 % interval and the conditions of its measurement. (The quantities
+//! are those that IEEE 1431 asks of a Coriolis gyro's specification; the standard's text is not at hand, so its clause numbers are not
+//! given.)
 
 mod figures;
 mod page;
@@ -22,7 +22,7 @@ use serde::Serialize;
 /// A quantity with its 95 % interval.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Quantity {
-    /// What it is.
+    /// Name of the quantity.
     pub name: &'static str,
     /// Its value; `None` where these recordings do not show it.
     pub value: Option<f64>,
@@ -81,7 +81,7 @@ pub struct Report {
     pub recordings: Vec<String>,
     /// The axes.
     pub axes: Vec<AxisReport>,
-    /// What the reader should know.
+    /// Remarks for the reader.
     pub notes: Vec<String>,
 }
 

@@ -43,7 +43,7 @@ pub fn text(r: &Report) -> String {
 /// As a page.
 ///
 /// # Errors
-/// Where a picture cannot be drawn.
+/// If a picture cannot be drawn.
 pub fn html(r: &Report) -> anyhow::Result<String> {
     let escape = |t: &str| t.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut s = format!(

@@ -9,7 +9,7 @@ use hrg_core::link::Message;
 use hrg_data::error::BadInput;
 use std::time::{Duration, Instant};
 
-/// What to do.
+/// Inputs of an alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Plan {
     /// Latitude, degrees.
@@ -29,8 +29,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// What the turn adds to the standard deviation of the azimuth, arc minutes, by squares: the unit does not know it. For drifts that change by
-    /// `heading_drift_dph` (one sigma, deg/h) from one position to the other, and a turn that differs by `turn_error_arcmin`.
+    /// Standard deviation that the turn adds to the azimuth, arc minutes, by squares: the unit does not know it. It holds for drifts that
+    /// change by `heading_drift_dph` (one sigma, deg/h) from one position to the other, and a turn that differs by `turn_error_arcmin`.
     ///
     /// # Errors
     /// A latitude that is impossible or too near to a pole.
@@ -42,33 +42,33 @@ impl Plan {
     }
 }
 
-/// Who turns the platform, looks on, and decides.
+/// Operator of the platform: turns it, watches, and decides.
 pub trait Operator {
     /// The platform may be turned now: returns once the turn begins.
     ///
     /// # Errors
-    /// What ends the alignment.
+    /// Any error ends the alignment.
     fn begin_turn(&mut self) -> Result<()>;
-    /// Whether the turn has ended; asked after each second of the unit.
+    /// `true` if the turn has ended; asked after each second of the unit.
     ///
     /// # Errors
-    /// What ends the alignment.
+    /// Any error ends the alignment.
     fn turn_has_ended(&mut self) -> Result<bool>;
     /// A second of the unit.
     fn second(&mut self, report: &Report);
-    /// Whether a result is accepted: the drifts then become a bias trim.
+    /// `true` if a result is accepted: the drifts then become a bias trim.
     ///
     /// # Errors
-    /// What ends the alignment.
+    /// Any error ends the alignment.
     fn accepts(&mut self, report: &Report) -> Result<bool>;
 }
 
-/// What came of it.
+/// Outcome of an alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Outcome {
     /// The last report with a result.
     pub report: Report,
-    /// Whether the unit has taken the drifts as a trim.
+    /// Set if the unit has accepted the drifts as a trim.
     pub accepted: bool,
 }
 

@@ -47,7 +47,7 @@ fn create(path: &Path, private: bool, line: &str) -> Result<()> {
         .with_context(|| format!("cannot write {}", path.display()))
 }
 
-/// Where the public half of a key lies.
+/// Path of the public half of a key.
 fn public_path(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_os_string();
     name.push(".pub");
@@ -57,7 +57,7 @@ fn public_path(path: &Path) -> PathBuf {
 /// Makes a key: the private half goes to `path`, readable for its owner only, the public one beside it. Gives the public one.
 ///
 /// # Errors
-/// Where one of the two files is there already, or cannot be written; where the system has no random numbers.
+/// If one of the two files is there already, or cannot be written; if the system has no random numbers.
 pub fn generate(path: &Path) -> Result<String> {
     let mut seed = [0; 32];
     getrandom::fill(&mut seed).map_err(|e| anyhow::anyhow!("the system has no random numbers: {e}"))?;
@@ -70,7 +70,7 @@ pub fn generate(path: &Path) -> Result<String> {
 /// Reads a private key.
 ///
 /// # Errors
-/// Where the file cannot be read, or holds none.
+/// If the file cannot be read, or holds none.
 pub fn load(path: &Path) -> Result<SigningKey> {
     let content = hrg_data::files::read_file(path, 1024, false)?;
     let seed = std::str::from_utf8(&content).ok().and_then(bytes).ok_or_else(|| {

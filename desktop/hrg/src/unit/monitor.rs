@@ -1,4 +1,4 @@
-//! What `hrg monitor` shows: the state of a unit as its messages tell it, drawn on a terminal.
+//! Screen of `hrg monitor`: the state of a unit as its messages report it, drawn on a terminal.
 
 use hrg_core::link::{mode, Housekeeping, Identity, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -16,10 +16,10 @@ pub const STABLE_C_PER_MIN: f32 = 0.01;
 /// Seconds that the sparklines show.
 const HISTORY: usize = 120;
 
-/// What is known of the unit.
+/// Known state of the unit.
 #[derive(Debug, Default)]
 pub struct State {
-    /// Who it is.
+    /// Identity of the unit.
     pub identity: Option<Identity>,
     /// The last second.
     pub last: Option<Housekeeping>,
@@ -31,7 +31,7 @@ pub struct State {
     frames: (u32, u32),
     /// Frames that could not be read.
     pub bad_frames: u64,
-    /// What is wrong with the port, if anything.
+    /// Fault of the port, if any.
     pub port_error: Option<String>,
     /// The chamber profile that runs, begun at the unit's power-on.
     pub profile: Option<Profile>,
@@ -240,7 +240,7 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
 /// The screen as text, 80 by 24.
 ///
 /// # Errors
-/// Where the drawing library fails.
+/// If the drawing library fails.
 pub fn screen(state: &State) -> anyhow::Result<String> {
     let mut terminal = ratatui::Terminal::new(ratatui::backend::TestBackend::new(80, 24))?;
     terminal.draw(|f| draw(f, state))?;

@@ -56,17 +56,17 @@ pub enum NameError {
         /// The unit's name.
         unit: String,
     },
-    /// What was given is neither's name.
+    /// The name that was given is neither's.
     #[error("--unit says {said}, the {what} on hand is {named}; nothing was written")]
     Said {
-        /// What was given.
+        /// Name that was given.
         said: String,
         /// The unit or the calibration.
         what: &'static str,
         /// Its name.
         named: String,
     },
-    /// What was given cannot be a name.
+    /// The text that was given cannot be a name.
     #[error(transparent)]
     Unfit(#[from] names::NameError),
 }
@@ -108,10 +108,10 @@ pub fn name_of(identity: &Identity) -> Option<&str> {
     Some(identity.unit_name()).filter(|n| !names::is_unnamed(n))
 }
 
-/// What a unit computes with.
+/// Calibration that a unit computes with.
 #[derive(Debug, Clone, PartialEq)]
 pub enum InUse {
-    /// What it was built with: its flash holds no valid image.
+    /// Default that it was built with: its flash holds no valid image.
     Default,
     /// The image in its flash.
     Image(Box<Calibration>),
@@ -134,10 +134,10 @@ impl InUse {
 /// An image in the unit's flash: its place, and what was read there.
 pub type At = (Place, Result<Calibration, ImageError>);
 
-/// What a unit says that it holds.
+/// Contents of a unit as it reports them.
 #[derive(Debug, Clone)]
 pub struct Held {
-    /// Who it is, and what it runs.
+    /// Identity, and the image that it runs.
     pub identity: Identity,
     /// Its images; `None` where it does not let anybody read them.
     pub images: Option<Images>,
@@ -182,7 +182,7 @@ impl std::fmt::Display for Held {
 pub struct BurnError {
     /// Why.
     pub why: anyhow::Error,
-    /// Whether the unit's flash may have been written to. Then [`Unit::held`] tells what is there.
+    /// Set if the unit's flash may have been written to. Then [`Unit::held`] tells what is there.
     pub begun: bool,
 }
 
@@ -205,7 +205,7 @@ pub struct Burnt {
     pub before: Option<Calibration>,
 }
 
-/// What the user says of a burn.
+/// Statements of the user for a burn.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Burn {
     /// The unit's name.
@@ -233,7 +233,7 @@ const BROKEN: UnitStatus = UnitStatus::DEFAULT_CALIBRATION
     .union(UnitStatus::TIMEBASE)
     .union(UnitStatus::PROGRAM);
 
-/// What a unit shows that makes its rates useless: the names of the flags with their axes; `None`: nothing.
+/// Flags of a unit that make its rates useless, with their axes; `None` if there are none.
 fn unusable(h: &Housekeeping) -> Option<String> {
     let mut shown: Vec<String> = Vec::new();
     for (status, name) in h.axis_status.iter().zip(AXIS_NAMES) {
@@ -301,7 +301,7 @@ impl Unit {
     /// The next message within a time; `None` if there is none.
     ///
     /// # Errors
-    /// Where the port is gone.
+    /// If the port is gone.
     pub fn next(&mut self, within: Duration) -> std::io::Result<Option<Message>> {
         let until = Instant::now() + within;
         loop {
@@ -330,7 +330,7 @@ impl Unit {
     /// Sends a message.
     ///
     /// # Errors
-    /// Where the port is gone.
+    /// If the port is gone.
     pub fn send(&mut self, message: &Message) -> std::io::Result<()> {
         // A zero first: whatever garbage came before ends there.
         self.port.write_all(&[0])?;
@@ -356,10 +356,10 @@ impl Unit {
         Err(BadInput::new("the unit does not answer; check that the port is the unit's link, and its power").into())
     }
 
-    /// Who is there.
+    /// Asks for the unit's identity.
     ///
     /// # Errors
-    /// Where nobody answers.
+    /// If no unit answers.
     pub fn identity(&mut self) -> Result<Identity> {
         self.ask(&Message::Identify, Duration::from_secs(2), |m| match m {
             Message::Identity(i) => Some(*i),
@@ -405,7 +405,7 @@ impl Unit {
     /// The field log, oldest event first.
     ///
     /// # Errors
-    /// Where the unit does not answer, or does not open its maintenance mode.
+    /// If the unit does not answer, or does not open its maintenance mode.
     pub fn events(&mut self) -> Result<Vec<Record>> {
         let identity = self.reconnect(Duration::ZERO)?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
@@ -443,7 +443,7 @@ impl Unit {
         Ok(Some((place, Calibration::from_bytes(&bytes))))
     }
 
-    /// What it runs and what it will run, in maintenance mode, which was opened with this answer.
+    /// Images that it runs and will run, in maintenance mode, which was opened with this answer.
     fn images(&mut self, opened: u32) -> Result<Images> {
         let in_use = self.image_at(opened)?;
         let newest = self.done(Command::Newest, "asking for the newest image")?;
@@ -454,7 +454,7 @@ impl Unit {
     /// Asks who is there, for as long as `within`; the port is opened anew where that is possible.
     ///
     /// # Errors
-    /// Where the port does not come back, or nobody answers on it.
+    /// If the port does not come back, or no unit answers on it.
     pub fn reconnect(&mut self, within: Duration) -> Result<Identity> {
         let until = Instant::now() + within;
         loop {
@@ -470,10 +470,10 @@ impl Unit {
         }
     }
 
-    /// Who it is and what its flash holds, asked from the unit; first it is looked for, for as long as `within`.
+    /// Asks the unit for its identity and the contents of its flash; first it is looked for, for as long as `within`.
     ///
     /// # Errors
-    /// Where it does not answer.
+    /// If it does not answer.
     pub fn held(&mut self, within: Duration) -> Result<Held> {
         let identity = self.reconnect(within)?;
         let images = match self.maintain(Command::Open(identity.unit))? {
@@ -487,10 +487,10 @@ impl Unit {
         Ok(Held { identity, images })
     }
 
-    /// What a unit computes with.
+    /// Calibration that a unit computes with.
     ///
     /// # Errors
-    /// Where it does not answer.
+    /// If it does not answer.
     pub fn in_use(&mut self, identity: &Identity) -> Result<InUse> {
         if identity.calibration == 0 {
             return Ok(InUse::Default);
@@ -506,10 +506,10 @@ impl Unit {
         Ok(image.map_or(InUse::Locked, |c| InUse::Image(Box::new(c))))
     }
 
-    /// Who it is, and its images.
+    /// Reads its identity and its images.
     ///
     /// # Errors
-    /// Where the unit refuses, or does not answer.
+    /// If the unit refuses, or does not answer.
     pub fn read(&mut self) -> Result<(Identity, Images)> {
         let identity = self.identity()?;
         let opened = self.done(Command::Open(identity.unit), "maintenance mode")?;
@@ -521,7 +521,7 @@ impl Unit {
     /// The next second of the unit.
     ///
     /// # Errors
-    /// Where none comes.
+    /// If none comes.
     fn second(&mut self, within: Duration) -> Result<Housekeeping> {
         let until = Instant::now() + within;
         while let Some(left) = until.checked_duration_since(Instant::now()) {
@@ -556,7 +556,7 @@ impl Unit {
     /// Waits until a unit that has just started shows rates that can be used; gives the flags that stay on.
     ///
     /// # Errors
-    /// Where the port goes.
+    /// If the port is gone.
     pub fn shows(&mut self) -> Result<Option<String>> {
         let until = Instant::now() + STARTED;
         loop {

@@ -14,7 +14,7 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// What one second of a recording is made of.
+/// Values of one second of a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Second {
     /// Time since power-on, ms.
@@ -139,12 +139,12 @@ const COLUMNS_OF_SENSORS: [Written<Second>; 6] =
 /// A unit records all its axes.
 const EACH_AXIS: [usize; AXES] = [0, 1, 2];
 
-/// What a recording says of the unit.
+/// Metadata of the unit in a recording.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Head {
     /// Its name; empty where it has none.
     pub unit: String,
-    /// How it stands.
+    /// Attitude.
     pub attitude: Option<Attitude>,
     /// The scale factor that makes its rates, deg/h per code.
     pub scale_factor: Option<[f32; 3]>,
@@ -182,7 +182,7 @@ impl Head {
 #[derive(Debug)]
 pub struct Recorder {
     base: PathBuf,
-    /// What the next file's head says.
+    /// Head of the next file.
     pub head: Head,
     /// Sensors beside the unit.
     pub sensors: Option<Sensors>,
@@ -192,7 +192,7 @@ pub struct Recorder {
     /// Bytes in it.
     length: u64,
     last: Option<Second>,
-    /// What the unit's 32-bit milliseconds have wrapped over, ms.
+    /// Milliseconds by which the unit's 32-bit counter has wrapped.
     wrapped_ms: u64,
     power_ons: u32,
     /// Rows written since the start.
@@ -281,7 +281,7 @@ impl Recorder {
     /// Takes a second. Rates are the raw ones, whatever image the unit runs.
     ///
     /// # Errors
-    /// Where the file cannot be written (a full disk): what is in it stays.
+    /// If the file cannot be written (a full disk): its contents stay.
     pub fn push(&mut self, second: &Second) -> Result<()> {
         let before = self.last;
         if let Some(last) = before {

@@ -24,7 +24,7 @@ pub const COLUMNS: [Column; 2] = [CASE, CHAMBER];
 /// Baud rate of a port that names none.
 const BAUD: u32 = 9600;
 
-/// What has no new line is looked at again after this.
+/// Interval of the checks for a new line.
 const AGAIN: Duration = Duration::from_millis(100);
 
 /// Why a line is none of sensors.
@@ -41,7 +41,7 @@ pub enum LineError {
     NoHeader,
 }
 
-/// What a line says.
+/// Contents of a line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
     /// Time since the unit's power-on, s, where the line tells.
@@ -50,7 +50,7 @@ pub struct Reading {
     pub values_c: [f64; 4],
 }
 
-/// Where a value goes: `None` is the time.
+/// Index of a value; `None` is the time.
 type Target = Option<usize>;
 
 /// Reads lines of sensors.
@@ -139,7 +139,7 @@ impl Sensors {
     /// without a time are older than the recording and not used.
     ///
     /// # Errors
-    /// Where it cannot be opened.
+    /// If it cannot be opened.
     pub fn open(source: &str) -> Result<Self, BadInput> {
         let (path, baud) = match source.rsplit_once('@').map(|(p, b)| (p, b.parse())) {
             Some((path, Ok(baud))) => (path, baud),
@@ -177,7 +177,7 @@ impl Sensors {
     /// Reads a whole file, for a recording that is made of a log: each line must tell its time.
     ///
     /// # Errors
-    /// Where it cannot be read, or a line cannot.
+    /// If the file or one of its lines cannot be read.
     pub fn of_file(path: &str) -> Result<Self, BadInput> {
         let bytes = hrg_data::files::read_file(Path::new(path), hrg_data::files::MOST_RECORDING, true)?;
         let (mut lines, mut sensors) = (Lines::default(), Self::new(channel().1, Arc::default()));
@@ -223,7 +223,7 @@ impl Sensors {
         values
     }
 
-    /// What came of them, in a sentence.
+    /// Counts of readings and of bad lines, in a sentence.
     #[must_use]
     pub fn summary(&self) -> String {
         let bad = match &self.first_bad {

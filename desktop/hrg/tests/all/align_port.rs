@@ -16,7 +16,7 @@ use std::time::Duration;
 /// A second of the unit takes so long here.
 const SECOND: Duration = Duration::from_millis(4);
 
-/// What the unit has been told to trim, deg/h; plays until `stop`.
+/// Plays a unit until `stop`; returns the trim that it was commanded, deg/h.
 fn unit(mut port: TTYPort, recording: &Recording, stop: &AtomicBool) -> Option<[f32; 3]> {
     port.set_timeout(Duration::from_millis(1)).expect("a port");
     let increments = |position: u8| -> Vec<[f64; 2]> {
@@ -98,7 +98,7 @@ fn a_unit_aligns_itself_and_takes_its_drifts() {
     let r: serde_json::Value = serde_json::from_slice(&std::fs::read(&out).expect("written")).expect("JSON");
     let off = r["azimuth_deg"].as_f64().expect("a number") - truth.azimuth / DEGREE;
     assert!(off.abs() * 60.0 < 15.0 && r["accepted"] == true, "{off}: {text}");
-    // What comes with the turn is in the standard deviation where it is stated: 0.02 deg/h over 2 Oc sin(45 degrees), and half of 6'.
+    // Stated changes that come with the turn are in the standard deviation: 0.02 deg/h over 2 Oc sin(45 degrees), and half of 6'.
     let std = |r: &serde_json::Value| r["azimuth_std_arcmin"].as_f64().expect("a number");
     let stated = ["--latitude", "45", "--accept", "--out", &path, "--heading-drift", "0.02", "--turn-error", "6"];
     let (code, again, _) = align(&plant, &stated);
@@ -112,7 +112,7 @@ fn a_unit_aligns_itself_and_takes_its_drifts() {
     for k in 0..2 {
         assert!((f64::from(trim[k]) + truth.drift[k] / DPH).abs() < 0.05, "{trim:?} for {:?}", truth.drift);
     }
-    // Nobody accepts: nothing is trimmed, and the unit leaves its align mode.
+    // Without an accepting user nothing is trimmed, and the unit leaves its align mode.
     let (code, text, trim) = align(&plant, &["--latitude", "45"]);
     assert!(code == Some(2) && text.contains("nobody is there to answer") && trim.is_none(), "{text}");
     // The unit's own refusals.

@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// What goes wrong, and when.
+/// Fault to inject, and its time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Fault {
     /// The third chunk is not written.
@@ -198,7 +198,7 @@ fn a_burn_is_done_when_the_unit_shows_it() {
     let said = String::from_utf8_lossy(&o.stderr).into_owned();
     assert_eq!(o.status.code(), Some(1), "{said}");
     assert!(said.contains("the unit shows frequency-lost on x and frequency-lost on z; to go back"), "{said}");
-    // What it names is the image from before.
+    // The named file is the image from before.
     let file = format!("before-{:08x}.toml", image(1, 1.0).checksum());
     assert!(
         said.contains(&format!("hrg burn {file} --port")) && !String::from_utf8_lossy(&o.stdout).contains("running"),
@@ -248,7 +248,7 @@ fn a_unit_that_has_gone_is_not_said_to_hold_anything() {
     assert!(unit.held(Duration::from_millis(100)).is_err());
 }
 
-/// What `hrg image` writes is what a unit finds in its flash: one with a key only where it is signed.
+/// A unit finds in its flash the image that `hrg image` writes: one with a key only if it is signed.
 #[test]
 fn an_image_for_the_debug_port_is_found_by_the_unit() {
     let folder = std::env::temp_dir().join(format!("hrg-image-{}", std::process::id()));

@@ -116,7 +116,7 @@ fn a_fit_keeps_the_scale_factor_and_says_where_none_is_known() {
     let ([a, ..], [b, ..]) = (constants(&d, "own.toml"), constants(&d, "twice.toml"));
     let earth = 15.041_067 * 28.2f64.to_radians().cos();
     assert!((f64::from(b) - (2.0 * (f64::from(a) + earth) - earth)).abs() < 1e-3, "{a} {b}");
-    // What contradicts is refused.
+    // Contradicting facts are refused.
     assert!(refused(&d, "fit known.csv --base own.toml --out no.toml").contains("0.01 0.02 -0.03"));
     assert!(refused(&d, "fit known.csv own.csv --out no.toml").contains("different scale factors"));
     assert!(refused(&d, "trace --train known.csv --verify own.csv --out r.json").contains("different scale factors"));
@@ -284,7 +284,7 @@ fn a_chambers_own_log_is_merged_by_time() {
     let d = folder("merge");
     ok(&d, "simulate --profile fast --out run.csv");
     let text = read(&d, "run.csv");
-    // What a unit alone records: no sensor but its own; and the time of its power-on.
+    // Recording of a unit alone: no sensor but its own; and the time of its power-on.
     let r = Recording::parse(text.as_bytes()).expect("readable");
     let mut bare = String::from("# unit: SIM-1\n# power_on_unix_s: 1795255200.5\ntime_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,status_x\n");
     for k in 0..r.time_s.len() {

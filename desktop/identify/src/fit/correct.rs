@@ -1,4 +1,4 @@
-//! What a unit sends, second by second, computed on the desktop from the frequencies and raw rates that it had.
+//! Corrected rates as a unit sends them, second by second, computed on the desktop from the unit's frequencies and raw rates.
 //!
 //! # When a bias takes effect
 //! A unit cannot take the bias of a second off the rates of that second: the second must be over before its frequencies are
@@ -39,12 +39,12 @@ pub struct Model {
     compensator: Compensator,
     /// Bias of the step before, deg/h.
     before_dph: [f32; AXES],
-    /// What the rates were multiplied by then.
+    /// Factors by which the rates were multiplied then.
     factors_before: Factors,
     trim: Option<[f32; AXES]>,
 }
 
-/// What a model step gives.
+/// Result of a model step.
 #[derive(Debug, Clone, Copy)]
 pub struct Stepped {
     /// Temperatures, biases, status.
@@ -53,7 +53,7 @@ pub struct Stepped {
     pub pending: PendingBias,
     /// The bias under which the samples ran whose means belong to this step, deg/h.
     pub held_dph: [f32; AXES],
-    /// What they were multiplied by.
+    /// Factors by which these samples were multiplied.
     pub held_factors: Factors,
 }
 
@@ -66,7 +66,7 @@ impl Model {
         Self { compensator, before_dph: [0.0; AXES], factors_before: Factors::UNIT, trim: None }
     }
 
-    /// What an alignment has found is in the bias from the next step on, deg/h.
+    /// Sets the bias that an alignment has found, deg/h; it is in the bias from the next step on.
     pub fn set_trim(&mut self, trim_dph: [f32; AXES]) {
         self.trim = Some(trim_dph);
     }
@@ -194,12 +194,12 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
 pub struct Corrected {
     /// The seconds that have a row in the recording.
     pub seconds: Vec<Second>,
-    /// What was found on the way.
+    /// Remarks for the user.
     pub notes: Vec<String>,
 }
 
-/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too. What a unit's counters reported is taken over
-/// from the status columns, where the recording has them.
+/// Corrects a recording as it was read, before any cleaning: a unit sees spikes, too. The status columns, if the recording has them, give
+/// the counts that the unit's counters reported.
 ///
 /// # Errors
 /// Corrected rates, times that do not increase, no rows.

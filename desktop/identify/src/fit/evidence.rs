@@ -1,4 +1,4 @@
-//! Whether a run holds enough data behind a figure.
+//! Tests if a run holds enough data behind a figure.
 
 use crate::fit::MEAN_S;
 use hrg_data::axes::AXIS_NAMES;

@@ -1,4 +1,4 @@
-//! Whether recordings are independent witnesses: a run that is judged on must not hold data that were learnt from.
+//! Tests if recordings are independent witnesses: a run that is judged on must not hold data that were learnt from.
 //!
 //! Names prove nothing: a file may be copied, cut into overlapping parts, resampled or given twice. So the content is
 //! compared, in two ways. Rows: windows of `WINDOW` consecutive rows with the same rates, wherever they stand in the two
@@ -25,7 +25,7 @@ const STRETCH_S: usize = 256;
 /// Correlation of the noise of two stretches above which they are the same data.
 const SAME_NOISE: f64 = 0.98;
 
-/// Whether runs that are used together must be of one unit.
+/// Permission to use runs of different units together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Units {
     /// Runs of different units are refused.
@@ -53,7 +53,7 @@ pub fn same_unit(recordings: &[&Recording], units: Units) -> Result<Option<Strin
     }
 }
 
-/// How two recordings overlap.
+/// Overlap of two recordings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Shared {
     /// Time in the first one at which the data begin that both have, s on its own clock.
@@ -92,7 +92,7 @@ fn called(r: &Recording) -> String {
     }
 }
 
-/// Where two recordings share data; `None` where they are independent.
+/// Finds data that two recordings share; `None` if they are independent.
 #[must_use]
 pub fn shared(a: &Recording, b: &Recording) -> Option<Shared> {
     shared_rows(a, b).or_else(|| shared_noise(a, b))
@@ -151,7 +151,7 @@ fn shared_rows(a: &Recording, b: &Recording) -> Option<Shared> {
     (both.len() * keep as usize >= LEAST_WINDOWS).then(|| Shared { first_s: a.time_s[f], second_s: b.time_s[k] })
 }
 
-/// How noise is compared.
+/// Parameters of the comparison of noise on one time scale.
 struct Scale {
     /// Seconds that are averaged before differences are formed.
     mean_s: usize,

@@ -1,5 +1,5 @@
-//! What every fit begins and ends with: recordings made ready ([`prepare`]), and a run corrected by the unit's code
-//! ([`correct()`]). Between the two stand [`hrg_papers::methods`] and [`crate::trace`].
+//! Begin and end of every fit: recordings made ready ([`prepare`]), and a run corrected by the unit's code ([`correct()`]). Between the two
+//! are a method of identification and [`crate::trace`].
 
 pub mod correct;
 pub mod evidence;
@@ -35,7 +35,7 @@ pub struct Prepared {
     pub runs: Vec<Run>,
     /// Curves, scaling and ranges; no bias yet.
     pub calibration: Calibration,
-    /// What the user should know.
+    /// Remarks for the user.
     pub notes: Vec<String>,
     /// Time constant by which each resonator follows its sensor, s (0: not identified).
     pub lag_s: [f64; AXES],
@@ -150,7 +150,7 @@ pub fn prepare_with(
 /// sensors): the unit then has its temperatures by frequency.
 ///
 /// # Errors
-/// Where the method looks at the reading itself.
+/// If the method uses the reading itself (`direct`).
 pub fn fly_by(calibration: &mut Calibration, curves: [TemperatureCurve; AXES]) -> Result<(), BadInput> {
     for (axis, curve) in calibration.axes.iter_mut().zip(curves) {
         if matches!(axis.coefficients, hrg_core::bias::Coefficients::Direct(_)) {
@@ -178,7 +178,7 @@ fn raw_steps(r: &Recording) -> Result<Steps, BadInput> {
     Steps::new(r)
 }
 
-/// What the temperatures are referred to, in words.
+/// Reference of the temperatures, in words.
 fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; AXES]) -> String {
     match reference {
         curve::Reference::Sensor if first.thermometer.parts_axes() => {

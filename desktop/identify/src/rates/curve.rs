@@ -1,12 +1,13 @@
 //! A curve over temperature and ramp through the values of visits, with what it does not follow of the unit.
 //!
 //! # Method
-//! `value = x b + g(T, r) + noise`: the terms `x` of the image, which are the unit's own, and a misfit `g` that no term describes. `g` is a random
-//! curve of standard deviation `s` on a soak, alike at temperatures that are near each other ([`LENGTH_C`]); with a ramp it grows
-//! ([`RAMP_C_PER_MIN`]). How large `s` is, the values say: for each `s` of a grid the coefficients are those of generalised least squares, and
-//! what is stated is the mean over `s` by the restricted likelihood and a half-Cauchy prior whose scale is [`PRIOR`] of the noise of a value: a few
-//! temperatures say little of `s`, and a flat prior would let it be anything. Sources: Rasmussen and Williams, Gaussian Processes for Machine
-//! Learning (2006), section 2.7 (a curve of known terms with a random one) and chapter 5; Gelman, Bayesian Analysis 1 (2006) 515 (the prior).
+//! `value = x b + g(T, r) + noise`: the terms `x` of the image, which are the unit's own, and a misfit `g` that no term describes. `g` is a
+//! random curve of standard deviation `s` on a soak, alike at temperatures that are near each other ([`LENGTH_C`]); with a ramp it grows
+//! ([`RAMP_C_PER_MIN`]). The values themselves determine `s`: for each `s` of a grid the coefficients are those of generalised least
+//! squares. The result is the mean over `s` by the restricted likelihood and a half-Cauchy prior whose scale is [`PRIOR`] of the noise of a
+//! value: a few temperatures say little of `s`, and a flat prior would let it be anything. Sources: Rasmussen and Williams, Gaussian
+//! Processes for Machine Learning (2006), section 2.7 (a curve of known terms with a random one) and chapter 5; Gelman, Bayesian Analysis 1
+//! (2006) 515 (the prior).
 //!
 //! The image has no `g`, so the standard deviation of the curve is that of `x b - (x b + g)`: the coefficients' and the misfit's, which go
 //! together where there are values.
@@ -73,7 +74,7 @@ pub struct Curve {
     at: Vec<(f64, f64)>,
 }
 
-/// What the misfits of two states have in common, that of a soak being 1.
+/// Covariance of the misfits of two states, relative to the variance on a soak.
 fn common(a: (f64, f64), b: (f64, f64)) -> f64 {
     let apart = (a.0 - b.0) / LENGTH_C;
     (-0.5 * apart * apart).exp() * (1.0 + a.1 * b.1 / (RAMP_C_PER_MIN * RAMP_C_PER_MIN))

@@ -18,8 +18,8 @@ const SAME: f64 = 1e-4;
 /// A time at one rate.
 #[derive(Debug, Clone)]
 pub struct Dwell {
-    /// Which visit of an axis it belongs to: dwells about one axis after each other, of whatever sign. The bias and the earth's rate along the
-    /// table's axis are the same in it.
+    /// Number of the visit of an axis that it belongs to: dwells about one axis after each other, of whatever sign. The bias and the
+    /// earth's rate along the table's axis are the same in it.
     pub visit: usize,
     /// Rate of the table along the axes of the case, deg/h.
     pub table_dph: [f64; AXES],

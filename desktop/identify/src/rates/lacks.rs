@@ -1,4 +1,4 @@
-//! What a scale factor lacks, as a recording: so the search for what a bias lacks ([`crate::trace`]) finds it by the same families.
+//! Lacks of a scale factor, as a recording: so the search for the lacks of a bias ([`crate::trace`]) finds them by the same families.
 
 use super::dwells::{dwells, table_by_step};
 use super::quality::visits;

@@ -6,9 +6,10 @@
 //!
 //! `table_i - unbiased_i = 1e-6 (sum_k c_k x_k unbiased_i + sum_j (m0_ij + m1_ij u) S_j unbiased_j) + constant of the visit`
 //!
-//! with the unit's own regressors `x`. The constant of a visit (dwells of both signs about one axis, after each other) holds the earth's rate along the
-//! table's axis and what the bias model leaves; plus less minus rates are free of it. So each visit about axis i gives a value of its scale factor, and
-//! of what the other axes take of it. A [`Curve`] goes through the values of each. What the schemes of the runs do not tell apart is left out, and stated ([`told_apart`]).
+//! with the unit's own regressors `x`. The constant of a visit (dwells of both signs about one axis, after each other) holds the earth's
+//! rate along the table's axis and the residual of the bias model; plus less minus rates are free of it. So each visit about axis i gives a
+//! value of its scale factor, and one of its share in each other axis. A [`Curve`] goes through the values of each. Terms that the schemes
+//! of the runs do not tell apart are left out, and stated ([`told_apart`]).
 //!
 //! # Asymmetry and nonlinearity
 //! They are not compensated. Two visits of an axis after each other with rates of different size give one value each: the mean of plus and minus
@@ -57,7 +58,7 @@ const MARGIN_C: f32 = 1.0;
 /// The same for ramps, C per minute.
 const MARGIN_C_PER_MIN: f32 = 0.1;
 
-/// What was found for an axis.
+/// Fit of an axis.
 #[derive(Debug, Clone)]
 pub struct AxisFit {
     /// Correction of its scale factor, ppm.
@@ -90,7 +91,7 @@ impl AxisFit {
     }
 }
 
-/// What was found for a unit.
+/// Result for a unit.
 #[derive(Debug, Clone)]
 pub struct Found {
     /// The calibration with scale factors and misalignments.
@@ -99,7 +100,7 @@ pub struct Found {
     pub axes: [AxisFit; AXES],
     /// The dwells of all runs, corrected by the calibration that was found.
     pub dwells: Vec<Dwell>,
-    /// What a reader should know.
+    /// Remarks for the reader.
     pub notes: Vec<String>,
 }
 
@@ -208,7 +209,7 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
     for r in recordings {
         notes.extend(hrg_data::recording::facts::fits(calibration, r, false)?);
     }
-    // What is found replaces what is there: the rates are those of the constant scale factors.
+    // The fit replaces the factors in the image: the rates are those of the constant scale factors.
     let plain = Calibration { rates: None, ..calibration.clone() };
     let dwells = all_dwells(recordings, &plain)?;
     for a in 0..AXES {
@@ -220,7 +221,7 @@ pub fn identify(recordings: &[Recording], calibration: &Calibration) -> Result<F
             )));
         }
     }
-    // What a fit needs of the other coefficients is smaller than they by 1e-3 and less: the third pass changes nothing.
+    // The fit depends on the other coefficients only by 1e-3 and less of them: the third pass changes nothing.
     let mut axes = fit_axes(&dwells, None)?;
     for _ in 0..2 {
         axes = fit_axes(&dwells, Some(&axes))?;
@@ -252,7 +253,7 @@ fn scaled_dph(d: &Dwell, a: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
     d.unbiased_dph[a] + last.map_or(0.0, |l| sum(&l[a].scale, &d.scale_dph[a]))
 }
 
-/// What a misalignment adds to a rate, deg/h.
+/// Rate that a misalignment adds, deg/h.
 fn coupled_dph(d: &Dwell, a: usize, other: usize, last: Option<&[AxisFit; AXES]>) -> f64 {
     let from = OTHERS[a][other];
     last.map_or(0.0, |l| sum(&l[a].misalignment[other], &[d.unbiased_dph[from], d.by_temperature_dph[a][from]]))
@@ -364,7 +365,7 @@ fn rate_axis(fit: &AxisFit, dwells: &[Dwell], a: usize, scaling: &Scaling) -> Ra
     }
 }
 
-/// What the factors of an image are on a soak at a temperature: factor of the scale and misalignments, as the unit computes them.
+/// Factors of an image on a soak at a temperature: factor of the scale and misalignments, as the unit computes them.
 #[must_use]
 pub fn on_soak(axis: &RateAxis, scaling: &Scaling, temperature_c: f32) -> (f32, [f32; 2]) {
     let state = State {

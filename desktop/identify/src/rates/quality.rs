@@ -1,11 +1,11 @@
-//! How good rates are: scale factor and misalignment that are left after the correction, by temperature; asymmetry and nonlinearity.
+//! Quality of rates: residual scale factor and misalignment after the correction, by temperature; asymmetry and nonlinearity.
 
 use super::Dwell;
 use hrg_core::rate_factors::OTHERS;
 use hrg_core::AXES;
 use hrg_data::numeric::stats::{mean, std_dev};
 
-/// What is left at a temperature, of an axis.
+/// Residual of an axis at a temperature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bin {
     /// The axis.
@@ -14,7 +14,7 @@ pub struct Bin {
     pub temperature_c: f64,
     /// Scale factor less one, ppm: slope of the corrected rate over the table's.
     pub scale_ppm: f64,
-    /// What the axis gives of rates about the two others, urad.
+    /// Response of the axis to rates about the two others, urad.
     pub cross_urad: [f64; 2],
     /// Standard deviation of the scale factor by what its values scatter, ppm.
     pub scale_std_ppm: f64,
@@ -52,7 +52,7 @@ pub(super) fn visits(dwells: &[Dwell]) -> impl Iterator<Item = &[Dwell]> {
 /// Fewer visits about an axis say more of noise than of the unit.
 const LEAST_VISITS: usize = 3;
 
-/// What is left by axis and temperature, coldest first, in bins of 10 C that have three visits about each axis.
+/// Residuals by axis and temperature, coldest first, in bins of 10 C that have three visits about each axis.
 #[must_use]
 pub fn bins(dwells: &[Dwell]) -> Vec<Bin> {
     bins_of(dwells, LEAST_VISITS)
@@ -86,13 +86,13 @@ pub fn bins_of(dwells: &[Dwell], least_visits: usize) -> Vec<Bin> {
     out
 }
 
-/// What is not compensated, of an axis: value and standard deviation; `None` where the runs have rates of one size only, which does not
-/// tell it apart from the bias or the scale factor.
+/// Uncompensated errors of an axis: value and standard deviation; `None` if the runs have rates of one size only, which does not separate
+/// the error from the bias or the scale factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quality {
     /// Scale factor of plus rates less that of minus rates, ppm.
     pub asymmetry_ppm: Option<(f64, f64)>,
-    /// What the scale factor gains from zero to the highest rate, by the square of the rate, ppm.
+    /// Gain of the scale factor from zero to the highest rate, by the square of the rate, ppm.
     pub nonlinearity_ppm: Option<(f64, f64)>,
 }
 

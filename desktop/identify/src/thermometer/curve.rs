@@ -10,7 +10,7 @@ use hrg_data::numeric::stats::quantile;
 use hrg_data::recording::format::Thermometer;
 use hrg_data::recording::steps::Steps;
 
-/// Where the curves come from.
+/// Source of the curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reference {
     /// Case sensors of the recording.
@@ -105,7 +105,7 @@ const LEAST_SPAN_C: f64 = 0.5;
 /// Hz of a resonator for a degree, about.
 const HZ_PER_C: f64 = 0.47;
 
-/// Whether a curve is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
+/// `true` if a curve is one of fused silica between two frequencies: 60 to 150 ppm per C everywhere.
 fn plausible(curve: &TemperatureCurve, low_hz: f64, high_hz: f64) -> bool {
     (0..=20).all(|k| {
         let f = low_hz + (high_hz - low_hz) * f64::from(k) / 20.0;
@@ -117,12 +117,12 @@ fn plausible(curve: &TemperatureCurve, low_hz: f64, high_hz: f64) -> bool {
 /// Longest thermal lag between sensor and resonator that is looked for, s.
 const LONGEST_LAG_S: f64 = 4000.0;
 
-/// What was identified from the sensors.
+/// Curves identified from the sensors.
 #[derive(Debug, Clone, Copy)]
 pub struct Identified {
     /// The curves.
     pub curves: [TemperatureCurve; AXES],
-    /// What they are referred to.
+    /// Reference of their temperatures.
     pub reference: Reference,
     /// Time constant by which each resonator follows its sensor, s (0 where there is no sensor).
     pub lag_s: [f64; AXES],
@@ -136,7 +136,7 @@ pub struct Identified {
 /// degrees), so that a soak does not outweigh the ramps.
 ///
 /// # Errors
-/// Where the run spans too little temperature.
+/// If the run spans too little temperature.
 pub fn from_steps(runs: &[Steps]) -> Result<Identified, BadInput> {
     if runs.iter().any(|s| s.thermometer == Thermometer::None) {
         return Err(BadInput::new(
@@ -210,7 +210,7 @@ const BEYOND_C: f32 = 20.0;
 /// Curves that are known already; their range becomes that of the frequencies seen.
 ///
 /// # Errors
-/// Where a resonator is none of the curve's.
+/// If a resonator's frequencies are not those of its curve.
 pub fn given(runs: &[Steps], known: [TemperatureCurve; AXES]) -> Result<Identified, BadInput> {
     let mut curves = known;
     for (a, curve) in curves.iter_mut().enumerate().filter(|(a, _)| runs.iter().any(|s| !s.absent[*a])) {
@@ -276,7 +276,7 @@ fn shifted(curve: &TemperatureCurve, low_hz: f64, high_hz: f64) -> TemperatureCu
     }
 }
 
-/// Where a function of one lag time is least: a coarse look, then halving the step.
+/// Finds the minimum of a function of one lag time: a coarse search, then halving the step.
 fn least(f: impl Fn(f64) -> f64, longest: f64) -> f64 {
     let mut step = longest / 16.0;
     let (mut at, mut best) = (0.0, f(0.0));

@@ -1,13 +1,13 @@
 //! Thermal lag from a chamber step (zhao2022): how a resonator follows its surroundings.
 //!
-//! `T_res = T_0 + K lag(T_in - T_in0, tau)`, the first-order lag `K / (tau s + 1)`, with the recorded chamber (or
-//! case) temperature as input, so that a chamber which takes minutes for its step does no harm. `tau` is searched, `K`,
-//! `T_0` and the state at the start are linear. Where a second lag in series explains clearly more, it is given as well.
+//! `T_res = T_0 + K lag(T_in - T_in0, tau)`, the first-order lag `K / (tau s + 1)`, with the recorded chamber (or case) temperature as
+//! input, so that a chamber which needs minutes for its step does no harm. `tau` is searched, `K`, `T_0` and the state at the start are
+//! linear. A second lag in series is given as well, if it explains clearly more.
 //!
 //! With it, the resonator's temperature can be predicted where no frequency is at hand.
 //!
-//! Where the curve of frequency over temperature is not known either, the gyro's own output answers the step ([`Output::Rate`], as in
-//! zhao2022): its bias follows the resonator. What it finds is a little off where the bias depends on dT/dt as well.
+//! If the curve of frequency over temperature is not known either, the gyro's own output answers the step ([`Output::Rate`], as in
+//! zhao2022): its bias follows the resonator. The result is a little off if the bias depends on dT/dt as well.
 
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
@@ -16,7 +16,7 @@ use hrg_data::recording::columns;
 use hrg_data::recording::steps::Run;
 use serde::Serialize;
 
-/// Which temperature drives the lag.
+/// Temperature that drives the lag.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Input {
@@ -26,7 +26,7 @@ pub enum Input {
     Case,
 }
 
-/// What answers the step.
+/// Output that answers the step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Output {
@@ -65,9 +65,9 @@ pub struct Lag {
 /// The response of one axis.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Response {
-    /// What drove it.
+    /// Temperature that drove it.
     pub input: Input,
-    /// What answered.
+    /// Output that answered.
     pub output: Output,
     /// The first-order lag (zhao2022's model).
     pub first_order: Lag,
@@ -229,7 +229,7 @@ pub fn resonator(run: &Run, a: usize) -> Vec<f64> {
 /// none of the lag.
 const REST: usize = 600;
 
-/// Where the steepest ten minutes of an input begin, less the rest before them.
+/// Begin of the steepest ten minutes of an input, less the rest before them.
 fn step_at(input: &[f64]) -> usize {
     let change = |k: usize| {
         let d = (input[k + REST] - input[k]).abs();

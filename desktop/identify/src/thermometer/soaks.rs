@@ -22,7 +22,7 @@ const BEFORE_END_S: usize = 300;
 /// Soaks of which every resonator is nearer than this are one soak, C.
 const APART_C: f64 = 2.0;
 
-/// What counts as a soak.
+/// Criterion of a soak.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Settled {
     /// Every resonator changes by less than this, C per minute.
@@ -36,7 +36,7 @@ pub struct Settled {
 pub struct Soak {
     /// Middle of its mean on the recording's clock, s.
     pub time_s: f64,
-    /// How long the resonators had been settled then, s.
+    /// Time for which the resonators had been settled then, s.
     pub settled_s: f64,
     /// Chamber, C; NaN where not recorded.
     pub chamber_c: f64,
@@ -75,7 +75,7 @@ impl Means {
 /// The soaks of a run, in time.
 ///
 /// # Errors
-/// Where it has no resonator, no sensor to refer it to, or no soak.
+/// If it has no resonator, no sensor to refer it to, or no soak.
 pub fn find(r: &Recording, settled: &Settled) -> Result<Vec<Soak>, BadInput> {
     let name = if r.source.is_empty() { "the run" } else { &r.source };
     if r.thermometer.is_sensor() {

@@ -1,4 +1,4 @@
-//! What the search works on: block means of rates and regressors, and the library of candidate columns.
+//! Data of the search: block means of rates and regressors, and the library of candidate columns.
 
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
@@ -17,11 +17,11 @@ pub struct Candidate {
     pub parameters: [f32; MAX_PARAMETERS],
     /// The run it happens in; `None`: all.
     pub run: Option<usize>,
-    /// Where it stands when a run begins, if it remembers the path of the temperature.
+    /// State at the begin of each run, for an effect that remembers the path of the temperature.
     pub starts: Starts,
 }
 
-/// Where an effect that remembers the path of the temperature stands when each run begins ([`hrg_core::effects::Effect::start_on`]): on
+/// State of an effect that remembers the path of the temperature at the begin of each run ([`hrg_core::effects::Effect::start_on`]): on
 /// either branch, or in the middle. It belongs to the run and not to the unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Starts {
@@ -59,18 +59,18 @@ impl Starts {
         Self { unseen: branch as u8, ..self }
     }
 
-    /// Where it stands in a train run, or in another one.
+    /// State at the begin of a train run; `None`: of any other run.
     pub fn of(self, run: Option<usize>) -> f32 {
         let code = run.map_or(u64::from(self.unseen), |r| if r < 32 { self.codes >> (2 * r) & 3 } else { 0 });
         Self::BRANCHES[code as usize % 3]
     }
 
-    /// Where the train runs have it in common; else the middle.
+    /// State that the train runs have in common; else the middle.
     pub fn common(self) -> f32 {
         self.with(0, (self.codes & 3) as usize).of(None)
     }
 
-    /// Where a unit begins: where all runs have it in common, the verify run included; else the middle.
+    /// Start state of a unit: the one that all runs have in common, the verify run included; else the middle.
     pub fn on_unit(&self) -> f32 {
         if self.of(None) == self.common() {
             self.common()
@@ -95,7 +95,7 @@ impl Candidate {
         }
     }
 
-    /// Whether a unit can take it into its image: it can compute it, and it does not belong to one run.
+    /// `true` if an image can hold it: a unit can compute it, and it does not belong to one run.
     pub fn on_unit(&self) -> bool {
         self.facts.reach == Reach::Unit && self.run.is_none()
     }
@@ -131,7 +131,7 @@ impl<'c> AxisByAxis<'c> {
 pub struct AxisRows {
     /// Numbers of the blocks that have data.
     pub keep: Vec<usize>,
-    /// Where a run begins, as an index into `keep`.
+    /// First block of each run, as an index into `keep`.
     pub starts: Vec<usize>,
     /// Mean rate of each kept block, deg/h.
     pub y: Vec<f64>,
@@ -156,7 +156,7 @@ pub struct Data<'a> {
     pub blocks: Vec<usize>,
     /// The axes.
     pub axes: [AxisRows; AXES],
-    /// Whether what is judged goes on where the only run ends: a step that the run shows then holds on.
+    /// Set if the judged run continues the only train run: a step in the train run then lasts.
     pub goes_on: bool,
 }
 
@@ -294,7 +294,7 @@ impl<'a> Data<'a> {
         self.runs.iter().map(|r| r.steps.len()).max().unwrap_or(0) as f32
     }
 
-    /// What the runs span.
+    /// Span of the runs: temperatures, ramps, duration.
     pub fn extent(&self) -> Extent {
         let (low_c, high_c) = self.temperature_range();
         let ramps = self.runs.iter().flat_map(|r| (0..AXES).map(move |a| r.ramp_range(a)));
@@ -321,7 +321,7 @@ impl<'a> Data<'a> {
             .flat_map(|(facts, card)| {
                 let grid = (card.grid)(&extent);
                 let tries = grid.len() as f64;
-                // What an effect needs from another axis must be there.
+                // Offer an effect only if every run has the inputs that it needs.
                 let offered = self.runs.iter().all(|r| card.needs.met_by(r));
                 grid.into_iter()
                     .filter(move |_| offered)
@@ -364,7 +364,7 @@ impl<'a> Data<'a> {
         self.axes[a].keep.iter().map(|&k| all[k]).collect()
     }
 
-    /// How many axes have data.
+    /// Number of axes that have data, at least 1.
     pub fn axes_there(&self) -> usize {
         self.axes.iter().filter(|a| !a.y.is_empty()).count().max(1)
     }
@@ -373,7 +373,7 @@ impl<'a> Data<'a> {
 /// Ramp above which a run does not begin at rest, C per minute.
 const RAMP_C_PER_MIN: f32 = 0.2;
 
-/// Whether a run begins in a ramp: the mean of its first ten minutes.
+/// `true` if a run begins in a ramp, by its mean over the first ten minutes.
 pub fn begins_in_ramp(run: &Run) -> bool {
     (0..AXES).any(|a| {
         let ramps: Vec<f32> = (0..run.steps.len().min(600)).filter_map(|k| run.state(k, a)).map(|s| s.1).collect();

@@ -1,4 +1,4 @@
-//! What each effect is, in words and symbols: the head of its file in `hrg-core`, where its code is.
+//! Definition of each effect in words and symbols: the head of its file in `hrg-core`, next to its code.
 
 use hrg_core::effects::EffectId;
 

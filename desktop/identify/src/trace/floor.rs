@@ -1,15 +1,13 @@
 //! The noise floor, and how many floors are left.
 //!
-//! What two neighbouring 100 s means differ by is noise: physics that follows temperature hardly moves between them. So the
-//! floor comes from these differences (Allan variance at 100 s), not from the residual's own deviation, which holds
-//! whatever structure a model has left.
+//! Noise is the difference of two neighbouring 100 s means: physics that follows temperature hardly moves between them. So the floor comes
+//! from these differences (Allan variance at 100 s). The residual's own deviation also holds whatever structure a model has left.
 //!
-//! Gyro noise is not white: it flickers, so a run of hours scatters by more than its neighbours differ. How much more
-//! depends on its spectrum, of which neighbours show a little: the Allan variance at 200 s against that at 100 s.
-//! [`Clean`] holds a few thousand series of pure noise with spectra `1 + h / f^a` of all plausible `h` and `a`, as long as
-//! the runs at hand; those whose two Allan variances relate as the measured ones do say how the deviation of a clean
-//! run relates to what its neighbours differ by, with its whole distribution. Its median makes the floor; its
-//! quantiles the interval of the ratio.
+//! Gyro noise is not white: it flickers, so a run of hours scatters by more than its neighbours differ. The excess depends on its spectrum,
+//! of which neighbours show a little: the Allan variance at 200 s against that at 100 s. [`Clean`] holds a few thousand series of pure
+//! noise with spectra `1 + h / f^a` of all plausible `h` and `a`, as long as the runs at hand. Those whose two Allan variances relate as
+//! the measured ones do give the distribution of the ratio of a clean run's deviation to the difference of its neighbours. Its median makes
+//! the floor; its quantiles the interval of the ratio.
 
 use hrg_data::numeric::stats::{quantile, std_dev};
 use rand::{Rng, SeedableRng};
@@ -43,7 +41,7 @@ pub struct Ratio {
 const DOUBTFUL: f64 = 1.6;
 
 impl Ratio {
-    /// Whether noise alone explains it: the interval holds 1, and the ratio itself is not beyond what clean runs show.
+    /// `true` if noise alone explains it: the interval holds 1, and the ratio itself is not beyond that of clean runs.
     #[must_use]
     pub fn is_noise(&self) -> bool {
         self.low <= 1.0 && self.ratio < DOUBTFUL
@@ -105,7 +103,7 @@ impl Neighbours {
         })
     }
 
-    /// What tells the noise_model: near -0.69 for white noise, 0 for flicker.
+    /// Log ratio of the two mean squares, which identifies the noise model: near -0.69 for white noise, 0 for flicker.
     fn noise_model(&self) -> f64 {
         (self.two.max(1e-300) / self.one.max(1e-300)).ln()
     }

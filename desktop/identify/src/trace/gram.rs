@@ -21,7 +21,7 @@ const STEPS: usize = 12;
 /// A group of a model, with the variance of its gains in units of the noise's variance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Share {
-    /// Which group.
+    /// Index of the group.
     pub group: usize,
     /// Variance of its gains (of columns of unit deviation) over that of the noise.
     pub variance: f64,
@@ -37,7 +37,7 @@ struct View {
     squares: f64,
     /// Rows less coefficients of the baseline.
     free: f64,
-    /// What belongs to the noise model alone.
+    /// Part of the log-likelihood that belongs to the noise model alone.
     constant: f64,
     columns: Vec<Vec<f64>>,
     /// Products with the rates.
@@ -132,7 +132,7 @@ struct Base {
     evidence: f64,
 }
 
-/// What the best gain of a group adds to a model.
+/// Gain in evidence by a group at its best variance.
 #[derive(Debug, Clone, Copy)]
 pub struct Extension {
     /// Evidence of the extended model under its best noise model.
@@ -148,7 +148,7 @@ pub struct AxisModel {
     pub shares: Vec<Share>,
     /// Log evidence.
     pub evidence: f64,
-    /// Which noise model, of [`NOISE_MODELS`].
+    /// Index of the noise model in [`NOISE_MODELS`].
     pub noise_model: usize,
 }
 
@@ -287,7 +287,7 @@ impl<'d> Axis<'d> {
         let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, noise_model: 0 };
         for s in 0..NOISE_MODELS.len() {
             let mut own = shares.to_vec();
-            // What is far behind before its variances are moved does not come first afterwards.
+            // Skip noise models more than 12 log units behind: re-optimising does not recover that.
             if !own.is_empty() && self.evidence(s, &own) < best.evidence - 12.0 {
                 continue;
             }
@@ -313,7 +313,7 @@ impl<'d> Axis<'d> {
         Some(Base { columns, root, half, rates, factor: f, left, evidence })
     }
 
-    /// What each group adds to a model: the model's own variances stay. `None` for a group that the axis does not have.
+    /// Evidence of the model with each group added: the model's own variances stay. `None` for a group that the axis does not have.
     pub fn extensions(&mut self, model: &AxisModel) -> Vec<Option<Extension>> {
         let mut out: Vec<Option<Extension>> = vec![None; self.groups.len()];
         for s in 0..NOISE_MODELS.len() {
@@ -411,7 +411,7 @@ impl<'d> Axis<'d> {
         self.of(model.noise_model, v.squares - c.dot(&f.solve(&c)), log_determinant(&f))
     }
 
-    /// What a model leaves of the rates: whitened by a noise model, free of the baseline.
+    /// Residual of the rates after a model: whitened by a noise model, free of the baseline.
     pub fn left(&self, noise_model: usize, shares: &[Share]) -> Vec<f64> {
         let (columns, root) = self.expand(shares);
         let Some((f, c)) = self.factor(noise_model, &columns, &root) else { return vec![] };
@@ -453,7 +453,7 @@ impl<'d> Axis<'d> {
         Some(Bench { most: self.most(base.left / self.views[s].free), base, spectra, noise_model: s })
     }
 
-    /// What each group would add to the model of a bench if the rates were `y` (whitened): its gain in evidence.
+    /// Gain in evidence of each group if it is added to the model of a bench, for rates `y` (whitened).
     pub fn on_bench(&self, bench: &Bench, y: &[f64]) -> Vec<f64> {
         let v = &self.views[bench.noise_model];
         let mut y = y.to_vec();

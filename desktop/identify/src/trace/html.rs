@@ -164,7 +164,7 @@ fn figures(r: &Report) -> String {
     s
 }
 
-/// What was taken out of the files.
+/// Table of the values taken out of the files.
 fn cleaned(r: &Report) -> String {
     let mut rows = String::new();
     for (file, columns) in &r.cleaned {
@@ -236,7 +236,7 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
 /// The page.
 ///
 /// # Errors
-/// Where a picture cannot be drawn.
+/// If a picture cannot be drawn.
 pub fn html(t: &Trace) -> anyhow::Result<String> {
     let r = &t.report;
     let mut s = format!(

@@ -31,7 +31,7 @@ impl Means {
         mean(&self.0)
     }
 
-    /// How many are finite.
+    /// Number of finite means.
     pub fn count(&self) -> usize {
         self.0.iter().filter(|v| v.is_finite()).count()
     }
@@ -60,7 +60,7 @@ pub fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> (f64, usize
 /// The noise of one axis on one run, and the distribution by which it is judged.
 #[derive(Debug, Clone, Copy)]
 pub struct Noise<'c> {
-    /// What neighbouring means differ by.
+    /// Mean squares of the differences of neighbouring means.
     pub neighbours: Neighbours,
     /// Distributions of noise for runs of these lengths.
     pub clean: &'c Clean,
@@ -86,9 +86,9 @@ impl Noise<'_> {
 /// Share of the series over which neighbouring products are summed for the uncertainty of a sum.
 const LAGS: f64 = 0.125;
 
-/// How much of what `larger` predicts beyond `smaller` is there: both are what the models leave of the same run. The
-/// residual of the smaller one is fitted by the difference of their predictions; the slope is 1 where the larger one
-/// is right. `floor` is the deviation of the noise.
+/// Share of the predicted difference between `larger` and `smaller` that the run shows: both are residuals of the same run. The residual of
+/// the smaller one is fitted by the difference of their predictions; the slope is 1 if the larger one is right. `floor` is the deviation of
+/// the noise.
 ///
 /// The uncertainty is that of a sum of correlated products (Newey and West 1987), at least that of noise of the floor's
 /// size.

@@ -1,8 +1,8 @@
-//! What is left after the model: noise, or structure? And where does it live?
+//! Judges the residual after the model: noise or structure, and the variable along which structure is left.
 //!
-//! Generic curves (of temperature while heating and while cooling, of the rate of change, of both together, of time) are
-//! offered to the final model of each axis, shrunk as a family is and with the noise model refitted: if one of them
-//! has evidence, structure is left there. (What the verify run is left with is judged by [`super::floor`].)
+//! Generic curves (of temperature while heating and while cooling, of the rate of change, of both together, of time) are offered to the
+//! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
+//! (The residual on the verify run is judged by [`super::floor`].)
 
 use super::data::Data;
 use super::search::{Model, Search, MOST};
@@ -12,7 +12,7 @@ use hrg_core::AXES;
 /// Evidence above which a generic curve counts as structure.
 const WORTH: f64 = 7.0;
 
-/// Where structure is left on the train runs, by axis, in words; empty where none is.
+/// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();

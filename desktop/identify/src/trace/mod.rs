@@ -64,10 +64,10 @@ const INDISTINGUISHABLE: f64 = 4.0;
 /// Seed of the surrogates and of the noise: the same data give the same report.
 const SEED: u64 = 20_231_106;
 
-/// What a trace is told beside the recordings.
+/// Inputs of a trace beside the recordings.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    /// Whether the runs may be of different units.
+    /// Permission for runs of different units.
     pub units: Units,
     /// The image that the unit has in use: a new one must beat it.
     pub in_use: Option<Calibration>,
@@ -86,7 +86,7 @@ pub struct Trace {
     pub report: Report,
     /// Baseline only.
     pub baseline: Calibration,
-    /// The image of [`Report::image`]: what is judged in [`Report::block`] and written. Where none is, the baseline.
+    /// The image of [`Report::image`]: [`Report::block`] judges it, and it is written. The baseline if there is none.
     pub image: Calibration,
     /// The verify run, for pictures.
     pub verify: Run,
@@ -165,7 +165,7 @@ fn closed(
     }
 }
 
-/// Whether what is judged goes on where the train run ends: the two parts of one log ([`Recording::split`]).
+/// `true` if the verify run continues the only train run: both are parts of one log ([`Recording::split`]).
 fn goes_on(train: &[Recording], verify: &Recording) -> bool {
     let Some(from_s) = verify.judged_from_s else { return false };
     let before = verify.time_s.partition_point(|t| *t < from_s);
@@ -189,7 +189,7 @@ fn judged(
     let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
     let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
     let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
-    // What nobody can predict, and a quantity that the verify run lacks, cannot be taken off there.
+    // Unpredictable effects, and quantities that the verify run lacks, cannot be taken off there.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
     notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
@@ -202,7 +202,7 @@ fn judged(
 
     let there: Vec<usize> = verify_run.steps.present().collect();
     let clean = clean_of(&after_train, &judged, &there);
-    // (What is stated of an axis that is not there is taken out of the report.)
+    // (Figures of absent axes are removed from the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
     let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
@@ -218,7 +218,7 @@ fn judged(
     {
         left.push(format!("on the verify run ({ratio})"));
     }
-    // Where naming does not reach, a sum of families without a name may compensate.
+    // If no effect can be named, a sum of families without a name may compensate.
     let mut models = vec![for_unit];
     if left.iter().any(|l| !l.is_empty()) || effects.iter().any(|e| e.confirmed == Some(false)) {
         models.extend(on_verify.sum_of_families(&mut search, &learnt)?);
@@ -300,7 +300,7 @@ fn there_after_steps(fitted: &Fitted) -> Option<String> {
     })
 }
 
-/// What clean residuals of these lengths show, by the axis that has fewest means.
+/// Distributions of clean residuals of these lengths, by the axis that has fewest means.
 fn clean_of(train: &[[Vec<f64>; AXES]], judged: &[Vec<f64>; AXES], there: &[usize]) -> Clean {
     let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
     let fewest = there.iter().map(|&a| count(judged, a)).min().unwrap_or(0);
@@ -338,7 +338,7 @@ fn noise_of<'c>(
     Ok(Noise { neighbours, clean })
 }
 
-/// What residuals scatter by, axis by axis.
+/// Scatter of the residuals (RMS of 100 s means, deg/h) by axis.
 fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
     by_axis(|a| {
         let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
@@ -396,7 +396,7 @@ fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f6
     runs.iter().enumerate().map(|(n, r)| fitted.residuals(r, Some(n), scaling, &|_| true)).collect()
 }
 
-/// What the search found on the train runs.
+/// Result of the search on the train runs.
 struct Learnt {
     model: Model,
     /// Noise model of each axis under the baseline alone.
@@ -415,7 +415,7 @@ impl Learnt {
     }
 }
 
-/// What it all comes to.
+/// Conclusion of the trace from the effects and their judgement on the verify run.
 fn conclude(
     effects: &[Found],
     exchanged: Option<&Exchanged>,

@@ -36,7 +36,7 @@ impl Term {
         self.parts.iter().map(|c| c.facts.outputs).sum()
     }
 
-    /// Its regressors on every step of a run; `number`: which of the train runs it is. What belongs to another run is zero.
+    /// Its regressors on every step of a run; `number`: index among the train runs. A part that belongs to another run is zero.
     fn on_run(&self, run: &Run, number: Option<usize>, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
         self.parts
             .iter()
@@ -50,7 +50,7 @@ impl Term {
             .collect()
     }
 
-    /// Whether an axis has it.
+    /// `true` if an axis has it.
     #[must_use]
     pub fn on(&self, a: usize) -> bool {
         !self.prior[a].is_empty()
@@ -61,7 +61,7 @@ impl Term {
 pub struct Columns {
     /// The baseline's, those of each term that the axis has, in order, then one for each day from the second on.
     pub values: Vec<Vec<f64>>,
-    /// What each is called.
+    /// Name of each column.
     pub names: Vec<&'static str>,
     /// Variance of each coefficient before the data are seen, over the whitened noise's; `None`: unbounded.
     pub prior: Vec<Option<f64>>,
@@ -78,14 +78,14 @@ pub fn columns(data: &Data<'_>, terms: &[Term], a: usize) -> Columns {
         names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
         prior.extend(t.prior[a].iter().map(|v| Some(*v)));
     }
-    // What belongs to a day and not to the unit.
+    // Constants that belong to a day and not to the unit.
     values.extend(base[TERMS..].iter().cloned());
     names.extend(std::iter::repeat_n("the day", base.len() - TERMS));
     prior.resize(values.len(), None);
     Columns { values, names, prior }
 }
 
-/// What was fitted on one axis.
+/// Fit of one axis.
 #[derive(Debug, Clone)]
 pub struct AxisFit {
     /// Coefficients: the baseline's, then the gains of each term that the axis has, in order.
@@ -105,7 +105,7 @@ pub struct Fitted {
     pub terms: Vec<Term>,
     /// The axes.
     pub axes: [AxisFit; AXES],
-    /// Whether what is judged goes on where the train run ends ([`Data::goes_on`]).
+    /// Set if the judged run continues the train run ([`Data::goes_on`]).
     goes_on: bool,
 }
 
@@ -137,7 +137,7 @@ impl Fitted {
         Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
     }
 
-    /// Where the gains of term `e` stand among an axis' coefficients; `None` where the axis does not have it.
+    /// Range of the gains of term `e` among an axis' coefficients; `None` if the axis does not have it.
     pub fn gains(&self, e: usize, a: usize) -> Option<std::ops::Range<usize>> {
         let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
         let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();

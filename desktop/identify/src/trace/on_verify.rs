@@ -139,8 +139,8 @@ impl OnVerifyRun<'_> {
         stated: [Option<Stated>; AXES],
         effects: &[Found],
     ) -> Result<ForUnit, BadInput> {
-        // What needs an input has no place in an image, nor has an effect on an axis where the verify run contradicts it: the rest is
-        // fitted without. What happened once stays in the fit, so that it bends no other coefficient.
+        // An image holds no effect that needs an input, and none on an axis that the verify run contradicts: the rest is fitted without. An
+        // event that happened once stays in the fit, so that it bends no other coefficient.
         let mut kept = Vec::new();
         let mut whole = true;
         for (t, found) in learnt.terms.iter().zip(effects) {
@@ -164,7 +164,7 @@ impl OnVerifyRun<'_> {
         Ok(ForUnit { fitted, stated })
     }
 
-    /// Whether what one image leaves is less than what another leaves, on an axis at least, and on none more.
+    /// `true` if one image leaves less than another on at least one axis, and on none more.
     fn beats(&self, left: &[Means; AXES], other: &[Means; AXES]) -> bool {
         let each: Vec<Agreement> = (0..AXES).map(|a| agreement(&other[a], &left[a], self.noise[a].floor())).collect();
         each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses)
@@ -246,7 +246,7 @@ impl OnVerifyRun<'_> {
             let wins = has_effect && agreement(&of_base[a], &of_image[a], floor).wins();
             let (chosen, candidate) =
                 if wins { (&of_image[a], AxisModel::Extended) } else { (&of_base[a], AxisModel::Baseline) };
-            // Where neither is better beyond chance, the one that left less there.
+            // If neither is better beyond chance, choose the one that left less there.
             let better = agreement(&raw[a], chosen, floor).wins() || chosen.deviation() < raw[a].deviation();
             *model = if better { candidate } else { AxisModel::Constant };
             match *model {
@@ -285,7 +285,7 @@ impl OnVerifyRun<'_> {
                 model: models[a],
             }
         });
-        // What the verify run shows to be left beyond the noise is part of the image's uncertainty.
+        // Add the verify run's residual beyond the noise to the image's uncertainty.
         for a in self.run.steps.present() {
             let left_dph2 = chosen[a].deviation().powi(2) - self.noise[a].floor().powi(2);
             if left_dph2 > 0.0 {

@@ -25,7 +25,7 @@ pub const MOST_VALUES: usize = 64;
 /// Columns, each with a value a step; or why there are none.
 pub type Computed = Result<Vec<Vec<f64>>, String>;
 
-/// What a function of the user's may look at: one axis of one run, a value a model step; NaN where it is not known.
+/// Data that a user's function may read: one axis of one run, a value a model step; NaN if it is not known.
 #[derive(Debug)]
 pub struct States<'r> {
     /// The run.
@@ -171,7 +171,7 @@ impl OwnEffect {
     }
 }
 
-/// Whether a number is that of an effect of a user's own.
+/// `true` if a number is that of an effect of a user's own.
 #[must_use]
 pub const fn is_own(id: u16) -> bool {
     id >= FIRST_ID
@@ -190,7 +190,8 @@ fn facts(name: &str, parameter: Option<&str>, id: u16, outputs: usize) -> &'stat
     let leak = |s: &str| -> &'static str { Box::leak(s.to_string().into_boxed_str()) };
     let parameters: Vec<&'static str> = parameter.map(leak).into_iter().collect();
     let new: &'static Facts = Box::leak(Box::new(Facts {
-        // (The one of the library that looks at what only a recording has. What is asked of the kind is asked of the number: [`card_of`].)
+        // (This is the effect of the library that reads a quantity only a recording has. Questions about the kind go by the number:
+        // [`card_of`].)
         effect: EffectId::RecordedQuantity,
         name: leak(name),
         id,

@@ -1,5 +1,5 @@
-//! What the data themselves propose: times at which the rates jump, periods at which their spectrum stands out. Looked for in what
-//! a model leaves.
+//! Proposals by the data themselves: times at which the rates jump, and periods at which their spectrum has a peak. They are searched for
+//! in the residual of a model.
 
 use super::data::{Candidate, Data};
 use super::gls::{Basis, NoiseModel};
@@ -111,8 +111,8 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     out
 }
 
-/// What a step at each row explains of the rates, in squares. A whitened step is the response h from its place on; its product
-/// with the rates, and with each column of the baseline, is found for all places at once by the recursion run backwards.
+/// Squares of the rates that a step at each row explains. A whitened step is the response h from its place on; its product with the rates,
+/// and with each column of the baseline, is found for all places at once by the recursion run backwards.
 fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
     let NoiseModel { phi, theta } = view.noise_model;
     let response = |x: &[f64]| -> Vec<f64> {

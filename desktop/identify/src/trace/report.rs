@@ -1,4 +1,4 @@
-//! What a trace reports: plain data, written as JSON (version 2 of the report).
+//! Report of a trace: plain data, written as JSON (version 2 of the report).
 
 use super::floor::Ratio;
 use hrg_data::axes::AXIS_NAMES;
@@ -18,7 +18,7 @@ pub fn by_axis<T>(f: impl FnMut(usize) -> T) -> ByAxis<T> {
     AXIS_NAMES.iter().map(|n| (*n).to_string()).zip((0..AXIS_NAMES.len()).map(f)).collect()
 }
 
-/// What the trace concludes.
+/// Conclusion of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum VerdictKind {
@@ -32,7 +32,7 @@ pub enum VerdictKind {
     Unexplained,
 }
 
-/// Which image a trace gives.
+/// Image that a trace writes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Image {
@@ -79,7 +79,7 @@ pub struct Ranked {
     pub net_evidence: f64,
 }
 
-/// How much of what a model predicts the verify run shows.
+/// Agreement of the verify run with the difference that two models predict.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Agreement {
     /// Share of the predicted difference between two models that is there: 1 where the larger model is right, 0 where the
@@ -150,7 +150,7 @@ pub fn three_digits(v: f64) -> String {
 pub struct Found {
     /// Name.
     pub name: String,
-    /// What kind of physics.
+    /// Class of physics.
     pub class: Class,
     /// Inner parameters, by name with unit; a time (`time_s`) is that of the recording's own clock.
     pub parameters: BTreeMap<String, f64>,
@@ -158,8 +158,8 @@ pub struct Found {
     pub parameter_std: BTreeMap<String, f64>,
     /// Gains, by axis: only the axes that have it.
     pub axes: ByAxis<Gain>,
-    /// Whether the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an effect that
-    /// nobody can predict, or whose input the verify run lacks.
+    /// Set if the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an unpredictable effect, or
+    /// one whose input the verify run lacks.
     pub confirmed: Option<bool>,
     /// By axis: the share of the effect that the verify run shows.
     pub on_verify: ByAxis<Agreement>,
@@ -196,7 +196,7 @@ impl Found {
     }
 }
 
-/// What the written image reaches on the verify run, one axis.
+/// Result of the written image on the verify run, one axis.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct OnVerify {
     /// Standard deviation of 100 s means, deg/h.
@@ -207,11 +207,11 @@ pub struct OnVerify {
     pub mean_std_dph: f64,
     /// Means behind these figures.
     pub used_means: usize,
-    /// Which model this axis has.
+    /// Model of this axis.
     pub model: AxisModel,
 }
 
-/// Which model an axis of an image has.
+/// Model of an axis of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AxisModel {
@@ -230,7 +230,7 @@ pub struct Exchanged {
     pub classes: Vec<Class>,
     /// Effects that it names.
     pub names: Vec<String>,
-    /// Whether the classes are those of the report.
+    /// Set if the classes are those of the report.
     pub same_classes: bool,
 }
 
@@ -257,17 +257,17 @@ pub struct Report {
     pub version: u32,
     /// Unit.
     pub unit: String,
-    /// What is concluded.
+    /// Conclusion.
     pub verdict_kind: VerdictKind,
-    /// Whether the image is to be burnt: it beats the baseline, and the image in use where one was given, on the verify run.
+    /// Set if the image is to be burnt: it beats the baseline, and the image in use if one was given, on the verify run.
     pub burn: bool,
-    /// Which image is written.
+    /// Image that is written.
     pub image: Image,
     /// The verdict in some sentences.
     pub verdict: String,
     /// Baseline model alone.
     pub baseline: ByAxis<Rms>,
-    /// What it lacks.
+    /// Effects that the baseline lacks.
     pub effects: Vec<Found>,
     /// Baseline and effects, those that need a recorded input included; effects that nobody can predict are left in.
     pub r#final: ByAxis<Rms>,
@@ -281,9 +281,9 @@ pub struct Report {
     pub noise_floor_dph: ByAxis<f64>,
     /// The judged residual of the verify run in noise floors, with its 95 % interval.
     pub floor_ratio: ByAxis<Ratio>,
-    /// Whether structure is left.
+    /// Set for an axis if structure is left.
     pub unexplained: ByAxis<bool>,
-    /// Where it is left, in words.
+    /// Variables along which structure is left, in words.
     pub left_over: ByAxis<Vec<String>>,
     /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
     pub outside_fit: f64,
@@ -291,11 +291,11 @@ pub struct Report {
     pub verify_repeats_train: bool,
     /// The second witness; absent where the verify run is too short to learn from.
     pub exchanged: Option<Exchanged>,
-    /// What to do.
+    /// Advice on further steps.
     pub advice: Vec<String>,
-    /// What the user should know of the data.
+    /// Notes on the data for the user.
     pub notes: Vec<String>,
-    /// What was taken out of the files.
+    /// Counts of values taken out of the files.
     pub cleaned: CleanedCounts,
 }
 

@@ -1,5 +1,5 @@
-//! Which effects a chamber profile can tell apart: before the run, from its temperatures alone; after it, from the
-//! recording. By the columns and the measure that [`super::search`] uses on data.
+//! Effects that a chamber profile can tell apart: before the run, from its temperatures alone; after it, from the recording. The columns
+//! and the measure are those that [`super::search`] uses on data.
 //!
 //! An effect of two noise floors is told from another if, over the whole run, the other leaves more of it unexplained than
 //! `INDISTINGUISHABLE` in log-likelihood. So a longer run tells more, as it does with data.
@@ -17,7 +17,7 @@ use serde::Serialize;
 /// Size at which effects are to be told apart, noise floors (RMS of 100 s means after the baseline fit).
 pub const SIZE: f64 = 2.0;
 
-/// What a run says of one effect.
+/// Separation of one effect from the others in a run.
 #[derive(Debug, Clone, Serialize)]
 pub struct Verdict {
     /// The effect.

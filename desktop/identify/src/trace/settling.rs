@@ -1,6 +1,6 @@
-//! Beginnings that nobody knows. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the
-//! recording does not tell. Where the rates show a memory, its first three time constants of such a run are left out of fit and
-//! judgement: by then a twentieth of what the state was is left.
+//! Unknown start states. A unit that is switched on warm, or a log that begins in a ramp, begins with lags in a state that the recording
+//! does not tell. If the rates show a memory, its first three time constants of such a run are left out of fit and judgement: by then a
+//! twentieth of that state is left.
 
 use super::data::{begins_in_ramp, Candidate, Data};
 use super::judge::Means;
@@ -46,7 +46,7 @@ impl Memory {
         effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
     }
 
-    /// Whether a run begins in a state that it does not tell: in a ramp, or with a decay of this time constant in what the model leaves.
+    /// `true` if a run begins in an unknown state: in a ramp, or with a decay of this time constant in the residual of the model.
     fn begins_unknown(self, run: &Run, left: &[Vec<f64>; AXES]) -> bool {
         let decays: f64 = run.steps.present().map(|a| self.decay(&left[a])).sum();
         run.steps.run_in == 0 && (begins_in_ramp(run) || decays > DECAY)
@@ -104,7 +104,7 @@ fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
     run.steps.present().flat_map(of).collect()
 }
 
-/// Which runs begin in a state that nobody knows: each train run, then the verify run. `None` where none does.
+/// Marks the runs that begin in an unknown state: each train run, then the verify run. `None` if none does.
 pub(super) fn unknown(data: &Data<'_>, fitted: &Fitted, verify: &Run, memory: Memory) -> Option<Vec<bool>> {
     let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
     let of = |run: &Run, number: Option<usize>| {

@@ -56,7 +56,7 @@ fn line(a: usize, points: Vec<(f64, f64)>, dots: bool) -> Series {
     Series { label: AXIS_NAMES[a].into(), points, colour: a, dots }
 }
 
-/// Whether an effect of a class is recognised in its course.
+/// `true` if the time course identifies an effect of a class.
 fn in_time(class: Class) -> bool {
     matches!(class, Class::Memory | Class::PowerOn | Class::Input | Class::Thermometer | Class::Event | Class::Own)
 }
@@ -69,7 +69,7 @@ fn abscissa(class: Class) -> &'static str {
     }
 }
 
-/// What an effect of a class is drawn against, on the blocks of an axis.
+/// Abscissa for an effect of a class, on the blocks of an axis.
 fn places(data: &Data<'_>, a: usize, class: Class) -> Vec<f64> {
     if in_time(class) {
         return data.axes[a].keep.iter().map(|k| (k * data.block_s) as f64 / 3600.0).collect();

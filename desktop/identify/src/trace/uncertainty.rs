@@ -1,4 +1,4 @@
-//! How uncertain the bias of an image is: the covariance of all its gains in its largest parts.
+//! Uncertainty of the bias of an image: the covariance of all its gains in its largest parts.
 //!
 //! The bias of a unit is uncertain because its gains are, because the parameters of its effects are, and because the constant of a
 //! power-on is not that of the next. On the rows of the train runs the first two are one covariance of the bias at every row. Its
@@ -15,7 +15,7 @@ use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-/// How far a parameter is moved for its derivative: a share of itself, or of the temperature span.
+/// Step of a parameter for its derivative: a share of itself, or of the temperature span.
 const SHARE: f32 = 0.01;
 /// Smallest rest, as a share of the noise's variance of a 100 s mean's: an image that states its uncertainty states some.
 const LEAST: f64 = 1e-6;
@@ -57,7 +57,7 @@ fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     out
 }
 
-/// How the bias of an axis changes with a parameter, per unit of it, on the blocks.
+/// Derivative of the bias of an axis with respect to a parameter, on the blocks.
 fn derivative(data: &Data<'_>, c: &Candidate, gains: &[f64], a: usize, which: usize, step: f32) -> Option<Vec<f64>> {
     let moved = |sign: f32| {
         let mut c = *c;
@@ -182,7 +182,7 @@ const GRID: [NoiseModel; 13] = [
     NoiseModel { phi: 0.9995, theta: 0.90 },
 ];
 
-/// How the coefficients of a model were found.
+/// Weights of the fit that gave the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weights {
     /// By plain least squares.
@@ -250,7 +250,7 @@ fn stated(
     let fit = &fitted.axes[a];
     let count = fit.coefficients.len();
     let unit = on_the_unit(fitted, a, count);
-    // What moves the bias: the unit's coefficients, then the parameters.
+    // Columns that move the bias: the unit's coefficients, then the parameters.
     let moves: Vec<usize> = unit.iter().copied().chain(joint.fitted..joint.columns.values.len()).collect();
     let n = data.axes[a].y.len();
     let x = DMatrix::from_fn(n, moves.len(), |k, j| joint.columns.values[moves[j]][k]);
@@ -266,7 +266,7 @@ fn stated(
     for &k in order.iter().take(DIRECTIONS) {
         let weights = &root * e.eigenvectors.column(k);
         let mut b: Vec<f64> = weights.iter().take(unit.len()).copied().collect();
-        // What the parameters do, in the unit's own regressors.
+        // Contribution of the parameters, projected on the unit's own regressors.
         let of_parameters: Vec<f64> =
             (0..n).map(|r| (unit.len()..moves.len()).map(|j| x[(r, j)] * weights[j]).sum::<f64>()).collect();
         if let Some(more) = projected(&own, &of_parameters) {

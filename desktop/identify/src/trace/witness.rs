@@ -26,7 +26,7 @@ pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option
     Some(search.run().effects().copied().collect())
 }
 
-/// What the second witness found, beside the effects of the report.
+/// Result of the second witness, compared with the effects of the report.
 pub(super) fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
     let names: Vec<String> = found.iter().map(|c| c.facts.name.to_string()).collect();
     let classes: BTreeSet<Class> = found.iter().map(|c| card_of(c.facts).class).collect();
@@ -34,7 +34,7 @@ pub(super) fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
     Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
 }
 
-/// Classes of the report that the exchanged search does not find. What happens once need not happen again.
+/// Classes of the report that the exchanged search does not find. Events are left out: they need not happen again.
 pub(crate) fn unwitnessed(effects: &[Found], exchanged: &Exchanged) -> BTreeSet<Class> {
     let named = effects.iter().filter(|e| e.confirmed.is_some()).map(|e| e.class);
     named.filter(|c| !exchanged.classes.contains(c)).collect()

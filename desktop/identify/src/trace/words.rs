@@ -22,7 +22,7 @@ fn figures(axes: &[&str], of: impl Fn(&str) -> f64) -> String {
     axes.iter().map(|n| format!("{:.3}", of(n))).collect::<Vec<_>>().join(", ")
 }
 
-/// What is left, axis by axis: noise only where the interval allows it and nothing else speaks against it.
+/// Residual of each axis: noise only if the interval allows it and nothing else speaks against it.
 fn rest(r: &Report) -> String {
     let one = |n: &str| {
         let ratio = r.floor_ratio[n];
@@ -121,7 +121,7 @@ fn outside(r: &Report) -> String {
     )
 }
 
-/// What is stated of axes whose image is a constant.
+/// Remark on the axes whose image is a constant.
 fn constants(axes: &[&str]) -> String {
     if axes.is_empty() {
         return String::new();
@@ -190,7 +190,7 @@ fn to_do(r: &Report) -> String {
     s
 }
 
-/// What to do beside the verdict.
+/// Advice beside the verdict.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
     let mut out = Vec::new();

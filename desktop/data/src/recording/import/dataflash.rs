@@ -10,14 +10,14 @@ use crate::recording::parquet::Cells;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// How each message begins; its type follows.
+/// First bytes of each message; its type follows.
 const HEAD: [u8; 2] = [0xA3, 0x95];
 
 /// The type of the messages that describe the others, and how long they are.
 const FMT: u8 = 128;
 const FMT_LENGTH: usize = 89;
 
-/// What an FMT message says of a type.
+/// Description of a message type by an FMT message.
 #[derive(Debug, Clone)]
 struct Described {
     name: String,
@@ -95,7 +95,7 @@ fn number(letter: u8, b: &[u8]) -> f64 {
     }
 }
 
-/// Whether a file begins as such a log does.
+/// `true` if a file begins as such a log does.
 #[must_use]
 pub fn begins(path: &Path) -> bool {
     use std::io::Read;

@@ -5,7 +5,7 @@ use super::{choose, Table};
 use crate::error::BadInput;
 use std::borrow::Cow;
 
-/// What parts the cells.
+/// Separator of the cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Separator {
     Char(char),

@@ -14,7 +14,7 @@ pub const BUILT_IN: [(&str, &str); 4] = [
     ("bosch", include_str!("../../../maps/bosch.toml")),
 ];
 
-/// What kind of file a map is for.
+/// Kind of file that a map is for.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Format {
@@ -25,13 +25,13 @@ pub enum Format {
     Ulog,
 }
 
-/// How the text of a table is laid out.
+/// Layout of the text of a table.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Layout {
     /// `comma`, `semicolon`, `tab`, `space` (any white space) or one character; by default what the header has most of.
     pub separator: Option<String>,
-    /// Whether the first line names the columns; else they are called 1, 2, 3, ...
+    /// Set if the first line names the columns; else they are called 1, 2, 3, ...
     pub header: bool,
     /// Lines before the header.
     pub skip_lines: usize,
@@ -104,7 +104,7 @@ impl Names {
     }
 }
 
-/// Where the times come from.
+/// Source of the times.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Time {
@@ -114,7 +114,7 @@ pub struct Time {
     pub unit: Option<String>,
     /// In the place of a column: rows are so far apart, s.
     pub step_s: Option<f64>,
-    /// Whether the column counts from power-on; else the first row is at time 0.
+    /// Set if the column counts from power-on; else the first row is at time 0.
     pub since_power_on: bool,
 }
 
@@ -268,7 +268,7 @@ impl Map {
     }
 }
 
-/// What an optional column holds.
+/// Physical quantity of an optional column.
 #[must_use]
 pub fn quantity_of(name: &str) -> &'static str {
     match columns::find(name) {

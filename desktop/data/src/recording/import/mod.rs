@@ -20,7 +20,7 @@ use std::path::Path;
 pub struct Table {
     /// Names and values of the columns that a map asked for.
     columns: Vec<(String, Vec<f64>)>,
-    /// What was found on the way.
+    /// Notes of the import.
     notes: Vec<String>,
 }
 

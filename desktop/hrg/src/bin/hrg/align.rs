@@ -84,7 +84,7 @@ struct OnUnit {
     accept: bool,
 }
 
-/// What may be expected of drifts or tilts: above zero, at most `most`.
+/// Parser of an expected drift or tilt: above zero, at most `most`.
 fn expected(most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync {
     move |text| match text.parse() {
         Ok(v) if v > 0.0 && v <= most => Ok(v),

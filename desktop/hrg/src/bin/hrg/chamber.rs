@@ -257,7 +257,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     let bar = indicatif::ProgressBar::new(100);
     bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
     let said = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
-    // Where nobody sees the bar, a line says from when on the unit must not be switched off.
+    // Without a terminal there is no bar: a line then marks the time from which the unit must not be switched off.
     let unsaid = std::cell::Cell::new(!std::io::stderr().is_terminal());
     let after = unit.burn(&c, &said, |done| {
         if unsaid.replace(false) {
@@ -294,7 +294,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     Ok(())
 }
 
-/// How the unit gets the image back that it ran before, which is kept in a file.
+/// Saves the image that the unit ran before, and names the command that burns it again.
 fn way_back(before: Option<&Calibration>, port: &str) -> Result<String> {
     let Some(before) = before else {
         return Ok("it ran no image before that could be read: burn the calibration of this unit".into());
@@ -323,7 +323,7 @@ pub struct ImageArguments {
     key: Option<PathBuf>,
 }
 
-/// Where a calibration sector begins, for a debug probe: sector A (memory.x).
+/// Address of a calibration sector, for a debug probe: sector A (memory.x).
 const SECTOR_A: u32 = 0x0804_0000;
 
 /// `hrg image`.
@@ -369,7 +369,7 @@ pub fn keygen(out: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Where somebody has to say whose calibration this is, and a person sits there, asks for it.
+/// Asks for the unit's name if a user must confirm whose calibration this is, and a person is at the terminal.
 fn ask_for_a_name(identity: &Identity, c: &Calibration) -> Result<Option<String>> {
     let question = match agreed_name(name_of(identity), names::of(c), None) {
         Err(NameError::UnitUnnamed { image }) => {
@@ -444,7 +444,7 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
 /// Prints the field log of a unit.
 ///
 /// # Errors
-/// Where the unit does not answer.
+/// If the unit does not answer.
 pub fn read_events(port: &str) -> Result<()> {
     let all = Unit::open(port)?.events()?;
     println!("{} events; times since power-on, over restarts", all.len());
@@ -553,7 +553,7 @@ fn watch(
     }
 }
 
-/// Whether somebody has pressed a key that ends the screen.
+/// `true` if a key that ends the screen was pressed.
 pub(crate) fn ended() -> Result<bool> {
     while crossterm::event::poll(Duration::ZERO)? {
         if let crossterm::event::Event::Key(key) = crossterm::event::read()? {

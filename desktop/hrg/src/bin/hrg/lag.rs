@@ -56,7 +56,7 @@ fn thermal_lag(arguments: &Arguments, input: Input, output: Output) -> Result<()
     let curves = match (&arguments.calibration, output) {
         (Some(p), _) => image_file::load(p)?.axes.map(|a| a.curve),
         (None, Output::Frequency) => fit::prepare(std::slice::from_ref(&recording))?.calibration.axes.map(|a| a.curve),
-        // (Nobody looks at them.)
+        // (These curves are not used.)
         (None, Output::Rate) => Calibration::uncalibrated().axes.map(|a| a.curve),
     };
     let run = Run::new(Steps::new(&recording)?, curves);

@@ -92,7 +92,7 @@ pub fn record(log: &Path, elf: Option<&Path>, out: &Path, arguments: &RecordArgu
     Ok(())
 }
 
-/// What a line of the log tells of the unit.
+/// Updates the state from a line of the log; `true` if the line holds a second of housekeeping.
 fn take(state: &mut State, line: &str) -> bool {
     if let Some(name) = unit_in_log(line) {
         let identity = Identity { unit: UnitName::new(name), ..Identity::default() };

@@ -256,7 +256,7 @@ fn say(text: std::fmt::Arguments<'_>) {
     }
 }
 
-/// Whether recordings of different units are allowed.
+/// Converts the option for recordings of different units.
 fn units(different: bool) -> Units {
     if different {
         Units::Different

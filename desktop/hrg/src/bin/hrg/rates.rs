@@ -93,7 +93,7 @@ fn say_found(found: &Found) {
     }
 }
 
-/// What is left, by axis: the largest over temperature and the root mean square.
+/// Prints the residuals by axis: the largest over temperature and the root mean square.
 fn say_bins(name: &str, all: &[Bin]) {
     for a in 0..AXES {
         let own: Vec<&Bin> = all.iter().filter(|b| b.axis == a).collect();

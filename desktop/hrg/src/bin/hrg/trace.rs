@@ -115,7 +115,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
-/// How a report of scale factors is read.
+/// Note on the units in a report of scale factors.
 const RATES: &str = "traced is what the scale factors lack: read ppm for every deg/h";
 
 /// Train runs and the verify run, perhaps parts of one.

@@ -80,8 +80,8 @@ pub(super) fn chamber_step(p: &Points) -> Result<Option<LeftOver>, BadInput> {
     }))
 }
 
-/// What a soak is missed by if it is left out: the step is placed anew by the others, of all three gyros, and the cubic with
-/// that step is fitted to them.
+/// Prediction error of a soak that is left out: the step is placed anew by the others, of all three gyros, and the cubic with that step is
+/// fitted to them.
 fn missed_by(p: &Points, a: usize, left_out: usize) -> f64 {
     let others: Vec<usize> = (0..p.chamber_c.len()).filter(|k| *k != left_out).collect();
     let y: Vec<f64> = others.iter().map(|&k| p.chamber_c[k]).collect();

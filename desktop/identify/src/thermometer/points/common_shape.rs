@@ -1,4 +1,4 @@
-//! What the three cubics on the sensors of the cases leave in common.
+//! Common shape in the residuals of the three cubics on the sensors of the cases.
 
 use super::left_over::{before_after, BeforeAfter, LeftOver};
 use super::residual::{cubic_columns, residual_maker, residuals, rms};
@@ -38,7 +38,7 @@ fn which(axes: &BTreeMap<String, BeforeAfter>, shrinks: impl Fn(&BeforeAfter) ->
     }
 }
 
-/// What the three cubics on the sensors of the cases leave in common.
+/// Finds a common shape in the residuals of the three cubics on the sensors of the cases.
 pub(super) fn common_shape(p: &Points) -> Option<LeftOver> {
     let n = p.chamber_c.len();
     let makers: Vec<DMatrix<f64>> = (0..AXES).map(|a| residual_maker(&cubic_columns(p, a))).collect();

@@ -11,7 +11,7 @@ pub struct LeftOver {
     pub name: String,
     /// Reference it is seen against.
     pub reference: String,
-    /// What it is, in a sentence.
+    /// Finding, in a sentence.
     pub finding: String,
     /// Inner parameters.
     pub parameters: BTreeMap<String, f64>,
@@ -19,7 +19,7 @@ pub struct LeftOver {
     pub axes: BTreeMap<String, BeforeAfter>,
     /// Chance that noise alone gives as much.
     pub p_value: f64,
-    /// What it is judged by.
+    /// Statistic that it is judged by.
     pub statistic: String,
     /// Physical causes that these points cannot tell apart.
     pub indistinguishable_from: Vec<String>,

@@ -42,9 +42,9 @@ pub struct Report {
     pub fits: BTreeMap<String, BTreeMap<String, AxisFits>>,
     /// Every two of the axes.
     pub each_other: Vec<Pair>,
-    /// What is left over.
+    /// Effects left over.
     pub effects: Vec<LeftOver>,
-    /// What to do.
+    /// Advice on further steps.
     pub advice: Vec<String>,
 }
 
@@ -65,7 +65,7 @@ pub fn called(reference: &str) -> &'static str {
 /// sensor. `None` for an axis that the table does not have.
 ///
 /// # Errors
-/// Where a fit is not possible.
+/// If a fit is not possible.
 pub fn curves(p: &Points) -> Result<[Option<(TemperatureCurve, &'static str)>; AXES], BadInput> {
     let mut out = [None; AXES];
     for (a, out) in out.iter_mut().enumerate() {
@@ -87,7 +87,7 @@ pub fn curves(p: &Points) -> Result<[Option<(TemperatureCurve, &'static str)>; A
 /// The report of a table.
 ///
 /// # Errors
-/// Where a fit is not possible.
+/// If a fit is not possible.
 pub fn report(p: &Points) -> Result<Report, BadInput> {
     let mut fits = BTreeMap::new();
     for reference in REFERENCES {
@@ -171,7 +171,7 @@ mod tests {
             let mut s = "chamber_c,fx_hz,fz_hz,shell_x_c\n".to_string();
             for k in 0..9 {
                 let t = f64::from(k) * 5.0 + 20.0;
-                // What the chamber's sensor misses is in both modes.
+                // The error of the chamber's sensor is in both modes.
                 let body = t + [0.3, -0.2, 0.1, -0.3, 0.2, -0.1, 0.3, -0.3, 0.1][k as usize];
                 let case = if skip(k as usize) { String::new() } else { format!("{t}") };
                 s += &format!("{t},{},{},{case}\n", 4900.0 + 0.47 * body, 9800.0 - 0.9 * body + 0.001 * body * body);

@@ -20,9 +20,9 @@ pub struct Pair {
     pub axes: [String; 2],
     /// Soaks that have both, and the chamber.
     pub soaks: usize,
-    /// What the cubic of each leaves against the chamber, C.
+    /// Residual of the cubic of each against the chamber, C.
     pub against_chamber_rms_c: [f64; 2],
-    /// What is left of the first (second) when a cubic of the other predicts it, in C of its own slope: no sensor takes part.
+    /// Residual of the first (second) when a cubic of the other predicts it, in C of its own slope: no sensor is involved.
     pub by_the_other_rms_c: [f64; 2],
     /// The same with each soak left out.
     pub by_the_other_leave_one_out_c: [f64; 2],

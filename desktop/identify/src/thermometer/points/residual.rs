@@ -1,4 +1,4 @@
-//! What a least-squares fit leaves of a few points.
+//! Residuals of a least-squares fit to a few points.
 
 use super::table::Points;
 use hrg_data::numeric::lsq::powers;

@@ -6,7 +6,7 @@ use hrg_data::recording::columns;
 /// Fewest soaks of a table, or of one axis of it.
 pub(super) const LEAST_SOAKS: usize = 6;
 
-/// What a column of the table is.
+/// Quantity in a column of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Slot {
     Chamber,
@@ -24,7 +24,7 @@ pub enum TableError {
         line: usize,
         /// Column, from 1.
         column: usize,
-        /// What stands there.
+        /// Text of the cell.
         cell: String,
     },
     /// Too few rows.
@@ -45,9 +45,9 @@ pub enum TableError {
     Missing {
         /// Line, from 1.
         line: usize,
-        /// What is missing.
+        /// Missing column.
         missing: &'static str,
-        /// What is there.
+        /// Columns that are there.
         there: String,
     },
 }

@@ -44,9 +44,9 @@ const BRANCH: f64 = 2.0;
 const MOST_STARTS: usize = 6;
 /// Further effects that are begun with where several were found.
 const BEGUN: usize = 4;
-/// How many of the best candidates are tried in full.
+/// Number of the best candidates that are tried in full.
 const TRIED: usize = 5;
-/// How many candidates are looked at for them.
+/// Number of candidates that are considered for them.
 const LOOKS: usize = 12;
 
 mod families;
@@ -136,8 +136,8 @@ impl<'a> Search<'a> {
         s
     }
 
-    /// Where the plays stand when the runs begin, as far as the rates tell beside the baseline: the middle unless a branch has evidence.
-    /// (What is tried here stays among the candidates.)
+    /// Start states of the plays, as far as the rates tell beside the baseline: the middle unless a branch has evidence. (Ladders tried
+    /// here stay among the candidates.)
     fn starts(&mut self) -> Starts {
         let runs = self.data.runs.len();
         let extent = self.data.extent();
@@ -213,13 +213,13 @@ impl<'a> Search<'a> {
     fn price(&self, group: usize, model: &[usize]) -> f64 {
         let class = self.card(group).class;
         let new = !model.iter().any(|m| self.card(*m).class == class);
-        // What happens again and again is rather something that comes back.
+        // Price each further event higher: an event that repeats again and again is rather something that comes back.
         let events = model.iter().filter(|m| self.card(**m).class == Class::Event).count();
         let once = if class == Class::Event { EVENT_PRICE * (1 + events) as f64 } else { 0.0 };
         PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
     }
 
-    /// What it searches on.
+    /// Data of the search.
     pub fn data(&self) -> &'a Data<'a> {
         self.data
     }
@@ -234,7 +234,7 @@ impl<'a> Search<'a> {
         State { groups: vec![], axes, p_values: vec![] }
     }
 
-    /// What each candidate adds to a model: score, number, and the axes that take it with their variances; best first.
+    /// Extensions of a model by each candidate: score, number, and the axes that have it with their variances; best first.
     fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
         hrg_data::numeric::progress::step();
         let each: Vec<_> = (0..AXES).map(|a| self.axes[a].extensions(&state.axes[a])).collect();
@@ -415,7 +415,7 @@ impl<'a> Search<'a> {
             looks += 1;
             let next = self.with_refined(state, *group, on);
             let score = next.net() - state.net() - self.price(next.last(), &state.groups);
-            // What predicts held-out parts worse is not there, but for what happens once.
+            // Reject candidates that predict held-out parts worse, except for events, which happen once.
             let event = self.card(next.last()).class == Class::Event;
             let least = if event { LEAST_EVENT } else { LEAST };
             if score > least && (event || self.held_out(&next) > self.held_out_under(state, &next)) {

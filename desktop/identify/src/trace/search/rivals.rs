@@ -1,4 +1,4 @@
-//! What could stand in the place of an effect: by evidence, by what sensors record, and by the profile alone.
+//! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
 use super::{AxisModel, Model, Search, State, PRICE};
 use crate::trace::data::Candidate;
@@ -8,7 +8,7 @@ use hrg_core::AXES;
 use hrg_data::cards::Kind;
 use hrg_data::numeric::stats::dot;
 
-/// What could stand in an effect's place.
+/// Candidate for the place of an effect.
 #[derive(Debug, Clone, Copy)]
 pub struct Rival {
     /// The effect.
@@ -33,8 +33,8 @@ pub struct Overlap {
 }
 
 impl Search<'_> {
-    /// What could stand in the place of one effect: the best of each name with the evidence it brings, best first. The effect
-    /// itself is among them.
+    /// Candidates for the place of one effect: the best of each name with the evidence it brings, best first. The effect itself is among
+    /// them.
     pub fn instead_of(&mut self, model: &Model, which: usize) -> Vec<Rival> {
         let others = self.without(&model.state, which);
         let own = model.state.groups[which];
@@ -120,8 +120,8 @@ impl Search<'_> {
         out
     }
 
-    /// How much of each wanted effect, at three values of its parameter, the others explain (the worst of the three), under
-    /// white and under correlated noise.
+    /// Share of each wanted effect that the others explain, at three values of its parameter (the worst of the three), under white and
+    /// under correlated noise.
     pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
         let of = |effect: EffectId| -> Vec<usize> {
             (0..self.candidates.len())
