@@ -5,7 +5,7 @@ use hrg_cal::unit::record::{unit_in_log, Second};
 use hrg_cal::unit::sensors::Lines;
 use std::cell::RefCell;
 
-/// Where the ELF is, seen from this package and from the tests.
+/// Path of the ELF, seen from this package and from the tests.
 const BUILT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/thumbv7em-none-eabihf/firmware/firmware");
 
 thread_local! {
