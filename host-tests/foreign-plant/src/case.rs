@@ -186,7 +186,7 @@ pub struct Layout {
 /// One run of a case.
 #[derive(Clone, Copy, Debug)]
 pub struct RunSpec {
-    /// Plan of its making.
+    /// Plan of the run.
     pub plan: Plan,
     /// Defects put into its file.
     pub defects: Option<Defects>,
