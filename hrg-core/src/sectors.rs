@@ -91,7 +91,7 @@ impl Sector {
     }
 }
 
-/// First byte of an image.
+/// Place of an image: its sector and the offset of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Place {

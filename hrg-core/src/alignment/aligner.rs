@@ -47,7 +47,7 @@ pub struct Aligner<F> {
     /// 0 or 1.
     position: usize,
     turned: f64,
-    /// Site and noise of this alignment; the uncertainty that a turn adds to the azimuth follows from them.
+    /// Site and expected errors of this alignment; the uncertainty that a turn adds to the azimuth follows from them.
     config: Config,
     /// Variances that the turn has added: [`Config::turn_variances`].
     turn_variances: [f64; 2],

@@ -143,7 +143,7 @@ impl core::fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// Site, step and noise of an alignment. All noise terms are standard deviations.
+/// Site, step and expected errors of an alignment. All errors are standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
     /// Latitude, rad.

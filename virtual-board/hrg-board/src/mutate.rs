@@ -42,7 +42,7 @@ pub struct Mutant {
     pub write: RegisterWrite,
     /// Change of the write on its way.
     pub change: Change,
-    /// Rule that made it.
+    /// Kind of the mutation.
     pub kind: &'static str,
 }
 

@@ -292,7 +292,7 @@ impl Rules {
         (0..32).filter(|b| bits & 1 << b != 0).all(|b| !used(b)).then_some(UNUSED_CLOCK)
     }
 
-    /// Judges changed bits of a port's registers.
+    /// Rule by which changed bits of a port's register do not matter; `None`: no rule applies.
     fn pins(&self, address: u32, bits: u32, value: u32) -> Option<&'static str> {
         let (port, register) = ((address - 0x4002_0000) as usize / 0x400, address & 0x3FF);
         // The mask of the k-th pin in the register, and the pins that it has.
