@@ -3,7 +3,7 @@
 //!
 //! # Design
 //! The data-ready edge is stamped by channel 4 of TIM2, whose interrupt starts a DMA transfer of one frame. The DMA's end wakes the rate
-//! task ([`crate::rate`]). What the two say to each other is decided by [`hrg_core::adc`]. A second capture before the first was read
+//! task ([`crate::rate`]). [`hrg_core::adc`] decides the messages between the two. A second capture before the first was read
 //! (CC4OF), or an edge during a transfer, means a sample that was not fetched.
 //!
 //! SYNC/RESET of the ADC is a pin of the unit: a bus that is out of step, or an ADC that is silent, is reset by it, with SPI and streams.
@@ -43,7 +43,7 @@ static MISSED: AtomicBool = AtomicBool::new(false);
 static RECEIVED: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 static SENT: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 
-/// What the ADC is wired to, its pins set up.
+/// Bus, pins and streams of the ADC, the pins set up.
 #[allow(dead_code)] // Held, so that nobody else takes them.
 pub struct Wiring {
     /// The bus.
@@ -115,7 +115,7 @@ pub fn data_ready() {
     }
 }
 
-/// Whether the next sample ends a frame: it is marked at a pin ([`pps::mark`]).
+/// Records whether the next sample ends a frame: that sample is marked at a pin ([`pps::mark`]).
 pub fn mark_next(ends: bool) {
     ENDS.store(ends, Ordering::Relaxed);
 }

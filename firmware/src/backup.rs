@@ -21,7 +21,7 @@ const RECENT_S: u32 = 5;
 /// Start of the backup SRAM (RM0390 table 1), and its words.
 const START: usize = 0x4002_4000;
 const WORDS: usize = 1024;
-/// Where the RTC's time stands: behind the states, time and date.
+/// Index of the RTC's time and date: behind the states.
 const TIME: usize = KEPT_WORDS;
 const DATE: usize = KEPT_WORDS + 1;
 const _: () = assert!(DATE < WORDS);
@@ -88,7 +88,7 @@ fn seconds(time: u32) -> u32 {
     two(16, 3) * 3600 + two(8, 7) * 60 + two(0, 7)
 }
 
-/// What was kept before a power cut; `None`: nothing intact, or nothing recent.
+/// States kept before a power cut; `None`: nothing intact, or nothing recent.
 pub fn newest(cause: ResetCause) -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
     let (now, today) = time()?;
     let (then, date) = (read(TIME), read(DATE));

@@ -1,4 +1,4 @@
-//! The board: clocks, pins, DMA streams, interrupts. What is wired where stands here and nowhere else.
+//! The board: clocks, pins, DMA streams, interrupts. The wiring is defined here and nowhere else.
 //!
 //! | signal | pin | peripheral |
 //! |---|---|---|
@@ -305,12 +305,12 @@ impl Board {
 pub struct Loaded {
     /// The calibration.
     pub calibration: Calibration,
-    /// Where it lies; `None`: it is the default.
+    /// Place of the calibration in flash; `None`: it is the default.
     pub place: Option<Place>,
     /// Checksum of its image; 0: it is the default.
     pub checksum: u32,
-    /// What to report of it.
+    /// Flags to report of it.
     pub status: UnitStatus,
-    /// Where a burn was cut short since.
+    /// Place of a burn that was cut short since.
     pub cut_short: Option<Place>,
 }

@@ -1,4 +1,4 @@
-//! What passes between tasks. Nothing else is shared.
+//! Channels and signals between tasks. Nothing else is shared.
 
 use crate::params::{EVENT_QUEUE, FRAME_QUEUE};
 use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
@@ -60,7 +60,7 @@ pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
 /// Rate path to model: the readings of the sensors of a second.
 #[cfg(feature = "sensors")]
 pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
-/// Whoever sees something to maintenance, which writes the field log; with the time since power-on, s.
+/// Any task that sees an event to maintenance, which writes the field log; with the time since power-on, s.
 pub static EVENTS: Channel<Mutex, (u32, Event), EVENT_QUEUE> = Channel::new();
 
 /// Time since power-on at the last second, s.

@@ -36,7 +36,7 @@ const CAPTURES: u32 = 16;
 /// TIM11_OR: channel 1 is HSE / RTCPRE.
 const HSE_TO_CHANNEL_1: u32 = 0b10;
 
-/// Whether the crystal runs, and at its frequency. Before clocks are set up.
+/// Tests if the crystal runs, and at its frequency. Call it before clocks are set up.
 pub fn crystal_is_right() -> bool {
     let rcc = pac::RCC;
     rcc.cr().modify(|w| {
@@ -83,7 +83,7 @@ fn count() -> Option<u32> {
     Some(ticks)
 }
 
-/// Whether something comes true in time.
+/// `true` if the condition comes true within the permitted polls.
 fn soon(come: impl Fn() -> bool) -> bool {
     (0..PATIENCE).any(|_| come())
 }
@@ -116,7 +116,7 @@ pub fn wait_for_supply() {
     let _ = (0..2_000_000).any(|_| supplied());
 }
 
-/// Whether the supply is good enough to write flash 32 bits at a time (2.7 V at least: RM0390 section 3.4.1).
+/// `true` if the supply is good enough to write flash 32 bits at a time (2.7 V at least: RM0390 section 3.4.1).
 pub fn supplied() -> bool {
     !pac::PWR.csr1().read().pvdo()
 }

@@ -13,7 +13,7 @@ pub fn halt(why: Halt) -> ! {
     }
 }
 
-/// What start-up takes from a cell, once: a second time would be a bug.
+/// Gives the value of a start-up cell, once; halts on a second request, which would be a bug.
 pub fn once<T>(taken: Option<T>) -> T {
     match taken {
         Some(taken) => taken,

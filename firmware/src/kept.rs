@@ -17,7 +17,7 @@ type Place = [AtomicU32; KEPT_WORDS];
 #[unsafe(export_name = "_kept_states")]
 static PLACES: [Place; 2] = [const { [const { AtomicU32::new(0) }; KEPT_WORDS] }; 2];
 
-/// What the unit reported when it stopped: [`WORD`] and a number.
+/// Reason of the last stop that the unit left: [`WORD`] and a number.
 #[allow(unsafe_code)] // As above.
 #[unsafe(link_section = ".uninit.word")]
 static LAST_WORD: AtomicU32 = AtomicU32::new(0);
@@ -37,7 +37,7 @@ const WORD: u32 = 0x4852_4700;
 /// So many starts in a row without a model step between them may go on from the same states: then they are old.
 const RESUMPTIONS: u32 = 3;
 
-/// What stands in a word now. The compiler knows which values the program stores, and must not conclude from them what a
+/// Value of a word now. The compiler knows which values the program stores, and must not conclude from them what a
 /// reset has left: so the read is volatile.
 fn read(word: &AtomicU32) -> u32 {
     // SAFETY: a static, aligned and never borrowed otherwise; words are written whole.
@@ -61,7 +61,7 @@ pub fn leave_word(why: Halt) {
     LAST_WORD.store(WORD | why as u32, Ordering::Relaxed);
 }
 
-/// What the unit reported when it stopped, and forgets it.
+/// Gives the reason of the last stop that the unit left, and clears it.
 pub fn last_word(cause: ResetCause) -> Halt {
     let said = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
     LAST_WORD.store(0, Ordering::Relaxed);
@@ -72,7 +72,7 @@ fn words(place: &'static Place) -> impl Fn(usize) -> u32 + Copy {
     move |k| place.get(k).map_or(0, read)
 }
 
-/// What was kept before a reset; `None`: nothing intact, or nothing recent.
+/// States kept before a reset; `None`: nothing intact, or nothing recent.
 pub fn newest(cause: ResetCause) -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
     let before = number(&RESUMED);
     RESUMED.store(WORD | (before + 1).min(RESUMPTIONS), Ordering::Relaxed);
@@ -94,7 +94,7 @@ pub fn correction(cause: ResetCause) -> f64 {
     }
 }
 
-/// What was kept is of no use any more: the unit runs on a false clock.
+/// Discards the kept states: they are of no use any more, because the unit runs on a false clock.
 pub fn forget() {
     for place in &PLACES {
         place[0].store(0, Ordering::Relaxed);

@@ -1,6 +1,6 @@
 //! The navigation computer of an HRG inertial unit (STM32F446RE).
 //!
-//! What it does:
+//! Functions:
 //! - measures three resonator frequencies (TIM2 captures by DMA) and reads three rates (ADS131M08, 1 kSPS);
 //! - turns frequencies into temperatures and biases once a second, with the calibration in flash;
 //! - takes the biases off the rates and sends them at 200 Hz over RS-422, with housekeeping each second;

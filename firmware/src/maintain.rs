@@ -52,7 +52,7 @@ impl Sectors {
         Self { flash, patience }
     }
 
-    /// Where a sector begins, and its end.
+    /// First address of a sector, and its end.
     fn range(sector: Sector) -> Range<usize> {
         let [start, end] = match sector {
             Sector::A => [&raw const _calibration_a_start, &raw const _calibration_a_end],

@@ -15,7 +15,7 @@ use hrg_core::reset::Halt;
 use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
 
-/// What the start has found.
+/// Results of the start.
 pub struct Start {
     /// The crystal is right.
     pub crystal: bool,

@@ -24,8 +24,8 @@ pub const TIMEBASE: Timebase = Timebase::at(TIMER_HZ);
 /// [`FETCH_PERIOD`].
 pub const RING: usize = 256;
 
-/// How often captured edges are fetched. Much shorter than the ring lasts and than a gate (0.1 s), and
-/// shorter than [`hrg_core::rate_path::BIAS_DELAY_MS`] by enough to finish the bias in time.
+/// Period at which captured edges are fetched. Much shorter than the ring lasts and than a gate (0.1 s), and shorter
+/// than [`hrg_core::rate_path::BIAS_DELAY_MS`] by enough to finish the bias in time.
 pub const FETCH_PERIOD: Duration = Duration::from_millis(10);
 
 /// Prescaler of the ADC's SPI clock, as BR of SPI_CR1: APB2 at 45 MHz / 4 = 11.25 MHz. The ADS131M08 takes 25 MHz; a frame of 30 bytes

@@ -59,7 +59,7 @@ pub fn captured() {
     PULSE.signal(now.wrapping_sub(age));
 }
 
-/// Where the mark goes out: port and pin, PC8.
+/// Port and pin of the mark: PC8.
 const MARK: (pac::gpio::Gpio, usize) = (pac::GPIOC, 8);
 
 /// The mark's pin, low.

@@ -20,7 +20,7 @@ unsafe extern "C" {
     static __edata: u8;
 }
 
-/// Where the sum stands: [`SEALED`], then the sum. Erased until the sum is written.
+/// Stored sum: [`SEALED`], then the sum. Erased until the sum is written.
 #[allow(unsafe_code)] // The section is memory.x's.
 #[unsafe(link_section = ".seal")]
 #[used]
@@ -32,7 +32,7 @@ const SEALED: u32 = u32::from_le_bytes(*b"SEAL");
 /// Words that are checked at a time: each [`hrg_core::supervision::LOOK_MS`].
 const WORDS: usize = 256;
 
-/// How the program is.
+/// State of the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// As it was built.
@@ -47,10 +47,10 @@ pub enum Verdict {
 pub struct Check {
     unit: Crc<'static>,
     seal: [u32; 2],
-    /// What is checked: the vector table, the rest.
+    /// Ranges to check: the vector table, the rest.
     table: Range<usize>,
     rest: Range<usize>,
-    /// How far this pass has come.
+    /// Progress of this pass.
     at: usize,
 }
 

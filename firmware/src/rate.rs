@@ -1,5 +1,5 @@
 //! The rate task: ADC frame in, bias off, rate frame out. It runs on an interrupt executor above all other tasks and waits for
-//! nothing but its inputs: queues that are full drop, and the drop is flagged. What is decided is in
+//! nothing but its inputs: queues that are full drop, and the drop is flagged. The decisions are in
 //! [`hrg_core::rate_output`].
 
 use crate::adc::{self, Adc};

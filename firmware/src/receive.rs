@@ -1,12 +1,13 @@
-//! What comes in on the link: bytes into a ring, by DMA, which nothing on the line stops.
+//! Receiver of the link: bytes into a ring, by DMA, which nothing on the line stops.
 //!
 //! # Design
-//! embassy's `RingBufferedUartRx` stops its stream at a framing or noise error and starts it again without setting it up. Where the stream goes on
-//! then the manual does not say (RM0390 section 9.3.14 wants address and number written anew), and driver and stream may be apart until the ring has
-//! gone round: a unit that has received one disturbed byte would receive none of the next hundreds. Here the stream runs from start to power-off. A
-//! byte that is wrong is a frame that is wrong, which the checksum finds; the line's own flags are counted, and nothing else is done about them.
+//! embassy's `RingBufferedUartRx` stops its stream at a framing or noise error and starts it again without setting it up.
+//! The manual does not state where the stream then goes on (RM0390 section 9.3.14 wants address and number written anew),
+//! and driver and stream may be apart until the ring has gone round: a unit that has received one disturbed byte would
+//! receive none of the next hundreds. Here the stream runs from start to power-off. A byte that is wrong is a frame that is
+//! wrong, which the checksum finds; the line's own flags are counted, and nothing else is done about them.
 //!
-//! Whoever waits is woken when the line falls idle, and when the ring is half full or full.
+//! A waiting task is woken when the line falls idle, and when the ring is half full or full.
 
 use crate::halt::once;
 use crate::params;
@@ -37,7 +38,7 @@ static LINE_FAULTS: AtomicU16 = AtomicU16::new(0);
 pub fn line_is_idle() {
     let usart = pac::USART1;
     let flags = usart.sr().read();
-    // A read of SR, then one of DR, clears the flag, and those of errors (RM0390 section 25.6.1). Where a byte waits in DR, that is the DMA's read: two
+    // A read of SR, then one of DR, clears the flag, and those of errors (RM0390 section 25.6.1). If a byte waits in DR, that is the DMA's read: two
     // that race for it would lose it.
     if !flags.rxne() {
         let _ = usart.dr().read();

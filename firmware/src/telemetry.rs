@@ -1,4 +1,4 @@
-//! Housekeeping each second, to the link and to the log; and the align mode, which lives on the same seconds. What is merged how is
+//! Housekeeping each second, to the link and to the log; and the align mode, which lives on the same seconds. The merging is
 //! in [`hrg_core::telemetry`].
 
 use crate::channels::{

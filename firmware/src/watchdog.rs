@@ -1,7 +1,7 @@
 //! The independent watchdog (IWDG): fed while every part of the unit runs, and given more time while a sector is erased.
 //!
 //! # Design
-//! One type owns the peripheral; maintenance borrows it for the length of an erase through [`Patience`]. When to feed is decided by
+//! One type owns the peripheral; maintenance borrows it for the length of an erase through [`Patience`]. The time to feed it is decided by
 //! [`hrg_core::supervision`].
 //!
 //! # Tradeoffs

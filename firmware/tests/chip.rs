@@ -13,7 +13,7 @@ mod tests {
     use super::same;
     use embassy_stm32::pac;
 
-    /// What is calibrated is what flies.
+    /// The chip computes the models that were calibrated on a desktop.
     #[test]
     fn models_give_the_same_bits_as_on_a_desktop() {
         for (name, image, expected) in same::IMAGES {

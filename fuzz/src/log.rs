@@ -5,7 +5,7 @@ use hrg::unit::sensors::Lines;
 use hrg_data::log::Decoder;
 use std::cell::RefCell;
 
-/// Where the ELF is, seen from this package and from the tests.
+/// Path of the ELF, seen from this package and from the tests.
 const BUILT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../target/thumbv7em-none-eabihf/firmware/firmware");
 
 thread_local! {

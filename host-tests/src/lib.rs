@@ -7,7 +7,7 @@ use std::sync::Mutex;
 /// A program of this project, built by the profile of the test that asks for it and lying beside it.
 ///
 /// # Panics
-/// Where it cannot be built.
+/// If it cannot be built.
 #[must_use]
 pub fn program(name: &str) -> PathBuf {
     let here = std::env::current_exe().expect("this test");

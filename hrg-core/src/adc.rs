@@ -88,7 +88,7 @@ pub enum Fault {
     Gap,
 }
 
-/// What the unit says in a frame.
+/// Command that the unit sends to the ADC in a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Command {
     /// Nothing: the answer is the status.
@@ -112,7 +112,7 @@ impl Command {
         }
     }
 
-    /// What is wrong with the answer to it.
+    /// Fault that the ADC's answer to this command shows; `None`: the answer is as it must be.
     const fn wrong(self, answer: u16) -> Option<Fault> {
         match self {
             Self::Null if answer & STATUS_RESET != 0 => Some(Fault::Reset),
@@ -122,7 +122,7 @@ impl Command {
     }
 }
 
-/// What is to be done after a frame.
+/// Action after a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Next {
     /// Wait for the next data-ready edge.
@@ -133,7 +133,7 @@ pub enum Next {
     Reset,
 }
 
-/// What came of a frame.
+/// Result of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Heard {
     /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
@@ -142,7 +142,7 @@ pub struct Heard {
     pub sensors: [i32; AXES],
     /// The first two words of the next frame out.
     pub command: [u16; 2],
-    /// What is to be done.
+    /// Action that follows.
     pub next: Next,
 }
 

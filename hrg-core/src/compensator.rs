@@ -30,7 +30,7 @@ use heapless::Vec;
 /// [`AxisStatus::FREQUENCY_LOST`]; after it [`AxisStatus::TEMPERATURE_STALE`] joins. In model steps (seconds).
 pub const HOLD_S: u16 = 10;
 
-/// What one model step gives.
+/// Result of one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
     /// Temperatures, C (NaN before the first frequency).
@@ -42,7 +42,7 @@ pub struct Output {
     /// Their standard uncertainties, deg/h, as the calibration states them ([`crate::calibration::Uncertainty`]); NaN where it does
     /// not. Of the constant, what changes from one power-on to the next is not in it unless the calibration had several.
     pub bias_std_dph: [f32; AXES],
-    /// What the rates are multiplied by once the bias is off.
+    /// Factors of the rates once the bias is off.
     pub factors: Factors,
     /// Status bits ([`AxisStatus`]).
     pub status: [AxisStatus; AXES],
@@ -51,7 +51,7 @@ pub struct Output {
 }
 
 impl Output {
-    /// Whether both are the same to the last bit.
+    /// `true` if both are the same to the last bit.
     #[must_use]
     pub fn same(&self, other: &Self) -> bool {
         let equal = |a: &[f32; AXES], b: &[f32; AXES]| a.iter().zip(b).all(|(x, y)| x.to_bits() == y.to_bits());
@@ -81,7 +81,7 @@ pub struct Compensator {
     running: Vec<OnUnit, MAX_EFFECTS>,
     /// Axes with an effect that looks at the others.
     looks_at_neighbours: [bool; AXES],
-    /// What the unit does not know of their past.
+    /// Uncertainty of the unit's past.
     history: History,
     /// Steps that were kept, and resets since power-on.
     kept: u32,

@@ -47,7 +47,7 @@ pub const PACE_S: u32 = 60;
 
 /// The two sectors.
 pub trait Store {
-    /// What one of them holds (0 or 1), all of it.
+    /// All bytes of one of them (0 or 1).
     fn log(&self, sector: usize) -> &[u8];
     /// Erases one.
     fn erase_log(&mut self, sector: usize) -> bool;
@@ -55,14 +55,14 @@ pub trait Store {
     fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; RECORD]) -> bool;
 }
 
-/// What may befall a unit.
+/// Event of a unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// It started: why, what had stopped it before, resets since power-on, checksum of the image in use.
     Start {
         /// Why.
         cause: ResetCause,
-        /// What it reported last.
+        /// Cause of the last stop.
         halt: Halt,
         /// Resets since power-on.
         resets: u16,
@@ -73,14 +73,14 @@ pub enum Event {
     Axis {
         /// 0 to 2.
         axis: u8,
-        /// Which.
+        /// Flags that rose.
         flags: AxisStatus,
         /// Bits of its temperature, C.
         temperature: u32,
     },
     /// Flags of the unit rose.
     Unit {
-        /// Which.
+        /// Flags that rose.
         flags: UnitStatus,
     },
     /// A burn ended: the answer's number ([`crate::maintenance::Answer`]), and the image's checksum where it was taken.
@@ -93,12 +93,12 @@ pub enum Event {
     /// A burn was cut short before its image counted (a power cut, a pulled cable). The start that finds it marks the place as refused, and
     /// so reports it once ([`crate::sectors::mark`]).
     CutShort {
-        /// Where ([`crate::sectors::Place::number`]).
+        /// Place of the image ([`crate::sectors::Place::number`]).
         place: u32,
     },
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
-        /// Whether starts and burns are written still.
+        /// 1: starts and burns are written still; 0: nothing is.
         count: u16,
     },
 }
@@ -108,7 +108,7 @@ pub enum Event {
 pub struct Record {
     /// Time since power-on, over restarts, s.
     pub on_for_s: u32,
-    /// What happened.
+    /// The event.
     pub event: Event,
 }
 
@@ -200,7 +200,7 @@ pub fn records<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Record> + 'a 
         (None, _) => false,
     };
     let [first, second] = if swapped { [sectors[1], sectors[0]] } else { sectors };
-    // (What stands in a sector without a head is from before its erase was cut short.)
+    // (Records in a sector without a head are from before its erase was cut short.)
     [first, second]
         .into_iter()
         .filter(|s| head(s).is_some())
@@ -283,7 +283,7 @@ impl Journal {
     }
 }
 
-/// Which flags are told: those that rise, once in [`PACE_S`] for each axis and for the unit.
+/// Selects the flags to report: those that rise, once in [`PACE_S`] for each axis and for the unit.
 #[derive(Debug, Clone, Default)]
 pub struct Watch {
     before: ([AxisStatus; AXES], UnitStatus),

@@ -1,11 +1,11 @@
-//! What a unit does not know of its past, and what it keeps of it over a restart.
+//! Unknown part of a unit's past, and the states that a unit keeps over a restart.
 //!
-//! A lag, a play or a warm-up stands where the unit's past has brought it. After a power-on the unit does not know that past. So it runs
-//! two more copies of each effect: one of a unit that has stood at the coldest calibrated temperature for long, one of a unit that
-//! has stood at the hottest one and was switched on long ago. The truth lies between them. How far their biases are apart is how
-//! uncertain the bias is for want of a past; it decays with the effect's own time constants, and a play knows its place as
-//! soon as the temperature has swept its width. Until 5 % of it is left (three time constants), or 0.01 deg/h, the axis is flagged
-//! [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; it is in the stated uncertainty as long as it is more than 0.01 deg/h.
+//! The state of a lag, a play or a warm-up follows from the unit's past. After a power-on the unit does not know that past. So it
+//! runs two more copies of each effect: one of a unit that has been at the coldest calibrated temperature for long, one of a unit
+//! that has been at the hottest one and was switched on long ago. The truth lies between them. The distance of their biases is
+//! the uncertainty of the bias for want of a past. It decays with the effect's own time constants, and a play knows its place as
+//! soon as the temperature has swept its width. Until 5 % of it is left (three time constants), or 0.01 deg/h, the axis is
+//! flagged [`crate::status::AxisStatus::HISTORY_UNKNOWN`]; it is in the stated uncertainty as long as it is more than 0.01 deg/h.
 //!
 //! The same holds after a thermometer was lost for longer than [`HOLD_S`]: meanwhile the copies run with the coldest and the hottest
 //! temperature that it may have by then, for its own axis and for each that looks at it.
@@ -61,16 +61,16 @@ const LONG_S: f32 = 1e7;
 /// Standard deviation of what lies anywhere between two ends that are 1 apart.
 const UNIFORM: f32 = 0.288_675_13;
 
-/// What is unknown in one step.
+/// Unknown part of the bias in one step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unknown {
-    /// Whether an effect of the axis does not know its past.
+    /// Set if an effect of the axis does not know its past.
     pub axes: [bool; AXES],
     /// Standard uncertainty of the bias for want of a past, deg/h.
     pub std_dph: [f32; AXES],
 }
 
-/// How far the copies of an effect are apart on one axis.
+/// Distance of the copies of an effect on one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Past {
     /// The axis has had no temperature yet.
@@ -248,7 +248,7 @@ pub const KEPT_WORDS: usize = HEAD_WORDS + MAX_EFFECTS * EFFECT_WORDS + 1;
 /// First word: what it is, and the version of its layout.
 const KEPT: u32 = u32::from_le_bytes(*b"HRG\x02");
 
-/// What is kept beside the states of the effects.
+/// Numbers that are kept beside the states of the effects.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Head {
     /// Counts up with each step that is kept: the newer of two.
@@ -263,7 +263,7 @@ pub struct Head {
 #[derive(Debug, Clone, Copy)]
 pub struct Kept<W> {
     words: W,
-    /// What is kept beside the effects.
+    /// Numbers that are kept beside the effects.
     pub head: Head,
     effects: usize,
 }
@@ -280,7 +280,7 @@ impl<W: Fn(usize) -> u32> Kept<W> {
         Some(Self { words, head, effects })
     }
 
-    /// Where the words of an effect with the same number and parameters begin.
+    /// Index of the first word of an effect with the same number and parameters.
     fn find(&self, term: &EffectTerm) -> Option<usize> {
         let [p, q] = term.parameters.map(f32::to_bits);
         (0..self.effects)
@@ -293,8 +293,8 @@ impl<W: Fn(usize) -> u32> Kept<W> {
         let gains = self.find(term)? + 3;
         let mut at = gains + GAIN_WORDS;
         for (k, past) in past.iter_mut().enumerate() {
-            // What was known to NEGLIGIBLE_DPH with small gains is known to ten times that, which still is nothing, with gains of up to
-            // ten times; with larger ones only the effect's own memory is gone on from.
+            // A state known to NEGLIGIBLE_DPH with small gains is known to ten times that, which still is nothing,
+            // with gains of up to ten times. With larger gains only the effect's own memory is gone on from.
             let larger = term.gains[k].chunks(2).enumerate().any(|(n, pair)| {
                 let kept = (self.words)(gains + k * MAX_OUTPUTS / 2 + n);
                 let before = [kept as u16, (kept >> 16) as u16].map(|bits| Half::from_bits(bits).value().abs());
@@ -521,7 +521,7 @@ mod tests {
                 }
             }
         }
-        // What was unknown before stays so.
+        // An unknown past stays unknown.
         let mut young = Compensator::new(image.clone(), 0.0);
         run(&mut young, 0..500);
         let words = kept(&mut young);

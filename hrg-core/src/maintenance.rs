@@ -62,7 +62,7 @@ fn number(place: Option<Place>) -> u32 {
     place.map_or(NOWHERE, Place::number)
 }
 
-/// What the host may ask.
+/// Maintenance command of the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// Enter maintenance mode; names the unit. Answered with the place of the image in use ([`Place::number`]).
@@ -92,7 +92,7 @@ pub enum Command {
     },
     /// Start anew, with the newest image.
     Restart,
-    /// Which image will run from the next start on? Answered with its place.
+    /// Ask for the image that runs from the next start on. Answered with its place.
     Newest,
 }
 
@@ -110,7 +110,7 @@ pub fn burn(unit: UnitName, image: &[u8]) -> impl Iterator<Item = Command> + '_ 
     [Command::Open(unit), Command::Begin(image.len() as u16)].into_iter().chain(chunks(image)).chain([Command::End])
 }
 
-/// How a command went.
+/// Result of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Answer {
@@ -128,7 +128,7 @@ pub enum Answer {
     Order = 5,
     /// The flash could not be written or read.
     Flash = 6,
-    /// What was written is not a valid image of this unit.
+    /// The bytes written are not a valid image of this unit.
     Image = 7,
     /// The image is not newer than the newest one in flash: it would never be used.
     NotNewer = 8,
@@ -179,10 +179,10 @@ impl core::fmt::Display for Answer {
     }
 }
 
-/// What goes back.
+/// Reply of a unit to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// How it went, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end.
+    /// Result, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end.
     Answer(Answer, u32),
     /// A piece of a sector.
     Data {
@@ -195,7 +195,7 @@ pub enum Reply {
     },
 }
 
-/// What comes in a burn.
+/// Image that a burn receives.
 #[derive(Debug, Clone, Copy)]
 struct Coming {
     place: Place,
@@ -237,7 +237,7 @@ impl Maintenance {
         Self { key, ..self }
     }
 
-    /// Whether a calibration may be written now.
+    /// `true` while a calibration may be written.
     #[must_use]
     pub fn open(&self) -> bool {
         self.open
@@ -363,7 +363,7 @@ impl Maintenance {
         }
     }
 
-    /// Whether what has come, but for its first word, may run from the next start on: gives its sequence number.
+    /// Checks that the image received, but for its first word, may run from the next start on: gives its sequence number.
     // Out of line: its stack is needed for a short time only.
     #[inline(never)]
     fn judge(&self, there: &[u8]) -> Result<u32, Answer> {
@@ -418,7 +418,7 @@ mod tests {
             &mut self.sectors[usize::from(sector.number())]
         }
 
-        /// Whether the next operation is done to its end.
+        /// `true` if the next operation is done to its end.
         fn spend(&mut self) -> bool {
             self.left = self.left.saturating_sub(1);
             self.left > 0
@@ -607,7 +607,7 @@ mod tests {
     fn a_blank_sector_is_not_erased_again() {
         let mut store = Memory::of(2 * room(bytes(0).len()));
         assert_eq!((burn_next(&mut store, 1), burn_next(&mut store, 2)), (Answer::Done, Answer::Done));
-        // The sector is full. Who only begins wears nothing out.
+        // The sector is full. A burn that only begins wears nothing out.
         let mut m = store.start();
         let unit = m.unit;
         for _ in 0..50 {
@@ -657,7 +657,7 @@ mod tests {
         assert_eq!(burn(&mut m, &mut store, &image(6)), Answer::Done);
         let behind = Place { offset: room(bytes(0).len()) as u32, ..b };
         assert_eq!((store.found().newest, store.erased), (Some((image(6), behind)), 0));
-        // What the unit runs, what it will run, and what is read there.
+        // The image in use, the image of the next start, and the bytes read there.
         assert_eq!(m.command(&Command::Open(image(6).unit), &mut store), Reply::Answer(Answer::Done, b.number()));
         assert_eq!(m.command(&Command::Newest, &mut store), Reply::Answer(Answer::Done, behind.number()));
         let (page, offset) = behind.in_page();

@@ -2,7 +2,7 @@
 //!
 //! # Why
 //! A frequency that is counted with a clock which is off by 1 ppm is off by 1 ppm: at about 100 ppm per C of a resonator that is 0.01 C. The crystal
-//! of a board is off by tens of ppm and changes with its temperature. Where a pulse each second comes in (of a GNSS receiver, or the
+//! of a board is off by tens of ppm and changes with its temperature. If a pulse each second comes in (of a GNSS receiver, or the
 //! laboratory's standard), its ticks are the true seconds.
 //!
 //! # Design
@@ -67,14 +67,14 @@ const MARKS: usize = 11;
 /// The clock's error is taken from pulses that are at least so many seconds apart.
 const SHORTEST_S: u32 = 8;
 
-/// What a second has shown.
+/// Pulse and clock of a second.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
     /// Timer tick of the last pulse.
     pub tick: u32,
     /// Its age at the end of the model step, ms; `u32::MAX`: there was none since the start.
     pub age_ms: u32,
-    /// What the unit takes off: how much its clock is fast, in parts per 1e9; 0 before the first measurement.
+    /// Correction that the unit applies for its fast clock, in parts per 1e9; 0 before the first measurement.
     pub correction_ppb: f32,
     /// The clock is further off than [`BOUND`], as far as is known, or more than 1 ppm further than it is corrected.
     pub out_of_bounds: bool,
@@ -136,7 +136,7 @@ impl Pps {
         Self { correction: correction.clamp(-BOUND, BOUND), ..self }
     }
 
-    /// How much the clock is taken to be fast.
+    /// Relative error of the clock (positive: fast) that is corrected.
     #[must_use]
     pub const fn correction(&self) -> f64 {
         self.correction
@@ -184,7 +184,7 @@ impl Pps {
         }
     }
 
-    /// How much the clock is fast, by the pulses of up to 100 s; `None`: too few yet, or they have stopped.
+    /// Relative error of the clock (positive: fast), by the pulses of up to 100 s; `None`: too few yet, or they have stopped.
     #[must_use]
     pub fn error(&self) -> Option<f64> {
         let first = self.marks.front()?;

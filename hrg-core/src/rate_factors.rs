@@ -66,7 +66,7 @@ pub struct RateAxis {
     pub rate_valid_from_c_per_min: f32,
     /// Fastest heating of the fit, C per minute.
     pub rate_valid_to_c_per_min: f32,
-    /// What the rate is multiplied by, less one, ppm: coefficients of [`scale_regressors`].
+    /// Factor of the rate, less one, ppm: coefficients of [`scale_regressors`].
     pub scale_correction_ppm: [f32; SCALE_TERMS],
     /// Standard deviation of that correction on a soak at each of [`STATED_AT`] temperatures, ppm: noise, and what the curve does not follow.
     pub scale_std_ppm: [f32; STATED_AT],
@@ -142,7 +142,7 @@ impl RateAxis {
         low + self.share_of_range(temperature_c) * (high - low)
     }
 
-    /// Where a temperature lies in the range of the fit: 0 at its lowest or below, 1 at its highest or above.
+    /// Position of a temperature in the range of the fit: 0 at its lowest or below, 1 at its highest or above.
     fn share_of_range(&self, temperature_c: f32) -> f32 {
         let (low, high) = (self.rate_valid_from_c, self.rate_valid_to_c);
         if high > low {
@@ -166,14 +166,14 @@ impl RateAxis {
     }
 }
 
-/// What the rates of a second are multiplied by: `S` and `M` at its temperatures.
+/// Factors of the rates of a second: `S` and `M` at its temperatures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Factors {
     /// Diagonal of `S`.
     scale: [f32; AXES],
     /// `M` beside its diagonal, each row in the order of [`OTHERS`].
     coupling: [[f32; 2]; AXES],
-    /// Whether any of them is not zero.
+    /// Set if an element of `coupling` is not zero.
     coupled: bool,
 }
 
@@ -241,7 +241,7 @@ impl Factors {
         out
     }
 
-    /// Whether both are the same to the last bit.
+    /// `true` if both are the same to the last bit.
     #[must_use]
     pub fn same(&self, other: &Self) -> bool {
         let words = |f: &Self| f.words();

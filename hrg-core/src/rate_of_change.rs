@@ -50,7 +50,7 @@ const MISSING: i32 = i32::MIN;
 pub struct SlopeWindow {
     /// Values in units of 2^-28, or [`MISSING`]; a ring.
     values: [i32; WINDOW],
-    /// Where the oldest value stands, and the next will.
+    /// Index of the oldest value, which the next one replaces.
     at: usize,
     /// Values that are there.
     n: usize,
@@ -118,7 +118,7 @@ impl SlopeWindow {
         (s_age * s_value - n * s_both) as f32 / (n * s_age2 - s_age * s_age) as f32 * PER_MINUTE
     }
 
-    /// Whether the window is full, and holds enough values for a slope: after an outage it does not.
+    /// `true` if the window is full and holds enough values for a slope: after an outage it does not.
     #[inline]
     #[must_use]
     pub fn settled(&self) -> bool {

@@ -35,7 +35,7 @@ pub const SILENT_LOOKS: u8 = 2;
 /// So many frames dropped one after the other (1.25 s at 200 Hz) mean a stalled link, not a busy one.
 pub const DROPS_IN_A_ROW: u16 = 250;
 
-/// What has changed in memory: nothing may be sent any more, and the unit must start anew.
+/// Part of the memory that has changed: nothing may be sent any more, and the unit must start anew.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Corruption {
@@ -45,7 +45,7 @@ pub enum Corruption {
     Queue,
 }
 
-/// What the rates of a second leave for telemetry.
+/// Result of a second of rates, for telemetry.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RateSecond {
     /// Means over the samples that shared one bias.
@@ -58,9 +58,9 @@ pub struct RateSecond {
 #[derive(Debug, Clone)]
 pub struct RateOutput {
     path: RatePath,
-    /// What start-up has found: in every frame.
+    /// Flags found at start-up: in every frame.
     start_status: UnitStatus,
-    /// What stands since it was found later.
+    /// Standing flags found after start-up.
     standing: UnitStatus,
     dropped: u16,
     /// A frame was dropped since the last one that was sent.
@@ -87,12 +87,12 @@ impl RateOutput {
         }
     }
 
-    /// What stands from now on, beside what start-up has found.
+    /// Sets the flags that hold from now on, beside those of start-up.
     pub fn set_standing(&mut self, status: UnitStatus) {
         self.standing = status;
     }
 
-    /// Whether the next good sample ends a frame.
+    /// `true` if the next good sample ends a frame.
     #[must_use]
     pub fn ends_next(&self) -> bool {
         self.path.ends_next()

@@ -47,7 +47,7 @@ pub struct PendingBias {
     pub step: u32,
     /// Bias of each axis, deg/h.
     pub bias_dph: [f32; AXES],
-    /// What the rates are multiplied by.
+    /// Factors of the rates.
     pub factors: Factors,
     /// Status of each axis.
     pub status: [AxisStatus; AXES],
@@ -109,7 +109,7 @@ impl PendingBias {
             ^ self.factors.fold().rotate_left(7)
     }
 
-    /// Whether it is as it was made.
+    /// `true` if its integrity word still fits its contents.
     #[must_use]
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
@@ -158,7 +158,7 @@ impl RateFrame {
         self
     }
 
-    /// Whether it is as when its integrity word was computed: a queue in corrupted memory may hand out anything.
+    /// `true` if its integrity word still fits its contents: a queue in corrupted memory may hand out anything.
     #[must_use]
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
@@ -193,7 +193,7 @@ pub struct Summary {
     pub accelerometer_saturated: bool,
 }
 
-/// What a sample may give.
+/// Result of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Event {
     /// A frame to send.
@@ -204,7 +204,7 @@ pub struct Event {
     pub corrupted: bool,
 }
 
-/// What is known since the last good sample.
+/// State since the last good sample.
 #[derive(Debug, Clone, Copy)]
 struct Last {
     tick: u32,
@@ -300,7 +300,7 @@ impl RatePath {
         }
     }
 
-    /// Whether the next good sample ends a frame.
+    /// `true` if the next good sample ends a frame.
     #[must_use]
     pub fn ends_next(&self) -> bool {
         self.in_frame.saturating_add(1) >= self.decimation
@@ -387,8 +387,8 @@ impl RatePath {
         Some(last.since_ticks)
     }
 
-    /// How many sample times a sample is after the one before. Samples that were lost between them are counted and flagged; so is an ADC
-    /// at another rate. 0: it is the same sample once more, which is refused.
+    /// Number of sample times from the sample before to this one. Samples that were lost between them are counted and
+    /// flagged; so is an ADC at another rate. 0: it is the same sample once more, which is refused.
     fn sample_times(&mut self, tick: u32) -> u32 {
         // (Memory may be corrupted; this must not divide by zero.)
         let period = self.sample_ticks.max(1);
@@ -424,7 +424,7 @@ impl RatePath {
         Event { frame: None, summary: self.turn(tick), corrupted: false }
     }
 
-    /// Whether there is a pending bias, and `tick` has reached it.
+    /// `true` if there is a pending bias, and `tick` has reached it.
     #[inline]
     fn due(&self, tick: u32) -> bool {
         self.pending.as_ref().is_some_and(|bias| tick.wrapping_sub(bias.effective_tick) as i32 >= 0)

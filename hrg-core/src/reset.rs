@@ -29,7 +29,7 @@ impl ResetCause {
     /// Name of each in files and on screens, in the order of their numbers.
     pub const NAMES: [&str; 4] = ["power", "pin", "software", "watchdog"];
 
-    /// Whether states that were kept in RAM are recent: the reset took less than a second.
+    /// `true` if states that were kept in RAM are recent: the reset took less than a second.
     #[must_use]
     pub const fn is_brief(self) -> bool {
         matches!(self, Self::Software | Self::Watchdog)
@@ -48,7 +48,7 @@ impl ResetCause {
     }
 }
 
-/// What had stopped the unit: it is left in memory that a reset leaves alone.
+/// Cause of the last stop: it is left in memory that a reset leaves alone.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]

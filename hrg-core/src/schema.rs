@@ -20,7 +20,7 @@ use crate::reset::ResetCause;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::unit_name::UnitName;
 
-/// How one number lies in bytes, little-endian.
+/// Format of one number in bytes, little-endian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     /// Unsigned, one byte.
@@ -82,13 +82,13 @@ pub enum Number {
 pub struct Field {
     /// The name in code, files and tables, with its unit.
     pub name: &'static str,
-    /// What it is.
+    /// Meaning, in words.
     pub meaning: &'static str,
-    /// How each of its numbers lies in bytes.
+    /// Format of each of its numbers.
     pub format: Format,
-    /// How many numbers it has.
+    /// Numbers that it has.
     pub count: usize,
-    /// How many of them are in a row; 0: it is one number, not a row.
+    /// Numbers in a row; 0: it is one number, not a row.
     pub row: usize,
 }
 
@@ -111,13 +111,13 @@ pub const fn size(fields: &[Field]) -> usize {
     sum
 }
 
-/// What a field may be.
+/// Type of a field on the wire or in an image.
 pub trait Wire: Sized {
-    /// How each number lies in bytes.
+    /// Format of each number.
     const FORMAT: Format;
-    /// How many numbers.
+    /// Number of numbers.
     const COUNT: usize;
-    /// How many in a row; 0: not a row.
+    /// Numbers in a row; 0: not a row.
     const ROW: usize;
     /// Appends it.
     fn put(&self, w: &mut Writer<'_>);

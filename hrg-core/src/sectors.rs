@@ -2,9 +2,9 @@
 //!
 //! # Layout of a sector
 //! Images lie one behind the other, each with room for a signature, and each begins at a multiple of [`STEP`]. An old unit's only
-//! image at the start of a sector is the first of such a row. What begins with the magic is an image; with zeros, one that was
-//! refused; with erased flash and something behind it, one whose writing was cut short: it was never committed, and no rate suffers from it. It goes
-//! into the field log, and not into the status.
+//! image at the start of a sector is the first of such a row. A place that begins with the magic holds an image; with
+//! zeros, one that was refused; with erased flash and something behind it, one whose writing was cut short: it was
+//! never committed, and no rate suffers from it. It goes into the field log, and not into the status.
 //!
 //! # What a start reads
 //! The first word of each place, from the end of each sector backwards to its last valid image ([`PLACES`] words a sector at most); that
@@ -91,7 +91,7 @@ impl Sector {
     }
 }
 
-/// Where an image begins.
+/// Place of an image: its sector and the offset of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Place {
@@ -128,7 +128,7 @@ impl Place {
     }
 }
 
-/// Where a page of the sectors begins, as the link's Read counts them: sector A has the first 32, sector B the next.
+/// Place of a page of the sectors, as the link's Read counts them: sector A has the first 32, sector B the next.
 #[must_use]
 pub const fn page(number: u8) -> Option<Place> {
     Place::from_number(number as u32 * PAGE as u32)
@@ -153,7 +153,7 @@ pub fn stored_checksum(bytes: &[u8]) -> Option<u32> {
     Some(u32::from_le_bytes(*bytes.get(end.checked_sub(4)?..end)?.first_chunk()?))
 }
 
-/// What the two flash sectors hold.
+/// Images found in the two flash sectors.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found<T> {
     /// The newest valid image, and the place that it came from.
@@ -162,8 +162,8 @@ pub struct Found<T> {
     /// sector where that holds no valid image at all. It is an image whose memory has changed, or whose signature is not the
     /// key's. The unit flags it ([`crate::status::UnitStatus::IMAGE_REFUSED`]).
     pub refused: Option<ImageError>,
-    /// Where the last burn was cut short before its image counted, if it was and no start has [marked](mark) it yet: for the field log
-    /// ([`crate::events::Event::CutShort`]).
+    /// Place at which the last burn was cut short before its image counted, if it was and no start has [marked](mark)
+    /// it yet: for the field log ([`crate::events::Event::CutShort`]).
     pub cut_short: Option<Place>,
 }
 
@@ -237,12 +237,12 @@ fn last_valid(bytes: &[u8], end: usize) -> Option<(usize, u32)> {
     None
 }
 
-/// Where the room of an image ends that begins at `offset`.
+/// End of the space of an image that begins at `offset`.
 fn end_of(bytes: &[u8], offset: usize) -> usize {
     offset + room(bytes.get(offset..).and_then(stated_length).unwrap_or(MAX_BYTES).min(MAX_BYTES))
 }
 
-/// Whether the image at the front of `place` may be used. `checks`: how many signatures may still be checked.
+/// `true` if the image at the front of `place` may be used. `checks`: signatures that may still be checked.
 fn trusted(place: &[u8], key: Option<Key>, checks: &mut u32) -> bool {
     let Some(key) = key else { return true };
     let Some(signature) = signature::behind(place).filter(|_| *checks > 0) else { return false };
@@ -254,12 +254,12 @@ fn holds_valid(bytes: &[u8]) -> bool {
     last_valid(bytes, bytes.len()).is_some()
 }
 
-/// What stands from a place on and is no valid image.
+/// Contents from a place on that are no valid image.
 #[derive(Debug, Default)]
 struct NotValid {
     /// Why the first thing is refused that is neither erased flash, nor an image that was refused in a burn or never committed.
     refused: Option<ImageError>,
-    /// Where the last image before that begins whose burn was cut short.
+    /// Offset of the last image before that whose burn was cut short.
     cut_short: Option<u32>,
 }
 
@@ -297,7 +297,7 @@ pub fn mark(store: &mut impl Store, cut_short: Place) -> Option<Event> {
     store.write(cut_short, &REFUSED).then_some(Event::CutShort { place: cut_short.number() })
 }
 
-/// Where an image of so many bytes goes, and whether that sector must be erased first.
+/// Chooses the place of an image of so many bytes, and tells if that sector must be erased first.
 ///
 /// Behind all that was ever programmed in the sector of the newest image, with room for a signature. Into the other sector, which is then erased, where there is no
 /// room; or where the other one holds something that is refused at each start, so that a burn ends that.
@@ -426,7 +426,7 @@ mod tests {
         torn[300..].fill(0xFF);
         let mut marked = three.clone();
         marked[..4].fill(0);
-        // What older firmware leaves of an image that it refuses.
+        // The marks that older firmware leaves of an image that it refuses.
         let mut marked_before = three.clone();
         marked_before[..8].fill(0);
         let mut changed = two.clone();
@@ -481,7 +481,7 @@ mod tests {
         let mut full = row.clone();
         full[SECTOR_BYTES - room(length)] = 0;
         assert_eq!(place_for(&full, ERASED, own, length), (at(Sector::B, 0), true));
-        // What the other sector is flagged for ends with a burn.
+        // The flag of the other sector ends with a burn.
         let garbage = vec![0xA5; SECTOR_BYTES];
         assert_eq!(place_for(&row, &garbage, own, length), (at(Sector::B, 0), true));
         assert_eq!(place_for(&garbage, &row, Some(at(Sector::B, 0)), length), (at(Sector::A, 0), true));

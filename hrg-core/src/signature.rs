@@ -40,7 +40,7 @@ pub fn behind(place: &[u8]) -> Option<&[u8; SIGNATURE]> {
 
 #[cfg(not(feature = "signed"))]
 impl Key {
-    /// Whether a signature is this key's, of the image that `place` begins with.
+    /// `true` if a signature is this key's, of the image that `place` begins with.
     #[must_use]
     pub fn signed(&self, _: &[u8], _: &[u8; SIGNATURE]) -> bool {
         match *self {}
@@ -49,14 +49,14 @@ impl Key {
 
 #[cfg(feature = "signed")]
 impl Key {
-    /// A key of 32 bytes. Whether they are a point of the curve is found out at the first check: what is none has signed nothing.
+    /// Makes a key of 32 bytes. The first check tells if they are a point of the curve: bytes that are none have signed nothing.
     #[must_use]
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
-    /// Whether a signature is this key's, of the image that `place` begins with. (The first word of the image may be missing in
-    /// flash still: it is programmed last.)
+    /// `true` if a signature is this key's, of the image that `place` begins with. (The first word of the image may
+    /// be missing in flash still: it is programmed last.)
     // Out of line: its stack is needed for a short time only.
     #[inline(never)]
     #[must_use]

@@ -1,4 +1,4 @@
-//! When the watchdog is fed: only while every part of the unit runs.
+//! Feeding of the watchdog: only while every part of the unit runs.
 //!
 //! # Example
 //! ```
@@ -10,14 +10,14 @@
 //! assert!(!supervision.look(Alive { rates: false, ..all }), "it is not: the rates stand still");
 //! ```
 
-/// How often the parts are looked at, ms. The rate path runs each millisecond and the model each ten, so both have run between
-/// two looks.
+/// Interval between checks of the parts, ms. The rate path runs each millisecond and the model each ten, so both have
+/// run between two checks.
 pub const LOOK_MS: u32 = 100;
 
 /// Link and telemetry speak at least each second. After this many looks without a word they have stopped (2.5 s).
 pub const QUIET_LOOKS: u8 = 25;
 
-/// Who has run since the last look.
+/// Parts that have run since the last check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Alive {
     /// The rate path has taken a sample, or noticed that one is missing.

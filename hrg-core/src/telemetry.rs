@@ -99,12 +99,12 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
         Self { trims_in_maintenance_only: only, ..self }
     }
 
-    /// What the pulses per second have shown in the second that ends.
+    /// Sets the report of the pulses per second for the second that ends.
     pub fn set_pps(&mut self, report: pps::Report) {
         self.pps = report;
     }
 
-    /// What stands since it was found, beside what start-up has found.
+    /// Sets the flags that hold from now on, beside those of start-up.
     pub fn set_standing(&mut self, status: UnitStatus) {
         self.standing = status;
     }
@@ -131,7 +131,7 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
         self.identity.resets = resets.min(0xFFFF) as u16;
     }
 
-    /// Whether a calibration may be written.
+    /// Sets or clears the flag of maintenance mode, in which a calibration may be written.
     pub fn set_maintenance(&mut self, open: bool) {
         self.maintenance = open;
     }

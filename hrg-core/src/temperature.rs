@@ -21,7 +21,7 @@
 //! assert!((curve.temperature_c(f) - 25.0).abs() < 2e-5);
 //! ```
 
-/// `T(f)`: a cubic about a centre. What the unit evaluates.
+/// `T(f)`: a cubic about a centre. The unit evaluates this form.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TemperatureCurve {
@@ -38,8 +38,8 @@ pub struct TemperatureCurve {
 }
 
 impl TemperatureCurve {
-    /// Whether this is the curve of a temperature sensor: `T = T`. Its centre and scale are then temperatures in C, and so are the
-    /// readings that it is given.
+    /// `true` if this is the curve of a temperature sensor: `T = T`. Its centre and scale are then temperatures in C,
+    /// and so are the readings that it is given.
     #[must_use]
     pub fn is_of_sensor(&self) -> bool {
         self.temperature_coefficients_c == [self.frequency_centre_hz as f32, self.frequency_scale_hz, 0.0, 0.0]

@@ -36,13 +36,13 @@ pub const ACCEPT_STEPS: u8 = 30;
 /// One axis in one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisThermal {
-    /// What a bias model may look at: of the last measured frequency where the frequency is lost now.
+    /// Inputs of a bias model: of the last measured frequency where the frequency is lost now.
     pub state: State,
-    /// Whether the axis has had a frequency at all; without, its temperature is NaN and the rest of its state zero.
+    /// Set if the axis has had a frequency at all; without, its temperature is NaN and the rest of its state zero.
     pub known: bool,
     /// Steps since the frequency was last measured, up to 18 hours.
     pub age: u16,
-    /// Whether the window of the slope is full.
+    /// Set if the window of the slope is full.
     pub settled: bool,
 }
 
@@ -118,7 +118,7 @@ impl Channel {
         ((t - self.middle_c).abs() <= self.reach_c).then_some((u, (t, slope)))
     }
 
-    /// Whether a temperature can follow on what was before.
+    /// `true` if a temperature can follow on the one before.
     #[inline]
     fn accept(&mut self, now: &mut AxisThermal, t: f32) -> bool {
         let change = (t - now.state.temperature_c).abs();
@@ -127,7 +127,7 @@ impl Channel {
         (near && self.stayed == 0) || !now.known || self.accept_jump(now, t)
     }
 
-    /// Whether a temperature that jumped, or follows one that did, is accepted by now.
+    /// `true` if a temperature that jumped, or follows one that did, is accepted by now.
     #[inline(never)]
     fn accept_jump(&mut self, now: &mut AxisThermal, t: f32) -> bool {
         let stays = self.stayed > 0 && (t - self.jumped_c).abs() <= MAX_STEP_C;
@@ -229,7 +229,7 @@ impl Thermometer {
 }
 
 impl Thermal {
-    /// What the bias model of one axis may look at; `None` where the axis has no temperature yet.
+    /// Inputs of the bias model of one axis; `None` where the axis has no temperature yet.
     #[inline]
     #[must_use]
     pub fn state(&self, k: usize) -> Option<&State> {

@@ -20,7 +20,7 @@ impl Default for UnitName {
 }
 
 impl UnitName {
-    /// What stands for the name of a unit that has none yet: its flash holds no valid calibration image.
+    /// Name of a unit that has none yet: its flash holds no valid calibration image.
     pub const UNNAMED: Self = Self(*b"default\0\0\0\0\0\0\0\0\0");
 
     /// Characters that no name has are left out; what is longer than 16 bytes is cut.

@@ -187,7 +187,7 @@ proptest! {
         decimation in prop_oneof![0u16..8, any::<u16>()],
     ) {
         let mut p = RatePath::new(Timebase::REFERENCE, [scale; 3], decimation);
-        // What the compensator stages is finite: see above.
+        // The pending bias of the compensator is finite: see above.
         p.set_bias(PendingBias::at(0, 1, bias.map(|b| if b.is_finite() { b } else { 0.0 }), [AxisStatus::empty(); 3]));
         for (k, c) in codes.into_iter().enumerate() {
             // An ADC has 24 bits.

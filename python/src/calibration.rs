@@ -173,7 +173,7 @@ pub fn fit(
     })
 }
 
-/// What a trace found.
+/// Result of a trace.
 #[pyclass(frozen, module = "hrg")]
 pub struct Report {
     json: String,

@@ -1,4 +1,4 @@
-//! The Python package `hrg`: hrg-cal itself, with numpy arrays in and out. What a user sees of it is described in `lib/hrg/_hrg.pyi`.
+//! The Python package `hrg`: hrg-cal itself, with numpy arrays in and out. The file `lib/hrg/_hrg.pyi` describes its interface.
 
 // Arguments come from Python by value.
 #![allow(clippy::needless_pass_by_value)]

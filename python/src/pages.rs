@@ -39,7 +39,7 @@ impl Figures {
     fn to_html(&self) -> &str {
         &self.html
     }
-    /// What was fitted, by the name of its method.
+    /// Fitted calibrations, by the name of their method.
     #[getter]
     fn calibrations<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let d = PyDict::new(py);

@@ -19,16 +19,16 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::{Path, PathBuf};
 
-/// What is read and what comes of cleaning it. Nothing in it ever changes, so arrays may look into it.
+/// A recording as read, and as cleaned. Nothing in it ever changes, so arrays may point into it.
 #[pyclass(frozen, module = "hrg")]
 pub struct Recording {
     /// Cleaned: what fits and traces take.
     pub clean: Inner,
-    /// How it was read.
+    /// The recording as it was read.
     original: Original,
 }
 
-/// What a user says of the unit beside a recording.
+/// Metadata of the unit that a user states beside a recording.
 #[derive(FromPyObject)]
 pub struct Said {
     #[pyo3(item)]
@@ -224,7 +224,7 @@ impl Recording {
     }
 }
 
-/// What a unit would have sent.
+/// Seconds that a unit would have sent.
 #[pyclass(frozen, module = "hrg")]
 pub struct Corrected {
     seconds: Vec<corrections::Second>,
@@ -360,7 +360,7 @@ pub fn simulate<'py>(
         if defects {
             inject_defects(&mut simulated.recording, seed);
         }
-        // What is in a file of it, to the digit: a simulation from here and one from the command line are the same recording.
+        // Contents of the file, to the digit: a simulation from here and one from the command line are the same recording.
         let text = simulated.recording.to_csv();
         Ok((simulated, text))
     })?;

@@ -24,7 +24,7 @@ pub fn run<T: Send>(
         let finished = Mutex::new(finished);
         let worker = scope.spawn(move || {
             let result = mine.run(job);
-            // (Nobody waits where the job was stopped.)
+            // (The receiver is gone if the job was stopped.)
             let _ = done.send(());
             result
         });

@@ -1,7 +1,7 @@
 //! The ADS131M08 ADC as its SPI master sees it (data sheet SBAS950).
 //!
-//! Frames of ten 24-bit words. What goes out is latched when chip select falls: the answer to the last command,
-//! the eight channels, a CRC (CCITT, seed 0xFFFF). What comes in is executed when the frame ends.
+//! Frames of ten 24-bit words. The words out are latched when chip select falls: the answer to the last command, the
+//! eight channels, a CRC (CCITT, seed 0xFFFF). The words in are executed when the frame ends.
 //!
 //! It keeps two samples (section 8.5.1.9.1): a frame takes the oldest; a third one that comes meanwhile replaces the second.
 //! SYNC/RESET low for 2048 clocks or longer resets it, for less it begins its conversions anew and forgets those that it has (section
@@ -75,7 +75,7 @@ impl Ads131m08 {
         self.store.push_back(codes);
     }
 
-    /// Whether SYNC/RESET holds it.
+    /// `true` while SYNC/RESET holds it.
     #[must_use]
     pub fn held(&self) -> bool {
         self.low_since.is_some()
@@ -142,7 +142,7 @@ impl Ads131m08 {
         }
     }
 
-    /// What the registers make of a channel's code (sections 8.3 and 8.6): multiplexer, gain, DC block, calibration.
+    /// Converts a channel's code by the registers (sections 8.3 and 8.6): multiplexer, gain, DC block, calibration.
     fn converted(&self, n: usize) -> i32 {
         let r = |k: usize| self.registers[k];
         let channel = |k: usize| r(0x09 + 5 * n + k);

@@ -19,13 +19,13 @@ use crate::thumb::IT_STATE;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use unicorn_engine::{Context, RegisterARM, UcHookId};
 
-/// How often the debug probe looks at the log.
+/// Interval at which the debug probe polls the log, cycles.
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
-/// What RAM holds at power-on.
+/// Contents of RAM at power-on.
 const PAINT: u8 = 0xA5;
 const SLEEP_LIMIT: u64 = CPU_HZ * 10;
 
-/// What goes on outside the chip: when the next thing happens there, and what happened last.
+/// State outside the chip: times of the next events, and results of the last ones.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Wires {
     pub(crate) next_edge: [u64; 3],
@@ -45,7 +45,7 @@ pub struct Board<W: World> {
     pub(crate) cpu: Cpu<'static>,
     pub(crate) flash: Memory,
     pub(crate) ram: Memory,
-    /// What is on the wires.
+    /// The world on the wires.
     pub world: W,
     pub(crate) firmware: Firmware,
     pub(crate) wires: Wires,
@@ -56,11 +56,11 @@ pub struct Board<W: World> {
     pub(crate) torn: bool,
     pub(crate) as_on_chip: bool,
     pub(crate) mishaps: u64,
-    /// Nobody reads the log.
+    /// Set if no probe reads the log.
     pub(crate) probe_gone: bool,
     pub(crate) hardware_watchdog: bool,
     pub(crate) battery: bool,
-    /// What an attached debugger gives the program as its command line.
+    /// Command line that an attached debugger gives the program.
     pub(crate) command_line: Option<String>,
 }
 
@@ -90,7 +90,7 @@ impl<W: World> Board<W> {
     /// Puts the firmware into flash and switches the board on.
     ///
     /// # Errors
-    /// Where the ELF does not fit the board.
+    /// If the ELF does not fit the board.
     pub fn new(elf: &[u8], world: W) -> Result<Self, RunError> {
         Self::on(&STM32F446RE, elf, world)
     }
@@ -163,11 +163,11 @@ impl<W: World> Board<W> {
         &self.firmware
     }
 
-    /// Counts the instructions of every call of a function from now on, by its path (`hrg_core::link::Message::encode`); gives the
-    /// number to ask [`probe`](Self::probe) with.
+    /// Counts the instructions of every call of a function from now on, by its path
+    /// (`hrg_core::link::Message::encode`); gives the number to ask [`probe`](Self::probe) with.
     ///
     /// # Errors
-    /// Where the ELF has no such function, or several.
+    /// If the ELF has no such function, or several.
     pub fn count_calls(&mut self, path: &str) -> Result<usize, RunError> {
         let entry = self.firmware.function(path)?;
         let chip = self.cpu.get_data_mut();
@@ -236,7 +236,7 @@ impl<W: World> Board<W> {
         counts.filter(|(_, n)| **n > 0).map(|(k, n)| (FLASH_START + 2 * k as u32, *n)).collect()
     }
 
-    /// What [`count_calls`](Self::count_calls) has counted so far.
+    /// Counts of [`count_calls`](Self::count_calls) so far.
     #[must_use]
     pub fn probe(&self, number: usize) -> Option<&Probe> {
         self.cpu.get_data().probes.get(number)
@@ -296,7 +296,7 @@ impl<W: World> Board<W> {
     /// Back to a moment of this board.
     ///
     /// # Errors
-    /// Where the emulator refuses.
+    /// If the emulator refuses.
     pub fn restore(&mut self, s: &Snapshot<W>) -> Result<(), RunError>
     where
         W: Clone,
@@ -330,7 +330,7 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// What a DMA stream reads or writes; outside memory it is a transfer error, which stops the stream and raises TEIF (RM0390 section 9.3.17).
+    /// Result of a DMA stream's access. Outside memory it is a transfer error, which stops the stream and raises TEIF (RM0390 section 9.3.17).
     pub(crate) fn moved_by_dma(&mut self, stream: (usize, usize), done: Result<(), RunError>) -> Result<(), RunError> {
         let Err(e) = done else { return Ok(()) };
         if !self.as_on_chip {
@@ -403,7 +403,7 @@ impl<W: World> Board<W> {
         if cause != CSR_POWER_ON {
             chip.rcc.add_causes(&self.cpu.get_data().rcc);
         }
-        // What lies outside the processor does not mind its reset.
+        // Parts outside the processor keep their state over its reset.
         let before = self.cpu.get_data_mut();
         chip.flash.set_options(before.flash.options());
         chip.rcc.crystal_hz = before.rcc.crystal_hz;
@@ -440,7 +440,7 @@ impl<W: World> Board<W> {
     /// Runs until `cycles` since power-on.
     ///
     /// # Errors
-    /// Where the firmware does what the board does not model, or the CPU faults.
+    /// If the firmware does something that the board does not model, or the CPU faults.
     pub fn run_until(&mut self, cycles: u64) -> Result<Stop, RunError> {
         loop {
             self.events()?;
@@ -556,7 +556,7 @@ impl<W: World> Board<W> {
         }
     }
 
-    /// What the chip would suffer without a sign, found outside the CPU's own running.
+    /// Reports a fault that the chip would bear without a sign, found outside the CPU's own running.
     pub(crate) fn complain(&mut self) -> Result<(), RunError> {
         match self.cpu.get_data_mut().error.take() {
             Some(what) => Err(RunError::NotModelled { what, pc: self.pc() }),
@@ -564,7 +564,7 @@ impl<W: World> Board<W> {
         }
     }
 
-    /// Where the CPU is.
+    /// Address of the instruction that the CPU executes.
     #[must_use]
     pub fn pc(&self) -> u32 {
         self.cpu.reg_read(RegisterARM::PC).unwrap_or(0) as u32

@@ -48,7 +48,7 @@ pub struct Chip {
     pub nmi: bool,
     /// A fault within a fault: the CPU stands until a reset.
     pub locked_up: bool,
-    /// When the ADC was last ready.
+    /// Time at which the ADC was last ready.
     pub ready: Moment,
     /// The event register of WFE.
     pub event: bool,
@@ -56,20 +56,20 @@ pub struct Chip {
     /// The program asks the debugger for something: the number of the call, its parameter.
     pub call: Option<(u32, u32)>,
     pub error: Option<String>,
-    /// What the chip suffers without a sign ends the run.
+    /// Set if faults that the chip bears without a sign end the run.
     pub strict: bool,
     /// Frequencies, and instructions in the board's time.
     pub clocks: Clocks,
     pub pace: Pace,
-    /// What is left over of the last block.
+    /// Time left over from the last block.
     pub rest: u64,
-    /// Whether pins carry the signals of the board, as far as it was asked since they changed.
+    /// Result for each signal: its pin carries it or not; `None`: not asked for since the pins changed.
     pub carried: [Option<bool>; SIGNALS],
-    /// Which chip it is.
+    /// The chip's tables and limits.
     pub part: &'static Part,
-    /// What was written to registers.
+    /// Writes to registers.
     pub writes: Writes,
-    /// Where the block of code begins that runs.
+    /// First address of the block of code that runs.
     pub block: u32,
 
     pub nvic: Nvic,
@@ -95,7 +95,7 @@ pub struct Chip {
     pub usart1: Usart,
     pub spare: Spare,
     pub adc: Ads131m08,
-    /// What goes over the SPI, or out over the link, is lost.
+    /// Set if bytes over the SPI, or (`line_dead`) out over the link, are lost.
     pub bus_dead: bool,
     pub line_dead: bool,
     /// The next ADC frame is invalid.
@@ -104,9 +104,9 @@ pub struct Chip {
     pub slipped: u32,
     pub left_over: u8,
     pub dbgmcu: u32,
-    /// When the running SPI transfer ends.
+    /// Time at which the running SPI transfer ends.
     pub spi_done: u64,
-    /// When the running USART transmission ends.
+    /// Time at which the running USART transmission ends.
     pub usart_done: u64,
     /// Memory writes to flash waiting to be judged: address, old bytes.
     pub flash_writes: Vec<(u32, [u8; 4], usize)>,

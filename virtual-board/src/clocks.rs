@@ -116,7 +116,7 @@ pub fn clocks(rcc: &Rcc, now: u64) -> Result<Clocks, String> {
     Ok(Clocks { hclk, pclk1, pclk2, timers: timers(apb1, pclk1), timers2: timers(apb2, pclk2) })
 }
 
-/// What chip and flash do under these clocks, where they cannot bear them; `acr`: FLASH_ACR, `power`: PWR_CR.
+/// Checks that chip and flash bear these clocks; else states their reaction. `acr`: FLASH_ACR, `power`: PWR_CR.
 pub fn judge(c: Clocks, limits: &ClockLimits, acr: u32, power: u32) -> Result<(), String> {
     // A crystal is off by some parts per million: that is not over the limit.
     let over = |hz: u64, limit: u64| hz > limit + limit / 1000;

@@ -85,7 +85,7 @@ fn forbid_code_in_ram(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
         c.get_data_mut().it_stale = true;
         let perms = match address as u32 {
             FLASH_START..=FLASH_END => Prot::ALL,
-            // What the chip shows at address 0: its flash. Nothing runs there.
+            // Address 0 shows the chip's flash. Nothing runs there.
             0..FLASH_SIZE => Prot::READ,
             _ => Prot::READ | Prot::WRITE,
         };

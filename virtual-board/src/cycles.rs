@@ -15,7 +15,7 @@
 //! - Constants in flash that are not read relative to the program counter cost no wait state, nor does a conflict of literal and
 //!   instruction at the flash's port.
 //!
-//! How far it is off is in docs/bench.md: it is compared with cycles that others have measured and published.
+//! Its error is in docs/bench.md: it is compared with cycles that others have measured and published.
 
 use crate::FLASH_START;
 
@@ -53,7 +53,7 @@ const LINE_AHEAD: u64 = 1;
 /// Bytes of a line of flash.
 const LINE: u32 = 16;
 
-/// What the accelerator of the flash is set to (FLASH_ACR).
+/// Settings of the flash accelerator (FLASH_ACR).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Accelerator {
     /// Wait states.
@@ -79,7 +79,7 @@ impl Accelerator {
     }
 }
 
-/// How an instruction ends.
+/// End of an instruction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Flow {
     Next,
@@ -89,7 +89,7 @@ enum Flow {
     Indirect,
 }
 
-/// What a single load or store does, for the one that follows it.
+/// Access of a single load or store, for the one that follows it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Access {
     None,
@@ -183,7 +183,7 @@ impl<const N: usize> Default for Lines<N> {
 }
 
 impl<const N: usize> Lines<N> {
-    /// Whether a line is kept; it is the one used last from now on.
+    /// `true` if a line is kept; it is the one used last from now on.
     fn touch(&mut self, line: u32) -> bool {
         let at = self.lines.iter().position(|l| *l == line);
         let found = at.is_some();
@@ -206,7 +206,7 @@ impl<const N: usize> Lines<N> {
 pub struct Estimate {
     cycles: Cycles,
     blocks: std::collections::HashMap<u32, std::sync::Arc<Block>>,
-    /// Where the block that ran last ends, and the refill where the next begins elsewhere.
+    /// End of the block that ran last, and the refill if the next block begins elsewhere.
     after: (u32, u32),
     line: u32,
     /// The line that is fetched ahead, and the cycle when it is there.
@@ -397,7 +397,7 @@ fn wide(first: u32, second: u32, pc: u32) -> Instruction {
     }
 }
 
-/// Where a literal lies; bit 7 of the first half-word: behind, not before.
+/// Address of a literal; bit 7 of the first half-word: behind, not before.
 fn literal(pc: u32, first: u32, offset: u32) -> u32 {
     let pc = pc & !3;
     if first & 0x80 == 0 {

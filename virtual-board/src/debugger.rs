@@ -17,7 +17,7 @@ impl<W: World> Board<W> {
         self.command_line = Some(command_line.into());
     }
 
-    /// Answers a call of the program: its number, and its parameter. Where it ends the program, so does the run.
+    /// Answers a call of the program: its number, and its parameter. A call that ends the program ends the run.
     pub(crate) fn answer(&mut self, (call, parameter): (u32, u32)) -> Result<Option<Stop>, RunError> {
         let Some(line) = &self.command_line else {
             return Err(RunError::NotModelled {

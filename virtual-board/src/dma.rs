@@ -16,7 +16,7 @@ pub enum Request {
     Uart5Tx,
 }
 
-/// Where a request is served: controller (0 is DMA1), stream, channel.
+/// Place that serves a request: controller (0 is DMA1), stream, channel.
 pub type Place = (usize, usize, u32);
 
 impl Request {
@@ -97,7 +97,7 @@ pub struct Stream {
     m0ar: u32,
     m1ar: u32,
     fcr: u32,
-    /// What was written to NDTR last.
+    /// Value written to NDTR last.
     pub reload: u32,
     /// Its transfer was stopped half way, and NDTR has not been written since.
     interrupted: bool,
@@ -107,7 +107,7 @@ impl Stream {
     pub fn enabled(&self) -> bool {
         self.cr & 1 != 0
     }
-    /// Where the next item goes or comes from in memory.
+    /// Memory address of the next item.
     pub fn memory(&self) -> u32 {
         if self.cr & (1 << 10) != 0 {
             // In direct mode the memory's width is the peripheral's (RM0390 section 9.5.5).
@@ -117,7 +117,7 @@ impl Stream {
         }
     }
 
-    /// What is set up that the chip does not do, or that is not modelled.
+    /// First setting that the chip does not support, or that is not modelled.
     fn strange(&self) -> Option<&'static str> {
         [
             (self.cr & 1 << 5 != 0, "PFCTRL: the peripheral ends the transfer, which SPI, USART and timers cannot"),
@@ -175,7 +175,7 @@ impl Dma {
         self.streams[n].cr &= !1;
     }
 
-    /// What a write does that the chip does not take.
+    /// Part of a write that the chip does not accept: the stream and the reason.
     pub fn refuses(&self, offset: u32, value: u32) -> Option<(usize, &'static str)> {
         let n = offset.checked_sub(0x10)? as usize / 0x18;
         let s = self.streams.get(n)?;
@@ -245,7 +245,7 @@ impl Dma {
         Some(())
     }
 
-    /// Whether any stream has something to say.
+    /// `true` if any stream has a flag set.
     pub fn speaks(&self) -> bool {
         self.isr != [0, 0]
     }

@@ -41,7 +41,7 @@ impl Firmware {
     /// Reads an ELF.
     ///
     /// # Errors
-    /// Where it is none, or does not fit the board.
+    /// If it is none, or does not fit the board.
     pub fn parse(elf: &[u8]) -> Result<Self, RunError> {
         let file = object::File::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
         let mut flash = vec![0xFFu8; FLASH_SIZE as usize];
@@ -85,28 +85,28 @@ impl Firmware {
         &self.flash
     }
 
-    /// What statics take of RAM.
+    /// Range of RAM that statics occupy.
     #[must_use]
     pub fn statics(&self) -> Range<u32> {
         self.statics.clone()
     }
 
-    /// Where the stack may grow.
+    /// Range of RAM in which the stack may grow.
     #[must_use]
     pub fn stack(&self) -> Range<u32> {
         self.stack.clone()
     }
 
-    /// Where the control block of the log lies.
+    /// Address of the control block of the log.
     #[must_use]
     pub fn rtt(&self) -> Option<u32> {
         self.address_of("_SEGGER_RTT")
     }
 
-    /// Where the one function of a path begins.
+    /// Address of the one function of a path.
     ///
     /// # Errors
-    /// Where there is none, or several.
+    /// If there is none, or several.
     pub fn function(&self, path: &str) -> Result<u32, RunError> {
         let mut found: Vec<u32> =
             self.symbols.iter().filter(|s| s.function && s.path == path).map(|s| s.address).collect();
@@ -117,7 +117,7 @@ impl Firmware {
         }
     }
 
-    /// Where the variable or function of a path lies.
+    /// Address of the variable or function of a path.
     #[must_use]
     pub fn address_of(&self, path: &str) -> Option<u32> {
         self.symbols.iter().find(|s| s.path == path).map(|s| s.address)
@@ -138,7 +138,7 @@ impl Firmware {
     }
 }
 
-/// Where a segment is loaded (its physical address), given where it runs.
+/// Address at which a segment is loaded (physical), given the address at which it runs.
 fn load_address(elf: &[u8], virtual_address: u64) -> Result<u32, RunError> {
     let file = ElfFile32::<object::Endianness>::parse(elf).map_err(|e| RunError::Elf(e.to_string()))?;
     let endian = file.endian();

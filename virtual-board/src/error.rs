@@ -7,16 +7,16 @@ pub enum RunError {
     Elf(String),
     /// The firmware did something that the board does not model; the program counter is where it did.
     NotModelled {
-        /// What.
+        /// The access or event that is not modelled.
         what: String,
-        /// Where.
+        /// Program counter at that moment.
         pc: u32,
     },
     /// The CPU stopped on its own: a fault.
     Cpu {
         /// The message of Unicorn.
         what: String,
-        /// Where.
+        /// Program counter at that moment.
         pc: u32,
     },
     /// A flash address outside the flash.

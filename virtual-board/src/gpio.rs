@@ -75,7 +75,7 @@ impl Port {
         }
     }
 
-    /// Whether a pin is an output.
+    /// `true` if a pin is an output.
     pub fn is_output(&self, pin: usize) -> bool {
         self.mode(pin) == 1
     }
@@ -154,7 +154,7 @@ impl Exti {
     pub fn edge(&mut self, line: usize, rising: bool) {
         self.regs[5] |= self.regs[if rising { 2 } else { 3 }] & 1 << line;
     }
-    /// Whether any of the lines of a mask asks for an interrupt.
+    /// `true` if any of the lines of a mask asks for an interrupt.
     pub fn irq(&self, mask: u32) -> bool {
         self.regs[5] & self.regs[0] & mask != 0
     }

@@ -1,4 +1,4 @@
-//! What must be so for a signal to pass: clocks, pins, buses, streams. The board takes nothing of the firmware for granted; where something is not as the
+//! Conditions for a signal to pass: clocks, pins, buses, streams. The board takes nothing of the firmware for granted; where something is not as the
 //! chip needs it, the run ends with one sentence: what the chip would do, which register, which section of the manual.
 //!
 //! A pin that is not yet set up is legal while nobody uses it: so each thing is judged when a signal would pass.
@@ -29,7 +29,7 @@ pub enum Signal {
 
 /// Places in the list of what pins carry: the signals, and both ends of each jumper.
 pub const SIGNALS: usize = FIRST_JUMPER + 2 * JUMPERS;
-/// Where the jumpers' begin.
+/// First place of the jumpers' signals.
 pub const FIRST_JUMPER: usize = 13;
 /// Most jumpers.
 pub const JUMPERS: usize = 16;
@@ -118,7 +118,7 @@ impl Chip {
         }
     }
 
-    /// Whether a pin carries a signal; where not, the run ends.
+    /// `true` if a pin carries a signal; if not, the run ends.
     pub fn carries(&mut self, signal: Signal) -> bool {
         let k = signal.index();
         if let Some(known) = self.carried[k] {
@@ -227,7 +227,7 @@ impl Chip {
         })
     }
 
-    /// Whether the peripheral at an address has its clock and is not held in its reset. (A word: what does not happen.)
+    /// `true` if the peripheral at an address has its clock and is not held in its reset. (`what`: words for the action that fails.)
     pub fn awake(&mut self, address: u32, what: &str) -> bool {
         let Some(gate) = self.part.gate(address) else { return true };
         let (enable, reset) = (gate.enable, gate.reset);
@@ -330,7 +330,7 @@ impl Chip {
         self.mismatch(|| what.into());
     }
 
-    /// Whether a capture input takes an edge at its pin.
+    /// `true` if a capture input captures an edge at its pin.
     pub fn captures(&mut self, signal: Signal, rising: bool) -> bool {
         let (base, channel) = match signal {
             Signal::Capture(n) => (0x4000_0000, n),
@@ -353,7 +353,7 @@ impl Chip {
         self.carries(signal) && self.awake(base, "it captures nothing")
     }
 
-    /// What is wrong with a timer's set-up.
+    /// Reports a wrong set-up of a timer.
     pub fn judge_timer(&mut self, address: u32) {
         let (name, timer) = match address & !0x3FF {
             0x4000_0000 => ("TIM2", &self.tim2),
@@ -379,7 +379,7 @@ impl Chip {
         self.awake(base, "no stream moves").then_some((c, n))
     }
 
-    /// Whether SPI1 and the ADC understand each other: a transfer is about to begin.
+    /// `true` if SPI1 and the ADC understand each other: a transfer is about to begin.
     pub fn bus_works(&mut self) -> bool {
         let hz = self.spi1.hz(self.clocks.pclk2);
         if let Some(what) = self.spi1.unfit() {
@@ -397,7 +397,7 @@ impl Chip {
         pins.into_iter().all(|s| self.carries(s)) && self.awake(0x4001_3000, "no bit moves")
     }
 
-    /// Whether USART1 speaks as the wire does, out or in.
+    /// `true` if USART1 uses the format of the wire, out or in.
     pub fn line_works(&mut self, out: bool) -> bool {
         let baud = self.usart1.baud(self.clocks.pclk2);
         if let Some(what) = self.usart1.unfit(out) {
@@ -418,7 +418,7 @@ impl Chip {
         self.carries(if out { Signal::LinkOut } else { Signal::LinkIn }) && self.awake(0x4001_1000, "no bit moves")
     }
 
-    /// What would go wrong when the processor sleeps.
+    /// Reports set-ups that would fail when the processor sleeps.
     pub fn judge_sleep(&mut self) {
         if let Some(what) = self.nvic.strange() {
             self.mismatch(|| what.into());

@@ -41,15 +41,15 @@ struct CycleCounter {
     held: u32,
 }
 
-/// What the unit leaves free.
+/// Peripherals that the unit leaves free.
 #[derive(Debug, Clone)]
 pub struct Spare {
-    /// What is joined.
+    /// Jumpers between pins.
     pub jumpers: Vec<Jumper>,
     waves: [Wave; KINDS.len()],
     spi2: Spi,
     uart5: Usart,
-    /// When its running transmission ends.
+    /// Time at which its running transmission ends.
     uart5_done: u64,
     counter: CycleCounter,
     /// Cycles of the processor before its clock changed last, and when that was.
@@ -71,7 +71,7 @@ impl Default for Spare {
 }
 
 impl Spare {
-    /// When something happens next.
+    /// Time of the next event.
     pub fn next_event(&self) -> u64 {
         self.waves.iter().fold(self.uart5_done, |next, w| next.min(w.next_event()))
     }
@@ -208,7 +208,7 @@ impl Chip {
         }
     }
 
-    /// Whether a pin is set to a signal, at one end of a jumper; where not, the run ends.
+    /// `true` if a pin is set to a signal, at one end of a jumper; if not, the run ends.
     fn carries_at(&mut self, slot: usize, pin: Pin, name: &str, drives: bool) -> bool {
         if let Some(known) = self.carried[slot] {
             return known;
@@ -231,7 +231,7 @@ impl Chip {
         self.carries_at(FIRST_JUMPER + 2 * k, from, name, true).then_some(to)
     }
 
-    /// Whether what drives a pin comes by a jumper to another that takes it as a signal.
+    /// Pin to which a jumper leads the signal of a pin, if that pin can receive it as the signal of this name.
     fn goes(&mut self, from: Pin, name: &str) -> Option<Pin> {
         let part = self.part;
         let can = |j: &Jumper| j.from == from && part.tables.function(j.to, name).is_some();
@@ -270,7 +270,7 @@ impl Chip {
         }
     }
 
-    /// Whether UART5 speaks as the link does, out or in.
+    /// `true` if UART5 uses the format of the link, out or in.
     fn uart5_works(&mut self, out: bool) -> bool {
         let baud = self.spare.uart5.baud(self.clocks.pclk1);
         if let Some(what) = self.spare.uart5.unfit(out) {
@@ -336,11 +336,11 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// What comes back to SPI1 for bytes that it sends.
+    /// Bytes that come back to SPI1 for bytes that it sends.
     pub(crate) fn slave(&mut self, sent: &[u8]) -> Result<Vec<u8>, RunError> {
         let chip = self.cpu.get_data_mut();
         let wiring = &chip.part.wiring;
-        // Nobody drives MISO: its pull.
+        // No driver at MISO: its pull decides.
         let Pin(port, pin) = wiring.from_adc;
         let mut back = vec![if chip.ports[port].pull(pin) == 1 { 0xFF } else { 0 }; sent.len()];
         if chip.bus_dead || !chip.spare.spi2.on() || !chip.awake(SPI2, "no bit moves") {
@@ -373,7 +373,7 @@ impl<W: World> Board<W> {
         let done = self.get(from, &mut bytes);
         self.moved_by_dma(tx, done)?;
         if answers {
-            // What it has not got it does not send: the line stays.
+            // Bytes that it has not got are not sent: the line stays.
             bytes.iter().zip(&mut back).for_each(|(b, to)| *to = *b);
         }
         let received = if heard.is_some() { sent.to_vec() } else { vec![0; sent.len()] };
@@ -385,7 +385,7 @@ impl<W: World> Board<W> {
         Ok(back)
     }
 
-    /// What USART1 has sent arrives at UART5, where a jumper leads there.
+    /// Passes the bytes of USART1 to UART5, if a jumper leads there.
     pub(crate) fn reach_uart5(&mut self, bytes: &[u8]) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         let from = chip.part.wiring.link_out;
@@ -407,7 +407,7 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// What UART5 has sent arrives at USART1.
+    /// Passes the bytes of UART5 to USART1.
     fn finish_uart5(&mut self) -> Result<(), RunError> {
         let chip = self.cpu.get_data_mut();
         chip.spare.uart5_done = u64::MAX;

@@ -2,7 +2,7 @@
 //!
 //! The CPU is Unicorn; this library adds what Unicorn has not (interrupt controller, exception entry and
 //! return, sleep) and the peripherals that the firmware uses, down to their registers. It knows the chip, the
-//! ADC on its SPI and the wires; it knows nothing of gyros. What happens on the wires comes from a
+//! ADC on its SPI and the wires; it knows nothing of gyros. The events on the wires come from a
 //! [`World`].
 //!
 //! # Time
@@ -97,7 +97,7 @@ pub const RAM_START: u32 = 0x2000_0000;
 /// Size of RAM.
 pub const RAM_SIZE: u32 = 128 * 1024;
 
-/// What may befall the ADC or its bus.
+/// Mishap of the ADC or its bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AdcMishap {
     /// Its supply fails for a moment.
@@ -108,7 +108,7 @@ pub enum AdcMishap {
     SlipsAByte,
 }
 
-/// What a UART notices of a single byte (RM0390 section 25.4.3). The byte is received all the same, and need not be the one that was sent.
+/// Fault that a UART notices of a single byte (RM0390 section 25.4.3). The byte is received all the same, and need not be the one that was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineFault {
     /// Samples of a bit disagree: NF.
@@ -117,7 +117,7 @@ pub enum LineFault {
     Framing,
 }
 
-/// What happens on the wires. All times are cycles since power-on and must not go backwards per source.
+/// Events on the wires. All times are cycles since power-on and must not go backwards per source.
 pub trait World {
     /// Time of the next rising edge at capture input `channel` (0 to 2), or `None` if there will be none.
     fn next_edge(&mut self, channel: usize) -> Option<u64>;
@@ -127,11 +127,11 @@ pub trait World {
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
         None
     }
-    /// What the receiver of the unit notices of the byte that arrives at `cycles`, beside the byte itself.
+    /// Fault that the unit's receiver notices of the byte that arrives at `cycles`, beside the byte itself.
     fn line_fault(&mut self, _cycles: u64) -> Option<LineFault> {
         None
     }
-    /// Whether the frame that the ADC sends now is invalid on the wire.
+    /// `true` if the frame that the ADC sends now is invalid on the wire.
     fn invalidate_adc_frame(&mut self) -> bool {
         false
     }
@@ -143,7 +143,7 @@ pub trait World {
     }
     /// A pulse was captured: the reading of TIM2 at its edge.
     fn pulsed(&mut self, _stamp: u32) {}
-    /// What befalls the ADC or its bus before the sample that is finished at `cycles`.
+    /// Mishap of the ADC or its bus before the sample that is finished at `cycles`.
     fn adc_mishap(&mut self, _cycles: u64) -> Option<AdcMishap> {
         None
     }

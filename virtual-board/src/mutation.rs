@@ -1,5 +1,5 @@
-//! Writes to registers: recorded, and changed. What a firmware with another constant, a forgotten line or a wrong instance would do to the
-//! chip, with no need of building it: the n-th write since power-on reaches the chip as something else.
+//! Writes to registers: recorded, and changed. They show the effect of a firmware with another constant, a forgotten line or a
+//! wrong instance on the chip, with no need of building it: the n-th write since power-on reaches the chip as something else.
 
 use crate::board::Board;
 use crate::World;
@@ -12,7 +12,7 @@ pub struct RegisterWrite {
     pub number: u64,
     /// The exception that runs: 0 is none, from 16 on interrupts.
     pub exception: u16,
-    /// Where the block of code begins that it is in.
+    /// First address of the block of code that it is in.
     pub block: u32,
     /// Of the register.
     pub address: u32,
@@ -20,20 +20,20 @@ pub struct RegisterWrite {
     pub value: u32,
     /// Bytes.
     pub size: usize,
-    /// What the register read before.
+    /// Value that the register read before.
     pub before: u32,
 }
 
-/// What becomes of a write.
+/// Change of a write.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Change {
     /// It does not happen.
     LeftOut,
     /// It writes this, at this address.
     Becomes {
-        /// Where.
+        /// Address of the write.
         address: u32,
-        /// What.
+        /// Value written.
         value: u32,
     },
 }
@@ -43,7 +43,7 @@ pub enum Change {
 pub struct Mutation {
     /// Its [`RegisterWrite::number`].
     pub number: u64,
-    /// What becomes of it.
+    /// Change of that write.
     pub change: Change,
 }
 
@@ -58,7 +58,7 @@ pub struct Writes {
 }
 
 impl Writes {
-    /// Whether something is to be taken down of the next write.
+    /// `true` if the next write is to be recorded.
     pub fn recording(&self) -> bool {
         self.recorded.is_some()
     }
@@ -83,7 +83,7 @@ impl<W: World> Board<W> {
         self.cpu.get_data_mut().writes.recorded = Some(Vec::new());
     }
 
-    /// What was written since.
+    /// Writes recorded since.
     #[must_use]
     pub fn recorded_writes(&self) -> &[RegisterWrite] {
         self.cpu.get_data().writes.recorded.as_deref().unwrap_or_default()
@@ -94,7 +94,7 @@ impl<W: World> Board<W> {
         self.cpu.get_data_mut().writes.recorded = None;
     }
 
-    /// What all registers read, by address: those of the tables and of the core. Reading here has no effect.
+    /// Values of all registers, by address: those of the tables and of the core. Reading here has no effect.
     #[must_use]
     pub fn registers(&self) -> BTreeMap<u32, u32> {
         let mut chip = self.cpu.get_data().clone();

@@ -95,7 +95,7 @@ impl Nvic {
         }
     }
 
-    /// Whether an enabled interrupt is pending, whatever its priority: what wakes a sleeping CPU.
+    /// `true` if an enabled interrupt is pending, whatever its priority: it wakes a sleeping CPU.
     pub fn any_pending(&self) -> bool {
         (0..4).any(|w| self.pending[w] & self.enabled[w] != 0)
     }
@@ -146,7 +146,7 @@ impl Nvic {
         self.changed = true;
     }
 
-    /// What is set up in the processor that it cannot live with when it sleeps for the first time: register and words.
+    /// First setting of the processor that must not be there when it sleeps for the first time: register and words.
     pub fn strange(&self) -> Option<&'static str> {
         [
             (self.scr & 4 != 0, "SCB_SCR.SLEEPDEEP makes WFE the stop mode: all clocks stop (RM0390 section 5.3.5)"),

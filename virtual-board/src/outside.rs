@@ -1,15 +1,15 @@
-//! What comes from outside the chip, and what a test does to it behind the firmware's back: crystal, supply, probe, flipped bits, registers.
+//! Inputs from outside the chip, and actions of a test behind the firmware's back: crystal, supply, probe, flipped bits, registers.
 
 use crate::board::Board;
 use crate::error::RunError;
 use crate::system::CSR_SOFTWARE;
 use crate::{World, FLASH_START};
 
-/// Where the flags of up channel 0 lie in the control block of RTT.
+/// Offset of the flags of up channel 0 in the control block of RTT.
 const RTT_FLAGS: u32 = 44;
 
 impl<W: World> Board<W> {
-    /// A bit of a peripheral's register changes. What the peripheral then does is what it does after a write of that value.
+    /// A bit of a peripheral's register changes. The peripheral then acts as after a write of that value.
     ///
     /// # Errors
     /// A register that is not modelled.
@@ -62,7 +62,7 @@ impl<W: World> Board<W> {
         self.cpu.get_data_mut().rcc.crystal_hz = Some(hz);
     }
 
-    /// How long the crystal takes to start, in units of [`crate::CPU_HZ`]; 2 ms where no other is given.
+    /// Sets the start-up time of the crystal, in units of [`crate::CPU_HZ`]; 2 ms where no other is given.
     pub fn set_crystal_start(&mut self, time: u64) {
         self.cpu.get_data_mut().rcc.crystal_start = time;
     }
@@ -107,7 +107,7 @@ impl<W: World> Board<W> {
     /// The resonators' wires come off.
     ///
     /// # Errors
-    /// Where an input floats then.
+    /// If an input floats then.
     pub fn unplug_resonators(&mut self) -> Result<(), RunError> {
         self.wires.next_edge = [u64::MAX; 3];
         match self.cpu.get_data().floating_input(0..3) {
@@ -124,7 +124,7 @@ impl<W: World> Board<W> {
     /// Flips one bit of RAM or flash.
     ///
     /// # Errors
-    /// Where there is no memory.
+    /// If there is no memory.
     pub fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), RunError> {
         let mut byte = [0];
         self.read_memory(address, &mut byte)?;
@@ -135,7 +135,7 @@ impl<W: World> Board<W> {
     /// Writes to RAM, as a probe does.
     ///
     /// # Errors
-    /// Where there is none.
+    /// If there is none.
     pub fn write_ram(&mut self, address: u32, bytes: &[u8]) -> Result<(), RunError> {
         self.ram.write(address, bytes).ok_or_else(|| self.outside(address))
     }
@@ -180,7 +180,7 @@ impl<W: World> Board<W> {
     /// Reads memory.
     ///
     /// # Errors
-    /// Where there is none.
+    /// If there is none.
     pub fn read_memory(&self, address: u32, bytes: &mut [u8]) -> Result<(), RunError> {
         self.get(address, bytes)
     }

@@ -13,7 +13,7 @@ pub(crate) const F446RE_TABLE: &str = include_str!("../chips/stm32f446re.txt");
 /// The table of the STM32F405RG.
 pub(crate) const F405RG_TABLE: &str = include_str!("../chips/stm32f405rg.txt");
 
-/// What the clocks of a chip may be.
+/// Limits of a chip's clocks.
 #[derive(Debug)]
 pub struct ClockLimits {
     /// HCLK, Hz.
@@ -24,17 +24,17 @@ pub struct ClockLimits {
     pub apb2: u64,
     /// Bits of PWR_CR that set the voltage scale.
     pub scale_mask: u32,
-    /// What they say, with the highest HCLK that each allows, Hz; slowest first.
+    /// Values of these bits, with the highest HCLK that each allows, Hz; slowest first.
     pub scales: &'static [(u32, u64)],
     /// HCLK above which over-drive is needed, Hz; `None`: the chip has none.
     pub over_drive_above: Option<u64>,
     /// HCLK for each number of wait states of the flash at 2.7 to 3.6 V, Hz.
     pub per_wait_state: u64,
-    /// Where that stands.
+    /// Source of these limits in the manual.
     pub manual: &'static str,
 }
 
-/// What is wired to which pin.
+/// Wiring of the pins.
 #[derive(Debug)]
 pub struct Wiring {
     /// The resonators.
@@ -74,7 +74,7 @@ pub struct Part {
     pub clocks: ClockLimits,
     /// The reference manual.
     pub manual: &'static str,
-    /// What is wired to it (docs/bench.md).
+    /// Wiring of its pins (docs/bench.md).
     pub wiring: Wiring,
     /// Clock gate and reset of each kilobyte of peripherals from 0x4000 0000 on.
     gates: LazyLock<Vec<Option<Gate>>>,
@@ -82,7 +82,7 @@ pub struct Part {
     requests: LazyLock<Vec<Vec<Place>>>,
 }
 
-/// What keeps a peripheral still: bits of RCC.
+/// Bits of RCC that hold a peripheral still: clock gate and reset.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gate {
     pub(crate) enable: Option<RccBit>,

@@ -11,7 +11,7 @@ pub struct Moment {
     pub estimate: u64,
 }
 
-/// How long after the ADC was ready a function came back.
+/// Latency from the ADC's data-ready to the return of a function.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Latency {
     /// Calls.
@@ -31,7 +31,7 @@ pub struct Latency {
 /// The calls of one function.
 #[derive(Debug, Clone, Default)]
 pub struct Probe {
-    /// Where the function begins.
+    /// First address of the function.
     pub(crate) entry: u32,
     /// Return address and count at entry of the call that runs.
     running: Option<(u32, Moment)>,

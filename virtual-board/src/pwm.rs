@@ -3,7 +3,7 @@
 
 use crate::clocks::{Clocks, Pace};
 
-/// Where a timer lies, and what it has.
+/// Address and features of a timer.
 #[derive(Debug)]
 pub struct Kind {
     pub name: &'static str,
@@ -62,7 +62,7 @@ pub struct Wave {
     regs: [u32; 0x54 / 4],
     pace: Pace,
     now: Shadow,
-    /// When the running period began, and the counter's reading while it stands.
+    /// Time at which the running period began, and the counter's reading while it is stopped.
     began: u64,
     held: u64,
     level: [bool; CHANNELS],
@@ -150,7 +150,7 @@ impl Wave {
         channel < self.kind.signals.len() && self.regs[CCER] >> (4 * channel) & 1 != 0
     }
 
-    /// What is set up while it runs that is not modelled, or gives no square wave: register and words.
+    /// First setting while it runs that is not modelled, or gives no square wave: register and words.
     pub fn strange(&self) -> Option<&'static str> {
         let r = &self.regs;
         let mode = |k: usize| r[CCMR1 + k / 2] >> (8 * (k % 2)) & 0xFF;
@@ -178,7 +178,7 @@ impl Wave {
         .find_map(|(strange, what)| strange.then_some(what))
     }
 
-    /// When the next output changes, or the period ends.
+    /// Time at which the next output changes, or the period ends.
     pub fn next_event(&self) -> u64 {
         if !self.running() || self.regs[CCER] == 0 {
             return u64::MAX;
@@ -187,7 +187,7 @@ impl Wave {
         falls.fold(self.began + self.after(self.now.arr + 1), u64::min)
     }
 
-    /// What happens at the time of [`next_event`](Self::next_event).
+    /// Carries out the event at the time of [`next_event`](Self::next_event).
     pub fn advance(&mut self) -> [Option<Change>; CHANNELS] {
         let at = self.next_event();
         let ends = at == self.began + self.after(self.now.arr + 1);

@@ -8,7 +8,7 @@ impl<W: World> Board<W> {
     /// Takes what is in up channel 0, and gives it to the world. The board does so each 10 ms; after the end of a program, do it once more.
     ///
     /// # Errors
-    /// Where the block of the log is outside memory, or the debug port's pins are another's.
+    /// If the block of the log is outside memory, or the debug port's pins are another's.
     pub fn look_at_rtt(&mut self) -> Result<(), RunError> {
         let Some(block) = self.firmware.rtt() else { return Ok(()) };
         if !self.cpu.get_data().probe_connected() {

@@ -64,7 +64,7 @@ impl Spi {
         .into_iter()
         .find_map(|(unfit, what)| unfit.then_some(what))
     }
-    /// What it does that the ADC (mode 1, most significant bit first, full duplex) does not understand.
+    /// First setting that the ADC (mode 1, most significant bit first, full duplex) does not understand.
     pub fn unfit(&self) -> Option<&'static str> {
         let (cr1, cr2, i2s) = (self.regs[0], self.regs[1], self.regs[7]);
         [
@@ -154,7 +154,7 @@ impl Usart {
     pub fn time_per_byte(&self, pclk2: u64) -> u64 {
         (10.0 * CPU_HZ as f64 / self.baud(pclk2)) as u64
     }
-    /// What it does that the wire (eight data bits, no parity, one stop bit) does not have.
+    /// First setting that does not fit the wire (eight data bits, no parity, one stop bit).
     pub fn unfit(&self, out: bool) -> Option<&'static str> {
         let (cr1, cr2, cr3) = (self.regs[3], self.regs[4], self.regs[5]);
         [
@@ -189,7 +189,7 @@ impl Usart {
             self.regs[0] &= !(IDLE | ORE | 7);
         }
     }
-    /// What is noticed of the byte that has just come.
+    /// Sets the error flag of the byte that has just come.
     pub fn fault(&mut self, fault: LineFault) {
         self.regs[0] |= match fault {
             LineFault::Noise => 1 << 2,

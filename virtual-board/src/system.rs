@@ -6,9 +6,9 @@ pub struct Rcc {
     regs: [u32; 0x98 / 4],
     /// The crystal's frequency, Hz; `None`: it is dead.
     pub crystal_hz: Option<f64>,
-    /// How long it takes to start, in the board's time.
+    /// Time that it needs to start, in the board's time.
     pub crystal_start: u64,
-    /// When HSE, PLL and LSI are ready, if they are on and have what they need.
+    /// Times at which HSE, PLL and LSI are ready, if they are on and have what they need.
     ready: [u64; 3],
 }
 
@@ -79,7 +79,7 @@ impl Rcc {
     fn crystal_runs(&self) -> bool {
         self.regs[0] & (HSE_ON | HSE_BYPASS) == HSE_ON | HSE_BYPASS && self.crystal_hz.is_some()
     }
-    /// Whether HSE and the PLL are ready, as far as they are on.
+    /// `true` for HSE and for the PLL if it is on and ready at that time.
     pub fn ready_at(&self, now: u64) -> [bool; 2] {
         [self.crystal_runs() && now >= self.ready[HSE], now >= self.ready[PLL]]
     }
@@ -93,7 +93,7 @@ impl Rcc {
         after(&mut self.ready[PLL], pll, source.max(now).saturating_add(PLL_LOCK));
         after(&mut self.ready[LSI], lsi, now + LSI_START);
     }
-    /// Whether LSI is on and ready.
+    /// `true` if LSI is on and ready.
     pub fn lsi_runs(&self, now: u64) -> bool {
         now >= self.ready[LSI]
     }
@@ -242,7 +242,7 @@ impl Default for CrystalCounter {
 }
 
 impl CrystalCounter {
-    /// What is set up while it counts that makes another count of it, and is not modelled.
+    /// First setting, while it counts, that changes its count and is not modelled.
     pub fn strange(&self) -> Option<&'static str> {
         let r = &self.regs;
         [
@@ -319,7 +319,7 @@ impl ProgramCrc {
     }
 }
 
-/// What a battery at VBAT carries: RCC_BDCR, the RTC (a calendar from 2000 on, on a crystal of its own) and the backup SRAM.
+/// Parts that a battery at VBAT supplies: RCC_BDCR, the RTC (a calendar from 2000 on, on a crystal of its own) and the backup SRAM.
 #[derive(Debug, Clone)]
 pub struct Backup {
     bdcr: u32,
@@ -332,7 +332,7 @@ pub struct Backup {
 
 impl Default for Backup {
     fn default() -> Self {
-        // What the memory holds without a battery.
+        // Contents of the memory without a battery.
         Self { bdcr: 0, began: None, lse_on: None, sram: vec![0x5A5A_5A5A; 1024] }
     }
 }
@@ -510,7 +510,7 @@ impl Flash {
     pub fn access_control(&self) -> u32 {
         self.regs[0]
     }
-    /// Whether the control register is unlocked.
+    /// `true` if the control register is unlocked.
     pub fn unlocked(&self) -> bool {
         self.regs[CR] & LOCK == 0
     }
@@ -522,7 +522,7 @@ impl Flash {
     pub fn options(&self) -> u32 {
         self.regs[5]
     }
-    /// Whether a sector is write-protected (nWRP; RM0390 section 3.6.4), which is an error (WRPERR).
+    /// `true` if a sector is write-protected (nWRP; RM0390 section 3.6.4), which is an error (WRPERR).
     pub fn protects(&mut self, offset: u32) -> bool {
         let sector = SECTORS.iter().rposition(|start| *start <= offset).unwrap_or(0);
         let protected = self.regs[5] & 1 << (16 + sector) == 0;
@@ -531,7 +531,7 @@ impl Flash {
         }
         protected
     }
-    /// Whether a write to flash programs it.
+    /// `true` if a write to flash programs it.
     pub fn programming(&self) -> bool {
         self.regs[CR] & (LOCK | 1) == 1
     }
@@ -624,7 +624,7 @@ impl Iwdg {
         }
         Some(())
     }
-    /// Whether PR and RLR may be written.
+    /// `true` if PR and RLR may be written.
     pub fn open(&self) -> bool {
         self.open
     }

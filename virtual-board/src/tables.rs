@@ -1,4 +1,4 @@
-//! What is fixed in a chip: addresses, clock gates, alternate functions, DMA requests, interrupts, bits of registers.
+//! Fixed properties of a chip: addresses, clock gates, alternate functions, DMA requests, interrupts, bits of registers.
 //!
 //! The tables in `chips/` are printed by `chip-tables` from stm32-metapac, whose source are STMicroelectronics' own files; a test there compares
 //! them. Nothing in them comes from a firmware.
@@ -14,7 +14,7 @@ pub type RccBit = (u32, u32);
 pub struct Peripheral {
     /// `TIM2`.
     pub name: String,
-    /// Where its registers begin.
+    /// First address of its registers.
     pub address: u32,
     /// Its clock gate; `None`: it is always clocked.
     pub enable: Option<RccBit>,
@@ -61,7 +61,7 @@ pub struct Field {
     pub name: String,
     /// Its lowest bit.
     pub bit: u32,
-    /// How many.
+    /// Number of its bits.
     pub bits: u32,
 }
 
@@ -192,7 +192,7 @@ impl Tables {
         self.pins.get(&pin)?.iter().find(|(_, s)| s == signal).map(|(n, _)| *n)
     }
 
-    /// What an alternate function of a pin is, in words.
+    /// Names of the signals of a pin's alternate function.
     #[must_use]
     pub fn signals(&self, pin: Pin, function: u32) -> String {
         let all = self.pins.get(&pin).into_iter().flatten().filter(|(n, _)| *n == function);

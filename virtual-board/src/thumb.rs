@@ -1,6 +1,6 @@
 //! The little that must be known of Thumb code: how long an instruction is, how many a block has, what an IT makes conditional.
 
-/// Where xPSR holds the state of an IT block.
+/// Bits of xPSR that hold the state of an IT block.
 pub const IT_STATE: u64 = 0x0600_FC00;
 
 /// Length of the Thumb instruction that begins at an offset, bytes.
@@ -13,7 +13,7 @@ fn length(code: &[u8], at: usize) -> usize {
     }
 }
 
-/// Whether the instruction at an offset is one of those that an IT instruction before it makes conditional.
+/// `true` if the instruction at an offset is one of those that an IT instruction before it makes conditional.
 pub fn within_it(code: &[u8], at: usize) -> bool {
     (1..=8).filter_map(|back| at.checked_sub(2 * back)).any(|it| {
         let mask = code[it] & 0xF;

@@ -35,7 +35,7 @@ const CR2: usize = 1;
 const SMCR: usize = 2;
 const CCMR1: usize = 6;
 
-/// What a timer did at an edge.
+/// Result of an edge at a timer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Captured {
     /// The counter.
@@ -166,14 +166,14 @@ impl Timer {
             }
             CNT => self.set_count(value & self.top, now),
             ARR => self.regs[ARR] = value & self.top,
-            // What a channel captured cannot be written (RM0390 section 17.4.13).
+            // A captured value cannot be written (RM0390 section 17.4.13).
             n if (CCR1..CCR1 + 4).contains(&n) && self.is_capture(n - CCR1) => {}
             n => *self.regs.get_mut(n)? = value,
         }
         Some(())
     }
 
-    /// What is set up that is not modelled, or makes no sense on this board: register and words.
+    /// First setting that is not modelled, or makes no sense on this board: register and words.
     pub fn strange(&self) -> Option<&'static str> {
         let r = &self.regs;
         [
@@ -194,12 +194,12 @@ impl Timer {
         .find_map(|(strange, what)| strange.then_some(what))
     }
 
-    /// Whether its start is its trigger output (CR2, MMS = 1), and it runs.
+    /// `true` if its start is its trigger output (CR2, MMS = 1), and it runs.
     pub fn triggers_by_start(&self) -> bool {
         self.regs[CR2] >> 4 & 7 == 1 && self.running()
     }
 
-    /// Whether it waits for internal trigger `n` to start (SMCR: SMS = 6).
+    /// `true` if it waits for internal trigger `n` to start (SMCR: SMS = 6).
     pub fn waits_for(&self, n: u32) -> bool {
         self.regs[SMCR] & 7 == 6 && self.regs[SMCR] >> 4 & 7 == n && !self.running()
     }
@@ -260,7 +260,7 @@ impl Timer {
         self.looked = now + 1;
     }
 
-    /// Whether a channel (0 to 3) is on, and the timer runs.
+    /// `true` if a channel (0 to 3) is on, and the timer runs.
     pub fn listens(&self, channel: usize) -> bool {
         self.running() && self.regs[CCER] >> (4 * channel) & 1 != 0
     }
@@ -281,7 +281,7 @@ impl Timer {
         }
     }
 
-    /// Whether channel 4 captures LSI (TIM5_OR, TI4_RMP = 1), each so many rising edges.
+    /// Rising edges of LSI for each capture, if channel 4 captures LSI (TIM5_OR, TI4_RMP = 1).
     pub fn captures_lsi(&self) -> Option<u64> {
         let mode = self.regs[CCMR1 + 1] >> 8 & 0xFF;
         let rising = self.regs[CCER] >> 12 & 0xB == 1;
@@ -294,7 +294,7 @@ impl Timer {
         DELAY[(self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2) + 4) & 0xF) as usize] / self.divider() as u32
     }
 
-    /// Whether a channel has no other fault than that its filter delays edges.
+    /// `true` if a channel has no other fault than that its filter delays edges.
     pub fn filters(&self, channel: usize) -> bool {
         self.filter_delay(channel) > 0 && self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2)) & 0xF == 1
     }
@@ -315,12 +315,12 @@ impl Timer {
         Captured { stamp, dma, interrupt: self.regs[DIER] & (2 << channel) != 0 }
     }
 
-    /// What a channel captured last.
+    /// Value that a channel captured last.
     pub fn capture(&self, channel: usize) -> u32 {
         self.regs[CCR1 + channel]
     }
 
-    /// Whether the interrupt line is high.
+    /// `true` if the interrupt line is high.
     pub fn irq(&self) -> bool {
         self.regs[SR] & self.regs[DIER] & 0x1F != 0
     }

@@ -1,4 +1,4 @@
-//! What comes and goes on the wires: captured edges, ADC frames over SPI, bytes of the link.
+//! Traffic on the wires: captured edges, ADC frames over SPI, bytes of the link.
 
 use crate::board::Board;
 use crate::dma::Request;

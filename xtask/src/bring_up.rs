@@ -88,7 +88,7 @@ pub fn probe_rs(elf: &Path, last: impl Fn(&str) -> bool) -> Result<Vec<String>, 
     Ok(log)
 }
 
-/// Whether a log says that all rows pass.
+/// Checks that a log reports all rows as passed.
 pub fn judge(log: &[String]) -> Result<(), Failure> {
     let last = log.iter().find_map(|l| l.split_once(LAST));
     let Some((_, sum)) = last else {

@@ -50,7 +50,7 @@ impl Course {
         done
     }
 
-    /// Where the time went.
+    /// Prints the time of each step.
     fn print(&self, in_all: u64) {
         let took = self.took.lock().unwrap_or_else(PoisonError::into_inner);
         let told: Vec<String> = took.iter().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
@@ -85,7 +85,7 @@ pub fn test() -> Result<(), Failure> {
     }
 }
 
-/// What is built for a chip, or lies in a folder of its own; gives why the Python package cannot be tested, if it cannot.
+/// Builds for the chips, and in folders of their own; gives why the Python package cannot be tested, if it cannot.
 fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
     course.step("the firmware", size)?;
     course.step("the second chip", || other_chip(t))?;
@@ -114,7 +114,7 @@ fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> 
     course.step("what the Python package needs", || Ok(python::prepare().err()))
 }
 
-/// What the host runs; gives the test programs.
+/// Runs lints and builds for the host; gives the test programs.
 fn for_host(course: &Course) -> Result<Vec<Program>, Failure> {
     let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
     course.step("lints, host", || {
@@ -206,7 +206,7 @@ fn works(programs: Vec<Program>, python: Option<String>) -> Result<Vec<Work>, Fa
     Ok(all)
 }
 
-/// What came of tests.
+/// Results of tests.
 #[derive(Default, Debug, PartialEq)]
 struct Sum {
     passed: u64,

@@ -1,4 +1,4 @@
-//! What xtask must know of an ELF: how much flash and RAM it takes, and the integrity word of its program.
+//! Facts of an ELF: flash and RAM that it needs, and the integrity word of its program.
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
     Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?))
@@ -21,7 +21,7 @@ pub fn flash_and_ram(elf: &[u8]) -> Option<(u64, u64)> {
         let load = u32_at(elf, at)? == 1;
         let address = u32_at(elf, at + 8)?;
         if load {
-            // What is loaded is in flash, wherever it runs.
+            // Loaded segments are in flash, wherever they run.
             flash += u64::from(u32_at(elf, at + 16)?);
             if (0x2000_0000..0x3000_0000).contains(&address) {
                 ram += u64::from(u32_at(elf, at + 20)?);
@@ -46,7 +46,7 @@ fn section(elf: &[u8], name: &str) -> Option<(usize, u32, usize)> {
     })
 }
 
-/// What an ELF puts into flash between two addresses; what it leaves out is erased.
+/// Bytes that an ELF puts into flash between two addresses; bytes that it leaves out are erased.
 fn flash(elf: &[u8], from: u32, to: Option<u32>) -> Option<Vec<u8>> {
     let table = u32_at(elf, 28)? as usize;
     let (size, count) = (usize::from(u16_at(elf, 42)?), usize::from(u16_at(elf, 44)?));

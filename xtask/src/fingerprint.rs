@@ -34,7 +34,7 @@ const SIMULATED: [(&str, &[&str]); 10] = [
     ("cycle", &["cubic", "hysteresis"]),
 ];
 
-/// What the study runs: a unit of each effect and size, three clean ones.
+/// Arguments of the study: a unit of each effect and size, three clean ones.
 const STUDY: [&str; 5] = ["trace", "--runs", "1", "--clean", "3"];
 
 /// Makes everything and prints the checksums.

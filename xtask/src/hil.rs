@@ -36,7 +36,7 @@ fn chip_test(message: &str) -> Option<&str> {
     Path::new(path).file_name()?.to_str()?.starts_with("chip-").then_some(path)
 }
 
-/// What `hrg-board` prints of an ELF; it fails where that does.
+/// Output of `hrg-board` for an ELF; it fails where that does.
 fn on_virtual(command: &str, elf: &Path) -> Result<Vec<String>, Failure> {
     let o = Command::new(root().join("target/release/hrg-board"))
         .args([command, "--elf"])

@@ -150,7 +150,7 @@ fn run(command: &mut Command) -> Result<(), Failure> {
     }
 }
 
-/// What a command prints, if it succeeds.
+/// Output of a command, if it succeeds.
 fn output(command: &mut Command) -> Option<String> {
     let o = command.stderr(Stdio::null()).output().ok()?;
     o.status.success().then(|| String::from_utf8_lossy(&o.stdout).into_owned())
@@ -345,7 +345,7 @@ fn bounds(elf: &Path, name: &str, flash_bound: u64) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What docs/chamber.md shows: a simulated unit on the virtual board, its screen, its Allan deviation.
+/// Prints the examples of docs/chamber.md: a simulated unit on the virtual board, its screen, its Allan deviation.
 fn screens() -> Result<(), Failure> {
     let t = setup::toolchain()?;
     build(&t)?;
@@ -441,7 +441,7 @@ fn flash() -> Result<(), Failure> {
     run(Command::new("probe-rs").args(["run", "--chip", "STM32F446RETx"]).arg(elf_path()))
 }
 
-/// What deny.toml forbids.
+/// Runs the checks of deny.toml.
 fn audit() -> Result<(), Failure> {
     if output(Command::new("cargo").args(["deny", "--version"])).is_none() {
         println!("set-up: installing cargo-deny (some minutes)");

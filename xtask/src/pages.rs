@@ -1,8 +1,8 @@
 //! Runs what the pages tell a reader to type, in the page's own order, each page in an empty folder of its own; `$PROJECT` is a fresh clone.
 //!
-//! A command is a line of a block that is fenced with `sh`. What is behind two blanks and a `#` is a remark; where the remark begins with
+//! A command is a line of a block that is fenced with `sh`. Text behind two blanks and a `#` is a remark; where the remark begins with
 //! "Ctrl-C", the command is interrupted after some seconds and must end well. A line that ends with `&` goes on beside the others until the page
-//! ends; of `hrg-board serve` the runner waits for the link, and `PORT` is that link from then on. What is not run is listed: blocks
+//! ends; of `hrg-board serve` the runner waits for the link, and `PORT` is that link from then on. Commands not run are listed: blocks
 //! fenced with `sh board` need hardware; those with `sh ci` call this, and the public CI runs them; those with `sh long` take minutes, and run with `--all`.
 
 use crate::{root, Failure};
@@ -20,7 +20,7 @@ struct Typed {
     kept_back: Option<String>,
 }
 
-/// What came of the pages.
+/// Results of the pages.
 #[derive(Debug, Default)]
 pub struct Outcome {
     /// Commands that ended well.
@@ -58,7 +58,7 @@ fn commands(page: &str, long: bool) -> Vec<Typed> {
     found
 }
 
-/// How long a command runs that a reader ends, s.
+/// Run time of a command that a reader ends, s.
 const UNTIL_CTRL_C: u32 = 6;
 
 /// A fresh clone of the project, for what the pages take from it; the project itself where it is no git repository. Uncommitted files are

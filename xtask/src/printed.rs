@@ -5,7 +5,7 @@
 use crate::{output, root, Failure};
 use std::process::Command;
 
-/// How the line begins.
+/// Beginning of the line.
 const BEGIN: &str = "<!-- printed by `";
 
 /// Writes the line into pages. `of_traces`: their figures come from traces, which have a short form.

@@ -4,7 +4,7 @@ use crate::{output, root, run, Failure};
 use std::path::PathBuf;
 use std::process::Command;
 
-/// What the tests need beside the wheel. (maturin builds it.)
+/// Packages that the tests need beside the wheel. (maturin builds it.)
 const NEEDED: [&str; 9] = [
     "maturin>=1.9,<2",
     "numpy>=1.21",

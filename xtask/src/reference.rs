@@ -70,7 +70,7 @@ fn bits(source: &str, kind: &str) -> Vec<(String, String)> {
     found
 }
 
-/// What `--help` prints.
+/// Output of `--help`.
 fn help(program: &str, command: &[&str]) -> Result<String, Failure> {
     let path = root().join("target/release").join(program);
     output(Command::new(&path).args(command).arg("--help"))

@@ -1,4 +1,4 @@
-//! What a bare machine lacks, and how it gets it.
+//! Set-up of a bare machine: finds what is missing, and installs it.
 //!
 //! Two things: a standard library for the target, and what the virtual board needs to compile. Both are installed
 //! where that is possible; where it is not, the exact commands are printed and the run stops.
@@ -10,7 +10,7 @@ use std::process::Command;
 /// The target.
 pub const TARGET: &str = "thumbv7em-none-eabihf";
 
-/// How the firmware is compiled.
+/// Toolchain that compiles the firmware.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Toolchain {
     /// rustup's toolchain with the target's library.
@@ -58,7 +58,7 @@ impl Toolchain {
                     .env("PATH", format!("/usr/bin:{path}"))
                     .env("RUSTC_BOOTSTRAP", "1")
                     .env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_LINKER", linker);
-                // What rustup's own cargo hands down would send Debian's back to it.
+                // Variables that rustup's own cargo hands down would send Debian's back to it.
                 for name in ["RUSTC", "RUSTUP_TOOLCHAIN", "CARGO", "RUSTC_WRAPPER", "RUSTDOC", "LD_LIBRARY_PATH"] {
                     c.env_remove(name);
                 }
@@ -148,7 +148,7 @@ fn has_libclang() -> bool {
         .any(|p| has(&p))
 }
 
-/// What the virtual board needs to compile, and rustup's own components.
+/// Installs the packages that the virtual board needs to compile, and rustup's own components.
 pub fn host() -> Result<(), Failure> {
     let works = |program: &str| output(Command::new(program).arg("--version")).is_some();
     if !(works("cmake") && works("pkg-config") && works("c++") && has_libclang()) {

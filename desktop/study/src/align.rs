@@ -14,12 +14,12 @@ use hrg_data::recording::steps::Steps;
 use std::path::Path;
 use virtual_board::{Board, NothingConnected, Probe, CPU_HZ};
 
-/// When the host asks for the alignment, s after power-on.
+/// Time at which the host asks for the alignment, s after power-on.
 const BEGIN_S: f64 = 4.5;
 /// The first whole second after it, as the rate path counts seconds.
 const START_S: f64 = 5.05;
 
-/// What came of it.
+/// Result of an alignment on the board.
 #[derive(Debug)]
 pub struct Aligned {
     /// Reports of the unit, second by second.
@@ -126,19 +126,19 @@ fn align_with(
     Ok(Aligned { reports: outcome.received.alignment.clone(), outcome, accepted_s: end + 0.45 })
 }
 
-/// What a function of the bench ELF costs.
+/// Cost of a function of the bench ELF.
 #[derive(Debug, Clone)]
 pub struct Cost {
-    /// What it is.
+    /// Name of the function's work, for the table.
     pub name: &'static str,
     /// Mean instructions of a call.
     pub instructions: f64,
 }
 
-/// Runs the bench ELF and counts what a step of each filter costs on the target.
+/// Runs the bench ELF and counts the instructions of a step of each filter on the target.
 ///
 /// # Errors
-/// Where the ELF lacks one of the functions, or does what the board does not model.
+/// If the ELF lacks one of the functions, or does something that the board does not model.
 pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
     let functions = [
         ("linear, step", "bench::linear_step"),
@@ -165,7 +165,7 @@ pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
 /// feature of that name.
 ///
 /// # Errors
-/// Where a step fails.
+/// If a step fails.
 pub fn demo(
     elf: &[u8],
     bench: &[u8],

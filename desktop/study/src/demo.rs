@@ -143,7 +143,7 @@ fn measured_loop(folder: &Path, out: &Path, told: &mut String) -> Result<()> {
     hrg_data::output::write_file(out, short.picture.as_bytes())
 }
 
-/// What the frames say, with both images.
+/// Prints the figures of the frames, with both images.
 fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, told: &mut String) {
     say!(told, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
     let (raw, corrected) = replay::three_sigma(rows[0]);
@@ -216,7 +216,7 @@ fn truth(train: &Simulated, report: &Report, told: &mut String) {
 /// Runs the demo for the unit with a seed; results go to `out`. Gives what it has printed.
 ///
 /// # Errors
-/// Where a step fails.
+/// If a step fails.
 pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     let mut all = String::new();
     let told = &mut all;

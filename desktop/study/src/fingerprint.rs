@@ -41,7 +41,7 @@ fn frames(messages: impl Iterator<Item = Message>) -> Vec<u8> {
 /// The fingerprints of files, by their names without their folders.
 ///
 /// # Errors
-/// Where one cannot be read.
+/// If one cannot be read.
 pub fn of_files(files: &[PathBuf]) -> Result<String> {
     let mut out = String::new();
     for file in files {
@@ -51,10 +51,10 @@ pub fn of_files(files: &[PathBuf]) -> Result<String> {
     Ok(out)
 }
 
-/// The fingerprints of what is computed with this firmware.
+/// Fingerprints of all that is computed with this firmware.
 ///
 /// # Errors
-/// Where a simulated run cannot be fitted, or the firmware cannot be run.
+/// If a simulated run cannot be fitted, or the firmware cannot be run.
 pub fn fingerprints(elf: &[u8]) -> Result<String> {
     let simulated = |kind, profile: &str| -> Result<_> {
         let plan = Plan { kind, ..Plan::of(Profile::parse(profile)?, 11, 12) };

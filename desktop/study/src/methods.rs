@@ -31,7 +31,7 @@ struct Case {
     from_s: f64,
     /// The method whose image is flown.
     flown: &'static str,
-    /// What the source prints, as three sigma in deg/h: another unit's results.
+    /// Figures that the source prints, as three sigma in deg/h: another unit's results.
     theirs: &'static [(&'static str, &'static str)],
 }
 
@@ -98,7 +98,7 @@ impl Case {
     }
 }
 
-/// What the ELF made of a repeat of the chamber run.
+/// Result of the ELF on a repeat of the chamber run.
 struct Flight {
     raw: [f64; 3],
     corrected: [f64; 3],
@@ -120,7 +120,7 @@ fn fly(elf: &[u8], calibration: &Path, run: &Recording, seconds: Option<u64>) ->
     })
 }
 
-/// Whether a method's notes tell what a search reached beside an exact solution.
+/// `true` if a method's notes compare a search with an exact solution.
 fn has_a_search(method: Method) -> bool {
     let p = method.parts();
     p.objective == Objective::Range
@@ -231,7 +231,7 @@ fn side_by_side(
     Ok(repeat)
 }
 
-/// What the page says before its tables.
+/// Text of the page before its tables.
 const HEAD: &str = "# Identification methods side by side
 
 Printed by `cargo xtask methods`; everything here is simulated, save the column \"theirs\": what the papers print for
@@ -245,7 +245,7 @@ frequency to its bias, and of a whole update of three axes; bytes of the image; 
 the desktop.
 ";
 
-/// What to run, and where it goes.
+/// Runs of the comparison, and the places of its results.
 #[derive(Debug)]
 pub struct Work<'a> {
     /// Folder of the files.
@@ -265,7 +265,7 @@ pub struct Work<'a> {
 /// Runs the comparison of all cases.
 ///
 /// # Errors
-/// Where a step fails.
+/// If a step fails.
 pub fn methods(elf: &[u8], work: &Work<'_>) -> Result<()> {
     let &Work { out, seed, seconds, fly: only, table, page } = work;
     let mut text = String::from(HEAD);

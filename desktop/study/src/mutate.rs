@@ -4,7 +4,7 @@
 //! The program starts once, and each write to a register is taken down until the first corrected rate has gone out. A mutant is one of these
 //! writes with another value, left out, or sent elsewhere: to the next instance, port, stream, pin or interrupt. It is changed on its way to the
 //! register ([`virtual_board::mutation`]), which is the same as another constant in the instruction that writes it, with no program to be built.
-//! Which bits exist is taken from the tables of stm32-metapac, not from the program.
+//! The bits that exist are taken from the tables of stm32-metapac, not from the program.
 //!
 //! Each mutant then goes through an `exam`: start, a second of flight with pulses per second and commands, a damaged byte, a crystal that
 //! stops, a sagging supply, a burn. It is *noticed* where the board ends the run with a sentence, or where what the unit sends or logs differs
@@ -40,14 +40,14 @@ pub const COUNT: u64 = 400;
 pub struct Mutant {
     /// As the program writes it.
     pub write: RegisterWrite,
-    /// What becomes of it.
+    /// Change of the write on its way.
     pub change: Change,
-    /// How it was made.
+    /// Kind of the mutation.
     pub kind: &'static str,
 }
 
 impl Mutant {
-    /// What the register would hold without the write; of those that act on ones alone, nothing.
+    /// Value that the register would hold without the write; 0 for registers that act on ones alone.
     #[must_use]
     pub fn before(&self) -> u32 {
         if acts_on_ones(self.write.address) {
@@ -89,16 +89,16 @@ fn acts_on_ones(address: u32) -> bool {
     }
 }
 
-/// What came of a mutant.
+/// Verdict on a mutant.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Verdict {
     /// The board ended the run with this sentence.
     Sentence(String),
-    /// What the unit did differs.
+    /// The unit acts otherwise; the difference.
     Differs(&'static str),
     /// It does not matter; the rule that says so.
     Harmless(&'static str),
-    /// Nobody noticed.
+    /// No difference was noticed.
     Unnoticed,
 }
 
@@ -141,7 +141,7 @@ fn fields(tables: &Tables, address: u32) -> Vec<u32> {
     }
 }
 
-/// Where else a write may land by mistake.
+/// Other addresses and values of a write made by mistake.
 fn neighbours(tables: &Tables, w: &RegisterWrite) -> Vec<(u32, u32)> {
     let mut out = Vec::new();
     // Another instance: the next peripheral of the same letters.
@@ -164,7 +164,7 @@ fn neighbours(tables: &Tables, w: &RegisterWrite) -> Vec<(u32, u32)> {
         // The next register.
         out.extend([w.address + 4].into_iter().filter(|a| tables.registers.contains_key(a)).map(|a| (a, w.value)));
     }
-    // What it changes, one field further: another pin, gate, channel or interrupt.
+    // The same change one field further: another pin, gate, channel or interrupt.
     let before = if acts_on_ones(w.address) { 0 } else { w.before };
     let changed = w.value ^ before;
     let fields = fields(tables, w.address);
@@ -210,7 +210,7 @@ fn mutant(tables: &Tables, writes: &[RegisterWrite], seed: u64, number: u64) -> 
 /// Runs a campaign.
 ///
 /// # Errors
-/// Where the unmutated program cannot be run, or complains.
+/// If the unmutated program cannot be run, or complains.
 pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
     let scene = Scene::new(elf, 1)?;
     let exam = Exam::new(&scene)?;

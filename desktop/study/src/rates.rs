@@ -48,7 +48,7 @@ impl Scene {
     /// Simulates the unit of a seed, calibrates it, and simulates runs of these profiles.
     ///
     /// # Errors
-    /// Where a fit fails.
+    /// If a fit fails.
     pub fn new(unit: u64, profiles: &[&str]) -> Result<Self> {
         let train = Plan::of(Profile::parse("cycle")?, unit, 1).simulate().recording;
         let before = methods::identify(&prepare(&[train])?, Method::Lsq, 1)?.calibration;
@@ -67,7 +67,7 @@ pub fn fly(elf: &[u8], calibration: &Calibration, r: &Recording) -> Result<Outco
     replay::run(elf, Some(calibration), &Steps::new(r)?, &options, |_| {})
 }
 
-/// What is left in the rates that the unit sent, in bins of so many visits about each axis at least.
+/// Residuals of the rates that the unit sent, in bins of so many visits about each axis at least.
 ///
 /// # Errors
 /// A run without dwells.
@@ -84,7 +84,7 @@ pub fn left(outcomes: &[(Outcome, &Recording)], calibration: &Calibration, visit
 /// Runs it, prints it, and leaves the images in a folder.
 ///
 /// # Errors
-/// Where a step fails.
+/// If a step fails.
 pub fn rates(elf: &[u8], unit: u64, out: &Path) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     println!("Simulated unit SIM-{unit} on a simulated rate table, through the firmware's ELF on the virtual board.");

@@ -1,5 +1,5 @@
-//! What the unit costs, counted in the ELF by the virtual board, with bounds; what others would write in its place; and how near
-//! its numbers come to what their noise allows.
+//! Costs of the unit, counted in the ELF by the virtual board, with bounds; costs of the alternatives; and the
+//! distance of its numbers from the limits that their noise sets.
 
 use crate::faults::Scene;
 use anyhow::{Context, Result};
@@ -22,13 +22,13 @@ use virtual_board::{Board, NothingConnected, CPU_HZ};
 /// One counted figure.
 #[derive(Debug, Clone)]
 pub struct Figure {
-    /// What.
+    /// Name of the figure.
     pub what: &'static str,
-    /// How much.
+    /// Its value, in `unit`.
     pub value: f64,
     /// More than that fails CI: a tenth above what was measured, so that another compiler does not break it.
     pub bound: f64,
-    /// What the project allows itself, where it has a limit.
+    /// Limit that the project sets itself, where it has one.
     pub goal: Option<f64>,
     /// Of what.
     pub unit: &'static str,
@@ -46,7 +46,7 @@ fn flash_bytes(elf: &[u8]) -> Result<f64> {
 /// The unit's costs. Everything on: 3 x 4.9 kHz, 1 kSPS, an image with four effects, link and log.
 ///
 /// # Errors
-/// Where the ELF does not run, or lacks a function that is counted.
+/// If the ELF does not run, or lacks a function that is counted.
 pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     let scene = Scene::new(elf, 1)?;
     let run = |edges: bool, calibration: &Calibration| -> Result<Board<hrg_board::wires::Wires>> {
@@ -173,7 +173,7 @@ const ENCODE: usize = 3;
 /// One way from frequency to temperature.
 #[derive(Debug, Clone)]
 pub struct Way {
-    /// What.
+    /// Name of the way.
     pub what: &'static str,
     /// Instructions of a call.
     pub instructions: f64,
@@ -201,7 +201,7 @@ fn default_law() -> TemperatureCurve {
 /// The alternatives beside ours, on one virtual CPU.
 ///
 /// # Errors
-/// Where the ELF is not that of `alternatives`.
+/// If the ELF is not that of `alternatives`.
 pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
     const POINTS: usize = 200;
     let mut board = Board::new(elf, NothingConnected)?;
@@ -212,7 +212,7 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
     let _ = board.run_until(CPU_HZ);
     let results = board.firmware().address_of("alternatives::RESULTS").context("no results in this ELF")?;
     let curve = default_law();
-    // What firmware/src/bin/alternatives.rs takes the root of.
+    // Curve whose root firmware/src/bin/alternatives.rs computes.
     let forward = ForwardCurve {
         t0_c: 0.0,
         scale_c: 1.0,
@@ -242,7 +242,7 @@ pub fn ways(elf: &[u8]) -> Result<Vec<Way>> {
 /// One figure beside what its noise allows.
 #[derive(Debug, Clone)]
 pub struct Limit {
-    /// What.
+    /// Name of the figure.
     pub what: String,
     /// Reached.
     pub reached: f64,
@@ -358,7 +358,7 @@ pub fn tables(elf: &[u8], alternatives: &[u8]) -> Result<(String, bool)> {
     Ok((s, within))
 }
 
-/// How fast the board runs, in times of real time: the unit as it flies, and with every frame compared with the desktop.
+/// Speed of the board, in times of real time: the unit as it flies, and with every frame compared with the desktop.
 ///
 /// # Errors
 /// As [`unit()`].

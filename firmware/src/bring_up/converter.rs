@@ -1,4 +1,4 @@
-//! SPI2 as a slave that answers as the ADS131M08 does (SBAS950): its frames, its registers, its reset. What it does not have: conversions of its own, and the
+//! SPI2 as a slave that answers as the ADS131M08 does (SBAS950): its frames, its registers, its reset. It does not have conversions of its own, nor the
 //! two samples that the ADC keeps.
 
 use super::{give, pin};

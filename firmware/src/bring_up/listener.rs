@@ -24,11 +24,11 @@ const PCLK1_HZ: u32 = params::TIMER_HZ / 2;
 const WORDS: usize = 256;
 const BYTES: usize = 4 * WORDS;
 static RING: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
-/// What is sent: a command.
+/// Bytes of the command to send.
 const LONGEST: usize = 4;
 static SENT: [AtomicU32; LONGEST] = [const { AtomicU32::new(0) }; LONGEST];
 
-/// What was received since it was last forgotten.
+/// Messages received since the counts were last cleared.
 #[derive(Default)]
 pub struct Heard {
     /// Rate frames, and the sums of their rates.
@@ -56,7 +56,7 @@ pub struct Listener {
     deframer: Deframer,
     at: usize,
     pulse: u32,
-    /// What it has received.
+    /// Messages that it has received.
     pub heard: Heard,
 }
 

@@ -34,7 +34,7 @@ const SECONDS: f32 = MAIN as f32 / 100.0;
 /// Cycles of a microsecond.
 const CYCLES_PER_US: u32 = params::TIMER_HZ / 500_000;
 
-/// What the course needs.
+/// State of the course of measurements.
 struct Bench {
     listener: Listener,
     waves: Waves,
@@ -219,8 +219,8 @@ impl Bench {
         self.reached.set(Item::Update, sum as f32 / STEPS as f32);
     }
 
-    /// What the unit takes of a second: this task does nothing but let the others run, and looks at the cycles. A turn that takes half as much again as the
-    /// shortest was not its own alone: what it took more is the unit's.
+    /// Measures the load of the unit in a second: this task does nothing but let the others run, and reads the cycles. A
+    /// turn that is longer than the shortest by half as much again was not its own alone: the excess is the unit's.
     async fn load(&mut self) {
         let mut least = u32::MAX;
         let mut last = cycles();

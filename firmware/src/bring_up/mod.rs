@@ -1,5 +1,5 @@
 //! The first hour with a bare board (feature `bring-up`, docs/bring-up.md): a NUCLEO-F446RE and jumper wires, no gyro and no ADC. Peripherals that the unit
-//! leaves free make its inputs; the unit's own tasks run as they fly. What they reach is measured and printed as a table.
+//! leaves free make its inputs; the unit's own tasks run as they fly. Their figures are measured and printed as a table.
 //!
 //! | does | with | file |
 //! |---|---|---|
@@ -35,7 +35,7 @@ const LOG_SECTOR: usize = 1;
 
 /// Cycles of that erase; 0: it was not done.
 static ERASE: AtomicU32 = AtomicU32::new(0);
-/// What of it the time driver has seen, us: it loses turns of its counter while the processor stands still.
+/// Duration of the same erase by the time driver, us: it loses turns of its counter while the processor is stalled.
 static ERASE_US: AtomicU32 = AtomicU32::new(0);
 
 /// The cycle counter runs, and a sector is erased: before the unit's tasks run, which an erase would stop.
@@ -65,10 +65,10 @@ pub fn start(spawner: Spawner) {
 
 /// Data-ready was captured, and its sample is not corrected yet.
 static FETCHING: AtomicBool = AtomicBool::new(false);
-/// When that was, and what this module's own interrupts have taken since.
+/// Cycle count at that data-ready, and cycles of this module's own interrupts since.
 static READY_AT: AtomicU32 = AtomicU32::new(0);
 static OWN_SINCE: AtomicU32 = AtomicU32::new(0);
-/// What they have taken in all.
+/// Cycles of its own interrupts in all.
 static OWN: AtomicU32 = AtomicU32::new(0);
 /// From data-ready to the corrected sample: samples, cycles of all, most.
 static SAMPLES: AtomicU32 = AtomicU32::new(0);

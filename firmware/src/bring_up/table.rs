@@ -3,13 +3,13 @@
 use super::expected::EXPECTED;
 use embassy_time::Timer;
 
-/// How far a figure may be off.
+/// Largest permitted difference of a figure from its expected value.
 pub enum Bound {
     /// By so much, in its unit.
     By(f32),
     /// By that share of what is expected: what cycles are estimated to (docs/bench.md), and a board has other caches, buses and waits.
     Share(f32),
-    /// What is expected is the data sheet's longest: it may be less, and by so much more, which the program takes for itself.
+    /// The expected value is the data sheet's longest. A figure may be less, or more by so much, which the program needs for itself.
     AtMost(f32),
     /// From the first to the second, whatever the virtual board has.
     Between(f32, f32),
@@ -49,7 +49,7 @@ pub enum Item {
     FirstFrame,
 }
 
-/// How many.
+/// Number of rows.
 pub const ROWS: usize = Item::FirstFrame as usize + 1;
 
 /// By how much an estimate of cycles may be off on a board.
@@ -87,7 +87,7 @@ const TABLE: [Row; ROWS] = [
     Row("start of the clocks to the first rate frame", "ms", Bound::By(10.0)),
 ];
 
-/// What was reached; not a number where it was not measured.
+/// Measured figures; not a number where it was not measured.
 pub struct Reached([f32; ROWS]);
 
 impl Reached {

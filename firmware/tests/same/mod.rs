@@ -1,5 +1,5 @@
-//! What the core computes, as checksums: the same on a desktop (`host-tests/tests/chip.rs`) and on the chip (`firmware/tests/chip.rs`). Nothing here needs
-//! wires, clocks or an allocator.
+//! Results of the core as checksums: the same on a desktop (`host-tests/tests/chip.rs`) and on the chip
+//! (`firmware/tests/chip.rs`). Nothing here needs wires, clocks or an allocator.
 
 use hrg_core::bytes::Digest;
 use hrg_core::calibration::Calibration;
@@ -32,7 +32,8 @@ fn frequencies(step: u16) -> [Option<f64>; AXES] {
     [4900.0, 4892.0, 4703.7].map(|f| (step % 97 != 96).then_some(f + 30.0 * t * (1.0 - t) + 0.01 * wave))
 }
 
-/// What the model of an image makes of the frequencies: every bias, temperature and ramp, and rates corrected with it, bit for bit. `None`: the image does not load.
+/// Checksum of the model of an image over the frequencies: every bias, temperature and ramp, and rates corrected with it, bit for bit. `None`: the
+/// image does not load.
 pub fn model(image: &[u8]) -> Option<u32> {
     let mut model = Compensator::new(Calibration::from_bytes(image).ok()?, 0.0);
     let mut sum = Digest::default();
@@ -40,7 +41,7 @@ pub fn model(image: &[u8]) -> Option<u32> {
         let output = model.step(&frequencies(step));
         let corrected = output.factors.corrected_dph([1.0e4, -2.0e4, 3.0e4], output.bias_dph);
         for values in [corrected, output.temperature_c, output.ramp_c_per_min, output.bias_dph, output.bias_std_dph] {
-            // (Which NaN it is differs between processors, and says nothing.)
+            // (The kind of NaN differs between processors and carries no information.)
             let bits = values.map(|v| if v.is_nan() { f32::NAN } else { v }.to_bits());
             bits.iter().for_each(|b| sum.update(&b.to_le_bytes()));
         }

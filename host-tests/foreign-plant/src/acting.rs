@@ -1,4 +1,4 @@
-//! What the effects of a case do, and how large they are made.
+//! Actions and sizes of the effects of a case.
 
 use crate::case::{Acts, Effect, Runs, Size, AXES};
 use crate::draw::{stream, Draw};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 const LARGEST_PPM: f64 = 20_000.0;
 const LARGEST_C: f64 = 50.0;
 
-/// What one effect does, before and after scaling.
+/// Action of one effect, before and after scaling.
 pub(crate) struct Acting {
     /// By run and axis, unscaled, as the form gives it; empty where it does not act.
     pub(crate) form: Vec<Three>,
@@ -131,7 +131,7 @@ impl Making<'_> {
         (low * high).sqrt()
     }
 
-    /// What a fault of the given scale leaves of the bias on axis `a` after equation 7 on what is taken for the temperature, floors.
+    /// Residual of the bias on axis `a` after equation 7 on the indicated temperature with a fault of the given scale, in noise floors.
     fn fault_floors(&self, effect: &Effect, acting: &Acting, a: usize, scale: f64) -> f64 {
         let runs = self.sized_on(effect);
         let indicated: Vec<Vec<f64>> = (0..self.worlds.len())

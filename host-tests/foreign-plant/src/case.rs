@@ -1,4 +1,4 @@
-//! What a case is: its effects, runs, noise and conditions.
+//! Definition of a case: its effects, runs, noise and conditions.
 
 use crate::chamber::{Program, Span};
 use crate::defects::Defects;
@@ -12,7 +12,7 @@ use rand::Rng;
 /// Letters of the axes.
 pub const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Where an effect acts.
+/// Quantity on which an effect acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Acts {
     /// On the bias of an axis.
@@ -52,7 +52,7 @@ pub struct Effect {
     pub classes: Vec<Class>,
     /// Classes that may be named beside a right one: parts of the form are of them.
     pub beside: Vec<Class>,
-    /// Where it acts.
+    /// Quantity on which it acts.
     pub acts: Acts,
     /// Its physics.
     pub form: Form,
@@ -143,7 +143,7 @@ impl Effect {
         self
     }
 
-    /// Whether axis number `axis` has it.
+    /// `true` if axis number `axis` has it.
     #[must_use]
     pub fn on(&self, axis: usize) -> bool {
         match self.size {
@@ -157,7 +157,7 @@ impl Effect {
 pub struct Layout {
     /// Axes in the file.
     pub axes: Vec<usize>,
-    /// Which body the bias follows and the thermometer shows.
+    /// Body that the bias follows and the thermometer shows.
     pub followed: Followed,
     /// Step of the frequency, Hz; 0: fine.
     pub frequency_step_hz: f64,
@@ -186,7 +186,7 @@ pub struct Layout {
 /// One run of a case.
 #[derive(Clone, Copy, Debug)]
 pub struct RunSpec {
-    /// How it is made.
+    /// Plan of the run.
     pub plan: Plan,
     /// Defects put into its file.
     pub defects: Option<Defects>,
@@ -206,7 +206,7 @@ pub struct Days {
 pub struct Case {
     /// Its name.
     pub name: String,
-    /// What it is, in a sentence.
+    /// Description in a sentence.
     pub description: String,
     /// A class's name, `mixture`, `condition` or `clean`.
     pub group: &'static str,
@@ -393,7 +393,7 @@ impl Case {
         beside
     }
 
-    /// Whether, and why not, a unit can reach the oracle on the verify run.
+    /// Reason why a unit cannot reach the oracle on the verify run; `None`: it can.
     #[must_use]
     pub fn why_not_compensable(&self) -> Option<&'static str> {
         self.why_not.or_else(|| self.effects.iter().find_map(|e| e.why_not))

@@ -6,7 +6,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use std::collections::BTreeMap;
 
-/// How defective a file is.
+/// Extent of a file's defects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Defects {
     /// A few of each kind.
@@ -31,7 +31,7 @@ pub fn put_in(recording: &mut Recording, defects: Defects, seed: u64, file: &str
         counts.insert(format!("missing {name}"), missing(recording, &mut rng, name, 8 * times));
         counts.insert(format!("stuck {name}"), stuck(recording, &mut rng, name, usize::from(many)));
     }
-    // What a digital sensor gives after its own reset.
+    // Value of a digital sensor after its own reset.
     counts.insert("85 C case_x_c".into(), constant(recording, &mut rng, "case_x_c", 4 * times, 85.0));
     counts.insert("repeated row".into(), repeat_rows(recording, &mut rng, 5 * times));
     counts.insert("backward time".into(), exchange_rows(recording, &mut rng, 2 * times));

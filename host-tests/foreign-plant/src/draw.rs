@@ -16,7 +16,7 @@ pub fn stream(seed: u64, path: &[&str]) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(hash)
 }
 
-/// What an effect may draw: properties of the unit (the same in every run) and accidents of one run.
+/// Random numbers of an effect: properties of the unit (the same in every run) and accidents of one run.
 pub struct Draw {
     common: ChaCha8Rng,
     own: ChaCha8Rng,

@@ -16,7 +16,7 @@ pub struct Generated {
     pub train: Vec<Recording>,
     /// The verify run.
     pub verify: Recording,
-    /// What was put in.
+    /// The truth: all that was put in.
     pub truth: Truth,
 }
 

@@ -14,10 +14,10 @@ use std::sync::Mutex;
 const WORSE: f64 = 1.02;
 /// Floors from which on something that was not named counts as missed without a word.
 const MISSED: f64 = 1.5;
-/// How the cases of clean units whose noise has a measured spectrum are called.
+/// Beginning of the names of the cases of clean units whose noise has a measured spectrum.
 const MEASURED: &str = "clean-series-";
 
-/// How a report answers.
+/// Grade of a report's answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Grade {
     /// Every class of the truth is named, and none that is not there.
@@ -34,7 +34,7 @@ pub enum Grade {
     Refused,
 }
 
-/// What came of one unit.
+/// Result of one unit.
 #[derive(Debug, Clone)]
 pub struct Graded {
     /// Case and seed.
@@ -43,17 +43,17 @@ pub struct Graded {
     pub group: String,
     /// The grade.
     pub grade: Grade,
-    /// Whether its noise has a measured spectrum.
+    /// `true` if its noise has a measured spectrum.
     pub measured_spectrum: bool,
     /// Effects named, joined.
     pub named: String,
-    /// Whether an image is recommended.
+    /// `true` if an image is recommended.
     pub burn: bool,
     /// Largest ratio of the image's error to the baseline's, over the axes.
     pub worse: f64,
-    /// Whether a unit can compensate the effects.
+    /// `true` if a unit can compensate the effects.
     pub compensable: bool,
-    /// What the written image leaves on the verify run, in floors, by axis.
+    /// Residual of the written image on the verify run, in floors, by axis.
     pub left: Vec<f64>,
     /// Why the tool refused.
     pub why: String,

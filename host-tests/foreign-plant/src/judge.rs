@@ -8,7 +8,7 @@ use crate::means::{deviation, rms};
 use crate::truth::{AxisFigures, Class, EffectTruth, RunTruth, Truth};
 use std::collections::BTreeMap;
 
-/// What is left on one axis of one run, deg/h.
+/// Residuals on one axis of one run, deg/h.
 #[derive(Clone, Copy)]
 struct Leftover {
     eq7_dph: f64,

@@ -1,6 +1,6 @@
 //! A second, independent plant: chamber runs of HRG units with physics that `hrg trace` was not written for, and the truth beside them.
 //!
-//! It shares nothing with the project's own simulator and effects: no code, no forms, no assumptions. What it models:
+//! It shares nothing with the project's own simulator and effects: no code, no forms, no assumptions. It models:
 //! - [`chamber`]: programs, and a controller that overshoots and ripples;
 //! - [`thermal`]: board, base plate, holders, cases and resonators as a network that convection and radiation make nonlinear;
 //! - [`sensors`]: quartic frequency curves, and case sensors with offset, gain error, lag, steps and noise;

@@ -36,7 +36,7 @@ pub(crate) struct Making<'a> {
     slopes: [f64; 3],
     /// Noise floors by run and axis, deg/h.
     pub(crate) floors: Vec<[f64; 3]>,
-    /// What the thermometers indicate, C.
+    /// Temperatures that the thermometers indicate, C.
     pub(crate) indicated: Vec<Three>,
     /// Rates, deg/h. Until they are added up: their noise.
     pub(crate) rates: Vec<Three>,
@@ -86,7 +86,7 @@ impl<'a> Making<'a> {
         rms(&runs.iter().map(|&k| self.floors[k][a]).collect::<Vec<_>>())
     }
 
-    /// Whether the thermometer is a frequency.
+    /// `true` if the thermometer is a frequency.
     pub(crate) fn by_frequency(&self) -> bool {
         self.case.layout.followed == Followed::Resonator
     }
@@ -135,7 +135,7 @@ impl<'a> Making<'a> {
         (eq7_means(w, indicated, &ramp), keep)
     }
 
-    /// What a user takes for the temperature of axis `a`, by run, where the thermometers indicate `indicated`. A frequency is calibrated
+    /// The user's temperature of axis `a`, by run, where the thermometers indicate `indicated`. A frequency is calibrated
     /// against case sensors on the train runs, so a cubic of what it indicates is fitted to the true temperature there: a fault that is a
     /// smooth function of temperature vanishes in the calibration. A sensor is taken as it is.
     pub(crate) fn taken_for_t(&self, a: usize, indicated: Vec<Vec<f64>>) -> Vec<Vec<f64>> {

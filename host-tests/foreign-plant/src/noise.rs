@@ -1,7 +1,7 @@
 //! Noise of the rate output, per axis.
 //!
 //! Each part is scaled by what its spectrum must give, so that its 100 s means have a standard deviation of 1 about the mean of a run;
-//! the parts are then mixed by shares of variance. What a run really got is measured and goes into the truth.
+//! the parts are then mixed by shares of variance. The noise that a run really got is measured and goes into the truth.
 
 use crate::means::{deviation, means};
 use rand::Rng;

@@ -1,4 +1,4 @@
-//! What the logger writes of a run.
+//! Logger's output of a run.
 
 use crate::case::AXES;
 use crate::draw::stream;

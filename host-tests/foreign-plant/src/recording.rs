@@ -21,9 +21,9 @@ pub struct Recording {
     pub metadata: Vec<(String, String)>,
     /// Columns, in the order of the file.
     pub columns: Vec<Column>,
-    /// Whether lines end with CR LF, as some loggers write them.
+    /// Set if lines end with CR LF, as some loggers write them.
     pub crlf: bool,
-    /// What an invalid number looks like: nothing, or `NaN`.
+    /// Text of an invalid number: nothing, or `NaN`.
     pub invalid: &'static str,
 }
 
@@ -71,7 +71,7 @@ impl Recording {
     /// Writes the file.
     ///
     /// # Errors
-    /// What the system says of the file.
+    /// If the system cannot write the file.
     pub fn save(&self, path: &Path) -> io::Result<()> {
         std::fs::write(path, self.to_csv())
     }

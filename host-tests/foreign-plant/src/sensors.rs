@@ -1,4 +1,4 @@
-//! What thermometers make of temperatures: the resonator's frequency, and sensors on the cases.
+//! Readings of thermometers: the resonator's frequency, and sensors on the cases.
 
 use crate::operators::lag;
 use rand::Rng;
@@ -88,7 +88,7 @@ impl Sensor {
         }
     }
 
-    /// What it gives for its body's temperatures.
+    /// Readings for its body's temperatures.
     #[must_use]
     pub fn read(&self, rng: &mut ChaCha8Rng, body_c: &[f64], dt_s: f64) -> Vec<f64> {
         let start = body_c.first().copied().unwrap_or(25.0);

@@ -22,7 +22,7 @@ pub struct Series {
     pub step_s: Option<f64>,
 }
 
-/// How to read a series from a table.
+/// Selection of a series in a table.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
     /// Columns to use, by name or number (from 0). Empty: the last one.
@@ -91,7 +91,7 @@ impl Series {
         Ok(Self { name, columns, step_s: selection.step_s })
     }
 
-    /// `n` samples of step `dt_s` with the amplitudes of column number `column` and random phases. Where the series is shorter than the run,
+    /// `n` samples of step `dt_s` with the amplitudes of column number `column` and random phases. If the series is shorter than the run,
     /// its amplitudes are interpolated to the finer frequencies that the run needs, so nothing repeats. Between rows: linear.
     #[must_use]
     pub fn surrogate(&self, rng: &mut ChaCha8Rng, column: usize, n: usize, dt_s: f64) -> Vec<f64> {
@@ -164,7 +164,7 @@ fn find(header: &[String], column: &str) -> Result<usize> {
     }
 }
 
-/// What a fit of equation 7 on temperature (smoothed over 51 rows) leaves.
+/// Residual after a fit of equation 7 on temperature (smoothed over 51 rows).
 fn without_temperature(x: &[f64], t_c: &[f64]) -> Vec<f64> {
     const HALF: usize = 25;
     let smooth: Vec<f64> = (0..t_c.len())

@@ -67,7 +67,7 @@ pub struct EffectTruth {
     pub deviation_dph: BTreeMap<String, f64>,
     /// Scale of a thermometer's fault: ppm of frequency, or C, for 1 of its form. Empty for an effect on the bias.
     pub fault_scale: BTreeMap<String, f64>,
-    /// Whether a unit can take it off: it then follows from its own frequencies or temperature and the time since power-on.
+    /// `true` if a unit can take it off: it then follows from its own frequencies or temperature and the time since power-on.
     pub compensable: bool,
     /// Why not, where it cannot.
     pub why_not: String,
@@ -119,7 +119,7 @@ pub struct Truth {
     pub case: String,
     /// Its seed.
     pub seed: u64,
-    /// What it is, in a sentence.
+    /// Description in a sentence.
     pub description: String,
     /// Group: a class's name, `mixture`, `condition` or `clean`.
     pub group: String,
@@ -129,7 +129,7 @@ pub struct Truth {
     pub beside: Vec<Class>,
     /// Effects put in.
     pub effects: Vec<EffectTruth>,
-    /// Whether a unit can reach the oracle on the verify run on every axis.
+    /// `true` if a unit can reach the oracle on the verify run on every axis.
     pub compensable: bool,
     /// Why not, where it cannot.
     pub why_not: String,

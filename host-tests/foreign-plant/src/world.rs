@@ -7,7 +7,7 @@ use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Which body of each gyro the bias follows, and so which one a thermometer without fault shows.
+/// Body of each gyro that the bias follows: a thermometer without fault shows the temperature of that body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Followed {
     /// The resonator: the thermometer is its frequency.
@@ -18,7 +18,7 @@ pub enum Followed {
     Base,
 }
 
-/// How a run is made.
+/// Plan of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan {
     /// The chamber's program.
@@ -31,7 +31,7 @@ pub struct Plan {
     pub log_from_s: f64,
     /// State of memory of path at power-on: 1 for a unit that came from the hot end, -1 from the cold end.
     pub branch: f64,
-    /// What slow bodies have kept of the day before at power-on, C above all others.
+    /// Heat that slow bodies have kept of the day before at power-on, C above all others.
     pub kept_c: f64,
 }
 
@@ -65,7 +65,7 @@ pub struct World {
     pub dt_s: f64,
     /// Number of the first logged sample.
     pub first: usize,
-    /// How the run was made.
+    /// Plan by which the run was made.
     pub plan: Plan,
     /// Time since power-on, s.
     pub time_s: Vec<f64>,
@@ -139,7 +139,7 @@ impl World {
         self.time_s.len()
     }
 
-    /// Whether there are none.
+    /// `true` if there are none.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()

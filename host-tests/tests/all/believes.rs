@@ -1,5 +1,5 @@
 //! The virtual board takes nothing of the firmware for granted: one write of its set-up made wrong ends the run with a sentence that names the register.
-//! What the sentence must say is from RM0390 and the ADC's data sheet.
+//! Sources of the sentences: RM0390 and the ADC's data sheet.
 
 use hrg_board::replay::{default_elf, read_elf};
 use hrg_board::wires::Wires;
@@ -13,7 +13,7 @@ static SCENE: LazyLock<Scene> = LazyLock::new(|| {
     Scene::new(&elf, 1).expect("a scene")
 });
 
-/// What the program writes until its first rate.
+/// Register writes of the program up to its first rate frame.
 static WRITES: LazyLock<Vec<RegisterWrite>> = LazyLock::new(|| {
     let mut board = board();
     board.record_writes();
@@ -32,7 +32,7 @@ fn write_to(address: u32, passes: impl Fn(u32) -> bool) -> RegisterWrite {
     *WRITES.iter().rev().find(|w| w.address == address && passes(w.value)).expect("the program writes it")
 }
 
-/// How the run ends when one write is changed.
+/// Gives the end of the run after a change of one write.
 fn ends(number: u64, change: Change) -> String {
     let mut board = board();
     board.mutate(Mutation { number, change });
@@ -42,7 +42,7 @@ fn ends(number: u64, change: Change) -> String {
     }
 }
 
-/// How it ends when some bits of the last write to a register are others.
+/// Gives the end of the run after a change of some bits of the last write to a register.
 fn with_bits(address: u32, mask: u32, bits: u32) -> String {
     let w = write_to(address, |_| true);
     ends(w.number, Change::Becomes { address, value: w.value & !mask | bits })
@@ -64,7 +64,7 @@ fn expect(found: &str, parts: &[&str]) {
     assert!(parts.iter().all(|p| found.contains(p)), "{found}");
 }
 
-// What an outside look once found to go unnoticed: five instructions patched, and every frame was good.
+// Changes that an outside review once found to go unnoticed: five instructions patched, and every frame was good.
 
 #[test]
 fn spi_in_mode_2_ends_the_run() {

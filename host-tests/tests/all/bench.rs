@@ -1,4 +1,4 @@
-//! What the unit costs stays within its bounds, and its numbers near their limits (`cargo xtask bench`).
+//! Costs of the unit within their bounds, and its numbers near their limits (`cargo xtask bench`).
 
 use hrg_board::{replay, symbol};
 use hrg_study::faults::Scene;

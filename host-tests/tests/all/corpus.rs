@@ -1,5 +1,5 @@
-//! The kept inputs of the fuzz targets, and a fixed number of others made from them. Which edges these reach is not measured here:
-//! `cargo xtask fuzz` does that, and what it finds is kept.
+//! The kept inputs of the fuzz targets, and a fixed number of others made from them. Their coverage is not measured here:
+//! `cargo xtask fuzz` does that, and keeps its findings.
 
 use rand::prelude::*;
 use rand_chacha::ChaCha8Rng;

@@ -45,7 +45,7 @@ fn hrg(folder: &Path, arguments: &str) -> Output {
     command(folder, arguments).output().expect("hrg runs")
 }
 
-/// What a command says that must succeed.
+/// Output of a command that must succeed.
 fn ok(folder: &Path, arguments: &str) -> String {
     let o = hrg(folder, arguments);
     assert!(o.status.success(), "{arguments}: {}", String::from_utf8_lossy(&o.stderr));
@@ -143,7 +143,7 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         for wrong in ["earth's rate", "scale factor", "names no unit"] {
             assert!(!said.contains(wrong), "{said}");
         }
-        // Nobody at the keyboard: the user's word is asked for.
+        // No user at the keyboard: the user's word is asked for.
         let e = refused(&d, "burn cal.toml --port link");
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-042"), "{e}");
         assert!(refused(&d, "burn cal.toml --port link --unit HRG-7").contains("HRG-042"));
@@ -336,7 +336,7 @@ fn what_the_desktop_corrects_is_what_the_unit_sent_to_the_last_bit() {
         "the digital twin, which shares the model: {:?}",
         outcome.received.first_difference
     );
-    // What it measured, as hrg record writes it; read as hrg correct reads it.
+    // Its measurements, as hrg record writes them; read as hrg correct reads them.
     let mut recorder = Recorder::new(&d.join("seen.csv"), c.unit_name());
     recorder.head.scale_factor = Some(c.scale_factors_dph_per_code());
     outcome.received.housekeeping.iter().for_each(|h| recorder.push(&Second::from(h)).expect("written"));

@@ -1,4 +1,4 @@
-//! What the pages tell a user to type is there: every command with every option.
+//! Commands of the pages: each that a page tells a user to type exists, with every option.
 
 use host_tests::program;
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ fn commands(page: &str) -> Vec<String> {
     let ours = |s: &str| s.starts_with("hrg ") || s.starts_with("hrg-board ") || s.starts_with("cargo xtask ");
     page.lines()
         .chain(spans)
-        // What follows two blanks and a # is a remark.
+        // Text that follows two blanks and a # is a remark.
         .map(|l| l.split("  #").next().unwrap_or(""))
         .flat_map(|l| l.split(" | "))
         .map(|l| l.trim().trim_start_matches("target/release/"))

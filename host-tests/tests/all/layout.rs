@@ -21,7 +21,7 @@ fn linker_and_board_agree_on_the_calibration_sectors() {
     }
 }
 
-/// Packages, each with its features, as cargo builds these together. What is built for this machine and for a macro may be there twice.
+/// Packages, each with its features, as cargo builds these together. A package that is built for this machine and for a macro may be there twice.
 fn features(packages: &[&str], edges: &str) -> BTreeMap<String, BTreeSet<String>> {
     let mut cargo = Command::new(env!("CARGO"));
     cargo.args(["tree", "--locked", "--prefix", "none", "--format", "{p}|{f}", "--edges", edges]);
@@ -46,7 +46,7 @@ fn nothing_is_compiled_twice_for_other_features() {
     for (of, found) in [
         ("the programs", features(&programs, "normal,build")),
         ("the wheel", features(&["hrg-python"], "normal,build")),
-        // What docs/CONTRIBUTING.md has one run.
+        // The commands that docs/CONTRIBUTING.md has one run.
         ("the tests on the virtual board", features(&["host-tests"], "normal,build,dev")),
         (
             "the tests of the desktop tool",

@@ -85,7 +85,7 @@ impl Listing {
             match item {
                 Item::Mod(m) if !of_test(&m.attrs) => {
                     let (inner, below) = (format!("{place}::{}", m.ident), folder.join(m.ident.to_string()));
-                    // What a private module makes public, its parent may export: it is listed where it stands.
+                    // A public item of a private module may be exported by the parent: it is listed at its own place.
                     if let Some((_, items)) = &m.content {
                         if public(&m.vis) {
                             self.modules.insert(inner.clone(), documentation(&m.attrs));

@@ -7,7 +7,7 @@ use hrg_board::replay;
 use object::{Object, ObjectSection, ObjectSymbol, SymbolKind};
 use std::collections::BTreeMap;
 
-/// Where a panic begins.
+/// `true` if a function of this name begins a panic.
 fn panics(name: &str) -> bool {
     [
         "core::panicking::",
@@ -71,7 +71,7 @@ fn owner(file: &str) -> String {
     file.trim_start_matches('/').split('/').next().unwrap_or("?").to_string()
 }
 
-/// Where the flash begins.
+/// First address of the flash.
 const FLASH: u32 = 0x0800_0000;
 
 #[test]
@@ -134,7 +134,7 @@ fn no_panic_comes_from_our_own_code() {
                 if function.starts_with("embassy_executor::") && !function.contains("TaskStorage") {
                     from = Some(("embassy-executor".into(), String::new(), 0));
                 }
-                // What a channel of embassy keeps its state in; we have none of our own.
+                // Cell in which a channel of embassy keeps its state; we have none of our own.
                 if function.starts_with("core::cell::RefCell") {
                     from = Some(("embassy-sync".into(), String::new(), 0));
                 }

@@ -18,7 +18,7 @@ fn a_table_rate_is_corrected_as_on_the_desktop_bit_for_bit_and_what_is_left_is_n
     assert_eq!(received.differing, 0, "{:?}", received.first_difference);
     let last = received.housekeeping.last().expect("there are");
     assert_eq!((last.axis_status, last.unit_status), ([AxisStatus::empty(); 3], UnitStatus::empty()));
-    // What the unit's housekeeping says against hrg correct, given the unit's own frequencies and raw rates.
+    // The unit's housekeeping against hrg correct, given the unit's own frequencies and raw rates.
     let seconds: Vec<correct::Second> = o.seconds_of_frames().iter().map(|s| s.unit).collect();
     let mut steps = Steps::new(r).expect("long enough");
     for a in 0..3 {

@@ -74,7 +74,7 @@ fn unquoted(line: &str, open: &mut bool) -> String {
     out
 }
 
-/// What people read of a line of code: its comment and its literals that are sentences.
+/// Text of a line of code that people read: its comment and its literals that are sentences.
 fn prose(line: &str, comment: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut rest = line;
@@ -92,7 +92,7 @@ fn prose(line: &str, comment: &str) -> Vec<String> {
                 });
                 let literal = &after[..end.unwrap_or(after.len())];
                 if literal.contains(' ') {
-                    // (What stands between braces is a name.)
+                    // (Text between braces is a name.)
                     let words = literal.split('{').enumerate();
                     found.push(
                         words.map(|(k, w)| if k == 0 { w } else { w.split_once('}').map_or("", |w| w.1) }).collect(),

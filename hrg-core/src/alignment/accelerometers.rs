@@ -43,7 +43,7 @@ impl Accelerometers {
     /// Without errors: what an image means that says nothing of them.
     pub const IDEAL: Self = Self { bias_mps2: [0.0; 2], matrix: [[1.0, 0.0], [0.0, 1.0]] };
 
-    /// Whether the numbers are an accelerometer's.
+    /// `true` if the matrix and the biases are within the limits of an accelerometer.
     #[must_use]
     pub fn possible(&self) -> bool {
         let [[a, b], [c, d]] = self.matrix;

@@ -47,9 +47,9 @@ pub struct Aligner<F> {
     /// 0 or 1.
     position: usize,
     turned: f64,
-    /// What a turn brings to the azimuth is of this site.
+    /// Site and expected errors of this alignment; the uncertainty that a turn adds to the azimuth follows from them.
     config: Config,
-    /// What it has brought: [`Config::turn_variances`].
+    /// Variances that the turn has added: [`Config::turn_variances`].
     turn_variances: [f64; 2],
     surprise: f64,
     restarts: u32,
@@ -59,7 +59,7 @@ pub struct Aligner<F> {
     same: [u32; 2],
     /// Steps without readings since the last one.
     missed: u32,
-    /// What the filter estimates since the last step or turn: asked for once, because it costs more than a step.
+    /// Estimate of the filter since the last step or turn: computed once, because it costs more than a step.
     belief: Option<Estimate>,
     refusal: Option<Refusal>,
 }
@@ -205,7 +205,7 @@ impl<F: Filter> Aligner<F> {
         self.missed = 0;
     }
 
-    /// What the filter estimates, and with the uncertainty that the turn brings where it is stated.
+    /// Estimate of the filter, with the uncertainty that the turn adds where that is stated.
     fn estimate(&self) -> Option<Estimate> {
         let mut e = self.filter.estimate()?;
         let [azimuth, length] = self.turn_variances;
@@ -223,7 +223,7 @@ impl<F: Filter> Aligner<F> {
         self.refusal.get_or_insert(refusal);
     }
 
-    /// What the filter estimates, whether or not it may be given out.
+    /// Estimate of the filter, also where it must not be given out.
     #[must_use]
     pub fn belief(&self) -> Option<Estimate> {
         self.belief

@@ -35,7 +35,7 @@ pub struct Linear<T> {
     config: Config,
     x: [T; STATES],
     p: Matrix<T, STATES>,
-    /// How far the platform has been turned since position 1, rad.
+    /// Angle by which the platform has been turned since position 1, rad.
     turned: f64,
     phi: Matrix<T, STATES>,
 }

@@ -62,9 +62,9 @@ pub const DPH: f64 = DEGREE / 3600.0;
 /// Beyond this latitude, degrees, azimuth is not given: the horizontal earth rate, which holds it, is under a sixth.
 pub const LATITUDE_LIMIT_DEG: f64 = 80.0;
 
-/// What drifts may be expected of at most, one sigma, deg/h: the earth's own rate.
+/// Largest drift that a configuration may expect, one sigma, deg/h: the earth's own rate.
 pub const LARGEST_DRIFT_DPH: f64 = 15.0;
-/// What tilts may be expected of at most, one sigma, arc minutes: beyond, tilts are not small.
+/// Largest tilt that a configuration may expect, one sigma, arc minutes: beyond, tilts are not small.
 pub const LARGEST_TILT_ARCMIN: f64 = 120.0;
 
 /// Why there is no azimuth.
@@ -143,7 +143,7 @@ impl core::fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// Where and with what an alignment is made. All standard deviations.
+/// Site, step and expected errors of an alignment. All errors are standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
     /// Latitude, rad.
@@ -162,9 +162,9 @@ pub struct Config {
     pub velocity_walk: f64,
     /// Tilt that the turn may add, rad: accelerometer biases do not turn with the tilt.
     pub turn_tilt: f64,
-    /// What the drift of each axis changes by from one position to the other, rad/s; 0: nothing is known of it.
+    /// Change of each axis' drift from one position to the other, rad/s; 0: nothing is known of it.
     pub heading_drift: f64,
-    /// What the turn may differ by from the stated angle, rad; 0: nothing is known of it.
+    /// Difference of the turn from the stated angle, rad; 0: nothing is known of it.
     pub turn_error: f64,
     /// Time between steps, s.
     pub step: f64,
@@ -263,7 +263,7 @@ pub fn normal_gravity(latitude_deg: f64) -> f64 {
     9.780_325_335_9 * (1.0 + 0.001_931_852_652_41 * s2) / libm::sqrt(1.0 - 0.006_694_379_990_14 * s2)
 }
 
-/// What a filter estimates.
+/// Estimate of an alignment filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
     /// Azimuth of axis 1 as it stood in position 1, rad, -pi to pi.
@@ -282,7 +282,7 @@ pub struct Estimate {
     pub integrity: Option<f64>,
 }
 
-/// What every alignment filter does. Velocities start at zero at each position.
+/// Interface of every alignment filter. Velocities start at zero at each position.
 pub trait Filter {
     /// One step of [`Config::step`]: the velocity readings, m/s; NaN: there is none, time goes on without. Gives the
     /// squared innovation of each over its variance, or `None` if the filter has broken down.
@@ -294,7 +294,7 @@ pub trait Filter {
     fn set_velocity(&mut self, velocity: [f64; 2]);
     /// Velocities cannot be trusted to go on from where they were: their errors are unknown from here.
     fn forget_velocity(&mut self);
-    /// What the filter estimates; `None` if it has broken down.
+    /// The filter's estimate; `None` if the filter has broken down.
     fn estimate(&self) -> Option<Estimate>;
 }
 
@@ -346,7 +346,7 @@ fn update<T: Real, const N: usize>(
     (square / own, T::of(-0.5) * (square * inverse + variance.ln()))
 }
 
-/// Whether a covariance can be one.
+/// `true` if the state is finite and the variances are finite and above zero.
 fn sound<T: Real, const N: usize>(x: &[T; N], p: &real::Matrix<T, N>) -> bool {
     x.iter().all(|v| v.is_finite()) && (0..N).all(|i| p[i][i].is_finite() && p[i][i] > T::zero())
 }
@@ -416,7 +416,7 @@ fn forget<T: Real, const N: usize>(x: &mut [T; N], p: &mut real::Matrix<T, N>, f
     }
 }
 
-/// What a turn does at its end: tilts (at `tilt` and after) less certain, velocities (at `first` and after) zero.
+/// Ends a turn: makes the tilts (at `tilt` and after) less certain and sets the velocities (at `first` and after) to zero.
 fn land<T: Real, const N: usize>(
     x: &mut [T; N],
     p: &mut real::Matrix<T, N>,
@@ -430,7 +430,7 @@ fn land<T: Real, const N: usize>(
     set(x, p, first, [0.0; 2], config);
 }
 
-/// How a turn is cut into steps: their number and length, s.
+/// Cuts a turn into steps: their number and length, s.
 fn turn_steps(seconds: f64, step: f64) -> (u32, f64) {
     let n = libm::ceil(seconds / step);
     let n = if n >= 1.0 { n } else { 1.0 };

@@ -213,8 +213,8 @@ impl<T: Real, const N: usize> Cloud<T, N> {
         out
     }
 
-    /// Where few particles carry the weight, replaces them by their children, the comb at `offset`; else brings the
-    /// heaviest weight to zero, because single precision has no room for a sum of hundreds of logarithms.
+    /// Replaces the particles by their children, the comb at `offset`, where few of them carry the weight. Else brings the
+    /// heaviest weight to zero, because a sum of hundreds of logarithms does not fit into single precision.
     fn renew(
         &mut self,
         shares: &[T; N],
@@ -311,7 +311,7 @@ impl<T: Real, const N: usize> Filter for Kernels<T, N> {
                 let mut child = *parent;
                 child.weight = T::zero();
                 let variance = parent.p[A][A];
-                // What a child keeps of its parent's variance. A kernel that is narrow against the bend of the circle
+                // Share of its parent's variance that a child keeps. A kernel that is narrow against the bend of the circle
                 // is a good filter as it is: its children are copies. Splitting it on would open gaps between them.
                 let narrow = NARROW * NARROW / variance.f64();
                 if m > 1 && narrow < 1.0 {

@@ -29,7 +29,7 @@ const SAMPLE_S: f64 = 1e-3;
 /// Share of a second's samples that may be missing.
 const MOST_MISSING: u16 = 100;
 
-/// What the host may ask.
+/// Alignment command of the host.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
     /// Begin an alignment: latitude (degrees), gravity (m/s^2; 0: normal gravity), noise of a velocity reading (m/s).
@@ -41,7 +41,7 @@ pub enum Command {
         /// Velocity noise, m/s.
         velocity_noise_mps: f32,
     },
-    /// What the alignment that begins next may expect, one sigma; 0: as usual ([`Config::new`]).
+    /// Drifts and tilts that the next alignment expects, one sigma; 0: as usual ([`Config::new`]).
     Expect {
         /// Drifts, deg/h.
         drift_dph: f32,
@@ -61,7 +61,7 @@ pub enum Command {
     Abandon,
 }
 
-/// Where an alignment is.
+/// Stage of an alignment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Stage {
@@ -168,14 +168,14 @@ impl<F: Begin> Session<F> {
         self.accelerometers = accelerometers;
     }
 
-    /// Whether an alignment runs.
+    /// `true` while an alignment runs.
     #[must_use]
     pub fn running(&self) -> bool {
         self.stage != Stage::Over
     }
 
-    /// Takes a command; gives the bias trim (deg/h, to be subtracted) where an alignment was accepted. What a platform
-    /// drifts by is the negative of what its gyros read at rest, as its loops null the reading.
+    /// Carries out a command; gives the bias trim (deg/h, to be subtracted) where an alignment was accepted. A platform's
+    /// drift is the negative of the reading of its gyros at rest, as its loops null the reading.
     pub fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
         match command {
             Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps } => {

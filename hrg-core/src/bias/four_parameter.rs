@@ -28,7 +28,7 @@ pub struct FourParameter {
     pub constant_cooling_heating_low_high: [f32; TERMS],
     /// Breakpoint (wu2023: div_a), C.
     pub breakpoint_c: f32,
-    /// Where temperature counts from, C.
+    /// Origin of the temperature in the model, C.
     pub origin_c: f32,
 }
 

@@ -35,7 +35,7 @@ pub mod network;
 
 use four_parameter::FourParameter;
 
-/// What a bias model may look at: one axis, one model step.
+/// Inputs of a bias model: one axis, one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
     /// Temperature, C.
@@ -79,7 +79,7 @@ impl Scaling {
         (temperature_c - self.t_ref_c) / self.t_scale_c
     }
 
-    /// Whether powers of the normalised temperature are powers there, and not continued along their tangents.
+    /// `true` where powers of the normalised temperature are powers, and not continued along their tangents.
     #[inline]
     fn polynomial(&self, temperature_c: f32) -> bool {
         let (low, high) = (self.linear_below_c, self.linear_above_c);
@@ -98,8 +98,8 @@ impl Scaling {
         cube_or_tangent(u, inside)
     }
 
-    /// Where the square of the rate of change of normalised frequency is continued linearly, per minute: normalised
-    /// frequency spans the calibrated range as `u` does, to within some percent.
+    /// Limit beyond which the square of the rate of change of normalised frequency is continued linearly, per minute:
+    /// normalised frequency spans the calibrated range as `u` does, to within some percent.
     #[inline]
     #[must_use]
     pub fn w_linear(&self) -> f32 {

@@ -1,4 +1,4 @@
-//! Whether the numbers of a calibration are those of a gyro.
+//! Checks of a calibration's numbers: each is finite and within the limits of a gyro.
 
 use super::{Calibration, EffectTerm, ImageError};
 use crate::bias::Coefficients;
@@ -9,7 +9,7 @@ use crate::rate_factors::{RateAxis, MOST_PPM};
 const ABSURD: f32 = 1e7;
 
 impl Calibration {
-    /// Whether every number is finite and possible, and every effect one that a unit can compute.
+    /// Checks that every number is finite and possible, and every effect one that a unit can compute.
     ///
     /// # Errors
     /// The first defect found.
@@ -86,7 +86,7 @@ impl Calibration {
 }
 
 impl RateAxis {
-    /// Whether its numbers are those of a gyro.
+    /// Checks that the axis' numbers are those of a gyro.
     fn check(&self) -> Result<(), ImageError> {
         self.numbers().try_for_each(|v| finite(&[v]))?;
         let small = |values: &[f32]| values.iter().all(|v| v.abs() <= MOST_PPM);
@@ -101,7 +101,7 @@ impl RateAxis {
 }
 
 impl EffectTerm {
-    /// Whether its numbers are possible, and a unit can compute it.
+    /// Checks that the effect's numbers are possible, and that a unit can compute it.
     fn check(&self) -> Result<(), ImageError> {
         finite(&self.parameters)?;
         if self.start.abs() > 1.0 || self.start.is_nan() {

@@ -15,7 +15,7 @@ use heapless::Vec;
 /// Bytes at the front of an image that are programmed last.
 pub const COMMIT: usize = MAGIC.len();
 
-/// What stands in the place of the first bytes of an image that was refused.
+/// Bytes that replace the first ones of an image that was refused.
 pub const REFUSED: [u8; COMMIT] = [0; COMMIT];
 
 /// Bytes before the payload.

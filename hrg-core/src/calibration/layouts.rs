@@ -18,7 +18,7 @@ use crate::schema::{layout, Field, Layout, Wire};
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
 
-/// What stands before the payload.
+/// Header of an image, before its payload.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Header {
     /// [`super::MAGIC`].
@@ -59,7 +59,7 @@ layout! { TemperatureCurve {
     valid_to_c: f32, "highest temperature of the fit, C";
 } }
 
-/// What stands between an axis' temperature and its bias model.
+/// Fields of an axis between its temperature and its bias model.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Channel {
     /// As [`Axis::scale_factor_dph_per_code`].
@@ -106,7 +106,7 @@ layout! { Axis {
     verify_rms_dph: f32, "the same on a run that the fit never saw, deg/h; 0: not measured";
 } }
 
-/// What an effect begins with.
+/// First fields of an effect.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EffectHead {
     /// Number of the effect.

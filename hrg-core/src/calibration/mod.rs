@@ -57,13 +57,13 @@ pub const MAX_BYTES: usize = 4096;
 /// Most directions of an [`Uncertainty`].
 pub const DIRECTIONS: usize = 2;
 
-/// How uncertain the bias of one axis is. Its variance at any moment is `rest_dph2` plus the sum of the squares of the directions, each of
-/// which is a bias made of the same regressors: of the baseline with these coefficients (regressors of
-/// [`crate::bias::regressors`], whatever the baseline), of the effects with [`EffectTerm::directions`]. So the covariance of all gains is
-/// kept in its largest parts.
+/// Uncertainty of the bias of one axis. Its variance at any moment is `rest_dph2` plus the sum of the squares of the
+/// directions. Each direction is a bias made of the same regressors: of the baseline with these coefficients
+/// (regressors of [`crate::bias::regressors`], whatever the baseline), of the effects with
+/// [`EffectTerm::directions`]. So the covariance of all gains is kept in its largest parts.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Uncertainty {
-    /// What no direction holds, (deg/h)^2; 0: the image does not state how uncertain it is.
+    /// Variance that no direction holds, (deg/h)^2; 0: the image does not state its uncertainty.
     pub rest_dph2: f32,
     /// Coefficients of each direction, deg/h per unit of the regressor.
     pub baseline: [[f32; TERMS]; DIRECTIONS],
@@ -85,7 +85,7 @@ pub struct Axis {
     /// Standard deviation of each coefficient, row after row: cooling then heating set, or the linear coefficients of
     /// another model in their order (zeros: not stated).
     pub bias_std_dph: [[f32; TERMS]; 2],
-    /// How uncertain the bias is.
+    /// Uncertainty of the bias.
     pub uncertainty: Uncertainty,
     /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
     pub train_rms_dph: f32,
@@ -100,7 +100,7 @@ pub struct EffectTerm {
     pub id: u16,
     /// Inner parameters, common to the axes.
     pub parameters: [f32; MAX_PARAMETERS],
-    /// Where it stands when the unit begins, if it remembers the path of the temperature: see [`crate::effects::Effect::start_on`].
+    /// Place on its path at the unit's start, for an effect that remembers the path: see [`crate::effects::Effect::start_on`].
     pub start: f32,
     /// Gain of each regressor on each axis, deg/h per unit of the regressor.
     pub gains: [[f32; MAX_OUTPUTS]; AXES],
@@ -130,7 +130,7 @@ impl EffectTerm {
 pub struct Calibration {
     /// Name of the unit.
     pub unit: UnitName,
-    /// When it was made, seconds since 1970 (0: the compiled-in default).
+    /// Time at which it was made, seconds since 1970 (0: the compiled-in default).
     pub created_unix_s: u32,
     /// Counts up with each image burnt; the newest valid image wins.
     pub sequence: u32,
@@ -205,7 +205,7 @@ impl core::fmt::Display for ImageError {
 impl core::error::Error for ImageError {}
 
 impl Calibration {
-    /// What a unit runs that was never calibrated: the frequency curves of dong2023's Table 1 and no bias.
+    /// Calibration of a unit that was never calibrated: the frequency curves of dong2023's Table 1 and no bias.
     ///
     /// The curves are the centred cubic fits of that table on its sensors at the case; `hrg points
     /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.

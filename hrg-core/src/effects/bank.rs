@@ -1,4 +1,4 @@
-//! What the families share: geometric ladders of times and widths, and piecewise-linear curves over knots.
+//! Shared parts of the families: geometric ladders of times and widths, and piecewise-linear curves over knots.
 
 /// Rung `k` of `n` between `low` and `high`, evenly in the logarithm; `low` where there is nothing between.
 pub fn rung(low: f32, high: f32, k: usize, n: usize) -> f32 {

@@ -38,7 +38,7 @@ pub const MAX_OUTPUTS: usize = 14;
 /// Most numbers that an effect remembers, per axis.
 pub const MAX_MEMORY: usize = 10;
 
-/// What an effect may look at: one axis, one model step. A quantity that is not recorded is NaN.
+/// Inputs of an effect: one axis, one model step. A quantity that is not recorded is NaN.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// Centre and scale of the model.
@@ -47,7 +47,7 @@ pub struct Inputs<'a> {
     pub thermal: &'a Thermal,
     /// The axis in question, 0 to 2.
     pub axis: usize,
-    /// What only a chamber recording has.
+    /// Quantities that only a chamber recording has.
     pub recorded: Recorded,
 }
 
@@ -106,7 +106,7 @@ impl Inputs<'_> {
     }
 }
 
-/// Whether a unit can compensate an effect.
+/// Compensation of an effect by a unit: possible or not, and why.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reach {
     /// The unit has all it needs.
@@ -117,7 +117,7 @@ pub enum Reach {
     Unpredictable,
 }
 
-/// What every effect states about itself, and how it runs.
+/// Facts of an effect, and its computation.
 pub trait Effect: Sized {
     /// Name in reports.
     const NAME: &'static str;
@@ -125,17 +125,17 @@ pub trait Effect: Sized {
     const ID: u16;
     /// Names of the inner parameters, with unit.
     const PARAMETERS: &'static [&'static str];
-    /// Which of the inner parameters must be above zero: time constants, widths, periods and ramps, by their names.
+    /// Inner parameters that must be above zero: time constants, widths, periods and ramps, by their names.
     const POSITIVE: [bool; MAX_PARAMETERS] = positive(Self::PARAMETERS);
-    /// Who can compensate it.
+    /// Compensation of the effect: by a unit or not.
     const REACH: Reach;
-    /// Whether it looks at nothing that belongs to an axis: then the unit computes it once for the three.
+    /// `true` if it reads nothing that belongs to an axis: then the unit computes it once for the three.
     const COMMON: bool = false;
-    /// Whether it remembers the path of the temperature, so that where it begins matters: see [`start_on`](Self::start_on).
+    /// `true` if it remembers the path of the temperature, so that its start matters: see [`start_on`](Self::start_on).
     const REMEMBERS_PATH: bool = false;
-    /// Whether it looks at the temperatures of the other axes.
+    /// `true` if it reads the temperatures of the other axes.
     const NEIGHBOURS: bool = false;
-    /// Whether its regressors are the weights of the knots of a curve of what it remembers.
+    /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers.
     const CURVE: bool = false;
     /// The regressors of an axis: an array of as many as there are.
     type Regressors: Regressors;
@@ -156,7 +156,7 @@ pub trait Effect: Sized {
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
 
-/// Which parameters must be above zero, by the beginnings of their names. (When the program is compiled: a unit holds no names.)
+/// Marks parameters that must be above zero, by the beginnings of their names. (Runs in the compiler: a unit holds no names.)
 const fn positive(names: &[&str]) -> [bool; MAX_PARAMETERS] {
     const BEGINNINGS: [&str; 4] = ["tau", "width", "period", "ramp"];
     let mut out = [false; MAX_PARAMETERS];
@@ -185,7 +185,7 @@ const fn begins(name: &[u8], beginning: &[u8]) -> bool {
 
 /// Arrays of up to [`MAX_OUTPUTS`] regressors.
 pub trait Regressors: Copy {
-    /// How many there are.
+    /// Number of regressors.
     const COUNT: usize;
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
@@ -225,7 +225,7 @@ fn lag_share(step_s: f32, tau_s: f32) -> f32 {
 /// Facts about one effect of the list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Facts {
-    /// Which effect.
+    /// The effect.
     pub effect: EffectId,
     /// Name in reports.
     pub name: &'static str,
@@ -235,29 +235,29 @@ pub struct Facts {
     pub parameters: &'static [&'static str],
     /// Regressors per axis.
     pub outputs: usize,
-    /// Who can compensate it.
+    /// Compensation of the effect: by a unit or not.
     pub reach: Reach,
-    /// Whether it looks at nothing that belongs to an axis.
+    /// `true` if it reads nothing that belongs to an axis.
     pub common: bool,
-    /// Whether it remembers the path of the temperature.
+    /// `true` if it remembers the path of the temperature.
     pub remembers_path: bool,
 }
 
-/// What a unit must know of an effect.
+/// Facts of an effect that a unit needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Shape {
     /// Regressors per axis.
     pub outputs: usize,
-    /// Whether a unit can compute it.
+    /// `true` if a unit can compute it.
     pub on_unit: bool,
-    /// Which of its inner parameters must be above zero: [`Effect::POSITIVE`].
+    /// Inner parameters that must be above zero: [`Effect::POSITIVE`].
     pub positive: [bool; MAX_PARAMETERS],
 }
 
 /// Gains of an effect on each axis.
 pub type Gains = [[f32; MAX_OUTPUTS]; AXES];
 
-/// What an effect's regressors are multiplied by, and where the sums go.
+/// Gains of an effect's regressors, and the sums that they are added to.
 pub struct Sums<'a, const N: usize> {
     /// Gains of the bias.
     pub gains: &'a Gains,
@@ -305,7 +305,7 @@ macro_rules! effects {
     };
     (@all $($name:ident),+) => {
 
-        /// Which effect: one for each entry of the list.
+        /// Identifies an effect: one variant for each entry of the list.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum EffectId { $(#[doc = concat!("See [`", stringify!($name), "`].")] $name),+ }
 
@@ -321,7 +321,7 @@ macro_rules! effects {
             remembers_path: <$name as Effect>::REMEMBERS_PATH,
         }),+];
 
-        /// What a unit must know of the effect with a number; it holds no names.
+        /// Facts that a unit needs of the effect with a number; it holds no names.
         // (One table in flash, for all that ask.)
         #[inline(never)]
         #[must_use]
@@ -387,7 +387,7 @@ macro_rules! effects {
             ) {
                 match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, sums)),+ }
             }
-            /// What it remembers of an axis: [`Effect::memory`].
+            /// Memory of an axis: [`Effect::memory`].
             #[inline(never)]
             pub fn memory(&mut self, axis: usize) -> &mut [f32] {
                 match self { $(Self::$name(e) => e.get_mut(axis).map_or(&mut [], |e| e.memory())),+ }
@@ -397,12 +397,12 @@ macro_rules! effects {
             pub fn soak_at(&mut self, axis: usize, temperature_c: f32) {
                 match self { $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| e.soak_at(temperature_c))),+ }
             }
-            /// Whether it looks at the other axes: [`Effect::NEIGHBOURS`].
+            /// `true` if it reads the other axes: [`Effect::NEIGHBOURS`].
             #[must_use]
             pub const fn looks_at_neighbours(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::NEIGHBOURS),+ }
             }
-            /// Whether its regressors are the weights of a curve's knots: [`Effect::CURVE`].
+            /// `true` if its regressors are the weights of a curve's knots: [`Effect::CURVE`].
             #[must_use]
             pub const fn is_curve(&self) -> bool {
                 match self { $(Self::$name(_) => <$name as Effect>::CURVE),+ }
@@ -452,7 +452,7 @@ effects! {
 }
 
 impl EffectId {
-    /// What the effect states about itself.
+    /// Facts that the effect states about itself.
     #[must_use]
     pub const fn facts(self) -> &'static Facts {
         // The list and the type come from one macro: an effect's place is its number in the type.

@@ -34,7 +34,7 @@ impl Effect for RampByShape {
     }
 }
 
-/// What of dT/dt is heating, times the weights of the knots; C per minute.
+/// Heating part of dT/dt times the weights of the knots; C per minute.
 #[derive(Debug, Clone)]
 pub struct HeatingByShape;
 

@@ -109,8 +109,8 @@ impl CounterBank {
         self.counters[0].gate_end()
     }
 
-    /// When the gate being filled is closed, ticks since start: [`SETTLE_US`] after its end. [`poll`](Self::poll) gives nothing
-    /// before it.
+    /// Time at which the gate being filled is closed, ticks since start: [`SETTLE_US`] after its end.
+    /// [`poll`](Self::poll) gives nothing before it.
     #[must_use]
     pub fn close_tick(&self) -> u64 {
         self.gate_end() + u64::from(self.config.timebase.us(SETTLE_US))

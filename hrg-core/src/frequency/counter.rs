@@ -12,7 +12,7 @@ pub const HOLE_PERIODS: u32 = 490;
 /// Edges are accepted within this fraction of a period: one part in 2^6.
 const TOLERANCE_SHIFT: u32 = 6;
 
-/// What one gate gave.
+/// Result of one gate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Gate {
     /// The sums, for the frequency and for joining.
@@ -179,8 +179,8 @@ impl Counter {
         }
     }
 
-    /// The common case, fast: edges that come one after the other on the grid, within the gate being filled. Gives how many
-    /// it took. What changes from edge to edge stays in registers; sums over the edge numbers have a formula.
+    /// The common case, fast: edges that come one after the other on the grid, within the gate being filled. Gives the number of
+    /// edges that it took. Numbers that change from edge to edge stay in registers; sums over the edge numbers have a formula.
     fn run(&mut self, stamps: &[u32]) -> usize {
         if self.locked != LOCK_PERIODS || self.now.edges == 0 || self.now.lock != self.lock {
             return 0;

@@ -13,7 +13,7 @@
 //! - All sums are integers, so nothing is lost and gates combine exactly ([`Sums::join`]): ten gates of 0.1 s
 //!   are the regression over 1 s, not an average of ten.
 //! - Edges are numbered by the grid they must lie on. One that comes too early is a glitch: rejected and
-//!   counted. Where edges are missing, the number moves on by as many: counted, and the slope stays right.
+//!   counted. Over missing edges the number moves on by as many: counted, and the slope stays right.
 //! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a gap
 //!   of [`HOLE_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
 //!
@@ -52,7 +52,7 @@ pub const GATE_MS: u32 = 100;
 /// Gates in one step of the bias model: ten make [`crate::MODEL_STEP_S`].
 pub const GATES_PER_STEP: u32 = 10;
 
-/// What a counter must know of its timer and of its signal.
+/// Facts that a counter needs of its timer and of its signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {

@@ -11,7 +11,7 @@ const MAX_JOINED_TICKS: u64 = 1 << 33;
 /// Edge numbers count from the first edge of the sums, ticks from `origin_ticks`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sums {
-    /// Which lock of the counter these edges belong to; sums of different locks cannot be joined.
+    /// Number of the counter's lock that these edges belong to; sums of different locks cannot be joined.
     pub(super) lock: u32,
     /// Running number of the first edge within the lock.
     pub(super) first_index: u32,

@@ -54,7 +54,7 @@ impl Message {
         }
     }
 
-    /// What a unit says.
+    /// Reads a message of a unit.
     fn read_report(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
             0x01 => Self::Rate(take::<RateFrame>(r)?.with_integrity()),
@@ -76,7 +76,7 @@ impl Message {
         })
     }
 
-    /// What a unit is told.
+    /// Reads a command to a unit.
     pub(super) fn read_command(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         use maintenance::Command as C;
         Some(match kind {

@@ -170,7 +170,7 @@ impl Default for Data {
 /// A message as it lies in a frame, for tables and other programs.
 #[derive(Debug, Clone, Copy)]
 pub struct Table {
-    /// What it is.
+    /// Name of the message.
     pub name: &'static str,
     /// Its type, and the kind within the type where there are several: the bytes that stand before the fields.
     pub lead: &'static [u8],

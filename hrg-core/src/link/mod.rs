@@ -79,17 +79,17 @@ pub struct Housekeeping {
     pub calibration: u32,
     /// Its sequence number.
     pub sequence: u32,
-    /// When it was made, seconds since 1970.
+    /// Time at which it was made, seconds since 1970.
     pub created_unix_s: u32,
     /// Resets since power-on.
     pub resets: u16,
-    /// What the unit is doing: [`mode`].
+    /// Mode of the unit: [`mode`].
     pub mode: u8,
     /// Timer tick of the last pulse per second.
     pub pps_tick: u32,
     /// Its age at the end of the step, ms; `u32::MAX`: there was none since the start.
     pub pps_age_ms: u32,
-    /// How much the unit's clock is fast, as it is corrected, parts per 1e9; 0 before the first measurement.
+    /// Relative error of the unit's clock (positive: fast), as it is corrected, parts per 1e9; 0 before the first measurement.
     pub clock_ppb: f32,
 }
 
@@ -150,14 +150,14 @@ impl Housekeeping {
     }
 }
 
-/// Who is there.
+/// Identity of a unit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Identity {
     /// The unit's name in its calibration.
     pub unit: UnitName,
     /// Checksum of the calibration in use; 0 for the compiled-in default.
     pub calibration: u32,
-    /// When that calibration was made, seconds since 1970.
+    /// Time at which that calibration was made, seconds since 1970.
     pub created_unix_s: u32,
     /// Its sequence number.
     pub sequence: u32,

@@ -102,7 +102,7 @@ fn pins(out: &mut String) {
     }
 }
 
-/// Where each element of an array lies, and the number that its name gets.
+/// Offset of each element of an array, and the number that its name gets.
 fn elements(array: Option<&Array>) -> Vec<(u32, String)> {
     match array {
         None => vec![(0, String::new())],

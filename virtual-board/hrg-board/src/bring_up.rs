@@ -36,18 +36,18 @@ const LOG_SECTOR_START: u32 = 0x8000;
 pub struct Row {
     /// Its name, which names its jumpers.
     pub name: String,
-    /// What was reached; not a number: it was not measured.
+    /// Measured figure; not a number: it was not measured.
     pub reached: f32,
     /// It passes.
     pub pass: bool,
 }
 
-/// What the program has reported.
+/// Report of the program.
 #[derive(Debug, Default)]
 pub struct Outcome {
     /// Its log.
     pub log: Vec<String>,
-    /// When it came to its end, s.
+    /// Time at which it came to its end, s.
     pub ended_s: Option<f64>,
 }
 
@@ -89,7 +89,7 @@ impl World for Log {
 /// The jumpers, without those that are named (`PB9-PA0`).
 ///
 /// # Errors
-/// Where there is none of that name.
+/// If there is no jumper of that name.
 pub fn jumpers(without: &[&str]) -> Result<Vec<Jumper>> {
     let known = JUMPERS.map(|(from, to)| format!("{from}-{to}"));
     if let Some(gone) = without.iter().find(|gone| !known.iter().any(|j| j == *gone)) {
@@ -108,7 +108,7 @@ pub fn jumpers(without: &[&str]) -> Result<Vec<Jumper>> {
 /// otherwise.
 ///
 /// # Errors
-/// Where the program does what the board does not model, or does not come to its end.
+/// If the program does something that the board does not model, or does not come to its end.
 pub fn run(elf: &[u8], jumpers: &[Jumper], estimate: bool, mut shown: impl FnMut(&str)) -> Result<Outcome> {
     let mut board = Board::new(elf, Log { decoder: Decoder::new(elf)?, lines: Vec::new() })?;
     board.join(jumpers)?;

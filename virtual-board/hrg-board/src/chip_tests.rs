@@ -7,12 +7,12 @@ use object::{Object, ObjectSection, ObjectSymbol};
 use serde::Deserialize;
 use virtual_board::{Board, Stop, World, CPU_HZ};
 
-/// Where embedded-test puts its list; the name of each symbol in it is a description.
+/// Section in which embedded-test puts its list; the name of each symbol in it is a description.
 const SECTION: &str = ".embedded_test";
 /// A test that says nothing of its time has so long, s; probe-rs gives as much.
 const LONGEST_S: u64 = 60;
 
-/// What a symbol says of its test.
+/// Description that a symbol's name gives of its test.
 #[derive(Deserialize)]
 struct Description {
     name: String,
@@ -32,7 +32,7 @@ pub struct Test {
     seconds: u64,
 }
 
-/// How one ended.
+/// End of a test.
 #[derive(Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// As it should.
@@ -46,7 +46,7 @@ pub enum Outcome {
 /// The tests of an ELF.
 ///
 /// # Errors
-/// Where it holds none.
+/// If it holds none.
 pub fn tests(elf: &[u8]) -> Result<Vec<Test>> {
     let file = object::File::parse(elf).context("it is no ELF")?;
     let section = file.section_by_name(SECTION).context("the ELF holds no tests (section .embedded_test)")?;
@@ -106,7 +106,7 @@ impl Test {
     /// Runs it from a reset; also what it has logged.
     ///
     /// # Errors
-    /// Where the ELF does not fit the board.
+    /// If the ELF does not fit the board.
     pub fn run(&self, elf: &[u8]) -> Result<(Outcome, Vec<String>)> {
         if self.ignored {
             return Ok((Outcome::Ignored, Vec::new()));
@@ -114,7 +114,7 @@ impl Test {
         let mut board = Board::new(elf, Log(Decoder::new(elf)?, Vec::new()))?;
         board.attach_debugger(&format!("run_addr {}", self.entry));
         let end = board.run_until(self.seconds * CPU_HZ);
-        // What lies in the log's buffer still.
+        // Reads the lines that are still in the log's buffer.
         let _ = board.look_at_rtt();
         let ended = match end {
             Ok(Stop::Exit(code)) => Ok(code),
@@ -136,7 +136,7 @@ impl Test {
 /// `hrg-board chip-tests`: prints what libtest would.
 ///
 /// # Errors
-/// Where a test fails.
+/// If a test fails.
 pub fn command(elf: &[u8]) -> Result<()> {
     let tests = tests(elf)?;
     println!("running {} tests", tests.len());

@@ -1,4 +1,4 @@
-//! What a calibration costs on the unit, counted in the ELF.
+//! Cost of a calibration on the unit, counted in the ELF.
 
 use crate::replay::{self, Options};
 use crate::symbol;

@@ -13,7 +13,7 @@ const ANSWER_S: f64 = 3.0;
 /// A slice of waiting for an answer, in cycles of the CPU.
 const SLICE: u64 = CPU_HZ / 500;
 
-/// How a burn ended.
+/// End of a burn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Burn {
     /// The unit runs the new image.
@@ -25,7 +25,7 @@ pub enum Burn {
 /// Sends a message and waits for its answer; `None`: the board stopped where it was told to.
 ///
 /// # Errors
-/// Where no answer comes in time.
+/// If no answer comes in time.
 pub fn ask<T>(
     board: &mut Board<Wires>,
     message: &Message,
@@ -61,7 +61,7 @@ pub fn maintain(board: &mut Board<Wires>, command: Command) -> Result<Option<Ans
 /// Burns an image and restarts the unit.
 ///
 /// # Errors
-/// Where the unit refuses a command, or does not answer.
+/// If the unit refuses a command, or does not answer.
 pub fn burn(board: &mut Board<Wires>, image: &Calibration) -> Result<Burn> {
     let bytes = image.to_bytes().context("the image does not fit")?;
     for command in maintenance::burn(image.unit, &bytes).chain([Command::Restart]) {
@@ -82,12 +82,12 @@ pub fn burn(board: &mut Board<Wires>, image: &Calibration) -> Result<Burn> {
     }
 }
 
-/// Which image the unit runs after its power came back `seconds` ago at most.
+/// Identity of a unit, with its image, at most `seconds` after its power came back.
 ///
 /// # Errors
-/// Where it does not answer by then.
+/// If it does not answer by then.
 pub fn running(board: &mut Board<Wires>, seconds: f64) -> Result<Identity> {
-    // What was on its way in is lost with the power.
+    // Bytes on their way in are lost with the power.
     board.world.silence();
     board.world.received = Received::default();
     // Not before the receiver listens.

@@ -23,7 +23,7 @@ pub const CALIBRATION_A: u32 = 0x4_0000;
 /// Flash offset of calibration sector B (memory.x).
 pub const CALIBRATION_B: u32 = 0x6_0000;
 
-/// What to run.
+/// Options of a run.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// RMS jitter of every edge, s.
@@ -65,7 +65,7 @@ impl Default for Options {
     }
 }
 
-/// What came of it.
+/// Result of a run.
 #[derive(Debug)]
 pub struct Outcome {
     /// All that the unit sent.
@@ -88,10 +88,10 @@ pub struct Outcome {
     pub wall_s: f64,
 }
 
-/// Where the firmware ELF lies in the folder that cargo builds into.
+/// Path of the firmware ELF within the folder that cargo builds into.
 const ELF: &str = "thumbv7em-none-eabihf/firmware/firmware";
 
-/// Where the firmware ELF lies after a build: in the folder of builds that this program lies in, else in that of the source it was
+/// Path of the firmware ELF after a build: in the folder of builds that this program lies in, else in that of the source it was
 /// built from.
 #[must_use]
 pub fn default_elf() -> PathBuf {
@@ -107,7 +107,7 @@ pub fn default_elf() -> PathBuf {
 /// Reads the ELF.
 ///
 /// # Errors
-/// Where it has not been built, or is another file.
+/// If it has not been built, or is another file.
 pub fn read_elf(path: &Path) -> Result<Vec<u8>, BadInput> {
     let failed = |why: &str| {
         BadInput(format!(
@@ -127,7 +127,7 @@ pub fn read_elf(path: &Path) -> Result<Vec<u8>, BadInput> {
 /// share that is done.
 ///
 /// # Errors
-/// Where the firmware does what the board does not model.
+/// If the firmware does something that the board does not model.
 pub fn run(
     elf: &[u8],
     calibration: Option<&Calibration>,

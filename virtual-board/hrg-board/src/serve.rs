@@ -14,7 +14,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use virtual_board::{Board, Stop, CPU_HZ};
 
-/// What to serve.
+/// Options of the server.
 #[derive(Debug, Clone)]
 pub struct Options {
     /// Target seconds per second here.
@@ -61,7 +61,7 @@ impl Pty {
 /// Runs the board until `stop` is set, the time is over, or the recording ends.
 ///
 /// # Errors
-/// Where there is no pseudo-terminal, or the firmware does what the board does not model.
+/// If there is no pseudo-terminal, or the firmware does something that the board does not model.
 pub fn serve(
     elf: &[u8],
     calibration: Option<&Calibration>,
@@ -110,7 +110,7 @@ pub fn serve(
         for line in board.world.received.log.drain(..) {
             log.write(format!("{line}\r\n").as_bytes());
         }
-        // What has gone out is nobody's to keep: a board may be on for days.
+        // Frames that have gone out are not kept: a board may be on for days.
         board.world.received = Received::default();
         due += SLICE;
         match due.checked_duration_since(Instant::now()) {

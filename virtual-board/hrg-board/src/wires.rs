@@ -1,4 +1,4 @@
-//! What is on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
+//! Signals on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
 use crate::twin::Twin;
 use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
@@ -14,7 +14,7 @@ use std::collections::VecDeque;
 use std::ops::Range;
 use virtual_board::{AdcMishap, LineFault, World, CPU_HZ, CYCLES_PER_TICK};
 
-/// What may be wrong with a resonator's signal.
+/// Fault of a resonator's signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum AxisFault {
     /// No edges.
@@ -29,7 +29,7 @@ pub enum AxisFault {
     Jump(f64),
 }
 
-/// What may be wrong with the ADC.
+/// Fault of the ADC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AdcFault {
     /// It finishes no conversion.
@@ -53,7 +53,7 @@ pub struct WireFaults {
     pub adc: Vec<(AdcFault, Range<f64>)>,
     /// Pulses per second: when the first comes, and how far they are apart, s by the unit's own clock.
     pub pulses: Option<(f64, f64)>,
-    /// What befalls the ADC and its bus, in order of time.
+    /// Mishaps of the ADC and its bus, in order of time.
     pub adc_mishaps: Vec<(f64, AdcMishap)>,
     /// Extra edges: an axis, and how long after each 1000th edge they come, s.
     pub glitch: Option<(usize, f64)>,
@@ -73,16 +73,16 @@ impl WireFaults {
     }
 }
 
-/// What came back.
+/// Messages that came back.
 #[derive(Debug, Default, Clone)]
 pub struct Received {
     /// Rate frames.
     pub rates: Vec<RateFrame>,
-    /// When the last bit of each rate frame was on the link, cycles.
+    /// Time at which the last bit of each rate frame was on the link, cycles.
     pub rate_at: Vec<u64>,
     /// From the data-ready edge of its last sample to that, cycles.
     pub delay_cycles: Vec<u32>,
-    /// When the last bit of each housekeeping frame was on the link, cycles.
+    /// Time at which the last bit of each housekeeping frame was on the link, cycles.
     pub housekeeping_at: Vec<u64>,
     /// Housekeeping.
     pub housekeeping: Vec<Housekeeping>,
@@ -107,7 +107,7 @@ pub struct Received {
 /// Cycles that a byte takes on the wire: ten bits at 921600 baud.
 pub const BYTE_CYCLES: u64 = CPU_HZ * 10 / 921_600;
 
-/// Who looks on. A copy of the wires has nobody: what happened before it was made cannot be asked of them again.
+/// Observers of the wires. A copy of the wires has none: the events before it was made cannot be asked of them again.
 #[derive(Default)]
 struct Observers {
     /// Compared with; `None` where faults make the unit's own timing matter.
@@ -155,7 +155,7 @@ pub struct Wires {
     /// Bytes that wait to come in, and when the last one came.
     coming: VecDeque<u8>,
     last_byte: u64,
-    /// How many bytes come in before the one of which the receiver notices that.
+    /// Bytes that come in before the one whose fault the receiver notices, and that fault.
     line_fault: Option<(usize, LineFault)>,
     /// Bytes that went out, where somebody holds the other end.
     out: Option<Vec<u8>>,
@@ -167,7 +167,7 @@ pub struct Wires {
     now: u64,
     deframer: Deframer,
     observers: Observers,
-    /// What came back.
+    /// Messages that came back.
     pub received: Received,
 }
 
@@ -239,7 +239,7 @@ impl Wires {
         self.hear(bytes);
     }
 
-    /// Whoever was sending stops: what has not come in yet never will.
+    /// Stops the sender: bytes that have not come in yet never will.
     pub fn silence(&mut self) {
         self.coming.clear();
     }
@@ -392,7 +392,7 @@ impl World for Wires {
             if let Some(rate) = self.steps.rate_dph[a].get(second).filter(|r| r.is_finite()) {
                 self.held[a] = *rate;
             }
-            // What rounding leaves goes into the next sample: the mean over a second is that of the recording.
+            // The rounding error goes into the next sample: the mean over a second is that of the recording.
             let wanted = self.held[a] / f64::from(self.scale_dph[a]) + self.carry[a];
             let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
             self.carry[a] = (wanted - rounded).clamp(-1.0, 1.0);

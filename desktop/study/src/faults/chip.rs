@@ -1,4 +1,4 @@
-//! What befalls the chip and what is soldered beside it: ADC, crystal, supply, program, starts that follow each other.
+//! Faults of the chip and of the parts soldered beside it: ADC, crystal, supply, program, starts that follow each other.
 
 use super::memory::{nearest, unsaid, SETTLES_S};
 use super::{draws, good, run, trials, Extent, Report, Scene, BOUND_DPH, RESTART_S};
@@ -22,7 +22,7 @@ const PROGRAM_S: f64 = 2.0 * (208 * 1024 / 4 / 256) as f64 * LOOK_MS as f64 / 10
 /// All of these.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     adc(scene, seed, extent, report)?;
     program(scene, seed, extent, report)?;

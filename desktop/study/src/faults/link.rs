@@ -26,7 +26,7 @@ fn burn(scene: &Scene) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// What is sent.
+/// Kind of the bytes that are sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Kind {
     Noise,
@@ -136,7 +136,7 @@ fn line_faults(
         let mut draw = draws(seed, 4, k);
         let mut bad = frame.clone();
         let at = draw.random_range(0..bad.len());
-        // Where the stop bit is missing, the bits before it are uncertain; noise that is noticed need not have changed one.
+        // If the stop bit is missing, the bits before it are uncertain; noise that is noticed need not have changed one.
         if fault == LineFault::Framing || draw.random() {
             bad[at] ^= 1 << draw.random_range(0..8);
         }
@@ -167,7 +167,7 @@ fn line_faults(
 /// Everything on the link.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     let frames = burn(scene);
     let mut board = scene.settled()?;
@@ -177,7 +177,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     for (k, (kind, name)) in KINDS.iter().enumerate() {
         let mut draw = draws(seed, 3, k as u64);
         let (bytes, valid) = bytes(*kind, &frames, extent.bytes / KINDS.len() as u64, &mut draw);
-        // What the receiver's own code takes for a command, on the desktop.
+        // Commands that the receiver's own code accepts, on the desktop.
         let mut deframer = Deframer::default();
         let accepted = bytes.iter().filter(|b| matches!(deframer.push(**b), Some(Ok(_)))).count() as u64;
         let before = board.flash_operations();
@@ -210,7 +210,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         let bytes: Vec<u8> = std::iter::repeat_n(&frame[..], n as usize).flatten().copied().collect();
         let (r, resets) = flood(&mut board, &bytes)?;
         let (delay, gaps) = (longest_ms(&r), gaps(&r));
-        // What an overrun of the receiver's ring leaves of a frame is a bad frame, and counted.
+        // A frame cut by an overrun of the receiver's ring is a bad frame, and counted.
         let bad = r.housekeeping.last().map_or(u16::MAX, |h| h.link_errors);
         report.row(
             name,

@@ -16,7 +16,7 @@ pub const LATENCY: u64 = CPU_HZ / 1000 / 20;
 /// Edges at 10 kHz, a rate frame a sample, commands at line rate, the log read.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, extent: &Extent) -> Result<Row> {
     let mut wires = scene.wires();
     wires.set_frequency(EDGES_HZ);

@@ -12,7 +12,7 @@ use hrg_data::numeric::stats::share_interval;
 use rand::Rng;
 use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START};
 
-/// What became of a flipped bit of RAM.
+/// Effect of a flipped bit of RAM.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fate {
     /// Every frame as without it.
@@ -255,7 +255,7 @@ const REGISTERS: [(&str, u32, u32); 41] = {
     ]
 };
 
-/// What is where: for the report of what went wrong.
+/// Name of the register or symbol at an address: for the report of a failure.
 fn place(program: &Firmware, upset: Upset, address: u32) -> String {
     let register = REGISTERS.iter().find(|r| upset == Upset::Register && r.1 == address).map(|r| r.0);
     register.or_else(|| program.symbol_at(address)).unwrap_or("stack").to_string()
@@ -264,7 +264,7 @@ fn place(program: &Firmware, upset: Upset, address: u32) -> String {
 /// One flip of the campaign again, with what happened on the way, in words.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn again(scene: &Scene, seed: u64, trial: u64, upset: Upset) -> Result<()> {
     let mut board = scene.settled()?;
     let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
@@ -343,10 +343,10 @@ pub(super) fn nearest(truth: &Received, at: u64) -> usize {
     (((at + step / 4).saturating_sub(first) / step) as usize).min(truth.rates.len().saturating_sub(1))
 }
 
-/// What becomes of corruptions `0..n`, each at a random place and a random time of a settled second.
+/// Effects of corruptions `0..n`, each at a random place and a random time of a settled second.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn flips(scene: &Scene, seed: u64, n: u64, upset: Upset) -> Result<Vec<(u32, Fate)>> {
     trials(
         n,
@@ -386,7 +386,7 @@ fn quiet(r: &Received, end: u64) -> bool {
 /// Flips in flash and in RAM.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     flash(scene, extent, report)?;
     for (upset, share) in [(Upset::Single, 1), (Upset::Double, 5), (Upset::Burst, 5), (Upset::Register, 5)] {

@@ -54,7 +54,7 @@ pub const RESTART_S: f64 = 4.0;
 pub struct Scene {
     elf: Vec<u8>,
     steps: Steps,
-    /// What is in its flash.
+    /// Calibration in its flash.
     pub calibration: Calibration,
     /// The states of its model when the scene begins: it has been on for hours.
     kept: Vec<u32>,
@@ -74,7 +74,7 @@ impl Scene {
     /// unit runs at most in practice, so that their states are there to be hit.
     ///
     /// # Errors
-    /// Where the simulated run cannot be fitted.
+    /// If the simulated run cannot be fitted.
     pub fn new(elf: &[u8], seed: u64) -> Result<Self> {
         let recording = Plan::of(Profile::parse("cycle")?, 21, seed).simulate().recording;
         let prepared = prepare(std::slice::from_ref(&recording))?;
@@ -126,7 +126,7 @@ impl Scene {
         &self.elf
     }
 
-    /// What is on its wires.
+    /// Signals on its wires.
     #[must_use]
     pub fn wires(&self) -> Wires {
         let scale = self.calibration.scale_factors_dph_per_code();
@@ -136,7 +136,7 @@ impl Scene {
     /// A board that is just being switched on, with that on its wires and an image in sector A.
     ///
     /// # Errors
-    /// Where the ELF does not run on the board.
+    /// If the ELF does not run on the board.
     pub fn off(&self, wires: Wires, image: &Calibration) -> Result<Board<Wires>> {
         let mut board = Board::new(&self.elf, wires)?;
         board.write_flash(CALIBRATION_A, &image.to_bytes().context("fits an image")?)?;
@@ -176,7 +176,7 @@ impl Scene {
         Ok(board)
     }
 
-    /// What the board sends in the next seconds if nothing is wrong.
+    /// Frames that the board sends in the next seconds if nothing is wrong.
     ///
     /// # Errors
     /// As [`off`](Self::off).
@@ -267,13 +267,13 @@ pub(crate) fn trials<S, T: Send>(
 /// One row of the report.
 #[derive(Debug, Clone)]
 pub struct Row {
-    /// What was attacked.
+    /// Part of the unit that was attacked.
     pub what: String,
-    /// How many faults were tried.
+    /// Number of faults tried.
     pub tried: u64,
-    /// What happened to them.
+    /// Effects of the faults.
     pub found: String,
-    /// Whether the promise was kept.
+    /// `true` if the promise was kept.
     pub kept: bool,
 }
 
@@ -291,7 +291,7 @@ impl Report {
         self.rows.push(row);
     }
 
-    /// Whether every promise was kept.
+    /// `true` if every promise was kept.
     #[must_use]
     pub fn kept(&self) -> bool {
         self.rows.iter().all(|r| r.kept)
@@ -307,14 +307,14 @@ impl Report {
     }
 }
 
-/// How much of everything is tried.
+/// Extent of a campaign: faults tried of each kind.
 #[derive(Debug, Clone, Copy)]
 pub struct Extent {
     /// Power cuts at random instructions, and bits of RAM flipped.
     pub random: u64,
     /// Every n-th flash operation and bit of an image.
     pub every: u64,
-    /// Whether each fault of a resonator is tried on each axis, and not on one of them.
+    /// `true`: each fault of a resonator is tried on each axis; `false`: on one of them.
     pub on_each_axis: bool,
     /// Every n-th pair of sensor faults.
     pub pairs: u64,
@@ -327,10 +327,10 @@ pub struct Extent {
 }
 
 impl Extent {
-    /// What docs/promises.md reports.
+    /// Extent of the figures in docs/promises.md.
     pub const FULL: Self =
         Self { random: 10_000, every: 1, on_each_axis: true, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
-    /// What every test run does.
+    /// Extent of every test run.
     pub const SHORT: Self =
         Self { random: 40, every: 200, on_each_axis: false, pairs: 100, bytes: 100_000, load_s: 5, wraps: 4000 };
 }
@@ -341,7 +341,7 @@ pub const PARTS: [&str; 7] = ["power", "memory", "chip", "sensors", "link", "tim
 /// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
 /// # Errors
-/// Where the firmware cannot be run at all; broken promises are in the report.
+/// If the firmware cannot be run at all; broken promises are in the report.
 pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> Result<Report> {
     let scene = Scene::new(elf, seed)?;
     let mut report = Report::default();

@@ -16,7 +16,7 @@ use virtual_board::Board;
 /// The unit must answer within this time after power comes back, s.
 const UP_S: f64 = 1.0;
 
-/// What a burn finds.
+/// State of the flash before a burn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Case {
     /// Room behind the image in use.
@@ -58,7 +58,7 @@ fn prepared(scene: &Scene, case: Case) -> Result<Board<Wires>> {
 /// Cuts at every flash operation of a burn, and at random instructions of one.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     for (k, (case, name)) in CASES.into_iter().enumerate() {
         burns(scene, seed.wrapping_add(k as u64), extent, case, name, report)?;
@@ -128,7 +128,7 @@ fn burns(scene: &Scene, seed: u64, extent: &Extent, case: Case, name: &str, repo
     Ok(())
 }
 
-/// How a unit starts anew in a ramp, at a random instruction: its program resets it, or the power is cut.
+/// Restarts a unit in a ramp, at a random instruction: its program resets it, or the power is cut.
 fn restarts(scene: &Scene, seed: u64, extent: &Extent, cold: bool, report: &mut Report) -> Result<()> {
     let watched_s = RESTART_S + SETTLES_S;
     let outcomes = trials(

@@ -92,7 +92,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// What must not notice: axes that no fault touches. None where the samples themselves are touched.
+/// Axes that no fault touches: they must show none. None where the samples themselves are touched.
 fn untouched(faults: &[&Case]) -> Vec<usize> {
     let mut left: Vec<usize> = (0..3).collect();
     for c in faults {
@@ -105,7 +105,7 @@ fn untouched(faults: &[&Case]) -> Vec<usize> {
     left
 }
 
-/// What came of one trial.
+/// Result of one trial.
 #[derive(Debug, Default)]
 struct Outcome {
     /// From the fault's begin to the flag asked for, s; of each fault.
@@ -191,7 +191,7 @@ fn play(board: &mut Board<Wires>, start: &Snapshot<Wires>, truth: &Received, fau
 /// Each fault alone, and each combination of two.
 ///
 /// # Errors
-/// Where the unit cannot be run at all.
+/// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
     let cases = cases();
     let n = cases.len();
@@ -262,7 +262,7 @@ fn kept(o: &Outcome) -> bool {
     o.recovered_s <= RECOVERS_S && o.unsaid_dph <= BOUND_DPH && o.disturbed == 0 && o.resets == 0 && o.good_again
 }
 
-/// Whether both were flagged in time. On one and the same resonator one hides the other: there one flag will do. Without samples
+/// `true` if both were flagged in time. On one and the same resonator one hides the other: there one flag will do. Without samples
 /// there are no rates to flag.
 fn both_flagged(a: &Case, b: &Case, o: &Outcome) -> bool {
     let in_time = [o.flagged_s[0] <= a.within_s, o.flagged_s[1] <= b.within_s];

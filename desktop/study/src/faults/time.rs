@@ -12,7 +12,7 @@ const TICKS: u64 = Timebase::REFERENCE.ticks_per_s() as u64;
 const AROUND_S: u64 = 2;
 const HZ: f64 = 4871.747;
 
-/// What went wrong, counted.
+/// Failures found, counted.
 #[derive(Debug, Default)]
 struct Found {
     wraps: u64,

@@ -1,4 +1,4 @@
-//! What each mutant goes through.
+//! Exam that each mutant goes through.
 
 use crate::faults::Scene;
 use anyhow::{Context, Result};
@@ -18,7 +18,7 @@ const SILENT_S: f64 = 0.6;
 const FLIGHT_S: f64 = 2.2;
 /// A flight over the end of TIM2, which comes after 2^32 / 90 MHz = 47.7 s.
 const LONG_S: f64 = 50.0;
-/// When the unit is asked who it is, s.
+/// Time at which the unit is asked for its identity, s.
 const ASKED_S: f64 = 0.8;
 
 /// The scene of the exams.
@@ -28,7 +28,7 @@ pub struct Exam<'a> {
     new: Calibration,
 }
 
-/// What a unit did.
+/// Record of a unit's actions.
 #[derive(Debug, Default, Clone, PartialEq, Eq)]
 pub struct Outcome {
     /// The sentence that the board ended the run with.
@@ -40,12 +40,12 @@ pub struct Outcome {
     answers: Vec<String>,
     marks: Vec<u64>,
     times: Vec<u64>,
-    /// What all registers read after the start.
+    /// Values of all registers after the start.
     pub registers: BTreeMap<u32, u32>,
 }
 
 impl Outcome {
-    /// What is otherwise in another, if anything.
+    /// First difference of another record from this one, if any.
     #[must_use]
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
         [
@@ -84,7 +84,7 @@ impl<'a> Exam<'a> {
     /// All writes to registers until the first corrected rate has gone out.
     ///
     /// # Errors
-    /// Where it does not.
+    /// If no rate goes out.
     pub fn record(&self) -> Result<Vec<RegisterWrite>> {
         let mut board = self.board()?;
         board.record_writes();
@@ -104,7 +104,7 @@ impl<'a> Exam<'a> {
         out
     }
 
-    /// What a long flight shows, of a mutant that the exam did not.
+    /// Record of a long flight, for a mutant that the exam did not notice.
     pub fn long_flight(&self, mutation: Option<Mutation>) -> Outcome {
         let mut out = Outcome::default();
         let mut fly = || -> Result<()> {

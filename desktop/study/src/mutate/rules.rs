@@ -1,4 +1,4 @@
-//! What does not matter, by the manual: a mutant that nobody noticed is harmless by a rule, or stays unnoticed.
+//! Mutations that do not matter, by the manual: a mutant that nobody noticed is harmless by a rule, or stays unnoticed.
 
 use std::collections::BTreeMap;
 use virtual_board::mutation::RegisterWrite;
@@ -292,7 +292,7 @@ impl Rules {
         (0..32).filter(|b| bits & 1 << b != 0).all(|b| !used(b)).then_some(UNUSED_CLOCK)
     }
 
-    /// What ports are told.
+    /// Rule by which changed bits of a port's register do not matter; `None`: no rule applies.
     fn pins(&self, address: u32, bits: u32, value: u32) -> Option<&'static str> {
         let (port, register) = ((address - 0x4002_0000) as usize / 0x400, address & 0x3FF);
         // The mask of the k-th pin in the register, and the pins that it has.
@@ -344,7 +344,7 @@ impl Rules {
 }
 
 impl Rule {
-    /// Whether it is about a register of this name; `?` is any stream.
+    /// `true` if it is about a register of this name; `?` is any stream.
     fn of(&self, name: &str) -> bool {
         match self.register.split_once('?') {
             Some((before, after)) => name.contains(before) && name.ends_with(after),

@@ -1,4 +1,4 @@
-//! Cases of events. A unit cannot take any of them off. Where one falls into the train run only, the verify run can still be clean, if it
+//! Cases of events. A unit cannot take any of them off. If one falls into the train run only, the verify run can still be clean, provided it
 //! is kept out of the coefficients.
 
 use crate::case::{Case, Effect, Runs};

@@ -1,4 +1,4 @@
-//! What happens once, or at times that nobody can foretell.
+//! Effects that act once, or at times that are not predictable.
 
 use crate::draw::Draw;
 use crate::world::World;

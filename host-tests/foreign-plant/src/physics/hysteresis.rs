@@ -4,7 +4,7 @@ use crate::draw::Draw;
 use crate::operators::{bouc_wen, dahl, duhem, lag, minus, play, play_by, relay, sum};
 use crate::world::World;
 
-/// Where a play of half width `half` stands at power-on.
+/// State of a play of half width `half` at power-on.
 fn play_start(w: &World, half: f64) -> f64 {
     w.start_c() + w.plan.branch * half
 }

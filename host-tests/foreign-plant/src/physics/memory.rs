@@ -59,13 +59,13 @@ pub fn tau_by_axis(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
     minus(&lag(&w.t_c[a], w.dt_s, tau_s, w.start_c()), &w.t_c[a])
 }
 
-/// What heating alone stirs up, and time lets fade.
+/// Effect that heating alone excites and that decays with time.
 pub fn heating_only(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
     let tau_s = d.own("tau_s", 1500.0..3000.0);
     fading(w, tau_s, |i| w.ramp[a][i].max(0.0))
 }
 
-/// What cooling alone stirs up, and time lets fade.
+/// Effect that cooling alone excites and that decays with time.
 pub fn cooling_only(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
     let tau_s = d.own("tau_s", 900.0..1800.0);
     fading(w, tau_s, |i| (-w.ramp[a][i]).max(0.0))

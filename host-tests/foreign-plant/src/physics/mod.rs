@@ -13,5 +13,5 @@ pub mod thermometer;
 use crate::draw::Draw;
 use crate::world::World;
 
-/// What an effect does on axis number `axis` (0 to 2) over a run.
+/// Form of an effect on axis number `axis` (0 to 2) over a run.
 pub type Form = fn(&mut Draw, &World, usize) -> Vec<f64>;

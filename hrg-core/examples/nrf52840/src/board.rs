@@ -1,4 +1,4 @@
-//! What touches the chip.
+//! Drivers of the chip's peripherals: edge capture, ADC and serial port.
 //!
 //! # Design
 //! TIMER3 runs free at 16 MHz over 32 bits. A rising edge of a resonator and a falling one of the ADC's data-ready are events of GPIOTE;
@@ -35,7 +35,7 @@ pub type Stamps = Vec<u32, MOST_EDGES>;
 const DATA_READY: usize = AXES;
 const NOW: usize = AXES + 1;
 
-/// What interrupt and main loop share.
+/// State shared by the capture interrupt and the main loop.
 struct Captures {
     gpiote: Gpiote,
     timer: TIMER3,
@@ -186,7 +186,7 @@ impl Board {
         out[..2].copy_from_slice(&self.command[0].to_be_bytes());
         out[3..5].copy_from_slice(&self.command[1].to_be_bytes());
         let mut bytes = [0u8; 4 * WORDS];
-        // (What the bus does not bring is zeros, whose checksum is wrong.)
+        // (Bytes that the bus does not bring stay zero; their checksum is wrong.)
         let _ = self.spi.transfer_split_uneven(&mut self.select, &out, &mut bytes[..FRAME]);
         let mut frame = [0u32; WORDS];
         for (word, b) in frame.iter_mut().zip(bytes.chunks_exact(4)) {
