@@ -8,12 +8,8 @@ fn main() {
     fs::copy(root.join("memory.x"), out.join("memory.x")).expect("memory.x lies at the workspace's top level");
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed=../memory.x");
-    // Bytes of stack, a tenth above what the virtual board has seen (`cargo xtask bench`) where there is room: the particle filter leaves
-    // less. The test programs need less of it and more statics.
-    let firmware = if env::var_os("CARGO_FEATURE_UPF").is_some() { 40 * 1024 } else { 44 * 1024 };
-    for (program, stack) in [("firmware", firmware), ("bench", 24 * 1024), ("alternatives", 24 * 1024)] {
-        println!("cargo:rustc-link-arg-bin={program}=--defsym=_stack_size={stack}");
-    }
+    // Bytes of stack, a tenth above what the virtual board has seen (`cargo xtask bench`). The test programs need more of it.
+    println!("cargo:rustc-link-arg-bin=firmware=--defsym=_stack_size={}", 44 * 1024);
     println!("cargo:rustc-link-arg-tests=--defsym=_stack_size={}", 64 * 1024);
     println!("cargo:rustc-link-arg-tests=-Tembedded-test.x");
     println!("cargo:rerun-if-env-changed=HRG_PUBLIC_KEY");

@@ -16,6 +16,7 @@
 
 use crate::board::wired;
 use crate::params::{self, TIMER_HZ};
+#[cfg(feature = "pps")]
 use crate::pps;
 use core::sync::atomic::{fence, AtomicBool, AtomicU32, Ordering};
 use embassy_stm32::gpio::{Flex, Output};
@@ -55,6 +56,7 @@ pub struct Wiring {
     /// SYNC/RESET of the ADC, high.
     pub reset: Output<'static>,
     /// Sample mark, low ([`pps::mark`]).
+    #[cfg(feature = "pps")]
     pub mark: pps::MarkPin,
     /// Receiving stream.
     pub rx: Peri<'static, DMA2_CH0>,
@@ -96,6 +98,7 @@ fn start_transfer() {
 
 /// Data-ready (the interrupt of TIM2, channel 4): fetches the frame.
 pub fn data_ready() {
+    #[cfg(feature = "pps")]
     pps::mark(ENDS.load(Ordering::Relaxed));
     let timer = pac::TIM2;
     if timer.sr().read().ccof(3) {

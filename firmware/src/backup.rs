@@ -8,10 +8,10 @@
 //!
 //! A power cut within the millisecond in which they are written loses them. A power cut over midnight of the RTC, which nobody sets, does as well.
 
+use crate::model::Compensator;
 use core::ptr::with_exposed_provenance_mut;
 use embassy_stm32::pac::rcc::vals::Rtcsel;
 use embassy_stm32::pac::{PWR, RCC, RTC};
-use hrg_core::compensator::Compensator;
 use hrg_core::history::{Kept, KEPT_WORDS};
 use hrg_core::reset::ResetCause;
 

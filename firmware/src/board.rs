@@ -16,7 +16,8 @@ use crate::backup;
 use crate::capture::{self, Clock, Rings};
 use crate::maintain::{self, Sectors};
 use crate::params;
-use crate::pps::{self, PulseInput};
+#[cfg(feature = "pps")]
+use crate::pps;
 use crate::receive::{self, Receiver};
 use crate::watchdog::{Patience, Watchdog};
 use crate::{clock, program};
@@ -24,12 +25,15 @@ use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2, TIM3};
+#[cfg(feature = "pps")]
+use embassy_stm32::peripherals::TIM3;
+use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
 use embassy_stm32::usart::{self, UartTx};
 use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::Calibration;
+#[cfg(feature = "field-log")]
 use hrg_core::events::Journal;
 use hrg_core::maintenance::Store;
 use hrg_core::reset::ResetCause;
@@ -51,6 +55,7 @@ fn TIM2() {
 }
 
 /// A pulse per second came.
+#[cfg(feature = "pps")]
 #[interrupt]
 fn TIM3() {
     pps::captured();
@@ -135,13 +140,12 @@ pub struct Board {
     /// The two calibration sectors.
     pub sectors: Sectors,
     /// The field log.
+    #[cfg(feature = "field-log")]
     pub journal: Journal,
     /// The program's own check.
     pub program: program::Check,
     /// The crystal is right.
     pub crystal: bool,
-    /// The pulse per second.
-    pub pulses: PulseInput,
 }
 
 /// `crystal`: it is right; else the chip's own oscillator drives the PLL, at the same input of 2 MHz.
@@ -212,7 +216,9 @@ impl Board {
         let reset_cause = reset_cause();
         let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
         clock::wait_for_supply();
+        #[cfg_attr(not(feature = "field-log"), allow(unused_mut))]
         let mut sectors = Sectors::new(Flash::new_blocking(p.FLASH), patience);
+        #[cfg(feature = "field-log")]
         // Before anything is measured: it may erase, half a second long.
         let journal = Journal::open(&mut sectors, !reset_cause.is_brief());
 
@@ -220,7 +226,8 @@ impl Board {
         let data_ready = capture_input!(p.PB2, TIM2, Ch4);
         #[cfg(feature = "stm32f405rg")]
         let data_ready = capture_input!(p.PA3, TIM2, Ch4);
-        let pulses = pps::prepare(p.TIM3, capture_input!(p.PC6, TIM3, Ch1));
+        #[cfg(feature = "pps")]
+        pps::prepare(p.TIM3, capture_input!(p.PC6, TIM3, Ch1));
         let (rings, clock) = capture::start(
             p.TIM2,
             [
@@ -244,6 +251,7 @@ impl Board {
             ],
             select: Output::new(p.PB6, Level::High, Speed::High),
             reset: Output::new(p.PC7, Level::High, Speed::Low),
+            #[cfg(feature = "pps")]
             mark: Output::new(p.PC8, Level::Low, Speed::High),
             rx: p.DMA2_CH0,
             tx: p.DMA2_CH3,
@@ -268,10 +276,10 @@ impl Board {
             watchdog,
             reset_cause,
             sectors,
+            #[cfg(feature = "field-log")]
             journal,
             program: program::Check::new(p.CRC),
             crystal,
-            pulses,
         }
     }
 

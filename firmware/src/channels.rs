@@ -1,13 +1,12 @@
 //! Channels and signals between tasks. Nothing else is shared.
 
-use crate::params::{EVENT_QUEUE, FRAME_QUEUE};
+use crate::params::FRAME_QUEUE;
 use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use hrg_core::alignment::session::{Command, Report};
+use hrg_core::align_mode::{Command, Report};
 use hrg_core::compensator::Output;
-use hrg_core::events::Event;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::maintenance;
@@ -61,7 +60,8 @@ pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
 #[cfg(feature = "sensors")]
 pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
 /// Any task that sees an event to maintenance, which writes the field log; with the time since power-on, s.
-pub static EVENTS: Channel<Mutex, (u32, Event), EVENT_QUEUE> = Channel::new();
+#[cfg(feature = "field-log")]
+pub static EVENTS: Channel<Mutex, (u32, hrg_core::events::Event), { crate::params::EVENT_QUEUE }> = Channel::new();
 
 /// Time since power-on at the last second, s.
 pub static ON_FOR_S: AtomicU32 = AtomicU32::new(0);

@@ -4,8 +4,8 @@
 //! Two places, written in turn each second; each ends with a checksum ([`hrg_core::history`]). The start-up code of cortex-m-rt neither
 //! clears nor fills the section `.uninit`. After a power-on it holds anything, which has no checksum.
 
+use crate::model::Compensator;
 use core::sync::atomic::{AtomicU32, Ordering};
-use hrg_core::compensator::Compensator;
 use hrg_core::history::{newer, Kept, KEPT_WORDS};
 use hrg_core::reset::{Halt, ResetCause};
 
@@ -27,6 +27,7 @@ static LAST_WORD: AtomicU32 = AtomicU32::new(0);
 static RESUMED: AtomicU32 = AtomicU32::new(0);
 
 /// The correction of the clock, parts per 1e9 as a float, and its bits turned over.
+#[cfg(feature = "pps")]
 #[allow(unsafe_code)] // As above.
 #[unsafe(link_section = ".uninit.correction")]
 static CORRECTION: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
@@ -84,6 +85,7 @@ pub fn newest(cause: ResetCause) -> Option<Kept<impl Fn(usize) -> u32 + Copy>> {
 }
 
 /// The correction of the clock before a brief reset; 0: none is known.
+#[cfg(feature = "pps")]
 pub fn correction(cause: ResetCause) -> f64 {
     let [bits, turned] = CORRECTION.each_ref().map(read);
     let ppb = f32::from_bits(bits);
@@ -102,6 +104,7 @@ pub fn forget() {
 }
 
 /// Keeps the correction of the clock.
+#[cfg(feature = "pps")]
 pub fn keep_correction(correction: f64) {
     let bits = ((correction * 1e9) as f32).to_bits();
     CORRECTION[0].store(bits, Ordering::Relaxed);

@@ -33,6 +33,7 @@ mod link;
 mod maintain;
 mod model;
 mod params;
+#[cfg(feature = "pps")]
 mod pps;
 mod program;
 mod rate;
@@ -41,17 +42,19 @@ mod telemetry;
 mod watchdog;
 
 use crate::halt::once;
+use crate::model::Compensator;
 use crate::watchdog::Watchdog;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken, Spawner};
 use embassy_stm32::interrupt;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
-use hrg_core::alignment::session::Session;
+use hrg_core::align_mode::AlignMode;
 use hrg_core::calibration::Calibration;
-use hrg_core::compensator::Compensator;
+#[cfg(feature = "field-log")]
 use hrg_core::events::{Event, Record};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
+use hrg_core::parts::Parts;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
 use hrg_core::reset::{Halt, ResetCause};
@@ -60,10 +63,37 @@ use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use static_cell::{ConstStaticCell, StaticCell};
 
+/// Parts that this program was built with, for the tools that read the ELF.
+#[used]
+#[allow(unsafe_code)] // A name of its own, and no other symbol has it.
+#[unsafe(export_name = "_built_with")]
+static BUILT_WITH: u32 = built_with().bits();
+
+/// Parts by feature.
+const fn built_with() -> Parts {
+    let mut parts = Parts::empty();
+    if cfg!(feature = "align") {
+        parts = parts.union(Parts::ALIGN);
+    }
+    if cfg!(feature = "pps") {
+        parts = parts.union(Parts::PPS);
+    }
+    if cfg!(feature = "field-log") {
+        parts = parts.union(Parts::FIELD_LOG);
+    }
+    if cfg!(feature = "lockstep") {
+        parts = parts.union(Parts::LOCKSTEP);
+    }
+    if cfg!(feature = "past") {
+        parts = parts.union(Parts::PAST);
+    }
+    parts
+}
+
 /// Runs the rate task, in the interrupt of a peripheral that the unit does not use.
 static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
-/// Runs the model and the link, the same way: what takes long in a thread (an alignment by particles) delays neither a bias nor a
+/// Runs the model and the link, the same way: what takes long in a thread delays neither a bias nor a
 /// frame.
 static MODEL_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
@@ -103,7 +133,7 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
 
 /// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
 #[inline(never)]
-fn resume(models: &mut [&'static mut Compensator; 2], cause: ResetCause) -> u32 {
+fn resume(models: &mut [&'static mut Compensator; model::CHANNELS], cause: ResetCause) -> u32 {
     if let Some(kept) = kept::newest(cause) {
         models.iter_mut().for_each(|m| m.resume(&kept));
     } else {
@@ -126,8 +156,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
     status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
-    // The model runs twice, in separate memory: a bit that flips in one of them shows (hrg_core::compensator::update_both).
-    static COMPENSATORS: [StaticCell<Compensator>; 2] = [const { StaticCell::new() }; 2];
+    static COMPENSATORS: [StaticCell<Compensator>; model::CHANNELS] = [const { StaticCell::new() }; model::CHANNELS];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     let resets = resume(&mut compensators, board.reset_cause);
     let identity = Identity {
@@ -161,39 +190,52 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     if halt != Halt::None {
         defmt::warn!("stopped before by {=str}", halt.name());
     }
-    let event = Event::Start { cause: board.reset_cause, halt, resets: identity.resets, calibration: checksum };
+    #[cfg(feature = "field-log")]
     let on_for_s = compensators[0].on_for_s() as u32;
-    board.journal.write(&mut board.sectors, Record { on_for_s, event });
-    if let Some(event) = cut_short.and_then(|place| sectors::mark(&mut board.sectors, place)) {
-        defmt::warn!("a burn was cut short");
+    #[cfg(feature = "field-log")]
+    {
+        let event = Event::Start { cause: board.reset_cause, halt, resets: identity.resets, calibration: checksum };
         board.journal.write(&mut board.sectors, Record { on_for_s, event });
+    }
+    if let Some(_event) = cut_short.and_then(|place| sectors::mark(&mut board.sectors, place)) {
+        defmt::warn!("a burn was cut short");
+        #[cfg(feature = "field-log")]
+        board.journal.write(&mut board.sectors, Record { on_for_s, event: _event });
     }
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
-    static SESSION: ConstStaticCell<Session<telemetry::Flown>> = ConstStaticCell::new(Session::IDLE);
-    let session: &mut Session<_> = once(SESSION.try_take());
-    session.set_accelerometers(calibration.accelerometers);
-    let telemetry = Telemetry::new(session, params::TIMEBASE, identity, status)
+    static ALIGNMENT: ConstStaticCell<telemetry::Alignment> = ConstStaticCell::new(telemetry::Alignment::IDLE);
+    let alignment = once(ALIGNMENT.try_take());
+    AlignMode::set_accelerometers(alignment, calibration.accelerometers);
+    let telemetry = Telemetry::new(alignment, params::TIMEBASE, identity, status)
         .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
     let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked).with_key(maintain::KEY);
     let maintenance = once(MAINTENANCE.try_init(maintenance));
 
-    let model_start = model::Start { crystal: board.crystal, correction: kept::correction(board.reset_cause) };
+    let model_start = model::Start {
+        crystal: board.crystal,
+        #[cfg(feature = "pps")]
+        correction: kept::correction(board.reset_cause),
+    };
     // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);
     interrupt::UART4.set_priority(Priority::P8);
     let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
     spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
-    spawned(model::task(board.rings, board.clock, board.pulses, model_start, compensators), |t| model_spawner.spawn(t));
+    spawned(model::task(board.rings, board.clock, model_start, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity), |t| model_spawner.spawn(t));
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
-    spawned(maintain::task(maintenance, board.sectors, board.journal), |t| spawner.spawn(t));
+    #[cfg(feature = "field-log")]
+    let maintenance = maintain::task(maintenance, board.sectors, board.journal);
+    #[cfg(not(feature = "field-log"))]
+    let maintenance = maintain::task(maintenance, board.sectors);
+    spawned(maintenance, |t| spawner.spawn(t));
     #[cfg(feature = "bring-up")]
     bring_up::start(spawner);
     (board.watchdog, board.program)

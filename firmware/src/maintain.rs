@@ -4,17 +4,22 @@
 //! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other. Most burns erase nothing; the
 //! programming of a word takes 16 us.
 
-use crate::channels::{ANSWER, EVENTS, MAINTAIN, MAINTENANCE_OPEN, ON_FOR_S};
+use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
+#[cfg(feature = "field-log")]
+use crate::channels::{EVENTS, ON_FOR_S};
 use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
 use core::ops::Range;
+#[cfg(feature = "field-log")]
 use core::sync::atomic::Ordering;
+#[cfg(feature = "field-log")]
 use embassy_futures::select::{select, Either};
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
 use embassy_time::{with_deadline, Instant, Timer};
+#[cfg(feature = "field-log")]
 use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
@@ -27,9 +32,13 @@ unsafe extern "C" {
     static _calibration_a_end: u8;
     static _calibration_b_start: u8;
     static _calibration_b_end: u8;
+    #[cfg(feature = "field-log")]
     static _events_a_start: u8;
+    #[cfg(feature = "field-log")]
     static _events_a_end: u8;
+    #[cfg(feature = "field-log")]
     static _events_b_start: u8;
+    #[cfg(feature = "field-log")]
     static _events_b_end: u8;
 }
 
@@ -124,6 +133,7 @@ impl Sectors {
     }
 
     /// A sector of the field log in flash.
+    #[cfg(feature = "field-log")]
     fn log_range(sector: usize) -> Range<usize> {
         let [start, end] = if sector == 0 {
             [&raw const _events_a_start, &raw const _events_a_end]
@@ -134,6 +144,7 @@ impl Sectors {
     }
 }
 
+#[cfg(feature = "field-log")]
 impl events::Store for Sectors {
     fn log(&self, sector: usize) -> &[u8] {
         let address = Self::log_range(sector).start;
@@ -160,8 +171,11 @@ impl Store for Sectors {
     fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
         self.program(Self::offsets(at.sector).start + at.offset, bytes)
     }
-    fn events(&self, sector: usize) -> &[u8] {
-        events::Store::log(self, sector)
+    fn events(&self, _sector: usize) -> &[u8] {
+        #[cfg(feature = "field-log")]
+        return events::Store::log(self, _sector);
+        #[cfg(not(feature = "field-log"))]
+        &[]
     }
     fn view(&self, sector: Sector) -> &[u8] {
         let range = Self::range(sector);
@@ -175,16 +189,27 @@ impl Store for Sectors {
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors, mut journal: Journal) {
+pub async fn task(
+    maintenance: &'static mut Maintenance,
+    mut sectors: Sectors,
+    #[cfg(feature = "field-log")] mut journal: Journal,
+) {
     // (Events do not keep the mode open.)
     let mut idle = Instant::now() + params::MAINTENANCE_IDLE;
     loop {
-        let command = match with_deadline(idle, select(MAINTAIN.receive(), EVENTS.receive())).await {
-            Ok(Either::First(command)) => command,
+        #[cfg(feature = "field-log")]
+        let next = match with_deadline(idle, select(MAINTAIN.receive(), EVENTS.receive())).await {
+            Ok(Either::First(command)) => Ok(command),
             Ok(Either::Second((on_for_s, event))) => {
                 journal.write(&mut sectors, Record { on_for_s, event });
                 continue;
             }
+            Err(late) => Err(late),
+        };
+        #[cfg(not(feature = "field-log"))]
+        let next = with_deadline(idle, MAINTAIN.receive()).await;
+        let command = match next {
+            Ok(command) => command,
             Err(_) if maintenance.open() => {
                 idle = Instant::now() + params::MAINTENANCE_IDLE;
                 maintenance.command(&Command::Close, &mut sectors);
@@ -198,6 +223,7 @@ pub async fn task(maintenance: &'static mut Maintenance, mut sectors: Sectors, m
         };
         idle = Instant::now() + params::MAINTENANCE_IDLE;
         let reply = maintenance.command(&command, &mut sectors);
+        #[cfg(feature = "field-log")]
         match (command, reply) {
             // (An end without a burn is none, and must not fill the log.)
             (Command::End, Reply::Answer(Answer::NotOpen | Answer::Order, _)) => {}

@@ -5,36 +5,57 @@ use crate::channels::{self, BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
 use crate::halt::halt;
 use crate::kept;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
-use crate::pps::{PulseInput, PULSE};
+#[cfg(feature = "pps")]
+use crate::pps::PULSE;
 use embassy_time::Ticker;
-use hrg_core::compensator::{update_both, Compensator};
+use hrg_core::compensator::{Model, Output};
+use hrg_core::frequency::StepFrequencies;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+#[cfg(feature = "pps")]
 use hrg_core::pps::Pps;
+#[cfg(not(feature = "pps"))]
+use hrg_core::pps::Report;
 use hrg_core::rate_path::PendingBias;
 use hrg_core::reset::Halt;
 use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
+
+/// The bias model of this unit.
+#[cfg(feature = "past")]
+pub type Compensator = Model<hrg_core::history::History>;
+/// The bias model of this unit.
+#[cfg(not(feature = "past"))]
+pub type Compensator = Model<hrg_core::history::Settling>;
+
+/// Models that run: two in separate memory with `lockstep`, so that a bit that flips in one of them shows.
+pub const CHANNELS: usize = if cfg!(feature = "lockstep") { 2 } else { 1 };
+
+/// One step of the models; `None` if they differ.
+#[cfg(feature = "lockstep")]
+fn update([first, second]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
+    hrg_core::compensator::update_both([first, second], step)
+}
+
+/// One step of the model.
+#[cfg(not(feature = "lockstep"))]
+fn update([model]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
+    Some(model.update(step))
+}
 
 /// Results of the start.
 pub struct Start {
     /// The crystal is right.
     pub crystal: bool,
     /// The correction of the clock before a reset.
+    #[cfg(feature = "pps")]
     pub correction: f64,
 }
 
 /// See the module.
 #[embassy_executor::task]
-// (The input of the pulses is only held: a pin that is dropped is an input no more.)
-pub async fn task(
-    mut rings: Rings,
-    clock: Clock,
-    _pulses: PulseInput,
-    start: Start,
-    redundant: [&'static mut Compensator; 2],
-) {
-    let [first, second] = redundant;
+pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'static mut Compensator; CHANNELS]) {
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
+    #[cfg(feature = "pps")]
     let mut pps = Pps::new(TIMEBASE).with_correction(start.correction);
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
@@ -46,22 +67,25 @@ pub async fn task(
                 bank.disturb(k);
             }
         }
+        #[cfg(feature = "pps")]
         if let Some(pulse) = PULSE.try_take() {
             pps.pulse(pulse);
         }
         TICK.signal(now);
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
+        #[cfg(feature = "pps")]
         let (step, report) = pps.second(step);
+        #[cfg(not(feature = "pps"))]
+        let report = Report::NONE;
         #[cfg(feature = "sensors")]
         let step =
             hrg_core::sensors::with_readings(step, channels::SENSORS.try_take().as_ref(), &crate::params::SENSOR);
         channels::stand(UnitStatus::TIMEBASE, report.out_of_bounds);
         if let Some(trim) = TRIM.try_take() {
-            first.set_trim(trim);
-            second.set_trim(trim);
+            models.iter_mut().for_each(|model| model.set_trim(trim));
         }
-        let Some(output) = update_both([first, second], &step) else {
+        let Some(output) = update(&mut models, &step) else {
             defmt::error!("the two models differ: corruption detected");
             halt(Halt::Corruption)
         };
@@ -70,10 +94,11 @@ pub async fn task(
         if !start.crystal || report.out_of_bounds {
             kept::forget();
         } else {
+            #[cfg(feature = "pps")]
             kept::keep_correction(pps.correction());
-            kept::keep(first, step.step);
+            kept::keep(models[0], step.step);
             #[cfg(feature = "battery")]
-            crate::backup::keep(second);
+            crate::backup::keep(models[CHANNELS - 1]);
         }
         // Telemetry that is not listening loses a second; the bias is on its way.
         let _ = STEP.try_send((step, output, report));

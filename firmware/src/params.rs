@@ -47,6 +47,7 @@ pub const FRAME_QUEUE: usize = 8;
 pub const SENSOR: hrg_core::sensors::Platinum = hrg_core::sensors::Platinum::PT1000;
 
 /// Events that may wait to be written: more than can happen in a second.
+#[cfg(feature = "field-log")]
 pub const EVENT_QUEUE: usize = 8;
 
 /// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB

@@ -20,15 +20,8 @@ use embassy_sync::signal::Signal;
 /// A pulse came: the tick of TIM2.
 pub static PULSE: Signal<CriticalSectionRawMutex, u32> = Signal::new();
 
-/// The pulse input, counting.
-#[allow(dead_code)] // Held, so that nobody else takes them.
-pub struct PulseInput {
-    timer: Peri<'static, TIM3>,
-    pin: Flex<'static>,
-}
-
 /// Sets TIM3 up to start with TIM2: before that one starts. `pin`: set up as its channel 1.
-pub fn prepare(timer: Peri<'static, TIM3>, pin: Flex<'static>) -> PulseInput {
+pub fn prepare(timer: Peri<'static, TIM3>, pin: Flex<'static>) {
     rcc::enable_and_reset::<TIM3>();
     let t = pac::TIM3;
     t.arr().write(|w| w.set_arr(u16::MAX));
@@ -46,7 +39,8 @@ pub fn prepare(timer: Peri<'static, TIM3>, pin: Flex<'static>) -> PulseInput {
     unsafe {
         interrupt::TIM3.enable();
     }
-    PulseInput { timer, pin }
+    // Held for ever: a pin that is dropped is an input no more.
+    core::mem::forget((timer, pin));
 }
 
 /// The interrupt of TIM3.

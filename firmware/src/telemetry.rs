@@ -2,27 +2,25 @@
 //! in [`hrg_core::telemetry`].
 
 use crate::channels::{
-    self, ALIGN, ALIGNMENT, EVENTS, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP,
-    TELEMETRY_ALIVE, TRIM,
+    self, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP, TELEMETRY_ALIVE,
+    TRIM,
 };
 use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};
-use hrg_core::alignment::session::Session;
-use hrg_core::events::Watch;
 use hrg_core::telemetry::{Telemetry, RATES_WAIT_MS};
 
-/// The filter that is flown. The kernel form of the unscented particle filter is a build feature: it takes another 90 KiB of
-/// RAM and 200 times the instructions, for the same azimuth (docs/alignment.md).
-#[cfg(not(feature = "upf"))]
-pub type Flown = hrg_core::alignment::linear::Linear<f32>;
-/// See above.
-#[cfg(feature = "upf")]
-pub type Flown = hrg_core::alignment::particles::Kernels<f32, { hrg_core::alignment::particles::CHEN }>;
+/// The align mode.
+#[cfg(feature = "align")]
+pub type Alignment = hrg_align::session::Session<hrg_align::linear::Linear<f32>>;
+/// The align mode: it refuses.
+#[cfg(not(feature = "align"))]
+pub type Alignment = hrg_core::align_mode::NotBuiltIn;
 
 /// Merges what the model and the rate path say of one second.
 #[embassy_executor::task]
-pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
-    let mut watch = Watch::default();
+pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
+    #[cfg(feature = "field-log")]
+    let mut watch = hrg_core::events::Watch::default();
     loop {
         let (step, output, report) = STEP.receive().await;
         TELEMETRY_ALIVE.signal(());
@@ -47,9 +45,10 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Session<Flown>>) {
         }
         let h = &housekeeping;
         ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
+        #[cfg(feature = "field-log")]
         watch.second(h.axis_status, h.unit_status, h.temperature_c, |event| {
             // A full queue loses it: the flag rises again, or stands in every frame.
-            let _ = EVENTS.try_send((h.on_for_s as u32, event));
+            let _ = crate::channels::EVENTS.try_send((h.on_for_s as u32, event));
         });
         HOUSEKEEPING.signal(housekeeping);
         LOG.signal(housekeeping);

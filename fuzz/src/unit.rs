@@ -1,8 +1,8 @@
 //! The unit's own path: ADC frames, time stamps, frequencies and codes as they please.
 
+use hrg_align::linear::Linear;
+use hrg_align::session::Session;
 use hrg_core::adc::{decode, Fault, WORDS};
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::session::Session;
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Compensator;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};

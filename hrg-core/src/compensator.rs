@@ -18,7 +18,7 @@ use crate::bias;
 use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
-use crate::history::{self, Head, History, Kept};
+use crate::history::{self, Head, History, Kept, Past};
 use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
@@ -67,14 +67,17 @@ impl Output {
 
 /// One model step of two compensators that were made alike and have seen the same, in separate memory. `None` where they
 /// differ in any bit: memory is corrupted, and neither is to be trusted.
-pub fn update_both(channels: [&mut Compensator; 2], step: &StepFrequencies) -> Option<Output> {
+pub fn update_both<P: Past>(channels: [&mut Model<P>; 2], step: &StepFrequencies) -> Option<Output> {
     let [a, b] = channels.map(|channel| channel.update(step));
     a.same(&b).then_some(a)
 }
 
+/// The bias model of a unit, running, with two more pasts of each effect.
+pub type Compensator = Model<History>;
+
 /// The bias model of a unit, running.
 #[derive(Debug, Clone)]
-pub struct Compensator {
+pub struct Model<P> {
     calibration: Calibration,
     thermometer: Thermometer,
     /// Of each effect of the calibration: its states.
@@ -82,7 +85,7 @@ pub struct Compensator {
     /// Axes with an effect that looks at the others.
     looks_at_neighbours: [bool; AXES],
     /// Uncertainty of the unit's past.
-    history: History,
+    past: P,
     /// Steps that were kept, and resets since power-on.
     kept: u32,
     resets: u32,
@@ -97,7 +100,7 @@ pub struct Compensator {
     factor_status: [AxisStatus; AXES],
 }
 
-impl Compensator {
+impl<P: Past> Model<P> {
     /// Starts in equilibrium with the first temperature.
     // In line: what builds a static one should need the stack for it once.
     #[inline]
@@ -115,7 +118,7 @@ impl Compensator {
             let _ = running.push(one);
         }
         Self {
-            history: History::unknown(&calibration.effects),
+            past: P::unknown(&calibration.effects),
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
             looks_at_neighbours,
@@ -137,7 +140,7 @@ impl Compensator {
     pub fn keep(&mut self, put: impl FnMut(usize, u32)) {
         self.kept = self.kept.wrapping_add(1);
         let head = Head { sequence: self.kept, time_s: self.thermometer.now().time_s, resets: self.resets };
-        history::keep(head, &self.calibration.effects, &mut self.running, &mut self.history, put);
+        history::keep(head, &self.calibration.effects, &mut self.running, &mut self.past, put);
     }
 
     /// Goes on from states that were kept before a reset of some hundred milliseconds. An effect of which none were kept, as the
@@ -146,7 +149,7 @@ impl Compensator {
         self.kept = kept.head.sequence;
         self.resets = kept.head.resets.wrapping_add(1);
         self.thermometer.powered_on_before(kept.head.time_s + history::RESTART_S);
-        history::resume(kept, &self.calibration.effects, &mut self.running, &mut self.history);
+        history::resume(kept, &self.calibration.effects, &mut self.running, &mut self.past);
     }
 
     /// Time since power-on, over restarts, s.
@@ -206,7 +209,7 @@ impl Compensator {
             };
             running.add_bias_dph(scaling, thermal, sums);
         }
-        let unknown = self.history.step(&self.calibration, thermal, &mut self.running);
+        let unknown = self.past.step(&self.calibration, thermal, &mut self.running);
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],

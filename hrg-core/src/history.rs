@@ -36,7 +36,7 @@ use crate::bias::clamp;
 use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::compensator::HOLD_S;
-use crate::effects::{OnUnit, Sums, MAX_MEMORY, MAX_OUTPUTS};
+use crate::effects::{self, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::half::Half;
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
@@ -72,7 +72,7 @@ pub struct Unknown {
 
 /// Distance of the copies of an effect on one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Past {
+enum Place {
     /// The axis has had no temperature yet.
     Coming,
     /// They are apart by so much now, and were by so much at most, deg/h.
@@ -81,19 +81,31 @@ enum Past {
     Known,
 }
 
+/// What a unit knows of its past: [`History`], or [`Settling`], which is smaller and gives no number.
+pub trait Past: Clone + core::fmt::Debug {
+    /// Of effects that have just begun: nothing is known of their past.
+    fn unknown(terms: &[EffectTerm]) -> Self;
+    /// One model step, after that of the effects themselves (`running`).
+    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown;
+    /// Effect `e` with the coldest or the hottest past, if there is such a copy.
+    fn copy(&mut self, e: usize, side: Side) -> Option<&mut OnUnit>;
+    /// Two numbers by which effect `e` of axis `k` is kept over a restart: NaN first: nothing is known yet; below zero: all is known.
+    fn numbers(&self, e: usize, k: usize) -> [f32; 2];
+    /// Takes these numbers again.
+    fn take(&mut self, e: usize, k: usize, numbers: [f32; 2]);
+}
+
 /// Effects begun with two other pasts. See the module.
 #[derive(Debug, Clone)]
 pub struct History {
     low: Vec<OnUnit, MAX_EFFECTS>,
     high: Vec<OnUnit, MAX_EFFECTS>,
-    past: [[Past; AXES]; MAX_EFFECTS],
+    past: [[Place; AXES]; MAX_EFFECTS],
     steps: u32,
 }
 
-impl History {
-    /// Of effects that have just begun: nothing is known of their past.
-    #[must_use]
-    pub fn unknown(terms: &[EffectTerm]) -> Self {
+impl Past for History {
+    fn unknown(terms: &[EffectTerm]) -> Self {
         let mut low = Vec::new();
         for term in terms {
             let Some(one) = OnUnit::new(term.id, &term.parameters, term.start, TURN as f32 * MODEL_STEP_S) else {
@@ -101,19 +113,18 @@ impl History {
             };
             let _ = low.push(one);
         }
-        Self { high: low.clone(), low, past: [[Past::Coming; AXES]; MAX_EFFECTS], steps: 0 }
+        Self { high: low.clone(), low, past: [[Place::Coming; AXES]; MAX_EFFECTS], steps: 0 }
     }
 
-    /// One model step, after that of the effects themselves (`running`).
     #[inline(never)]
-    pub fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
         self.steps = self.steps.wrapping_add(1);
         let turn = (self.steps % TURN) as usize;
         let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
         // The copies take longer steps, each in its turn, and one at once where an axis has its first temperature: so a step costs hardly
         // more than without them.
         for (e, (main, term)) in running.iter_mut().zip(&calibration.effects).enumerate() {
-            let begins = |p: &[Past; AXES]| p.iter().zip(&thermal.axes).any(|(p, a)| *p == Past::Coming && a.known);
+            let begins = |p: &[Place; AXES]| p.iter().zip(&thermal.axes).any(|(p, a)| *p == Place::Coming && a.known);
             if e == turn || self.past.get(e).is_some_and(begins) {
                 self.advance(e, main, term, calibration, thermal);
             }
@@ -121,9 +132,9 @@ impl History {
         for (past, term) in self.past.iter().zip(&calibration.effects) {
             for (k, past) in past.iter().enumerate() {
                 match *past {
-                    Past::Known => {}
-                    Past::Coming => unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0),
-                    Past::Apart(now, most) => {
+                    Place::Known => {}
+                    Place::Coming => unknown.axes[k] |= term.gains[k].iter().any(|g| *g != 0.0),
+                    Place::Apart(now, most) => {
                         unknown.axes[k] |= now > NEGLIGIBLE_DPH && now > KNOWN * most;
                         unknown.std_dph[k] += UNIFORM * now;
                     }
@@ -133,6 +144,33 @@ impl History {
         unknown
     }
 
+    fn copy(&mut self, e: usize, side: Side) -> Option<&mut OnUnit> {
+        match side {
+            Side::Cold => self.low.get_mut(e),
+            Side::Hot => self.high.get_mut(e),
+        }
+    }
+
+    fn numbers(&self, e: usize, k: usize) -> [f32; 2] {
+        match self.past.get(e).and_then(|p| p.get(k)) {
+            None | Some(Place::Coming) => [f32::NAN; 2],
+            Some(Place::Apart(apart, most)) => [*apart, *most],
+            Some(Place::Known) => [-1.0; 2],
+        }
+    }
+
+    fn take(&mut self, e: usize, k: usize, numbers: [f32; 2]) {
+        if let Some(past) = self.past.get_mut(e).and_then(|p| p.get_mut(k)) {
+            *past = match numbers {
+                [apart, _] if apart.is_nan() => Place::Coming,
+                [apart, _] if apart < 0.0 => Place::Known,
+                [apart, most] => Place::Apart(apart, most),
+            };
+        }
+    }
+}
+
+impl History {
     /// Advances the copies of effect `e` by their own step.
     fn advance(
         &mut self,
@@ -148,22 +186,22 @@ impl History {
         };
         let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
         let any_lost = main.looks_at_neighbours() && lost.contains(&true);
-        if *past == [Past::Known; AXES] && !any_lost && lost == [false; AXES] {
+        if *past == [Place::Known; AXES] && !any_lost && lost == [false; AXES] {
             return;
         }
         for (k, past) in past.iter_mut().enumerate() {
             let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
             match past {
-                Past::Coming if known => {
+                Place::Coming if known => {
                     low.soak_at(k, range.valid_from_c);
                     high.soak_at(k, range.valid_to_c);
-                    *past = Past::Apart(0.0, 0.0);
+                    *past = Place::Apart(0.0, 0.0);
                 }
-                Past::Known if known && (lost[k] || any_lost) => {
+                Place::Known if known && (lost[k] || any_lost) => {
                     for copy in [&mut *low, &mut *high] {
                         copy.memory(k).iter_mut().zip(main.memory(k)).for_each(|(to, from)| *to = *from);
                     }
-                    *past = Past::Apart(0.0, 0.0);
+                    *past = Place::Apart(0.0, 0.0);
                 }
                 _ => {}
             }
@@ -183,12 +221,106 @@ impl History {
         }
         let [cold_dph, hot_dph] = bias_dph;
         for (((past, lost), cold_dph), hot_dph) in past.iter_mut().zip(lost).zip(cold_dph).zip(hot_dph) {
-            let Past::Apart(_, most) = *past else { continue };
+            let Place::Apart(_, most) = *past else { continue };
             let apart = (hot_dph - cold_dph).abs();
             // While a thermometer is lost they part anew.
             let parting = lost || any_lost;
             let most = if apart > most || parting { apart } else { most };
-            *past = if apart <= NEGLIGIBLE_DPH && !parting { Past::Known } else { Past::Apart(apart, most) };
+            *past = if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most) };
+        }
+    }
+}
+
+/// Time for which an effect with a memory is flagged, in time constants: a twentieth of the past is left then.
+const TIME_CONSTANTS: f32 = 3.0;
+
+/// Part of the past of an effect on one axis that has not passed yet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Left {
+    /// The axis has had no temperature yet.
+    Coming,
+    /// So much time, s.
+    Time(f32),
+    /// The temperatures that were swept so far, C.
+    Swept(f32, f32),
+    /// Nothing.
+    Known,
+}
+
+/// A past that settles: an axis is flagged until three time constants of each of its effects have passed, or the temperature has swept
+/// its width; the uncertainty of the bias for want of a past is not stated. A quarter of the memory of [`History`], and no second code.
+#[derive(Debug, Clone)]
+pub struct Settling {
+    spans: [Span; MAX_EFFECTS],
+    left: [[Left; AXES]; MAX_EFFECTS],
+}
+
+impl Past for Settling {
+    fn unknown(terms: &[EffectTerm]) -> Self {
+        let mut spans = [Span::None; MAX_EFFECTS];
+        for (to, term) in spans.iter_mut().zip(terms) {
+            *to = effects::span(term.id, &term.parameters);
+        }
+        Self { spans, left: [[Left::Coming; AXES]; MAX_EFFECTS] }
+    }
+
+    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+        let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
+        let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
+        for (((left, span), main), term) in self.left.iter_mut().zip(&self.spans).zip(running).zip(&calibration.effects)
+        {
+            let any_lost = main.looks_at_neighbours() && lost.contains(&true);
+            for (k, left) in left.iter_mut().enumerate() {
+                let Some((now, lost)) = thermal.axes.get(k).zip(lost.get(k)) else { continue };
+                *left = if *lost || any_lost { Left::Coming } else { left.after(*span, now.state.temperature_c) };
+                let acts = term.gains.get(k).is_some_and(|g| g.iter().any(|g| *g != 0.0));
+                if let Some(flag) = unknown.axes.get_mut(k) {
+                    *flag |= acts && *left != Left::Known;
+                }
+            }
+        }
+        unknown
+    }
+
+    fn copy(&mut self, _: usize, _: Side) -> Option<&mut OnUnit> {
+        None
+    }
+
+    fn numbers(&self, e: usize, k: usize) -> [f32; 2] {
+        match self.left.get(e).and_then(|l| l.get(k)) {
+            None | Some(Left::Coming) => [f32::NAN; 2],
+            Some(Left::Time(s)) => [0.0, *s],
+            // (A sweep begins anew with a restart.)
+            Some(Left::Swept(..)) => [f32::NAN; 2],
+            Some(Left::Known) => [-1.0; 2],
+        }
+    }
+
+    fn take(&mut self, e: usize, k: usize, numbers: [f32; 2]) {
+        if let Some(left) = self.left.get_mut(e).and_then(|l| l.get_mut(k)) {
+            *left = match numbers {
+                [known, _] if known < 0.0 => Left::Known,
+                [known, s] if known == 0.0 && s.is_finite() => Left::Time(s),
+                _ => Left::Coming,
+            };
+        }
+    }
+}
+
+impl Left {
+    /// After one more step at a temperature.
+    fn after(self, span: Span, temperature_c: f32) -> Self {
+        match (self, span) {
+            (Self::Known, _) | (_, Span::None) => Self::Known,
+            (Self::Coming, Span::Time(tau_s)) => Self::Time(TIME_CONSTANTS * tau_s),
+            (Self::Time(s), _) if s <= MODEL_STEP_S => Self::Known,
+            (Self::Time(s), _) => Self::Time(s - MODEL_STEP_S),
+            (Self::Coming, _) => Self::Swept(temperature_c, temperature_c),
+            (Self::Swept(low, high), Span::Range(width_c)) if high - low >= width_c => Self::Known,
+            (Self::Swept(low, high), _) => Self::Swept(
+                if temperature_c < low { temperature_c } else { low },
+                if temperature_c > high { temperature_c } else { high },
+            ),
         }
     }
 }
@@ -204,10 +336,12 @@ fn variation(gains: &[f32; MAX_OUTPUTS]) -> [f32; MAX_OUTPUTS] {
     })
 }
 
-/// The coldest or the hottest that a thermometer may be which is lost.
-#[derive(Clone, Copy, PartialEq)]
-enum Side {
+/// A past: the coldest or the hottest that the unit, or a lost thermometer, may have had.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// The coldest.
     Cold,
+    /// The hottest.
     Hot,
 }
 
@@ -288,32 +422,33 @@ impl<W: Fn(usize) -> u32> Kept<W> {
             .find(|at| [0, 1, 2].map(|k: usize| (self.words)(at + k)) == [u32::from(term.id), p, q])
     }
 
-    /// Gives an effect back what it remembered, and its two copies theirs; `None` where it was not there.
-    fn resume(&self, term: &EffectTerm, mut copies: [&mut OnUnit; 3], past: &mut [Past; AXES]) -> Option<()> {
+    /// Gives effect `e` back what it remembered, and its two copies theirs; `None` where it was not there.
+    fn resume<P: Past>(&self, term: &EffectTerm, e: usize, main: &mut OnUnit, past: &mut P) -> Option<()> {
         let gains = self.find(term)? + 3;
         let mut at = gains + GAIN_WORDS;
-        for (k, past) in past.iter_mut().enumerate() {
+        let read = |at: usize, memory: &mut [f32]| {
+            for (m, to) in memory.iter_mut().enumerate() {
+                *to = f32::from_bits((self.words)(at + m));
+            }
+        };
+        for k in 0..AXES {
             // A state known to NEGLIGIBLE_DPH with small gains is known to ten times that, which still is nothing,
             // with gains of up to ten times. With larger gains only the effect's own memory is gone on from.
-            let larger = term.gains[k].chunks(2).enumerate().any(|(n, pair)| {
+            let larger = term.gains.get(k)?.chunks(2).enumerate().any(|(n, pair)| {
                 let kept = (self.words)(gains + k * MAX_OUTPUTS / 2 + n);
                 let before = [kept as u16, (kept >> 16) as u16].map(|bits| Half::from_bits(bits).value().abs());
                 pair.iter().zip(before).any(|(now, before)| now.abs() > 10.0 * before + 1e-6)
             });
-            for copy in &mut copies {
-                for (m, to) in copy.memory(k).iter_mut().enumerate() {
-                    *to = f32::from_bits((self.words)(at + m));
+            read(at, main.memory(k));
+            at += MAX_MEMORY;
+            for side in [Side::Cold, Side::Hot] {
+                if let Some(copy) = past.copy(e, side) {
+                    read(at, copy.memory(k));
                 }
                 at += MAX_MEMORY;
             }
-            *past = match [at, at + 1].map(|at| f32::from_bits((self.words)(at))) {
-                [apart, _] if apart.is_nan() => Past::Coming,
-                [apart, _] if apart < 0.0 => Past::Known,
-                [apart, most] => Past::Apart(apart, most),
-            };
-            if larger {
-                *past = Past::Coming;
-            }
+            let numbers = [at, at + 1].map(|at| f32::from_bits((self.words)(at)));
+            past.take(e, k, if larger { [f32::NAN; 2] } else { numbers });
             at += 2;
         }
         Some(())
@@ -325,11 +460,11 @@ fn checksum(words: &impl Fn(usize) -> u32) -> u32 {
 }
 
 /// Writes states as words: `put` is given each word with its place, the checksum last.
-pub(crate) fn keep(
+pub(crate) fn keep<P: Past>(
     head: Head,
     terms: &[EffectTerm],
     running: &mut [OnUnit],
-    history: &mut History,
+    past: &mut P,
     mut put: impl FnMut(usize, u32),
 ) {
     let mut digest = bytes::Digest::default();
@@ -342,27 +477,23 @@ pub(crate) fn keep(
     for word in [KEPT, head.sequence, head.time_s.to_bits(), head.resets, running.len() as u32] {
         add(word);
     }
-    let copies = running.iter_mut().zip(&mut history.low).zip(&mut history.high).zip(&history.past);
     let mut effects = 0;
-    for ((((main, low), high), past), term) in copies.zip(terms) {
+    for (e, (main, term)) in running.iter_mut().zip(terms).enumerate() {
         add(u32::from(term.id));
         term.parameters.iter().for_each(|p| add(p.to_bits()));
         for pair in term.gains.as_flattened().chunks(2) {
             let bits = |g: Option<&f32>| u32::from(Half::of(g.map_or(0.0, |g| g.abs())).bits());
             add(bits(pair.first()) | bits(pair.get(1)) << 16);
         }
-        for (k, past) in past.iter().enumerate() {
-            for copy in [&mut *main, &mut *low, &mut *high] {
-                let memory = copy.memory(k);
+        for k in 0..AXES {
+            for copy in [None, Some(Side::Cold), Some(Side::Hot)] {
+                let memory: &[f32] = match copy {
+                    None => main.memory(k),
+                    Some(side) => past.copy(e, side).map_or(&[], |copy| copy.memory(k)),
+                };
                 (0..MAX_MEMORY).for_each(|m| add(memory.get(m).map_or(0, |v| v.to_bits())));
             }
-            let [apart, most] = match past {
-                Past::Coming => [f32::NAN; 2],
-                Past::Apart(apart, most) => [*apart, *most],
-                Past::Known => [-1.0; 2],
-            };
-            add(apart.to_bits());
-            add(most.to_bits());
+            past.numbers(e, k).into_iter().for_each(|n| add(n.to_bits()));
         }
         effects += 1;
     }
@@ -373,15 +504,14 @@ pub(crate) fn keep(
 }
 
 /// Gives running effects back what was kept of them; those of which nothing was kept begin anew.
-pub(crate) fn resume<W: Fn(usize) -> u32>(
+pub(crate) fn resume<P: Past, W: Fn(usize) -> u32>(
     kept: &Kept<W>,
     terms: &[EffectTerm],
     running: &mut [OnUnit],
-    history: &mut History,
+    past: &mut P,
 ) {
-    let copies = running.iter_mut().zip(&mut history.low).zip(&mut history.high).zip(&mut history.past);
-    for ((((main, low), high), past), term) in copies.zip(terms) {
-        let _ = kept.resume(term, [main, low, high], past);
+    for (e, (main, term)) in running.iter_mut().zip(terms).enumerate() {
+        let _ = kept.resume(term, e, main, past);
     }
 }
 

@@ -35,8 +35,9 @@
 #![no_std]
 #![forbid(unsafe_code)]
 
+pub mod accelerometers;
 pub mod adc;
-pub mod alignment;
+pub mod align_mode;
 pub mod bias;
 pub mod bytes;
 pub mod calibration;
@@ -49,6 +50,7 @@ pub mod history;
 pub mod link;
 pub mod maintenance;
 pub mod math;
+pub mod parts;
 pub mod pps;
 pub mod rate_factors;
 pub mod rate_of_change;

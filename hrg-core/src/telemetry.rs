@@ -5,7 +5,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{linear::Linear, session::Session};
+//! use hrg_core::align_mode::NotBuiltIn;
 //! use hrg_core::calibration::Calibration;
 //! use hrg_core::compensator::Compensator;
 //! use hrg_core::frequency::StepFrequencies;
@@ -24,7 +24,7 @@
 //!     reset_cause: ResetCause::Power,
 //!     resets: 0,
 //! };
-//! let mut session = Session::<Linear<f32>>::IDLE;
+//! let mut session = NotBuiltIn::IDLE;
 //! let mut telemetry = Telemetry::new(&mut session, Timebase::REFERENCE, identity, UnitStatus::DEFAULT_CALIBRATION);
 //! let step = StepFrequencies {
 //!     step: 0,
@@ -40,7 +40,7 @@
 //! assert!(housekeeping.unit_status.contains(UnitStatus::DEFAULT_CALIBRATION));
 //! ```
 
-use crate::alignment::session::{AlignMode, Command, Report};
+use crate::align_mode::{AlignMode, Command, Report};
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::link::{mode, Housekeeping, Identity};
@@ -177,15 +177,35 @@ impl<S: DerefMut<Target: AlignMode>> Telemetry<S> {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::alignment::linear::Linear;
-    use crate::alignment::session::Session;
     use crate::rate_path::Summary;
     use crate::reset::ResetCause;
     use crate::status::AxisStatus;
     use crate::unit_name::UnitName;
     use std::boxed::Box;
 
-    fn telemetry() -> Telemetry<Box<Session<Linear<f32>>>> {
+    /// Runs from the command that begins it until it is accepted in maintenance mode.
+    #[derive(Default)]
+    struct Mode {
+        runs: bool,
+        fresh: bool,
+    }
+
+    impl AlignMode for Mode {
+        fn command(&mut self, command: Command) -> Option<[f32; AXES]> {
+            self.runs = matches!(command, Command::Begin { .. });
+            self.fresh = self.runs;
+            None
+        }
+        fn second(&mut self, _: &Summary) -> Option<Report> {
+            (!core::mem::take(&mut self.fresh) && self.runs).then(Report::default)
+        }
+        fn running(&self) -> bool {
+            self.runs
+        }
+        fn set_accelerometers(&mut self, _: crate::accelerometers::Accelerometers) {}
+    }
+
+    fn telemetry() -> Telemetry<Box<Mode>> {
         let identity = Identity {
             unit: UnitName::UNNAMED,
             calibration: 7,
@@ -194,7 +214,7 @@ mod tests {
             reset_cause: ResetCause::Watchdog,
             resets: 2,
         };
-        Telemetry::new(Box::new(Session::IDLE), Timebase::REFERENCE, identity, UnitStatus::IMAGE_REFUSED)
+        Telemetry::new(Box::default(), Timebase::REFERENCE, identity, UnitStatus::IMAGE_REFUSED)
     }
 
     const STEP: StepFrequencies = StepFrequencies {

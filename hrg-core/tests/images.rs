@@ -1,6 +1,6 @@
 //! Stored calibration images of each version: what a unit in the field holds must load in every firmware to come.
 
-use hrg_core::alignment::accelerometers::Accelerometers;
+use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};

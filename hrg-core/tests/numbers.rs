@@ -1,8 +1,6 @@
 //! Whatever numbers come in, what goes out is finite or flagged, and nothing panics: every function of the unit that takes a
 //! number, over all bit patterns and the corners among them.
 
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::session::{Command, Session};
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
@@ -11,7 +9,7 @@ use hrg_core::effects::{shape, Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUT
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
-use hrg_core::rate_path::{PendingBias, RatePath, Summary};
+use hrg_core::rate_path::{PendingBias, RatePath};
 use hrg_core::status::AxisStatus;
 use hrg_core::thermal::{AxisThermal, Thermal};
 use hrg_core::timebase::Timebase;
@@ -199,44 +197,6 @@ proptest! {
                 }
                 let wire = Message::Rate(f).encode();
                 prop_assert!(Message::decode(&wire[..wire.len() - 1]).is_ok());
-            }
-        }
-    }
-
-    #[test]
-    fn an_alignment_of_any_readings_refuses_or_is_finite(
-        begin in [single(), single(), single()],
-        angle in single(),
-        codes in proptest::collection::vec(any::<[i64; 2]>(), 1..40),
-        samples in any::<u16>(),
-    ) {
-        let mut s: Session<Linear<f32>> = Session::IDLE;
-        let [latitude_deg, gravity_mps2, velocity_noise_mps] = begin;
-        let _ = s.command(Command::Expect { drift_dph: velocity_noise_mps, tilt_arcmin: gravity_mps2 });
-        let _ = s.command(Command::Begin { latitude_deg, gravity_mps2, velocity_noise_mps });
-        for (k, c) in codes.into_iter().enumerate() {
-            match k {
-                10 => drop(s.command(Command::TurnBegins)),
-                14 => drop(s.command(Command::TurnEnded { angle_deg: angle })),
-                30 => {
-                    if let Some(trim) = s.command(Command::Accept) {
-                        prop_assert!(trim.iter().all(|t| t.is_finite()));
-                    }
-                }
-                _ => {}
-            }
-            let summary = Summary {
-                step: k as u32,
-                samples,
-                raw_dph: [0.0; 3],
-                corrected_dph: [0.0; 3],
-                adc_errors: 0,
-                accelerometer_codes: c.map(|c| c >> 20),
-                accelerometer_saturated: false,
-            };
-            if let Some(r) = s.second(&summary) {
-                let finite = r.azimuth_deg.is_finite() && r.azimuth_std_arcmin.is_finite();
-                prop_assert!(r.refusal != 0 || finite, "{r:?}");
             }
         }
     }

@@ -85,6 +85,13 @@ impl Firmware {
         &self.flash
     }
 
+    /// The word at an address in flash.
+    #[must_use]
+    pub fn word(&self, address: u32) -> Option<u32> {
+        let at = address.checked_sub(FLASH_START)? as usize;
+        Some(u32::from_le_bytes(self.flash.get(at..at + 4)?.try_into().ok()?))
+    }
+
     /// Range of RAM that statics occupy.
     #[must_use]
     pub fn statics(&self) -> Range<u32> {

@@ -1,17 +1,20 @@
-//! `cargo xtask test`: what is built for a chip and what for this machine are built side by side; then all tests run, two programs at a time.
+//! `cargo xtask test`: what every change needs, in minutes; `cargo xtask test --rest`: parts that are slow and seldom break. Builds for a chip
+//! and for this machine run side by side. Tests are run by `cargo test`, each crate's in one program; tests that need more than the first
+//! command builds are ignored there.
 
 use crate::{
-    bring_up, cargo, field, hil, library, other_chip, programs, python, reference, root, run, sensors, setup, signed,
-    size,
+    bring_up, cargo, hil, library, minimal, other_chip, programs, python, reference, root, run, sensors, setup, signed,
+    size, without,
 };
 use crate::{Failure, Toolchain};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-const HOST_PACKAGES: [&str; 14] = [
+const HOST_PACKAGES: [&str; 15] = [
     "hrg-core",
+    "hrg-align",
     "hrg-data",
     "hrg-identify",
     "hrg-simulate",
@@ -26,13 +29,6 @@ const HOST_PACKAGES: [&str; 14] = [
     "foreign-plant",
     "xtask",
 ];
-
-/// Programs that run at once. (Some use two processors by themselves.)
-const AT_ONCE: usize = 2;
-
-/// Tests that take longest, the longest first: they begin before the others, so that none is left alone at the end.
-const LONGEST: [&str; 10] =
-    ["faults", "rates", "hrg_cal", "elf", "python", "measured", "wu2023", "bring_up", "day", "pages"];
 
 /// The steps of the course and how long each took.
 #[derive(Default)]
@@ -53,28 +49,27 @@ impl Course {
     /// Prints the time of each step.
     fn print(&self, in_all: u64) {
         let took = self.took.lock().unwrap_or_else(PoisonError::into_inner);
-        let told: Vec<String> = took.iter().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
-        println!("time (chip and host were built side by side): {}; in all {in_all} s", told.join(", "));
+        let steps: Vec<String> = took.iter().filter(|t| t.1 > 0).map(|(name, s)| format!("{name} {s} s")).collect();
+        println!("time (chip and host were built side by side): {}; in all {in_all} s", steps.join(", "));
     }
 }
 
+/// `-p PACKAGE` for each package of this machine.
+fn packages() -> impl Iterator<Item = &'static str> {
+    HOST_PACKAGES.iter().flat_map(|p| ["-p", p])
+}
+
 /// `cargo xtask test`.
-pub fn test() -> Result<(), Failure> {
+pub fn test(arguments: &[String]) -> Result<(), Failure> {
+    let rest = match arguments {
+        [] => false,
+        [one] if one == "--rest" => true,
+        _ => return Err(Failure("cargo xtask test takes --rest, or nothing".into())),
+    };
     let begun = Instant::now();
     let course = Course::default();
     let t = course.step("set-up", || setup::toolchain().and_then(|t| setup::host().map(|()| t)))?;
-    course.step("format", || run(&mut cargo(&["fmt", "--all", "--check"])))?;
-    let (programs, python) = std::thread::scope(|scope| {
-        let target = scope.spawn(|| for_chips(&course, &t));
-        let host = for_host(&course);
-        let target = target.join().unwrap_or_else(|_| Err(Failure("the build for the chips panicked".into())));
-        Ok((host?, target?))
-    })?;
-    if python.is_none() {
-        course.step("the Python package", python::install)?;
-    }
-    course.step("the reference", || reference::write(&["--check".to_string()]))?;
-    let sum = course.step("tests", || Ok(all_of(works(programs, python)?)))?;
+    let sum = if rest { the_rest(&course, &t)? } else { first(&course, &t)? };
     course.print(begun.elapsed().as_secs());
     println!("{} passed, {} failed, {} of the passed skipped", sum.passed, sum.failed, sum.skipped.len());
     sum.skipped.iter().for_each(|s| println!("{s}"));
@@ -85,128 +80,141 @@ pub fn test() -> Result<(), Failure> {
     }
 }
 
-/// Builds for the chips, and in folders of their own; gives why the Python package cannot be tested, if it cannot.
-fn for_chips(course: &Course, t: &Toolchain) -> Result<Option<String>, Failure> {
-    course.step("the firmware", size)?;
-    course.step("the second chip", || other_chip(t))?;
-    course.step("the firmware that wants signed calibrations", || signed(t))?;
-    course.step("the firmware with temperature sensors", || sensors(t))?;
-    course.step("the bring-up program", bring_up::build)?;
-    course.step("the tests for the chip", || hil::chip_tests(t).map(drop))?;
-    course.step("hrg-core in a firmware of another kind", || library::example(t))?;
-    course.step("lints, target", || {
-        for what in [&["--features", ""][..], &["--features", "bring-up"], &["--test", "chip"]] {
-            let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"];
-            run(t.cargo("clippy").args(lint).args(what).args(["--", "-D", "warnings"]))?;
-        }
+/// Format, lints, documentation, the firmware, and all tests but those that are ignored.
+fn first(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
+    course.step("format", || run(&mut cargo(&["fmt", "--all", "--check"])))?;
+    course.step("status bits in the pages", reference::check)?;
+    side_by_side(
+        || {
+            course.step("the firmware", size)?;
+            course.step("the firmware that wants signed calibrations", || signed(t))?;
+            course.step("the smallest firmware", || minimal(t))?;
+            course.step("the firmware with temperature sensors", || sensors(t))?;
+            course.step("lints, target", || lint_target(t, &["--features", ""]))?;
+            course.step("lints, target, the smallest", || {
+                lint_target(t, &["--no-default-features", "--features", "stm32f446re"])
+            })
+        },
+        || {
+            course.step("lints, host", || {
+                run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"])
+                    .args(packages())
+                    .args(["--", "-D", "warnings"]))
+            })?;
+            course.step("documentation", || {
+                run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
+                    .args(packages())
+                    .env("RUSTDOCFLAGS", "-D warnings"))
+            })?;
+            course.step("programs", programs)?;
+            course.step("test programs", || run(&mut tests(&["--no-run", "--quiet"])))
+        },
+    )?;
+    course.step("tests", || Sum::of(&mut tests(&["--no-fail-fast"])))
+}
+
+/// Other chips, other features, the wheel, the pages, and the tests that the first command ignores.
+fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
+    let mut no_python = None;
+    side_by_side(
+        || {
+            course.step("the firmware", size)?;
+            course.step("the second chip", || other_chip(t))?;
+            course.step("the firmware without each part", || without(t))?;
+            course.step("the bring-up program", bring_up::build)?;
+            course.step("the tests for the chip", || hil::chip_tests(t).map(drop))?;
+            course.step("hrg-core in a firmware of another kind", || library::example(t))?;
+            course.step("lints, target", || {
+                lint_target(t, &["--features", "bring-up"])?;
+                lint_target(t, &["--test", "chip"])
+            })?;
+            course.step("hrg-core as it would be published", library::package)?;
+            course.step("what the Python package needs", || {
+                no_python = python::prepare().err();
+                Ok(())
+            })
+        },
+        || {
+            course.step("programs", programs)?;
+            course.step("test programs", || run(&mut tests(&["--no-run", "--quiet"])))
+        },
+    )?;
+    let mut sum = course.step("tests", || Sum::of(&mut tests(&["--no-fail-fast", "--", "--ignored"])))?;
+    course.step("examples of the documentation", || {
+        sum.join(Sum::of(cargo(&["test", "--release", "--locked", "--doc", "--no-fail-fast"]).args(packages()))?);
         Ok(())
     })?;
-    course.step("hrg-core as it would be published", library::package)?;
     course.step("the table of the second chip", || {
         // (In a folder of its own: one build of stm32-metapac knows one chip.)
-        run(cargo(&["test", "--quiet", "--release", "--locked", "-p", "chip-tables", "--no-default-features"]).args([
-            "--features",
-            "stm32f405rg",
-            "--target-dir",
-            "target/chip-tables",
-        ]))
+        let mut test = cargo(&["test", "--release", "--locked", "-p", "chip-tables", "--no-default-features"]);
+        test.args(["--features", "stm32f405rg", "--target-dir", "target/chip-tables"]);
+        sum.join(Sum::of(&mut test)?);
+        Ok(())
     })?;
-    course.step("what the Python package needs", || Ok(python::prepare().err()))
-}
-
-/// Runs lints and builds for the host; gives the test programs.
-fn for_host(course: &Course) -> Result<Vec<Program>, Failure> {
-    let packages: Vec<&str> = HOST_PACKAGES.iter().flat_map(|p| ["-p", p]).collect();
-    course.step("lints, host", || {
-        run(cargo(&["clippy", "--quiet", "--release", "--locked", "--all-targets"]).args(&packages).args([
-            "-p",
-            "hrg-python",
-            "--",
-            "-D",
-            "warnings",
-        ]))
+    course.step("the reference", reference::write)?;
+    course.step("pages", || {
+        sum.join(Sum::of(&mut myself(&["pages", crate::pages::BUILT])?)?);
+        Ok(())
     })?;
-    course.step("documentation", || {
-        run(cargo(&["doc", "--quiet", "--release", "--locked", "--no-deps"])
-            .args(&packages)
-            .env("RUSTDOCFLAGS", "-D warnings"))
-    })?;
-    course.step("programs", programs)?;
-    course.step("test programs", || test_programs(&packages))
-}
-
-/// A test program of cargo's.
-struct Program {
-    name: String,
-    path: PathBuf,
-    /// The folder of its package.
-    folder: PathBuf,
-}
-
-/// Builds all test programs, and the programs of the packages beside them.
-fn test_programs(packages: &[&str]) -> Result<Vec<Program>, Failure> {
-    let built = cargo(&["test", "--release", "--locked", "--no-run", "--message-format", "json-render-diagnostics"])
-        .args(packages)
-        .current_dir(root())
-        .stderr(Stdio::inherit())
-        .output()
-        .map_err(|e| Failure(format!("cargo test --no-run: {e}")))?;
-    let programs: Vec<Program> = String::from_utf8_lossy(&built.stdout).lines().filter_map(program).collect();
-    if built.status.success() && !programs.is_empty() {
-        Ok(programs)
-    } else {
-        Err(Failure("the tests were not built".into()))
+    match no_python {
+        Some(why) => sum.skipped.push(why),
+        None => course.step("the Python package", || {
+            run(&mut cargo(&[
+                "clippy",
+                "--quiet",
+                "--release",
+                "--locked",
+                "-p",
+                "hrg-python",
+                "--",
+                "-D",
+                "warnings",
+            ]))?;
+            python::install()?;
+            sum.join(Sum::of(&mut myself(&["python"])?)?);
+            Ok(())
+        })?,
     }
+    Ok(sum)
 }
 
-/// The test program that a message of cargo's names.
-fn program(message: &str) -> Option<Program> {
-    let is_test =
-        message.contains("\"reason\":\"compiler-artifact\"") && message.contains("\"test\":true},\"features\"");
-    let path = PathBuf::from(field(message, "executable").filter(|_| is_test)?);
-    let folder = Path::new(field(message, "manifest_path")?).parent()?.to_path_buf();
-    let file = path.file_name()?.to_str()?;
-    Some(Program { name: file.rsplit_once('-').map_or(file, |(name, _)| name).to_string(), path, folder })
+fn lint_target(t: &Toolchain, of: &[&str]) -> Result<(), Failure> {
+    let lint = ["--quiet", "--profile", "firmware", "-p", "firmware", "--locked"];
+    run(t.cargo("clippy").args(lint).args(of).args(["--", "-D", "warnings"]))
 }
 
-/// Something that runs, and ends with lines as `test result: ok. 3 passed; 0 failed` prints them.
-struct Work {
-    name: String,
-    command: Command,
+/// Two works at once.
+fn side_by_side(
+    chips: impl FnOnce() -> Result<(), Failure> + Send,
+    host: impl FnOnce() -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    std::thread::scope(|scope| {
+        let chips = scope.spawn(chips);
+        let host = host();
+        let chips = chips.join().unwrap_or_else(|_| Err(Failure("the build for the chips panicked".into())));
+        host.and(chips)
+    })
+}
+
+/// `cargo test` of the packages of this machine.
+fn tests(arguments: &[&str]) -> Command {
+    let (of_cargo, of_tests) = match arguments.iter().position(|a| *a == "--") {
+        Some(at) => arguments.split_at(at),
+        None => (arguments, &[][..]),
+    };
+    let mut c = cargo(&["test", "--release", "--locked", "--lib", "--bins", "--tests"]);
+    c.args(packages()).args(of_cargo).args(of_tests);
+    c
 }
 
 /// This program again, with other arguments.
 fn myself(arguments: &[&str]) -> Result<Command, Failure> {
     let mut c = Command::new(std::env::current_exe().map_err(|e| Failure(e.to_string()))?);
-    c.args(arguments).current_dir(root());
+    c.args(arguments);
     Ok(c)
 }
 
-/// Everything that is to run, the longest first.
-fn works(programs: Vec<Program>, python: Option<String>) -> Result<Vec<Work>, Failure> {
-    let mut all: Vec<Work> = Vec::new();
-    for p in programs {
-        let mut command = Command::new(p.path);
-        command.current_dir(&p.folder).env("CARGO_MANIFEST_DIR", &p.folder);
-        all.push(Work { name: p.name, command });
-    }
-    let mut documentation = cargo(&["test", "--quiet", "--release", "--locked", "--doc"]);
-    documentation.args(HOST_PACKAGES.iter().flat_map(|p| ["-p", p])).current_dir(root());
-    all.push(Work { name: "examples of the documentation".into(), command: documentation });
-    all.push(Work { name: "pages".into(), command: myself(&["pages", crate::pages::BUILT])? });
-    match python {
-        None => all.push(Work { name: "python".into(), command: myself(&["python"])? }),
-        Some(why) => {
-            let mut say = Command::new("echo");
-            say.arg(why);
-            all.push(Work { name: "python".into(), command: say });
-        }
-    }
-    all.sort_by_key(|w| LONGEST.iter().position(|name| *name == w.name).unwrap_or(LONGEST.len()));
-    Ok(all)
-}
-
-/// Results of tests.
+/// Counts of tests.
 #[derive(Default, Debug, PartialEq)]
 struct Sum {
     passed: u64,
@@ -216,59 +224,46 @@ struct Sum {
 }
 
 impl Sum {
-    fn add(&mut self, said: &str) {
-        for line in said.lines() {
-            if let Some(at) = line.find("skipped: ") {
-                self.skipped.push(line[at..].to_string());
+    /// Runs a command and counts the tests in its output, which is printed as it comes. A command that fails without a failed test counts as
+    /// one.
+    fn of(command: &mut Command) -> Result<Self, Failure> {
+        let shown = format!("{command:?}");
+        let child = command.current_dir(root()).stdin(Stdio::null()).stdout(Stdio::piped()).spawn();
+        let mut child = child.map_err(|e| Failure(format!("{shown}: {e}")))?;
+        let mut sum = Self::default();
+        if let Some(out) = child.stdout.take() {
+            for line in BufReader::new(out).lines().map_while(Result::ok) {
+                println!("{line}");
+                sum.add(&line);
             }
-            if let Some(summary) = line.strip_prefix("test result: ") {
-                let count = |word: &str| -> u64 {
-                    let parts = summary.split([';', '.']);
-                    parts.filter_map(|part| part.trim().strip_suffix(word)?.trim().parse().ok()).next().unwrap_or(0)
-                };
-                self.passed += count("passed");
-                self.failed += count("failed");
-            }
+        }
+        let ended = child.wait().map_err(|e| Failure(e.to_string()))?;
+        if !ended.success() && sum.failed == 0 {
+            println!("ended with {ended}");
+            sum.failed = 1;
+        }
+        Ok(sum)
+    }
+
+    fn add(&mut self, line: &str) {
+        if let Some(at) = line.find("skipped: ") {
+            self.skipped.push(line[at..].to_string());
+        }
+        if let Some(summary) = line.strip_prefix("test result: ") {
+            let count = |word: &str| -> u64 {
+                let parts = summary.split([';', '.']);
+                parts.filter_map(|part| part.trim().strip_suffix(word)?.trim().parse().ok()).next().unwrap_or(0)
+            };
+            self.passed += count("passed");
+            self.failed += count("failed");
         }
     }
-}
 
-/// Runs everything, some at once; prints what each says when it has ended.
-fn all_of(works: Vec<Work>) -> Sum {
-    let queue = Mutex::new(works.into_iter());
-    let sum = Mutex::new(Sum::default());
-    std::thread::scope(|scope| {
-        for _ in 0..AT_ONCE {
-            scope.spawn(|| {
-                loop {
-                    // (The lock is given back before the work.)
-                    let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                    let Some(Work { name, mut command }) = next else { break };
-                    let begun = Instant::now();
-                    let ended = command.stdin(Stdio::null()).output();
-                    let mut sum = sum.lock().unwrap_or_else(PoisonError::into_inner);
-                    println!("\n{name}, {} s", begun.elapsed().as_secs());
-                    match ended {
-                        Ok(o) => {
-                            let said = String::from_utf8_lossy(&o.stdout);
-                            print!("{said}{}", String::from_utf8_lossy(&o.stderr));
-                            let before = sum.failed;
-                            sum.add(&said);
-                            if !o.status.success() && sum.failed == before {
-                                println!("{name} ended with {}", o.status);
-                                sum.failed += 1;
-                            }
-                        }
-                        Err(e) => {
-                            println!("{name} could not be started: {e}");
-                            sum.failed += 1;
-                        }
-                    }
-                }
-            });
-        }
-    });
-    sum.into_inner().unwrap_or_else(PoisonError::into_inner)
+    fn join(&mut self, other: Self) {
+        self.passed += other.passed;
+        self.failed += other.failed;
+        self.skipped.extend(other.skipped);
+    }
 }
 
 #[cfg(test)]
@@ -278,40 +273,27 @@ mod tests {
     #[test]
     fn summaries_are_added() {
         let mut sum = Sum::default();
-        sum.add(
-            "test a ... ok\ntest result: ok. 12 passed; 0 failed; 1 ignored; finished in 0.1s\nskipped: no network\n",
-        );
-        sum.add("test result: FAILED. 3 passed; 2 failed; 0 ignored\n");
+        for line in [
+            "test a ... ok",
+            "test result: ok. 12 passed; 0 failed; 1 ignored; finished in 0.1s",
+            "skipped: no network",
+            "test result: FAILED. 3 passed; 2 failed; 0 ignored",
+        ] {
+            sum.add(line);
+        }
         assert_eq!(sum, Sum { passed: 15, failed: 2, skipped: vec!["skipped: no network".into()] });
     }
 
     #[test]
     fn what_fails_without_a_summary_is_a_failure() {
-        let mut works = Vec::new();
-        for (name, script) in [
-            ("good", "echo 'test result: ok. 2 passed; 0 failed'"),
-            ("bad", "echo 'test result: FAILED. 1 passed; 3 failed'; exit 101"),
-            ("silent", "exit 3"),
+        for (script, passed, failed) in [
+            ("echo 'test result: ok. 2 passed; 0 failed'", 2, 0),
+            ("echo 'test result: FAILED. 1 passed; 3 failed'; exit 101", 1, 3),
+            ("exit 3", 0, 1),
         ] {
-            let mut command = Command::new("sh");
-            command.args(["-c", script]);
-            works.push(Work { name: name.into(), command });
+            let sum = Sum::of(Command::new("sh").args(["-c", script])).expect("runs");
+            assert_eq!((sum.passed, sum.failed), (passed, failed), "{script}");
         }
-        works.push(Work { name: "missing".into(), command: Command::new("no-such-program-of-the-tests") });
-        let sum = all_of(works);
-        assert_eq!((sum.passed, sum.failed), (3, 5));
-    }
-
-    #[test]
-    fn test_programs_are_found_in_what_cargo_says() {
-        let message = |test: &str, executable: &str| {
-            format!(
-                "{{\"reason\":\"compiler-artifact\",\"manifest_path\":\"/p/host-tests/Cargo.toml\",\"profile\":{{\"test\":{test}}},\"features\":[],\"executable\":{executable}}}"
-            )
-        };
-        let found = program(&message("true", "\"/t/deps/day-12ab\"")).expect("a program");
-        assert_eq!((found.name.as_str(), found.folder), ("day", PathBuf::from("/p/host-tests")));
-        assert!(program(&message("false", "\"/t/hrg\"")).is_none());
-        assert!(program(&message("true", "null")).is_none());
+        assert!(Sum::of(&mut Command::new("no-such-program-of-the-tests")).is_err());
     }
 }

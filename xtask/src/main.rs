@@ -24,10 +24,11 @@ pub struct Failure(pub String);
 const USAGE: &str = "cargo xtask COMMAND
 
   demo [--seed N]   the main job: simulate a unit, calibrate it, run the flashed program on the virtual board
-  test              all tests: format, lints, documentation, host tests, firmware size, the ELF on the virtual board
+  test              format, lints, documentation, host tests, firmware size, the ELF on the virtual board (--rest: what is slow and seldom
+                    breaks: other chips, each part of the firmware left out, the wheel, the pages, campaigns in short form)
   build             the firmware, and the programs hrg and hrg-board (target/release)
-  size [--signed | --sensors | --stm32f405rg | --bring-up | --chip-tests | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one
-                    with signed calibrations and a battery; --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg:
+  size [--signed | --minimal | --sensors | --stm32f405rg | --bring-up | --chip-tests | --nrf52840]   what the firmware takes of flash and RAM (--signed: the one
+                    with signed calibrations and a battery; --minimal: the one without the parts that a unit can do without; --sensors: the one with platinum resistors in the place of resonators; --stm32f405rg:
                     the one for that chip; --nrf52840: the example for users of hrg-core)
   fuzz [SECONDS]    the fuzz targets, each for so long (default 60), from the corpora kept in fuzz/corpus
   audit             licences, advisories, duplicates and sources of every dependency (cargo-deny)
@@ -45,7 +46,7 @@ const USAGE: &str = "cargo xtask COMMAND
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
   methods [ARGS]    every identification method on three simulated units, its cost counted, and flown (about 20 min)
   study [ARGS]      the seeded campaign behind docs/trace.md
-  study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls-*.md
+  study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
@@ -54,7 +55,7 @@ const USAGE: &str = "cargo xtask COMMAND
   formats           columns of recordings and tables of bytes, into docs/formats.md
   pages [PAGE...] [--all]   every command of the pages, in the page's order, each page in an empty folder (out/pages); --all: those that
                     take minutes, too
-  reference         docs/reference.md: every status bit, every command's help
+  reference         the status bits in docs/formats.md, and docs/reference.md with the help of every command (for the book; not kept)
   python            the tests of the Python package, as it was last installed by `test`
   wheel             the Python package as a wheel, into target/wheels
   setup             only install what is missing";
@@ -63,6 +64,8 @@ const USAGE: &str = "cargo xtask COMMAND
 const FLASH_BOUND: u64 = 171_000;
 /// The same with the check of signatures.
 const SIGNED_FLASH_BOUND: u64 = 212_900;
+/// The smallest unit.
+const MINIMAL_FLASH_BOUND: u64 = 100_000;
 const RAM_BOUND: u64 = 64 * 1024;
 
 fn main() -> ExitCode {
@@ -71,7 +74,7 @@ fn main() -> ExitCode {
     let result = match arguments.first().map(String::as_str) {
         Some("demo") => study("demo", rest).and_then(|()| page_of(rest, "cargo xtask demo", true)),
         Some("screens") => screens(),
-        Some("align-demo") => align_demo(rest).and_then(|()| page_of(rest, "cargo xtask align-demo", false)),
+        Some("align-demo") => study("align-demo", rest).and_then(|()| page_of(rest, "cargo xtask align-demo", false)),
         Some("bench") => study("bench", rest)
             .and_then(|()| tool("hrg-study", &[vec!["bench-desktop".to_string()], rest.to_vec()].concat()))
             .and_then(|()| page_of(rest, "cargo xtask bench", false)),
@@ -79,13 +82,14 @@ fn main() -> ExitCode {
         Some("faults") => study("faults", rest).and_then(|()| page_of(rest, "cargo xtask faults", false)),
         Some("mutate") => study("mutate", rest),
         Some("methods") => study("methods", rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
-        Some("test") => course::test(),
+        Some("test") => course::test(rest),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--stm32f405rg") => {
             setup::toolchain().and_then(|t| other_chip(&t))
         }
         Some("size") if rest.first().is_some_and(|a| a == "--sensors") => setup::toolchain().and_then(|t| sensors(&t)),
+        Some("size") if rest.first().is_some_and(|a| a == "--minimal") => setup::toolchain().and_then(|t| minimal(&t)),
         Some("size") if rest.first().is_some_and(|a| a == "--bring-up") => bring_up::build(),
         Some("size") if rest.first().is_some_and(|a| a == "--chip-tests") => {
             setup::toolchain().and_then(|t| hil::chip_tests(&t)).map(drop)
@@ -110,7 +114,7 @@ fn main() -> ExitCode {
         Some("python") => python::tests(),
         Some("wheel") => python::wheel().map(|w| println!("{}", w.display())),
         Some("pages") => pages(rest),
-        Some("reference") => programs().and_then(|()| reference::write(rest)),
+        Some("reference") => programs().and_then(|()| reference::write()),
         Some("setup") => setup::toolchain().and_then(|_| setup::host()),
         _ => {
             eprintln!("{USAGE}");
@@ -164,6 +168,11 @@ fn build(t: &Toolchain) -> Result<(), Failure> {
     println!("building the firmware");
     run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))?;
     seal(&elf_path())
+}
+
+/// The programs that count instructions on the virtual board, beside the firmware.
+fn bench_unit(t: &Toolchain) -> Result<(), Failure> {
+    run(t.cargo("build").args(["--quiet", "--profile", "firmware", "-p", "bench-unit", "--locked"]))
 }
 
 /// Writes the sum of a finished program into its ELF: the program checks itself against it.
@@ -244,6 +253,7 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
             .map_err(|e| Failure(format!("{} cannot be emptied: {e}", folder.display())))?;
     }
     let mut first = 0;
+    let mut text = String::from("# Clean units\n\nWhatever the trace names here is invented. Rows of single units: `out/controls`, after the command.\n");
     for (k, (name, file, select)) in sources.into_iter().enumerate() {
         let count = (all + k) / 2;
         run(Command::new(&plant)
@@ -253,15 +263,16 @@ fn controls(arguments: &[String]) -> Result<(), Failure> {
             .arg(measured.join(file))
             .args(select))?;
         let heading = format!(
-            "# Clean units under the noise of {name}\n\nSimulated by `host-tests/foreign-plant`, seeds {first} to {}; each third unit has the spectrum of measured residuals\n({file}), the others white noise, flicker, random walks and lines. Printed by `cargo xtask study --controls {all}`.",
+            "## Under the noise of {name}\nSimulated by `host-tests/foreign-plant`, seeds {first} to {}; each third unit has the spectrum of measured residuals\n({file}), the others white noise, flicker, random walks and lines. Printed by `cargo xtask study --controls {all}`.",
             first + count.saturating_sub(1)
         );
         first += count;
-        let page = format!("docs/controls-{name}.md");
-        grade(&plant, &folder.join(name), &page, &heading)?;
-        printed::stamp(&[&page], &format!("cargo xtask study --controls {all}"), true)?;
+        let (page, rows) = (folder.join(format!("{name}.md")), folder.join(format!("{name}-units.md")));
+        grade(&plant, &folder.join(name), &page, &heading, Some(&rows))?;
+        text += &format!("\n{}", std::fs::read_to_string(&page).map_err(|e| Failure(e.to_string()))?);
     }
-    Ok(())
+    std::fs::write(root().join("docs/controls.md"), text).map_err(|e| Failure(e.to_string()))?;
+    printed::stamp(&["docs/controls.md"], &format!("cargo xtask study --controls {all}"), true)
 }
 
 /// The loop on the measured recordings, and the pages that show it.
@@ -290,7 +301,7 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
     let heading = format!(
         "# The trace on foreign physics\n\nSimulated by `host-tests/foreign-plant`, which shares no code with the effects nor with `hrg simulate`; seeds 1 to {seeds}. Printed by\n`cargo xtask study --foreign {seeds}`. Floors are those of the truth; what is left is the written image's on the verify run."
     );
-    grade(&plant, &folder, "docs/foreign.md", &heading)?;
+    grade(&plant, &folder, Path::new("docs/foreign.md"), &heading, None)?;
     printed::stamp(&["docs/foreign.md"], &format!("cargo xtask study --foreign {seeds}"), true)
 }
 
@@ -301,10 +312,14 @@ fn foreign_plant() -> Result<PathBuf, Failure> {
 }
 
 /// Traces every unit of a folder and writes how it went into a page.
-fn grade(plant: &Path, folder: &Path, page: &str, heading: &str) -> Result<(), Failure> {
-    run(Command::new(plant)
-        .args(["grade", "--hrg", "target/release/hrg", "--page", page, "--heading", heading, "--folder"])
-        .arg(folder))
+fn grade(plant: &Path, folder: &Path, page: &Path, heading: &str, units: Option<&Path>) -> Result<(), Failure> {
+    let mut command = Command::new(plant);
+    command.args(["grade", "--hrg", "target/release/hrg", "--heading", heading, "--page"]).arg(page);
+    command.arg("--folder").arg(folder);
+    if let Some(units) = units {
+        command.arg("--units").arg(units);
+    }
+    run(&mut command)
 }
 
 /// A command of `hrg-study`, with the firmware built before.
@@ -312,18 +327,8 @@ fn study(command: &str, arguments: &[String]) -> Result<(), Failure> {
     let t = setup::toolchain()?;
     setup::host()?;
     build(&t)?;
+    bench_unit(&t)?;
     let mut all = vec![command.to_string()];
-    all.extend_from_slice(arguments);
-    tool("hrg-study", &all)
-}
-
-/// `hrg-study align-demo`, with a second firmware that holds the particle filter.
-fn align_demo(arguments: &[String]) -> Result<(), Failure> {
-    let t = setup::toolchain()?;
-    build(&t)?;
-    println!("building the firmware with the particle filter");
-    let elf = variant(&t, "upf", |c| c.args(["--features", "upf"]))?;
-    let mut all = vec!["align-demo".to_string(), "--upf".to_string(), elf.display().to_string()];
     all.extend_from_slice(arguments);
     tool("hrg-study", &all)
 }
@@ -388,22 +393,22 @@ fn screens() -> Result<(), Failure> {
 
 /// A firmware of other features, at `target/NAME`. All of them share one folder of builds: most of what they are made of is the same.
 fn variant(t: &Toolchain, name: &str, change: impl FnOnce(&mut Command) -> &mut Command) -> Result<PathBuf, Failure> {
+    variant_by(t, "firmware", name, change)
+}
+
+/// The same with another profile of cargo's.
+fn variant_by(
+    t: &Toolchain,
+    profile: &str,
+    name: &str,
+    change: impl FnOnce(&mut Command) -> &mut Command,
+) -> Result<PathBuf, Failure> {
     let folder = root().join("target/variants");
     let mut command = t.cargo("build");
-    command.args([
-        "--quiet",
-        "--profile",
-        "firmware",
-        "-p",
-        "firmware",
-        "--bin",
-        "firmware",
-        "--locked",
-        "--target-dir",
-    ]);
+    command.args(["--quiet", "--profile", profile, "-p", "firmware", "--bin", "firmware", "--locked", "--target-dir"]);
     run(change(command.arg(&folder)))?;
-    let place = Path::new(setup::TARGET).join("firmware/firmware");
-    let elf = root().join("target").join(name).join(&place);
+    let place = Path::new(setup::TARGET).join(profile).join("firmware");
+    let elf = root().join("target").join(name).join(setup::TARGET).join("firmware/firmware");
     let failed = |e: std::io::Error| Failure(format!("{}: {e}", elf.display()));
     elf.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(failed)?;
     seal_into(&folder.join(&place), &elf)?;
@@ -412,8 +417,28 @@ fn variant(t: &Toolchain, name: &str, change: impl FnOnce(&mut Command) -> &mut 
 
 /// The firmware for the STM32F405RG, without maintenance mode: both build, within their bounds.
 fn other_chip(t: &Toolchain) -> Result<(), Failure> {
-    let features = ["--no-default-features", "--features", "stm32f405rg,locked"];
+    let features = ["--no-default-features", "--features", "stm32f405rg,locked,align,pps,field-log,lockstep,past"];
     bounds(&variant(t, "stm32f405rg", |c| c.args(features))?, "STM32F405RG: ", FLASH_BOUND)
+}
+
+/// The firmware without the parts that a unit can do without, compiled for size.
+fn minimal(t: &Toolchain) -> Result<(), Failure> {
+    let features = ["--no-default-features", "--features", "stm32f446re"];
+    bounds(&variant_by(t, "minimal", "minimal", |c| c.args(features))?, "minimal: ", MINIMAL_FLASH_BOUND)
+}
+
+/// Parts that a unit can do without: features of the firmware.
+const PARTS: [&str; 5] = ["align", "pps", "field-log", "lockstep", "past"];
+
+/// The firmware without each part alone.
+fn without(t: &Toolchain) -> Result<(), Failure> {
+    PARTS.iter().try_for_each(|part| {
+        let others: Vec<&str> = PARTS.iter().filter(|other| *other != part).copied().collect();
+        let features = format!("stm32f446re,{}", others.join(","));
+        let name = format!("without-{part}");
+        let elf = variant(t, &name, |c| c.args(["--no-default-features", "--features", &features]))?;
+        bounds(&elf, &format!("without {part}: "), FLASH_BOUND)
+    })
 }
 
 /// The firmware that reads platinum resistors in the place of resonators.

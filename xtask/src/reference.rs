@@ -1,4 +1,4 @@
-//! docs/reference.md: every status bit and every command's help, printed from what the programs and their sources say themselves.
+//! docs/reference.md: the help of every command, printed for the book; and the status bits in docs/formats.md.
 
 use crate::{output, root, Failure, USAGE};
 use std::fmt::Write as _;
@@ -6,26 +6,38 @@ use std::process::Command;
 
 const PAGE: &str = "docs/reference.md";
 
-/// Writes the page anew; with `--check`, compares it.
-pub fn write(arguments: &[String]) -> Result<(), Failure> {
-    let page = root().join(PAGE);
-    let text = text()?;
-    if arguments.iter().any(|a| a == "--check") {
-        let held = std::fs::read_to_string(&page).unwrap_or_default();
-        return if held == text {
-            Ok(())
-        } else {
-            Err(Failure(format!("{PAGE} is not what the programs say: run\n\n    cargo xtask reference\n")))
-        };
-    }
-    std::fs::write(&page, text).map_err(|e| Failure(format!("{}: {e}", page.display())))
+/// Page that holds the status bits.
+const FORMATS: &str = "docs/formats.md";
+
+/// Writes docs/reference.md (not kept: the book and the help hold the same) and the status bits of docs/formats.md.
+pub fn write() -> Result<(), Failure> {
+    let failed = |page: &str, e: std::io::Error| Failure(format!("{page}: {e}"));
+    std::fs::write(root().join(PAGE), text()?).map_err(|e| failed(PAGE, e))?;
+    let page = std::fs::read_to_string(root().join(FORMATS)).map_err(|e| failed(FORMATS, e))?;
+    std::fs::write(root().join(FORMATS), with_status(&page)?).map_err(|e| failed(FORMATS, e))
 }
 
-fn text() -> Result<String, Failure> {
-    let mut s = String::from(
-        "# Reference\n\nPrinted by `cargo xtask reference` from the programs themselves; `cargo xtask test` compares it. Columns of recordings, bytes of images and of\nthe link are in [formats.md](formats.md), which is printed from the same layouts as the code; effects and their equations in [papers.md](papers.md)\nand `hrg effects`.\n",
-    );
-    let status = std::fs::read_to_string(root().join("hrg-core/src/status.rs")).map_err(|e| Failure(e.to_string()))?;
+/// Compares the status bits in docs/formats.md with the code.
+pub fn check() -> Result<(), Failure> {
+    let page = std::fs::read_to_string(root().join(FORMATS)).map_err(|e| Failure(format!("{FORMATS}: {e}")))?;
+    if with_status(&page)? == page {
+        return Ok(());
+    }
+    Err(Failure(format!("the status bits in {FORMATS} are not those of the code: run\n\n    cargo xtask reference\n")))
+}
+
+/// The page with today's status bits between its marks.
+fn with_status(page: &str) -> Result<String, Failure> {
+    let (begin, end) = ("<!-- status: begin -->\n", "<!-- status: end -->");
+    let marks = page.split_once(begin).and_then(|(before, rest)| Some((before, rest.split_once(end)?.1)));
+    let (before, after) = marks.ok_or_else(|| Failure(format!("{FORMATS} has no marks for the status bits")))?;
+    Ok(format!("{before}{begin}{}{end}{after}", status()?))
+}
+
+/// The tables of the status bits.
+fn status() -> Result<String, Failure> {
+    let mut s = String::new();
+    let source = std::fs::read_to_string(root().join("hrg-core/src/status.rs")).map_err(|e| Failure(e.to_string()))?;
     for (kind, heading, means) in [
         (
             "AxisStatus",
@@ -34,15 +46,23 @@ fn text() -> Result<String, Failure> {
         ),
         ("UnitStatus", "Status of the unit", "In each rate frame, u8."),
     ] {
-        let bits = bits(&status, kind);
+        let bits = bits(&source, kind);
         if bits.is_empty() {
             return Err(Failure(format!("hrg-core/src/status.rs has no bits of {kind}")));
         }
-        let _ = write!(s, "\n## {heading}\n{means}\n\n| bit | name | it means |\n|--:|---|---|\n");
+        let _ = write!(s, "\n### {heading}\n{means}\n\n| bit | name | meaning |\n|--:|---|---|\n");
         for (k, (name, meaning)) in bits.iter().enumerate() {
             let _ = writeln!(s, "| {k} | `{name}` | {meaning} |");
         }
     }
+    Ok(s)
+}
+
+/// The help of every command.
+fn text() -> Result<String, Failure> {
+    let mut s = String::from(
+        "# Commands\n\nPrinted by `cargo xtask reference` from the programs themselves; not kept in the repository. Columns of recordings, bytes of images and of\nthe link, and status bits are in [formats.md](formats.md); effects and their equations in [papers.md](papers.md) and `hrg effects`.\n",
+    );
     for program in ["hrg", "hrg-board"] {
         let _ = write!(s, "\n## Commands of {program}\n");
         for command in subcommands(&help(program, &[])?) {

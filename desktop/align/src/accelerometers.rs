@@ -1,9 +1,9 @@
 //! Errors of the two horizontal accelerometers (chen2015, eq 2): bias, scale and cross-axis, found on a tilting table, where `A1 = g th2`
-//! and `A2 = -g th1` of tilts that are known. [`hrg_core::alignment::accelerometers`] applies them.
+//! and `A2 = -g th1` of tilts that are known. [`hrg_core::accelerometers`] applies them.
 
 use super::Recording;
-use hrg_core::alignment::accelerometers as core;
-use hrg_core::alignment::ARCMIN;
+use hrg_align::ARCMIN;
+use hrg_core::accelerometers as core;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
 use serde::{Deserialize, Serialize};
@@ -164,7 +164,7 @@ mod tests {
     use super::super::plant::Plant;
     use super::super::{align, FilterKind, Start};
     use super::*;
-    use hrg_core::alignment::{wrap, DEGREE};
+    use hrg_align::{wrap, DEGREE};
 
     const TRUE: Accelerometers = Accelerometers { bias_mps2: [2e-4, -3e-4], matrix: [[1.02, 0.003], [-0.002, 1.02]] };
 

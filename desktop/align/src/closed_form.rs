@@ -7,7 +7,7 @@
 //! direction is that of `A + b/2`.
 
 use super::Recording;
-use hrg_core::alignment::{wrap, Config, ARCMIN, DEGREE, DPH};
+use hrg_align::{wrap, Config, ARCMIN, DEGREE, DPH};
 use hrg_data::numeric::lsq;
 use serde::Serialize;
 

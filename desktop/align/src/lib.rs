@@ -1,4 +1,4 @@
-//! Self-alignment on the desktop: recordings of a platform at rest, the four filters of `hrg_core::alignment`, reports.
+//! Self-alignment on the desktop: recordings of a platform at rest, the four filters of `hrg_align`, reports.
 
 pub mod accelerometers;
 pub mod closed_form;
@@ -8,11 +8,11 @@ pub mod plant;
 pub mod study;
 
 use closed_form::ClosedForm;
-use hrg_core::alignment::aligner::Aligner;
-use hrg_core::alignment::ekf::Ekf;
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::particles::{Kernels, Literal, CHEN};
-use hrg_core::alignment::{normal_gravity, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE, DPH};
+use hrg_align::aligner::Aligner;
+use hrg_align::ekf::Ekf;
+use hrg_align::linear::Linear;
+use hrg_align::particles::{Kernels, Literal, CHEN};
+use hrg_align::{normal_gravity, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE, DPH};
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::median;
 use serde::Serialize;
@@ -45,7 +45,7 @@ pub struct Recording {
     pub rows: Vec<(f64, u8, [f64; 2])>,
 }
 
-/// A filter of `hrg_core::alignment`, with its precision.
+/// A filter of `hrg_align`, with its precision.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FilterKind {
     /// The linear filter, double precision.
@@ -557,7 +557,7 @@ pub type FilterRun = (Result<Estimate, Refusal>, Option<f64>, Vec<(f64, u8, Esti
 mod tests {
     use super::plant::Plant;
     use super::*;
-    use hrg_core::alignment::wrap;
+    use hrg_align::wrap;
     use hrg_data::numeric::stats::quantile;
 
     fn error_arcmin(plant: &Plant, filter: FilterKind) -> f64 {

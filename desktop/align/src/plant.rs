@@ -1,7 +1,7 @@
 //! A platform to align, simulated: rotation matrices, not the equations of the filters. Simulated data only.
 
 use super::Recording;
-use hrg_core::alignment::{normal_gravity, wrap, ARCMIN, DEGREE, DPH, EARTH_RATE};
+use hrg_align::{normal_gravity, wrap, ARCMIN, DEGREE, DPH, EARTH_RATE};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -2,8 +2,8 @@
 
 use super::plant::Plant;
 use super::{FilterKind, Start};
-use hrg_core::alignment::aligner::INTEGRITY_LIMIT;
-use hrg_core::alignment::{wrap, ARCMIN, DEGREE, DPH};
+use hrg_align::aligner::INTEGRITY_LIMIT;
+use hrg_align::{wrap, ARCMIN, DEGREE, DPH};
 use hrg_data::numeric::stats::quantile;
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
@@ -222,7 +222,7 @@ pub fn curves(seed: u64) -> anyhow::Result<String> {
         let (recording, truth) = plant.play();
         let Ok(config) = recording.config() else { continue };
         let (_, _, history) = filter.run(&recording, &config, Start { seed, ..Start::default() });
-        let series = |f: &dyn Fn(&hrg_core::alignment::Estimate) -> f64| Series {
+        let series = |f: &dyn Fn(&hrg_align::Estimate) -> f64| Series {
             label: label.into(),
             points: history.iter().map(|(t, _, e)| (*t, f(e))).collect(),
             colour,
@@ -300,8 +300,7 @@ pub fn claims(seed: u64) -> String {
     let filters = [FilterKind::Linear, FilterKind::Upf, FilterKind::Ekf];
     let histories = filters.map(|f| f.run(&recording, &config, Start { seed, ..Start::default() }).2);
     // The first second from which on the error stays within a limit.
-    let since = |history: &[(f64, u8, hrg_core::alignment::Estimate)],
-                 good: &dyn Fn(f64, &hrg_core::alignment::Estimate) -> bool| {
+    let since = |history: &[(f64, u8, hrg_align::Estimate)], good: &dyn Fn(f64, &hrg_align::Estimate) -> bool| {
         history
             .iter()
             .rev()
@@ -373,7 +372,7 @@ mod tests {
         // Without a turn that brings anything, nothing changes; with a turn of 180 degrees a drift counts for less.
         let config = Plant::chen(1).play().0.config().expect("a site");
         assert_eq!(config.turn_variances(1.5), [0.0; 2]);
-        let config = hrg_core::alignment::Config { heading_drift: 0.02 * DPH, ..config };
+        let config = hrg_align::Config { heading_drift: 0.02 * DPH, ..config };
         let std_arcmin = |angle: f64| config.turn_variances(angle * DEGREE)[0].sqrt() / ARCMIN;
         // 0.02 deg/h over 2 * 15.04 * cos 45 deg * sin(b/2).
         assert!(

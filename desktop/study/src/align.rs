@@ -2,12 +2,12 @@
 //! host over the link.
 
 use anyhow::{Context, Result};
+use hrg_align::{wrap, ARCMIN, DEGREE};
 use hrg_align_tools::plant::Plant;
 use hrg_align_tools::{study, Recording};
 use hrg_board::replay::{self, Options, Outcome};
 use hrg_board::wires::WireFaults;
-use hrg_core::alignment::session::{Command, Report};
-use hrg_core::alignment::{wrap, ARCMIN, DEGREE};
+use hrg_core::align_mode::{Command, Report};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_data::recording::steps::Steps;
@@ -43,15 +43,6 @@ impl Aligned {
 /// # Errors
 /// A recording that holds no whole seconds, a firmware that the board cannot run.
 pub fn align(elf: &[u8], recording: &Recording, calibration: Option<&Calibration>) -> Result<Aligned> {
-    align_with(elf, recording, calibration, false)
-}
-
-fn align_with(
-    elf: &[u8],
-    recording: &Recording,
-    calibration: Option<&Calibration>,
-    particles: bool,
-) -> Result<Aligned> {
     let rows = &recording.rows;
     let first: Vec<[f64; 2]> = rows.iter().filter(|r| r.1 == 1).map(|r| r.2).collect();
     let second: Vec<_> = rows.iter().filter(|r| r.1 == 2).collect();
@@ -117,7 +108,6 @@ fn align_with(
     };
     let options = Options {
         seconds: Some(seconds as u64),
-        particles,
         faults: WireFaults { link_in, ..WireFaults::default() },
         accelerations: Some((START_S, accelerations)),
         ..Options::default()
@@ -149,7 +139,7 @@ pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
     ];
     let mut board = Board::new(bench, NothingConnected)?;
     let probes = functions.iter().map(|(_, path)| board.count_calls(path)).collect::<Result<Vec<_>, _>>()?;
-    board.run_until(CPU_HZ / 4)?;
+    board.run_until(4 * CPU_HZ)?;
     functions
         .iter()
         .zip(probes)
@@ -161,20 +151,11 @@ pub fn costs(bench: &[u8]) -> Result<Vec<Cost>> {
         .collect()
 }
 
-/// `cargo xtask align-demo`: the campaigns, the costs, and chen2015's case on the ELF. `upf` is a firmware built with the
-/// feature of that name.
+/// `cargo xtask align-demo`: the campaigns, the costs, and chen2015's case on the ELF.
 ///
 /// # Errors
 /// If a step fails.
-pub fn demo(
-    elf: &[u8],
-    bench: &[u8],
-    upf: Option<&[u8]>,
-    runs: u64,
-    seed: u64,
-    out: &Path,
-    table: Option<&Path>,
-) -> Result<()> {
+pub fn demo(elf: &[u8], bench: &[u8], runs: u64, seed: u64, out: &Path, table: Option<&Path>) -> Result<()> {
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let mut text = String::from(
         "# Alignment: figures\n\nPrinted by `cargo xtask align-demo`; everything here is simulated, save the table of chen2015, which is theirs.\n\n",
@@ -224,10 +205,8 @@ pub fn demo(
     say(&mut text, "## The ELF\nchen2015's case played into the accelerometer channels of the virtual board, commands over the link:\n");
     let (recording, truth) = Plant::chen(seed).play();
     hrg_data::output::write_file(&out.join("chen.csv"), recording.to_csv().as_bytes())?;
-    for (name, elf) in [("flown: linear", Some(elf)), ("built with the feature upf", upf)] {
-        let Some(elf) = elf else { continue };
-        let particles = !name.starts_with("flown");
-        let a = align_with(elf, &recording, None, particles)?;
+    {
+        let a = align(elf, &recording, None)?;
         let last = a.last().context("the unit has sent no report")?;
         let error = wrap(f64::from(last.azimuth_deg) * DEGREE - truth.azimuth) / ARCMIN;
         let frames = a.outcome.received.rates.len() + a.outcome.received.housekeeping.len() + a.reports.len();
@@ -235,7 +214,7 @@ pub fn demo(
         if let Some(d) = &a.outcome.received.first_difference {
             println!("{d}");
         }
-        say(&mut text, &format!("- {name}: azimuth {:.3} deg, error {error:.2}', sigma {:.2}'; {same}; stack {} bytes, static RAM {} bytes", last.azimuth_deg, last.azimuth_std_arcmin, a.outcome.stack_bytes, a.outcome.static_bytes));
+        say(&mut text, &format!("- linear filter: azimuth {:.3} deg, error {error:.2}', sigma {:.2}'; {same}; stack {} bytes, static RAM {} bytes", last.azimuth_deg, last.azimuth_std_arcmin, a.outcome.stack_bytes, a.outcome.static_bytes));
     }
     hrg_data::output::write_file(&out.join("alignment.md"), text.as_bytes())?;
     if let Some(table) = table {

@@ -196,8 +196,8 @@ fn peer(what: &str, path: &Path) -> Result<()> {
             serde_json::json!({"seconds": seconds, "tau": tau, "deviation": deviation})
         }
         "peer-ukf" => {
-            use hrg_core::alignment::particles::{Literal, CHEN};
-            use hrg_core::alignment::{Config, Filter};
+            use hrg_align::particles::{Literal, CHEN};
+            use hrg_align::{Config, Filter};
             let config = Config::new(45.0, 9.8, 3e-4).map_err(|e| anyhow::anyhow!("{e:?}"))?;
             let mut filter: Box<Literal<f64, CHEN>> = Box::new(Literal::IDLE);
             filter.begin(config, 1);
@@ -207,7 +207,7 @@ fn peer(what: &str, path: &Path) -> Result<()> {
                 filter.step([9e-3 * second, -8.5e-3 * second])
             });
             // A step is one of an unscented filter for each particle, and the particles' own work.
-            serde_json::json!({"seconds": seconds / CHEN as f64, "states": hrg_core::alignment::ekf::STATES})
+            serde_json::json!({"seconds": seconds / CHEN as f64, "states": hrg_align::ekf::STATES})
         }
         _ => anyhow::bail!("no such measurement: {what}"),
     };

@@ -1,7 +1,7 @@
 //! The tables of `docs/formats.md`: columns of recordings from their list, bytes (with formats of Python's `struct`) from the layouts in
 //! `hrg_core`.
 
-use hrg_core::alignment::accelerometers::Accelerometers;
+use hrg_core::accelerometers::Accelerometers;
 use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;

@@ -117,9 +117,6 @@ enum Command {
         /// Write the figures as Markdown to this file, and the curves beside it.
         #[arg(long)]
         table: Option<PathBuf>,
-        /// Firmware built with the feature upf.
-        #[arg(long)]
-        upf: Option<PathBuf>,
     },
     /// Every identification method on a simulated unit of each paper's kind, its cost counted, and flown.
     ///
@@ -248,11 +245,10 @@ fn run(command: Command) -> Result<()> {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             mutate::mutate(&elf, seed, if short { count.div_ceil(10) } else { count }, list, page.as_deref())
         }
-        Command::AlignDemo { runs, seed, out, table, upf } => {
+        Command::AlignDemo { runs, seed, out, table } => {
             let elf = replay::read_elf(&replay::default_elf())?;
             let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
-            let upf = upf.map(|p| replay::read_elf(&p)).transpose()?;
-            hrg_study::align::demo(&elf, &bench, upf.as_deref(), runs, seed, &out, table.as_deref())
+            hrg_study::align::demo(&elf, &bench, runs, seed, &out, table.as_deref())
         }
         Command::Methods { seed, out, seconds, fly, table, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;

@@ -291,7 +291,13 @@ pub fn table(all: &[Graded]) -> String {
         row("units with a measured spectrum: something named", of(&|g| !g.named.is_empty()));
         row("units with a measured spectrum: image recommended", of(&|g| g.burn));
     }
-    s += "\n| unit | grade | named | burn | floors left |\n|---|---|---|---|---|\n";
+    s
+}
+
+/// One row a unit.
+#[must_use]
+pub fn units(all: &[Graded]) -> String {
+    let mut s = String::from("| unit | grade | named | burn | floors left |\n|---|---|---|---|---|\n");
     for g in all {
         let left: Vec<String> = g.left.iter().map(|v| format!("{v:.2}")).collect();
         let named = match (&g.named[..], &g.why[..]) {

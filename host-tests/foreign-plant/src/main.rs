@@ -68,7 +68,10 @@ enum Command {
         /// Page to write the table to; else it is printed.
         #[arg(long)]
         page: Option<PathBuf>,
-        /// What stands above the table.
+        /// File for the table with a row a unit; else it follows the figures.
+        #[arg(long)]
+        units: Option<PathBuf>,
+        /// Text above the table.
         #[arg(long, default_value = "")]
         heading: String,
     },
@@ -128,8 +131,16 @@ impl Command {
             }
             Self::All { seeds, out } => write_all(&jobs(seeds, ""), &out)?,
             Self::Reach { seeds, only } => reach(&jobs(seeds, &only)),
-            Self::Grade { hrg, folder, page, heading } => {
-                let table = foreign_plant::grade::table(&foreign_plant::grade::folder(&hrg, &folder)?);
+            Self::Grade { hrg, folder, page, units, heading } => {
+                let all = foreign_plant::grade::folder(&hrg, &folder)?;
+                let rows = foreign_plant::grade::units(&all);
+                let mut table = foreign_plant::grade::table(&all);
+                match units {
+                    None => table += &format!("\n{rows}"),
+                    Some(path) => {
+                        std::fs::write(&path, rows).with_context(|| format!("cannot write {}", path.display()))?;
+                    }
+                }
                 match page {
                     None => print!("{table}"),
                     Some(path) => std::fs::write(&path, format!("{heading}\n\n{table}"))

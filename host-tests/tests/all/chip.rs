@@ -30,6 +30,7 @@ fn elf() -> Vec<u8> {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn the_tests_for_the_chip_pass_on_the_virtual_board() {
     let elf = elf();
     let tests = tests(&elf).expect("it holds tests");
@@ -43,6 +44,7 @@ fn the_tests_for_the_chip_pass_on_the_virtual_board() {
 
 /// A byte of a stored image is wrong in flash: the test of the models says so, in its log, too.
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn a_wrong_byte_fails_its_test() {
     let mut elf = elf();
     let (_, image, _) = same::IMAGES[0];
@@ -57,6 +59,7 @@ fn a_wrong_byte_fails_its_test() {
 
 /// Without a debugger, a breakpoint is a HardFault.
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn semihosting_without_a_debugger_ends_the_run() {
     let mut board = virtual_board::Board::new(&elf(), virtual_board::NothingConnected).expect("it fits the board");
     let end = board.run_until(virtual_board::CPU_HZ).expect_err("it asks for its command line");

@@ -131,8 +131,7 @@ fn pages_that_a_command_prints_are_of_this_program() {
     let git = |arguments: &[&str]| Command::new("git").args(arguments).current_dir(&top).output();
     let history = git(&["rev-parse", "--is-shallow-repository"]).is_ok_and(|o| o.stdout.starts_with(b"false"));
     let of_traces = ["demo", "foreign", "measured", "study"];
-    let others =
-        ["alignment-results", "bench", "controls-gpsdo", "controls-imu", "methods-results", "promises", "trace-peers"];
+    let others = ["alignment-results", "bench", "controls", "methods-results", "promises", "trace-peers"];
     for name in of_traces.into_iter().chain(others) {
         let text = std::fs::read_to_string(top.join(format!("docs/{name}.md"))).expect("a page");
         let (commit, form) =

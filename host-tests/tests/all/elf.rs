@@ -1,13 +1,13 @@
 //! The firmware ELF, as it is flashed, on the virtual board.
 
+use hrg_align::{wrap, Refusal, ARCMIN, DEGREE, DPH};
 use hrg_align_tools::plant::Plant;
 use hrg_align_tools::{FilterKind, Start};
 use hrg_board::host::{maintain, running};
 use hrg_board::replay::{self, Options, Outcome, CALIBRATION_A, CALIBRATION_B};
 use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
 use hrg_board::KEPT_STATES;
-use hrg_core::alignment::accelerometers::Accelerometers;
-use hrg_core::alignment::{wrap, Refusal, ARCMIN, DEGREE, DPH};
+use hrg_core::accelerometers::Accelerometers;
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{self, Facts, Reach};
 use hrg_core::frequency::StepFrequencies;
@@ -113,7 +113,7 @@ fn the_comparison_can_fail() {
     other.axes[0].curve.temperature_coefficients_c[0] += 1e-3;
     let steps = Steps::new(&recording()).expect("long enough");
     let scale = mine.scale_factors_dph_per_code();
-    let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), false);
+    let twin = hrg_board::twin::Twin::new(other, UnitStatus::empty(), hrg_core::parts::Parts::all());
     let mut board = Board::new(&elf(), Wires::new(steps, scale, 20e-9, 1, Some(twin), None)).expect("runs");
     board.write_flash(CALIBRATION_A, &mine.to_bytes().expect("fits")).expect("in flash");
     board.run_until(3 * CPU_HZ).expect("runs");

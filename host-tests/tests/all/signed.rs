@@ -4,7 +4,7 @@ use hrg::unit::keys;
 use hrg_board::host::{maintain, running};
 use hrg_board::replay::{self, CALIBRATION_A};
 use hrg_board::wires::Wires;
-use hrg_core::alignment::session::Command as Align;
+use hrg_core::align_mode::Command as Align;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{burn, Answer};

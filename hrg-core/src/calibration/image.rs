@@ -2,7 +2,7 @@
 
 use super::layouts::{Channel, EffectHead, Header};
 use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
-use crate::alignment::accelerometers::Accelerometers;
+use crate::accelerometers::Accelerometers;
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};

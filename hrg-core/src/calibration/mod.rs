@@ -33,7 +33,7 @@ mod image;
 pub use image::{stated_length, COMMIT, REFUSED};
 pub mod layouts;
 
-use crate::alignment::accelerometers::Accelerometers;
+use crate::accelerometers::Accelerometers;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;

@@ -4,7 +4,7 @@
 //! Source: Arrhenius' law about a reference temperature.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 const RUNGS: usize = 9;
@@ -36,6 +36,10 @@ impl Effect for ArrheniusLadder {
 
     fn memory(&mut self) -> &mut [f32] {
         &mut self.state_c
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]

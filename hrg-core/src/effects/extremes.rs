@@ -1,7 +1,7 @@
 //! `extremes`: the highest and the lowest temperature since power-on, each less temperature; C: memory that only an extreme
 //! changes (a wiped-out loop, a set that creeps once). State: both, starting at the first temperature.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// Highest and lowest temperature so far, less temperature; C.
 #[derive(Debug, Clone)]
@@ -24,6 +24,10 @@ impl Effect for Extremes {
 
     fn memory(&mut self) -> &mut [f32] {
         &mut self.state_c
+    }
+
+    fn span(_: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::All
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 //! only heating stirs up. (Cooling alone is the lag of both less this one.) State: the sums, starting at zero.
 
 use super::bank::rung;
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 const RUNGS: usize = 8;
 
@@ -39,6 +39,10 @@ impl Effect for HeatingLags {
 
     fn soak_at(&mut self, temperature_c: f32) {
         self.soaked_c = temperature_c;
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 //! friction does. State: the output of the play operator, starting at the first temperature.
 //! Source: play operator (Krasnosel'skii and Pokrovskii 1989), the element of Prandtl-Ishlinskii models.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 /// Output of a play of full width `width_c`, less temperature; C.
@@ -32,6 +32,10 @@ impl Effect for Hysteresis {
 
     fn memory(&mut self) -> &mut [f32] {
         core::slice::from_mut(&mut self.state_c)
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Range(p[0])
     }
 
     #[inline]

@@ -3,7 +3,7 @@
 //! starting in equilibrium with the first one. Source: expansion of a relaxation in a discrete spectrum (Prony series).
 
 use super::bank::rung;
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// Lags of the ladder.
 pub const RUNGS: usize = 9;
@@ -32,6 +32,10 @@ impl Effect for LagLadder {
 
     fn memory(&mut self) -> &mut [f32] {
         &mut self.state_c
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]

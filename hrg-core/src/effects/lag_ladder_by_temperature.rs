@@ -2,7 +2,7 @@
 //! range): thermal memory whose gain changes with temperature. State: as there.
 
 use super::lag_ladder::{LagLadder, RUNGS};
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// Lags of temperature, less temperature, times normalised temperature; C.
 #[derive(Debug, Clone)]
@@ -24,6 +24,10 @@ impl Effect for LagLadderByTemperature {
 
     fn memory(&mut self) -> &mut [f32] {
         self.lags.memory()
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]

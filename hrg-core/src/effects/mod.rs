@@ -117,6 +117,19 @@ pub enum Reach {
     Unpredictable,
 }
 
+/// Part of the past that an effect depends on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Span {
+    /// None, or no more than some seconds.
+    None,
+    /// Its slowest time constant, s: a twentieth of the past is left after three of them.
+    Time(f32),
+    /// The width of its widest play, C: the past is gone as soon as the temperature has swept it.
+    Range(f32),
+    /// All of it.
+    All,
+}
+
 /// Facts of an effect, and its computation.
 pub trait Effect: Sized {
     /// Name in reports.
@@ -147,6 +160,10 @@ pub trait Effect: Sized {
     /// The numbers that it remembers from step to step: what a unit keeps over a restart. Always as many, at most [`MAX_MEMORY`].
     fn memory(&mut self) -> &mut [f32] {
         &mut []
+    }
+    /// The part of the past that it depends on, with these inner parameters.
+    fn span(_parameters: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::None
     }
     /// Makes its memory that of a unit which has stood at a temperature for long and was brought to the present one at once.
     fn soak_at(&mut self, temperature_c: f32) {
@@ -336,6 +353,15 @@ macro_rules! effects {
             }
         }
 
+        /// The part of the past that the effect with a number depends on: [`Effect::span`]. Nothing for a number that is not in the list.
+        #[must_use]
+        pub fn span(id: u16, parameters: &[f32; MAX_PARAMETERS]) -> Span {
+            match id {
+                $(<$name as Effect>::ID => <$name as Effect>::span(parameters),)+
+                _ => Span::None,
+            }
+        }
+
         /// One running effect of one axis.
         #[derive(Debug, Clone)]
         pub enum Running { $(#[doc = concat!("See [`", stringify!($name), "`].")] $name($name)),+ }
@@ -378,7 +404,8 @@ macro_rules! effects {
                 }
             }
             /// Advances by one step and adds to each axis the regressors times its gains.
-            #[inline]
+            // (Once in flash: the effects and their other pasts call it.)
+            #[inline(never)]
             pub fn add_bias_dph<const N: usize>(
                 &mut self,
                 scaling: &Scaling,

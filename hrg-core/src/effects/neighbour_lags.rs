@@ -1,7 +1,7 @@
 //! `neighbour-lags`: temperatures of the two other axes, as they are and behind lags of 400, 1500 and 5000 s, less that of this
 //! axis; C. State: the lagged temperatures, starting in equilibrium.
 
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 use crate::AXES;
 
 /// Lagged temperature differences to the other axes; C.
@@ -31,6 +31,10 @@ impl Effect for NeighbourLags {
 
     fn memory(&mut self) -> &mut [f32] {
         self.state_c.as_flattened_mut()
+    }
+
+    fn span(_: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(Self::TAUS_S[2])
     }
 
     #[inline]

@@ -4,7 +4,7 @@
 //! Source: Brokate and Sprekels 1996, section 2.4 (a Preisach operator is an integral over plays of functions of their outputs).
 
 use super::bank::hats;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 const KNOTS: usize = 8;
@@ -37,6 +37,10 @@ impl Effect for PlayCurve {
 
     fn memory(&mut self) -> &mut [f32] {
         core::slice::from_mut(&mut self.state_c)
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Range(p[0])
     }
 
     #[inline]

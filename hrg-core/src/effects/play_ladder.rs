@@ -3,7 +3,7 @@
 //! Source: Krasnosel'skii and Pokrovskii 1989; Kuhnen 2003.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 use crate::bias::clamp;
 
 const RUNGS: usize = 10;
@@ -35,6 +35,10 @@ impl Effect for PlayLadder {
 
     fn memory(&mut self) -> &mut [f32] {
         &mut self.state_c
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Range(p[1])
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 //! settling after power-on (stretched, logarithmic, several times) is a sum of these. State: none but that time.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 const RUNGS: usize = 8;
 
@@ -23,6 +23,10 @@ impl Effect for PowerOnLadder {
 
     fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { tau_s: core::array::from_fn(|k| rung(p[0], p[1], k, RUNGS)) }
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]
@@ -47,6 +51,10 @@ impl Effect for PowerOnLadderByTemperature {
 
     fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
         Self { ladder: PowerOnLadder::new(p, step_s) }
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]
@@ -77,6 +85,10 @@ impl Effect for PowerOnLadderByStart {
 
     fn memory(&mut self) -> &mut [f32] {
         core::slice::from_mut(&mut self.start_c)
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[1])
     }
 
     #[inline]

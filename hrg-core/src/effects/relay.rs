@@ -1,7 +1,7 @@
 //! `relay`: 1 once the temperature has risen above `on_c`, 0 once it has fallen below `off_c`: a contact or a joint that snaps.
 //! State: which of the two, starting with the nearer one. Source: the element of Preisach's model.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// A switch with two thresholds.
 #[derive(Debug, Clone)]
@@ -35,6 +35,10 @@ impl Effect for Relay {
 
     fn soak_at(&mut self, temperature_c: f32) {
         self.state = if temperature_c > 0.5 * (self.on_c + self.off_c) { 1.0 } else { 0.0 };
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Range((p[0] - p[1]).abs())
     }
 
     #[inline]

@@ -2,7 +2,7 @@
 //! faster) than the resonator: mount, electronics, housing. State: the lagged temperature, starting in
 //! equilibrium with the first one. Source: first-order thermal lag of zhao2022 (694 s for its unit).
 
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// First-order lag of temperature, less temperature; C.
 #[derive(Debug, Clone)]
@@ -25,6 +25,10 @@ impl Effect for ThermalLag {
 
     fn memory(&mut self) -> &mut [f32] {
         core::slice::from_mut(&mut self.state_c)
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[0])
     }
 
     #[inline]

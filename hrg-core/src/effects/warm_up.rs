@@ -1,7 +1,7 @@
 //! `warm-up`: `exp(-(t - power_on) / tau)`: electronics or the resonator's own heat settling after power-on.
 //! State: none but the time since power-on, which the unit counts.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
 
 /// Exponential decay since power-on, 1 to 0.
 #[derive(Debug, Clone)]
@@ -20,6 +20,10 @@ impl Effect for WarmUp {
 
     fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
         Self { tau_s: if parameters[0] > 0.0 { parameters[0] } else { 1.0 } }
+    }
+
+    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
+        Span::Time(p[0])
     }
 
     #[inline]

@@ -1,7 +1,7 @@
 //! Messages to bytes and back.
 
 use super::{layouts, Housekeeping, LinkError, Message, MAX_FRAME, MAX_PAYLOAD};
-use crate::alignment::session::Command;
+use crate::align_mode::Command;
 use crate::bytes::{crc32, Reader, Writer};
 use crate::maintenance::{self, Reply};
 use crate::rate_path::RateFrame;

@@ -11,7 +11,7 @@
 //! ```
 
 use super::{Housekeeping, Identity};
-use crate::alignment::session;
+use crate::align_mode;
 use crate::maintenance::CHUNK;
 use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
@@ -67,7 +67,7 @@ layout! { Identity {
     resets: u16, "resets since power-on";
 } }
 
-layout! { session::Report {
+layout! { align_mode::Report {
     second: u32, "number of the second, from the start of the alignment";
     stage: u8, "stage";
     refusal: u8, "why there is no result; 0: the numbers are a result";
@@ -183,7 +183,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "rate", lead: &[0x01], fields: RateFrame::FIELDS },
     Table { name: "housekeeping", lead: &[0x02], fields: Housekeeping::FIELDS },
     Table { name: "identity", lead: &[0x03], fields: Identity::FIELDS },
-    Table { name: "alignment", lead: &[0x04], fields: session::Report::FIELDS },
+    Table { name: "alignment", lead: &[0x04], fields: align_mode::Report::FIELDS },
     Table { name: "maintained: answer", lead: &[0x05, 0], fields: Answer::FIELDS },
     Table { name: "maintained: data", lead: &[0x05, 1], fields: Data::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },

@@ -20,7 +20,7 @@ pub mod layouts;
 
 pub use deframe::Deframer;
 
-use crate::alignment::session;
+use crate::align_mode;
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
 use crate::maintenance;
@@ -185,13 +185,13 @@ pub enum Message {
     /// Unit to host: answer to [`Message::Identify`].
     Identity(Identity),
     /// Unit to host: each second of an alignment.
-    Alignment(session::Report),
+    Alignment(align_mode::Report),
     /// Host to unit: who are you?
     Identify,
     /// Host to unit: samples per rate frame, 1 to 1000.
     SetDecimation(u16),
     /// Host to unit: of an alignment.
-    Align(session::Command),
+    Align(align_mode::Command),
     /// Host to unit: of maintenance.
     Maintain(maintenance::Command),
     /// Unit to host: the reply to that.
@@ -217,7 +217,7 @@ pub enum LinkError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::alignment::session::Command;
+    use crate::align_mode::Command;
     use proptest::prelude::*;
 
     fn housekeeping() -> Housekeeping {
@@ -276,7 +276,7 @@ mod tests {
             }),
             Message::Identify,
             Message::SetDecimation(5),
-            Message::Alignment(session::Report {
+            Message::Alignment(align_mode::Report {
                 second: 9,
                 stage: 3,
                 refusal: 0,

@@ -23,7 +23,7 @@ pub const KEPT_STATES: &str = "_kept_states";
 /// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {
     /// A model step of the three axes.
-    pub const UPDATE: &str = "hrg_core::compensator::Compensator::update";
+    pub const UPDATE: &str = "hrg_core::compensator::Model<P>::update";
     /// The bias model of an axis, without effects.
     pub const BIAS: &str = "hrg_core::bias::Coefficients::bias_dph";
     /// The temperature curve.

@@ -4,6 +4,7 @@ use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
+use hrg_core::parts::{self, Parts};
 use hrg_core::status::UnitStatus;
 use hrg_core::timebase::Timebase;
 use hrg_data::error::BadInput;
@@ -15,7 +16,7 @@ use hrg_data::recording::Recording;
 use hrg_identify::fit::correct;
 use std::path::{Path, PathBuf};
 use virtual_board::part::{self, Part};
-use virtual_board::{Board, Probe, Stop, CPU_HZ};
+use virtual_board::{Board, Firmware, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).
 pub const CALIBRATION_A: u32 = 0x4_0000;
@@ -34,8 +35,6 @@ pub struct Options {
     pub faults: WireFaults,
     /// Compare every frame with the desktop.
     pub compare: bool,
-    /// The firmware was built with the feature upf.
-    pub particles: bool,
     /// Stop after this time, s; `None`: the whole recording.
     pub seconds: Option<u64>,
     /// Functions whose calls are counted, by a part of their symbol.
@@ -55,7 +54,6 @@ impl Default for Options {
             seed: 1,
             faults: WireFaults::default(),
             compare: true,
-            particles: false,
             seconds: None,
             count: vec![],
             accelerations: None,
@@ -104,6 +102,13 @@ pub fn default_elf() -> PathBuf {
     })
 }
 
+/// Parts that a firmware was built with; all of them where it does not state them.
+#[must_use]
+pub fn parts(firmware: &Firmware) -> Parts {
+    let word = firmware.address_of(parts::SYMBOL).and_then(|at| firmware.word(at));
+    word.map_or(Parts::all(), Parts::from_bits_retain)
+}
+
 /// Reads the ELF.
 ///
 /// # Errors
@@ -138,8 +143,9 @@ pub fn run(
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let start_status = if calibration.is_some() { UnitStatus::empty() } else { UnitStatus::DEFAULT_CALIBRATION };
     let scale = used.scale_factors_dph_per_code();
+    let parts = parts(&Firmware::parse(elf)?);
     let timebase = Timebase::at(options.part.timer_hz() as u32);
-    let twin = options.compare.then(|| Twin::at(timebase, used, start_status, options.particles));
+    let twin = options.compare.then(|| Twin::at(timebase, used, start_status, parts));
     let sensors = steps.thermometer == Thermometer::Sensors;
     let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))

@@ -3,14 +3,16 @@
 //! The same `hrg_core`, compiled for the desktop. Every frame that the ELF sends must equal, byte for byte, the one
 //! that comes out here.
 
+use hrg_align::linear::Linear;
+use hrg_align::session::Session;
 use hrg_core::adc::{Dialogue, WORDS};
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::particles::{Kernels, CHEN};
-use hrg_core::alignment::session::{AlignMode, Session};
+use hrg_core::align_mode::{AlignMode, NotBuiltIn};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
+use hrg_core::history::{History, Settling};
 use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{PendingBias, RatePath, DECIMATION};
@@ -18,9 +20,25 @@ use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
-use hrg_identify::fit::correct::{Model, Stepped};
+use hrg_identify::fit::correct::{ModelOf, Stepped};
 use std::collections::VecDeque;
 use virtual_board::CYCLES_PER_TICK;
+
+/// The bias model of a unit, by the past that it was built with.
+enum Model {
+    Past(ModelOf<History>),
+    Settling(ModelOf<Settling>),
+}
+
+/// Calls the same method of either model.
+macro_rules! either {
+    ($model:expr, $m:ident => $call:expr) => {
+        match $model {
+            Model::Past($m) => $call,
+            Model::Settling($m) => $call,
+        }
+    };
+}
 
 /// The digital twin of one power-on.
 pub struct Twin {
@@ -46,20 +64,19 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// `start_status`: status of the unit from start-up (default calibration). `particles`: of a firmware
-    /// built with the feature upf.
+    /// `start_status`: status of the unit from start-up (default calibration). `parts`: those that the firmware was built with.
     #[must_use]
-    pub fn new(calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
-        Self::at(Timebase::REFERENCE, calibration, start_status, particles)
+    pub fn new(calibration: Calibration, start_status: UnitStatus, parts: Parts) -> Self {
+        Self::at(Timebase::REFERENCE, calibration, start_status, parts)
     }
 
     /// The same with a timer of another rate.
     #[must_use]
-    pub fn at(timebase: Timebase, calibration: Calibration, start_status: UnitStatus, particles: bool) -> Self {
-        let mut session: Box<dyn AlignMode + Send> = if particles {
-            Box::new(Session::<Kernels<f32, CHEN>>::IDLE)
-        } else {
+    pub fn at(timebase: Timebase, calibration: Calibration, start_status: UnitStatus, parts: Parts) -> Self {
+        let mut session: Box<dyn AlignMode + Send> = if parts.contains(Parts::ALIGN) {
             Box::new(Session::<Linear<f32>>::IDLE)
+        } else {
+            Box::new(NotBuiltIn::IDLE)
         };
         session.set_accelerometers(calibration.accelerometers);
         let path = RatePath::new(timebase, calibration.scale_factors_dph_per_code(), DECIMATION);
@@ -75,7 +92,11 @@ impl Twin {
             timebase,
             bank: CounterBank::new(Config::at(timebase), GATES_PER_STEP),
             pps: Pps::new(timebase),
-            model: Model::new(calibration, 0.0),
+            model: if parts.contains(Parts::PAST) {
+                Model::Past(ModelOf::new(calibration, 0.0))
+            } else {
+                Model::Settling(ModelOf::new(calibration, 0.0))
+            },
             adc: Dialogue::default(),
             sensors: None,
             output: RateOutput::new(path, start_status),
@@ -102,14 +123,14 @@ impl Twin {
     /// # Errors
     /// Words that are not intact.
     pub fn resume(&mut self, words: &[u32]) -> Result<(), hrg_data::error::BadInput> {
-        self.model.resume(words)?;
-        self.telemetry.set_resets(self.model.resets());
+        either!(&mut self.model, m => m.resume(words))?;
+        self.telemetry.set_resets(either!(&self.model, m => m.resets()));
         Ok(())
     }
 
     /// The states as the unit keeps them after its last step.
     pub fn keep(&mut self) -> Vec<u32> {
-        self.model.keep()
+        either!(&mut self.model, m => m.keep())
     }
 
     /// Time goes on to a timer reading: closes gates that are over.
@@ -125,7 +146,7 @@ impl Twin {
                 if let Some((_, window)) = &mut self.sensors {
                     step = with_readings(step, window.take().as_ref(), &Platinum::PT1000);
                 }
-                let Stepped { output, .. } = self.model.step(&step);
+                let Stepped { output, .. } = either!(&mut self.model, m => m.step(&step));
                 self.output.set_bias(PendingBias::new(self.timebase, &step, &output));
                 self.steps.push_back((step, output, report));
             }
@@ -155,7 +176,7 @@ impl Twin {
             self.link.pop_front();
             if let Some(Ok(Message::Align(command))) = self.deframer.push(byte) {
                 if let Some(trim) = self.telemetry.align(command) {
-                    self.model.set_trim(trim);
+                    either!(&mut self.model, m => m.set_trim(trim));
                 }
             }
         }

@@ -1,7 +1,8 @@
 //! Signals on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
 use crate::twin::Twin;
-use hrg_core::alignment::session::{Report, ACCELEROMETER_SCALE};
+use hrg_align::session::ACCELEROMETER_SCALE;
+use hrg_core::align_mode::Report;
 use hrg_core::link::{Deframer, Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
 use hrg_data::log::Decoder;

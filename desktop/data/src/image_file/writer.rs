@@ -2,7 +2,7 @@
 
 use super::{is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
 use crate::axes::AXIS_NAMES;
-use hrg_core::alignment::accelerometers::Accelerometers;
+use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::layouts::{Channel, MODELS};
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};

@@ -3,8 +3,8 @@
 
 use super::port::Unit;
 use anyhow::{Context, Result};
-use hrg_core::alignment::session::{Command, Report, Stage};
-use hrg_core::alignment::{normal_gravity, Config, Refusal, ARCMIN, DEGREE, DPH};
+use hrg_align::{normal_gravity, Config, Refusal, ARCMIN, DEGREE, DPH};
+use hrg_core::align_mode::{Command, Report, Stage};
 use hrg_core::link::Message;
 use hrg_data::error::BadInput;
 use std::time::{Duration, Instant};

@@ -1,11 +1,12 @@
 //! `hrg align --port` against a unit that is played here: the very session of `hrg-core` behind a pseudo-terminal.
 #![cfg(unix)]
 
+use hrg_align::linear::Linear;
+use hrg_align::session::{Session, ACCELEROMETER_SCALE};
+use hrg_align::{DEGREE, DPH};
 use hrg_align_tools::plant::Plant;
 use hrg_align_tools::Recording;
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::session::{Command, Session, ACCELEROMETER_SCALE};
-use hrg_core::alignment::{DEGREE, DPH};
+use hrg_core::align_mode::Command;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::rate_path::Summary;
 use serialport::{SerialPort, TTYPort};

@@ -15,8 +15,9 @@
 //! are compared with it bit for bit.
 
 use hrg_core::calibration::Calibration;
-use hrg_core::compensator::{Compensator, Output};
+use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
+use hrg_core::history::{History, Past};
 use hrg_core::history::{Kept, KEPT_WORDS};
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_factors::Factors;
@@ -33,10 +34,13 @@ use hrg_data::recording::steps::{Steps, BRIDGE_S};
 use hrg_data::recording::Recording;
 use std::fmt::Write as _;
 
+/// The model of a unit that gives the uncertainty of its past as a number.
+pub type Model = ModelOf<History>;
+
 /// The model of a unit: frequencies of a step in, temperatures and biases out.
 #[derive(Debug)]
-pub struct Model {
-    compensator: Compensator,
+pub struct ModelOf<P> {
+    compensator: hrg_core::compensator::Model<P>,
     /// Bias of the step before, deg/h.
     before_dph: [f32; AXES],
     /// Factors by which the rates were multiplied then.
@@ -57,12 +61,12 @@ pub struct Stepped {
     pub held_factors: Factors,
 }
 
-impl Model {
+impl<P: Past> ModelOf<P> {
     /// Starts in equilibrium with the first temperature. `age_s`: time since power-on at the start of the first step (0 on the
     /// unit; a recording may begin later).
     #[must_use]
     pub fn new(calibration: Calibration, age_s: f32) -> Self {
-        let compensator = Compensator::new(calibration, age_s);
+        let compensator = hrg_core::compensator::Model::new(calibration, age_s);
         Self { compensator, before_dph: [0.0; AXES], factors_before: Factors::UNIT, trim: None }
     }
 

@@ -6,7 +6,7 @@ use super::data::{begins_in_ramp, Candidate, Data};
 use super::judge::Means;
 use super::model::Fitted;
 use crate::fit::MEAN_S;
-use hrg_core::effects::{EffectId, NeighbourLags};
+use hrg_core::effects::{span, Span};
 use hrg_core::AXES;
 use hrg_data::cards::{card, Class};
 use hrg_data::numeric::stats::{dot, mean};
@@ -34,14 +34,11 @@ pub(super) struct Memory {
 impl Memory {
     /// The slowest of a model.
     pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
-        let slowest = |c: &Candidate| {
-            let last = c.facts.parameters.len().checked_sub(1);
-            let tau_s = match (c.facts.effect, last) {
-                (EffectId::NeighbourLags, _) => NeighbourLags::TAUS_S[NeighbourLags::TAUS_S.len() - 1],
-                (e, Some(last)) if card(e).class == Class::Memory => c.parameters[last],
-                _ => return None,
-            };
-            Some(Self { name: c.facts.name, tau_s: f64::from(tau_s) })
+        let slowest = |c: &Candidate| match span(c.facts.id, &c.parameters) {
+            Span::Time(tau_s) if card(c.facts.effect).class == Class::Memory => {
+                Some(Self { name: c.facts.name, tau_s: f64::from(tau_s) })
+            }
+            _ => None,
         };
         effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
     }

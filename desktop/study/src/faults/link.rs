@@ -4,7 +4,7 @@ use super::{draws, good, run, Extent, Report, Scene};
 use anyhow::Result;
 use hrg_board::host::cycles;
 use hrg_board::wires::{Received, Wires, BYTE_CYCLES};
-use hrg_core::alignment::session;
+use hrg_core::align_mode;
 use hrg_core::link::{Deframer, Message};
 use hrg_core::maintenance::{self, Answer, Command, Reply};
 use rand::Rng;
@@ -200,7 +200,7 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
         );
     }
     // Valid commands as fast as they come.
-    let begin = session::Command::Begin { latitude_deg: 45.0, gravity_mps2: 9.8, velocity_noise_mps: 0.01 };
+    let begin = align_mode::Command::Begin { latitude_deg: 45.0, gravity_mps2: 9.8, velocity_noise_mps: 0.01 };
     for (name, frame) in [
         ("link: flood of Identify", Message::Identify.encode()),
         ("link: flood of alignment commands", Message::Align(begin).encode()),

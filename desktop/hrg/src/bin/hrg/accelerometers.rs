@@ -2,8 +2,8 @@
 
 use anyhow::Result;
 use clap::Args;
+use hrg_align::normal_gravity;
 use hrg_align_tools::accelerometers::identify;
-use hrg_core::alignment::normal_gravity;
 use hrg_data::error::BadInput;
 use std::path::PathBuf;
 

@@ -3,7 +3,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{aligner::Aligner, linear::Linear, Config, Refusal};
+//! use hrg_align::{aligner::Aligner, linear::Linear, Config, Refusal};
 //!
 //! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
 //! let mut aligner = Aligner::new(Linear::<f64>::new(config), &config);
@@ -12,7 +12,7 @@
 //! assert!(matches!(aligner.outcome(), Err(Refusal::OnePosition)));
 //! ```
 
-use super::{Begin, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE};
+use crate::{Begin, Config, Estimate, Filter, Refusal, ARCMIN, DEGREE};
 use core::f64::consts::PI;
 
 /// Seconds that each position must last.

@@ -5,7 +5,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::accelerometers::Accelerometers;
+//! use hrg_core::accelerometers::Accelerometers;
 //!
 //! let a = Accelerometers { bias_mps2: [1e-3, 0.0], ..Accelerometers::IDEAL };
 //! assert!(a.possible());

@@ -9,7 +9,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{particles::Kernels, Config, Filter};
+//! use hrg_align::{particles::Kernels, Config, Filter};
 //!
 //! // Sixteen kernels around the circle; nothing is known of the azimuth.
 //! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
@@ -18,11 +18,11 @@
 //! assert!(filter.estimate().expect("still works").azimuth_std > 0.5);
 //! ```
 
-use super::ekf::{estimate, prior, walk, Model, A, D, STATES, TH, V};
-use super::real::{cholesky, zeros, Matrix, Real};
-use super::{forget, land, read, set, sound, turn_steps, turn_tilts, Begin, Config, Estimate, Filter};
-use crate::math::double;
+use crate::ekf::{estimate, prior, walk, Model, A, D, STATES, TH, V};
+use crate::real::{cholesky, zeros, Matrix, Real};
+use crate::{forget, land, read, set, sound, turn_steps, turn_tilts, Begin, Config, Estimate, Filter};
 use core::f64::consts::PI;
+use hrg_core::math::double;
 
 /// Particles of chen2015.
 pub const CHEN: usize = 200;

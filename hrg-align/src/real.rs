@@ -1,9 +1,9 @@
 //! Single and double precision under one name: the unit runs in `f32`, `f64` is the yardstick. Functions
-//! of `libm` and the sine of [`crate::math`], on both sides.
+//! of `libm` and the sine of [`hrg_core::math`], on both sides.
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::real::{cholesky, identity, product};
+//! use hrg_align::real::{cholesky, identity, product};
 //!
 //! let root = cholesky(&[[4.0, 2.0], [2.0, 5.0]]).expect("positive");
 //! assert_eq!(root, [[2.0, 0.0], [1.0, 2.0]]);
@@ -12,9 +12,9 @@
 //! assert_eq!(cholesky(&[[1.0f64, 2.0], [2.0, 1.0]]), None);
 //! ```
 
-use crate::math::{double, single};
 use core::fmt::Debug;
 use core::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
+use hrg_core::math::{double, single};
 
 /// A floating-point number.
 pub trait Real:

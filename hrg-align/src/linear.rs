@@ -8,7 +8,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{linear::Linear, Config, Filter};
+//! use hrg_align::{linear::Linear, Config, Filter};
 //!
 //! // It needs no azimuth to start from. A reading that is missing (NaN) lets time go on.
 //! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
@@ -17,9 +17,9 @@
 //! assert!(filter.estimate().is_some());
 //! ```
 
-use super::real::{congruence, transition, zeros, Matrix, Real};
-use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Begin, Config, Estimate, Filter};
-use crate::math::double;
+use crate::real::{congruence, transition, zeros, Matrix, Real};
+use crate::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Begin, Config, Estimate, Filter};
+use hrg_core::math::double;
 
 /// States.
 pub const STATES: usize = 8;

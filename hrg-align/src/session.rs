@@ -6,8 +6,9 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::linear::Linear;
-//! use hrg_core::alignment::session::{Command, Session};
+//! use hrg_align::linear::Linear;
+//! use hrg_align::session::Session;
+//! use hrg_core::align_mode::Command;
 //!
 //! let mut session = Session::<Linear<f32>>::IDLE;
 //! session.command(Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 0.002 });
@@ -16,11 +17,12 @@
 //! assert_eq!(session.command(Command::Abandon), None);
 //! ```
 
-use super::accelerometers::Accelerometers;
-use super::aligner::Aligner;
-use super::{normal_gravity, Begin, Config, Estimate, Refusal, ARCMIN, DEGREE, DPH};
-use crate::rate_path::Summary;
-use crate::AXES;
+use crate::aligner::Aligner;
+use crate::{normal_gravity, Begin, Config, Estimate, Refusal, ARCMIN, DEGREE, DPH};
+use hrg_core::accelerometers::Accelerometers;
+use hrg_core::align_mode::{AlignMode, Command, Report, Stage};
+use hrg_core::rate_path::Summary;
+use hrg_core::AXES;
 
 /// Scale of the accelerometer channels, m/s^2 per code: 2 g at the end of 24 bits.
 pub const ACCELEROMETER_SCALE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
@@ -28,75 +30,6 @@ pub const ACCELEROMETER_SCALE: f64 = 2.0 * 9.806_65 / 8_388_608.0;
 const SAMPLE_S: f64 = 1e-3;
 /// Share of a second's samples that may be missing.
 const MOST_MISSING: u16 = 100;
-
-/// Alignment command of the host.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Command {
-    /// Begin an alignment: latitude (degrees), gravity (m/s^2; 0: normal gravity), noise of a velocity reading (m/s).
-    Begin {
-        /// Latitude, degrees.
-        latitude_deg: f32,
-        /// Gravity, m/s^2.
-        gravity_mps2: f32,
-        /// Velocity noise, m/s.
-        velocity_noise_mps: f32,
-    },
-    /// Drifts and tilts that the next alignment expects, one sigma; 0: as usual ([`Config::new`]).
-    Expect {
-        /// Drifts, deg/h.
-        drift_dph: f32,
-        /// Tilts at the start, arc minutes.
-        tilt_arcmin: f32,
-    },
-    /// The turn begins.
-    TurnBegins,
-    /// The turn has ended.
-    TurnEnded {
-        /// Its angle about axis 3, clockwise from above, degrees.
-        angle_deg: f32,
-    },
-    /// Leave align mode, the drifts becoming a bias trim.
-    Accept,
-    /// Leave align mode.
-    Abandon,
-}
-
-/// Stage of an alignment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Stage {
-    /// In the first position.
-    First = 1,
-    /// Between the positions.
-    Turning = 2,
-    /// In the second position.
-    Second = 3,
-    /// Over: refused at its beginning, accepted or abandoned.
-    Over = 4,
-}
-
-/// Each second of an alignment.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Report {
-    /// Number of the second, from the start of the alignment.
-    pub second: u32,
-    /// Stage.
-    pub stage: u8,
-    /// Number of the [`Refusal`] if there is no result; 0: the numbers are a result.
-    pub refusal: u8,
-    /// Azimuth, degrees; NaN unless it is a result.
-    pub azimuth_deg: f32,
-    /// Its standard deviation, arc minutes (given always).
-    pub azimuth_std_arcmin: f32,
-    /// Tilts, arc minutes.
-    pub tilt_arcmin: [f32; 2],
-    /// Drifts, deg/h.
-    pub drift_dph: [f32; 2],
-    /// Their standard deviations, deg/h.
-    pub drift_std_dph: [f32; 2],
-    /// Check of the two positions; NaN where the filter has none.
-    pub integrity: f32,
-}
 
 /// The align mode of a unit.
 #[derive(Debug, Clone)]
@@ -117,18 +50,6 @@ pub struct Session<F> {
     last_word: bool,
     /// The alignment was asked for within the second that is about to end; it begins with the next one.
     fresh: bool,
-}
-
-/// The align mode of a unit, whatever filter it was built with.
-pub trait AlignMode {
-    /// As [`Session::command`].
-    fn command(&mut self, command: Command) -> Option<[f32; AXES]>;
-    /// As [`Session::second`].
-    fn second(&mut self, summary: &Summary) -> Option<Report>;
-    /// As [`Session::running`].
-    fn running(&self) -> bool;
-    /// As [`Session::set_accelerometers`].
-    fn set_accelerometers(&mut self, accelerometers: Accelerometers);
 }
 
 impl<F: Begin> AlignMode for Session<F> {

@@ -22,7 +22,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{linear::Linear, Config, Filter, DEGREE, DPH};
+//! use hrg_align::{linear::Linear, Config, Filter, DEGREE, DPH};
 //!
 //! // A level platform without drift at 45 degrees, axis 1 to the north: it tilts about axis 1 only, by the horizontal earth rate.
 //! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
@@ -39,7 +39,9 @@
 //! assert!(found.azimuth_std > 0.1 * DEGREE && found.drift_std[1] > 0.05 * DPH);
 //! ```
 
-pub mod accelerometers;
+#![no_std]
+#![forbid(unsafe_code)]
+
 pub mod aligner;
 pub mod ekf;
 pub mod linear;
@@ -47,7 +49,7 @@ pub mod particles;
 pub mod real;
 pub mod session;
 
-use crate::math::double;
+use hrg_core::math::double;
 use real::Real;
 
 /// Earth rate, rad/s.
@@ -96,6 +98,8 @@ pub enum Refusal {
     Breakdown = 11,
     /// Samples were missing for too long.
     DataMissing = 12,
+    /// The unit's firmware was built without alignment.
+    NotBuiltIn = hrg_core::align_mode::NOT_BUILT_IN,
 }
 
 impl Refusal {
@@ -116,6 +120,7 @@ impl Refusal {
             R::Inconsistent,
             R::Breakdown,
             R::DataMissing,
+            R::NotBuiltIn,
         ]
         .into_iter()
         .find(|r| *r as u8 == n)
@@ -137,6 +142,7 @@ impl core::fmt::Display for Refusal {
             Self::Inconsistent => "the two positions contradict each other; check the angle of the turn and whether base or drift moved, and repeat",
             Self::Breakdown => "the filter broke down; start it again",
             Self::DataMissing => "samples were missing for too long; check the ADC, and repeat",
+            Self::NotBuiltIn => "the unit's firmware was built without alignment; flash one with the feature align",
         })
     }
 }

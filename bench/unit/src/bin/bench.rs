@@ -6,10 +6,10 @@
 use core::hint::black_box;
 use defmt_rtt as _;
 use embassy_stm32 as _;
-use hrg_core::alignment::ekf::Ekf;
-use hrg_core::alignment::linear::Linear;
-use hrg_core::alignment::particles::{Kernels, Literal, CHEN};
-use hrg_core::alignment::{Begin, Config, Estimate, Filter};
+use hrg_align::ekf::Ekf;
+use hrg_align::linear::Linear;
+use hrg_align::particles::{Kernels, Literal, CHEN};
+use hrg_align::{Begin, Config, Estimate, Filter};
 use static_cell::ConstStaticCell;
 
 /// Calls of each.

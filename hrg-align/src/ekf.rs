@@ -4,7 +4,7 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::alignment::{ekf::Ekf, Config, Filter, DEGREE};
+//! use hrg_align::{ekf::Ekf, Config, Filter, DEGREE};
 //!
 //! // It needs an azimuth to start from, and how well that is known.
 //! let config = Config::new(45.0, 9.806, 0.002).expect("a site");
@@ -13,8 +13,8 @@
 //! assert!((filter.estimate().expect("still works").azimuth - 30.0 * DEGREE).abs() < 1.0 * DEGREE);
 //! ```
 
-use super::real::{congruence, product, zeros, Matrix, Real};
-use super::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Config, Estimate, Filter};
+use crate::real::{congruence, product, zeros, Matrix, Real};
+use crate::{forget, land, read, set, sound, turn_steps, turn_tilts, wrap, Config, Estimate, Filter};
 
 /// States.
 pub const STATES: usize = 7;
