@@ -1,4 +1,4 @@
-"""Prints the numbers of firmware/src/bin/alternatives.rs: the default law of axis x in other clothes. Needs numpy and scipy."""
+"""Prints the numbers of bench/unit/src/bin/alternatives.rs: the default law of axis x in other clothes. Needs numpy and scipy."""
 import numpy as np
 import numpy.polynomial.polynomial as P
 from scipy.optimize import least_squares

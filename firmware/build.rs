@@ -22,7 +22,7 @@ fn main() {
 
 /// Writes the key as an array of bytes.
 fn public_key(to: &Path) -> Result<(), String> {
-    let what = "the 64 hexadecimal digits that `hrg keygen` prints";
+    let what = "the 64 hexadecimal digits that `hrg unit keygen` prints";
     let text = env::var("HRG_PUBLIC_KEY")
         .map_err(|_| format!("the feature signed needs the environment variable HRG_PUBLIC_KEY: {what}"))?;
     let text = text.trim();

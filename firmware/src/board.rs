@@ -189,6 +189,13 @@ fn reset_cause() -> ResetCause {
     }
 }
 
+/// Configuration of the link.
+fn link_config() -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = params::LINK_BAUD;
+    config
+}
+
 impl Board {
     /// Sets everything up.
     pub fn new() -> Self {
@@ -257,10 +264,8 @@ impl Board {
             tx: p.DMA2_CH3,
         });
 
-        let mut link_config = usart::Config::default();
-        link_config.baudrate = params::LINK_BAUD;
         // The configuration is a constant one, good for this USART.
-        let link_out = match UartTx::new(p.USART1, p.PA9, p.DMA2_CH7, Irqs, link_config) {
+        let link_out = match UartTx::new(p.USART1, p.PA9, p.DMA2_CH7, Irqs, link_config()) {
             Ok(uart) => uart,
             Err(_) => defmt::panic!("link configuration"),
         };

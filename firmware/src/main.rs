@@ -145,6 +145,23 @@ fn resume(models: &mut [&'static mut Compensator; model::CHANNELS], cause: Reset
     models[0].resets()
 }
 
+/// Logs faults that the start has found.
+fn warn(verdict: program::Verdict, crystal: bool, halt: Halt) {
+    match verdict {
+        program::Verdict::Intact => {}
+        program::Verdict::Unsealed => {
+            defmt::warn!("the program was flashed without its checksum and cannot check itself: use cargo xtask flash");
+        }
+        program::Verdict::Changed => defmt::error!("the program in flash has changed"),
+    }
+    if !crystal {
+        defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
+    }
+    if halt != Halt::None {
+        defmt::warn!("stopped before by {=str}", halt.name());
+    }
+}
+
 /// Sets the board up and starts all tasks.
 #[inline(never)]
 fn start(spawner: Spawner) -> (Watchdog, program::Check) {
@@ -177,19 +194,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         board.reset_cause.name(),
         resets
     );
-    match verdict {
-        program::Verdict::Intact => {}
-        program::Verdict::Unsealed => {
-            defmt::warn!("the program was flashed without its checksum and cannot check itself: use cargo xtask flash");
-        }
-        program::Verdict::Changed => defmt::error!("the program in flash has changed"),
-    }
-    if !board.crystal {
-        defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
-    }
-    if halt != Halt::None {
-        defmt::warn!("stopped before by {=str}", halt.name());
-    }
+    warn(verdict, board.crystal, halt);
     #[cfg(feature = "field-log")]
     let on_for_s = compensators[0].on_for_s() as u32;
     #[cfg(feature = "field-log")]

@@ -1,4 +1,4 @@
-"""What allantools gives on the data of the test `as_allantools` (calibration/src/numeric/allan.rs).
+"""What allantools gives on the data of the test `as_allantools` (desktop/data/src/numeric/allan.rs).
 
 Prints the lines that stand in allan.csv beside it: pip install allantools; python3 allan.py > allan.csv
 """

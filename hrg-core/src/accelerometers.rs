@@ -1,6 +1,6 @@
 //! Errors of the two horizontal accelerometers (chen2015, eq 2), taken out of the velocities of an alignment.
 //!
-//! `a = b + M A`: `A` is what there is along axes 1 and 2, `a` what the two read. Found by `hrg accelerometers`, kept in the
+//! `a = b + M A`: `A` is what there is along axes 1 and 2, `a` what the two read. Found by `hrg align accelerometers`, kept in the
 //! calibration, the same in the unit's align mode and on the desktop. The vertical accelerometer takes no part.
 //!
 //! # Example

@@ -74,7 +74,7 @@ pub struct Report {
     pub second: u32,
     /// Stage.
     pub stage: u8,
-    /// Number of the [`Refusal`] if there is no result; 0: the numbers are a result.
+    /// Number of the refusal (`hrg_align::Refusal`) if there is no result; 0: the numbers are a result.
     pub refusal: u8,
     /// Azimuth, degrees; NaN unless it is a result.
     pub azimuth_deg: f32,

@@ -108,5 +108,5 @@ def test_errors_of_accelerometers_are_taken_out(hrg_command, tmp_path):
     theirs = json.loads((tmp_path / "r.json").read_text())
     assert hrg.align(path, accelerometers=found) == hrg.align(path, accelerometers=tmp_path / "a.json") == theirs
     assert theirs["azimuth_deg"] != hrg.align(path)["azimuth_deg"]
-    with pytest.raises(hrg.HrgError, match="no file of hrg accelerometers"):
+    with pytest.raises(hrg.HrgError, match="no file of hrg align accelerometers"):
         hrg.align(path, accelerometers={"bias": 1})

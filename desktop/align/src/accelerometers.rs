@@ -123,7 +123,7 @@ impl Accelerometers {
         Self { bias_mps2: a.bias_mps2.map(f64::from), matrix: a.matrix.map(|row| row.map(f64::from)) }
     }
 
-    /// Reads a file of `hrg accelerometers`, or the part of a calibration.
+    /// Reads a file of `hrg align accelerometers`, or the part of a calibration.
     ///
     /// # Errors
     /// One sentence with the path.
@@ -142,7 +142,7 @@ impl Accelerometers {
     /// One sentence.
     pub fn parse(text: &str) -> Result<Self, BadInput> {
         let found: Self = serde_json::from_str(text).map_err(|e| {
-            BadInput::new(format!("no file of hrg accelerometers ({e}); make one with hrg accelerometers"))
+            BadInput::new(format!("no file of hrg align accelerometers ({e}); make one with hrg align accelerometers"))
         })?;
         found.check()?;
         Ok(found)

@@ -36,7 +36,7 @@ use std::time::Instant;
 pub enum Contender {
     /// A method.
     Method(Method),
-    /// The model that [`crate::trace`] finds.
+    /// The model that [`hrg_identify::trace`] finds.
     Trace,
 }
 

@@ -215,7 +215,7 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    hrg_data::error::exit("hrg-study", run(Arguments::parse().command), |e| e.is::<MethodError>())
+    hrg_data::error::exit("hrg-study", run(Arguments::parse().command), anyhow::Error::is::<MethodError>)
 }
 
 fn run(command: Command) -> Result<()> {

@@ -370,7 +370,7 @@ pub fn modes(folder: &Path) -> anyhow::Result<BTreeMap<String, Points>> {
 /// As [`modes`].
 pub fn uberclock(folder: &Path) -> anyhow::Result<String> {
     let mut s = format!(
-        "uberclock: one quartz, modes {} as each other's thermometers (hrg points), 20 to 65 C\n   {:<12}{:<12}{:>24}{:>22}{:>12}{:>10}\n",
+        "uberclock: one quartz, modes {} as each other's thermometers (hrg fit points), 20 to 65 C\n   {:<12}{:<12}{:>24}{:>22}{:>12}{:>10}\n",
         hrg_data::error::list(&MODES),
         "orientation",
         "modes",

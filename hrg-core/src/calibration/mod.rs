@@ -207,7 +207,7 @@ impl core::error::Error for ImageError {}
 impl Calibration {
     /// Calibration of a unit that was never calibrated: the frequency curves of dong2023's Table 1 and no bias.
     ///
-    /// The curves are the centred cubic fits of that table on its sensors at the case; `hrg points
+    /// The curves are the centred cubic fits of that table on its sensors at the case; `hrg fit points
     /// host-tests/recordings/dong2023-table1.csv` prints them and a host test compares.
     #[must_use]
     pub fn uncalibrated() -> Self {

@@ -140,7 +140,7 @@ struct RunArguments {
 
 fn main() -> ExitCode {
     end_where_nobody_reads();
-    hrg_data::error::exit("hrg-board", run(Arguments::parse().command), |e| e.is::<image_file::FileError>())
+    hrg_data::error::exit("hrg-board", run(Arguments::parse().command), anyhow::Error::is::<image_file::FileError>)
 }
 
 /// Standard output may be a pipe whose reader has had enough (`| head`): the program then ends, which is no error.

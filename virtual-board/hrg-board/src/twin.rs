@@ -26,8 +26,8 @@ use virtual_board::CYCLES_PER_TICK;
 
 /// The bias model of a unit, by the past that it was built with.
 enum Model {
-    Past(ModelOf<History>),
-    Settling(ModelOf<Settling>),
+    Past(Box<ModelOf<History>>),
+    Settling(Box<ModelOf<Settling>>),
 }
 
 /// Calls the same method of either model.
@@ -93,9 +93,9 @@ impl Twin {
             bank: CounterBank::new(Config::at(timebase), GATES_PER_STEP),
             pps: Pps::new(timebase),
             model: if parts.contains(Parts::PAST) {
-                Model::Past(ModelOf::new(calibration, 0.0))
+                Model::Past(Box::new(ModelOf::new(calibration, 0.0)))
             } else {
-                Model::Settling(ModelOf::new(calibration, 0.0))
+                Model::Settling(Box::new(ModelOf::new(calibration, 0.0)))
             },
             adc: Dialogue::default(),
             sensors: None,

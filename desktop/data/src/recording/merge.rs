@@ -1,4 +1,4 @@
-//! A chamber's own log into a recording, by time: `hrg merge`.
+//! A chamber's own log into a recording, by time: `hrg import --with`.
 //!
 //! The rows of the recording stay as they are, with all their columns; values of the log are put beside them on straight lines between its
 //! rows. Cells stay empty if the log has a gap, or has not begun.

@@ -74,7 +74,7 @@ pub fn generate(path: &Path) -> Result<String> {
 pub fn load(path: &Path) -> Result<SigningKey> {
     let content = hrg_data::files::read_file(path, 1024, false)?;
     let seed = std::str::from_utf8(&content).ok().and_then(bytes).ok_or_else(|| {
-        BadInput::new(format!("{}: this is no key of hrg keygen ({DIGITS} hexadecimal digits)", path.display()))
+        BadInput::new(format!("{}: this is no key of hrg unit keygen ({DIGITS} hexadecimal digits)", path.display()))
     })?;
     let key = SigningKey::from_bytes(&seed);
     // Of the two files of a key the wrong one is easily taken.
@@ -123,7 +123,7 @@ mod tests {
         std::fs::copy(folder.join("k.pub"), folder.join("other.pub")).expect("copied");
         assert!(load(&folder.join("other")).expect_err("not it").to_string().contains("is not the private key"));
         std::fs::write(folder.join("short"), "1234").expect("written");
-        assert!(load(&folder.join("short")).expect_err("not it").to_string().contains("no key of hrg keygen"));
+        assert!(load(&folder.join("short")).expect_err("not it").to_string().contains("no key of hrg unit keygen"));
         let _ = std::fs::remove_dir_all(folder);
     }
 

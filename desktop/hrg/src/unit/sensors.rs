@@ -186,7 +186,7 @@ impl Sensors {
             let Some(reading) = lines.take(line).map_err(|e| bad(&e))? else { continue };
             if reading.time_s.is_none() {
                 return Err(bad(
-                    &"time_s is missing; beside a log, sensors need the time since the unit's power-on (or use hrg merge)",
+                    &"time_s is missing; beside a log, sensors need the time since the unit's power-on (or use hrg import)",
                 ));
             }
             sensors.readings += 1;

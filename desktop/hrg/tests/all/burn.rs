@@ -201,7 +201,8 @@ fn a_burn_is_done_when_the_unit_shows_it() {
     // The named file is the image from before.
     let file = format!("before-{:08x}.toml", image(1, 1.0).checksum());
     assert!(
-        said.contains(&format!("hrg burn {file} --port")) && !String::from_utf8_lossy(&o.stdout).contains("running"),
+        said.contains(&format!("hrg unit burn {file} --port"))
+            && !String::from_utf8_lossy(&o.stdout).contains("running"),
         "{said}"
     );
     assert_eq!(hrg_data::image_file::load(&folder.join(file)).expect("kept").checksum(), image(1, 1.0).checksum());
@@ -236,7 +237,7 @@ fn a_unit_with_a_key_takes_what_is_burnt_with_it() {
     let (done, said) = burn(Fault::Signed, &["--key", KEY]);
     assert!(done, "{said}");
     let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../rustfmt.toml")]);
-    assert!(!done && said.contains("no key of hrg keygen") && !said.contains("asked now"), "{said}");
+    assert!(!done && said.contains("no key of hrg unit keygen") && !said.contains("asked now"), "{said}");
 }
 
 #[test]
@@ -248,7 +249,7 @@ fn a_unit_that_has_gone_is_not_said_to_hold_anything() {
     assert!(unit.held(Duration::from_millis(100)).is_err());
 }
 
-/// A unit finds in its flash the image that `hrg image` writes: one with a key only if it is signed.
+/// A unit finds in its flash the image that `hrg unit image` writes: one with a key only if it is signed.
 #[test]
 fn an_image_for_the_debug_port_is_found_by_the_unit() {
     let folder = std::env::temp_dir().join(format!("hrg-image-{}", std::process::id()));

@@ -361,7 +361,7 @@ fn a_log_gives_what_it_knows_and_takes_the_rest_from_the_user() {
     assert_eq!(there, [(1, &20.0), (49, &21.5)], "each in the row of its time");
     write(&d, "late.txt", "case_x_c=20\n");
     let e = refused(&d, "record --defmt fresh.log --case-sensors late.txt --out no.csv");
-    assert!(e.contains("late.txt: line 1: time_s is missing") && e.contains("hrg merge"), "{e}");
+    assert!(e.contains("late.txt: line 1: time_s is missing") && e.contains("hrg import"), "{e}");
     ok(&d, "record --defmt fresh.log --out b.csv");
     assert!(read(&d, "b.csv").contains("# unit: unnamed"));
     ok(&d, "record --defmt named.log --unit HRG-9 --out c.csv");

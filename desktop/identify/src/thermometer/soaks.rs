@@ -87,7 +87,7 @@ pub fn find(r: &Recording, settled: &Settled) -> Result<Vec<Soak>, BadInput> {
     let has = |v: &[f32]| v.iter().any(|x| x.is_finite());
     if !has(&steps.chamber_c) && !(0..AXES).any(|a| has(&steps.case_c[a])) {
         return Err(BadInput::new(format!(
-            "{name} has neither case nor chamber temperatures; record them with hrg record --case-sensors, or put them in with hrg merge"
+            "{name} has neither case nor chamber temperatures; record them with hrg record --case-sensors, or put them in with hrg import"
         )));
     }
     // About the first value: sums of hours of kilohertz stay exact.
@@ -151,7 +151,7 @@ fn near(a: &Soak, b: &Soak, present: &[usize]) -> bool {
     present.iter().all(|&x| (a.frequency_hz[x] - b.frequency_hz[x]).abs() < APART_C * HZ_PER_C)
 }
 
-/// The table that `hrg points` reads; a column that no soak has is left out.
+/// The table that `hrg fit points` reads; a column that no soak has is left out.
 #[must_use]
 pub fn table(unit: &str, soaks: &[Soak]) -> String {
     let mut columns: Vec<(String, Vec<f64>, usize)> =
@@ -163,7 +163,7 @@ pub fn table(unit: &str, soaks: &[Soak]) -> String {
         columns.push((columns::CASE.name(a).into(), soaks.iter().map(|s| s.case_c[a]).collect(), 3));
     }
     columns.retain(|(_, values, _)| values.iter().any(|v| v.is_finite()));
-    let mut out = format!("# unit: {unit}\n# soaks of hrg soaks, means of {MEAN_S} s\n");
+    let mut out = format!("# unit: {unit}\n# soaks of hrg fit soaks, means of {MEAN_S} s\n");
     let names: Vec<&str> = columns.iter().map(|c| c.0.as_str()).collect();
     let _ = writeln!(out, "{}", names.join(","));
     for k in 0..soaks.len() {

@@ -1,4 +1,4 @@
-//! `hrg accelerometers`: bias, scale and cross-axis of the accelerometers of a platform.
+//! `hrg align accelerometers`: bias, scale and cross-axis of the accelerometers of a platform.
 
 use anyhow::Result;
 use clap::Args;
@@ -7,7 +7,7 @@ use hrg_align_tools::accelerometers::identify;
 use hrg_data::error::BadInput;
 use std::path::PathBuf;
 
-/// What `hrg accelerometers` is told.
+/// What `hrg align accelerometers` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Tilts of a tilting table and what the accelerometers read: a1_mps2,a2_mps2,tilt1_arcmin,tilt2_arcmin
@@ -22,7 +22,7 @@ pub struct Arguments {
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// Where they go (JSON, or the calibration), for hrg align --accelerometers
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
 }
 

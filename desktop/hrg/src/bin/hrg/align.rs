@@ -19,7 +19,10 @@ use std::sync::mpsc::{channel, Receiver, TryRecvError};
 #[derive(Args)]
 pub struct Arguments {
     /// Recording: time_s,position,v1_mps,v2_mps
-    #[arg(long, conflicts_with = "port", required_unless_present = "port")]
+    #[arg(value_name = "RUN", conflicts_with = "port", required_unless_present_any = ["port", "recording"])]
+    run: Option<PathBuf>,
+    /// The same.
+    #[arg(long, hide = true, conflicts_with_all = ["port", "run"])]
     recording: Option<PathBuf>,
     /// Filter.
     #[arg(long, default_value = "linear")]
@@ -39,7 +42,7 @@ pub struct Arguments {
     /// What the turn may differ by from its angle, one sigma, arc minutes: goes into the azimuth's uncertainty.
     #[arg(long, value_parser = expected(120.0))]
     turn_error: Option<f64>,
-    /// File of hrg accelerometers: their bias, scale and cross-axis are taken out of the velocities.
+    /// File of hrg align accelerometers: their bias, scale and cross-axis are taken out of the velocities.
     #[arg(long)]
     accelerometers: Option<PathBuf>,
     /// Seed of the literal particle filter.
@@ -51,7 +54,7 @@ pub struct Arguments {
     #[command(flatten)]
     on_unit: OnUnit,
     /// Where the report (JSON) goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
 }
 
@@ -97,10 +100,10 @@ fn expected(most: f64) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + 
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    match (&arguments.recording, &arguments.on_unit.port) {
+    match (arguments.run.as_ref().or(arguments.recording.as_ref()), &arguments.on_unit.port) {
         (Some(recording), _) => of_recording(arguments, recording),
         (None, Some(port)) => on_unit(arguments, port),
-        (None, None) => Err(BadInput::new("give --recording or --port").into()),
+        (None, None) => Err(BadInput::new("give a recording, or --port").into()),
     }
 }
 

@@ -13,7 +13,7 @@ pub struct Arguments {
     /// Recording; best one at rest and at one temperature.
     recording: PathBuf,
     /// Where the picture (SVG) goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
     /// Where the curves (JSON) go.
     #[arg(long)]

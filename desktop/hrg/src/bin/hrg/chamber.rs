@@ -222,7 +222,7 @@ pub(crate) fn report(recorder: &Recorder, out: &Path) {
     }
 }
 
-/// What `hrg burn` is told.
+/// What `hrg unit burn` is told.
 #[derive(Args)]
 pub struct BurnArguments {
     /// The calibration.
@@ -236,7 +236,7 @@ pub struct BurnArguments {
     /// Replace the unit's scale factor by the calibration's.
     #[arg(long)]
     new_scale_factor: bool,
-    /// The key that signs the image (hrg keygen), for a unit whose firmware wants it.
+    /// The key that signs the image (hrg unit keygen), for a unit whose firmware wants it.
     #[arg(long)]
     key: Option<PathBuf>,
 }
@@ -244,7 +244,7 @@ pub struct BurnArguments {
 /// A unit that fails in the middle of a burn is asked for so long what it holds.
 const HELD_WITHIN: Duration = Duration::from_secs(15);
 
-/// `hrg burn`.
+/// `hrg unit burn`.
 pub fn burn(arguments: &BurnArguments) -> Result<()> {
     let BurnArguments { calibration, port, unit: said, new_scale_factor, key } = arguments;
     let key = key.as_deref().map(keys::load).transpose()?;
@@ -301,16 +301,16 @@ fn way_back(before: Option<&Calibration>, port: &str) -> Result<String> {
     };
     let file = PathBuf::from(format!("before-{:08x}.toml", before.checksum()));
     image_file::save(&file, before)?;
-    Ok(format!("to go back, burn the image that it ran before: hrg burn {} --port {port}", file.display()))
+    Ok(format!("to go back, burn the image that it ran before: hrg unit burn {} --port {port}", file.display()))
 }
 
-/// What `hrg image` is told.
+/// What `hrg unit image` is told.
 #[derive(Args)]
 pub struct ImageArguments {
     /// Calibration.
     calibration: PathBuf,
     /// File that the image goes to, signature and all.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     /// The unit's name, where the calibration names none, or as a check.
     #[arg(long)]
@@ -318,7 +318,7 @@ pub struct ImageArguments {
     /// Number of the image: of several in a unit's flash it runs the one with the largest.
     #[arg(long, default_value_t = 1)]
     number: u32,
-    /// Private key that signs it (hrg keygen).
+    /// Private key that signs it (hrg unit keygen).
     #[arg(long)]
     key: Option<PathBuf>,
 }
@@ -326,7 +326,7 @@ pub struct ImageArguments {
 /// Address of a calibration sector, for a debug probe: sector A (memory.x).
 const SECTOR_A: u32 = 0x0804_0000;
 
-/// `hrg image`.
+/// `hrg unit image`.
 pub fn image(arguments: &ImageArguments) -> Result<()> {
     let ImageArguments { calibration, out, unit, number, key } = arguments;
     let key = key.as_deref().map(keys::load).transpose()?;
@@ -360,7 +360,7 @@ pub fn image(arguments: &ImageArguments) -> Result<()> {
     Ok(())
 }
 
-/// `hrg keygen`.
+/// `hrg unit keygen`.
 pub fn keygen(out: &Path) -> Result<()> {
     let public = keys::generate(out)?;
     println!("{}: the private key, readable for you only; who has it can calibrate your units", out.display());
@@ -394,7 +394,7 @@ fn ask_for_a_name(identity: &Identity, c: &Calibration) -> Result<Option<String>
 fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyhow::Error {
     let held = match unit.held(HELD_WITHIN) {
         Ok(held) => held.to_string(),
-        Err(e) => format!("the unit does not answer ({e:#}): what it holds is not known until hrg read asks it"),
+        Err(e) => format!("the unit does not answer ({e:#}): what it holds is not known until hrg unit read asks it"),
     };
     let sentence = format!("{port}: {why:#}; {held}");
     if why.is::<BadInput>() {
@@ -404,8 +404,35 @@ fn with_what_it_holds(unit: &mut Unit, port: &str, why: &anyhow::Error) -> anyho
     }
 }
 
-/// `hrg read`.
-pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
+/// Arguments of `hrg unit read`.
+#[derive(Args)]
+pub struct ReadArguments {
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// The field log instead: starts and their causes, flags that rose, burns; the newest last.
+    #[arg(long, conflicts_with = "out")]
+    events: bool,
+    /// File for the image in use.
+    #[arg(short, long)]
+    out: Option<PathBuf>,
+}
+
+/// Arguments of `hrg unit keygen`.
+#[derive(Args)]
+pub struct KeygenArguments {
+    /// File for the private key; the public one goes beside it, with .pub behind its name.
+    #[arg(short, long)]
+    pub out: PathBuf,
+}
+
+/// `hrg unit read`.
+pub fn read(arguments: &ReadArguments) -> Result<()> {
+    let ReadArguments { port, events, out } = arguments;
+    if *events {
+        return read_events(port);
+    }
+    let out = out.as_deref();
     let (identity, images) = Unit::open(port)?.read()?;
     let name = name_of(&identity).unwrap_or("without a name");
     println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
@@ -445,7 +472,7 @@ pub fn read(port: &str, out: Option<&Path>) -> Result<()> {
 ///
 /// # Errors
 /// If the unit does not answer.
-pub fn read_events(port: &str) -> Result<()> {
+fn read_events(port: &str) -> Result<()> {
     let all = Unit::open(port)?.events()?;
     println!("{} events; times since power-on, over restarts", all.len());
     for record in &all {
@@ -473,7 +500,7 @@ pub struct MonitorArguments {
     #[arg(long)]
     snapshot: Option<u32>,
     /// Record meanwhile, as hrg record does.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
     #[command(flatten)]
     record: RecordArguments,

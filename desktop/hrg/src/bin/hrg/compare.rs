@@ -30,7 +30,7 @@ pub struct Arguments {
     #[arg(long, default_value = "0s")]
     from: String,
     /// Folder for the images, the table (JSON and Markdown) and the pictures.
-    #[arg(long, default_value = "out/compare")]
+    #[arg(short, long, default_value = "out/compare")]
     out: PathBuf,
     /// hrg-board, which counts what the images cost on the virtual board; by default the one beside this program.
     #[arg(long)]

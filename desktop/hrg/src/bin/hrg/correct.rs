@@ -21,7 +21,7 @@ pub struct Arguments {
     #[arg(long)]
     different_units: bool,
     /// Where the corrected recording goes: text, or Parquet if it ends in .parquet
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
 }
 

@@ -40,7 +40,7 @@ pub struct Arguments {
     /// Give every degree the same weight instead of every second.
     #[arg(long)]
     uniform: bool,
-    /// A calibration whose curves of frequency over temperature are taken, of soaks (hrg points --calibration) for instance. The
+    /// A calibration whose curves of frequency over temperature are taken, of soaks (hrg fit points --calibration) for instance. The
     /// temperatures of a recording of sensors, or of predicted ones, stay; the image then has these curves.
     #[arg(long, value_name = "CAL")]
     curve: Option<PathBuf>,
@@ -56,7 +56,7 @@ pub struct Arguments {
     #[command(flatten)]
     facts: FactsArguments,
     /// Where the calibration goes: text, or the binary image if it ends in .bin
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
 }
 

@@ -1,4 +1,4 @@
-//! `hrg heading`: which two positions to align in.
+//! `hrg align heading`: which two positions to align in.
 
 use anyhow::Result;
 use clap::Args;
@@ -6,7 +6,7 @@ use hrg_align_tools::heading;
 use hrg_align_tools::heading::Pair;
 use std::path::PathBuf;
 
-/// What `hrg heading` is told.
+/// What `hrg align heading` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Calibrations of one gyro's drift over the heading: heading_deg,drift_dph
@@ -16,7 +16,7 @@ pub struct Arguments {
     #[arg(long, default_value_t = 90.0, allow_negative_numbers = true)]
     turn: f64,
     /// Where the pairs (JSON) go.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
 }
 

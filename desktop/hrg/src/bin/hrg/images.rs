@@ -25,7 +25,7 @@ pub struct Arguments {
     #[arg(long)]
     limit: Option<f64>,
     /// Where the picture (SVG) goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
 }
 

@@ -1,5 +1,6 @@
 //! `hrg import`.
 
+use crate::merge;
 use anyhow::Result;
 use hrg_data::error::BadInput;
 use hrg_data::recording::format::{named, Thermometer};
@@ -14,10 +15,12 @@ pub struct Arguments {
     file: PathBuf,
     /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch. Without it the file has the columns
     /// of a recording
-    #[arg(long)]
+    #[arg(long, conflicts_with = "with")]
     map: Option<String>,
+    #[command(flatten)]
+    log: merge::Log,
     /// Where the recording goes: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
 }
 
@@ -35,7 +38,13 @@ fn map(name: &str) -> Result<Map> {
 
 /// Makes a recording of another program's file.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, map: name, out } = arguments;
+    let Arguments { file, map: name, log, out } = arguments;
+    if let Some(with) = &log.with {
+        let Some(out) = out else {
+            return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
+        };
+        return merge::run(file, with, log, out);
+    }
     let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
     let (text, notes) = match name {
         Some(name) => {

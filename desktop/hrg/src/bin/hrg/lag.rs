@@ -1,4 +1,4 @@
-//! `hrg lag`: how the resonators follow their surroundings.
+//! `hrg fit lag`: how the resonators follow their surroundings.
 
 use anyhow::Result;
 use clap::Args;
@@ -16,7 +16,7 @@ use hrg_identify::thermometer::lag;
 use hrg_identify::thermometer::lag::{Input, Output};
 use std::path::{Path, PathBuf};
 
-/// What `hrg lag` is told.
+/// What `hrg fit lag` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording with a step of the chamber's temperature.
@@ -37,7 +37,7 @@ pub struct Arguments {
     #[arg(long, requires = "predict")]
     recording_out: Option<PathBuf>,
     /// Where the report (JSON), or the prediction (CSV), goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
 }
 

@@ -36,7 +36,7 @@ mod trace;
 
 use anyhow::Result;
 use clap::error::{ContextKind, ContextValue};
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use hrg_align_tools::ReadError;
 use hrg_data::error::BadInput;
 use hrg_data::image_file::FileError;
@@ -56,34 +56,11 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Simulate a chamber run.
+    /// Make a recording of another program's file (any delimited table, Parquet, or a log of PX4 or ArduPilot, by a map of its columns), or
+    /// put columns of a chamber's own log into a recording, by time.
     ///
-    /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
-    Simulate(simulate::Arguments),
-    /// Fit static points: frequency and temperature of soaks.
-    ///
-    /// Example: hrg points host-tests/recordings/dong2023-table1.csv --out points.json
-    Points(points::Arguments),
-    /// Take the soaks out of runs: a row of frequencies and temperatures for each, for hrg points.
-    ///
-    /// Example: hrg soaks run.csv --out table.csv
-    Soaks(soaks::Arguments),
-    /// Identify the coefficients of a bias model.
-    ///
-    /// Example: hrg fit run.csv --method lsq --out cal.toml
-    Fit(fit::Arguments),
-    /// Identify by every method, and compare on runs that none of them saw.
-    ///
-    /// Example: hrg compare train.csv --verify verify.csv --out out/compare
-    Compare(compare::Arguments),
-    /// What changed from one calibration of a unit to the next, over the temperatures; with three and more, the trend and when to calibrate again.
-    ///
-    /// Example: hrg compare-images 2025.toml 2026.toml --out changes.svg
-    CompareImages(images::Arguments),
-    /// How the resonators follow their surroundings: gain and time constant from a chamber step.
-    ///
-    /// Example: hrg lag step.csv --calibration cal.toml --out lag.json
-    Lag(lag::Arguments),
+    /// Example: hrg import flight.ulg --map px4 -o run.csv
+    Import(import::Arguments),
     /// Make a recording from a unit as it runs, over its link or from its log.
     ///
     /// Example: hrg record --port /dev/ttyUSB0 --out run.csv
@@ -103,96 +80,184 @@ enum Command {
         #[arg(long)]
         seconds: Option<u64>,
         /// Where the recording goes; a file that is there is not overwritten.
-        #[arg(long)]
+        #[arg(short, long)]
         out: PathBuf,
     },
-    /// Which chamber profile tells the effects apart, and what a recording told: soaks, ramps, hours.
-    ///
-    /// Example: hrg profile --check run.csv
-    Profile(profile::Arguments),
-    /// Allan deviation of the rates, with confidence bars, and what is read off it.
-    ///
-    /// Example: hrg allan run.csv --out allan.svg
-    Allan(allan::Arguments),
     /// Watch a unit: temperatures, rates, biases, status, link, soak, remaining time.
     ///
     /// Example: hrg monitor --port /dev/ttyUSB0 --profile cycle
     Monitor(chamber::MonitorArguments),
-    /// Burn a calibration into a unit, read it back and see that the unit runs it.
+    /// Simulate a chamber run.
     ///
-    /// Example: hrg burn cal.toml --port /dev/ttyUSB0
-    Burn(chamber::BurnArguments),
-    /// Write the image of a calibration into a file, for a unit whose images come by the debug port.
-    ///
-    /// Example: hrg image cal.toml --unit HRG-7 --out image.bin
-    Image(chamber::ImageArguments),
-    /// Make a key that signs calibrations, for firmware built with the feature signed.
-    ///
-    /// Example: hrg keygen --out owner.key
-    Keygen {
-        /// Where the private key goes; the public one goes beside it, with .pub behind its name.
-        #[arg(long)]
-        out: PathBuf,
-    },
-    /// Read the calibrations in a unit, or its field log: what befell it, over power cuts.
-    ///
-    /// Example: hrg read --port /dev/ttyUSB0 --out in-use.toml
-    Read {
-        /// Serial port of the link.
-        #[arg(long)]
-        port: String,
-        /// The field log instead: starts and their causes, flags that rose, burns; the newest last.
-        #[arg(long, conflicts_with = "out")]
-        events: bool,
-        /// Where the image in use goes.
-        #[arg(long)]
-        out: Option<PathBuf>,
-    },
-    /// Self-alignment: azimuth, tilts and drifts from the velocities of a platform at rest in two positions.
-    ///
-    /// Example: hrg align --recording a.csv --filter linear --out report.json
-    Align(align::Arguments),
-    /// Bias, scale and cross-axis of a platform's accelerometers, from tilts that are known.
-    ///
-    /// Example: hrg accelerometers tilts.csv --latitude 45 --out accelerometers.json
-    Accelerometers(accelerometers::Arguments),
-    /// Which two positions to align in: those whose drifts are nearly equal and repeat best.
-    ///
-    /// Example: hrg heading day1.csv day2.csv day3.csv
-    Heading(heading::Arguments),
-    /// Simulate a platform to align, in two positions.
-    ///
-    /// Example: hrg simulate-alignment --seed 3 --out a.csv
-    SimulateAlignment(simulate_alignment::Arguments),
-    /// Find what the baseline model lacks, add it, and measure before and after on a run it never saw.
-    ///
-    /// Example: hrg trace --train a.csv --verify b.csv --out report.json --html report.html --calibration cal.toml
-    Trace(trace::Arguments),
-    /// The effects of the library: class, parameters, equation, state, source.
-    ///
-    /// Example: hrg effects hysteresis play-ladder
-    Effects(effects::Arguments),
-    /// Put columns of a chamber's own log into a recording, by time.
-    ///
-    /// Example: hrg merge run.csv --with chamber.csv --time Time=iso --columns chamber_c=PT100 --out merged.csv
-    Merge(merge::Arguments),
-    /// Make a recording of another program's file: any delimited table, or a PX4 log, by a map of its columns.
-    ///
-    /// Example: hrg import flight.ulg --map px4 --out run.csv
-    Import(import::Arguments),
+    /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
+    Simulate(simulate::Arguments),
     /// Figures of a data sheet from recordings alone, with intervals: bias over temperature, loop width, turn-on repeatability,
     /// bias stability, angle random walk, sensitivity to ramps.
     ///
     /// Example: hrg report a.csv b.csv c.csv --html report.html
     Report(report::Arguments),
+    /// Allan deviation of the rates, with confidence bars, and what is read off it.
+    ///
+    /// Example: hrg allan run.csv --out allan.svg
+    Allan(allan::Arguments),
     /// Correct a recording as the unit does, on the desktop: row for row what it would send.
     ///
     /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
     Correct(correct::Arguments),
+    /// List the effects that a chamber profile can distinguish, or the soaks, ramps and hours of a recording.
+    ///
+    /// Example: hrg profile --check run.csv
+    Profile(profile::Arguments),
+    /// Identify the coefficients of a bias model from runs; or the curves of static points, soaks, the lag of the resonators.
+    ///
+    /// Example: hrg fit run.csv --method lsq -o cal.toml
+    #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+    Fit {
+        #[command(subcommand)]
+        of: Option<FitCommand>,
+        #[command(flatten)]
+        arguments: Option<Box<fit::Arguments>>,
+    },
+    /// Find the effects that the baseline model lacks, add them, and measure before and after on a run that the search never saw.
+    ///
+    /// Example: hrg trace a.csv --verify b.csv -o report.json --html report.html --calibration cal.toml
+    Trace(trace::Arguments),
+    /// Differences between calibrations of a unit, over the temperatures; with three and more, the trend and when to calibrate again.
+    ///
+    /// Example: hrg compare-images 2025.toml 2026.toml --out changes.svg
+    CompareImages(images::Arguments),
+    /// Burn, read, sign or write out calibration images.
+    ///
+    /// Example: hrg unit burn cal.toml --port /dev/ttyUSB0
+    #[command(subcommand)]
+    Unit(UnitCommand),
+    /// Self-alignment: azimuth, tilts and drifts from the velocities of a platform at rest in two positions.
+    ///
+    /// Example: hrg align a.csv --filter linear -o report.json
+    #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+    Align {
+        #[command(subcommand)]
+        of: Option<AlignCommand>,
+        #[command(flatten)]
+        arguments: Option<Box<align::Arguments>>,
+    },
+    /// The effects of the library: class, parameters, equation, state, source.
+    ///
+    /// Example: hrg effects hysteresis play-ladder
+    Effects(effects::Arguments),
+    /// Identify by every method, and compare on runs that none of them saw.
+    ///
+    /// Example: hrg compare train.csv --verify verify.csv --out out/compare
+    Compare(compare::Arguments),
+    // Former places of commands, for scripts that call them there.
+    #[command(hide = true)]
+    Points(points::Arguments),
+    #[command(hide = true)]
+    Soaks(soaks::Arguments),
+    #[command(hide = true)]
+    Lag(lag::Arguments),
+    #[command(hide = true)]
+    Burn(chamber::BurnArguments),
+    #[command(hide = true)]
+    Image(chamber::ImageArguments),
+    #[command(hide = true)]
+    Keygen(chamber::KeygenArguments),
+    #[command(hide = true)]
+    Read(chamber::ReadArguments),
+    #[command(hide = true)]
+    Accelerometers(accelerometers::Arguments),
+    #[command(hide = true)]
+    Heading(heading::Arguments),
+    #[command(hide = true)]
+    SimulateAlignment(simulate_alignment::Arguments),
+}
+
+/// Other things to fit.
+#[derive(Subcommand)]
+enum FitCommand {
+    /// Fit static points: frequency and temperature of soaks.
+    ///
+    /// Example: hrg fit points host-tests/recordings/dong2023-table1.csv --out points.json
+    Points(points::Arguments),
+    /// Take the soaks out of runs: a row of frequencies and temperatures for each, for hrg fit points.
+    ///
+    /// Example: hrg fit soaks run.csv --out table.csv
+    Soaks(soaks::Arguments),
+    /// Gain and time constant by which the resonators follow their surroundings, from a chamber step.
+    ///
+    /// Example: hrg fit lag step.csv --calibration cal.toml --out lag.json
+    Lag(lag::Arguments),
+}
+
+/// Commands about the images of a unit.
+#[derive(Subcommand)]
+enum UnitCommand {
+    /// Burn a calibration into a unit, read it back and see that the unit runs it.
+    ///
+    /// Example: hrg unit burn cal.toml --port /dev/ttyUSB0
+    Burn(chamber::BurnArguments),
+    /// Read the calibrations in a unit, or its field log: events over power cuts.
+    ///
+    /// Example: hrg unit read --port /dev/ttyUSB0 -o in-use.toml
+    Read(chamber::ReadArguments),
+    /// Write the image of a calibration into a file, for a unit whose images come by the debug port.
+    ///
+    /// Example: hrg unit image cal.toml --unit HRG-7 --out image.bin
+    Image(chamber::ImageArguments),
+    /// Make a key that signs calibrations, for firmware built with the feature signed.
+    ///
+    /// Example: hrg unit keygen -o owner.key
+    Keygen(chamber::KeygenArguments),
+}
+
+/// Commands beside an alignment.
+#[derive(Subcommand)]
+enum AlignCommand {
+    /// Bias, scale and cross-axis of a platform's accelerometers, from tilts that are known.
+    ///
+    /// Example: hrg align accelerometers tilts.csv --latitude 45 --out accelerometers.json
+    Accelerometers(accelerometers::Arguments),
+    /// Find the two positions to align in: those whose drifts are nearly equal and repeat best.
+    ///
+    /// Example: hrg align heading day1.csv day2.csv day3.csv
+    Heading(heading::Arguments),
+    /// Simulate a platform to align, in two positions.
+    ///
+    /// Example: hrg align simulate --seed 3 --out a.csv
+    Simulate(simulate_alignment::Arguments),
+}
+
+/// Commands by purpose, as the help lists them.
+const GROUPS: [(&str, &[&str]); 6] = [
+    ("Get data", &["import", "record", "monitor", "simulate"]),
+    ("Judge", &["report", "allan", "correct", "profile"]),
+    ("Calibrate", &["fit", "trace", "compare-images"]),
+    ("The unit", &["unit"]),
+    ("Alignment", &["align"]),
+    ("Study", &["effects", "compare"]),
+];
+
+/// The program with its commands grouped in its help.
+fn program() -> clap::Command {
+    let command = Arguments::command();
+    let width = GROUPS.iter().flat_map(|(_, names)| names.iter()).map(|n| n.len()).max().unwrap_or(0);
+    let mut listed = String::new();
+    for (group, names) in GROUPS {
+        listed += &format!("\n{group}:\n");
+        for name in names {
+            let about = command.find_subcommand(name).and_then(|c| c.get_about()).map(ToString::to_string);
+            listed += &format!("  {name:<width$}  {}\n", about.unwrap_or_default());
+        }
+    }
+    let template = format!("{{about}}\n\n{{usage-heading}} {{usage}}\n{listed}\nOptions:\n{{options}}");
+    command.help_template(template)
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::try_parse().unwrap_or_else(|e| with_example(e).exit());
+    let arguments = program()
+        .try_get_matches()
+        .and_then(|m| Arguments::from_arg_matches(&m))
+        .unwrap_or_else(|e| with_example(e).exit());
     hrg_data::error::exit("hrg", run(arguments.command), |e| {
         e.is::<FileError>() || e.is::<TableError>() || e.is::<MethodError>() || e.is::<ReadError>()
     })
@@ -212,36 +277,45 @@ fn with_example(mut e: clap::Error) -> clap::Error {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Simulate(arguments) => simulate::run(arguments),
-        Command::Points(arguments) => points::run(arguments),
-        Command::Soaks(arguments) => soaks::run(&arguments),
-        Command::Trace(arguments) => trace::run(arguments),
-        Command::Fit(arguments) => fit::run(arguments),
-        Command::Compare(arguments) => compare::run(arguments),
-        Command::CompareImages(arguments) => images::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
             (None, Some(log)) => log::record(&log, elf.as_deref(), &out, &facts),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
-        Command::Profile(arguments) => profile::run(arguments),
-        Command::Effects(arguments) => effects::run(&arguments),
-        Command::Allan(arguments) => allan::run(arguments),
         Command::Monitor(arguments) => chamber::monitor(&arguments),
-        Command::Merge(arguments) => merge::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(arguments),
         Command::Report(arguments) => report::run(arguments),
-        Command::Import(arguments) => import::run(&arguments),
+        Command::Allan(arguments) => allan::run(arguments),
         Command::Correct(arguments) => correct::run(&arguments),
-        Command::Burn(arguments) => chamber::burn(&arguments),
-        Command::Image(arguments) => chamber::image(&arguments),
-        Command::Keygen { out } => chamber::keygen(&out),
-        Command::Read { port, events: true, .. } => chamber::read_events(&port),
-        Command::Read { port, out, .. } => chamber::read(&port, out.as_deref()),
-        Command::Align(arguments) => align::run(&arguments),
-        Command::Accelerometers(arguments) => accelerometers::run(&arguments),
-        Command::Heading(arguments) => heading::run(&arguments),
-        Command::SimulateAlignment(arguments) => simulate_alignment::run(arguments),
-        Command::Lag(arguments) => lag::run(&arguments),
+        Command::Profile(arguments) => profile::run(arguments),
+        Command::Fit { of: Some(FitCommand::Points(arguments)), .. } | Command::Points(arguments) => {
+            points::run(arguments)
+        }
+        Command::Fit { of: Some(FitCommand::Soaks(arguments)), .. } | Command::Soaks(arguments) => {
+            soaks::run(&arguments)
+        }
+        Command::Fit { of: Some(FitCommand::Lag(arguments)), .. } | Command::Lag(arguments) => lag::run(&arguments),
+        Command::Fit { arguments: Some(arguments), .. } => fit::run(*arguments),
+        Command::Fit { .. } => Err(BadInput::new("give the recordings to fit, and --out").into()),
+        Command::Trace(arguments) => trace::run(arguments),
+        Command::Compare(arguments) => compare::run(arguments),
+        Command::CompareImages(arguments) => images::run(&arguments),
+        Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),
+        Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
+        Command::Unit(UnitCommand::Keygen(arguments)) | Command::Keygen(arguments) => chamber::keygen(&arguments.out),
+        Command::Unit(UnitCommand::Read(arguments)) | Command::Read(arguments) => chamber::read(&arguments),
+        Command::Align { of: Some(AlignCommand::Accelerometers(arguments)), .. }
+        | Command::Accelerometers(arguments) => accelerometers::run(&arguments),
+        Command::Align { of: Some(AlignCommand::Heading(arguments)), .. } | Command::Heading(arguments) => {
+            heading::run(&arguments)
+        }
+        Command::Align { of: Some(AlignCommand::Simulate(arguments)), .. } | Command::SimulateAlignment(arguments) => {
+            simulate_alignment::run(arguments)
+        }
+        Command::Align { arguments: Some(arguments), .. } => align::run(&arguments),
+        Command::Align { .. } => Err(BadInput::new("give a recording, or --port").into()),
+        Command::Effects(arguments) => effects::run(&arguments),
     }
 }
 
@@ -268,4 +342,20 @@ fn units(different: bool) -> Units {
 /// Seconds since 1970.
 fn now() -> u32 {
     std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs() as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_help_lists_every_command_once() {
+        let grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| names.iter().copied()).collect();
+        let command = Arguments::command();
+        let visible: Vec<&str> =
+            command.get_subcommands().filter(|c| !c.is_hide_set()).map(clap::Command::get_name).collect();
+        assert_eq!(grouped.len(), visible.len(), "{visible:?}");
+        assert!(visible.iter().all(|v| grouped.contains(v)), "{visible:?}");
+        program().debug_assert();
+    }
 }

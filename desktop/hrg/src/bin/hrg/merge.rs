@@ -1,4 +1,4 @@
-//! `hrg merge`.
+//! `hrg import --with`: columns of another log, put into a recording by time.
 
 use anyhow::Result;
 use clap::Args;
@@ -8,38 +8,34 @@ use hrg_data::recording::merge::{merge, Wanted};
 use hrg_data::recording::{parquet, Recording};
 use std::path::{Path, PathBuf};
 
-/// What `hrg merge` is told.
+/// A log of another instrument, and its columns.
 #[derive(Args)]
-pub struct Arguments {
-    /// Recording.
-    recording: PathBuf,
-    /// The chamber's own log: any table separated by commas, semicolons or tabs.
-    #[arg(long, value_name = "CHAMBER.csv")]
-    with: PathBuf,
-    /// The log's column of times, and their form: s (the default), ms, min, h, unix, iso, or a pattern like "%d.%m.%Y %H:%M:%S"
-    #[arg(long, value_name = "COLUMN[=FORM]")]
-    time: String,
-    /// What the log's clock showed at the unit's power-on, in the same form; by default what hrg record wrote into the file.
-    #[arg(long, value_name = "TIME", allow_hyphen_values = true)]
+#[group(skip)]
+pub struct Log {
+    /// Log of the chamber or of another instrument, by time put beside the recording: any table separated by commas, semicolons or tabs.
+    #[arg(long, value_name = "LOG", requires_all = ["time", "columns"])]
+    pub with: Option<PathBuf>,
+    /// With --with: the log's column of times, and their form: s (the default), ms, min, h, unix, iso, or a pattern like "%d.%m.%Y %H:%M:%S"
+    #[arg(long, value_name = "COLUMN[=FORM]", requires = "with")]
+    time: Option<String>,
+    /// With --with: reading of the log's clock at the unit's power-on, in the same form; by default that of hrg record in the recording.
+    #[arg(long, value_name = "TIME", allow_hyphen_values = true, requires = "with")]
     power_on: Option<String>,
-    /// Added to the log's times, s: for a clock that is off, or a log in local time.
+    /// With --with: added to the log's times, s: for a clock that is off, or a log in local time.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_hyphen_values = true)]
     offset: f64,
-    /// Columns: chamber_c=Temperature,case_x_c=Sensor1
-    #[arg(long, value_name = "NAME=COLUMN,...", value_delimiter = ',', required = true)]
+    /// With --with: columns, chamber_c=Temperature,case_x_c=Sensor1
+    #[arg(long, value_name = "NAME=COLUMN,...", value_delimiter = ',', requires = "with")]
     columns: Vec<String>,
-    /// Rows of the log that are further apart have a gap between them, s; by default five usual steps.
-    #[arg(long, value_name = "SECONDS")]
+    /// With --with: rows of the log that are further apart have a gap between them, s; by default five usual steps.
+    #[arg(long, value_name = "SECONDS", requires = "with")]
     gap: Option<f64>,
-    /// Where the merged recording goes.
-    #[arg(long)]
-    out: PathBuf,
 }
 
 /// Merges a log into a recording.
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { recording, with, time, power_on, offset, columns, gap, out } = arguments;
-    let wanted = Wanted::parse(time, columns).map_err(BadInput::from)?;
+pub fn run(recording: &Path, with: &Path, log: &Log, out: &Path) -> Result<()> {
+    let Log { time, power_on, offset, columns, gap, .. } = log;
+    let wanted = Wanted::parse(time.as_deref().unwrap_or_default(), columns).map_err(BadInput::from)?;
     let wanted = Wanted { power_on: power_on.clone(), offset_s: *offset, gap_s: *gap, ..wanted };
     if !(offset.is_finite() && gap.is_none_or(|g| g > 0.0)) {
         return Err(BadInput::new("--offset is a number of seconds, --gap a positive one").into());

@@ -1,4 +1,4 @@
-//! `hrg points`: fits of static points.
+//! `hrg fit points`: fits of static points.
 
 use anyhow::Result;
 use clap::Args;
@@ -10,13 +10,13 @@ use hrg_data::recording::names;
 use hrg_identify::thermometer::points;
 use std::path::{Path, PathBuf};
 
-/// What `hrg points` is told.
+/// What `hrg fit points` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// The table.
     table: PathBuf,
     /// Where the report goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: Option<PathBuf>,
     /// Where an image goes that has the curves of this table and no bias yet, for hrg fit --curve: text, or binary if it ends in .bin
     #[arg(long)]

@@ -48,7 +48,7 @@ pub struct Arguments {
     #[arg(long)]
     no_attitude: bool,
     /// Where the recording goes: text, or Parquet if it ends in .parquet
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
 }
 

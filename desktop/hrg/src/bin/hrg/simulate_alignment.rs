@@ -1,11 +1,11 @@
-//! `hrg simulate-alignment`: a platform to align.
+//! `hrg align simulate`: a platform to align.
 
 use anyhow::Result;
 use clap::Args;
 use hrg_align_tools::plant::Plant;
 use std::path::PathBuf;
 
-/// What `hrg simulate-alignment` is told.
+/// What `hrg align simulate` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Seed: 0 is chen2015's case, any other a platform of its own.
@@ -18,7 +18,7 @@ pub struct Arguments {
     #[arg(long)]
     one_position: bool,
     /// Where the recording goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
 }
 

@@ -1,4 +1,4 @@
-//! `hrg soaks`: a table of static points out of runs.
+//! `hrg fit soaks`: a table of static points out of runs.
 
 use anyhow::Result;
 use clap::Args;
@@ -10,7 +10,7 @@ use hrg_identify::thermometer::soaks::Settled;
 use hrg_simulate::profile::duration_s;
 use std::path::PathBuf;
 
-/// What `hrg soaks` is told.
+/// What `hrg fit soaks` is told.
 #[derive(Args)]
 pub struct Arguments {
     /// Recordings of one unit that hold soaks.
@@ -22,8 +22,8 @@ pub struct Arguments {
     /// For so long at the least, such as 10m or 1h.
     #[arg(long, default_value = "10m")]
     hold: String,
-    /// Where the table goes (CSV), for hrg points.
-    #[arg(long)]
+    /// Where the table goes (CSV), for hrg fit points.
+    #[arg(short, long)]
     out: PathBuf,
 }
 

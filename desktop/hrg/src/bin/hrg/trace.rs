@@ -13,8 +13,11 @@ use std::path::PathBuf;
 /// What `hrg trace` is told.
 #[derive(Args)]
 pub struct Arguments {
-    /// Recording to learn from. Several may be given.
-    #[arg(long, required = true)]
+    /// Train runs: recordings to learn from.
+    #[arg(value_name = "RUN", required_unless_present = "train")]
+    runs: Vec<PathBuf>,
+    /// The same.
+    #[arg(long, hide = true)]
     train: Vec<PathBuf>,
     /// Recording that is only evaluated.
     #[arg(long, required_unless_present = "split")]
@@ -24,7 +27,7 @@ pub struct Arguments {
     #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
     split: Option<f64>,
     /// Where the report (JSON) goes.
-    #[arg(long)]
+    #[arg(short, long)]
     out: PathBuf,
     /// Where the report as a page goes.
     #[arg(long)]
@@ -59,6 +62,7 @@ pub struct Arguments {
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments {
+        runs,
         train,
         verify,
         split,
@@ -72,7 +76,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         different_units,
         facts,
     } = arguments;
-    let (mut train, mut verify) = runs_of_trace(&train, verify, split, &facts)?;
+    let runs = [runs, train].concat();
+    let (mut train, mut verify) = runs_of_trace(&runs, verify, split, &facts)?;
     if let Some(path) = &rates {
         let under = image_file::load(path)?;
         for r in train.iter_mut().chain([&mut verify]) {

@@ -33,7 +33,7 @@ use table::LEAST_SOAKS;
 /// Draws of noise behind each p-value.
 pub const DRAWS: usize = 100_000;
 
-/// The report of `hrg points`.
+/// The report of `hrg fit points`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Report {
     /// Version of the report.
