@@ -66,7 +66,12 @@ fn text() -> Result<String, Failure> {
     for program in ["hrg", "hrg-board"] {
         let _ = write!(s, "\n## Commands of {program}\n");
         for command in subcommands(&help(program, &[])?) {
-            let _ = write!(s, "\n### {program} {command}\n```text\n{}\n```\n", help(program, &[&command])?.trim_end());
+            let text = help(program, &[&command])?;
+            let _ = write!(s, "\n### {program} {command}\n```text\n{}\n```\n", text.trim_end());
+            for nested in text.contains("\nCommands:\n").then(|| subcommands(&text)).into_iter().flatten() {
+                let help = help(program, &[&command, &nested])?;
+                let _ = write!(s, "\n### {program} {command} {nested}\n```text\n{}\n```\n", help.trim_end());
+            }
         }
     }
     let _ = write!(s, "\n## cargo xtask\n```text\n{USAGE}\n```\n");
@@ -97,10 +102,11 @@ fn help(program: &str, command: &[&str]) -> Result<String, Failure> {
         .ok_or_else(|| Failure(format!("{} {command:?} --help failed: cargo xtask build", path.display())))
 }
 
-/// Names under "Commands:".
+/// Names of the commands that a help lists, before its options.
 fn subcommands(help: &str) -> Vec<String> {
-    let listed = help.split("Commands:\n").nth(1).unwrap_or("");
-    let names = listed.lines().take_while(|l| !l.is_empty()).filter(|l| l.starts_with("  ") && !l.starts_with("   "));
+    // (`hrg` lists its commands by purpose, under several headings.)
+    let listed = help.lines().take_while(|l| *l != "Options:").skip_while(|l| !l.ends_with(':') || l.starts_with(' '));
+    let names = listed.filter(|l| l.starts_with("  ") && !l.starts_with("   "));
     names.filter_map(|l| l.split_whitespace().next()).filter(|n| *n != "help").map(String::from).collect()
 }
 

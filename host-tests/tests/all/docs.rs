@@ -5,6 +5,20 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+/// Commands of commands.
+const GROUPS: [(&str, &str); 10] = [
+    ("fit", "points"),
+    ("fit", "soaks"),
+    ("fit", "lag"),
+    ("unit", "burn"),
+    ("unit", "read"),
+    ("unit", "image"),
+    ("unit", "keygen"),
+    ("align", "accelerometers"),
+    ("align", "heading"),
+    ("align", "simulate"),
+];
+
 /// Commands of a page: lines of code, and code within sentences, that begin with one of our programs.
 fn commands(page: &str) -> Vec<String> {
     let spans = page.split('`').enumerate().filter(|(k, _)| k % 2 == 1).map(|(_, s)| s);
@@ -45,8 +59,12 @@ fn every_command_in_the_pages_exists_with_its_options() {
             if !command.starts_with(|c: char| c.is_ascii_lowercase()) {
                 continue;
             }
-            let help = helps.entry(format!("{name} {command}")).or_insert_with(|| {
-                let o = Command::new(&programs[name]).args([command, "--help"]).output().expect("runs");
+            // A command of a command: `hrg unit burn`.
+            let mut words = words.peekable();
+            let nested = words.next_if(|w| GROUPS.contains(&(command, w.trim_end_matches(['`', ',', '.']))));
+            let path: Vec<&str> = [Some(command), nested].into_iter().flatten().collect();
+            let help = helps.entry(format!("{name} {path:?}")).or_insert_with(|| {
+                let o = Command::new(&programs[name]).args(&path).arg("--help").output().expect("runs");
                 assert!(o.status.success(), "{here}: there is no such command");
                 String::from_utf8_lossy(&o.stdout).into_owned()
             });

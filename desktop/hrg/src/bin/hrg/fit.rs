@@ -56,8 +56,9 @@ pub struct Arguments {
     #[command(flatten)]
     facts: FactsArguments,
     /// Where the calibration goes: text, or the binary image if it ends in .bin
-    #[arg(short, long)]
-    out: PathBuf,
+    // (Not there where a command follows, `hrg fit points`; then nothing of this is asked for.)
+    #[arg(short, long, required = true)]
+    out: Option<PathBuf>,
 }
 
 /// Runs the command.
@@ -65,12 +66,14 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
+    let Some(out) = arguments.out.clone() else {
+        return Err(BadInput::new("give --out, for the calibration").into());
+    };
     if let (true, Some(calibration)) = (arguments.rates, &arguments.calibration) {
-        return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &arguments.out);
+        return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &out);
     }
-    let Arguments {
-        recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, out, ..
-    } = arguments;
+    let Arguments { recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, .. } =
+        arguments;
     let recordings = facts.load(&recordings)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;

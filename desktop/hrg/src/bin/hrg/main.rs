@@ -116,7 +116,7 @@ enum Command {
         #[command(subcommand)]
         of: Option<FitCommand>,
         #[command(flatten)]
-        arguments: Option<Box<fit::Arguments>>,
+        arguments: fit::Arguments,
     },
     /// Find the effects that the baseline model lacks, add them, and measure before and after on a run that the search never saw.
     ///
@@ -139,7 +139,7 @@ enum Command {
         #[command(subcommand)]
         of: Option<AlignCommand>,
         #[command(flatten)]
-        arguments: Option<Box<align::Arguments>>,
+        arguments: align::Arguments,
     },
     /// The effects of the library: class, parameters, equation, state, source.
     ///
@@ -266,7 +266,10 @@ fn main() -> ExitCode {
 /// Wrong arguments of a command: with the example that its help has.
 fn with_example(mut e: clap::Error) -> clap::Error {
     let arguments = Arguments::command();
-    let command = std::env::args().nth(1).and_then(|name| arguments.find_subcommand(name).cloned());
+    let mut words = std::env::args().skip(1);
+    let command = words.next().and_then(|name| arguments.find_subcommand(name).cloned());
+    let mut nested = |c: &clap::Command| words.next().and_then(|name| c.find_subcommand(name).cloned());
+    let command = command.map(|c| nested(&c).unwrap_or(c));
     let help = command.and_then(|c| c.get_long_about().map(ToString::to_string)).unwrap_or_default();
     if let Some(example) = help.lines().find_map(|line| line.strip_prefix("Example: ")).filter(|_| e.use_stderr()) {
         let tip = clap::builder::StyledStr::from(format!("for example: {example}"));
@@ -296,8 +299,7 @@ fn run(command: Command) -> Result<()> {
             soaks::run(&arguments)
         }
         Command::Fit { of: Some(FitCommand::Lag(arguments)), .. } | Command::Lag(arguments) => lag::run(&arguments),
-        Command::Fit { arguments: Some(arguments), .. } => fit::run(*arguments),
-        Command::Fit { .. } => Err(BadInput::new("give the recordings to fit, and --out").into()),
+        Command::Fit { of: None, arguments } => fit::run(arguments),
         Command::Trace(arguments) => trace::run(arguments),
         Command::Compare(arguments) => compare::run(arguments),
         Command::CompareImages(arguments) => images::run(&arguments),
@@ -313,8 +315,7 @@ fn run(command: Command) -> Result<()> {
         Command::Align { of: Some(AlignCommand::Simulate(arguments)), .. } | Command::SimulateAlignment(arguments) => {
             simulate_alignment::run(arguments)
         }
-        Command::Align { arguments: Some(arguments), .. } => align::run(&arguments),
-        Command::Align { .. } => Err(BadInput::new("give a recording, or --port").into()),
+        Command::Align { of: None, arguments } => align::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
     }
 }
