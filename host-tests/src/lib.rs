@@ -16,7 +16,19 @@ pub fn program(name: &str) -> PathBuf {
     let _guard = ONE_AT_A_TIME.lock();
     let mut cargo = Command::new(env!("CARGO"));
     // (All of them at once, as xtask builds them: of one alone some dependencies would have other features, and be built anew.)
-    cargo.args(["build", "--quiet", "--locked", "-p", "hrg-cal", "-p", "hrg-board", "-p", "foreign-plant"]);
+    cargo.args([
+        "build",
+        "--quiet",
+        "--locked",
+        "-p",
+        "hrg",
+        "-p",
+        "hrg-board",
+        "-p",
+        "hrg-study",
+        "-p",
+        "foreign-plant",
+    ]);
     if folder.ends_with("release") {
         cargo.arg("--release");
     }

@@ -241,8 +241,8 @@ pub fn trace(
     if let Some(c) = &in_use {
         facts::fits(c, &verify, different_units).map_err(|e| refused(BadInput::from(e)))?;
     }
-    let raised = own::Raised::default();
-    let own = own_effects.iter().map(|e| own::effect(e, &raised)).collect::<PyResult<Vec<_>>>()?;
+    let raised = user_effects::Raised::default();
+    let own = own_effects.iter().map(|e| user_effects::effect(e, &raised)).collect::<PyResult<Vec<_>>>()?;
     let options = tracing::Options {
         own,
         units: units(different_units),

@@ -1,13 +1,13 @@
-//! The Python package `hrg`: hrg-cal itself, with numpy arrays in and out. The file `lib/hrg/_hrg.pyi` describes its interface.
+//! The Python package `hrg`: the desktop crates themselves, with numpy arrays in and out. The file `lib/hrg/_hrg.pyi` describes its interface.
 
 // Arguments come from Python by value.
 #![allow(clippy::needless_pass_by_value)]
 
 mod calibration;
-mod own;
 mod pages;
 mod recording;
 mod tools;
+mod user_effects;
 mod work;
 
 use calibration::Calibration;

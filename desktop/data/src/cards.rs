@@ -158,7 +158,7 @@ pub struct Card {
     /// Set if a chamber profile is judged by its separation of this effect from the others.
     pub parted_by_profile: bool,
     /// Text of the repair for an effect that a unit cannot compensate.
-    pub mend: Option<Mend>,
+    pub repair: Option<Repair>,
 }
 
 /// Inputs that an effect needs from a recording, beside those whose absence the effect itself shows by NaN.
@@ -203,7 +203,7 @@ pub struct Generator {
 }
 
 /// Makes the text of a repair from the inner parameters by name.
-pub type Mend = fn(&dyn Fn(&str) -> f64) -> String;
+pub type Repair = fn(&dyn Fn(&str) -> f64) -> String;
 
 fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
     (0..n).map(|k| [from * (to / from).powf(k as f32 / (n - 1) as f32), 0.0]).collect()
@@ -254,165 +254,233 @@ fn thresholds(x: &Extent) -> Vec<Parameters> {
     (1..=12).flat_map(|on| (1..on).map(move |off| [place(on), place(off)])).collect()
 }
 
-/// The card of an effect.
-#[must_use]
-pub fn card(effect: EffectId) -> Card {
-    use EffectId as E;
-    use Kind::{Family, Idle, Proposed, Searched, Simple};
-    let (class, kind, refine, grid): (Class, Kind, Refine, Grid) = match effect {
-        E::Cubic => (Class::Shape, Simple, Refine::No, once),
-        E::Kink => (Class::Shape, Simple, Refine::Place(0.02), |x| {
-            even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20)
-        }),
-        E::TemperatureShape => (Class::Shape, Simple, Refine::No, temperatures),
-        E::TemperatureSpline => (Class::Shape, Family, Refine::No, temperatures),
-        E::Ripple => (Class::Shape, Simple, Refine::Cycle, ripples),
-        E::FrequencyDirect => (Class::Shape, Idle, Refine::No, nowhere),
-        E::ThermalLag => (Class::Memory, Simple, Refine::Scale, |x| log(120.0, (x.longest_s / 2.5).max(600.0), 18)),
-        E::SecondDerivative | E::CaseGradient => (Class::Memory, Simple, Refine::No, once),
-        E::AxisGradient => (Class::Memory, Simple, Refine::No, once),
-        E::NeighbourLags => (Class::Memory, Family, Refine::No, once),
-        E::LagLadder | E::LagLadderByTemperature => (Class::Memory, Family, Refine::No, lags),
-        E::HeatingLags => (Class::Memory, Family, Refine::No, |x| vec![[120.0, slowest(x)]]),
-        E::ArrheniusLadder => {
-            (Class::Memory, Searched, Refine::No, |x| [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec())
-        }
-        E::Hysteresis => {
-            (Class::Hysteresis, Simple, Refine::Scale, |x| log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14))
-        }
-        E::PlayLadder => {
-            (Class::Hysteresis, Family, Refine::No, |x| vec![[(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()]])
-        }
-        E::PlayCurve => (Class::Hysteresis, Searched, Refine::No, |x| {
-            [0.02, 0.04, 0.08, 0.15, 0.25].map(|s| [s * x.span_c(), 0.0]).to_vec()
-        }),
-        E::Relay => (Class::Hysteresis, Simple, Refine::Places(0.04), thresholds),
-        E::Extremes => (Class::Hysteresis, Family, Refine::No, once),
-        E::CoolingHeating => (Class::Rate, Simple, Refine::No, once),
-        E::CoolingHeatingHeld => (Class::Rate, Idle, Refine::No, nowhere),
-        E::RateSaturation => {
-            (Class::Rate, Simple, Refine::Scale, |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10))
-        }
-        E::RateCurve | E::RateCurveByTemperature => (Class::Rate, Family, Refine::No, ramps),
-        E::RampByShape | E::HeatingByShape => (Class::Rate, Family, Refine::No, once),
-        E::WarmUp => (Class::PowerOn, Simple, Refine::Scale, |x| log(150.0, x.longest_s / 3.0, 12)),
-        E::PowerOnLadder | E::PowerOnLadderByTemperature => (Class::PowerOn, Family, Refine::No, decays),
-        // A dependence on the temperature at power-on shows only over several power-ons.
-        E::PowerOnLadderByStart => {
-            (Class::PowerOn, Family, Refine::No, |x| if x.runs > 1 { decays(x) } else { vec![] })
-        }
-        E::DriveAmplitude | E::Quadrature => (Class::Input, Simple, Refine::No, once),
-        E::Board => (Class::Input, Simple, Refine::No, |_| vec![[0.0, 0.0], [1.0, 0.0]]),
-        E::RecordedQuantity => (Class::Input, Searched, Refine::No, |_| (0..8).map(|k| [k as f32, 0.0]).collect()),
-        E::Timebase => (Class::Thermometer, Simple, Refine::No, |x| vec![[x.lag_s, 0.0]]),
-        E::ThermometerError => (Class::Thermometer, Simple, Refine::No, |x| vec![[x.lag_s, 0.0]]),
-        E::Aging => (Class::Event, Simple, Refine::No, once),
-        E::Step => (Class::Event, Proposed, Refine::Time, nowhere),
-        E::Shock => (Class::Event, Proposed, Refine::TimeAndScale, nowhere),
-        E::Periodic => (Class::Event, Proposed, Refine::Period, nowhere),
-    };
-    let repeats = kind == Proposed || matches!(effect, E::Relay | E::PlayCurve | E::RecordedQuantity | E::Ripple);
-    let (needs, parted_by_profile, mend) = surroundings(effect);
-    Card { class, kind, refine, repeats, grid, needs, generator: generator(effect), parted_by_profile, mend }
-}
+impl Generator {
+    /// These inner parameters always; neither drawn nor in the study.
+    const fn of(usual: [f64; MAX_PARAMETERS]) -> Self {
+        Self { usual, range: None, secret: false, study: false }
+    }
 
-fn generator(effect: EffectId) -> Generator {
-    use EffectId as E;
-    let of = |usual| Generator { usual, range: None, secret: false, study: false };
-    let studied = |usual| Generator { study: true, ..of(usual) };
-    let drawn = |usual, low, high| Generator { range: Some([low, high]), secret: true, ..studied([usual, 0.0]) };
-    match effect {
-        E::Cubic | E::AxisGradient => Generator { secret: true, ..studied([0.0; 2]) },
-        E::Kink => drawn(8.0, -18.0, 32.0),
-        E::ThermalLag => drawn(2400.0, 1200.0, 6000.0),
-        E::Hysteresis => drawn(12.0, 5.0, 25.0),
-        E::WarmUp => drawn(1800.0, 700.0, 4000.0),
-        E::Step => drawn(9000.0, 4000.0, 20_000.0),
-        E::Periodic => drawn(900.0, 400.0, 3000.0),
-        E::TemperatureShape => studied([-38.0, 60.0]),
-        E::SecondDerivative | E::CaseGradient | E::Aging => studied([0.0; 2]),
-        E::DriveAmplitude | E::Quadrature | E::Board => studied([0.0; 2]),
-        E::Shock => studied([9000.0, 1800.0]),
-        E::Timebase | E::ThermometerError => of([694.0, 0.0]),
-        E::TemperatureSpline => of([-38.0, 60.0]),
-        E::Ripple => of([14.0, 0.0]),
-        E::LagLadder | E::LagLadderByTemperature => of([60.0, 6000.0]),
-        E::HeatingLags | E::PowerOnLadder | E::PowerOnLadderByTemperature | E::PowerOnLadderByStart => {
-            of([120.0, 6000.0])
-        }
-        E::ArrheniusLadder => of([0.02, 6000.0]),
-        E::PlayLadder => of([1.0, 60.0]),
-        E::PlayCurve => of([8.0, 0.0]),
-        E::Relay => of([30.0, -10.0]),
-        E::RateCurve | E::RateCurveByTemperature => of([1.5, 0.0]),
-        E::RateSaturation => of([0.3, 0.0]),
-        E::FrequencyDirect | E::CoolingHeating | E::NeighbourLags | E::RampByShape | E::HeatingByShape => of([0.0; 2]),
-        E::Extremes | E::RecordedQuantity | E::CoolingHeatingHeld => of([0.0; 2]),
+    /// The same, in the study of single effects.
+    const fn studied(usual: [f64; MAX_PARAMETERS]) -> Self {
+        Self { study: true, ..Self::of(usual) }
+    }
+
+    /// In the study, with a first parameter that `secret:SEED` draws from a range.
+    const fn drawn(usual: f64, low: f64, high: f64) -> Self {
+        Self { range: Some([low, high]), secret: true, ..Self::studied([usual, 0.0]) }
     }
 }
 
-/// Inputs that an effect needs, its part in the judgement of chamber profiles, and its repair. Profiles are judged by the separation of
-/// effects that a unit can compensate with its own measurements, one name for each thing that a chamber can tell.
-fn surroundings(effect: EffectId) -> (Needs, bool, Option<Mend>) {
+impl Card {
+    /// An effect with one start value of its inner parameters, that needs no input and is compensated by the unit.
+    const fn of(class: Class, kind: Kind) -> Self {
+        let grid: Grid = if matches!(kind, Kind::Idle | Kind::Proposed) { nowhere } else { once };
+        Self {
+            class,
+            kind,
+            refine: Refine::No,
+            repeats: matches!(kind, Kind::Proposed),
+            grid,
+            needs: Needs::Nothing,
+            generator: Generator::of([0.0; MAX_PARAMETERS]),
+            parted_by_profile: false,
+            repair: None,
+        }
+    }
+}
+
+/// The card of an effect: one arm each.
+#[must_use]
+#[allow(clippy::too_many_lines)] // A table.
+pub fn card(effect: EffectId) -> Card {
+    use Class::{Event, Hysteresis, Input, Memory, PowerOn, Rate, Shape, Thermometer};
     use EffectId as E;
-    let mended = |mend: Mend| (Needs::Nothing, false, Some(mend));
+    use Kind::{Family, Idle, Proposed, Searched, Simple};
+    let of = Generator::of;
+    let studied = Generator::studied;
+    let drawn = Generator::drawn;
+    let none = [0.0; MAX_PARAMETERS];
     match effect {
-        E::Cubic | E::Kink | E::ThermalLag | E::SecondDerivative | E::Hysteresis => (Needs::Nothing, true, None),
-        E::WarmUp | E::CoolingHeating => (Needs::Nothing, true, None),
-        E::AxisGradient => (Needs::OtherAxes, true, None),
-        E::NeighbourLags => (Needs::OtherAxes, false, None),
-        E::ThermometerError | E::FrequencyDirect => (Needs::Resonator, false, None),
-        E::Step => mended(|p| {
-            format!(
-                "something changed at {:.0} s on the recording's clock: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
-                p(E::Step.facts().parameters[0])
-            )
-        }),
-        E::Shock => mended(|p| {
-            let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
-            format!(
-                "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
-            )
-        }),
-        E::Periodic => mended(|p| {
-            format!(
-                "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
-                p(E::Periodic.facts().parameters[0])
-            )
-        }),
-        E::Aging => (
-            Needs::Nothing,
-            true,
-            Some(|_| {
+        E::Cubic => Card {
+            generator: Generator { secret: true, ..studied(none) },
+            parted_by_profile: true,
+            ..Card::of(Shape, Simple)
+        },
+        E::Kink => Card {
+            refine: Refine::Place(0.02),
+            grid: |x| even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20),
+            generator: drawn(8.0, -18.0, 32.0),
+            parted_by_profile: true,
+            ..Card::of(Shape, Simple)
+        },
+        E::TemperatureShape => {
+            Card { grid: temperatures, generator: studied([-38.0, 60.0]), ..Card::of(Shape, Simple) }
+        }
+        E::TemperatureSpline => Card { grid: temperatures, generator: of([-38.0, 60.0]), ..Card::of(Shape, Family) },
+        E::Ripple => Card {
+            refine: Refine::Cycle,
+            repeats: true,
+            grid: ripples,
+            generator: of([14.0, 0.0]),
+            ..Card::of(Shape, Simple)
+        },
+        E::FrequencyDirect => Card { needs: Needs::Resonator, ..Card::of(Shape, Idle) },
+        E::ThermalLag => Card {
+            refine: Refine::Scale,
+            grid: |x| log(120.0, (x.longest_s / 2.5).max(600.0), 18),
+            generator: drawn(2400.0, 1200.0, 6000.0),
+            parted_by_profile: true,
+            ..Card::of(Memory, Simple)
+        },
+        E::SecondDerivative => Card { generator: studied(none), parted_by_profile: true, ..Card::of(Memory, Simple) },
+        E::CaseGradient => Card {
+            generator: studied(none),
+            repair: Some(|_| needs_case_sensors(E::CaseGradient)),
+            ..Card::of(Memory, Simple)
+        },
+        E::AxisGradient => Card {
+            needs: Needs::OtherAxes,
+            generator: Generator { secret: true, ..studied(none) },
+            parted_by_profile: true,
+            ..Card::of(Memory, Simple)
+        },
+        E::NeighbourLags => Card { needs: Needs::OtherAxes, ..Card::of(Memory, Family) },
+        E::LagLadder | E::LagLadderByTemperature => {
+            Card { grid: lags, generator: of([60.0, 6000.0]), ..Card::of(Memory, Family) }
+        }
+        E::HeatingLags => {
+            Card { grid: |x| vec![[120.0, slowest(x)]], generator: of([120.0, 6000.0]), ..Card::of(Memory, Family) }
+        }
+        E::ArrheniusLadder => Card {
+            grid: |x| [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec(),
+            generator: of([0.02, 6000.0]),
+            ..Card::of(Memory, Searched)
+        },
+        E::Hysteresis => Card {
+            refine: Refine::Scale,
+            grid: |x| log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14),
+            generator: drawn(12.0, 5.0, 25.0),
+            parted_by_profile: true,
+            ..Card::of(Hysteresis, Simple)
+        },
+        E::PlayLadder => Card {
+            grid: |x| vec![[(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()]],
+            generator: of([1.0, 60.0]),
+            ..Card::of(Hysteresis, Family)
+        },
+        E::PlayCurve => Card {
+            repeats: true,
+            grid: |x| [0.02, 0.04, 0.08, 0.15, 0.25].map(|s| [s * x.span_c(), 0.0]).to_vec(),
+            generator: of([8.0, 0.0]),
+            ..Card::of(Hysteresis, Searched)
+        },
+        E::Relay => Card {
+            refine: Refine::Places(0.04),
+            repeats: true,
+            grid: thresholds,
+            generator: of([30.0, -10.0]),
+            ..Card::of(Hysteresis, Simple)
+        },
+        E::Extremes => Card::of(Hysteresis, Family),
+        E::CoolingHeating => Card { parted_by_profile: true, ..Card::of(Rate, Simple) },
+        E::CoolingHeatingHeld => Card::of(Rate, Idle),
+        E::RateSaturation => Card {
+            refine: Refine::Scale,
+            grid: |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10),
+            generator: of([0.3, 0.0]),
+            ..Card::of(Rate, Simple)
+        },
+        E::RateCurve | E::RateCurveByTemperature => {
+            Card { grid: ramps, generator: of([1.5, 0.0]), ..Card::of(Rate, Family) }
+        }
+        E::RampByShape | E::HeatingByShape => Card::of(Rate, Family),
+        E::WarmUp => Card {
+            refine: Refine::Scale,
+            grid: |x| log(150.0, x.longest_s / 3.0, 12),
+            generator: drawn(1800.0, 700.0, 4000.0),
+            parted_by_profile: true,
+            ..Card::of(PowerOn, Simple)
+        },
+        E::PowerOnLadder | E::PowerOnLadderByTemperature => {
+            Card { grid: decays, generator: of([120.0, 6000.0]), ..Card::of(PowerOn, Family) }
+        }
+        // A dependence on the temperature at power-on needs several power-ons to be seen.
+        E::PowerOnLadderByStart => Card {
+            grid: |x| if x.runs > 1 { decays(x) } else { vec![] },
+            generator: of([120.0, 6000.0]),
+            ..Card::of(PowerOn, Family)
+        },
+        E::DriveAmplitude => Card {
+            generator: studied(none),
+            repair: Some(|_| needs_voltage(E::DriveAmplitude)),
+            ..Card::of(Input, Simple)
+        },
+        E::Quadrature => {
+            Card { generator: studied(none), repair: Some(|_| needs_voltage(E::Quadrature)), ..Card::of(Input, Simple) }
+        }
+        E::Board => Card {
+            grid: |_| vec![[0.0, 0.0], [1.0, 0.0]],
+            generator: studied(none),
+            repair: Some(|_| needs_voltage(E::Board)),
+            ..Card::of(Input, Simple)
+        },
+        E::RecordedQuantity => {
+            Card { repeats: true, grid: |_| (0..8).map(|k| [k as f32, 0.0]).collect(), ..Card::of(Input, Searched) }
+        }
+        E::Timebase => Card {
+            grid: |x| vec![[x.lag_s, 0.0]],
+            needs: Needs::ThreeResonators,
+            generator: of([694.0, 0.0]),
+            repair: Some(|_| needs_case_sensors(E::Timebase)),
+            ..Card::of(Thermometer, Simple)
+        },
+        E::ThermometerError => Card {
+            grid: |x| vec![[x.lag_s, 0.0]],
+            needs: Needs::Resonator,
+            generator: of([694.0, 0.0]),
+            ..Card::of(Thermometer, Simple)
+        },
+        E::Aging => Card {
+            generator: studied(none),
+            parted_by_profile: true,
+            repair: Some(|_| {
                 "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
             }),
-        ),
-        E::CaseGradient => mended(|_| needs_case_sensors(E::CaseGradient)),
-        E::Timebase => (Needs::ThreeResonators, false, Some(|_| needs_case_sensors(E::Timebase))),
-        E::DriveAmplitude => mended(|_| needs_voltage(E::DriveAmplitude)),
-        E::Quadrature => mended(|_| needs_voltage(E::Quadrature)),
-        E::Board => mended(|_| needs_voltage(E::Board)),
-        E::TemperatureShape
-        | E::LagLadder
-        | E::LagLadderByTemperature
-        | E::HeatingLags
-        | E::ArrheniusLadder
-        | E::PlayLadder
-        | E::PlayCurve
-        | E::Relay
-        | E::TemperatureSpline
-        | E::Ripple
-        | E::RateCurve
-        | E::RateCurveByTemperature
-        | E::RampByShape
-        | E::HeatingByShape
-        | E::PowerOnLadder
-        | E::PowerOnLadderByTemperature
-        | E::PowerOnLadderByStart
-        | E::Extremes
-        | E::RecordedQuantity
-        | E::CoolingHeatingHeld
-        | E::RateSaturation => (Needs::Nothing, false, None),
+            ..Card::of(Event, Simple)
+        },
+        E::Step => Card {
+            refine: Refine::Time,
+            generator: drawn(9000.0, 4000.0, 20_000.0),
+            repair: Some(|p| {
+                format!(
+                    "something changed at {:.0} s on the recording's clock: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+                    p(E::Step.facts().parameters[0])
+                )
+            }),
+            ..Card::of(Event, Proposed)
+        },
+        E::Shock => Card {
+            refine: Refine::TimeAndScale,
+            generator: studied([9000.0, 1800.0]),
+            repair: Some(|p| {
+                let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
+                format!(
+                    "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
+                )
+            }),
+            ..Card::of(Event, Proposed)
+        },
+        E::Periodic => Card {
+            refine: Refine::Period,
+            generator: drawn(900.0, 400.0, 3000.0),
+            repair: Some(|p| {
+                format!(
+                    "look for a source with a period of {:.0} s: the chamber's compressor or heater, a beat between neighbours; it is taken out of the fit and not compensated",
+                    p(E::Periodic.facts().parameters[0])
+                )
+            }),
+            ..Card::of(Event, Proposed)
+        },
     }
 }
 

@@ -20,7 +20,7 @@ use hrg_data::recording::facts;
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use hrg_identify::fit;
-use hrg_identify::fit::evidence;
+use hrg_identify::fit::enough_data;
 use hrg_identify::fit::independence;
 use hrg_identify::fit::independence::Units;
 use hrg_identify::fit::MEAN_S;
@@ -347,7 +347,7 @@ fn unseen_steps(
                 independence::require(&[(t, "train"), (r, "verify")])?;
             }
             let run = Run::new(Steps::new(r)?, curves);
-            evidence::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
+            enough_data::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
             Ok(run.steps)
         })
         .collect()

@@ -48,10 +48,6 @@ fn nothing_is_compiled_twice_for_other_features() {
         ("the wheel", features(&["hrg-python"], "normal,build")),
         // The commands that docs/CONTRIBUTING.md has one run.
         ("the tests on the virtual board", features(&["host-tests"], "normal,build,dev")),
-        (
-            "the tests of the desktop tool",
-            features(&["hrg-data", "hrg-identify", "hrg-papers", "hrg"], "normal,build,dev"),
-        ),
     ] {
         for (package, features) in found {
             let others = with_tests.get(&package).filter(|others| !features.is_subset(others));

@@ -171,7 +171,7 @@ fn the_public_interface_is_the_one_that_is_written_down() {
     assert!(
         gone.is_empty() && new.is_empty(),
         "the interface of hrg-core has changed. If it should, write it down: HRG_WRITE_API=1 cargo test --release -p host-tests --test \
-         library, and a line in CHANGELOG.md.\ngone: {gone:#?}\nnew: {new:#?}"
+         all library, and a line in CHANGELOG.md.\ngone: {gone:#?}\nnew: {new:#?}"
     );
     assert!(a.len() > 400, "{} lines: the listing itself has failed", a.len());
 }

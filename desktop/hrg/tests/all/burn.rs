@@ -236,7 +236,7 @@ fn a_unit_with_a_key_takes_what_is_burnt_with_it() {
     assert!(!done && said.contains("the image is not signed with the key of its firmware; asked now"), "{said}");
     let (done, said) = burn(Fault::Signed, &["--key", KEY]);
     assert!(done, "{said}");
-    let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../rustfmt.toml")]);
+    let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../../rustfmt.toml")]);
     assert!(!done && said.contains("no key of hrg unit keygen") && !said.contains("asked now"), "{said}");
 }
 

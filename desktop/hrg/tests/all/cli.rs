@@ -332,8 +332,9 @@ fn rest_log_and_profile() {
     let no_port = refused(&d, &["monitor", "--port", "/dev/none"]);
     assert!(no_port.contains("cannot open the port") && no_port.contains(" there"), "{no_port}");
     // A command with too few arguments, or unknown ones, is shown with the example of its help.
-    for command in ["trace", "fit", "monitor", "burn"] {
-        let o = hrg(&d, &[command, "--nonsense"]);
+    for command in ["trace", "fit", "monitor", "unit burn", "fit points", "align"] {
+        let words: Vec<&str> = command.split(' ').chain(["--nonsense"]).collect();
+        let o = hrg(&d, &words);
         let said = String::from_utf8_lossy(&o.stderr);
         assert!(o.status.code() == Some(2) && said.contains(&format!("for example: hrg {command} ")), "{said}");
     }

@@ -302,7 +302,7 @@ fn a_chambers_own_log_is_merged_by_time() {
         log.extend(format!("21.11.2026 {:02}:{:02}:{:02},5;{cells}\r\n", t / 3600, t / 60 % 60, t % 60).into_bytes());
     }
     std::fs::write(d.join("log.csv"), log).expect("written");
-    let arguments = "merge bare.csv --with log.csv --time Datum=%d.%m.%Y_%H:%M:%S%.f --offset -28800 --out m.csv --columns chamber__c=Luft,case__x__c=G1,case__y__c=G2,shell__z__c=G3";
+    let arguments = "import bare.csv --with log.csv --time Datum=%d.%m.%Y_%H:%M:%S%.f --offset -28800 --out m.csv --columns chamber__c=Luft,case__x__c=G1,case__y__c=G2,shell__z__c=G3";
     let e = refused(&d, arguments);
     assert!(e.contains("log.csv") && e.contains("is not a time of the form"), "a decimal comma within a time: {e}");
     let log = std::fs::read(d.join("log.csv")).expect("there");

@@ -2,7 +2,7 @@
 //! are a method of identification and [`crate::trace`].
 
 pub mod correct;
-pub mod evidence;
+pub mod enough_data;
 pub mod independence;
 
 use crate::thermometer::curve;
@@ -133,8 +133,8 @@ pub fn prepare_with(
     let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
     for (run, r) in runs.iter().zip(recordings) {
         let name = if r.source.is_empty() { "the run" } else { &r.source };
-        evidence::require(run, name)?;
-        notes.extend(evidence::few(run, name));
+        enough_data::require(run, name)?;
+        notes.extend(enough_data::few(run, name));
     }
     let fastest = ramps(&mut calibration, &runs, &present, &mut notes);
     let r_most = calibration

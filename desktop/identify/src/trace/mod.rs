@@ -7,36 +7,38 @@
 pub mod data;
 pub mod equations;
 mod events;
+pub mod evidence;
+mod exchange;
 pub mod floor;
 pub mod gls;
-pub mod gram;
 mod html;
 pub mod judge;
 mod leftover;
 pub mod model;
 mod on_verify;
-pub mod own;
 mod proposals;
 pub mod report;
+mod report_text;
+mod run_in;
 pub mod search;
 pub mod separable;
-mod settling;
 mod shapes;
 mod surrogate;
 mod uncertainty;
-mod witness;
-mod words;
+pub mod user_effects;
 
 pub use html::html;
 
 pub use report::{json, Found, Image, Report, Rms, VerdictKind};
 
 use crate::fit;
-use crate::fit::evidence;
+use crate::fit::enough_data;
 use crate::fit::independence;
 use crate::fit::independence::Units;
 use crate::fit::{prepare_for, Prepared};
 use data::{Candidate, Data};
+pub(crate) use exchange::unwitnessed;
+use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
 use floor::{Clean, Neighbours};
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
@@ -52,11 +54,9 @@ use judge::{agreement, spread, Means, Noise};
 use model::{Fitted, Term};
 use on_verify::{start_verify_run, OnVerifyRun};
 use report::{by_axis, Agreement, ByAxis, Exchanged};
+use run_in::Memory;
 use search::{Model, Rival, Search};
-use settling::Memory;
 use uncertainty::Weights;
-pub(crate) use witness::unwitnessed;
-use witness::{exchanged, second_search, shortest, LEAST_EXCHANGED};
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
@@ -76,7 +76,7 @@ pub struct Options {
     /// Processors to use; 0 counts as 1.
     pub jobs: usize,
     /// Effects of the caller's own.
-    pub own: Vec<own::OwnEffect>,
+    pub own: Vec<user_effects::OwnEffect>,
 }
 
 /// Everything that came of a trace.
@@ -148,7 +148,7 @@ fn closed(
         let learnt = Learnt::new(&mut search);
         let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
-        let unknown = memory.and_then(|m| Some((m, settling::unknown(&data, &fitted, &verify_run, m)?)));
+        let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
             return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted), witness);
         };
@@ -252,7 +252,7 @@ fn judged(
     };
     report.burn &= options.repeat_is_enough || !report.verify_repeats_train;
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
-    (report.verdict, report.advice) = (words::verdict(&report), words::advice(&report));
+    (report.verdict, report.advice) = (report_text::verdict(&report), report_text::advice(&report));
     let mut image = written.image;
     state_reached(&mut image, &report, runs, &there);
     Ok(Trace {
@@ -377,9 +377,9 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
     let mut run = Run::new(Steps::new(verify)?, curves);
     let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
-    evidence::require(&run, &format!("the verify run{name}"))?;
-    prepared.notes.extend(evidence::few(&run, "the verify run"));
-    prepared.runs.iter_mut().chain([&mut run]).try_for_each(|run| own::attach(&options.own, run))?;
+    enough_data::require(&run, &format!("the verify run{name}"))?;
+    prepared.notes.extend(enough_data::few(&run, "the verify run"));
+    prepared.runs.iter_mut().chain([&mut run]).try_for_each(|run| user_effects::attach(&options.own, run))?;
     Ok((prepared, run))
 }
 
@@ -704,7 +704,7 @@ mod tests {
         let mut r = traced(&[], 80);
         r.floor_ratio.insert("x".into(), floor::Ratio { ratio: 2.07, low: 0.95, high: 2.33 });
         r.unexplained.insert("x".into(), true);
-        let said = words::verdict(&r);
+        let said = report_text::verdict(&r);
         assert!(said.contains("x 2.07 floors [0.95, 2.33]: undecided") && !said.contains("more than noise"), "{said}");
         // Three digits of each number.
         let digits: Vec<String> = [0.04, -0.0213, 12.5, 9000.0, 0.0].iter().map(|v| report::three_digits(*v)).collect();

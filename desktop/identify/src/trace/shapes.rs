@@ -2,7 +2,7 @@
 
 use super::data::Data;
 use super::model::{columns, Fitted};
-use super::own::card_of;
+use super::user_effects::card_of;
 use hrg_core::effects::{rung, EffectId};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;

@@ -2,7 +2,7 @@
 //! residual, lines and slow drift included, and random phases (Theiler and others 1992).
 
 use super::data::AxisRows;
-use super::gram::{Axis, AxisModel};
+use super::evidence::{Axis, AxisModel};
 use hrg_core::AXES;
 use hrg_data::numeric::stats::{mean, std_dev};
 use rand::{Rng, SeedableRng};

@@ -8,7 +8,7 @@
 use super::data::{Candidate, Data};
 use super::gls::{NoiseModel, NOISE_MODELS};
 use super::model::{columns, Columns, Fitted, Term};
-use super::own::card_of;
+use super::user_effects::card_of;
 use hrg_core::calibration::DIRECTIONS;
 use hrg_core::effects::MAX_PARAMETERS;
 use hrg_core::AXES;

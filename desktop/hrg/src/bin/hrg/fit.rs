@@ -8,7 +8,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_identify::fit;
-use hrg_identify::fit::evidence;
+use hrg_identify::fit::enough_data;
 use hrg_papers::history::csv;
 use hrg_papers::method::Method;
 use hrg_papers::methods;
@@ -103,7 +103,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     image_file::save(&out, &found.calibration)?;
     println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
     for a in present {
-        let means: usize = prepared.runs.iter().map(|r| evidence::means(r, a).0).sum();
+        let means: usize = prepared.runs.iter().map(|r| enough_data::means(r, a).0).sum();
         println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
     }
     println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");

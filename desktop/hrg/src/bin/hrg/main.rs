@@ -151,6 +151,8 @@ enum Command {
     Compare(compare::Arguments),
     // Former places of commands, for scripts that call them there.
     #[command(hide = true)]
+    Merge(import::Arguments),
+    #[command(hide = true)]
     Points(points::Arguments),
     #[command(hide = true)]
     Soaks(soaks::Arguments),
@@ -280,7 +282,7 @@ fn with_example(mut e: clap::Error) -> clap::Error {
 
 fn run(command: Command) -> Result<()> {
     match command {
-        Command::Import(arguments) => import::run(&arguments),
+        Command::Import(arguments) | Command::Merge(arguments) => import::run(&arguments),
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
             (Some(port), _) => chamber::record_port(&port, &out, seconds, &facts),
             (None, Some(log)) => log::record(&log, elf.as_deref(), &out, &facts),

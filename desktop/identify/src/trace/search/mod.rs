@@ -1,16 +1,16 @@
 //! The search: which effects, with which parameters, on which axes.
 //!
 //! Candidates are the groups of the [cards](hrg_data::cards) and what the data propose (jumps and periods). Each axis takes a
-//! candidate only where it raises its log evidence ([`super::gram`]) by more than one; a candidate pays once for being there, for
+//! candidate only where it raises its log evidence ([`super::evidence`]) by more than one; a candidate pays once for being there, for
 //! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
 //! surrogates as well.
 
 use super::data::{AxisByAxis, Candidate, Data, Starts};
-use super::gram::{Axis, AxisModel, Share};
+use super::evidence::{Axis, AxisModel, Share};
 use super::proposals::{self, Left};
 use super::surrogate;
-use crate::trace::own::card_of;
+use crate::trace::user_effects::card_of;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use hrg_data::cards::Class;

@@ -2,7 +2,7 @@
 
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
-use hrg_identify::trace::own::{Computed, OwnEffect, States};
+use hrg_identify::trace::user_effects::{Computed, OwnEffect, States};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

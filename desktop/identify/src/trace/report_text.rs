@@ -201,7 +201,7 @@ pub fn advice(r: &Report) -> Vec<String> {
             }
         }
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
-        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).mend).map(|mend| mend(&parameter)));
+        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|mend| mend(&parameter)));
         if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
             out.push(format!(
                 "{} is named on the train run, and the verify run does not bear it out beyond its uncertainty on every axis: take another run before you rely on it",

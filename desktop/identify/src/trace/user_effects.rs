@@ -267,7 +267,7 @@ pub fn card_of(facts: &Facts) -> Card {
         needs: Needs::Nothing,
         generator: Generator { usual: [0.0; MAX_PARAMETERS], range: None, secret: false, study: false },
         parted_by_profile: false,
-        mend: None,
+        repair: None,
     }
 }
 

@@ -1,12 +1,12 @@
 //! The second witness: the same search on the verify run. A class that it does not find is not confirmed.
 
 use super::data::{Candidate, Data};
-use super::own::{self, card_of, OwnEffect};
 use super::report::{Exchanged, Found};
 use super::search::Search;
+use super::user_effects::{self, card_of, OwnEffect};
 use super::SEED;
 use crate::fit;
-use crate::fit::evidence;
+use crate::fit::enough_data;
 use hrg_data::cards::Class;
 use hrg_data::recording::steps::Run;
 use hrg_data::recording::Recording;
@@ -14,13 +14,13 @@ use std::collections::BTreeSet;
 
 /// Means of the axis of a run that has fewest.
 pub(super) fn shortest(run: &Run) -> usize {
-    run.steps.present().map(|a| evidence::means(run, a).0).min().unwrap_or(0)
+    run.steps.present().map(|a| enough_data::means(run, a).0).min().unwrap_or(0)
 }
 
 /// The second witness: the search with the verify run as train run. `None` where it cannot be used so.
 pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option<Vec<Candidate>> {
     let mut prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
-    prepared.runs.iter_mut().try_for_each(|run| own::attach(effects, run)).ok()?;
+    prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(effects, run)).ok()?;
     let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
     let mut search = Search::new(&data, SEED);
     Some(search.run().effects().copied().collect())
