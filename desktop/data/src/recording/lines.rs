@@ -1,9 +1,11 @@
 //! A text in pieces of whole lines, from wherever it comes.
 
-use super::numbers::MOST_BYTES;
 use crate::error::BadInput;
 use crate::files::no_zero;
 use std::io::Read;
+
+/// Most bytes of a piece.
+const MOST_BYTES: usize = (1 << 31) - 1;
 
 /// Remaining lines of a text.
 pub(super) struct Lines<R> {

@@ -14,7 +14,6 @@ mod lines;
 pub mod merge;
 pub mod metadata;
 pub mod names;
-mod numbers;
 pub mod own_columns;
 pub mod parquet;
 mod reader;

@@ -3,7 +3,6 @@
 
 use super::lines::{self, Lines};
 use super::metadata;
-use super::numbers::{Cells, Ends, BATCH, LOOK};
 use crate::error::BadInput;
 use crate::numeric::side_by_side;
 use std::io::Read;
@@ -169,14 +168,13 @@ impl Header<'_> {
             rest = &rest[..rest.rfind('\n').map_or(0, |k| k + 1)];
         }
         loop {
-            rest = &rest[self.plain_rows(rest, &mut columns, &mut out)..];
             if rest.is_empty() {
                 out.failed = bad.then_some((out.lines + 1, None));
                 return out;
             }
-            // A line that is something else, or the last one.
             out.lines += 1;
-            let (line, after) = rest.split_once('\n').unwrap_or((rest, ""));
+            let end = memchr::memchr(b'\n', rest.as_bytes());
+            let (line, after) = end.map_or((rest, ""), |at| (&rest[..at], &rest[at + 1..]));
             let line = line.trim_end_matches('\r');
             if let Some(meta) = line.trim_start().strip_prefix('#') {
                 out.metadata.push((out.lines, meta.to_string()));
@@ -199,93 +197,16 @@ impl Header<'_> {
         }
     }
 
-    /// Takes rows off the front of a text as long as each is one of numbers, with nothing beside them; gives the place of the first that is
-    /// not. Commas and line ends are found first, then the numbers between them are read by columns.
-    fn plain_rows(&self, text: &str, columns: &mut [&mut [f64]], out: &mut Piece) -> usize {
-        let bytes = text.as_bytes();
-        let mut batch: Vec<Cells> = self.names.iter().map(|_| Cells::new()).collect();
-        // Begins of the row and of the cell; index of the cell in its row, and of the row in the batch.
-        let (mut row, mut from, mut column, mut rows) = (0, 0, 0, 0);
-        let mut ends = Ends::new();
-        'text: for (k, some) in bytes.chunks(LOOK).enumerate() {
-            for end in ends.of(some) {
-                let at = LOOK * k + usize::from(*end);
-                if at < from {
-                    // The line feed behind a carriage return.
-                    continue;
-                }
-                let Some(cells) = batch.get_mut(column) else { break 'text };
-                cells.put(rows, bytes, from, at);
-                column += 1;
-                from = at + 1;
-                if bytes[at] == b',' {
-                    continue;
-                }
-                if bytes[at] == b'\r' && bytes.get(from) == Some(&b'\n') {
-                    from += 1;
-                } else if bytes[at] != b'\n' {
-                    break 'text;
-                }
-                if column != self.names.len() {
-                    break 'text;
-                }
-                (row, column, rows) = (from, 0, rows + 1);
-                if rows == BATCH {
-                    if let Some(odd) = self.numbers(text, rows, &mut batch, columns, out) {
-                        return odd;
-                    }
-                    rows = 0;
-                }
-            }
-        }
-        self.numbers(text, rows, &mut batch, columns, out).unwrap_or(row)
-    }
-
-    /// Reads the numbers of some rows; gives the place of the first row that has what is none. The rows before it are taken.
-    fn numbers(
-        &self,
-        text: &str,
-        rows: usize,
-        batch: &mut [Cells],
-        columns: &mut [&mut [f64]],
-        out: &mut Piece,
-    ) -> Option<usize> {
-        let mut good = rows;
-        let mut missing: Vec<(usize, usize)> = Vec::new();
-        for (k, (cells, column)) in batch.iter_mut().zip(columns).enumerate().filter(|(k, _)| self.kept[*k]) {
-            let column = &mut column[out.rows..out.rows + rows];
-            if cells.read(column) {
-                continue;
-            }
-            for (r, value) in column.iter_mut().enumerate().filter(|(r, _)| !cells.is_plain(*r)) {
-                let Ok(v) = self.number(0, text[cells.place(r)].trim(), k + 1) else {
-                    good = good.min(r);
-                    break;
-                };
-                *value = v;
-                if v.is_nan() {
-                    missing.push((r, k));
-                }
-            }
-        }
-        missing.sort_unstable();
-        for (r, k) in missing.into_iter().filter(|(r, _)| *r < good) {
-            out.missing[k] += 1;
-            out.first_missing.get_or_insert((out.lines + r + 1, k + 1));
-        }
-        out.rows += good;
-        out.lines += good;
-        (good < rows).then(|| batch[0].place(good).start)
-    }
-
     /// Reads the cells of a row, giving each that is kept to `take`.
     fn row(&self, line: usize, row: &str, take: &mut impl FnMut(usize, f64)) -> Result<(), BadInput> {
         let mut cells = 0;
-        for cell in row.split(',') {
+        let (bytes, mut from) = (row.as_bytes(), 0);
+        for end in memchr::memchr_iter(b',', bytes).chain([bytes.len()]) {
             cells += 1;
             if self.kept.get(cells - 1) == Some(&true) {
-                take(cells - 1, self.number(line, cell.trim(), cells)?);
+                take(cells - 1, self.number(line, &row[from..end], cells)?);
             }
+            from = end + 1;
         }
         if cells != self.names.len() {
             // A decimal comma makes two cells of one.
@@ -302,12 +223,16 @@ impl Header<'_> {
         Ok(())
     }
 
-    /// A cell that is not a plain number: missing, with an exponent, very long, or wrong.
+    /// Value of a cell; NaN where it is missing.
     fn number(&self, line: usize, cell: &str, column: usize) -> Result<f64, BadInput> {
+        if let Some(value) = fast_float2::parse(cell).ok().filter(|v: &f64| v.is_finite()) {
+            return Ok(value);
+        }
+        let cell = cell.trim();
         if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
             return Ok(f64::NAN);
         }
-        cell.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+        fast_float2::parse(cell).ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
             BadInput(format!(
                 "line {line}, column {column} ({}): \"{}\" is not a number; correct or empty the cell",
                 self.names.get(column - 1).unwrap_or(&""),

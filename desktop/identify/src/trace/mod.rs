@@ -491,6 +491,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "cargo xtask test --rest; the study measures it"]
     fn each_effect_that_is_put_in_comes_out() {
         for (k, name) in
             ["cubic", "kink", "thermal-lag", "hysteresis", "axis-gradient", "warm-up", "step", "periodic", "aging"]
@@ -818,6 +819,7 @@ mod tests {
     }
 
     #[test]
+    #[ignore = "cargo xtask test --rest; the study measures it"]
     fn what_the_library_lacks_is_called_so() {
         for (k, name) in ["unmodelled-product", "unmodelled-drift-burst", "unmodelled-ripple"].into_iter().enumerate() {
             let r = traced(&[&format!("{name}:size=4")], 95 + k as u64);
