@@ -319,6 +319,16 @@ macro_rules! effects {
     ($($module:ident :: {$($name:ident),+}),+ $(,)?) => {
         $(mod $module; $(pub use $module::$name;)+)+
         effects!(@all $($($name),+),+);
+
+        impl EffectId {
+            /// The source of its file, whose head states equation, state and origin: for tools that print them.
+            #[must_use]
+            pub const fn source(self) -> &'static str {
+                match self {
+                    $($(Self::$name)|+ => include_str!(concat!(stringify!($module), ".rs")),)+
+                }
+            }
+        }
     };
     (@all $($name:ident),+) => {
 

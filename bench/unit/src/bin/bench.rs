@@ -1,5 +1,5 @@
 //! Cost of pieces of `hrg-core` on the target: each is called some times with inputs of a real run, and the virtual board
-//! counts the instructions of the calls (`hrg-board align-demo`). Nothing here touches a peripheral.
+//! counts the instructions of the calls (`hrg-study align-demo`). Nothing here touches a peripheral.
 #![no_std]
 #![no_main]
 
