@@ -450,6 +450,7 @@ macro_rules! effects {
 
 effects! {
     cubic::{Cubic},
+    quartic::{Quartic},
     kink::{Kink},
     temperature_shape::{TemperatureShape},
     thermal_lag::{ThermalLag},
