@@ -306,7 +306,6 @@ pub fn card(effect: EffectId) -> Card {
             parted_by_profile: true,
             ..Card::of(Shape, Simple)
         },
-        E::Quartic => Card { generator: studied(none), ..Card::of(Shape, Simple) },
         E::Kink => Card {
             refine: Refine::Place(0.02),
             grid: |x| even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20),

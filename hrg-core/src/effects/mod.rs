@@ -450,7 +450,6 @@ macro_rules! effects {
 
 effects! {
     cubic::{Cubic},
-    quartic::{Quartic},
     kink::{Kink},
     temperature_shape::{TemperatureShape},
     thermal_lag::{ThermalLag},
