@@ -14,10 +14,10 @@
 //! writes. The crate `ads131m08` is blocking and leaves the CRC to its caller. Buffers are atomics, because the DMA writes them.
 //! Registers: RM0390 for SPI, DMA and TIM2.
 
-use crate::board::wired;
 use crate::params::{self, TIMER_HZ};
 #[cfg(feature = "pps")]
 use crate::pps;
+use crate::wired;
 use core::sync::atomic::{fence, AtomicBool, AtomicU32, Ordering};
 use embassy_stm32::gpio::{Flex, Output};
 use embassy_stm32::pac;

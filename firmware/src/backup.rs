@@ -8,7 +8,7 @@
 //!
 //! A power cut within the millisecond in which they are written loses them. A power cut over midnight of the RTC, which nobody sets, does as well.
 
-use crate::model::Compensator;
+use crate::redundant::Compensator;
 use core::ptr::with_exposed_provenance_mut;
 use embassy_stm32::pac::rcc::vals::Rtcsel;
 use embassy_stm32::pac::{PWR, RCC, RTC};

@@ -4,7 +4,7 @@
 //! Two places, written in turn each second; each ends with a checksum ([`hrg_core::history`]). The start-up code of cortex-m-rt neither
 //! clears nor fills the section `.uninit`. After a power-on it holds anything, which has no checksum.
 
-use crate::model::Compensator;
+use crate::redundant::Compensator;
 use core::sync::atomic::{AtomicU32, Ordering};
 use hrg_core::history::{newer, Kept, KEPT_WORDS};
 use hrg_core::reset::{Halt, ResetCause};

@@ -38,11 +38,13 @@ mod pps;
 mod program;
 mod rate;
 mod receive;
+mod redundant;
 mod telemetry;
 mod watchdog;
+mod wired;
 
 use crate::halt::once;
-use crate::model::Compensator;
+use crate::redundant::{Compensator, CHANNELS};
 use crate::watchdog::Watchdog;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken, Spawner};
@@ -133,7 +135,7 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
 
 /// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
 #[inline(never)]
-fn resume(models: &mut [&'static mut Compensator; model::CHANNELS], cause: ResetCause) -> u32 {
+fn resume(models: &mut [&'static mut Compensator; CHANNELS], cause: ResetCause) -> u32 {
     if let Some(kept) = kept::newest(cause) {
         models.iter_mut().for_each(|m| m.resume(&kept));
     } else {
@@ -173,7 +175,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
     status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
-    static COMPENSATORS: [StaticCell<Compensator>; model::CHANNELS] = [const { StaticCell::new() }; model::CHANNELS];
+    static COMPENSATORS: [StaticCell<Compensator>; CHANNELS] = [const { StaticCell::new() }; CHANNELS];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     let resets = resume(&mut compensators, board.reset_cause);
     let identity = Identity {

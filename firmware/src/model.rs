@@ -7,9 +7,8 @@ use crate::kept;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
 #[cfg(feature = "pps")]
 use crate::pps::PULSE;
+use crate::redundant::{update, Compensator, CHANNELS};
 use embassy_time::Ticker;
-use hrg_core::compensator::{Model, Output};
-use hrg_core::frequency::StepFrequencies;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 #[cfg(feature = "pps")]
 use hrg_core::pps::Pps;
@@ -19,28 +18,6 @@ use hrg_core::rate_path::PendingBias;
 use hrg_core::reset::Halt;
 use hrg_core::status::UnitStatus;
 use hrg_core::AXES;
-
-/// The bias model of this unit.
-#[cfg(feature = "past")]
-pub type Compensator = Model<hrg_core::history::History>;
-/// The bias model of this unit.
-#[cfg(not(feature = "past"))]
-pub type Compensator = Model<hrg_core::history::Settling>;
-
-/// Models that run: two in separate memory with `lockstep`, so that a bit that flips in one of them shows.
-pub const CHANNELS: usize = if cfg!(feature = "lockstep") { 2 } else { 1 };
-
-/// One step of the models; `None` if they differ.
-#[cfg(feature = "lockstep")]
-fn update([first, second]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
-    hrg_core::compensator::update_both([first, second], step)
-}
-
-/// One step of the model.
-#[cfg(not(feature = "lockstep"))]
-fn update([model]: &mut [&'static mut Compensator; CHANNELS], step: &StepFrequencies) -> Option<Output> {
-    Some(model.update(step))
-}
 
 /// Results of the start.
 pub struct Start {

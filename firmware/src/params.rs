@@ -1,6 +1,5 @@
 //! Every number that shapes the unit's timing, wiring and memory, each with its unit and its reason.
 
-use crate::watchdog::Time;
 use embassy_time::Duration;
 use hrg_core::timebase::Timebase;
 
@@ -49,6 +48,9 @@ pub const SENSOR: hrg_core::sensors::Platinum = hrg_core::sensors::Platinum::PT1
 /// Events that may wait to be written: more than can happen in a second.
 #[cfg(feature = "field-log")]
 pub const EVENT_QUEUE: usize = 8;
+
+/// A time of the watchdog: prescaler (4 << it) and reload value, of the 32 kHz clock.
+pub type Time = (u8, u16);
 
 /// Watchdog while a sector is erased, as PR and RLR of the IWDG at 32 kHz: 256 / 32 kHz * 1000 = 8 s. The erase of 128 KiB
 /// takes 2 s at most (STM32F446 data sheet, 32 bits at a time; 4 s byte by byte), and the processor stands still meanwhile: one bank of flash.

@@ -8,7 +8,8 @@
 //! embassy's `IndependentWatchdog` cannot change its time once it runs, so the four registers are driven here (RM0390 chapter 20).
 
 use crate::channels::{self, LINK_ALIVE, MODEL_ALIVE, RATE_ALIVE, TELEMETRY_ALIVE};
-use crate::{params, program};
+use crate::params::{self, Time};
+use crate::program;
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::IWDG as REGISTERS;
 use embassy_stm32::peripherals::IWDG;
@@ -16,9 +17,6 @@ use embassy_stm32::Peri;
 use embassy_time::{Duration, Timer};
 use hrg_core::status::UnitStatus;
 use hrg_core::supervision::{Alive, Supervision, LOOK_MS};
-
-/// A time of the watchdog: prescaler (4 << it) and reload value, of the 32 kHz clock.
-pub type Time = (u8, u16);
 
 fn feed() {
     REGISTERS.kr().write(|w| w.set_key(Key::RESET));

@@ -18,6 +18,7 @@ use crate::bias;
 use crate::calibration::{Axis, Calibration, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
+pub use crate::history::HOLD_S;
 use crate::history::{self, Head, History, Kept, Past};
 use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
@@ -25,10 +26,6 @@ use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
-
-/// A lost frequency is bridged for this long, with the last temperature and bias held and flagged
-/// [`AxisStatus::FREQUENCY_LOST`]; after it [`AxisStatus::TEMPERATURE_STALE`] joins. In model steps (seconds).
-pub const HOLD_S: u16 = 10;
 
 /// Result of one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -35,12 +35,16 @@
 use crate::bias::clamp;
 use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
-use crate::compensator::HOLD_S;
 use crate::effects::{self, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::half::Half;
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
+
+/// A lost frequency is bridged for this long, with the last temperature and bias held and flagged
+/// [`FREQUENCY_LOST`](crate::status::AxisStatus::FREQUENCY_LOST); after it
+/// [`TEMPERATURE_STALE`](crate::status::AxisStatus::TEMPERATURE_STALE) joins. In model steps (seconds).
+pub const HOLD_S: u16 = 10;
 
 /// Share of what was unknown at the start below which the past counts as known: three time constants of a lag.
 const KNOWN: f32 = 0.05;

@@ -1,8 +1,9 @@
 //! wu2023's four parameters and their breakpoint.
 
 use crate::form::{range, Data, Form};
+use crate::method::Options;
 use crate::method::{Method, Model, Objective, Search};
-use crate::methods::{Options, Told};
+use crate::notes::Told;
 use crate::search::{smallest_range, Searched};
 use crate::swarm;
 use hrg_core::bias::four_parameter::{self, FourParameter};

@@ -16,6 +16,7 @@ pub mod method;
 pub mod methods;
 pub mod minimax;
 pub mod network;
+mod notes;
 pub mod search;
 pub mod stages;
 pub mod swarm;

@@ -224,6 +224,17 @@ impl clap::ValueEnum for Method {
     }
 }
 
+/// Options of an identification.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Options {
+    /// Seed of swarms and genetic searches.
+    pub seed: u64,
+    /// Every degree of temperature counts alike instead of every second (methods that are [weighable](Method::is_weighable) only).
+    pub uniform: bool,
+    /// The breakpoint, C, where it is not to be searched (methods that [have one](Method::has_a_breakpoint) only).
+    pub breakpoint_c: Option<f64>,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

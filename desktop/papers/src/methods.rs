@@ -31,8 +31,9 @@
 use crate::form::{fit_directly, range, uniform_weights, Data, Form};
 use crate::four_parameter::four_parameters;
 use crate::history::History;
-use crate::method::{Method, Model, Objective, Search};
+use crate::method::{Method, Model, Objective, Options, Search};
 use crate::network;
+use crate::notes::Told;
 use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smallest_range, LiteralUnits};
 use crate::stages::Stage;
 use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
@@ -105,17 +106,6 @@ pub struct Identified {
     pub history: Vec<History>,
 }
 
-/// Options of an identification.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Options {
-    /// Seed of swarms and genetic searches.
-    pub seed: u64,
-    /// Every degree of temperature counts alike instead of every second (methods that are [weighable](Method::is_weighable) only).
-    pub uniform: bool,
-    /// The breakpoint, C, where it is not to be searched (methods that [have one](Method::has_a_breakpoint) only).
-    pub breakpoint_c: Option<f64>,
-}
-
 /// Runs one method on prepared data. The same seed gives the same image.
 ///
 /// # Errors
@@ -160,33 +150,6 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         .map_err(here)?;
     }
     Ok(Identified { calibration, parameters, seconds: start.elapsed().as_secs_f64(), notes, history })
-}
-
-/// Notes and histories of an identification beside its coefficients.
-pub(super) struct Told<'a> {
-    axis: usize,
-    notes: &'a mut Vec<String>,
-    history: &'a mut Vec<History>,
-}
-
-impl Told<'_> {
-    /// A sentence about the axis.
-    pub(super) fn note(&mut self, text: impl AsRef<str>) {
-        self.notes.push(format!("{}: {}", AXIS_NAMES[self.axis], text.as_ref()));
-    }
-
-    /// Adds the course of a search, and a note on its convergence.
-    pub(super) fn searched(&mut self, stage: Option<Stage>, make: impl FnOnce(String) -> History) {
-        let axis = AXIS_NAMES[self.axis];
-        let history = make(stage.map_or_else(|| axis.to_string(), |s| format!("{axis} {}", s.name())));
-        self.notes.push(format!(
-            "{}: within a thousandth of its end from iteration {} of {} on",
-            history.of,
-            history.settled_at() + 1,
-            history.objective.len()
-        ));
-        self.history.push(history);
-    }
 }
 
 /// Checks that the data have the directions (cooling, heating) that a method needs.

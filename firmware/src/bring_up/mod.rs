@@ -84,7 +84,7 @@ pub fn data_ready() {
 
 /// The rate task has run; where its frame was in, it has corrected a sample.
 pub fn rate_task_ran() {
-    if pac::DMA2.st(crate::board::wired::RX).cr().read().en() || !FETCHING.swap(false, Relaxed) {
+    if pac::DMA2.st(crate::wired::RX).cr().read().en() || !FETCHING.swap(false, Relaxed) {
         return;
     }
     let took = cycles().wrapping_sub(READY_AT.load(Relaxed)).wrapping_sub(OWN_SINCE.load(Relaxed));

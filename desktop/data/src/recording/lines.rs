@@ -75,6 +75,11 @@ pub(super) fn count(text: &[u8]) -> usize {
     memchr::memchr_iter(b'\n', text).count() + usize::from(!ended)
 }
 
+/// A line that is no text.
+pub(super) fn not_text(line: usize) -> BadInput {
+    BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

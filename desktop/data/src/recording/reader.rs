@@ -2,7 +2,7 @@
 
 use super::columns::{self, Role};
 use super::format::{named, Thermometer};
-use super::lines::{self, Lines};
+use super::lines::{self, not_text, Lines};
 use super::rows::Header;
 use super::{dialect, metadata, parquet, Cleaned, Defect, Recording};
 use crate::error::BadInput;
@@ -309,11 +309,6 @@ impl Recording {
 pub(crate) fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
     std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes))
         .map_err(|e| not_text(1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count()))
-}
-
-/// A line that is no text.
-pub(super) fn not_text(line: usize) -> BadInput {
-    BadInput(format!("line {line} is not UTF-8 text; save the file as CSV in UTF-8"))
 }
 
 /// Hint from the header at the reason why a column is missing.

@@ -131,7 +131,7 @@ impl Header<'_> {
             match piece.failed {
                 // Once more, with its number in the file.
                 Some((line, Some(text))) => self.row(before + line, &text, &mut |_, _| {})?,
-                Some((line, None)) => return Err(super::reader::not_text(before + line)),
+                Some((line, None)) => return Err(lines::not_text(before + line)),
                 None => {}
             }
             for column in columns.iter_mut().filter(|c| !c.is_empty() && rows != from) {

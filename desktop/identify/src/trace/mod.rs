@@ -23,6 +23,7 @@ mod run_in;
 pub mod search;
 pub mod separable;
 mod shapes;
+mod stated;
 mod surrogate;
 mod uncertainty;
 pub mod user_effects;

@@ -2,7 +2,7 @@
 
 use super::data::{day_column, Candidate, Data};
 use super::gls::NOISE_MODELS;
-use super::uncertainty::Stated;
+use super::stated::Stated;
 use crate::fit;
 use crate::fit::{baseline_columns, MEAN_S};
 use hrg_core::bias::{Coefficients, Scaling, TERMS};

@@ -8,6 +8,7 @@
 use super::data::{Candidate, Data};
 use super::gls::{NoiseModel, NOISE_MODELS};
 use super::model::{columns, Columns, Fitted, Term};
+use super::stated::Stated;
 use super::user_effects::card_of;
 use hrg_core::calibration::DIRECTIONS;
 use hrg_core::effects::MAX_PARAMETERS;
@@ -19,29 +20,6 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 const SHARE: f32 = 0.01;
 /// Smallest rest, as a share of the noise's variance of a 100 s mean's: an image that states its uncertainty states some.
 const LEAST: f64 = 1e-6;
-
-/// The uncertainty of one axis.
-#[derive(Debug, Clone, Default)]
-pub struct Stated {
-    /// Variance that is the same at all times, (deg/h)^2.
-    pub rest_dph2: f64,
-    /// Each direction: a value for each coefficient of [`super::model::AxisFit`].
-    pub directions: Vec<Vec<f64>>,
-    /// Mean square of each over the train runs, (deg/h)^2.
-    pub squares_dph2: Vec<f64>,
-    /// For each term of the model: standard deviations of its refined parameters; NaN where none is.
-    pub parameter_std: Vec<[f64; MAX_PARAMETERS]>,
-}
-
-impl Stated {
-    /// With the largest directions only: the others join the rest.
-    pub fn with_directions(&self, count: usize) -> Self {
-        let mut fewer = self.clone();
-        fewer.directions.truncate(count);
-        fewer.rest_dph2 += self.squares_dph2.iter().skip(count).sum::<f64>();
-        fewer
-    }
-}
 
 /// A refined parameter of a term: the term, which parameter, and its step for a derivative.
 fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {

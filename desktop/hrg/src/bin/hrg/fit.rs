@@ -77,7 +77,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let recordings = facts.load(&recordings)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
-    let options = methods::Options { seed, uniform, breakpoint_c: breakpoint };
+    let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint };
     let mut found = methods::identify_with(&prepared, method, &options)?;
     if let Some(history) = history {
         if found.history.is_empty() {
