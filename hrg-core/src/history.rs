@@ -85,7 +85,7 @@ enum Place {
     Known,
 }
 
-/// What a unit knows of its past: [`History`], or [`Settling`], which is smaller and gives no number.
+/// Knowledge of a unit about its past: [`History`], or [`Settling`], which is smaller and gives no number.
 pub trait Past: Clone + core::fmt::Debug {
     /// Of effects that have just begun: nothing is known of their past.
     fn unknown(terms: &[EffectTerm]) -> Self;

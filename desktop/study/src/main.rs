@@ -33,7 +33,7 @@ enum Command {
     ///
     /// Example: hrg-study bench-desktop
     BenchDesktop(desktop_bench::Arguments),
-    /// What the unit costs in instructions and bytes, what others would write, and how near its numbers come to their limits.
+    /// Cost of the unit in instructions and bytes, beside other ways to write it, and the distance of its numbers from their limits.
     ///
     /// Example: hrg-study bench
     Bench {
@@ -111,7 +111,7 @@ enum Command {
         /// Seed.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Where the files go.
+        /// Folder for the files.
         #[arg(long, default_value = "out/alignment")]
         out: PathBuf,
         /// Write the figures as Markdown to this file, and the curves beside it.
@@ -125,7 +125,7 @@ enum Command {
         /// Seed of noise and searches.
         #[arg(long, default_value_t = 1)]
         seed: u64,
-        /// Where the files go.
+        /// Folder for the files.
         #[arg(long, default_value = "out/methods")]
         out: PathBuf,
         /// Fly only so many seconds of the repeat runs.
@@ -148,10 +148,10 @@ enum Command {
     ///
     /// Example: hrg-study rates --seed 6
     Rates {
-        /// Which unit.
+        /// Number of the unit.
         #[arg(long, default_value_t = 6)]
         seed: u64,
-        /// Where the images go.
+        /// Folder for the images.
         #[arg(long, default_value = "out/rates")]
         out: PathBuf,
         /// The firmware; by default the one that is built here.
@@ -162,10 +162,10 @@ enum Command {
     ///
     /// Example: hrg-study demo --seed 7
     Demo {
-        /// Which unit.
+        /// Number of the unit.
         #[arg(long, default_value_t = 10)]
         seed: u64,
-        /// Where the files go.
+        /// Folder for the files.
         #[arg(long)]
         out: Option<PathBuf>,
         /// Page into which what is printed goes, between its marks.
@@ -188,7 +188,7 @@ enum Command {
         /// Page into which the caption of the picture is written, between its marks.
         #[arg(long)]
         caption: Option<PathBuf>,
-        /// Where the picture of the IMU goes (SVG).
+        /// File for the picture of the IMU (SVG).
         #[arg(long)]
         picture: Option<PathBuf>,
     },

@@ -1,4 +1,4 @@
-//! What the virtual board says of each row of the table: printed by `cargo xtask bring-up --virtual --expect`; not written by hand.
+//! Figures of the virtual board for each row of the table: printed by `cargo xtask bring-up --virtual --expect`; not written by hand.
 
 /// In the order of the rows: name, figure.
 pub const EXPECTED: [(&str, f32); super::table::ROWS] = [

@@ -185,3 +185,28 @@ fn a_cleared_word_is_found_where_people_read_it_and_nowhere_else() {
     );
     assert_eq!(found("a.py", "x = 'x' # mended\nraise E(\"believed by none\")\n"), 2);
 }
+
+/// A comment states a thing: its sentence begins with a noun or a verb, not with a question.
+#[test]
+fn no_comment_begins_with_a_question() {
+    const QUESTIONS: [&str; 8] = ["What ", "Whether ", "Which ", "Whoever ", "Nobody ", "How ", "Where ", "Who "];
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut all = Vec::new();
+    files(&root, &mut all);
+    let mut checked = 0;
+    for file in all.iter().filter(|f| f.extension().is_some_and(|e| e == "rs")) {
+        let text = std::fs::read_to_string(file).expect("text");
+        let mut block = false;
+        for (n, line) in text.lines().enumerate() {
+            let comment = line.trim_start().strip_prefix("//").map(|c| c.trim_start_matches(['/', '!']).trim_start());
+            if let Some(comment) = comment {
+                checked += 1;
+                let begins = QUESTIONS.iter().find(|q| comment.starts_with(**q));
+                // (Within a block of comments a line may go on with such a word.)
+                assert!(block || begins.is_none(), "{}:{}: {comment}", file.display(), n + 1);
+            }
+            block = comment.is_some_and(|c| !c.is_empty() && !c.ends_with(['.', ':']));
+        }
+    }
+    assert!(checked > 5000, "{checked}");
+}

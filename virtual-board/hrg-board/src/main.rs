@@ -80,7 +80,7 @@ enum Command {
         #[arg(long)]
         elf: PathBuf,
     },
-    /// What calibrations cost on the unit: instructions and bytes, and whether the ELF computes what the desktop does.
+    /// Cost of calibrations on the unit: instructions and bytes; and a comparison of the ELF with the desktop.
     ///
     /// Example: hrg-board cost --recording run.csv cal.toml other.toml
     #[command(alias = "weigh")]
@@ -103,7 +103,7 @@ enum Command {
     },
 }
 
-/// What `hrg-board run` is told.
+/// Arguments of `hrg-board run`.
 #[derive(Args)]
 struct RunArguments {
     /// Recording of raw rates.
@@ -112,13 +112,13 @@ struct RunArguments {
     /// Calibration, put into the unit's flash. Without it the sector is empty.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Where the corrected recording goes.
+    /// File for the corrected recording.
     #[arg(long)]
     out: PathBuf,
-    /// Where the unit's decoded log goes.
+    /// File for the unit's decoded log.
     #[arg(long)]
     log: Option<PathBuf>,
-    /// Where the unit's raw log goes, as a debug probe reads it.
+    /// File for the unit's raw log, as a debug probe reads it.
     #[arg(long)]
     defmt: Option<PathBuf>,
     /// Firmware; by default the one that cargo xtask build makes.

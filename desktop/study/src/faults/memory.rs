@@ -146,7 +146,7 @@ fn flash(scene: &Scene, extent: &Extent, report: &mut Report) -> Result<()> {
 /// The share of [`Fate::Wrong`] that docs/promises.md admits. A campaign breaks the promise where the 95 % interval of what it found lies above.
 const ADMITTED: f64 = 0.002;
 
-/// Which bits change at once.
+/// Bits that change at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Upset {
     /// One.

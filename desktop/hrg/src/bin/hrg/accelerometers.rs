@@ -7,7 +7,7 @@ use hrg_align_tools::accelerometers::identify;
 use hrg_data::error::BadInput;
 use std::path::PathBuf;
 
-/// What `hrg align accelerometers` is told.
+/// Arguments of `hrg align accelerometers`.
 #[derive(Args)]
 pub struct Arguments {
     /// Tilts of a tilting table and what the accelerometers read: a1_mps2,a2_mps2,tilt1_arcmin,tilt2_arcmin
@@ -21,7 +21,7 @@ pub struct Arguments {
     /// Calibration that gets them: --out is then this calibration with them, for the unit's align mode.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Where they go (JSON, or the calibration), for hrg align --accelerometers
+    /// File for them (JSON, or the calibration), for hrg align --accelerometers
     #[arg(short, long)]
     out: PathBuf,
 }

@@ -15,7 +15,7 @@ use hrg_simulate::profile::duration_s;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{channel, Receiver, TryRecvError};
 
-/// What `hrg align` is told.
+/// Arguments of `hrg align`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording: time_s,position,v1_mps,v2_mps
@@ -30,16 +30,16 @@ pub struct Arguments {
     /// First azimuth of the EKF, degrees.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     first_azimuth: f64,
-    /// What the gyros may drift by, one sigma, deg/h; 0.2 where neither this nor the recording says it.
+    /// Expected drift of the gyros, one sigma, deg/h; 0.2 where neither this nor the recording says it.
     #[arg(long, value_parser = expected(LARGEST_DRIFT_DPH))]
     drift: Option<f64>,
-    /// What the tilts may be at the start, one sigma, arc minutes; 10 where neither this nor the recording says it.
+    /// Expected tilts at the start, one sigma, arc minutes; 10 where neither this nor the recording says it.
     #[arg(long, value_parser = expected(LARGEST_TILT_ARCMIN))]
     tilt: Option<f64>,
-    /// What the drift of each gyro may change by from one position to the other, one sigma, deg/h: goes into the azimuth's uncertainty.
+    /// Expected change of the drift of each gyro from one position to the other, one sigma, deg/h: goes into the azimuth's uncertainty.
     #[arg(long, value_parser = expected(100.0))]
     heading_drift: Option<f64>,
-    /// What the turn may differ by from its angle, one sigma, arc minutes: goes into the azimuth's uncertainty.
+    /// Expected error of the angle of the turn, one sigma, arc minutes: goes into the azimuth's uncertainty.
     #[arg(long, value_parser = expected(120.0))]
     turn_error: Option<f64>,
     /// File of hrg align accelerometers: their bias, scale and cross-axis are taken out of the velocities.
@@ -53,7 +53,7 @@ pub struct Arguments {
     drifts: Option<PathBuf>,
     #[command(flatten)]
     on_unit: OnUnit,
-    /// Where the report (JSON) goes.
+    /// File for the report (JSON).
     #[arg(short, long)]
     out: Option<PathBuf>,
 }

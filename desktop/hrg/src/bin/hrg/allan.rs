@@ -7,15 +7,15 @@ use hrg_data::load::load_recording;
 use hrg_data::numeric::allan;
 use std::path::PathBuf;
 
-/// What `hrg allan` is told.
+/// Arguments of `hrg allan`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording; best one at rest and at one temperature.
     recording: PathBuf,
-    /// Where the picture (SVG) goes.
+    /// File for the picture (SVG).
     #[arg(short, long)]
     out: Option<PathBuf>,
-    /// Where the curves (JSON) go.
+    /// File for the curves (JSON).
     #[arg(long)]
     json: Option<PathBuf>,
 }

@@ -33,7 +33,7 @@ fn interrupted() -> Result<Arc<AtomicBool>> {
     Ok(flag)
 }
 
-/// What a recording says of the unit, and what is recorded beside it.
+/// Facts of the unit in a recording, and sensors recorded beside it.
 #[derive(Args, Clone, Debug, Default)]
 pub struct RecordArguments {
     /// Name of the unit, where it has none yet (or its log does not tell).
@@ -44,7 +44,7 @@ pub struct RecordArguments {
     /// Scale factor that makes the unit's rates, deg/h per code, where it cannot be read from the unit.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     scale_factor: Option<String>,
-    /// What the unit has for a thermometer: frequency (resonators), or sensor (firmware with the feature sensors)
+    /// Thermometer of the unit: frequency (resonators), or sensor (firmware with the feature sensors)
     #[arg(long, default_value = "frequency")]
     thermometer: String,
     /// Sensors on the cases and in the chamber: lines like "case_x_c=23.5 chamber_c=25.1" from a file, a pipe or a port (PORT@BAUD)
@@ -222,7 +222,7 @@ pub(crate) fn report(recorder: &Recorder, out: &Path) {
     }
 }
 
-/// What `hrg unit burn` is told.
+/// Arguments of `hrg unit burn`.
 #[derive(Args)]
 pub struct BurnArguments {
     /// The calibration.
@@ -304,7 +304,7 @@ fn way_back(before: Option<&Calibration>, port: &str) -> Result<String> {
     Ok(format!("to go back, burn the image that it ran before: hrg unit burn {} --port {port}", file.display()))
 }
 
-/// What `hrg unit image` is told.
+/// Arguments of `hrg unit image`.
 #[derive(Args)]
 pub struct ImageArguments {
     /// Calibration.
@@ -481,7 +481,7 @@ fn read_events(port: &str) -> Result<()> {
     Ok(())
 }
 
-/// What `hrg monitor` is told.
+/// Arguments of `hrg monitor`.
 #[derive(Args)]
 pub struct MonitorArguments {
     /// Serial port of the link.

@@ -11,7 +11,7 @@ use hrg_papers::history;
 use hrg_simulate::profile::duration_s;
 use std::path::{Path, PathBuf};
 
-/// What `hrg compare` is told.
+/// Arguments of `hrg compare`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recordings to learn from.

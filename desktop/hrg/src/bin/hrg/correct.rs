@@ -9,7 +9,7 @@ use hrg_data::recording::{facts, parquet, Recording};
 use hrg_identify::fit::correct;
 use std::path::PathBuf;
 
-/// What `hrg correct` is told.
+/// Arguments of `hrg correct`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording of raw rates.
@@ -20,7 +20,7 @@ pub struct Arguments {
     /// Use a calibration of another unit.
     #[arg(long)]
     different_units: bool,
-    /// Where the corrected recording goes: text, or Parquet if it ends in .parquet
+    /// File for the corrected recording: text, or Parquet if it ends in .parquet
     #[arg(short, long)]
     out: PathBuf,
 }

@@ -7,7 +7,7 @@ use hrg_data::cards::card;
 use hrg_data::error::BadInput;
 use hrg_identify::trace::equations::equation;
 
-/// What `hrg effects` is told.
+/// Arguments of `hrg effects`.
 #[derive(Args)]
 pub struct Arguments {
     /// Names of effects; by default all.

@@ -12,13 +12,13 @@ use hrg_data::recording::names;
 use hrg_data::recording::Recording;
 use std::path::PathBuf;
 
-/// Where the unit stands.
+/// Place and attitude of the unit.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Place {
     /// Latitude in degrees, north positive; with --axes the earth's rate is taken off.
     #[arg(long, value_name = "DEGREES", allow_hyphen_values = true)]
     pub latitude: Option<String>,
-    /// Where the axes point, like "x=north y=east z=down"
+    /// Directions of the axes, like "x=north y=east z=down"
     #[arg(long)]
     pub axes: Option<String>,
 }
@@ -40,7 +40,7 @@ impl Place {
     }
 }
 
-/// What else recordings may not tell.
+/// Facts that recordings may lack.
 #[derive(Args, Clone, Debug, Default)]
 pub struct FactsArguments {
     /// Name of the unit, where the recordings name none.

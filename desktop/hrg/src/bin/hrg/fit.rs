@@ -14,7 +14,7 @@ use hrg_papers::method::Method;
 use hrg_papers::methods;
 use std::path::PathBuf;
 
-/// What `hrg fit` is told.
+/// Arguments of `hrg fit`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recordings of one unit.
@@ -31,7 +31,7 @@ pub struct Arguments {
     /// With --rates: runs that the fit does not see; before and after are printed on them.
     #[arg(long, requires = "rates")]
     verify: Vec<PathBuf>,
-    /// How: see docs/methods.md
+    /// Method of identification (docs/methods.md)
     #[arg(long, default_value = "lsq")]
     method: Method,
     /// Seed of swarms and genetic searches: the same seed gives the same image.
@@ -47,7 +47,7 @@ pub struct Arguments {
     /// The breakpoint of the four-parameter methods (fog-...), C, instead of searching it: wu2023's div_a.
     #[arg(long, allow_negative_numbers = true)]
     breakpoint: Option<f64>,
-    /// Where the course of the search goes: objective and best coefficients after each iteration (CSV).
+    /// File for the course of the search: objective and best coefficients after each iteration (CSV).
     #[arg(long)]
     history: Option<PathBuf>,
     /// Allow recordings of different units.
@@ -55,7 +55,7 @@ pub struct Arguments {
     different_units: bool,
     #[command(flatten)]
     facts: FactsArguments,
-    /// Where the calibration goes: text, or the binary image if it ends in .bin
+    /// File for the calibration: text, or the binary image if it ends in .bin
     // (Not there where a command follows, `hrg fit points`; then nothing of this is asked for.)
     #[arg(short, long, required = true)]
     out: Option<PathBuf>,

@@ -6,7 +6,7 @@ use hrg_align_tools::heading;
 use hrg_align_tools::heading::Pair;
 use std::path::PathBuf;
 
-/// What `hrg align heading` is told.
+/// Arguments of `hrg align heading`.
 #[derive(Args)]
 pub struct Arguments {
     /// Calibrations of one gyro's drift over the heading: heading_deg,drift_dph
@@ -15,7 +15,7 @@ pub struct Arguments {
     /// Angle of the turn between the positions, degrees.
     #[arg(long, default_value_t = 90.0, allow_negative_numbers = true)]
     turn: f64,
-    /// Where the pairs (JSON) go.
+    /// File for the pairs (JSON).
     #[arg(short, long)]
     out: Option<PathBuf>,
 }

@@ -10,7 +10,7 @@ use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use std::path::{Path, PathBuf};
 
-/// What `hrg compare-images` is told.
+/// Arguments of `hrg compare-images`.
 #[derive(Args)]
 pub struct Arguments {
     /// The older calibration.
@@ -21,10 +21,10 @@ pub struct Arguments {
     /// Dates of all of them in that order, such as 2025-03-01,2026-03-01: in place of what the images say.
     #[arg(long, value_delimiter = ',')]
     dates: Vec<String>,
-    /// What a bias may change by before the unit is calibrated again, deg/h; by default three standard deviations of the newest image's bias.
+    /// Largest change of a bias before the unit is calibrated again, deg/h; by default three standard deviations of the newest image's bias.
     #[arg(long)]
     limit: Option<f64>,
-    /// Where the picture (SVG) goes.
+    /// File for the picture (SVG).
     #[arg(short, long)]
     out: Option<PathBuf>,
 }

@@ -19,7 +19,7 @@ pub struct Arguments {
     map: Option<String>,
     #[command(flatten)]
     log: merge::Log,
-    /// Where the recording goes: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
+    /// File for the recording: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
     #[arg(short, long)]
     out: Option<PathBuf>,
 }

@@ -16,7 +16,7 @@ use hrg_identify::thermometer::lag;
 use hrg_identify::thermometer::lag::{Input, Output};
 use std::path::{Path, PathBuf};
 
-/// What `hrg fit lag` is told.
+/// Arguments of `hrg fit lag`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recording with a step of the chamber's temperature.
@@ -24,19 +24,19 @@ pub struct Arguments {
     /// Calibration whose frequency-temperature curves are used; without it they are fitted to this recording.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// What drives the lag: case or chamber (`shell`: an old name of case)
+    /// Input of the lag: case or chamber (`shell`: an old name of case)
     #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
     input: String,
-    /// What answers the step: frequency, or rate where no curve of frequency is known (as zhao2022 has it)
+    /// Output that answers the step: frequency, or rate where no curve of frequency is known (as zhao2022 has it)
     #[arg(long, default_value = "frequency", value_parser = ["frequency", "rate"])]
     from: String,
     /// Predict the resonator temperatures of this recording where its frequencies are missing.
     #[arg(long)]
     predict: Option<PathBuf>,
-    /// Where a recording of that run with the predicted temperatures in the place of frequencies goes: for hrg fit.
+    /// File for a recording of that run with the predicted temperatures in the place of frequencies: for hrg fit.
     #[arg(long, requires = "predict")]
     recording_out: Option<PathBuf>,
-    /// Where the report (JSON), or the prediction (CSV), goes.
+    /// File for the report (JSON), or the prediction (CSV).
     #[arg(short, long)]
     out: Option<PathBuf>,
 }

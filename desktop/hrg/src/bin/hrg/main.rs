@@ -79,7 +79,7 @@ enum Command {
         /// Stop after so many rows.
         #[arg(long)]
         seconds: Option<u64>,
-        /// Where the recording goes; a file that is there is not overwritten.
+        /// File for the recording; a file that is there is not overwritten.
         #[arg(short, long)]
         out: PathBuf,
     },

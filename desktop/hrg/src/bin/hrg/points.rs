@@ -10,15 +10,15 @@ use hrg_data::recording::names;
 use hrg_identify::thermometer::points;
 use std::path::{Path, PathBuf};
 
-/// What `hrg fit points` is told.
+/// Arguments of `hrg fit points`.
 #[derive(Args)]
 pub struct Arguments {
     /// The table.
     table: PathBuf,
-    /// Where the report goes.
+    /// File for the report.
     #[arg(short, long)]
     out: Option<PathBuf>,
-    /// Where an image goes that has the curves of this table and no bias yet, for hrg fit --curve: text, or binary if it ends in .bin
+    /// File for an image that has the curves of this table and no bias yet, for hrg fit --curve: text, or binary if it ends in .bin
     #[arg(long)]
     calibration: Option<PathBuf>,
     /// Name of the unit, for that image; by default the one in the table.

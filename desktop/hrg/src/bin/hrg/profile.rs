@@ -11,7 +11,7 @@ use hrg_identify::trace::separable;
 use hrg_simulate::{Leg, Profile, PROFILES};
 use std::path::PathBuf;
 
-/// What `hrg profile` is told.
+/// Arguments of `hrg profile`.
 #[derive(Args)]
 pub struct Arguments {
     /// Effects to be told apart, separated by commas; by default those that a unit can compensate.

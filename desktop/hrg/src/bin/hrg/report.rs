@@ -5,16 +5,16 @@ use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
 
-/// What `hrg report` is told.
+/// Arguments of `hrg report`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recordings of one unit, each one power-on.
     #[arg(required = true)]
     recordings: Vec<PathBuf>,
-    /// Where the figures (JSON) go.
+    /// File for the figures (JSON).
     #[arg(long)]
     json: Option<PathBuf>,
-    /// Where the figures as a page, with pictures, go.
+    /// File for the figures as a page, with pictures (HTML).
     #[arg(long)]
     html: Option<PathBuf>,
     #[command(flatten)]

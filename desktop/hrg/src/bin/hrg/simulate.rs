@@ -10,7 +10,7 @@ use hrg_simulate::turning::Scheme;
 use hrg_simulate::{EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use std::path::PathBuf;
 
-/// What `hrg simulate` is told.
+/// Arguments of `hrg simulate`.
 #[derive(Args)]
 pub struct Arguments {
     /// A named profile (dong, dong2023, cycle, verify, stairs, ramps, fast, zhao, up, wu, lag, soaks) or one like
@@ -23,13 +23,13 @@ pub struct Arguments {
     /// Seed of this run's noise: another seed is another run of the same unit.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Which unit: its bias coefficients and how it feels an effect.
+    /// Number of the unit: its bias coefficients and its gains of an effect.
     #[arg(long, default_value_t = 1)]
     unit: u64,
     /// Kind of unit: hrg (like dong2023's), fog (like wu2023's) or zhao (like zhao2022's)
     #[arg(long, default_value = "hrg")]
     kind: String,
-    /// What gives the temperatures: frequency (a resonator in each gyro) or sensor (a platinum resistor in each gyro, and no resonator)
+    /// Source of the temperatures: frequency (a resonator in each gyro) or sensor (a platinum resistor in each gyro, and no resonator)
     #[arg(long, default_value = "frequency")]
     thermometer: String,
     /// White noise: standard deviation of 100 s means, deg/h; by default that of the kind
@@ -41,13 +41,13 @@ pub struct Arguments {
     /// Turn the unit on a rate table by the eight steps of hrg profile --rates, at these rates in deg/s, round by round
     #[arg(long, value_name = "RATES", num_args = 0..=1, default_missing_value = "18,9")]
     rates: Option<String>,
-    /// How the unit stands; by default at 28.2 degrees north, x=north y=east z=down.
+    /// Attitude of the unit; by default at 28.2 degrees north, x=north y=east z=down.
     #[command(flatten)]
     place: Place,
     /// Leave latitude and axes out of the file: a fit then finds the earth's rate in the constants.
     #[arg(long)]
     no_attitude: bool,
-    /// Where the recording goes: text, or Parquet if it ends in .parquet
+    /// File for the recording: text, or Parquet if it ends in .parquet
     #[arg(short, long)]
     out: PathBuf,
 }

@@ -5,7 +5,7 @@ use clap::Args;
 use hrg_align_tools::plant::Plant;
 use std::path::PathBuf;
 
-/// What `hrg align simulate` is told.
+/// Arguments of `hrg align simulate`.
 #[derive(Args)]
 pub struct Arguments {
     /// Seed: 0 is chen2015's case, any other a platform of its own.
@@ -17,7 +17,7 @@ pub struct Arguments {
     /// Stay in position 1.
     #[arg(long)]
     one_position: bool,
-    /// Where the recording goes.
+    /// File for the recording.
     #[arg(short, long)]
     out: PathBuf,
 }

@@ -10,7 +10,7 @@ use hrg_identify::thermometer::soaks::Settled;
 use hrg_simulate::profile::duration_s;
 use std::path::PathBuf;
 
-/// What `hrg fit soaks` is told.
+/// Arguments of `hrg fit soaks`.
 #[derive(Args)]
 pub struct Arguments {
     /// Recordings of one unit that hold soaks.
@@ -22,7 +22,7 @@ pub struct Arguments {
     /// For so long at the least, such as 10m or 1h.
     #[arg(long, default_value = "10m")]
     hold: String,
-    /// Where the table goes (CSV), for hrg fit points.
+    /// File for the table (CSV), for hrg fit points.
     #[arg(short, long)]
     out: PathBuf,
 }

@@ -10,7 +10,7 @@ use hrg_data::recording::Recording;
 use hrg_identify::trace;
 use std::path::PathBuf;
 
-/// What `hrg trace` is told.
+/// Arguments of `hrg trace`.
 #[derive(Args)]
 pub struct Arguments {
     /// Train runs: recordings to learn from.
@@ -26,13 +26,13 @@ pub struct Arguments {
     /// hysteresis carried on from its beginning.
     #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
     split: Option<f64>,
-    /// Where the report (JSON) goes.
+    /// File for the report (JSON).
     #[arg(short, long)]
     out: PathBuf,
-    /// Where the report as a page goes.
+    /// File for the report as a page (HTML).
     #[arg(long)]
     html: Option<PathBuf>,
-    /// Where the calibration image goes: the extended one where the verify run bears it out, else the baseline; nothing is
+    /// File for the calibration image: the extended one where the verify run bears it out, else the baseline; nothing is
     /// written where neither beats the raw rates.
     #[arg(long)]
     calibration: Option<PathBuf>,
