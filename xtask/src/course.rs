@@ -3,8 +3,8 @@
 //! command builds are ignored there.
 
 use crate::{
-    bring_up, cargo, hil, library, minimal, other_chip, programs, python, reference, root, run, sensors, setup, signed,
-    size, without,
+    bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, sensors, setup,
+    signed, size, without,
 };
 use crate::{Failure, Toolchain};
 use std::io::{BufRead, BufReader};
@@ -87,9 +87,7 @@ fn first(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
     side_by_side(
         || {
             course.step("the firmware", size)?;
-            course.step("the firmware that wants signed calibrations", || signed(t))?;
-            course.step("the smallest firmware", || minimal(t))?;
-            course.step("the firmware with temperature sensors", || sensors(t))?;
+            course.step("programs that count instructions", || bench_unit(t))?;
             course.step("lints, target", || lint_target(t, &["--features", ""]))?;
             course.step("lints, target, the smallest", || {
                 lint_target(t, &["--no-default-features", "--features", "stm32f446re"])
@@ -106,8 +104,7 @@ fn first(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
                     .args(packages())
                     .env("RUSTDOCFLAGS", "-D warnings"))
             })?;
-            course.step("programs", programs)?;
-            course.step("test programs", || run(&mut tests(&["--no-run", "--quiet"])))
+            course.step("programs and tests", build_all)
         },
     )?;
     course.step("tests", || Sum::of(&mut tests(&["--no-fail-fast"])))
@@ -119,6 +116,9 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
     side_by_side(
         || {
             course.step("the firmware", size)?;
+            course.step("the firmware that wants signed calibrations", || signed(t))?;
+            course.step("the smallest firmware", || minimal(t))?;
+            course.step("the firmware with temperature sensors", || sensors(t))?;
             course.step("the second chip", || other_chip(t))?;
             course.step("the firmware without each part", || without(t))?;
             course.step("the bring-up program", bring_up::build)?;
@@ -134,10 +134,7 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
                 Ok(())
             })
         },
-        || {
-            course.step("programs", programs)?;
-            course.step("test programs", || run(&mut tests(&["--no-run", "--quiet"])))
-        },
+        || course.step("programs and tests", build_all),
     )?;
     let mut sum = course.step("tests", || Sum::of(&mut tests(&["--no-fail-fast", "--", "--ignored"])))?;
     course.step("examples of the documentation", || {
@@ -194,6 +191,12 @@ fn side_by_side(
         let chips = chips.join().unwrap_or_else(|_| Err(Failure("the build for the chips panicked".into())));
         host.and(chips)
     })
+}
+
+/// Builds programs and tests at once: so no processor waits for the other.
+fn build_all() -> Result<(), Failure> {
+    let mut build = cargo(&["build", "--quiet", "--release", "--locked", "--lib", "--bins", "--tests"]);
+    run(build.args(packages()))
 }
 
 /// `cargo test` of the packages of this machine.

@@ -50,6 +50,7 @@ fn run(elf: &[u8], seconds: u64) -> Vec<[bool; 3]> {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn the_smallest_unit_sends_what_the_desktop_does_and_flags_an_unknown_past() {
     let elf = elf("minimal");
     assert_eq!(parts(&Firmware::parse(&elf).expect("an ELF")), Parts::empty());
@@ -62,6 +63,7 @@ fn the_smallest_unit_sends_what_the_desktop_does_and_flags_an_unknown_past() {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn the_smallest_unit_says_that_it_has_no_alignment() {
     let (recording, _) = hrg_align_tools::plant::Plant::chen(1).play();
     let a = hrg_study::align::align(&elf("minimal"), &recording, None).expect("runs");

@@ -50,6 +50,7 @@ fn unit(scene: &Scene) -> Board<Wires> {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn a_unit_with_a_key_runs_what_its_owner_has_signed_and_nothing_else() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     // Unsigned, as the debug port may leave it.
@@ -79,6 +80,7 @@ fn a_unit_with_a_key_runs_what_its_owner_has_signed_and_nothing_else() {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn an_alignment_is_accepted_in_maintenance_mode_only() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     let mut board = unit(&scene);
@@ -92,6 +94,7 @@ fn an_alignment_is_accepted_in_maintenance_mode_only() {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn a_check_costs_a_start_what_is_documented() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     let usual = Scene::new(&replay::read_elf(&replay::default_elf()).expect("built before"), 1).expect("a scene");
@@ -116,6 +119,7 @@ fn a_check_costs_a_start_what_is_documented() {
 }
 
 #[test]
+#[ignore = "cargo xtask test --rest"]
 fn a_battery_carries_the_states_over_a_short_power_cut_and_no_longer() {
     let scene = Scene::new(&elf(), 1).expect("a scene");
     let known = |battery: bool, off_s: f64| {
