@@ -9,7 +9,15 @@
 //! let mut mode = NotBuiltIn::default();
 //! assert_eq!(mode.command(Command::Begin { latitude_deg: 45.0, gravity_mps2: 0.0, velocity_noise_mps: 0.002 }), None);
 //! // The host is told once why there is no alignment.
-//! let second = Summary::default();
+//! let second = Summary {
+//!     step: 0,
+//!     samples: 1000,
+//!     raw_dph: [0.0; 3],
+//!     corrected_dph: [0.0; 3],
+//!     adc_errors: 0,
+//!     accelerometer_codes: [0; 2],
+//!     accelerometer_saturated: false,
+//! };
 //! assert_eq!(mode.second(&second).map(|r| r.refusal), Some(NOT_BUILT_IN));
 //! assert!(mode.second(&second).is_none() && !mode.running());
 //! ```

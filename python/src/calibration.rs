@@ -2,7 +2,7 @@
 
 use crate::recording::{bytes, Recording};
 use crate::tools::of_json;
-use crate::{bad, own, refused, work};
+use crate::{bad, refused, user_effects, work};
 use hrg_core::calibration::Calibration as Inner;
 use hrg_core::effects::by_id;
 use hrg_data::axes::AXIS_NAMES;
@@ -156,7 +156,7 @@ pub fn fit(
     let known = curve.map(|c| c.get().inner.axes.clone().map(|a| a.curve));
     work::run(py, progress.as_ref(), move || {
         let prepared = fits::prepare_with(&runs, units(different_units), known)?;
-        let options = identify::Options { seed, uniform, breakpoint_c };
+        let options = hrg_papers::method::Options { seed, uniform, breakpoint_c };
         let mut found = identify::identify_with(&prepared, method, &options)?;
         found.calibration.created_unix_s = now();
         found.calibration.sequence = 1;

@@ -180,11 +180,16 @@ fn modes_of_one_body_are_each_others_thermometers() {
 #[test]
 #[ignore = "cargo xtask test --rest"]
 fn the_loop_prints_its_figures() {
-    let (code, out, error) = hrg(Path::new(FOLDER), "measured .");
+    let study = |folder: &str| {
+        let o = Command::new(program("hrg-study")).current_dir(FOLDER).args(["measured", folder]).output().expect("runs");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (o.status.code(), text(&o.stdout), text(&o.stderr))
+    };
+    let (code, out, error) = study(".");
     assert_eq!(code, Some(0), "{error}");
     for words in ["raw", "lsq", "ga-bp", "fog-pso", "trace", "swap test", "A100 B300"] {
         assert!(out.contains(words), "{words}: {out}");
     }
-    let (code, _, error) = hrg(Path::new(FOLDER), "measured nowhere");
+    let (code, _, error) = study("nowhere");
     assert!(code == Some(2) && error.contains("cannot read nowhere"), "{error}");
 }
