@@ -181,7 +181,8 @@ fn modes_of_one_body_are_each_others_thermometers() {
 #[ignore = "cargo xtask test --rest"]
 fn the_loop_prints_its_figures() {
     let study = |folder: &str| {
-        let o = Command::new(program("hrg-study")).current_dir(FOLDER).args(["measured", folder]).output().expect("runs");
+        let o =
+            Command::new(program("hrg-study")).current_dir(FOLDER).args(["measured", folder]).output().expect("runs");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
         (o.status.code(), text(&o.stdout), text(&o.stderr))
     };
