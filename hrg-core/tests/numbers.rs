@@ -1,6 +1,8 @@
 //! Whatever numbers come in, what goes out is finite or flagged, and nothing panics: every function of the unit that takes a
 //! number, over all bit patterns and the corners among them.
 
+mod single;
+
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
@@ -14,34 +16,7 @@ use hrg_core::status::AxisStatus;
 use hrg_core::thermal::{AxisThermal, Thermal};
 use hrg_core::timebase::Timebase;
 use proptest::prelude::*;
-
-const CORNERS: [f32; 16] = [
-    0.0,
-    -0.0,
-    1.0,
-    -1.0,
-    f32::NAN,
-    f32::INFINITY,
-    f32::NEG_INFINITY,
-    f32::MIN_POSITIVE,
-    1e-45,
-    -1e-45,
-    f32::MAX,
-    f32::MIN,
-    1e30,
-    -1e30,
-    16_777_216.0,
-    f32::EPSILON,
-];
-
-/// Corners, and every bit pattern.
-fn single() -> impl Strategy<Value = f32> {
-    prop_oneof![
-        1 => proptest::sample::select(&CORNERS[..]),
-        2 => any::<u32>().prop_map(f32::from_bits),
-        1 => -100f32..100.0,
-    ]
-}
+use single::{single, CORNERS};
 
 /// The same for doubles; frequencies of resonators among them.
 fn double() -> impl Strategy<Value = f64> {

@@ -1,43 +1,18 @@
 //! Recordings that were measured elsewhere: they load, every command takes them, and the loop closes on them.
 
-use host_tests::program;
+use host_tests::{hrg, ok, program, run, temporary, MEASURED};
 use hrg_data::recording::steps::Steps;
 use hrg_identify::fit;
 use hrg_papers::method::Method;
 use hrg_papers::methods;
 use hrg_study::measured;
 use hrg_study::measured::Figure;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-
-const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/measured");
-
-fn temporary(name: &str) -> PathBuf {
-    let d = std::env::temp_dir().join(format!("hrg-measured-{}-{name}", std::process::id()));
-    std::fs::create_dir_all(&d).expect("a temporary folder");
-    d
-}
-
-/// Runs `hrg` in a folder; gives its exit status, its output and its messages.
-fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o = Command::new(program("hrg"))
-        .current_dir(folder)
-        .args(arguments.split(' ').map(|a| a.replace("MEASURED", FOLDER)))
-        .output()
-        .expect("runs");
-    let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
-    (o.status.code(), text(&o.stdout), text(&o.stderr))
-}
-
-fn ok(folder: &Path, arguments: &str) -> String {
-    let (code, out, error) = hrg(folder, arguments);
-    assert_eq!(code, Some(0), "{arguments}: {error}");
-    out
-}
 
 #[test]
 fn the_imu_is_what_its_file_says() {
-    let r = measured::load(Path::new(FOLDER), "imu_raw_data").expect("there");
+    let r = measured::load(Path::new(MEASURED), "imu_raw_data").expect("there");
     assert_eq!((r.time_s.len(), r.step_s()), (8395, 1.0));
     // Row 7 of the file: -0.0703 rad/s at 51.96 C.
     assert!((r.frequency_hz[0][0] - 51.964_996_34).abs() < 1e-6);
@@ -53,7 +28,7 @@ fn the_imu_is_what_its_file_says() {
 /// Another implementation's figures for eq 7 (numpy, standard deviations of a population): 504, 193, 242 deg/h.
 #[test]
 fn eq_7_on_the_imu_is_what_others_find() {
-    let whole = measured::load(Path::new(FOLDER), "imu_raw_data").expect("there");
+    let whole = measured::load(Path::new(MEASURED), "imu_raw_data").expect("there");
     let (train, verify) = whole.split(measured::IMU_TRAIN_S).expect("within");
     let prepared = fit::prepare(&[train]).expect("usable");
     let found = methods::identify(&prepared, Method::Lsq, 1).expect("fits");
@@ -69,7 +44,7 @@ fn eq_7_on_the_imu_is_what_others_find() {
 
 #[test]
 fn every_command_takes_the_imu() {
-    let d = temporary("imu");
+    let d = temporary("measured-imu");
     let said = ok(&d, "import MEASURED/imu_raw_data.csv.gz --map MEASURED/imu_raw_data.toml --out run.csv");
     assert!(said.contains("8395 rows") && said.contains("axes x, y and z"), "{said}");
     for command in [
@@ -116,7 +91,7 @@ fn every_command_takes_the_imu() {
 
 #[test]
 fn every_command_takes_one_axis_over_a_few_degrees() {
-    let d = temporary("gpsdo");
+    let d = temporary("measured-gpsdo");
     let said = ok(&d, "import MEASURED/gpsdo.short.csv.gz --map MEASURED/gpsdo.short.toml --out run.csv");
     assert!(said.contains("axes x;"), "{said}");
     let text = std::fs::read_to_string(d.join("run.csv")).expect("written");
@@ -147,8 +122,8 @@ fn every_command_takes_one_axis_over_a_few_degrees() {
 
 #[test]
 fn one_direction_is_taken_with_a_warning() {
-    let d = temporary("one");
-    let r = measured::load(Path::new(FOLDER), "imu_raw_data").expect("there");
+    let d = temporary("measured-one");
+    let r = measured::load(Path::new(MEASURED), "imu_raw_data").expect("there");
     // From the coldest row to the hottest: heating only.
     let rows: Vec<usize> = (0..r.time_s.len()).collect();
     let of = |k: &usize| r.frequency_hz[0][*k];
@@ -166,7 +141,7 @@ fn one_direction_is_taken_with_a_warning() {
 
 #[test]
 fn modes_of_one_body_are_each_others_thermometers() {
-    let modes = measured::modes(Path::new(FOLDER)).expect("there");
+    let modes = measured::modes(Path::new(MEASURED)).expect("there");
     assert_eq!(modes.keys().collect::<Vec<_>>(), ["Back", "Bottom", "Front", "Top"]);
     for (orientation, p) in modes {
         let report = hrg_identify::thermometer::points::report(&p).expect("fits");
@@ -180,12 +155,7 @@ fn modes_of_one_body_are_each_others_thermometers() {
 #[test]
 #[ignore = "cargo xtask test --rest"]
 fn the_loop_prints_its_figures() {
-    let study = |folder: &str| {
-        let o =
-            Command::new(program("hrg-study")).current_dir(FOLDER).args(["measured", folder]).output().expect("runs");
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        (o.status.code(), text(&o.stdout), text(&o.stderr))
-    };
+    let study = |folder: &str| run("hrg-study", Path::new(MEASURED), &format!("measured {folder}"));
     let (code, out, error) = study(".");
     assert_eq!(code, Some(0), "{error}");
     for words in ["raw", "lsq", "ga-bp", "fog-pso", "trace", "swap test", "A100 B300"] {

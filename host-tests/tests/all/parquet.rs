@@ -1,33 +1,7 @@
 //! Parquet in and out, by the commands: files that pandas wrote (`recordings/pandas/make.py`), and a round trip of our own.
 
-use host_tests::program;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
-const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/recordings/pandas");
-
-fn temporary(name: &str) -> PathBuf {
-    let d = std::env::temp_dir().join(format!("hrg-parquet-{}-{name}", std::process::id()));
-    std::fs::create_dir_all(&d).expect("a temporary folder");
-    d
-}
-
-/// Runs `hrg` in a folder; gives its exit status, its output and its messages.
-fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o = Command::new(program("hrg"))
-        .current_dir(folder)
-        .args(arguments.split(' ').map(|a| a.replace("PANDAS", FOLDER)))
-        .output()
-        .expect("runs");
-    let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
-    (o.status.code(), text(&o.stdout), text(&o.stderr))
-}
-
-fn ok(folder: &Path, arguments: &str) -> String {
-    let (code, out, error) = hrg(folder, arguments);
-    assert_eq!(code, Some(0), "{arguments}: {error}");
-    out
-}
+use host_tests::{hrg, ok, temporary};
+use std::path::Path;
 
 fn text(folder: &Path, name: &str) -> String {
     std::fs::read_to_string(folder.join(name)).expect("written")
@@ -35,7 +9,7 @@ fn text(folder: &Path, name: &str) -> String {
 
 #[test]
 fn a_recording_that_pandas_wrote_is_one() {
-    let d = temporary("recording");
+    let d = temporary("parquet-recording");
     let said = ok(&d, "import PANDAS/recording.parquet --out run.csv");
     assert!(said.contains("300 rows, 1.000 s apart, axes x; temp_x_c from 20.00 to 57.38 C"), "{said}");
     let run = text(&d, "run.csv");
@@ -52,7 +26,7 @@ fn a_recording_that_pandas_wrote_is_one() {
 
 #[test]
 fn a_table_that_pandas_wrote_is_read_by_a_map() {
-    let d = temporary("table");
+    let d = temporary("parquet-table");
     let map = "hrg-map = 1\n[table]\nkeep = { imu = \"left\" }\n[time]\ncolumn = \"when\"\nunit = \"iso\"\n\
                [temperature]\nall = { column = \"celsius\" }\n[rate]\nz = { column = \"gyro\", unit = \"rad/s\" }\n";
     std::fs::write(d.join("map.toml"), map).expect("written");
@@ -78,7 +52,7 @@ fn a_table_that_pandas_wrote_is_read_by_a_map() {
 
 #[test]
 fn what_goes_out_as_parquet_comes_back_the_same() {
-    let d = temporary("round");
+    let d = temporary("parquet-round");
     ok(&d, "simulate --profile fast --out run.csv");
     ok(&d, "simulate --profile fast --out run.parquet");
     ok(&d, "fit run.csv --out a.toml");

@@ -1,33 +1,14 @@
 //! wu2023 from end to end by the commands, on a simulated gyro with temperature sensors and no resonator: identified on a cooling and a
 //! heating run, corrected and measured again on others.
 
-use host_tests::program;
+use host_tests::{hrg, ok, run, temporary};
 use hrg_board::replay::{self, Options};
 use hrg_core::status::AxisStatus;
 use hrg_data::image_file;
 use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
-use std::path::{Path, PathBuf};
-use std::process::Command;
-
-fn temporary(name: &str) -> PathBuf {
-    let d = std::env::temp_dir().join(format!("hrg-wu2023-{}-{name}", std::process::id()));
-    std::fs::create_dir_all(&d).expect("a temporary folder");
-    d
-}
-
-fn hrg(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let o = Command::new(program("hrg")).current_dir(folder).args(arguments.split(' ')).output().expect("runs");
-    let text = |b: &[u8]| String::from_utf8_lossy(b).into_owned();
-    (o.status.code(), text(&o.stdout), text(&o.stderr))
-}
-
-fn ok(folder: &Path, arguments: &str) -> String {
-    let (code, out, error) = hrg(folder, arguments);
-    assert_eq!(code, Some(0), "{arguments}: {error}");
-    out
-}
+use std::path::Path;
 
 /// Standard deviation of the 100 s means of each axis after the first.
 fn deviation(path: &Path) -> [f64; 3] {
@@ -37,7 +18,7 @@ fn deviation(path: &Path) -> [f64; 3] {
 
 #[test]
 fn a_gyro_with_sensors_is_identified_corrected_and_measured_again() {
-    let d = temporary("loop");
+    let d = temporary("wu2023-loop");
     for (name, profile, seed) in [
         ("cooling", "60,1h,-40@1,1h", 31),
         ("heating", "-40,1h,60@1,1h", 32),
@@ -74,11 +55,9 @@ fn a_gyro_with_sensors_is_identified_corrected_and_measured_again() {
 
 #[test]
 fn the_command_prints_what_the_files_say() {
-    let d = temporary("command");
-    let o =
-        Command::new(program("hrg-study")).current_dir(&d).args(["wu2023", "--out", "runs"]).output().expect("runs");
-    assert!(o.status.success(), "{}", String::from_utf8_lossy(&o.stderr));
-    let out = String::from_utf8_lossy(&o.stdout).into_owned();
+    let d = temporary("wu2023-command");
+    let (code, out, error) = run("hrg-study", &d, "wu2023 --out runs");
+    assert_eq!(code, Some(0), "{error}");
     for method in ["lsq", "two-sets", "fog-lsq", "fog-pso"] {
         let line = out.lines().find(|l| l.split_whitespace().take(3).eq(["whole", "run", method])).expect("a line");
         for f in deviation(&d.join(format!("runs/verify-{method}.csv"))) {
@@ -98,7 +77,7 @@ fn elf_with_sensors() -> Vec<u8> {
 #[test]
 #[ignore = "cargo xtask test --rest"]
 fn the_unit_reads_platinum_resistors_and_sends_what_the_desktop_does_bit_for_bit() {
-    let d = temporary("elf");
+    let d = temporary("wu2023-elf");
     let unit = "--kind fog --thermometer sensor --unit 4";
     for (name, profile, seed) in
         [("cooling", "60,1h,-40@1,1h", 41), ("heating", "-40,1h,60@1,1h", 42), ("fly", "45,1m,39@3,1m,45@3,1m", 43)]
