@@ -35,8 +35,8 @@ use embassy_stm32::{bind_interrupts, dma, pac, rcc};
 use hrg_core::calibration::Calibration;
 #[cfg(feature = "field-log")]
 use hrg_core::events::Journal;
-use hrg_core::maintenance::Store;
 use hrg_core::reset::ResetCause;
+use hrg_core::sectors::Store;
 use hrg_core::sectors::{self, Place, Sector};
 use hrg_core::status::UnitStatus;
 

@@ -22,7 +22,8 @@ use embassy_time::{with_deadline, Instant, Timer};
 #[cfg(feature = "field-log")]
 use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
-use hrg_core::maintenance::{Answer, Command, Maintenance, Reply, Store};
+use hrg_core::maintenance::{Answer, Command, Maintenance, Reply};
+use hrg_core::sectors::Store;
 use hrg_core::sectors::{Place, Sector};
 use hrg_core::signature::Key;
 

@@ -3,7 +3,8 @@
 
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Deframer, Message};
-use hrg_core::maintenance::{Maintenance, Store};
+use hrg_core::maintenance::Maintenance;
+use hrg_core::sectors::Store;
 use hrg_core::sectors::{sequences, Place, Sector};
 
 /// Sectors of 8 KiB: soon full.

@@ -26,26 +26,12 @@
 //! ```
 
 use crate::calibration::{stated_length, Calibration, COMMIT, MAX_BYTES, REFUSED};
-use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, PAGE};
+use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
 
 /// Bytes of a chunk.
 pub const CHUNK: usize = 128;
-
-/// The two calibration sectors.
-pub trait Store {
-    /// Erases a sector. `false`: it failed.
-    fn erase(&mut self, sector: Sector) -> bool;
-    /// Programs bytes at a place, in their order; both multiples of four. `false`: it failed.
-    fn write(&mut self, at: Place, bytes: &[u8]) -> bool;
-    /// A whole sector: flash is in the address space.
-    fn view(&self, sector: Sector) -> &[u8];
-    /// A sector of the field log (0 or 1), where there is one: [`crate::events`].
-    fn events(&self, _sector: usize) -> &[u8] {
-        &[]
-    }
-}
 
 /// The pages that [`Command::Read`] has for the field log: four for each of its sectors.
 pub const LOG_PAGE: u8 = 248;

@@ -30,8 +30,21 @@
 
 use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAGIC, MAX_BYTES, REFUSED};
 use crate::events::Event;
-use crate::maintenance::Store;
 use crate::signature::{self, Key, SIGNATURE};
+
+/// The two calibration sectors.
+pub trait Store {
+    /// Erases a sector. `false`: it failed.
+    fn erase(&mut self, sector: Sector) -> bool;
+    /// Programs bytes at a place, in their order; both multiples of four. `false`: it failed.
+    fn write(&mut self, at: Place, bytes: &[u8]) -> bool;
+    /// A whole sector: flash is in the address space.
+    fn view(&self, sector: Sector) -> &[u8];
+    /// A sector of the field log (0 or 1), where there is one: [`crate::events`].
+    fn events(&self, _sector: usize) -> &[u8] {
+        &[]
+    }
+}
 
 /// Bytes of a sector.
 pub const SECTOR_BYTES: usize = 0x2_0000;

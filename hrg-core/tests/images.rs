@@ -1,9 +1,9 @@
-//! Stored calibration images of each version: what a unit in the field holds must load in every firmware to come.
+//! Stored calibration images: what a unit in the field holds must load in every firmware to come.
 
 use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::Coefficients;
-use hrg_core::calibration::{Calibration, ImageError, Uncertainty, VERSION};
+use hrg_core::calibration::{Calibration, ImageError, Parts, Uncertainty, VERSION};
 use hrg_core::compensator::Compensator;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::rate_factors::Factors;
@@ -13,16 +13,20 @@ use hrg_core::status::AxisStatus;
 const DEFAULT: &[u8] = include_bytes!("images/version-1-default.bin");
 const EFFECTS: &[u8] = include_bytes!("images/version-1-effects.bin");
 const MODELS: &[u8] = include_bytes!("images/version-1-models.bin");
-const UNCERTAIN: &[u8] = include_bytes!("images/version-2-uncertain.bin");
-const ACCELEROMETERS: &[u8] = include_bytes!("images/version-3-accelerometers.bin");
-const RATES: &[u8] = include_bytes!("images/version-4-rates.bin");
+const UNCERTAIN: &[u8] = include_bytes!("images/version-1-uncertain.bin");
+const ACCELEROMETERS: &[u8] = include_bytes!("images/version-1-accelerometers.bin");
+const RATES: &[u8] = include_bytes!("images/version-1-rates.bin");
 
 fn read(image: &[u8]) -> Calibration {
-    Calibration::from_bytes(image).expect("an image of version 1 loads")
+    Calibration::from_bytes(image).expect("a stored image loads")
+}
+
+fn parts(image: &[u8]) -> Parts {
+    Parts::from_bits(image[5]).expect("known parts")
 }
 
 #[test]
-fn version_1_holds_what_was_put_into_it() {
+fn each_image_holds_what_was_put_into_it() {
     let d = read(DEFAULT);
     assert_eq!((d.unit_name(), d.sequence, d.calibrated), ("default", 0, false));
     assert_eq!(
@@ -46,56 +50,55 @@ fn version_1_holds_what_was_put_into_it() {
 }
 
 #[test]
-fn version_2_states_its_uncertainty() {
+fn an_image_may_state_its_uncertainty() {
     let u = read(UNCERTAIN);
-    assert_eq!(u16::from_le_bytes([UNCERTAIN[4], UNCERTAIN[5]]), 2);
+    assert_eq!(parts(UNCERTAIN), Parts::UNCERTAINTY);
     assert_eq!((u.axes[0].uncertainty.rest_dph2, u.axes[2].uncertainty.baseline[0]), (0.25, [0.5; 6]));
     assert_eq!(u.effects.iter().map(|t| t.start).collect::<Vec<_>>(), [0.0, -1.0, 0.0]);
     let directions: Vec<(f32, f32)> =
         u.effects.iter().map(|t| (t.directions[1][2][0].value(), t.directions[1][1][0].value())).collect();
     assert_eq!(directions, [(-0.125, 0.0); 3]);
-    assert_eq!(read(EFFECTS).axes[0].uncertainty, Uncertainty::default(), "version 1 states none");
+    assert_eq!(read(EFFECTS).axes[0].uncertainty, Uncertainty::default(), "this one states none");
 }
 
 #[test]
-fn version_3_holds_the_errors_of_accelerometers() {
-    assert_eq!(u16::from_le_bytes([ACCELEROMETERS[4], ACCELEROMETERS[5]]), 3);
+fn an_image_may_hold_the_errors_of_accelerometers() {
+    assert_eq!(parts(ACCELEROMETERS), Parts::UNCERTAINTY | Parts::ACCELEROMETERS);
     let (c, before) = (read(ACCELEROMETERS), read(UNCERTAIN));
     assert_eq!(c.accelerometers.bias_mps2, [2.103_628_2e-4, -8.969_197_5e-4]);
     assert_eq!(c.accelerometers.matrix, [[1.019_075, 0.002_941_191_4], [-0.005_269_312_3, 1.002_997_9]]);
     assert_eq!(Calibration { accelerometers: before.accelerometers, ..c }, before);
-    assert_eq!(before.accelerometers, Accelerometers::IDEAL, "older versions hold none");
+    assert_eq!(before.accelerometers, Accelerometers::IDEAL, "this one holds none");
 }
 
 #[test]
-fn version_4_has_scale_factors_and_misalignments() {
+fn an_image_may_hold_scale_factors_and_misalignments() {
     let r = read(RATES);
-    assert_eq!(u16::from_le_bytes([RATES[4], RATES[5]]), VERSION);
+    assert!(parts(RATES).contains(Parts::RATES));
     let y = r.rates.expect("stated")[1];
     assert_eq!(
         (y.scale_correction_ppm, y.misalignment_urad),
         ([100.0, -50.0, 25.0, 12.5, -6.25, 3.125], [[300.0, -200.0], [-1.5, 2.5]])
     );
     assert_eq!((y.rate_valid_from_c, y.rate_valid_to_c_per_min, y.scale_std_ppm[2]), (-40.0, 1.5, 2.0));
-    for older in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
-        assert_eq!(read(older).rates, None, "the unit matrix and the constant scale factors");
+    for without in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS] {
+        assert_eq!(read(without).rates, None, "the unit matrix and the constant scale factors");
     }
 }
 
 #[test]
 fn an_image_is_written_as_it_was_stored() {
-    // An image that states no uncertainty is written as version 1: it keeps its checksum, and an older program reads it.
+    // A part that is not stated takes no bytes: an image keeps its checksum where a later program has more parts.
     for image in [DEFAULT, EFFECTS, MODELS, UNCERTAIN, ACCELEROMETERS, RATES] {
-        let version = u16::from_le_bytes([image[4], image[5]]);
         let again = read(image).to_bytes().expect("fits");
-        assert!(again == image, "the layout of version {version} has changed");
+        assert!(again == image, "the layout has changed");
     }
 }
 
 #[test]
 fn a_newer_image_is_refused_and_the_older_one_used() {
     let mut newer = EFFECTS.to_vec();
-    newer[4] = (VERSION + 1) as u8;
+    newer[4] = VERSION + 1;
     let end = newer.len() - 4;
     let crc = hrg_core::bytes::crc32(&newer[..end]).to_le_bytes();
     newer[end..].copy_from_slice(&crc);

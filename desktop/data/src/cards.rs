@@ -1,6 +1,10 @@
 //! One card for each effect: what the desktop must know of it beyond its equation. The compiler asks for a card of every effect.
 
 use crate::recording::steps::Run;
+use hrg_core::effects::parameters::{
+    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Ramp, RampRange, Source, Tau, Taus, TemperatureRange,
+    Thresholds, Width, Widths,
+};
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
 use serde::{Serialize, Serializer};
@@ -52,11 +56,11 @@ impl Serialize for Class {
     }
 }
 
-/// Inner parameters of an effect.
-pub type Parameters = [f32; MAX_PARAMETERS];
+/// Inner parameters of an effect as a row: what a search varies. [`Parameters`] gives them their names.
+pub type ParameterRow = [f32; MAX_PARAMETERS];
 
 /// Makes the values of the inner parameters to begin with.
-pub type Grid = fn(&Extent) -> Vec<Parameters>;
+pub type Grid = fn(&Extent) -> Vec<ParameterRow>;
 
 /// Span of the runs (temperature, ramp, duration), from which a card makes its grid.
 #[derive(Debug, Clone, Copy)]
@@ -96,48 +100,31 @@ pub enum Kind {
     Idle,
 }
 
-/// Refinement of an inner parameter after the grid search.
+/// Way in which an inner parameter is moved after the grid search.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Refine {
-    /// Not at all.
-    No,
-    /// The first parameter is multiplied: a time, a width, a scale.
-    Scale,
-    /// The same of a period of temperature: by less than a quarter of a cycle over the span.
+pub enum Move {
+    /// Multiplied: a time, a width, a scale. The number is the share of it that the first step takes.
+    Factor(f32),
+    /// A period of temperature: multiplied, by less than a quarter of a cycle over the span.
     Cycle,
-    /// The first parameter is moved by steps of this share of the temperature span.
+    /// A temperature: moved by steps of this share of the span.
     Place(f32),
-    /// The first parameter is moved by steps of a block of rows.
-    Time,
-    /// The same, and the second parameter is multiplied.
-    TimeAndScale,
+    /// A moment: moved by steps of a block of rows.
+    Block,
     /// A period in time: moved by less than a cycle over the run.
     Period,
-    /// Both parameters are places on the temperature axis.
-    Places(f32),
 }
 
-impl Refine {
-    /// Number of inner parameters that are refined.
+impl Move {
+    /// `true` if the parameter is multiplied, and not moved by a distance.
     #[must_use]
-    pub fn places(self) -> usize {
-        match self {
-            Self::No => 0,
-            Self::Scale | Self::Cycle | Self::Place(_) | Self::Time | Self::Period => 1,
-            Self::Places(_) | Self::TimeAndScale => 2,
-        }
-    }
-
-    /// `true` if the parameter at `place` is refined by a factor, and not by a distance.
-    #[must_use]
-    pub fn by_factor(self, place: usize) -> bool {
-        match self {
-            Self::Scale | Self::Cycle => true,
-            Self::TimeAndScale => place == 1,
-            _ => false,
-        }
+    pub fn by_factor(self) -> bool {
+        matches!(self, Self::Factor(_) | Self::Cycle)
     }
 }
+
+/// First step of a time, a width or a scale, as a share of it.
+const SCALE: Move = Move::Factor(0.16);
 
 /// See the module.
 pub struct Card {
@@ -145,8 +132,10 @@ pub struct Card {
     pub class: Class,
     /// Role in the search.
     pub kind: Kind,
-    /// Refinement of its parameters.
-    pub refine: Refine,
+    /// Refinement of its inner parameters, in their order; those behind the last keep the values of the grid.
+    pub refine: &'static [Move],
+    /// `false` for values of the inner parameters that contradict each other.
+    pub possible: fn(&ParameterRow) -> bool,
     /// Set if a model may hold it more than once.
     pub repeats: bool,
     /// Values of the inner parameters to begin with.
@@ -192,7 +181,7 @@ impl Needs {
 /// Use of an effect by the simulator: its usual parameters and their range.
 #[derive(Debug, Clone, Copy)]
 pub struct Generator {
-    /// Inner parameters unless told otherwise.
+    /// Inner parameters unless told otherwise, in the order of the fields.
     pub usual: [f64; MAX_PARAMETERS],
     /// Range from which the first one is drawn; `None`: as usual.
     pub range: Option<[f64; 2]>,
@@ -205,24 +194,28 @@ pub struct Generator {
 /// Makes the text of a repair from the inner parameters by name.
 pub type Repair = fn(&dyn Fn(&str) -> f64) -> String;
 
-fn log(from: f32, to: f32, n: usize) -> Vec<Parameters> {
-    (0..n).map(|k| [from * (to / from).powf(k as f32 / (n - 1) as f32), 0.0]).collect()
+fn rows<P: Parameters>(sets: impl IntoIterator<Item = P>) -> Vec<ParameterRow> {
+    sets.into_iter().map(P::row).collect()
 }
 
-fn even(from: f32, to: f32, n: usize) -> Vec<Parameters> {
-    (0..n).map(|k| [from + (to - from) * k as f32 / (n - 1) as f32, 0.0]).collect()
+fn log(from: f32, to: f32, n: usize) -> impl Iterator<Item = f32> {
+    (0..n).map(move |k| from * (to / from).powf(k as f32 / (n - 1) as f32))
 }
 
-fn once(_: &Extent) -> Vec<Parameters> {
+fn even(from: f32, to: f32, n: usize) -> impl Iterator<Item = f32> {
+    (0..n).map(move |k| from + (to - from) * k as f32 / (n - 1) as f32)
+}
+
+fn once(_: &Extent) -> Vec<ParameterRow> {
     vec![[0.0; MAX_PARAMETERS]]
 }
 
-fn nowhere(_: &Extent) -> Vec<Parameters> {
+fn nowhere(_: &Extent) -> Vec<ParameterRow> {
     vec![]
 }
 
-fn lags(x: &Extent) -> Vec<Parameters> {
-    vec![[60.0, slowest(x)]]
+fn lags(x: &Extent) -> Vec<ParameterRow> {
+    rows([Taus { tau_min_s: 60.0, tau_max_s: slowest(x) }])
 }
 
 /// The slowest memory that a run can show, s.
@@ -230,28 +223,32 @@ fn slowest(x: &Extent) -> f32 {
     (0.9 * x.longest_s).clamp(600.0, 21_600.0)
 }
 
-fn decays(x: &Extent) -> Vec<Parameters> {
-    vec![[120.0, (0.8 * x.longest_s).max(2000.0)]]
+fn decays(x: &Extent) -> Vec<ParameterRow> {
+    rows([Taus { tau_min_s: 120.0, tau_max_s: (0.8 * x.longest_s).max(2000.0) }])
 }
 
-fn ramps(x: &Extent) -> Vec<Parameters> {
-    vec![[x.fastest_c_per_min, 0.0]]
+fn ramps(x: &Extent) -> Vec<ParameterRow> {
+    rows([RampRange { ramp_max_c_per_min: x.fastest_c_per_min }])
 }
 
-fn temperatures(x: &Extent) -> Vec<Parameters> {
-    vec![[x.low_c, x.high_c]]
+fn temperatures(x: &Extent) -> Vec<ParameterRow> {
+    rows([TemperatureRange { low_c: x.low_c, high_c: x.high_c }])
+}
+
+fn behind_the_case(x: &Extent) -> Vec<ParameterRow> {
+    rows([Lag { lag_s: x.lag_s }])
 }
 
 /// Periods of a ripple, evenly in the number of ripples over the span.
-fn ripples(x: &Extent) -> Vec<Parameters> {
+fn ripples(x: &Extent) -> Vec<ParameterRow> {
     let most = (2.0 * x.span_c() / 3.0) as usize;
-    (4..=most.max(4)).map(|k| [2.0 * x.span_c() / k as f32, 0.0]).collect()
+    rows((4..=most.max(4)).map(|k| Cycle { period_c: 2.0 * x.span_c() / k as f32 }))
 }
 
 /// Pairs of thresholds: on above off.
-fn thresholds(x: &Extent) -> Vec<Parameters> {
+fn thresholds(x: &Extent) -> Vec<ParameterRow> {
     let place = |k: usize| x.low_c + x.span_c() * k as f32 / 13.0;
-    (1..=12).flat_map(|on| (1..on).map(move |off| [place(on), place(off)])).collect()
+    rows((1..=12).flat_map(|on| (1..on).map(move |off| Thresholds { on_c: place(on), off_c: place(off) })))
 }
 
 impl Generator {
@@ -278,7 +275,8 @@ impl Card {
         Self {
             class,
             kind,
-            refine: Refine::No,
+            refine: &[],
+            possible: |_| true,
             repeats: matches!(kind, Kind::Proposed),
             grid,
             needs: Needs::Nothing,
@@ -307,8 +305,11 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(Shape, Simple)
         },
         E::Kink => Card {
-            refine: Refine::Place(0.02),
-            grid: |x| even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20),
+            refine: &[Move::Place(0.02)],
+            grid: |x| {
+                let places = even(x.low_c + 0.1 * x.span_c(), x.high_c - 0.1 * x.span_c(), 20);
+                rows(places.map(|break_c| Breakpoint { break_c }))
+            },
             generator: drawn(8.0, -18.0, 32.0),
             parted_by_profile: true,
             ..Card::of(Shape, Simple)
@@ -318,7 +319,7 @@ pub fn card(effect: EffectId) -> Card {
         }
         E::TemperatureSpline => Card { grid: temperatures, generator: of([-38.0, 60.0]), ..Card::of(Shape, Family) },
         E::Ripple => Card {
-            refine: Refine::Cycle,
+            refine: &[Move::Cycle],
             repeats: true,
             grid: ripples,
             generator: of([14.0, 0.0]),
@@ -326,8 +327,8 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::FrequencyDirect => Card { needs: Needs::Resonator, ..Card::of(Shape, Idle) },
         E::ThermalLag => Card {
-            refine: Refine::Scale,
-            grid: |x| log(120.0, (x.longest_s / 2.5).max(600.0), 18),
+            refine: &[SCALE],
+            grid: |x| rows(log(120.0, (x.longest_s / 2.5).max(600.0), 18).map(|tau_s| Tau { tau_s })),
             generator: drawn(2400.0, 1200.0, 6000.0),
             parted_by_profile: true,
             ..Card::of(Memory, Simple)
@@ -348,34 +349,42 @@ pub fn card(effect: EffectId) -> Card {
         E::LagLadder | E::LagLadderByTemperature => {
             Card { grid: lags, generator: of([60.0, 6000.0]), ..Card::of(Memory, Family) }
         }
-        E::HeatingLags => {
-            Card { grid: |x| vec![[120.0, slowest(x)]], generator: of([120.0, 6000.0]), ..Card::of(Memory, Family) }
-        }
+        E::HeatingLags => Card {
+            grid: |x| rows([Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }]),
+            generator: of([120.0, 6000.0]),
+            ..Card::of(Memory, Family)
+        },
         E::ArrheniusLadder => Card {
-            grid: |x| [-0.04, -0.02, 0.02, 0.04].map(|b| [b, slowest(x)]).to_vec(),
+            grid: |x| {
+                rows([-0.04, -0.02, 0.02, 0.04].map(|beta_per_c| Arrhenius { beta_per_c, tau_max_s: slowest(x) }))
+            },
             generator: of([0.02, 6000.0]),
             ..Card::of(Memory, Searched)
         },
         E::Hysteresis => Card {
-            refine: Refine::Scale,
-            grid: |x| log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14),
+            refine: &[SCALE],
+            grid: |x| rows(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14).map(|width_c| Width { width_c })),
             generator: drawn(12.0, 5.0, 25.0),
             parted_by_profile: true,
             ..Card::of(Hysteresis, Simple)
         },
         E::PlayLadder => Card {
-            grid: |x| vec![[(0.012 * x.span_c()).max(0.3), 0.9 * x.span_c()]],
+            grid: |x| rows([Widths { width_min_c: (0.012 * x.span_c()).max(0.3), width_max_c: 0.9 * x.span_c() }]),
             generator: of([1.0, 60.0]),
             ..Card::of(Hysteresis, Family)
         },
         E::PlayCurve => Card {
             repeats: true,
-            grid: |x| [0.02, 0.04, 0.08, 0.15, 0.25].map(|s| [s * x.span_c(), 0.0]).to_vec(),
+            grid: |x| rows([0.02, 0.04, 0.08, 0.15, 0.25].map(|s| Width { width_c: s * x.span_c() })),
             generator: of([8.0, 0.0]),
             ..Card::of(Hysteresis, Searched)
         },
         E::Relay => Card {
-            refine: Refine::Places(0.04),
+            refine: &[Move::Place(0.04), Move::Place(0.04)],
+            possible: |row| {
+                let t = Thresholds::of(row);
+                t.off_c <= t.on_c
+            },
             repeats: true,
             grid: thresholds,
             generator: of([30.0, -10.0]),
@@ -385,8 +394,11 @@ pub fn card(effect: EffectId) -> Card {
         E::CoolingHeating => Card { parted_by_profile: true, ..Card::of(Rate, Simple) },
         E::CoolingHeatingHeld => Card::of(Rate, Idle),
         E::RateSaturation => Card {
-            refine: Refine::Scale,
-            grid: |x| log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10),
+            refine: &[SCALE],
+            grid: |x| {
+                let ramps = log(0.03 * x.fastest_c_per_min, x.fastest_c_per_min, 10);
+                rows(ramps.map(|ramp_c_per_min| Ramp { ramp_c_per_min }))
+            },
             generator: of([0.3, 0.0]),
             ..Card::of(Rate, Simple)
         },
@@ -395,8 +407,8 @@ pub fn card(effect: EffectId) -> Card {
         }
         E::RampByShape | E::HeatingByShape => Card::of(Rate, Family),
         E::WarmUp => Card {
-            refine: Refine::Scale,
-            grid: |x| log(150.0, x.longest_s / 3.0, 12),
+            refine: &[SCALE],
+            grid: |x| rows(log(150.0, x.longest_s / 3.0, 12).map(|tau_s| Tau { tau_s })),
             generator: drawn(1800.0, 700.0, 4000.0),
             parted_by_profile: true,
             ..Card::of(PowerOn, Simple)
@@ -419,23 +431,25 @@ pub fn card(effect: EffectId) -> Card {
             Card { generator: studied(none), repair: Some(|_| needs_voltage(E::Quadrature)), ..Card::of(Input, Simple) }
         }
         E::Board => Card {
-            grid: |_| vec![[0.0, 0.0], [1.0, 0.0]],
+            grid: |_| rows([0.0, 1.0].map(|source| Source { source })),
             generator: studied(none),
             repair: Some(|_| needs_voltage(E::Board)),
             ..Card::of(Input, Simple)
         },
-        E::RecordedQuantity => {
-            Card { repeats: true, grid: |_| (0..8).map(|k| [k as f32, 0.0]).collect(), ..Card::of(Input, Searched) }
-        }
+        E::RecordedQuantity => Card {
+            repeats: true,
+            grid: |_| rows((0..8).map(|k| Channel { channel: k as f32 })),
+            ..Card::of(Input, Searched)
+        },
         E::Timebase => Card {
-            grid: |x| vec![[x.lag_s, 0.0]],
+            grid: behind_the_case,
             needs: Needs::ThreeResonators,
             generator: of([694.0, 0.0]),
             repair: Some(|_| needs_case_sensors(E::Timebase)),
             ..Card::of(Thermometer, Simple)
         },
         E::ThermometerError => Card {
-            grid: |x| vec![[x.lag_s, 0.0]],
+            grid: behind_the_case,
             needs: Needs::Resonator,
             generator: of([694.0, 0.0]),
             ..Card::of(Thermometer, Simple)
@@ -449,7 +463,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(Event, Simple)
         },
         E::Step => Card {
-            refine: Refine::Time,
+            refine: &[Move::Block],
             generator: drawn(9000.0, 4000.0, 20_000.0),
             repair: Some(|p| {
                 format!(
@@ -460,7 +474,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(Event, Proposed)
         },
         E::Shock => Card {
-            refine: Refine::TimeAndScale,
+            refine: &[Move::Block, Move::Factor(0.3)],
             generator: studied([9000.0, 1800.0]),
             repair: Some(|p| {
                 let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
@@ -471,7 +485,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(Event, Proposed)
         },
         E::Periodic => Card {
-            refine: Refine::Period,
+            refine: &[Move::Period],
             generator: drawn(900.0, 400.0, 3000.0),
             repair: Some(|p| {
                 format!(
@@ -540,8 +554,8 @@ pub const BUNDLES: &[Bundle] = &[
 
 /// Decays that a lag adds to a run that began in a ramp; they belong to that run alone.
 #[must_use]
-pub fn beginning(x: &Extent) -> (EffectId, Parameters) {
-    (EffectId::PowerOnLadder, [120.0, slowest(x)])
+pub fn beginning(x: &Extent) -> (EffectId, ParameterRow) {
+    (EffectId::PowerOnLadder, Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }.row())
 }
 
 /// The class of an effect by its name; `None` for a name that is not in the list.

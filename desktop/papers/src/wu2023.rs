@@ -8,7 +8,7 @@ use crate::methods;
 use hrg_core::AXES;
 use hrg_data::image_file;
 use hrg_data::numeric::stats::{block_means, std_dev};
-use hrg_data::recording::format::Thermometer;
+use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, parquet, Recording};
 use hrg_identify::fit;
 use hrg_identify::fit::correct;

@@ -46,10 +46,8 @@ impl Unmodelled {
         }
     }
 
-    /// The one with a name; `outsider-NAME` is a former one.
     fn by_name(name: &str) -> Option<Self> {
-        let kind = name.strip_prefix("unmodelled-").or_else(|| name.strip_prefix("outsider-"))?;
-        Self::ALL.into_iter().find(|u| u.name().strip_prefix("unmodelled-") == Some(kind))
+        Self::ALL.into_iter().find(|u| u.name() == name)
     }
 
     /// Its parameter unless told otherwise, and the range from which it is drawn.
@@ -263,12 +261,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_lead_back_and_former_ones_are_read() {
+    fn names_lead_back() {
         for u in Unmodelled::ALL {
-            let former = u.name().replace("unmodelled-", "outsider-");
-            for name in [u.name(), former.as_str()] {
-                assert_eq!(EffectSpec::parse(name).expect("known").source, Source::Unmodelled(u), "{name}");
-            }
+            assert_eq!(EffectSpec::parse(u.name()).expect("known").source, Source::Unmodelled(u));
         }
         assert!(EffectSpec::parse("ripple").is_ok_and(|s| s.source == Source::Library(EffectId::Ripple)));
         assert!(EffectSpec::parse("bump").is_err());

@@ -2,7 +2,7 @@
 //! `hrg_core`.
 
 use hrg_core::accelerometers::Accelerometers;
-use hrg_core::calibration::layouts::{Channel, EffectHead, Header, MODELS};
+use hrg_core::calibration::layouts::{EffectHead, Header, MODELS};
 use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
 use hrg_core::rate_factors::RateAxis;
@@ -67,26 +67,22 @@ pub fn tables() -> [(&'static str, String); 3] {
 #[must_use]
 pub fn image() -> String {
     let mut s = String::from(
-        "Little-endian, without gaps: header; identity; scaling; three axes, each of temperature curve, channel, number of the model (u8), \
-         model, and what the fit left; number of effects (u8); the effects; CRC-32 (ISO-HDLC, u32) of all before it. Bytes count from \
+        "Little-endian, without gaps: header; identity; scaling; three axes, each of temperature curve, number of the model (u8), \
+         model, and own numbers; number of effects (u8); the effects; CRC-32 (ISO-HDLC, u32) of all before it. Bytes count from \
          the beginning of each part; the format behind its name is one of Python's `struct`.\n",
     );
     s += &part("Header", Header::FIELDS);
     s += &part("Identity", Calibration::FIELDS);
     s += &part("Scaling", hrg_core::bias::Scaling::FIELDS);
     s += &part("Temperature curve of an axis", TemperatureCurve::FIELDS);
-    s += &part("Channel of an axis", Channel::FIELDS);
     for (number, fields) in MODELS {
         s += &part(&format!("Bias model {number}"), fields);
     }
-    s += &part("What the fit of an axis left", Axis::FIELDS);
+    s += &part("Own numbers of an axis", Axis::FIELDS);
     s += &part("Effect", EffectHead::FIELDS);
     s += "\nBehind that, for each axis: n gains (f32, deg/h per unit of the regressor) and their n standard deviations.\n";
-    s += &part("Accelerometers (since version 3, behind what version 2 has)", Accelerometers::FIELDS);
-    s + &part(
-        "Scale factor and misalignment of an axis (since version 4: x, y, z behind the accelerometers)",
-        RateAxis::FIELDS,
-    )
+    s += &part("Accelerometers (part 1)", Accelerometers::FIELDS);
+    s + &part("Scale factor and misalignment of an axis (part 2: x, y, z)", RateAxis::FIELDS)
 }
 
 /// The tables of the link's messages.

@@ -51,6 +51,7 @@ pub enum Item {
 
 /// Number of rows.
 pub const ROWS: usize = Item::FirstFrame as usize + 1;
+const _: () = assert!(EXPECTED.len() == ROWS);
 
 /// By how much an estimate of cycles may be off on a board.
 const ESTIMATE: Bound = Bound::Share(0.25);

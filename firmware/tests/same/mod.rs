@@ -13,9 +13,9 @@ pub const IMAGES: [(&str, &[u8], u32); 6] = [
     ("default", include_bytes!("../../../hrg-core/tests/images/version-1-default.bin"), 0x626d_761c),
     ("effects", include_bytes!("../../../hrg-core/tests/images/version-1-effects.bin"), 0x7ea8_76e8),
     ("models", include_bytes!("../../../hrg-core/tests/images/version-1-models.bin"), 0xac0c_5e1a),
-    ("uncertain", include_bytes!("../../../hrg-core/tests/images/version-2-uncertain.bin"), 0x1d5f_c448),
-    ("accelerometers", include_bytes!("../../../hrg-core/tests/images/version-3-accelerometers.bin"), 0x1d5f_c448),
-    ("rates", include_bytes!("../../../hrg-core/tests/images/version-4-rates.bin"), 0x17e4_5a79),
+    ("uncertain", include_bytes!("../../../hrg-core/tests/images/version-1-uncertain.bin"), 0x1d5f_c448),
+    ("accelerometers", include_bytes!("../../../hrg-core/tests/images/version-1-accelerometers.bin"), 0x1d5f_c448),
+    ("rates", include_bytes!("../../../hrg-core/tests/images/version-1-rates.bin"), 0x17e4_5a79),
 ];
 /// Of [`functions`].
 pub const FUNCTIONS: u32 = 0x97fd_5a41;

@@ -5,8 +5,8 @@ use crate::defects::Defects;
 use crate::draw::stream;
 use crate::noise::Noise;
 use crate::physics::Form;
+use crate::plan::{Followed, Plan};
 use crate::truth::Class;
-use crate::world::{Followed, Plan};
 use rand::Rng;
 
 /// Letters of the axes.

@@ -1,22 +1,20 @@
 //! A case under way: worlds, noise, the bias of equation 7, and their sum.
 
-use crate::acting::Acting;
+use crate::acting::{Acting, Three};
 use crate::case::{Acts, Case, AXES};
 use crate::draw::stream;
 use crate::fit;
 use crate::means::{deviation, means, peaks, rms};
 use crate::noise;
 use crate::operators::slope_per_min;
+use crate::plan::Followed;
 use crate::unit::Unit;
-use crate::world::{Followed, World};
+use crate::world::World;
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// A ramp that is wrong by more than this is a jump of the thermometer, C/min: such 100 s means are left out of the figures.
 const JUMP_C_PER_MIN: f64 = 3.0;
-
-/// Three axes of one run.
-pub(crate) type Three = [Vec<f64>; 3];
 
 /// All that is known of a case under way. Runs are numbered: train runs first, the verify run last.
 pub(crate) struct Making<'a> {

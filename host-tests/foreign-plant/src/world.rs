@@ -1,62 +1,11 @@
 //! All that happens in one run, but for noise and effects: the chamber, the unit's bodies, and its electrical quantities.
 
-use crate::chamber::{Program, Span};
 use crate::operators::{lag, slope_per_min};
+use crate::plan::{Followed, Plan};
 use crate::unit::Unit;
 use rand::Rng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-
-/// Body of each gyro that the bias follows: a thermometer without fault shows the temperature of that body.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Followed {
-    /// The resonator: the thermometer is its frequency.
-    Resonator,
-    /// The case: a sensor on it is the thermometer.
-    Case,
-    /// The base plate: one sensor on it serves all axes.
-    Base,
-}
-
-/// Plan of a run.
-#[derive(Clone, Copy, Debug)]
-pub struct Plan {
-    /// The chamber's program.
-    pub program: Program,
-    /// Its temperatures.
-    pub span: Span,
-    /// Length of the log, h.
-    pub hours: f64,
-    /// Time from power-on to the first row, s.
-    pub log_from_s: f64,
-    /// State of memory of path at power-on: 1 for a unit that came from the hot end, -1 from the cold end.
-    pub branch: f64,
-    /// Heat that slow bodies have kept of the day before at power-on, C above all others.
-    pub kept_c: f64,
-}
-
-/// Electrical numbers of one unit.
-#[derive(Clone, Copy, Debug)]
-pub struct Electrics {
-    drive_v: [f64; 3],
-    drive_per_c: [f64; 3],
-    quad_v: [f64; 3],
-    quad_v_per_c: [f64; 3],
-}
-
-impl Electrics {
-    /// A unit.
-    #[must_use]
-    pub fn draw(rng: &mut ChaCha8Rng) -> Self {
-        let mut three = |from: f64, to: f64| [0, 1, 2].map(|_| rng.random_range(from..to));
-        Self {
-            drive_v: three(1.1, 1.4),
-            drive_per_c: three(8e-4, 1.6e-3),
-            quad_v: three(0.05, 0.11),
-            quad_v_per_c: three(2e-4, 6e-4),
-        }
-    }
-}
 
 /// One run, sampled each `dt_s` from power-on.
 #[derive(Clone, Debug)]

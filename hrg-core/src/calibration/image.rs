@@ -1,7 +1,7 @@
 //! A calibration to the bytes that lie in flash, and back.
 
-use super::layouts::{Channel, EffectHead, Header};
-use super::{Calibration, EffectTerm, ImageError, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
+use super::layouts::{EffectHead, Header};
+use super::{Calibration, EffectTerm, ImageError, Parts, Uncertainty, DIRECTIONS, MAGIC, MAX_BYTES, OLDEST, VERSION};
 use crate::accelerometers::Accelerometers;
 use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
@@ -34,12 +34,13 @@ impl Calibration {
     pub fn to_bytes(&self) -> Option<Vec<u8, MAX_BYTES>> {
         let mut buffer = [0u8; MAX_BYTES];
         let mut w = Writer::new(&mut buffer);
-        Header { magic: MAGIC, version: self.version(), length: 0 }.put_fields(&mut w);
+        let parts = self.parts();
+        Header { magic: MAGIC, version: VERSION, parts: parts.bits(), length: 0 }.put_fields(&mut w);
         self.write_payload(&mut w);
-        if self.version() >= 2 {
-            self.write_since_2(&mut w);
+        if parts.contains(Parts::UNCERTAINTY) {
+            self.write_uncertainty(&mut w);
         }
-        if self.version() >= 3 {
+        if parts.contains(Parts::ACCELEROMETERS) {
             self.accelerometers.put_fields(&mut w);
         }
         for axis in self.rates.iter().flatten() {
@@ -76,7 +77,7 @@ impl Calibration {
     }
 
     /// The same by a program whose newest version is this.
-    pub(super) fn from_bytes_up_to(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
+    pub(super) fn from_bytes_up_to(newest: u8, bytes: &[u8]) -> Result<Self, ImageError> {
         if !bytes.starts_with(&MAGIC) {
             // A sector that is erased or whose image was refused holds no fault; an image whose first bytes are corrupted does.
             let erased = bytes.iter().take(MAX_BYTES).all(|b| *b == 0xFF) || bytes.starts_with(&REFUSED);
@@ -85,8 +86,8 @@ impl Calibration {
         Self::read_behind_magic(newest, bytes)
     }
 
-    fn read_behind_magic(newest: u16, bytes: &[u8]) -> Result<Self, ImageError> {
-        let Header { version, length, .. } = take(&mut Reader::new(bytes)).ok_or(ImageError::Length(0))?;
+    fn read_behind_magic(newest: u8, bytes: &[u8]) -> Result<Self, ImageError> {
+        let Header { version, parts, length, .. } = take(&mut Reader::new(bytes)).ok_or(ImageError::Length(0))?;
         if !(OLDEST..=newest).contains(&version) {
             return Err(ImageError::Version(version));
         }
@@ -101,16 +102,19 @@ impl Calibration {
         if crc != digest.finish().to_le_bytes() {
             return Err(ImageError::Checksum);
         }
+        let Some(parts) = Parts::from_bits(parts) else {
+            return Err(ImageError::UnknownPart(parts));
+        };
         let mut payload = Reader::new(&content[HEADER..]);
         let mut calibration = Self::uncalibrated();
         calibration.read_payload(&mut payload).ok_or(ImageError::Length(length))??;
-        if version >= 2 {
-            calibration.read_since_2(&mut payload).ok_or(ImageError::Length(length))??;
+        if parts.contains(Parts::UNCERTAINTY) {
+            calibration.read_uncertainty(&mut payload).ok_or(ImageError::Length(length))??;
         }
-        if version >= 3 {
+        if parts.contains(Parts::ACCELEROMETERS) {
             calibration.accelerometers.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
         }
-        if version >= 4 {
+        if parts.contains(Parts::RATES) {
             let mut rates = [RateAxis::default(); AXES];
             for axis in &mut rates {
                 axis.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
@@ -119,6 +123,10 @@ impl Calibration {
         }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
+        }
+        // One calibration has one image, and so one checksum.
+        if calibration.parts() != parts {
+            return Err(ImageError::Absurd("list of parts"));
         }
         calibration.check()?;
         Ok(calibration)
@@ -139,7 +147,6 @@ impl Calibration {
         self.scaling.put_fields(w);
         for a in &self.axes {
             a.curve.put_fields(w);
-            Channel::of(a).put_fields(w);
             w.u8(a.coefficients.kind());
             match &a.coefficients {
                 Coefficients::One(k) => k.put(w),
@@ -153,7 +160,7 @@ impl Calibration {
         w.u8(self.effects.len() as u8);
         for e in &self.effects {
             let outputs = shape(e.id).map_or(MAX_OUTPUTS, |f| f.outputs);
-            EffectHead { id: e.id, outputs: outputs as u8, parameters: e.parameters }.put_fields(w);
+            EffectHead { id: e.id, outputs: outputs as u8, parameters: e.parameters, start: e.start }.put_fields(w);
             for (g, s) in e.gains.iter().zip(&e.gain_std) {
                 w.f32s(&g[..outputs]);
                 w.f32s(&s[..outputs]);
@@ -161,20 +168,14 @@ impl Calibration {
         }
     }
 
-    /// The oldest version that holds all that is stated: an older program reads it, and an image of an older version keeps its checksum.
-    fn version(&self) -> u16 {
-        if self.rates.is_some() {
-            return 4;
-        }
-        if self.accelerometers != Accelerometers::IDEAL {
-            return 3;
-        }
-        let started = self.effects.iter().any(|e| e.start != 0.0);
-        if started || self.axes.iter().any(|a| a.uncertainty != Uncertainty::default()) {
-            2
-        } else {
-            1
-        }
+    /// The parts that state anything: the others are not written, and an older program that lacks them reads the image.
+    fn parts(&self) -> Parts {
+        let mut parts = Parts::empty();
+        let uncertain = self.directions() > 0 || self.axes.iter().any(|a| a.uncertainty != Uncertainty::default());
+        parts.set(Parts::UNCERTAINTY, uncertain);
+        parts.set(Parts::ACCELEROMETERS, self.accelerometers != Accelerometers::IDEAL);
+        parts.set(Parts::RATES, self.rates.is_some());
+        parts
     }
 
     /// Directions that hold anything: the others are not written.
@@ -187,10 +188,7 @@ impl Calibration {
         (0..DIRECTIONS).rev().find(|k| any(*k)).map_or(0, |k| k + 1)
     }
 
-    fn write_since_2(&self, w: &mut Writer<'_>) {
-        for e in &self.effects {
-            w.f32(e.start);
-        }
+    fn write_uncertainty(&self, w: &mut Writer<'_>) {
         w.f32s(&self.axes.each_ref().map(|a| a.uncertainty.rest_dph2));
         let count = self.directions();
         w.u8(count as u8);
@@ -207,12 +205,8 @@ impl Calibration {
         }
     }
 
-    /// Since version 2.
     #[inline(never)]
-    fn read_since_2(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
-        for e in &mut self.effects {
-            e.start = r.f32()?;
-        }
+    fn read_uncertainty(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
         let rest: [f32; AXES] = r.f32s()?;
         for (a, rest_dph2) in self.axes.iter_mut().zip(rest) {
             a.uncertainty = Uncertainty { rest_dph2, ..Uncertainty::default() };
@@ -235,14 +229,13 @@ impl Calibration {
         Some(Ok(()))
     }
 
-    /// Reads what an image of version 1 holds; `None` where it is too short.
+    /// Reads what each image holds; `None` where it is too short.
     #[inline(never)]
     fn read_payload(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
         self.take_fields(r)?;
         self.scaling.take_fields(r)?;
         for a in &mut self.axes {
             a.curve.take_fields(r)?;
-            take::<Channel>(r)?.store(a);
             a.coefficients = match r.u8()? {
                 1 => Coefficients::One(Wire::take(r)?),
                 2 => {
@@ -258,7 +251,7 @@ impl Calibration {
         }
         self.effects.clear();
         for _ in 0..r.u8()? {
-            let EffectHead { id, outputs: stated, parameters } = take(r)?;
+            let EffectHead { id, outputs: stated, parameters, start } = take(r)?;
             let Some(Shape { outputs, .. }) = shape(id) else {
                 return Some(Err(ImageError::UnknownEffect(id)));
             };
@@ -266,7 +259,7 @@ impl Calibration {
                 return Some(Err(ImageError::Absurd("number of gains of an effect")));
             }
             let outputs = outputs.min(MAX_OUTPUTS);
-            let mut e = EffectTerm::new(id, parameters);
+            let mut e = EffectTerm { start, ..EffectTerm::new(id, parameters) };
             for (gains, std) in e.gains.iter_mut().zip(&mut e.gain_std) {
                 r.fill(&mut gains[..outputs])?;
                 r.fill(&mut std[..outputs])?;

@@ -6,7 +6,7 @@
 //! use hrg_core::schema::{size, Layout};
 //!
 //! let names: Vec<&str> = Header::FIELDS.iter().map(|f| f.name).collect();
-//! assert_eq!(names, ["magic", "version", "length"]);
+//! assert_eq!(names, ["magic", "version", "parts", "length"]);
 //! assert_eq!(size(Header::FIELDS), 8);
 //! ```
 
@@ -24,13 +24,16 @@ pub struct Header {
     /// [`super::MAGIC`].
     pub magic: [u8; 4],
     /// Version of the layout.
-    pub version: u16,
+    pub version: u8,
+    /// Bits of the [`Parts`](super::Parts) that stand behind the effects.
+    pub parts: u8,
     /// Bytes of the whole image, checksum included.
     pub length: u16,
 }
 layout! { Header {
     magic: [u8; 4], "`HRGC`";
-    version: u16, "version of the layout";
+    version: u8, "version of the layout";
+    parts: u8, "parts behind the effects: bit 0 uncertainty, 1 accelerometers, 2 scale factors and misalignments; 3 to 7 are free";
     length: u16, "bytes of the whole image, checksum included";
 } }
 
@@ -59,41 +62,6 @@ layout! { TemperatureCurve {
     valid_to_c: f32, "highest temperature of the fit, C";
 } }
 
-/// Fields of an axis between its temperature and its bias model.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Channel {
-    /// As [`Axis::scale_factor_dph_per_code`].
-    pub scale_factor_dph_per_code: f32,
-    /// As [`Axis::valid_from_c_per_min`].
-    pub valid_from_c_per_min: f32,
-    /// As [`Axis::valid_to_c_per_min`].
-    pub valid_to_c_per_min: f32,
-}
-layout! { Channel {
-    scale_factor_dph_per_code: f32, "deg/h per code of the ADC";
-    valid_from_c_per_min: f32, "fastest cooling of the fit, C per minute";
-    valid_to_c_per_min: f32, "fastest heating of the fit, C per minute";
-} }
-
-impl Channel {
-    /// Of an axis.
-    #[must_use]
-    pub const fn of(a: &Axis) -> Self {
-        Self {
-            scale_factor_dph_per_code: a.scale_factor_dph_per_code,
-            valid_from_c_per_min: a.valid_from_c_per_min,
-            valid_to_c_per_min: a.valid_to_c_per_min,
-        }
-    }
-
-    /// Puts it into an axis.
-    pub fn store(&self, a: &mut Axis) {
-        a.scale_factor_dph_per_code = self.scale_factor_dph_per_code;
-        a.valid_from_c_per_min = self.valid_from_c_per_min;
-        a.valid_to_c_per_min = self.valid_to_c_per_min;
-    }
-}
-
 layout! { FourParameter {
     constant_cooling_heating_low_high: [f32; four_parameter::TERMS], "constant (deg/h), cooling and heating (deg/h per C per minute), low and high (deg/h per C)";
     breakpoint_c: f32, "breakpoint, C";
@@ -102,6 +70,9 @@ layout! { FourParameter {
 
 layout! { Axis {
     bias_std_dph: [[f32; TERMS]; 2], "standard deviations of the coefficients, deg/h: cooling (or the only) set, heating set";
+    scale_factor_dph_per_code: f32, "deg/h per code of the ADC";
+    valid_from_c_per_min: f32, "fastest cooling of the fit, C per minute";
+    valid_to_c_per_min: f32, "fastest heating of the fit, C per minute";
     train_rms_dph: f32, "standard deviation of 100 s means on the data of the fit, deg/h";
     verify_rms_dph: f32, "the same on a run that the fit never saw, deg/h; 0: not measured";
 } }
@@ -115,11 +86,14 @@ pub struct EffectHead {
     pub outputs: u8,
     /// Inner parameters; zeros where it has fewer.
     pub parameters: [f32; MAX_PARAMETERS],
+    /// As [`EffectTerm::start`](super::EffectTerm::start).
+    pub start: f32,
 }
 layout! { EffectHead {
     id: u16, "number of the effect";
     outputs: u8, "n, the number of its gains on an axis";
     parameters: [f32; MAX_PARAMETERS], "inner parameters; zeros where it has fewer";
+    start: f32, "place on its path at the unit's start, of an effect that remembers the path";
 } }
 
 /// A field of a bias model that is one row of singles.

@@ -1,16 +1,17 @@
 //! The coefficient image: what the desktop identifies and the unit keeps in flash.
 //!
 //! # Layout (little-endian)
-//! `magic "HRGC"`, `version u16`, `length u16` (of the whole image, checksum included), payload, `CRC-32` (ISO-HDLC)
+//! `magic "HRGC"`, `version u8`, `parts u8`, `length u16` (of the whole image, checksum included), payload, `CRC-32` (ISO-HDLC)
 //! of all before it. The payload is written and read by one pair of functions in `image.rs`, in one order.
 //! Effects are named by the stable numbers of [`crate::effects`], so an old image loads in a new firmware; a new
 //! image with an effect that an old firmware lacks is refused by name of error, never half used.
 //!
 //! # Versions
-//! A new version only appends fields to the payload: none is removed, moved or given another meaning, and each has a value that
-//! means what images without it meant. So a firmware reads its own version and all older ones, the appended fields keeping those
-//! values; an older firmware refuses a newer image ([`ImageError::Version`]), flags it, and uses the other sector or the default.
-//! Images of each version are stored in `hrg-core/tests/images` and read by every test run.
+//! The optional parts ([`Parts`]) stand behind the payload, in the order of their bits. Something new is a new part, with a bit of
+//! its own, and its absence means what images without it meant. So a firmware reads all older images; an older firmware reads a
+//! newer image that lacks the new part, and refuses one that has it ([`ImageError::UnknownPart`]), flags it, and uses the other
+//! sector or the default. The version counts up only where the payload itself changes ([`ImageError::Version`]).
+//! Images are stored in `hrg-core/tests/images` and read by every test run.
 //!
 //! Every number is checked when an image is read: an image with a valid checksum and an absurd number is as
 //! useless as a broken one.
@@ -45,17 +46,29 @@ use heapless::Vec;
 
 /// First bytes of every image.
 pub const MAGIC: [u8; 4] = *b"HRGC";
-/// Version of the layout that is written; every version from [`OLDEST`] to this one is read. Version 2 appends [`EffectTerm::start`] and
-/// [`Uncertainty`], version 3 [`Accelerometers`], version 4 [`Calibration::rates`].
-pub const VERSION: u16 = 4;
+/// Version of the layout that is written; every version from [`OLDEST`] to this one is read.
+pub const VERSION: u8 = 1;
 /// Oldest version that is read. It stays 1: a unit in the field keeps its calibration through every update of its firmware.
-pub const OLDEST: u16 = 1;
+pub const OLDEST: u8 = 1;
 /// Most effects in one image.
 pub const MAX_EFFECTS: usize = 8;
 /// Longest possible image in bytes.
 pub const MAX_BYTES: usize = 4096;
 /// Most directions of an [`Uncertainty`].
 pub const DIRECTIONS: usize = 2;
+
+bitflags::bitflags! {
+    /// Parts that an image may hold beside what each image holds.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    pub struct Parts: u8 {
+        /// [`Uncertainty`] of each axis, with the directions of the effects.
+        const UNCERTAINTY = 1;
+        /// [`Accelerometers`].
+        const ACCELEROMETERS = 1 << 1;
+        /// [`Calibration::rates`].
+        const RATES = 1 << 2;
+    }
+}
 
 /// Uncertainty of the bias of one axis. Its variance at any moment is `rest_dph2` plus the sum of the squares of the
 /// directions. Each direction is a bias made of the same regressors: of the baseline with these coefficients
@@ -159,7 +172,9 @@ pub enum ImageError {
     /// It does not begin as an image does, and is not erased either.
     Foreign,
     /// It is of another version.
-    Version(u16),
+    Version(u8),
+    /// It holds a part that this program does not know (the byte of its [`Parts`]).
+    UnknownPart(u8),
     /// Its length is impossible, or more than there is.
     Length(u16),
     /// Its checksum does not match.
@@ -184,7 +199,10 @@ impl core::fmt::Display for ImageError {
             Self::NoImage => write!(f, "there is no calibration image"),
             Self::Foreign => write!(f, "what is there does not begin as a calibration image does"),
             Self::Version(v) => {
-                write!(f, "the image is of version {v}, this program reads versions {OLDEST} to {VERSION}")
+                write!(f, "the image is of version {v}, this program reads version {VERSION}")
+            }
+            Self::UnknownPart(bits) => {
+                write!(f, "the image holds a part that this program does not know (parts {bits:#010b})")
             }
             Self::Length(n) => write!(f, "the image's length of {n} bytes is impossible"),
             Self::Checksum => write!(f, "the image's checksum does not match its content"),
@@ -446,18 +464,41 @@ pub(crate) mod tests {
 
     #[test]
     fn a_newer_program_reads_older_images_and_an_older_one_refuses_newer() {
-        let mut image = full().to_bytes().expect("fits");
+        let good = full().to_bytes().expect("fits");
         for newest in VERSION..VERSION + 3 {
-            assert_eq!(Calibration::from_bytes_up_to(newest, &image), Ok(full()), "newest {newest}");
+            assert_eq!(Calibration::from_bytes_up_to(newest, &good), Ok(full()), "newest {newest}");
         }
-        // The same image with the number of a version to come.
-        image[4..6].copy_from_slice(&(VERSION + 1).to_le_bytes());
-        let end = image.len() - 4;
-        let crc = crc32(&image[..end]).to_le_bytes();
-        image[end..].copy_from_slice(&crc);
-        assert_eq!(Calibration::from_bytes(&image), Err(ImageError::Version(VERSION + 1)));
-        image[4..6].copy_from_slice(&(OLDEST - 1).to_le_bytes());
-        assert_eq!(Calibration::from_bytes(&image), Err(ImageError::Version(OLDEST - 1)));
+        let with = |at: usize, value: u8| {
+            let mut image = good.clone();
+            image[at] = value;
+            let end = image.len() - 4;
+            let crc = crc32(&image[..end]).to_le_bytes();
+            image[end..].copy_from_slice(&crc);
+            Calibration::from_bytes(&image)
+        };
+        // The same image with the number of a version to come, of none, and with a part to come.
+        assert_eq!(with(4, VERSION + 1), Err(ImageError::Version(VERSION + 1)));
+        assert_eq!(with(4, OLDEST - 1), Err(ImageError::Version(OLDEST - 1)));
+        assert_eq!(with(5, 1 << 3), Err(ImageError::UnknownPart(1 << 3)));
+        // It names a part that it does not hold.
+        assert!(matches!(with(5, Parts::RATES.bits()), Err(ImageError::Length(_))));
+    }
+
+    #[test]
+    fn a_part_that_states_nothing_is_refused() {
+        let c = full();
+        let mut buffer = [0u8; MAX_BYTES];
+        let plain = c.to_bytes().expect("fits");
+        let payload_end = plain.len() - 4;
+        let mut w = crate::bytes::Writer::new(&mut buffer);
+        w.bytes(&plain[..payload_end]);
+        crate::schema::Layout::put_fields(&Accelerometers::IDEAL, &mut w);
+        let end = w.finish().expect("room");
+        buffer[5] = Parts::ACCELEROMETERS.bits();
+        buffer[6..8].copy_from_slice(&(end as u16 + 4).to_le_bytes());
+        let crc = crc32(&buffer[..end]).to_le_bytes();
+        buffer[end..end + 4].copy_from_slice(&crc);
+        assert_eq!(Calibration::from_bytes(&buffer), Err(ImageError::Absurd("list of parts")));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! `aging`: time, in hours: a drift that goes on. A unit that does not know how old its calibration is cannot
 //! predict it. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// Time since power-on; h.
 #[derive(Debug, Clone)]
@@ -10,13 +10,13 @@ pub struct Aging;
 impl Effect for Aging {
     const NAME: &'static str = "aging";
     const ID: u16 = 10;
-    const PARAMETERS: &'static [&'static str] = &[];
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

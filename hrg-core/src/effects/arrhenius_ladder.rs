@@ -4,7 +4,8 @@
 //! Source: Arrhenius' law about a reference temperature.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Arrhenius;
+use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
 const RUNGS: usize = 9;
@@ -21,15 +22,15 @@ pub struct ArrheniusLadder {
 impl Effect for ArrheniusLadder {
     const NAME: &'static str = "arrhenius-ladder";
     const ID: u16 = 22;
-    const PARAMETERS: &'static [&'static str] = &["beta_per_c", "tau_max_s"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Arrhenius;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Arrhenius, step_s: f32) -> Self {
         Self {
-            per_tau: core::array::from_fn(|k| step_s / rung(SHORTEST_S, p[1], k, RUNGS)),
-            beta: p[0],
+            per_tau: core::array::from_fn(|k| step_s / rung(SHORTEST_S, p.tau_max_s, k, RUNGS)),
+            beta: p.beta_per_c,
             state_c: [f32::NAN; RUNGS],
         }
     }
@@ -38,8 +39,8 @@ impl Effect for ArrheniusLadder {
         &mut self.state_c
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Arrhenius) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]

@@ -1,7 +1,7 @@
 //! `axis-gradient`: temperature of the two other axes less that of this one, C: heat that flows through the
 //! block bends its mount. Two regressors (next axis, then the one after: x: y, z; y: z, x; z: x, y). Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 use crate::AXES;
 
 /// Temperature differences to the other axes; C.
@@ -11,13 +11,13 @@ pub struct AxisGradient;
 impl Effect for AxisGradient {
     const NAME: &'static str = "axis-gradient";
     const ID: u16 = 7;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
     const NEIGHBOURS: bool = true;
 
+    type Parameters = ();
     type Regressors = [f32; 2];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

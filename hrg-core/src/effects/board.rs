@@ -1,7 +1,8 @@
 //! `board`: electronics: board temperature less resonator temperature (parameter `source` 0, C), or the supply
 //! (`source` 1, V). Needs it recorded. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Source;
+use super::{Effect, Inputs, Reach};
 
 /// Board temperature less resonator temperature (C), or supply (V).
 #[derive(Debug, Clone)]
@@ -12,13 +13,13 @@ pub struct Board {
 impl Effect for Board {
     const NAME: &'static str = "board";
     const ID: u16 = 16;
-    const PARAMETERS: &'static [&'static str] = &["source"];
     const REACH: Reach = Reach::NeedsInput("board_c or supply_v");
 
+    type Parameters = Source;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { supply: parameters[0] > 0.5 }
+    fn new(parameters: Source, _: f32) -> Self {
+        Self { supply: parameters.source > 0.5 }
     }
 
     #[inline]

@@ -1,7 +1,7 @@
 //! `case-gradient`: case sensor less resonator temperature, C: heat that flows through the gyro's case. Needs
 //! the case sensor, which only a chamber set-up has. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// Case temperature less resonator temperature; C.
 #[derive(Debug, Clone)]
@@ -10,12 +10,12 @@ pub struct CaseGradient;
 impl Effect for CaseGradient {
     const NAME: &'static str = "case-gradient";
     const ID: u16 = 8;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::NeedsInput("case_c");
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

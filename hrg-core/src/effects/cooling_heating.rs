@@ -2,7 +2,7 @@
 //! regressor of eq 7, with `w` the weight of heating (0 to 1, blended over the band of [`crate::bias`]). Six
 //! regressors. Stateless. Source: the two sets of dong2023's Table 3.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 use crate::bias::{heating_weight, regressors, TERMS};
 
 /// Half the difference of a heating and a cooling set.
@@ -12,12 +12,12 @@ pub struct CoolingHeating;
 impl Effect for CoolingHeating {
     const NAME: &'static str = "cooling-heating";
     const ID: u16 = 18;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; TERMS];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

@@ -3,7 +3,7 @@
 //! direction changes. A direction counts from the band of [`crate::bias`] on. State: the direction, 0 before the first one.
 //! Source: dong2023 fits a cooling stage, which has the soak after it, and a heating stage (its Table 3).
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 use crate::bias::{regressors, TERMS};
 
 /// Half the difference of a heating and a cooling set, by the last direction.
@@ -17,13 +17,13 @@ pub struct CoolingHeatingHeld {
 impl Effect for CoolingHeatingHeld {
     const NAME: &'static str = "cooling-heating-held";
     const ID: u16 = 40;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
 
+    type Parameters = ();
     type Regressors = [f32; TERMS];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self { start: 0.0, weight: f32::NAN }
     }
 

@@ -1,7 +1,7 @@
 //! `cubic`: `u^3`, the next power of the baseline's temperature polynomial. Stateless.
 //! Source: the usual polynomial order selection; dong2023 stops at `T^2`.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// `u^3` with `u = (T - t_ref) / t_scale`, continued linearly outside the calibrated range.
 #[derive(Debug, Clone)]
@@ -10,12 +10,12 @@ pub struct Cubic;
 impl Effect for Cubic {
     const NAME: &'static str = "cubic";
     const ID: u16 = 1;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

@@ -1,7 +1,7 @@
 //! `drive-amplitude`: the amplitude-control drive voltage, which follows the resonator's damping. Needs it
 //! recorded. Stateless. Source: dong2023 eq 3 (bias grows with the anisotropy of damping `D(1/tau)`).
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// Drive voltage of this axis; V.
 #[derive(Debug, Clone)]
@@ -10,12 +10,12 @@ pub struct DriveAmplitude;
 impl Effect for DriveAmplitude {
     const NAME: &'static str = "drive-amplitude";
     const ID: u16 = 14;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::NeedsInput("drive_v");
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

@@ -1,7 +1,7 @@
 //! `extremes`: the highest and the lowest temperature since power-on, each less temperature; C: memory that only an extreme
 //! changes (a wiped-out loop, a set that creeps once). State: both, starting at the first temperature.
 
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach, Span};
 
 /// Highest and lowest temperature so far, less temperature; C.
 #[derive(Debug, Clone)]
@@ -13,12 +13,12 @@ pub struct Extremes {
 impl Effect for Extremes {
     const NAME: &'static str = "extremes";
     const ID: u16 = 35;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; 2];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self { state_c: [f32::NAN; 2] }
     }
 
@@ -26,7 +26,7 @@ impl Effect for Extremes {
         &mut self.state_c
     }
 
-    fn span(_: &[f32; MAX_PARAMETERS]) -> Span {
+    fn span(_: ()) -> Span {
         Span::All
     }
 

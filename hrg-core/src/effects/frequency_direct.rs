@@ -4,7 +4,7 @@
 //! As temperature is a curve of frequency, these span what `u, u^2, cubic` span: as an *addition* to the
 //! baseline it is `cubic` by another name.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// `v, v^2, v^3` of the normalised frequency.
 #[derive(Debug, Clone)]
@@ -13,12 +13,12 @@ pub struct FrequencyDirect;
 impl Effect for FrequencyDirect {
     const NAME: &'static str = "frequency-direct";
     const ID: u16 = 17;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; 3];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

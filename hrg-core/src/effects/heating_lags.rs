@@ -2,7 +2,8 @@
 //! only heating stirs up. (Cooling alone is the lag of both less this one.) State: the sums, starting at zero.
 
 use super::bank::rung;
-use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Taus;
+use super::{lag_share, Effect, Inputs, Reach, Span};
 
 const RUNGS: usize = 8;
 
@@ -19,14 +20,14 @@ pub struct HeatingLags {
 impl Effect for HeatingLags {
     const NAME: &'static str = "heating-lags";
     const ID: u16 = 21;
-    const PARAMETERS: &'static [&'static str] = &["tau_min_s", "tau_max_s"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Taus, step_s: f32) -> Self {
         Self {
-            share: core::array::from_fn(|k| lag_share(step_s, rung(p[0], p[1], k, RUNGS))),
+            share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
             sum_c: [0.0; RUNGS],
             step_min: step_s / 60.0,
             soaked_c: f32::NAN,
@@ -41,8 +42,8 @@ impl Effect for HeatingLags {
         self.soaked_c = temperature_c;
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! friction does. State: the output of the play operator, starting at the first temperature.
 //! Source: play operator (Krasnosel'skii and Pokrovskii 1989), the element of Prandtl-Ishlinskii models.
 
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Width;
+use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
 /// Output of a play of full width `width_c`, less temperature; C.
@@ -16,14 +17,14 @@ pub struct Hysteresis {
 impl Effect for Hysteresis {
     const NAME: &'static str = "hysteresis";
     const ID: u16 = 6;
-    const PARAMETERS: &'static [&'static str] = &["width_c"];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
 
+    type Parameters = Width;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: 0.5 * parameters[0], start: 0.0, state_c: f32::NAN }
+    fn new(parameters: Width, _: f32) -> Self {
+        Self { half_c: 0.5 * parameters.width_c, start: 0.0, state_c: f32::NAN }
     }
 
     fn start_on(&mut self, branch: f32) {
@@ -34,8 +35,8 @@ impl Effect for Hysteresis {
         core::slice::from_mut(&mut self.state_c)
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Range(p[0])
+    fn span(p: Width) -> Span {
+        Span::Range(p.width_c)
     }
 
     #[inline]

@@ -1,7 +1,8 @@
 //! `kink`: `max(T - Tc, 0) / t_scale`, a change of slope at `Tc`: an adhesive or solder that changes state, a
 //! stop that comes into contact. Stateless. Source: wu2023's breakpoint `div_a`.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Breakpoint;
+use super::{Effect, Inputs, Reach};
 
 /// A change of slope at `break_c`.
 #[derive(Debug, Clone)]
@@ -12,13 +13,13 @@ pub struct Kink {
 impl Effect for Kink {
     const NAME: &'static str = "kink";
     const ID: u16 = 2;
-    const PARAMETERS: &'static [&'static str] = &["break_c"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Breakpoint;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { break_c: parameters[0] }
+    fn new(parameters: Breakpoint, _: f32) -> Self {
+        Self { break_c: parameters.break_c }
     }
 
     #[inline]

@@ -3,7 +3,8 @@
 //! starting in equilibrium with the first one. Source: expansion of a relaxation in a discrete spectrum (Prony series).
 
 use super::bank::rung;
-use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Taus;
+use super::{lag_share, Effect, Inputs, Reach, Span};
 
 /// Lags of the ladder.
 pub const RUNGS: usize = 9;
@@ -18,14 +19,14 @@ pub struct LagLadder {
 impl Effect for LagLadder {
     const NAME: &'static str = "lag-ladder";
     const ID: u16 = 19;
-    const PARAMETERS: &'static [&'static str] = &["tau_min_s", "tau_max_s"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Taus, step_s: f32) -> Self {
         Self {
-            share: core::array::from_fn(|k| lag_share(step_s, rung(p[0], p[1], k, RUNGS))),
+            share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
             state_c: [f32::NAN; RUNGS],
         }
     }
@@ -34,8 +35,8 @@ impl Effect for LagLadder {
         &mut self.state_c
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]

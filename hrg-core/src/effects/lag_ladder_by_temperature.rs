@@ -2,7 +2,8 @@
 //! range): thermal memory whose gain changes with temperature. State: as there.
 
 use super::lag_ladder::{LagLadder, RUNGS};
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Taus;
+use super::{Effect, Inputs, Reach, Span};
 
 /// Lags of temperature, less temperature, times normalised temperature; C.
 #[derive(Debug, Clone)]
@@ -13,12 +14,12 @@ pub struct LagLadderByTemperature {
 impl Effect for LagLadderByTemperature {
     const NAME: &'static str = "lag-ladder-by-temperature";
     const ID: u16 = 20;
-    const PARAMETERS: &'static [&'static str] = LagLadder::PARAMETERS;
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Taus, step_s: f32) -> Self {
         Self { lags: LagLadder::new(p, step_s) }
     }
 
@@ -26,8 +27,8 @@ impl Effect for LagLadderByTemperature {
         self.lags.memory()
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]

@@ -136,10 +136,6 @@ pub trait Effect: Sized {
     const NAME: &'static str;
     /// Number in the calibration image.
     const ID: u16;
-    /// Names of the inner parameters, with unit.
-    const PARAMETERS: &'static [&'static str];
-    /// Inner parameters that must be above zero: time constants, widths, periods and ramps, by their names.
-    const POSITIVE: [bool; MAX_PARAMETERS] = positive(Self::PARAMETERS);
     /// Compensation of the effect: by a unit or not.
     const REACH: Reach;
     /// `true` if it reads nothing that belongs to an axis: then the unit computes it once for the three.
@@ -150,10 +146,12 @@ pub trait Effect: Sized {
     const NEIGHBOURS: bool = false;
     /// `true` if its regressors are the weights of the knots of a curve of the quantity that it remembers.
     const CURVE: bool = false;
+    /// The inner parameters.
+    type Parameters: Parameters;
     /// The regressors of an axis: an array of as many as there are.
     type Regressors: Regressors;
     /// In its initial state. `step_s` is the time between calls of [`step`](Self::step), s.
-    fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self;
+    fn new(parameters: Self::Parameters, step_s: f32) -> Self;
     /// Tells an effect that remembers the path of the temperature where it stands when it begins: 1 as after cooling from far above, -1
     /// as after heating from far below, 0 in the middle. Before the first step.
     fn start_on(&mut self, _branch: f32) {}
@@ -162,7 +160,7 @@ pub trait Effect: Sized {
         &mut []
     }
     /// The part of the past that it depends on, with these inner parameters.
-    fn span(_parameters: &[f32; MAX_PARAMETERS]) -> Span {
+    fn span(_parameters: Self::Parameters) -> Span {
         Span::None
     }
     /// Makes its memory that of a unit which has stood at a temperature for long and was brought to the present one at once.
@@ -171,33 +169,6 @@ pub trait Effect: Sized {
     }
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
-}
-
-/// Marks parameters that must be above zero, by the beginnings of their names. (Runs in the compiler: a unit holds no names.)
-const fn positive(names: &[&str]) -> [bool; MAX_PARAMETERS] {
-    const BEGINNINGS: [&str; 4] = ["tau", "width", "period", "ramp"];
-    let mut out = [false; MAX_PARAMETERS];
-    let mut n = 0;
-    while n < names.len() && n < MAX_PARAMETERS {
-        let mut b = 0;
-        while b < BEGINNINGS.len() {
-            out[n] |= begins(names[n].as_bytes(), BEGINNINGS[b].as_bytes());
-            b += 1;
-        }
-        n += 1;
-    }
-    out
-}
-
-const fn begins(name: &[u8], beginning: &[u8]) -> bool {
-    let mut k = 0;
-    while k < beginning.len() {
-        if k >= name.len() || name[k] != beginning[k] {
-            return false;
-        }
-        k += 1;
-    }
-    true
 }
 
 /// Arrays of up to [`MAX_OUTPUTS`] regressors.
@@ -267,7 +238,7 @@ pub struct Shape {
     pub outputs: usize,
     /// `true` if a unit can compute it.
     pub on_unit: bool,
-    /// Inner parameters that must be above zero: [`Effect::POSITIVE`].
+    /// Inner parameters that must be above zero: [`Parameters::POSITIVE`].
     pub positive: [bool; MAX_PARAMETERS],
 }
 
@@ -312,8 +283,10 @@ fn add_bias_dph<E: Effect, const N: usize>(
 }
 
 mod bank;
+pub mod parameters;
 
 pub use bank::rung;
+use parameters::Parameters;
 
 macro_rules! effects {
     ($($module:ident :: {$($name:ident),+}),+ $(,)?) => {
@@ -341,7 +314,7 @@ macro_rules! effects {
             effect: EffectId::$name,
             name: <$name as Effect>::NAME,
             id: <$name as Effect>::ID,
-            parameters: <$name as Effect>::PARAMETERS,
+            parameters: <<$name as Effect>::Parameters as Parameters>::NAMES,
             outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
             reach: <$name as Effect>::REACH,
             common: <$name as Effect>::COMMON,
@@ -357,7 +330,7 @@ macro_rules! effects {
                 $(<$name as Effect>::ID => Some(Shape {
                     outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
                     on_unit: matches!(<$name as Effect>::REACH, Reach::Unit),
-                    positive: <$name as Effect>::POSITIVE,
+                    positive: <<$name as Effect>::Parameters as Parameters>::POSITIVE,
                 }),)+
                 _ => None,
             }
@@ -367,7 +340,7 @@ macro_rules! effects {
         #[must_use]
         pub fn span(id: u16, parameters: &[f32; MAX_PARAMETERS]) -> Span {
             match id {
-                $(<$name as Effect>::ID => <$name as Effect>::span(parameters),)+
+                $(<$name as Effect>::ID => <$name as Effect>::span(Parameters::of(parameters)),)+
                 _ => Span::None,
             }
         }
@@ -381,7 +354,7 @@ macro_rules! effects {
             #[must_use]
             pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Option<Self> {
                 match id {
-                    $(<$name as Effect>::ID => Some(Self::$name(<$name as Effect>::new(parameters, step_s))),)+
+                    $(<$name as Effect>::ID => Some(Self::$name(<$name as Effect>::new(Parameters::of(parameters), step_s))),)+
                     _ => None,
                 }
             }
@@ -406,7 +379,7 @@ macro_rules! effects {
             pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], start: f32, step_s: f32) -> Option<Self> {
                 match id {
                     $(<$name as Effect>::ID if matches!(<$name as Effect>::REACH, Reach::Unit) => {
-                        let mut one = <$name as Effect>::new(parameters, step_s);
+                        let mut one = <$name as Effect>::new(Parameters::of(parameters), step_s);
                         one.start_on(start);
                         Some(Self::$name([one.clone(), one.clone(), one]))
                     })+

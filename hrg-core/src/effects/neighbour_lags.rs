@@ -1,7 +1,7 @@
 //! `neighbour-lags`: temperatures of the two other axes, as they are and behind lags of 400, 1500 and 5000 s, less that of this
 //! axis; C. State: the lagged temperatures, starting in equilibrium.
 
-use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach, Span};
 use crate::AXES;
 
 /// Lagged temperature differences to the other axes; C.
@@ -19,13 +19,13 @@ impl NeighbourLags {
 impl Effect for NeighbourLags {
     const NAME: &'static str = "neighbour-lags";
     const ID: u16 = 23;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
     const NEIGHBOURS: bool = true;
 
+    type Parameters = ();
     type Regressors = [f32; 8];
 
-    fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(_: (), step_s: f32) -> Self {
         Self { share: Self::TAUS_S.map(|tau| lag_share(step_s, tau)), state_c: [[f32::NAN; 3]; 2] }
     }
 
@@ -33,7 +33,7 @@ impl Effect for NeighbourLags {
         self.state_c.as_flattened_mut()
     }
 
-    fn span(_: &[f32; MAX_PARAMETERS]) -> Span {
+    fn span(_: ()) -> Span {
         Span::Time(Self::TAUS_S[2])
     }
 

@@ -1,7 +1,8 @@
 //! `periodic`: sine and cosine of a period: chamber compressor, a beat with a neighbour, a mains alias. Its
 //! phase is not known to a unit, so it is named and taken out of a fit, not compensated. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Period;
+use super::{Effect, Inputs, Reach};
 
 /// Sine and cosine of time with period `period_s`.
 #[derive(Debug, Clone)]
@@ -12,14 +13,14 @@ pub struct Periodic {
 impl Effect for Periodic {
     const NAME: &'static str = "periodic";
     const ID: u16 = 12;
-    const PARAMETERS: &'static [&'static str] = &["period_s"];
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
 
+    type Parameters = Period;
     type Regressors = [f32; 2];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { period_s: if parameters[0] > 0.0 { parameters[0] } else { 1.0 } }
+    fn new(parameters: Period, _: f32) -> Self {
+        Self { period_s: if parameters.period_s > 0.0 { parameters.period_s } else { 1.0 } }
     }
 
     #[inline]

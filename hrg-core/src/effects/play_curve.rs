@@ -4,7 +4,8 @@
 //! Source: Brokate and Sprekels 1996, section 2.4 (a Preisach operator is an integral over plays of functions of their outputs).
 
 use super::bank::hats;
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Width;
+use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
 const KNOTS: usize = 8;
@@ -20,15 +21,15 @@ pub struct PlayCurve {
 impl Effect for PlayCurve {
     const NAME: &'static str = "play-curve";
     const ID: u16 = 25;
-    const PARAMETERS: &'static [&'static str] = &["width_c"];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
     const CURVE: bool = true;
 
+    type Parameters = Width;
     type Regressors = [f32; KNOTS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: 0.5 * p[0], start: 0.0, state_c: f32::NAN }
+    fn new(p: Width, _: f32) -> Self {
+        Self { half_c: 0.5 * p.width_c, start: 0.0, state_c: f32::NAN }
     }
 
     fn start_on(&mut self, branch: f32) {
@@ -39,8 +40,8 @@ impl Effect for PlayCurve {
         core::slice::from_mut(&mut self.state_c)
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Range(p[0])
+    fn span(p: Width) -> Span {
+        Span::Range(p.width_c)
     }
 
     #[inline]

@@ -3,7 +3,8 @@
 //! Source: Krasnosel'skii and Pokrovskii 1989; Kuhnen 2003.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Widths;
+use super::{Effect, Inputs, Reach, Span};
 use crate::bias::clamp;
 
 const RUNGS: usize = 10;
@@ -19,14 +20,14 @@ pub struct PlayLadder {
 impl Effect for PlayLadder {
     const NAME: &'static str = "play-ladder";
     const ID: u16 = 24;
-    const PARAMETERS: &'static [&'static str] = &["width_min_c", "width_max_c"];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
 
+    type Parameters = Widths;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { half_c: core::array::from_fn(|k| 0.5 * rung(p[0], p[1], k, RUNGS)), start: 0.0, state_c: [f32::NAN; RUNGS] }
+    fn new(p: Widths, _: f32) -> Self {
+        Self { half_c: core::array::from_fn(|k| 0.5 * rung(p.width_min_c, p.width_max_c, k, RUNGS)), start: 0.0, state_c: [f32::NAN; RUNGS] }
     }
 
     fn start_on(&mut self, branch: f32) {
@@ -37,8 +38,8 @@ impl Effect for PlayLadder {
         &mut self.state_c
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Range(p[1])
+    fn span(p: Widths) -> Span {
+        Span::Range(p.width_max_c)
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! settling after power-on (stretched, logarithmic, several times) is a sum of these. State: none but that time.
 
 use super::bank::rung;
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Taus;
+use super::{Effect, Inputs, Reach, Span};
 
 const RUNGS: usize = 8;
 
@@ -15,18 +16,18 @@ pub struct PowerOnLadder {
 impl Effect for PowerOnLadder {
     const NAME: &'static str = "power-on-ladder";
     const ID: u16 = 33;
-    const PARAMETERS: &'static [&'static str] = &["tau_min_s", "tau_max_s"];
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { tau_s: core::array::from_fn(|k| rung(p[0], p[1], k, RUNGS)) }
+    fn new(p: Taus, _: f32) -> Self {
+        Self { tau_s: core::array::from_fn(|k| rung(p.tau_min_s, p.tau_max_s, k, RUNGS)) }
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]
@@ -44,17 +45,17 @@ pub struct PowerOnLadderByTemperature {
 impl Effect for PowerOnLadderByTemperature {
     const NAME: &'static str = "power-on-ladder-by-temperature";
     const ID: u16 = 34;
-    const PARAMETERS: &'static [&'static str] = PowerOnLadder::PARAMETERS;
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Taus, step_s: f32) -> Self {
         Self { ladder: PowerOnLadder::new(p, step_s) }
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]
@@ -74,12 +75,12 @@ pub struct PowerOnLadderByStart {
 impl Effect for PowerOnLadderByStart {
     const NAME: &'static str = "power-on-ladder-by-start";
     const ID: u16 = 36;
-    const PARAMETERS: &'static [&'static str] = PowerOnLadder::PARAMETERS;
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Taus;
     type Regressors = [f32; RUNGS];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Taus, step_s: f32) -> Self {
         Self { ladder: PowerOnLadder::new(p, step_s), start_c: f32::NAN }
     }
 
@@ -87,8 +88,8 @@ impl Effect for PowerOnLadderByStart {
         core::slice::from_mut(&mut self.start_c)
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[1])
+    fn span(p: Taus) -> Span {
+        Span::Time(p.tau_max_s)
     }
 
     #[inline]

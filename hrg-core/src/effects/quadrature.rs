@@ -1,7 +1,7 @@
 //! `quadrature`: the quadrature-nulling voltage: a phase error of the demodulator lets a part of it into the
 //! rate. Needs it recorded. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 /// Quadrature-nulling voltage of this axis; V.
 #[derive(Debug, Clone)]
@@ -10,12 +10,12 @@ pub struct Quadrature;
 impl Effect for Quadrature {
     const NAME: &'static str = "quadrature";
     const ID: u16 = 15;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::NeedsInput("quad_v");
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

@@ -2,7 +2,7 @@
 //! knots on the calibrated range, held at its edges. Stateless.
 
 use super::bank::hats;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{Effect, Inputs, Reach};
 
 const KNOTS: usize = 9;
 
@@ -19,12 +19,12 @@ pub struct RampByShape;
 impl Effect for RampByShape {
     const NAME: &'static str = "ramp-by-shape";
     const ID: u16 = 31;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; KNOTS];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 
@@ -41,12 +41,12 @@ pub struct HeatingByShape;
 impl Effect for HeatingByShape {
     const NAME: &'static str = "heating-by-shape";
     const ID: u16 = 32;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; KNOTS];
 
-    fn new(_: &[f32; MAX_PARAMETERS], _: f32) -> Self {
+    fn new(_: (), _: f32) -> Self {
         Self
     }
 

@@ -2,7 +2,8 @@
 //! near zero (evenly in the root), held at its edges outside. Stateless.
 
 use super::bank::hats;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::RampRange;
+use super::{Effect, Inputs, Reach};
 use crate::bias::clamp;
 
 /// Weights of the knots.
@@ -24,13 +25,13 @@ impl RateCurve {
 impl Effect for RateCurve {
     const NAME: &'static str = "rate-curve";
     const ID: u16 = 29;
-    const PARAMETERS: &'static [&'static str] = &["ramp_max_c_per_min"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = RampRange;
     type Regressors = [f32; 13];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { per_ramp: if p[0] > 0.0 { 1.0 / p[0] } else { 1.0 } }
+    fn new(p: RampRange, _: f32) -> Self {
+        Self { per_ramp: if p.ramp_max_c_per_min > 0.0 { 1.0 / p.ramp_max_c_per_min } else { 1.0 } }
     }
 
     #[inline]
@@ -48,12 +49,12 @@ pub struct RateCurveByTemperature {
 impl Effect for RateCurveByTemperature {
     const NAME: &'static str = "rate-curve-by-temperature";
     const ID: u16 = 30;
-    const PARAMETERS: &'static [&'static str] = RateCurve::PARAMETERS;
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = RampRange;
     type Regressors = [f32; 13];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: RampRange, step_s: f32) -> Self {
         Self { curve: RateCurve::new(p, step_s) }
     }
 

@@ -2,7 +2,8 @@
 //! convection sets in and carries off the gradient that conduction alone would build up. Stateless. Source: none
 //! published; the simplest curve that has eq 7's term in dT/dt as its limit at small ramps.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Ramp;
+use super::{Effect, Inputs, Reach};
 
 /// The ramp, levelling off.
 #[derive(Debug, Clone)]
@@ -13,13 +14,13 @@ pub struct RateSaturation {
 impl Effect for RateSaturation {
     const NAME: &'static str = "rate-saturation";
     const ID: u16 = 37;
-    const PARAMETERS: &'static [&'static str] = &["ramp_c_per_min"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Ramp;
     type Regressors = [f32; 1];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { per_ramp: if p[0] > 0.0 { 1.0 / p[0] } else { 1.0 } }
+    fn new(p: Ramp, _: f32) -> Self {
+        Self { per_ramp: if p.ramp_c_per_min > 0.0 { 1.0 / p.ramp_c_per_min } else { 1.0 } }
     }
 
     #[inline]
@@ -47,7 +48,7 @@ mod tests {
             frequency_u_per_min: 0.0,
         };
         let thermal = Thermal { axes: [AxisThermal { state, known: true, age: 0, settled: true }; AXES], time_s: 1.0 };
-        let mut effect = RateSaturation::new(&[0.5, 0.0], 1.0);
+        let mut effect = RateSaturation::new(Ramp { ramp_c_per_min: 0.5 }, 1.0);
         effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis: 0, recorded: Recorded::NONE })[0]
     }
 

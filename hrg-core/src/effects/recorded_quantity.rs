@@ -2,7 +2,8 @@
 //! behind lags of 300, 1500 and 6000 s. The parameter `channel` says which one: 0 the board's temperature, 1 the supply, 2 to 4
 //! the drives of x, y, z, 5 to 7 their quadrature voltages. State: the first value and the lagged ones.
 
-use super::{lag_share, Effect, Inputs, Reach, Recorded, MAX_PARAMETERS};
+use super::parameters::Channel;
+use super::{lag_share, Effect, Inputs, Reach, Recorded};
 
 const TAUS_S: [f32; 3] = [300.0, 1500.0, 6000.0];
 
@@ -31,14 +32,14 @@ impl RecordedQuantity {
 impl Effect for RecordedQuantity {
     const NAME: &'static str = "recorded-quantity";
     const ID: u16 = 38;
-    const PARAMETERS: &'static [&'static str] = &["channel"];
     const REACH: Reach = Reach::NeedsInput("a recorded quantity");
 
+    type Parameters = Channel;
     type Regressors = [f32; 6];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(p: Channel, step_s: f32) -> Self {
         Self {
-            channel: p[0] as usize,
+            channel: p.channel as usize,
             share: TAUS_S.map(|tau| lag_share(step_s, tau)),
             first: f32::NAN,
             state: [0.0; 3],

@@ -1,7 +1,8 @@
 //! `relay`: 1 once the temperature has risen above `on_c`, 0 once it has fallen below `off_c`: a contact or a joint that snaps.
 //! State: which of the two, starting with the nearer one. Source: the element of Preisach's model.
 
-use super::{Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Thresholds;
+use super::{Effect, Inputs, Reach, Span};
 
 /// A switch with two thresholds.
 #[derive(Debug, Clone)]
@@ -15,14 +16,14 @@ pub struct Relay {
 impl Effect for Relay {
     const NAME: &'static str = "relay";
     const ID: u16 = 26;
-    const PARAMETERS: &'static [&'static str] = &["on_c", "off_c"];
     const REACH: Reach = Reach::Unit;
     const REMEMBERS_PATH: bool = true;
 
+    type Parameters = Thresholds;
     type Regressors = [f32; 1];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { on_c: p[0], off_c: p[1], start: 0.0, state: f32::NAN }
+    fn new(p: Thresholds, _: f32) -> Self {
+        Self { on_c: p.on_c, off_c: p.off_c, start: 0.0, state: f32::NAN }
     }
 
     fn start_on(&mut self, branch: f32) {
@@ -37,8 +38,8 @@ impl Effect for Relay {
         self.state = if temperature_c > 0.5 * (self.on_c + self.off_c) { 1.0 } else { 0.0 };
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Range((p[0] - p[1]).abs())
+    fn span(p: Thresholds) -> Span {
+        Span::Range((p.on_c - p.off_c).abs())
     }
 
     #[inline]

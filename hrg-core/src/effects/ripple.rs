@@ -1,6 +1,7 @@
 //! `ripple`: sine and cosine of temperature with a period of `period_c`: interference, a mode that passes others. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Cycle;
+use super::{Effect, Inputs, Reach};
 use crate::math::single;
 
 /// `sin` and `cos` of `2 pi T / period_c`.
@@ -12,13 +13,13 @@ pub struct Ripple {
 impl Effect for Ripple {
     const NAME: &'static str = "ripple";
     const ID: u16 = 28;
-    const PARAMETERS: &'static [&'static str] = &["period_c"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Cycle;
     type Regressors = [f32; 2];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { per_c: if p[0] > 0.0 { 1.0 / p[0] } else { 0.0 } }
+    fn new(p: Cycle, _: f32) -> Self {
+        Self { per_c: if p.period_c > 0.0 { 1.0 / p.period_c } else { 0.0 } }
     }
 
     #[inline]

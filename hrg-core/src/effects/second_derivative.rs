@@ -1,7 +1,7 @@
 //! `second-derivative`: `d2T/dt2`, C per minute squared, from the change of `dT/dt` through a first-order high
 //! pass of 20 s (so it answers 20 s after the slope's own 9.5 s). State: the lagged `dT/dt`.
 
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::{lag_share, Effect, Inputs, Reach};
 
 /// Time constant of the high pass, s.
 const TAU_S: f32 = 20.0;
@@ -16,12 +16,12 @@ pub struct SecondDerivative {
 impl Effect for SecondDerivative {
     const NAME: &'static str = "second-derivative";
     const ID: u16 = 5;
-    const PARAMETERS: &'static [&'static str] = &[];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = ();
     type Regressors = [f32; 1];
 
-    fn new(_: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
+    fn new(_: (), step_s: f32) -> Self {
         Self { share: lag_share(step_s, TAU_S), state: f32::NAN }
     }
 

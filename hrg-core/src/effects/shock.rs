@@ -1,7 +1,8 @@
 //! `shock`: `exp(-(t - time_s) / tau_s)` from a time on, and beside it a step at that time: the gyro was bumped and recovers, in part
 //! or in full. No unit can predict it; it is taken out of a fit so that it does not bend the other coefficients. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Pulse;
+use super::{Effect, Inputs, Reach};
 
 /// A jump at `time_s` that decays with `tau_s`, and the part of it that stays.
 #[derive(Debug, Clone)]
@@ -13,14 +14,14 @@ pub struct Shock {
 impl Effect for Shock {
     const NAME: &'static str = "shock";
     const ID: u16 = 41;
-    const PARAMETERS: &'static [&'static str] = &["time_s", "tau_s"];
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
 
+    type Parameters = Pulse;
     type Regressors = [f32; 2];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { time_s: parameters[0], tau_s: if parameters[1] > 0.0 { parameters[1] } else { 1.0 } }
+    fn new(parameters: Pulse, _: f32) -> Self {
+        Self { time_s: parameters.time_s, tau_s: if parameters.tau_s > 0.0 { parameters.tau_s } else { 1.0 } }
     }
 
     #[inline]

@@ -1,7 +1,8 @@
 //! `step`: 0 before a time, 1 from it on: something came loose, was switched, or was bumped. No unit can
 //! predict it; it is taken out of a fit so that it does not bend the other coefficients. Stateless.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Moment;
+use super::{Effect, Inputs, Reach};
 
 /// A jump at `time_s`.
 #[derive(Debug, Clone)]
@@ -12,14 +13,14 @@ pub struct Step {
 impl Effect for Step {
     const NAME: &'static str = "step";
     const ID: u16 = 11;
-    const PARAMETERS: &'static [&'static str] = &["time_s"];
     const COMMON: bool = true;
     const REACH: Reach = Reach::Unpredictable;
 
+    type Parameters = Moment;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { time_s: parameters[0] }
+    fn new(parameters: Moment, _: f32) -> Self {
+        Self { time_s: parameters.time_s }
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! range, held constant outside. Stateless. The fallback for a residual that repeats in temperature but has
 //! no named shape.
 
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::TemperatureRange;
+use super::{Effect, Inputs, Reach};
 use crate::bias::clamp;
 
 /// Chebyshev `T3..T10` of temperature scaled to -1..1 between `low_c` and `high_c`.
@@ -15,14 +16,14 @@ pub struct TemperatureShape {
 impl Effect for TemperatureShape {
     const NAME: &'static str = "temperature-shape";
     const ID: u16 = 3;
-    const PARAMETERS: &'static [&'static str] = &["low_c", "high_c"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = TemperatureRange;
     type Regressors = [f32; 8];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        let half_c = 0.5 * (parameters[1] - parameters[0]);
-        Self { centre_c: 0.5 * (parameters[0] + parameters[1]), half_c: if half_c > 0.0 { half_c } else { 1.0 } }
+    fn new(parameters: TemperatureRange, _: f32) -> Self {
+        let half_c = 0.5 * (parameters.high_c - parameters.low_c);
+        Self { centre_c: 0.5 * (parameters.low_c + parameters.high_c), half_c: if half_c > 0.0 { half_c } else { 1.0 } }
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! outside. Stateless.
 
 use super::bank::hats;
-use super::{Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::TemperatureRange;
+use super::{Effect, Inputs, Reach};
 
 /// Weights of the knots.
 #[derive(Debug, Clone)]
@@ -14,13 +15,13 @@ pub struct TemperatureSpline {
 impl Effect for TemperatureSpline {
     const NAME: &'static str = "temperature-spline";
     const ID: u16 = 27;
-    const PARAMETERS: &'static [&'static str] = &["low_c", "high_c"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = TemperatureRange;
     type Regressors = [f32; 14];
 
-    fn new(p: &[f32; MAX_PARAMETERS], _: f32) -> Self {
-        Self { low_c: p[0], high_c: p[1] }
+    fn new(p: TemperatureRange, _: f32) -> Self {
+        Self { low_c: p.low_c, high_c: p.high_c }
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! faster) than the resonator: mount, electronics, housing. State: the lagged temperature, starting in
 //! equilibrium with the first one. Source: first-order thermal lag of zhao2022 (694 s for its unit).
 
-use super::{lag_share, Effect, Inputs, Reach, Span, MAX_PARAMETERS};
+use super::parameters::Tau;
+use super::{lag_share, Effect, Inputs, Reach, Span};
 
 /// First-order lag of temperature, less temperature; C.
 #[derive(Debug, Clone)]
@@ -14,21 +15,21 @@ pub struct ThermalLag {
 impl Effect for ThermalLag {
     const NAME: &'static str = "thermal-lag";
     const ID: u16 = 4;
-    const PARAMETERS: &'static [&'static str] = &["tau_s"];
     const REACH: Reach = Reach::Unit;
 
+    type Parameters = Tau;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
-        Self { share: lag_share(step_s, parameters[0]), state_c: f32::NAN }
+    fn new(parameters: Tau, step_s: f32) -> Self {
+        Self { share: lag_share(step_s, parameters.tau_s), state_c: f32::NAN }
     }
 
     fn memory(&mut self) -> &mut [f32] {
         core::slice::from_mut(&mut self.state_c)
     }
 
-    fn span(p: &[f32; MAX_PARAMETERS]) -> Span {
-        Span::Time(p[0])
+    fn span(p: Tau) -> Span {
+        Span::Time(p.tau_s)
     }
 
     #[inline]

@@ -2,7 +2,8 @@
 //! normalised temperature; C. A frequency that ages or hops makes this difference, and an error of the bias with it. State: the
 //! lagged case temperature.
 
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Lag;
+use super::{lag_share, Effect, Inputs, Reach};
 
 /// Resonator against case sensor.
 #[derive(Debug, Clone)]
@@ -14,13 +15,13 @@ pub struct ThermometerError {
 impl Effect for ThermometerError {
     const NAME: &'static str = "thermometer-error";
     const ID: u16 = 39;
-    const PARAMETERS: &'static [&'static str] = &["lag_s"];
     const REACH: Reach = Reach::NeedsInput("case sensors");
 
+    type Parameters = Lag;
     type Regressors = [f32; 2];
 
-    fn new(p: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
-        Self { share: lag_share(step_s, p[0]), case_c: f32::NAN }
+    fn new(p: Lag, step_s: f32) -> Self {
+        Self { share: lag_share(step_s, p.lag_s), case_c: f32::NAN }
     }
 
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {

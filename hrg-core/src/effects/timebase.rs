@@ -6,7 +6,8 @@
 //! The lag matters: a resonator is some 11 C behind its case on a ramp of 1 C per minute, a thousand times what a
 //! clock that drifts by 0.1 ppm does.
 
-use super::{lag_share, Effect, Inputs, Reach, MAX_PARAMETERS};
+use super::parameters::Lag;
+use super::{lag_share, Effect, Inputs, Reach};
 use crate::AXES;
 
 /// Fractional frequency change of a fused-silica resonator, ppm per C: dong2023 Table 1, 42.3 Hz of 4901 Hz
@@ -23,13 +24,13 @@ pub struct Timebase {
 impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
-    const PARAMETERS: &'static [&'static str] = &["lag_s"];
     const REACH: Reach = Reach::NeedsInput("case_c");
 
+    type Parameters = Lag;
     type Regressors = [f32; 1];
 
-    fn new(parameters: &[f32; MAX_PARAMETERS], step_s: f32) -> Self {
-        Self { share: lag_share(step_s, parameters[0]), case_c: [f32::NAN; AXES] }
+    fn new(parameters: Lag, step_s: f32) -> Self {
+        Self { share: lag_share(step_s, parameters.lag_s), case_c: [f32::NAN; AXES] }
     }
 
     #[inline]

@@ -168,7 +168,7 @@ pub fn command(elf: &[u8], without: Option<&str>, expect: Option<&Path>, page: O
         }
         let values: String = rows.iter().map(|r| format!("    ({:?}, {:?}),\n", r.name, r.reached)).collect();
         let text = format!(
-            "//! Figures of the virtual board for each row of the table: printed by `cargo xtask bring-up --virtual --expect`; not written by hand.\n\n/// In the order of the rows: name, figure.\npub const EXPECTED: [(&str, f32); super::table::ROWS] = [\n{values}];\n"
+            "//! Figures of the virtual board for each row of the table: printed by `cargo xtask bring-up --virtual --expect`; not written by hand.\n\n/// In the order of the rows: name, figure.\npub const EXPECTED: &[(&str, f32)] = &[\n{values}];\n"
         );
         hrg_data::output::write_file(path, text.as_bytes())?;
         println!("written to {}: run it again", path.display());

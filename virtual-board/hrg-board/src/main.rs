@@ -9,8 +9,8 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::recording::facts;
-use hrg_data::recording::format::Thermometer;
 use hrg_data::recording::steps::Steps;
+use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::Recording;
 use hrg_simulate::{Plan, Profile};
 use std::path::PathBuf;
@@ -83,7 +83,6 @@ enum Command {
     /// Cost of calibrations on the unit: instructions and bytes; and a comparison of the ELF with the desktop.
     ///
     /// Example: hrg-board cost --recording run.csv cal.toml other.toml
-    #[command(alias = "weigh")]
     Cost {
         /// Recording of raw rates.
         #[arg(long)]
@@ -267,7 +266,7 @@ fn matching(path: Option<PathBuf>, source: &Recording) -> Result<Option<Calibrat
 fn load_raw(path: &std::path::Path, elf: Option<&PathBuf>) -> Result<Recording> {
     let mut source = hrg_data::load::load_recording(path)?;
     if elf.is_none() || source.thermometer != Thermometer::Sensors {
-        hrg_data::recording::format::require_resonators(&source).map_err(|e| {
+        hrg_data::recording::resonators::require_resonators(&source).map_err(|e| {
             let own = "a firmware with the feature sensors (cargo xtask size --sensors builds target/sensors) is given with --elf";
             BadInput::new(format!("{}: {e}; {own}", path.display()))
         })?;

@@ -17,9 +17,6 @@ use std::path::Path;
 /// Version of the file.
 const VERSION: u32 = 1;
 
-/// Names that files of older programs have.
-const FORMER: [(&str, &str); 1] = [("scale_factor_dph_per_code", "rate_scale_dph_per_code")];
-
 /// Keys for the centre and scale of a thermometer that is a sensor.
 const SENSOR: [(&str, &str); 2] =
     [("frequency_centre_hz", "sensor_centre_c"), ("frequency_scale_hz", "sensor_scale_c")];
@@ -108,15 +105,6 @@ mod tests {
             error("a = 1\nb, c\n")
         );
         assert!(error("# unit: A\ntime_s,fx_hz\n1,2\n").contains("it is a recording"));
-    }
-
-    #[test]
-    fn a_file_with_former_names_reads_as_it_did() {
-        let c = Calibration::uncalibrated();
-        let text = to_text(&c);
-        let former = text.replace("scale_factor_dph_per_code", "rate_scale_dph_per_code");
-        assert_ne!(text, former);
-        assert_eq!(from_text(&former).expect("readable"), c);
     }
 
     #[test]

@@ -1,12 +1,9 @@
 //! Reads the text of a calibration.
 
-use super::{
-    is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FORMER, FOUR_PARAMETER, REST, SENSOR, START, VERSION,
-};
+use super::{is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
 use crate::axes::AXIS_NAMES;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, TERMS};
-use hrg_core::calibration::layouts::Channel;
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::half::Half;
@@ -15,9 +12,9 @@ use hrg_core::schema::{Format, Layout, Number};
 use hrg_core::AXES;
 use toml::{Table, Value};
 
-/// A value by its name, or by one that older files have.
+/// A value by its name, or by the one that a sensor's curve has.
 fn value<'a>(table: &'a Table, name: &str) -> Option<&'a Value> {
-    let other = FORMER.iter().chain(&SENSOR).filter(|(today, _)| *today == name);
+    let other = SENSOR.iter().filter(|(today, _)| *today == name);
     table.get(name).or_else(|| other.filter_map(|(_, n)| table.get(*n)).next())
 }
 
@@ -145,9 +142,6 @@ fn read_uncertainty(table: &Table, place: &str) -> Result<Uncertainty, FileError
 
 fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), FileError> {
     fill(&mut axis.curve, table, place)?;
-    let mut channel = Channel::default();
-    fill(&mut channel, table, place)?;
-    channel.store(axis);
     axis.coefficients = read_model(table, place)?;
     axis.uncertainty = read_uncertainty(table, place)?;
     fill(axis, table, place)

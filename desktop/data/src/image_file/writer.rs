@@ -4,7 +4,7 @@ use super::{is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, S
 use crate::axes::AXIS_NAMES;
 use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::Coefficients;
-use hrg_core::calibration::layouts::{Channel, MODELS};
+use hrg_core::calibration::layouts::MODELS;
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};
 use hrg_core::effects::{by_id, MAX_OUTPUTS};
 use hrg_core::half::Half;
@@ -114,11 +114,6 @@ fn model_entries(c: &Coefficients) -> Vec<(String, Item)> {
 fn axis_item(a: &Axis, rates: Option<&RateAxis>) -> Item {
     let names: &[(&str, &str)] = if a.curve.is_of_sensor() { &SENSOR } else { &[] };
     let mut out = renamed(entries(&a.curve), names);
-    let channel = entries(&Channel::of(a));
-    // The ranges stand together.
-    let (scale, ranges): (Vec<_>, Vec<_>) = channel.into_iter().partition(|(n, _)| n == "scale_factor_dph_per_code");
-    out.extend(ranges);
-    out.extend(scale);
     out.extend(model_entries(&a.coefficients));
     out.extend(entries(a));
     out.extend(uncertainty_entries(&a.uncertainty));

@@ -1,6 +1,6 @@
 //! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
 
-use super::format::Thermometer;
+use super::thermometer::Thermometer;
 use super::{columns, step_of, Recording};
 use crate::error::BadInput;
 use crate::numeric::side_by_side;

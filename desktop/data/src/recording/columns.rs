@@ -1,6 +1,6 @@
 //! The columns of a recording, each written once: readers, writers and the table in `docs/formats.md` are made from this list.
 
-use super::format::Thermometer;
+use super::thermometer::Thermometer;
 use crate::axes::AXIS_NAMES;
 use std::fmt::Write as _;
 
@@ -38,8 +38,6 @@ pub enum Format {
 pub struct Column {
     /// Its name, or those of x, y and z.
     pub names: &'static [&'static str],
-    /// Names that older files have, in the same order.
-    pub former: &'static [&'static str],
     /// Unit of its values.
     pub unit: &'static str,
     /// Text format of its values.
@@ -59,14 +57,13 @@ macro_rules! axes {
     };
 }
 
-/// The list: names, older names, unit, format, role, whether needed, meaning.
+/// The list: names, unit, format, role, whether needed, meaning.
 macro_rules! columns {
-    ($($column:ident: $names:expr, former $former:expr, $unit:literal, $format:expr, $role:expr, $needed:literal, $meaning:literal;)+) => {
+    ($($column:ident: $names:expr, $unit:literal, $format:expr, $role:expr, $needed:literal, $meaning:literal;)+) => {
         $(
             #[doc = concat!("The ", $meaning, ".")]
             pub const $column: Column = Column {
                 names: $names,
-                former: $former,
                 unit: $unit,
                 format: $format,
                 role: $role,
@@ -81,38 +78,38 @@ macro_rules! columns {
 }
 
 columns! {
-    TIME: &["time_s"], former &[], "s", Format::Exact, Role::Time,
+    TIME: &["time_s"], "s", Format::Exact, Role::Time,
         "yes, or `# time_step_s`", "time at which the row ends";
-    FREQUENCY: axes!("f", "_hz"), former &[], "Hz", Format::Digits(7), Role::Reading(Thermometer::Frequency),
+    FREQUENCY: axes!("f", "_hz"), "Hz", Format::Digits(7), Role::Reading(Thermometer::Frequency),
         "for each axis that has a rate, or one of the next two lines", "frequency of the resonator";
-    SENSOR: axes!("temp_", "_c"), former &[], "C", Format::Digits(5), Role::Reading(Thermometer::Sensors),
+    SENSOR: axes!("temp_", "_c"), "C", Format::Digits(5), Role::Reading(Thermometer::Sensors),
         "in the place of frequencies", "temperature by a sensor for each axis";
-    ONE_SENSOR: &["temp_c"], former &[], "C", Format::Digits(5), Role::Reading(Thermometer::OneSensor),
+    ONE_SENSOR: &["temp_c"], "C", Format::Digits(5), Role::Reading(Thermometer::OneSensor),
         "in the place of frequencies", "temperature by one sensor for all axes";
-    RATE: axes!("rate_", "_dph"), former &[], "deg/h", Format::Digits(5), Role::Rate,
+    RATE: axes!("rate_", "_dph"), "deg/h", Format::Digits(5), Role::Rate,
         "one, two or three of them", "mean rate of the row, raw or corrected as `# rates` says";
-    CASE: axes!("case_", "_c"), former axes!("shell_", "_c"), "C", Format::Digits(4), Role::Optional,
-        "to calibrate temperature", "temperature by a sensor on the gyro's case";
-    CHAMBER: &["chamber_c"], former &[], "C", Format::Digits(4), Role::Optional, "no", "temperature of the chamber";
-    BOARD: &["board_c"], former &[], "C", Format::Digits(4), Role::Optional, "no", "temperature of the electronics";
-    SUPPLY: &["supply_v"], former &[], "V", Format::Digits(4), Role::Optional, "no", "supply voltage";
-    DRIVE: axes!("drive_", "_v"), former &[], "V", Format::Digits(4), Role::Optional,
+    CASE: axes!("case_", "_c"), "C", Format::Digits(4), Role::Optional,
+        "to calibrate temperature", "temperature by a sensor on the gyro's case (`shell_?_c` in files of version 1)";
+    CHAMBER: &["chamber_c"], "C", Format::Digits(4), Role::Optional, "no", "temperature of the chamber";
+    BOARD: &["board_c"], "C", Format::Digits(4), Role::Optional, "no", "temperature of the electronics";
+    SUPPLY: &["supply_v"], "V", Format::Digits(4), Role::Optional, "no", "supply voltage";
+    DRIVE: axes!("drive_", "_v"), "V", Format::Digits(4), Role::Optional,
         "no", "drive voltage of the amplitude control";
-    QUADRATURE: axes!("quad_", "_v"), former &[], "V", Format::Digits(4), Role::Optional,
+    QUADRATURE: axes!("quad_", "_v"), "V", Format::Digits(4), Role::Optional,
         "no", "voltage that nulls the quadrature";
-    TABLE_RATE: axes!("table_rate_", "_dph"), former &[], "deg/h", Format::Digits(5), Role::Optional,
+    TABLE_RATE: axes!("table_rate_", "_dph"), "deg/h", Format::Digits(5), Role::Optional,
         "for `hrg fit --rates`, or `# table_rate_dph`", "rate at which a table turned the case, along its axes, beside the earth's rate";
-    RAW: axes!("raw_", "_dph"), former &[], "deg/h", Format::Exact, Role::Computed,
+    RAW: axes!("raw_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; beside corrected rates", "mean raw rate of the row";
-    BIAS: axes!("bias_", "_dph"), former &[], "deg/h", Format::Exact, Role::Computed,
+    BIAS: axes!("bias_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; a unit's own", "bias that the unit computed at the end of the row";
-    BIAS_STD: axes!("bias_std_", "_dph"), former &[], "deg/h", Format::Exact, Role::Computed,
+    BIAS_STD: axes!("bias_std_", "_dph"), "deg/h", Format::Exact, Role::Computed,
         "no; a unit's own", "standard uncertainty of that bias; learnt from one train run, it does not hold the constant that changes with each power-on";
-    TEMPERATURE: axes!("temperature_", "_c"), former &[], "C", Format::Exact, Role::Computed,
+    TEMPERATURE: axes!("temperature_", "_c"), "C", Format::Exact, Role::Computed,
         "no; a unit's own", "temperature that the unit computed";
-    STATUS: axes!("status_", ""), former &[], "bits", Format::Bits, Role::Status,
+    STATUS: axes!("status_", ""), "bits", Format::Bits, Role::Status,
         "no; a unit's own", "status of the axis, bits as in `hrg-core/src/status.rs`";
-    UNIT_STATUS: &["status_unit"], former &[], "bits", Format::Bits, Role::Status,
+    UNIT_STATUS: &["status_unit"], "bits", Format::Bits, Role::Status,
         "no; a unit's own", "status of the unit, bits as in `hrg-core/src/status.rs`";
 }
 
@@ -155,10 +152,11 @@ fn pattern(names: &[&str]) -> String {
     }
 }
 
-/// The column of a name, today's or an older one, and its axis (0 where it has none).
+/// The column of a name and its axis (0 where it has none). `shell_` is `case_` in recordings of version 1.
 #[must_use]
 pub fn find(name: &str) -> Option<(&'static Column, usize)> {
-    ALL.iter().find_map(|c| [c.names, c.former].iter().find_map(|n| Some((c, n.iter().position(|n| *n == name)?))))
+    let of = |name: &str| ALL.iter().find_map(|c| Some((c, c.names.iter().position(|n| *n == name)?)));
+    of(name).or_else(|| of(&format!("case_{}", name.strip_prefix("shell_")?)))
 }
 
 /// The name that a column has today.
@@ -240,18 +238,31 @@ pub fn cells<T>(s: &mut String, written: &[Written<T>], axes: &[usize], row: &T)
 #[must_use]
 pub fn table() -> String {
     let mut s = format!(
-        "`?` is the axis: {}.\n\n| column | older name | unit | values | needed | meaning |\n|---|---|---|---|---|---|\n",
+        "`?` is the axis: {}.\n\n| column | unit | values | needed | meaning |\n|---|---|---|---|---|\n",
         AXIS_NAMES.join(", ")
     );
     for c in ALL {
-        let former = if c.former.is_empty() { String::new() } else { format!("`{}`", pattern(c.former)) };
         let values = match c.format {
             Format::Bits => "0 to 65535",
             Format::Exact | Format::Digits(_) => "number",
         };
-        let _ = writeln!(s, "| `{}` | {former} | {} | {values} | {} | {} |", c.pattern(), c.unit, c.needed, c.meaning);
+        let _ = writeln!(s, "| `{}` | {} | {values} | {} | {} |", c.pattern(), c.unit, c.needed, c.meaning);
     }
     s
+}
+
+impl Thermometer {
+    /// The column of an axis' readings.
+    #[must_use]
+    pub fn column(self, a: usize) -> &'static str {
+        self.columns().map_or("", |c| c.name(a))
+    }
+
+    /// The columns of the readings.
+    #[must_use]
+    pub fn columns(self) -> Option<&'static Column> {
+        ALL.iter().find(|c| c.role == Role::Reading(self))
+    }
 }
 
 #[cfg(test)]
@@ -261,10 +272,10 @@ mod tests {
 
     #[test]
     fn each_name_means_one_column() {
-        let names: Vec<&str> = ALL.iter().flat_map(|c| c.names.iter().chain(c.former)).copied().collect();
+        let names: Vec<&str> = ALL.iter().flat_map(|c| c.names).copied().collect();
         assert_eq!(names.iter().collect::<BTreeSet<_>>().len(), names.len(), "a name that is there twice");
         for c in ALL {
-            assert!(matches!(c.names.len(), 1 | 3) && (c.former.is_empty() || c.former.len() == c.names.len()));
+            assert!(matches!(c.names.len(), 1 | 3));
             for (a, name) in c.names.iter().enumerate() {
                 assert_eq!(find(name), Some((c, a)));
             }

@@ -8,7 +8,6 @@ mod cleaning;
 pub mod columns;
 pub mod dialect;
 pub mod facts;
-pub mod format;
 pub mod import;
 mod lines;
 pub mod merge;
@@ -17,8 +16,10 @@ pub mod names;
 pub mod own_columns;
 pub mod parquet;
 mod reader;
+pub mod resonators;
 mod rows;
 pub mod steps;
+pub mod thermometer;
 pub mod turns;
 mod writer;
 
@@ -27,10 +28,10 @@ pub(crate) use reader::utf8;
 
 use crate::error::BadInput;
 use crate::numeric::side_by_side;
-use format::Thermometer;
 use hrg_core::AXES;
 use metadata::Attitude;
 use std::path::Path;
+use thermometer::Thermometer;
 
 /// One power-on.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -76,7 +77,7 @@ impl Recording {
         Self {
             meta,
             time_s: (0..steps.len()).map(|k| steps.start_s + k as f64).collect(),
-            thermometer: format::Thermometer::Sensors,
+            thermometer: thermometer::Thermometer::Sensors,
             frequency_hz: temperatures_c,
             rate_dph: steps.rate_dph.clone(),
             earth_rate_dph: self.earth_rate_dph,

@@ -1,9 +1,10 @@
 //! Reads the text of a recording, as it is. Strict about form: a missing column or text in a number ends with the line and column.
 
 use super::columns::{self, Role};
-use super::format::{named, Thermometer};
 use super::lines::{self, not_text, Lines};
+use super::resonators::named;
 use super::rows::Header;
+use super::thermometer::Thermometer;
 use super::{dialect, metadata, parquet, Cleaned, Defect, Recording};
 use crate::error::BadInput;
 use hrg_core::AXES;

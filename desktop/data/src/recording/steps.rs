@@ -25,7 +25,7 @@ pub struct Steps {
     /// Steps before the first that is judged.
     pub run_in: usize,
     /// Source of the temperatures.
-    pub thermometer: crate::recording::format::Thermometer,
+    pub thermometer: crate::recording::thermometer::Thermometer,
     /// Set if the axes have rates in turns (recordings of the errors of a scale factor): each a quarter of the time at most.
     pub in_turns: bool,
     /// Axes that the recording does not have.

@@ -70,7 +70,7 @@ impl<'r> Written<'r> {
 mod tests {
     use super::super::samples::rows;
     use super::*;
-    use crate::recording::format::Thermometer;
+    use crate::recording::thermometer::Thermometer;
 
     #[test]
     fn sensors_and_fewer_axes_are_read_and_written() {

@@ -7,6 +7,7 @@ use hrg_data::numeric::stats::{block_means, mean, std_dev};
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use hrg_identify::fit::MEAN_S;
+use hrg_identify::thermometer::lag;
 use statrs::distribution::{ChiSquared, ContinuousCDF, StudentsT};
 use std::collections::VecDeque;
 use std::fmt::Write as _;
@@ -98,6 +99,47 @@ pub(super) fn coefficient(columns: &[Vec<f64>], y: &[f64], which: usize) -> Opti
     let w = students(freedom) * f.std[which] * ((1.0 + r) / (1.0 - r)).sqrt();
     let v = f.coefficients[which];
     Some((v, v - w, v + w))
+}
+
+/// Time constant by which an axis' thermometer follows its case, or the chamber where no case was recorded: the mean over the runs that
+/// show one. Its interval holds the scatter of the runs and the residual of each.
+pub(super) fn thermal_lag(a: usize, runs: Option<&[Run]>) -> Quantity {
+    let name = "thermal lag";
+    let Some(runs) = runs else {
+        return quantity(name, "s", None, "no temperatures".into());
+    };
+    let case = runs.iter().any(|r| lag::input_of(r, a, lag::Input::Case).is_some());
+    let (input, body) = if case { (lag::Input::Case, "case") } else { (lag::Input::Chamber, "chamber") };
+    let (mut found, mut why) = (Vec::new(), String::from("no run"));
+    for run in runs {
+        match lag::first_order(run, a, input, lag::Output::Frequency) {
+            Ok(lag) => found.extend(time_constant(&lag)),
+            Err(e) => why = e.0,
+        }
+    }
+    if found.is_empty() {
+        return quantity(name, "s", None, why);
+    }
+    let (taus, widths): (Vec<f64>, Vec<f64>) = found.iter().copied().unzip();
+    let n = taus.len() as f64;
+    let scatter = if taus.len() > 1 { students(n - 1.0) * std_dev(&taus) / n.sqrt() } else { 0.0 };
+    let own = (widths.iter().map(|w| w * w).sum::<f64>() / n).sqrt() / n.sqrt();
+    let (v, w) = (mean(&taus), scatter.max(own));
+    let conditions = format!(
+        "first order, thermometer behind the {body}, in {} of {} runs; hrg fit lag has gain and second lag",
+        taus.len(),
+        runs.len()
+    );
+    quantity(name, "s", Some((v, (v - w).max(0.0), v + w)), conditions)
+}
+
+/// A time constant and half of its interval, from 100 s means; `None` where they are too few.
+fn time_constant(found: &lag::Followed) -> Option<(f64, f64)> {
+    let columns = found.linear().map(|c| block_means(&c, MEAN_S));
+    let y = block_means(found.answer(), MEAN_S);
+    let kept = |v: &[f64]| v.iter().zip(&y).filter(|(_, y)| y.is_finite()).map(|(v, _)| *v).collect::<Vec<f64>>();
+    let (_, low, high) = coefficient(&columns.each_ref().map(|c| kept(c)), &kept(&y), 3)?;
+    Some((found.lag.tau_s[0], 0.5 * (high - low)))
 }
 
 pub(super) fn slope_of_temperature(means: &[Mean]) -> Quantity {

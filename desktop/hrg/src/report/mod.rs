@@ -1,5 +1,5 @@
 //! Data-sheet figures of a gyro, from recordings alone: bias over temperature, the loop between heating and cooling, turn-on repeatability,
-//! bias stability, angle random walk, sensitivity to ramps. Each has a 95 % interval and the conditions of its measurement. (The quantities
+//! bias stability, angle random walk, sensitivity to ramps, thermal lag. Each has a 95 % interval and the conditions of its measurement. (The quantities
 //! are those that IEEE 1431 asks of a Coriolis gyro's specification; the standard's text is not at hand, so its clause numbers are not
 //! given.)
 
@@ -177,6 +177,7 @@ fn axis(a: usize, recordings: &[Recording], steps: &[Steps], runs: Option<&[Run]
     quantities.push(figures::instability(&curve, &of_allan));
     quantities.push(figures::random_walk(&curve, &of_allan));
     quantities.push(figures::ramp_sensitivity(&means));
+    quantities.push(figures::thermal_lag(a, runs));
     AxisReport { axis: AXIS_NAMES[a], quantities, bias_over_temperature: bins, allan: curve }
 }
 
@@ -250,6 +251,19 @@ mod tests {
         assert!(text(&r).contains("95 % interval"));
     }
 
+    /// The plant's own lags; self-heating, which builds up in the first hour, is not part of the model (5 % of the time constant).
+    #[test]
+    fn the_lag_put_in_is_in_the_report() {
+        let mut runs = runs(&[], 1..2);
+        runs.push(Plan::of(Profile::parse("lag").expect("named"), 3, 5).simulate().recording);
+        let r = report(&runs).expect("usable");
+        for (axis, tau) in AXIS_NAMES.iter().zip([694.0, 655.0, 741.0]) {
+            let q = of(&r, axis, "thermal lag");
+            assert!(q.value.is_some_and(|v| (v / tau - 1.0).abs() < 0.1), "{q:?} for {tau}");
+            assert!(q.low < q.value && q.value < q.high && q.conditions.contains("behind the case"), "{q:?}");
+        }
+    }
+
     #[test]
     fn a_loop_shows_where_there_is_one() {
         let width = |effect: &[&str]| {
@@ -311,7 +325,7 @@ mod tests {
     #[test]
     fn what_is_not_there_is_said() {
         let mut r = runs(&[], 1..2).remove(0);
-        r.thermometer = hrg_data::recording::format::Thermometer::None;
+        r.thermometer = hrg_data::recording::thermometer::Thermometer::None;
         r.frequency_hz.iter_mut().for_each(|f| f.fill(f64::NAN));
         let r = report(&[r]).expect("usable");
         assert!(r.notes.iter().any(|n| n.contains("no temperatures")), "{:?}", r.notes);

@@ -378,7 +378,7 @@ mod tests {
             r.push(&Second { frequency_hz: [20.25, y, -3.5], raw_dph: [1.5; 3], ..second(k * 1000) }).expect("written");
         }
         let again = hrg_data::recording::Recording::load(&path).expect("a recording");
-        assert_eq!(again.thermometer, hrg_data::recording::format::Thermometer::Sensors);
+        assert_eq!(again.thermometer, hrg_data::recording::thermometer::Thermometer::Sensors);
         assert_eq!((again.frequency_hz[0][7], again.frequency_hz[2][7]), (20.25, -3.5));
         assert!(again.frequency_hz[1][7].is_nan());
     }

@@ -124,9 +124,6 @@ fn a_fit_keeps_the_scale_factor_and_says_where_none_is_known() {
     assert!(refused(&d, "correct own.csv --calibration known.toml --out no.csv").contains("0.01 0.02 -0.03"));
     assert!(refused(&d, "fit known.csv --scale-factor 1,2 --out no.toml").contains("three numbers"));
     assert!(!d.join("no.toml").exists() && !d.join("no.csv").exists());
-    let old = read(&d, "own.toml").replace("scale_factor_dph_per_code", "rate_scale_dph_per_code");
-    write(&d, "old.toml", &old);
-    assert_eq!(scale("old.toml"), [0.01, 0.02, -0.03], "files of older programs stay readable");
 }
 
 #[test]

@@ -27,10 +27,10 @@ use hrg_core::timebase::Timebase;
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
-use hrg_data::recording::format::Thermometer;
 use hrg_data::recording::metadata::{scale_text, SCALE_FACTOR};
 use hrg_data::recording::names;
 use hrg_data::recording::steps::{Steps, BRIDGE_S};
+use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::Recording;
 use std::fmt::Write as _;
 

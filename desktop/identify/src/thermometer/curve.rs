@@ -7,8 +7,8 @@ use hrg_data::error::BadInput;
 use hrg_data::image_file::sensor_curve;
 use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::quantile;
-use hrg_data::recording::format::Thermometer;
 use hrg_data::recording::steps::Steps;
+use hrg_data::recording::thermometer::Thermometer;
 
 /// Source of the curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -243,71 +243,111 @@ fn step_at(input: &[f64]) -> usize {
     steepest.saturating_sub(REST)
 }
 
-/// Identifies the lag of each axis from a run that holds a step of the chamber's temperature: from ten minutes before the
+/// First-order lag of an axis behind its input, with the series that it was found from.
+pub struct Followed {
+    /// The lag.
+    pub lag: Lag,
+    input: Vec<f64>,
+    answer: Vec<f64>,
+    squares: f64,
+}
+
+impl Followed {
+    /// Columns of the model, linear about what was found: offset, lagged input, state at the start, and the change by one second of time
+    /// constant. With the answer they give the uncertainty of the time constant.
+    #[must_use]
+    pub fn linear(&self) -> [Vec<f64>; 4] {
+        const STEP: f64 = 0.01;
+        let tau = self.lag.tau_s[0];
+        let [lagged, fading] = regressors(&self.input, &[tau]);
+        let [further, _] = regressors(&self.input, &[tau * (1.0 + STEP)]);
+        let change = self.lag.gain / (STEP * tau);
+        let slope = lagged.iter().zip(further).map(|(x, f)| change * (f - x)).collect();
+        [vec![1.0; lagged.len()], lagged, fading, slope]
+    }
+
+    /// The answer to the input, C (or deg/h).
+    #[must_use]
+    pub fn answer(&self) -> &[f64] {
+        &self.answer
+    }
+}
+
+/// Identifies the first-order lag of one axis from a run that holds a step of the temperature that drives it: from ten minutes before the
 /// steepest ten minutes of the input to the end. Let the unit warm up before the step.
 ///
 /// # Errors
 /// One sentence: no sensor, no step, no rest before it, too short a hold after it.
+pub fn first_order(run: &Run, a: usize, input: Input, output: Output) -> Result<Followed, BadInput> {
+    let name = if input == Input::Chamber { columns::CHAMBER } else { columns::CASE }.name(a);
+    let u = input_of(run, a, input).ok_or_else(|| {
+        BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
+    })?;
+    let (low, high) =
+        u.iter().filter(|x| x.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    if !(high - low > SMALLEST_STEP_C) {
+        return Err(BadInput::new(format!(
+            "column {name} spans {:.1} C; a step response needs a step of some degrees, 10 C for instance, and a hold of at least three time constants (an hour)",
+            high - low
+        )));
+    }
+    let from = step_at(&u);
+    let answer = match output {
+        Output::Frequency => resonator(run, a),
+        Output::Rate => run.steps.rate_dph[a].clone(),
+    };
+    let (input, answer) = (u[from..].to_vec(), answer[from..].to_vec());
+    let tau = search(|t| cost(&input, &answer, &[t]));
+    let (lag, squares) = with_taus(&input, &answer, &[tau])?;
+    let held = input.len() as f64 * f64::from(hrg_core::MODEL_STEP_S);
+    if tau > 0.5 * held || tau > 0.9 * LONGEST_S {
+        return Err(BadInput::new(format!(
+            "axis {}: the time constant of {tau:.0} s does not show within a run of {held:.0} s; hold the temperature after the step for at least three time constants",
+            hrg_data::axes::AXIS_NAMES[a]
+        )));
+    }
+    if output == Output::Rate && !(lag.gain.abs() > LEAST_ANSWER * lag.gain_std) {
+        return Err(BadInput::new(format!(
+            "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C); its bias does not change there: step elsewhere, or further",
+            hrg_data::axes::AXIS_NAMES[a],
+            lag.gain,
+            lag.gain_std
+        )));
+    }
+    Ok(Followed { lag, input, answer, squares })
+}
+
+/// Identifies the lag of each axis: [`first_order`], and two lags in series where the temperature answers.
+///
+/// # Errors
+/// As [`first_order`].
 pub fn identify(run: &Run, input: Input, output: Output) -> Result<[Response; AXES], BadInput> {
     if run.steps.absent.contains(&true) {
         return Err(BadInput::new("the lags of the three axes are wanted, and the recording does not have three"));
     }
     let mut out = Vec::new();
     for a in 0..AXES {
-        let name = if input == Input::Chamber { columns::CHAMBER } else { columns::CASE }.name(a);
-        let u = input_of(run, a, input).ok_or_else(|| {
-            BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
-        })?;
-        let (low, high) = u
-            .iter()
-            .filter(|x| x.is_finite())
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
-        if !(high - low > SMALLEST_STEP_C) {
-            return Err(BadInput::new(format!(
-                "column {name} spans {:.1} C; a step response needs a step of some degrees, 10 C for instance, and a hold of at least three time constants (an hour)",
-                high - low
-            )));
-        }
-        let from = step_at(&u);
-        let answer = match output {
-            Output::Frequency => resonator(run, a),
-            Output::Rate => run.steps.rate_dph[a].clone(),
-        };
-        let (u, y) = (u[from..].to_vec(), answer[from..].to_vec());
-        let cost = |taus: &[f64]| cost(&u, &y, taus);
-        let tau = search(|t| cost(&[t]));
-        let (first_order, squares) = with_taus(&u, &y, &[tau])?;
-        let held = u.len() as f64 * f64::from(hrg_core::MODEL_STEP_S);
-        if tau > 0.5 * held || tau > 0.9 * LONGEST_S {
-            return Err(BadInput::new(format!(
-                "axis {}: the time constant of {tau:.0} s does not show within a run of {held:.0} s; hold the temperature after the step for at least three time constants",
-                hrg_data::axes::AXIS_NAMES[a]
-            )));
-        }
-        if output == Output::Rate {
-            if !(first_order.gain.abs() > LEAST_ANSWER * first_order.gain_std) {
-                return Err(BadInput::new(format!(
-                    "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C); its bias does not change there: step elsewhere, or further",
-                    hrg_data::axes::AXIS_NAMES[a],
-                    first_order.gain,
-                    first_order.gain_std
-                )));
-            }
+        let found = first_order(run, a, input, output)?;
+        let second_order = match output {
+            Output::Frequency => second_order(&found)?,
             // Its noise hides a second lag.
-            out.push(Response { input, output, first_order, second_order: None });
-            continue;
-        }
-        // Two lags in series, the longer one first found again for each shorter one.
-        let short = search(|s| {
-            let long = search(|l| cost(&[l, s]));
-            cost(&[long, s])
-        });
-        let long = search(|l| cost(&[l, short]));
-        let (second, squares_2) = with_taus(&u, &y, &[long.max(short), long.min(short)])?;
-        let second_order = (squares_2 < 0.25 * squares).then_some(second);
-        out.push(Response { input, output, first_order, second_order });
+            Output::Rate => None,
+        };
+        out.push(Response { input, output, first_order: found.lag, second_order });
     }
     out.try_into().map_err(|_| BadInput::new("three axes were expected"))
+}
+
+/// Two lags in series, the longer one found again for each shorter one; `None` where they leave more than half of the residual of one.
+fn second_order(found: &Followed) -> Result<Option<Lag>, BadInput> {
+    let cost = |taus: &[f64]| cost(&found.input, &found.answer, taus);
+    let short = search(|s| {
+        let long = search(|l| cost(&[l, s]));
+        cost(&[long, s])
+    });
+    let long = search(|l| cost(&[l, short]));
+    let (second, squares) = with_taus(&found.input, &found.answer, &[long.max(short), long.min(short)])?;
+    Ok((squares < 0.25 * found.squares).then_some(second))
 }
 
 #[cfg(test)]

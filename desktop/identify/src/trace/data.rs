@@ -2,10 +2,10 @@
 
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
-use hrg_data::cards::Extent;
+use hrg_data::cards::{Extent, ParameterRow};
 use hrg_data::recording::steps::Run;
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -14,7 +14,7 @@ pub struct Candidate {
     /// Facts about the effect.
     pub facts: &'static Facts,
     /// Inner parameters.
-    pub parameters: [f32; MAX_PARAMETERS],
+    pub parameters: ParameterRow,
     /// The run it happens in; `None`: all.
     pub run: Option<usize>,
     /// State at the begin of each run, for an effect that remembers the path of the temperature.
@@ -82,7 +82,7 @@ impl Starts {
 
 impl Candidate {
     /// A candidate that is there in every run.
-    pub fn new(effect: EffectId, parameters: [f32; MAX_PARAMETERS]) -> Self {
+    pub fn new(effect: EffectId, parameters: ParameterRow) -> Self {
         Self { facts: effect.facts(), parameters, run: None, starts: Starts::default() }
     }
 

@@ -7,9 +7,11 @@ use super::model::Term;
 use super::report::Refitted;
 use crate::fit::MEAN_S;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{EffectId, Facts, Reach, MAX_PARAMETERS};
+use hrg_core::effects::parameters::{Moment, Parameters};
+use hrg_core::effects::{EffectId, Facts, Reach};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
+use hrg_data::cards::ParameterRow;
 use hrg_data::numeric::lsq;
 use hrg_data::recording::steps::Run;
 use std::collections::BTreeMap;
@@ -56,7 +58,7 @@ pub fn refit(
 const TIME: &str = "time_s";
 
 /// The inner parameters of an effect by name; a time is that of the recording's own clock.
-pub fn on_clock_of(run: &Run, facts: &Facts, parameters: &[f32; MAX_PARAMETERS]) -> BTreeMap<String, f64> {
+pub fn on_clock_of(run: &Run, facts: &Facts, parameters: &ParameterRow) -> BTreeMap<String, f64> {
     let one = |(name, v): (&&str, &f32)| {
         let since_s = if *name == TIME { run.steps.power_on_s } else { 0.0 };
         ((*name).to_string(), f64::from(*v) + since_s)
@@ -67,11 +69,11 @@ pub fn on_clock_of(run: &Run, facts: &Facts, parameters: &[f32; MAX_PARAMETERS])
 type Gains = [Vec<f64>; AXES];
 
 /// Parameters and gains that leave least. A step is looked for at every mean, anything else keeps its parameters.
-fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Option<([f32; MAX_PARAMETERS], Gains)> {
+fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Option<(ParameterRow, Gains)> {
     let c = t.lead();
-    let tries: Vec<[f32; MAX_PARAMETERS]> = if c.facts.effect == EffectId::Step {
+    let tries: Vec<ParameterRow> = if c.facts.effect == EffectId::Step {
         let means = run.thermal.len() / MEAN_S;
-        (2..means.saturating_sub(2)).map(|k| [run.thermal[k * MEAN_S].time_s, 0.0]).collect()
+        (2..means.saturating_sub(2)).map(|k| Moment { time_s: run.thermal[k * MEAN_S].time_s }.row()).collect()
     } else {
         vec![c.parameters]
     };
@@ -93,7 +95,7 @@ fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Opti
 /// Gains of an effect on the means of one axis beside a constant, and the squares that are left, in units of those before.
 fn gains_of(
     c: &Candidate,
-    parameters: &[f32; MAX_PARAMETERS],
+    parameters: &ParameterRow,
     run: &Run,
     scaling: &Scaling,
     a: usize,
@@ -101,8 +103,9 @@ fn gains_of(
 ) -> Option<(Vec<f64>, f64)> {
     let mut columns = vec![vec![1.0; y.len()]];
     if c.facts.effect == EffectId::Step {
+        let moment = Moment::of(parameters);
         let t = |k: usize| run.thermal[(k * MEAN_S + MEAN_S / 2).min(run.thermal.len() - 1)].time_s;
-        columns.push((0..y.len()).map(|k| if t(k) < parameters[0] { 0.0 } else { 1.0 }).collect());
+        columns.push((0..y.len()).map(|k| if t(k) < moment.time_s { 0.0 } else { 1.0 }).collect());
     } else {
         let x = run.effect(c.facts.id, parameters, 0.0, scaling, a);
         for j in 0..c.facts.outputs {

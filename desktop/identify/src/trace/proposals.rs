@@ -3,6 +3,7 @@
 
 use super::data::{Candidate, Data};
 use super::gls::{Basis, NoiseModel};
+use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
@@ -45,7 +46,7 @@ pub fn periods(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     peaks
         .into_iter()
         .take(EACH)
-        .map(|k| Candidate::new(EffectId::Periodic, [(1.0 / frequency(k)) as f32, 0.0]))
+        .map(|k| Candidate::new(EffectId::Periodic, Period { period_s: (1.0 / frequency(k)) as f32 }.row()))
         .collect()
 }
 
@@ -71,8 +72,8 @@ fn line(y: &[f64], blocks: &[usize], w: f64) -> (f64, f64) {
 /// A shock at the place of each step, with some times of recovery.
 pub fn shocks(steps: &[Candidate]) -> Vec<Candidate> {
     let at = |step: &Candidate| {
-        let (run, time_s) = (step.run, step.parameters[0]);
-        RECOVERIES_S.map(|tau_s| Candidate { run, ..Candidate::new(EffectId::Shock, [time_s, tau_s]) })
+        let (run, Moment { time_s }) = (step.run, Moment::of(&step.parameters));
+        RECOVERIES_S.map(|tau_s| Candidate { run, ..Candidate::new(EffectId::Shock, Pulse { time_s, tau_s }.row()) })
     };
     steps.iter().flat_map(at).collect()
 }
@@ -104,7 +105,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
         best.sort_by(|x, y| score[*y].total_cmp(&score[*x]));
         for k in best.into_iter().take(EACH) {
             let t = run.thermal[k * data.block_s].time_s;
-            out.push(Candidate { run: Some(number), ..Candidate::new(EffectId::Step, [t, 0.0]) });
+            out.push(Candidate { run: Some(number), ..Candidate::new(EffectId::Step, Moment { time_s: t }.row()) });
         }
         first_block += blocks;
     }

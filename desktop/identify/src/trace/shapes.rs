@@ -3,6 +3,7 @@
 use super::data::Data;
 use super::model::{columns, Fitted};
 use super::user_effects::card_of;
+use hrg_core::effects::parameters::{Parameters, Taus};
 use hrg_core::effects::{rung, EffectId};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
@@ -42,8 +43,8 @@ pub fn of(data: &Data<'_>, fitted: &Fitted) -> Vec<Vec<Panel>> {
                 panel.series.push(line(a, points, class != Class::Hysteresis && !in_time(class)));
                 let c = t.lead();
                 if c.facts.effect == EffectId::LagLadder {
-                    let n = c.facts.outputs;
-                    let tau = |k: usize| f64::from(rung(c.parameters[0], c.parameters[1], k, n)).log10();
+                    let (n, taus) = (c.facts.outputs, Taus::of(&c.parameters));
+                    let tau = |k: usize| f64::from(rung(taus.tau_min_s, taus.tau_max_s, k, n)).log10();
                     gains.series.push(line(a, (0..n).map(|k| (tau(k), own[k])).collect(), false));
                 }
             }

@@ -26,9 +26,8 @@ fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
     let (low, high) = data.temperature_range();
     let mut out = Vec::new();
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
-        let how = card_of(t.lead().facts).refine;
-        for place in 0..how.places() {
-            let of = if how.by_factor(place) { t.lead().parameters[place] } else { high - low };
+        for (place, how) in card_of(t.lead().facts).refine.iter().enumerate() {
+            let of = if how.by_factor() { t.lead().parameters[place] } else { high - low };
             out.push((e, place, SHARE * of));
         }
     }

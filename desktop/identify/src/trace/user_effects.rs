@@ -9,7 +9,7 @@ use hrg_core::effects::{EffectId, Facts, Reach, MAX_OUTPUTS, MAX_PARAMETERS};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Class;
-use hrg_data::cards::{card, Card, Generator, Kind, Needs, Refine};
+use hrg_data::cards::{card, Card, Generator, Kind, Needs};
 use hrg_data::error::BadInput;
 use hrg_data::recording::own_columns::OwnColumns;
 use hrg_data::recording::steps::Run;
@@ -261,7 +261,8 @@ pub fn card_of(facts: &Facts) -> Card {
     Card {
         class: Class::Own,
         kind: Kind::Simple,
-        refine: Refine::No,
+        refine: &[],
+        possible: |_| true,
         repeats: false,
         grid: |_| vec![],
         needs: Needs::Nothing,

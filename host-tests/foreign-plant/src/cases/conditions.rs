@@ -6,8 +6,8 @@ use crate::chamber::Program::{
 };
 use crate::defects::Defects;
 use crate::physics::{hysteresis, memory, power_on, rate, shape};
+use crate::plan::Followed;
 use crate::truth::Class::{self, Hysteresis, Memory, PowerOn, Rate, Shape};
-use crate::world::Followed;
 
 fn case(name: &str, description: &str) -> Case {
     Case::new("condition", name, description)

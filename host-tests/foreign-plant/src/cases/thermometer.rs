@@ -3,8 +3,8 @@
 
 use crate::case::{Case, Effect, Runs};
 use crate::physics::thermometer as form;
+use crate::plan::Followed;
 use crate::truth::Class;
-use crate::world::Followed;
 
 fn case(name: &str, description: &str) -> Case {
     let mut case = Case::new("thermometer", name, description).quiet(0.08, 0.15);

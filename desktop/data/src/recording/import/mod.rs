@@ -10,7 +10,7 @@ mod ulog;
 
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
-use crate::recording::format::Thermometer;
+use crate::recording::thermometer::Thermometer;
 use crate::recording::{columns, parquet, Recording};
 use map::{conversion, quantity_of, Column, Format, Map, Names};
 use std::path::Path;

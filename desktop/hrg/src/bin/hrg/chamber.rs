@@ -489,16 +489,16 @@ pub struct MonitorArguments {
     port: Option<String>,
     /// The unit's log instead: lines as probe-rs or defmt-print show them, or the raw stream; - for standard input.
     #[arg(long, conflicts_with = "out")]
-    defmt: Option<PathBuf>,
+    pub defmt: Option<PathBuf>,
     /// The firmware that made a raw stream.
     #[arg(long)]
-    elf: Option<PathBuf>,
+    pub elf: Option<PathBuf>,
     /// Chamber profile that runs since power-on, named or written out: for the remaining time.
     #[arg(long, allow_hyphen_values = true)]
     profile: Option<String>,
     /// Print the screen once, as text, after so many seconds of the unit.
     #[arg(long)]
-    snapshot: Option<u32>,
+    pub snapshot: Option<u32>,
     /// Record meanwhile, as hrg record does.
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -506,14 +506,19 @@ pub struct MonitorArguments {
     record: RecordArguments,
 }
 
-/// `hrg monitor`.
-pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
-    let MonitorArguments { port, defmt, elf, profile, snapshot, out, record } = arguments;
-    let mut state = State::default();
-    state.profile = profile.as_deref().map(Profile::parse).transpose()?;
-    if let Some(log) = defmt {
-        return crate::log::monitor(log, elf.as_deref(), state, *snapshot);
+impl MonitorArguments {
+    /// The screen before its first second.
+    pub fn state(&self) -> Result<State> {
+        let mut state = State::default();
+        state.profile = self.profile.as_deref().map(Profile::parse).transpose()?;
+        Ok(state)
     }
+}
+
+/// `hrg monitor --port`.
+pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
+    let MonitorArguments { port, snapshot, out, record, .. } = arguments;
+    let mut state = arguments.state()?;
     let port = port.as_deref().ok_or_else(|| BadInput::new("give --port or --defmt"))?;
     let mut unit = Unit::open(port)?;
     state.identity = Some(unit.identity()?);

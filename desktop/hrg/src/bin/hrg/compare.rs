@@ -79,7 +79,7 @@ fn compare_methods(
         .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
         .filter(|p| board.is_none() && p.is_file());
     match board.or(beside) {
-        Some(_) if hrg_data::recording::format::require_resonators(&unseen[0]).is_err() => eprintln!(
+        Some(_) if hrg_data::recording::resonators::require_resonators(&unseen[0]).is_err() => eprintln!(
             "the firmware reads three resonators and this recording has none: what the images cost on the unit is not counted"
         ),
         Some(board) => {

@@ -3,9 +3,10 @@
 use crate::merge;
 use anyhow::Result;
 use hrg_data::error::BadInput;
-use hrg_data::recording::format::{named, Thermometer};
 use hrg_data::recording::import;
 use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::resonators::named;
+use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{dialect, parquet, Recording};
 use std::path::{Path, PathBuf};
 

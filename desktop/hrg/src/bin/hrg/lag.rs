@@ -24,8 +24,8 @@ pub struct Arguments {
     /// Calibration whose frequency-temperature curves are used; without it they are fitted to this recording.
     #[arg(long)]
     calibration: Option<PathBuf>,
-    /// Input of the lag: case or chamber (`shell`: an old name of case)
-    #[arg(long, default_value = "case", value_parser = ["case", "shell", "chamber"])]
+    /// Input of the lag: case or chamber
+    #[arg(long, default_value = "case", value_parser = ["case", "chamber"])]
     input: String,
     /// Output that answers the step: frequency, or rate where no curve of frequency is known (as zhao2022 has it)
     #[arg(long, default_value = "frequency", value_parser = ["frequency", "rate"])]

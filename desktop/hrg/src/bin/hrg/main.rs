@@ -92,7 +92,7 @@ enum Command {
     /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
     Simulate(simulate::Arguments),
     /// Figures of a data sheet from recordings alone, with intervals: bias over temperature, loop width, turn-on repeatability,
-    /// bias stability, angle random walk, sensitivity to ramps.
+    /// bias stability, angle random walk, sensitivity to ramps, thermal lag.
     ///
     /// Example: hrg report a.csv b.csv c.csv --html report.html
     Report(report::Arguments),
@@ -288,7 +288,10 @@ fn run(command: Command) -> Result<()> {
             (None, Some(log)) => log::record(&log, elf.as_deref(), &out, &facts),
             (None, None) => Err(BadInput::new("give --port or --defmt").into()),
         },
-        Command::Monitor(arguments) => chamber::monitor(&arguments),
+        Command::Monitor(arguments) => match &arguments.defmt {
+            Some(log) => log::monitor(log, arguments.elf.as_deref(), arguments.state()?, arguments.snapshot),
+            None => chamber::monitor(&arguments),
+        },
         Command::Simulate(arguments) => simulate::run(arguments),
         Command::Report(arguments) => report::run(arguments),
         Command::Allan(arguments) => allan::run(arguments),

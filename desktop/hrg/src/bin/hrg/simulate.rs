@@ -4,8 +4,8 @@ use crate::facts::Place;
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
-use hrg_data::recording::format::Thermometer;
 use hrg_data::recording::parquet;
+use hrg_data::recording::thermometer::Thermometer;
 use hrg_simulate::turning::Scheme;
 use hrg_simulate::{EffectSpec, Kind, Noise, Plan, Profile, ATTITUDE};
 use std::path::PathBuf;
@@ -36,7 +36,7 @@ pub struct Arguments {
     #[arg(long)]
     noise: Option<f64>,
     /// Put spikes, gaps, missing, stuck values and repeated times in.
-    #[arg(long, alias = "dirty")]
+    #[arg(long)]
     defects: bool,
     /// Turn the unit on a rate table by the eight steps of hrg profile --rates, at these rates in deg/s, round by round
     #[arg(long, value_name = "RATES", num_args = 0..=1, default_missing_value = "18,9")]

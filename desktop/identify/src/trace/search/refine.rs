@@ -3,7 +3,7 @@
 use super::{Search, State, BRANCH, MOST_STARTS};
 use crate::trace::data::{AxisByAxis, Candidate, Starts};
 use hrg_core::AXES;
-use hrg_data::cards::Refine;
+use hrg_data::cards::Move;
 
 impl Search<'_> {
     /// Refines effect `k`: its inner parameters, then where it stands when each run begins. Variances and noise models stay while it
@@ -15,31 +15,29 @@ impl Search<'_> {
 
     fn refine_parameters(&mut self, state: State, k: usize) -> State {
         let start = self.lead(state.groups[k]);
-        let how = self.card(state.groups[k]).refine;
-        if how == Refine::No || self.candidates[state.groups[k]].len() > 1 {
+        let card = self.card(state.groups[k]);
+        if card.refine.is_empty() || self.candidates[state.groups[k]].len() > 1 {
             return state;
         }
         let (low, high) = self.data.temperature_range();
         let span = high - low;
-        let p = start.parameters;
-        let mut steps = match how {
-            Refine::No => [0.0; 2],
-            Refine::Scale => [0.16; 2],
-            Refine::Cycle => [(0.25 * p[0] / span).min(0.16); 2],
-            Refine::Place(share) | Refine::Places(share) => [share * span; 2],
-            Refine::Time => [self.data.block_s as f32; 2],
-            Refine::TimeAndScale => [self.data.block_s as f32, 0.3],
-            Refine::Period => [0.3 * p[0] * p[0] / self.data.longest_s(); 2],
+        let first_step = |(how, p): (&Move, f32)| match how {
+            Move::Factor(share) => *share,
+            Move::Cycle => (0.25 * p / span).min(0.16),
+            Move::Place(share) => share * span,
+            Move::Block => self.data.block_s as f32,
+            Move::Period => 0.3 * p * p / self.data.longest_s(),
         };
+        let mut steps: Vec<f32> = card.refine.iter().zip(start.parameters).map(first_step).collect();
         let mut best = (self.trial(&state, k, &[start]), start);
         for _ in 0..6 {
-            for place in 0..how.places() {
+            for (place, (how, step)) in card.refine.iter().zip(&steps).enumerate() {
                 for sign in [-1.0, 1.0] {
                     let mut c = best.1;
                     let q = c.parameters[place];
-                    let step = sign * steps[place];
-                    c.parameters[place] = if how.by_factor(place) { q * (1.0 + step) } else { q + step };
-                    if matches!(how, Refine::Places(_)) && c.parameters[1] > c.parameters[0] {
+                    let step = sign * step;
+                    c.parameters[place] = if how.by_factor() { q * (1.0 + step) } else { q + step };
+                    if !(card.possible)(&c.parameters) {
                         continue;
                     }
                     let net_evidence = self.trial(&state, k, &[c]);
