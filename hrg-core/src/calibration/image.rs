@@ -124,10 +124,6 @@ impl Calibration {
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
-        // One calibration has one image, and so one checksum.
-        if calibration.parts() != parts {
-            return Err(ImageError::Absurd("list of parts"));
-        }
         calibration.check()?;
         Ok(calibration)
     }
