@@ -1,7 +1,7 @@
 //! Calibrations, how they are fitted, and what they lack.
 
-use crate::recording::{bytes, Recording};
-use crate::tools::of_json;
+use crate::recording::{Corrected, Recording};
+use crate::values::{bytes, framed, of_json};
 use crate::{bad, refused, user_effects, work};
 use hrg_core::calibration::Calibration as Inner;
 use hrg_core::effects::by_id;
@@ -10,6 +10,7 @@ use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::recording::facts;
 use hrg_identify::fit as fits;
+use hrg_identify::fit::correct as corrections;
 use hrg_identify::fit::independence::Units;
 use hrg_identify::trace as tracing;
 use hrg_identify::trace::Trace;
@@ -207,7 +208,7 @@ impl Report {
         })
     }
     fn _repr_html_(&self) -> String {
-        crate::pages::framed(&self.html)
+        framed(&self.html)
     }
     fn to_json(&self) -> &str {
         &self.json
@@ -265,4 +266,25 @@ pub fn trace(
         })
     });
     traced.inspect_err(|e| raised.cause(py, e))
+}
+
+/// See `_hrg.pyi`.
+#[pyfunction]
+#[pyo3(signature = (recording, calibration, *, different_units = false))]
+pub fn correct(
+    py: Python<'_>,
+    recording: &Bound<'_, Recording>,
+    calibration: &Bound<'_, Calibration>,
+    different_units: bool,
+) -> PyResult<Corrected> {
+    let (recording, c) = (recording.get(), &calibration.get().inner);
+    let r = &py.detach(|| recording.raw());
+    let mut notes = facts::fits(c, r, different_units).map_err(|e| refused(BadInput::from(e)))?;
+    let made = work::run(py, None, || {
+        let made = corrections::recording(c, r)?;
+        let text = corrections::to_csv(r, "corrected on the desktop", r.power_on_s(), Some(c), &made.seconds);
+        Ok(Corrected { seconds: made.seconds, text, notes: made.notes })
+    })?;
+    notes.extend(made.notes);
+    Ok(Corrected { notes, ..made })
 }

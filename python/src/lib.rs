@@ -8,6 +8,7 @@ mod pages;
 mod recording;
 mod tools;
 mod user_effects;
+mod values;
 mod work;
 
 use calibration::Calibration;
@@ -49,7 +50,7 @@ fn _hrg(m: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(pages::data_sheet, m)?,
         wrap_pyfunction!(pages::soaks, m)?,
         wrap_pyfunction!(pages::identify_accelerometers, m)?,
-        wrap_pyfunction!(recording::correct, m)?,
+        wrap_pyfunction!(calibration::correct, m)?,
         wrap_pyfunction!(recording::import_table, m)?,
         wrap_pyfunction!(recording::simulate, m)?,
         wrap_pyfunction!(tools::allan, m)?,

@@ -1,13 +1,12 @@
 //! Comparisons of methods, figures of a data sheet, and what tables of the laboratory give.
 
 use crate::recording::Recording;
-use crate::tools::of_json;
+use crate::values::{framed, of_json, table};
 use crate::{bad, refused, work, Calibration};
 use hrg::report;
 use hrg_align::normal_gravity;
 use hrg_align_tools::accelerometers;
 use hrg_data::error::BadInput;
-use hrg_data::files::MOST_RECORDING;
 use hrg_data::image_file;
 use hrg_identify::fit::independence;
 use hrg_identify::fit::independence::Units;
@@ -16,7 +15,7 @@ use hrg_papers::compare as comparing;
 use hrg_papers::compare::Contender;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Figures, with the text and the page that show them.
 #[pyclass(frozen, module = "hrg")]
@@ -60,12 +59,6 @@ impl Figures {
     fn __repr__(&self) -> String {
         format!("<hrg.Figures: {}>", self.what)
     }
-}
-
-/// A page within a page: its styles stay its own.
-pub fn framed(html: &str) -> String {
-    let page = html.replace('&', "&amp;").replace('"', "&quot;");
-    format!("<iframe srcdoc=\"{page}\" width=\"100%\" height=\"900\" style=\"border:0\"></iframe>")
 }
 
 /// Text as a page has it.
@@ -152,12 +145,6 @@ pub fn soaks(
         }
         Ok(standing::table(first.unit(), &all))
     })
-}
-
-/// Reads a table as text.
-pub fn table(path: &Path) -> Result<String, BadInput> {
-    let bytes = hrg_data::files::read_file(path, MOST_RECORDING, true)?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// See `__init__.pyi`.

@@ -1,11 +1,9 @@
 //! Recordings, and what a unit makes of them.
 
-use crate::calibration::Calibration;
 use crate::{bad, refused, work};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::recording::facts;
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import::map::{Map, BUILT_IN};
 use hrg_data::recording::metadata::{scale_text, Attitude};
@@ -16,8 +14,8 @@ use hrg_simulate::{inject_defects, EffectSpec, Kind, Noise, Plan, Profile, ATTIT
 use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
-use std::path::{Path, PathBuf};
+use pyo3::types::PyDict;
+use std::path::PathBuf;
 
 /// A recording as read, and as cleaned. Nothing in it ever changes, so arrays may point into it.
 #[pyclass(frozen, module = "hrg")]
@@ -227,9 +225,9 @@ impl Recording {
 /// Seconds that a unit would have sent.
 #[pyclass(frozen, module = "hrg")]
 pub struct Corrected {
-    seconds: Vec<corrections::Second>,
-    text: String,
-    notes: Vec<String>,
+    pub(crate) seconds: Vec<corrections::Second>,
+    pub(crate) text: String,
+    pub(crate) notes: Vec<String>,
 }
 
 impl Corrected {
@@ -286,27 +284,6 @@ impl Corrected {
     fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         py.detach(|| parquet::write_text(&path, &self.text)).map_err(refused)
     }
-}
-
-/// See `_hrg.pyi`.
-#[pyfunction]
-#[pyo3(signature = (recording, calibration, *, different_units = false))]
-pub fn correct(
-    py: Python<'_>,
-    recording: &Bound<'_, Recording>,
-    calibration: &Bound<'_, Calibration>,
-    different_units: bool,
-) -> PyResult<Corrected> {
-    let (recording, c) = (recording.get(), &calibration.get().inner);
-    let r = &py.detach(|| recording.raw());
-    let mut notes = facts::fits(c, r, different_units).map_err(|e| refused(BadInput::from(e)))?;
-    let made = work::run(py, None, || {
-        let made = corrections::recording(c, r)?;
-        let text = corrections::to_csv(r, "corrected on the desktop", r.power_on_s(), Some(c), &made.seconds);
-        Ok(Corrected { seconds: made.seconds, text, notes: made.notes })
-    })?;
-    notes.extend(made.notes);
-    Ok(Corrected { notes, ..made })
 }
 
 /// See `_hrg.pyi`.
@@ -371,14 +348,4 @@ pub fn simulate<'py>(
     truth.set_item("gains_dph", simulated.truth.gains)?;
     truth.set_item("scale_factor_dph_per_code", recording.clean.scale_factor().map(|s| scale_text(&s)))?;
     Ok((recording, truth))
-}
-
-/// Bytes for Python.
-pub fn bytes<'py>(py: Python<'py>, b: &[u8]) -> Bound<'py, PyBytes> {
-    PyBytes::new(py, b)
-}
-
-/// Reads a file as a calibration does.
-pub fn path_of(source: &Bound<'_, PyAny>) -> PyResult<PathBuf> {
-    source.extract::<PathBuf>().map(|p| Path::new(&p).to_path_buf())
 }

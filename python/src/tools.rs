@@ -1,6 +1,7 @@
 //! Allan deviation, alignment, static points, effects, and what a unit sends.
 
-use crate::recording::{path_of, Recording};
+use crate::recording::Recording;
+use crate::values::{of_json, path_of, table};
 use crate::{bad, refused, work, Calibration};
 use hrg::unit::log::housekeeping_of_line;
 use hrg_align_tools as alignment;
@@ -56,11 +57,6 @@ pub fn allan<'py>(py: Python<'py>, source: &Bound<'py, PyAny>, step_s: Option<f6
     Ok(out)
 }
 
-/// JSON as Python has it.
-pub fn of_json<'py>(py: Python<'py>, text: &str) -> PyResult<Bound<'py, PyAny>> {
-    py.import("json")?.call_method1("loads", (text,))
-}
-
 /// Errors of accelerometers: a file of them, what [`crate::pages::identify_accelerometers`] gave, or a calibration that holds them.
 fn accelerometers_of(source: &Bound<'_, PyAny>) -> PyResult<Accelerometers> {
     if let Ok(c) = source.cast::<Calibration>() {
@@ -109,7 +105,7 @@ pub fn align<'py>(
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work::run(py, None, move || {
-        let p = static_points::Points::parse(&crate::pages::table(&path)?)
+        let p = static_points::Points::parse(&table(&path)?)
             .map_err(|e| hrg_data::error::BadInput::new(format!("{}: {e}", path.display())))?;
         Ok(serde_json::to_string(&static_points::report(&p)?)?)
     })?;
