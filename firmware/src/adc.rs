@@ -27,7 +27,7 @@ use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH3, SPI1};
 use embassy_stm32::{rcc, Peri};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
-use hrg_core::adc::{Dialogue, Fault, Heard, Next, FRAME, WORDS};
+use hrg_core::adc::{Dialogue, Fault, Next, Received, FRAME, WORDS};
 use hrg_core::rate_path::CHANNELS;
 use hrg_core::AXES;
 
@@ -155,8 +155,8 @@ impl Adc {
             self.quiet_looks = 0;
             let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
             let frame = [word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)];
-            let Heard { sample, sensors, command, next } =
-                self.dialogue.heard(&frame, MISSED.swap(false, Ordering::Relaxed));
+            let Received { sample, sensors, command, next } =
+                self.dialogue.receive(&frame, MISSED.swap(false, Ordering::Relaxed));
             send_next(command);
             match next {
                 Next::Wait => {}

@@ -12,8 +12,8 @@
 //! locks anew. An over-captured channel (edge before the DMA took the last one; not possible below 1 MHz)
 //! would show as a missing edge.
 
-use crate::halt::once;
 use crate::params::{RING, TIMER_HZ};
+use crate::stop::once;
 use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
 use embassy_stm32::gpio::Flex;
 use embassy_stm32::interrupt::typelevel::Binding;

@@ -13,8 +13,8 @@
 //! -40 to 105 C (STM32F446 data sheet, table 41), so the tolerance cannot be 5 %. And LSI (17 to 47 kHz) is no measure at all. For the fine error there are pulses per second
 //! ([`hrg_core::pps`]).
 
-use crate::halt::halt;
 use crate::params::HSE_HZ;
+use crate::stop::halt;
 use embassy_stm32::pac;
 use hrg_core::reset::Halt;
 

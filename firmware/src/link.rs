@@ -1,8 +1,8 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
 use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
-use crate::halt::halt;
 use crate::receive::Receiver;
+use crate::stop::halt;
 use embassy_futures::select::{select4, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::UartTx;
@@ -34,7 +34,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
 pub async fn receive(mut receiver: Receiver, identity: Identity) {
     let mut deframer = Deframer::default();
     // Bad frames and bytes lost; what was told of them and of the line's faults.
-    let (mut errors, mut told) = (0u16, 0);
+    let (mut errors, mut reported) = (0u16, 0);
     let mut buffer = [0u8; 64];
     loop {
         let received = receiver.read(&mut buffer).await;
@@ -53,8 +53,8 @@ pub async fn receive(mut receiver: Receiver, identity: Identity) {
             }
         }
         let all = errors.saturating_add(receiver.line_faults());
-        if all != told {
-            told = all;
+        if all != reported {
+            reported = all;
             LINK_ERRORS.signal(all);
         }
     }

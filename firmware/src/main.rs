@@ -27,8 +27,6 @@ mod board;
 mod capture;
 mod channels;
 mod clock;
-mod halt;
-mod kept;
 mod link;
 mod maintain;
 mod model;
@@ -39,12 +37,14 @@ mod program;
 mod rate;
 mod receive;
 mod redundant;
+mod retained;
+mod stop;
 mod telemetry;
 mod watchdog;
 mod wired;
 
-use crate::halt::once;
 use crate::redundant::{Compensator, CHANNELS};
+use crate::stop::once;
 use crate::watchdog::Watchdog;
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, SpawnError, SpawnToken, Spawner};
@@ -136,7 +136,7 @@ fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibratio
 /// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
 #[inline(never)]
 fn resume(models: &mut [&'static mut Compensator; CHANNELS], cause: ResetCause) -> u32 {
-    if let Some(kept) = kept::newest(cause) {
+    if let Some(kept) = retained::newest(cause) {
         models.iter_mut().for_each(|m| m.resume(&kept));
     } else {
         #[cfg(feature = "battery")]
@@ -170,7 +170,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let mut board = board::Board::new();
     #[cfg(feature = "bring-up")]
     bring_up::prepare(&mut board.sectors);
-    let halt = kept::last_word(board.reset_cause);
+    let halt = retained::last_word(board.reset_cause);
     let verdict = board.program.whole();
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
@@ -225,7 +225,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let model_start = model::Start {
         crystal: board.crystal,
         #[cfg(feature = "pps")]
-        correction: kept::correction(board.reset_cause),
+        correction: retained::correction(board.reset_cause),
     };
     // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
     interrupt::UART5.set_priority(Priority::P6);

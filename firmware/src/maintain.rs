@@ -226,7 +226,7 @@ pub async fn task(
         let reply = maintenance.command(&command, &mut sectors);
         #[cfg(feature = "field-log")]
         match (command, reply) {
-            // (An end without a burn is none, and must not fill the log.)
+            // (END without BEGIN is ignored.)
             (Command::End, Reply::Answer(Answer::NotOpen | Answer::Order, _)) => {}
             (Command::End, Reply::Answer(answer, value)) => {
                 let event = Event::Burn { answer: answer as u8, calibration: value };

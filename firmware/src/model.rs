@@ -2,12 +2,12 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{self, BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
-use crate::halt::halt;
-use crate::kept;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
 #[cfg(feature = "pps")]
 use crate::pps::PULSE;
 use crate::redundant::{update, Compensator, CHANNELS};
+use crate::retained;
+use crate::stop::halt;
 use embassy_time::Ticker;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 #[cfg(feature = "pps")]
@@ -69,11 +69,11 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         BIAS.signal(PendingBias::new(TIMEBASE, &step, &output));
         // States that a false clock has made are of no use after the next start.
         if !start.crystal || report.out_of_bounds {
-            kept::forget();
+            retained::forget();
         } else {
             #[cfg(feature = "pps")]
-            kept::keep_correction(pps.correction());
-            kept::keep(models[0], step.step);
+            retained::keep_correction(pps.correction());
+            retained::keep(models[0], step.step);
             #[cfg(feature = "battery")]
             crate::backup::keep(models[CHANNELS - 1]);
         }

@@ -20,14 +20,14 @@ unsafe extern "C" {
     static __edata: u8;
 }
 
-/// Stored sum: [`SEALED`], then the sum. Erased until the sum is written.
+/// Stored sum: [`INTACT`], then the sum. Erased until the sum is written.
 #[allow(unsafe_code)] // The section is memory.x's.
 #[unsafe(link_section = ".seal")]
 #[used]
-static SEAL: [u32; 2] = [u32::MAX; 2];
+static INTEGRITY: [u32; 2] = [u32::MAX; 2];
 
 /// Marks the integrity word.
-const SEALED: u32 = u32::from_le_bytes(*b"SEAL");
+const INTACT: u32 = u32::from_le_bytes(*b"SEAL");
 
 /// Words that are checked at a time: each [`hrg_core::supervision::LOOK_MS`].
 const WORDS: usize = 256;
@@ -46,7 +46,7 @@ pub enum Verdict {
 /// Goes through the program.
 pub struct Check {
     unit: Crc<'static>,
-    seal: [u32; 2],
+    integrity: [u32; 2],
     /// Ranges to check: the vector table, the rest.
     table: Range<usize>,
     rest: Range<usize>,
@@ -67,11 +67,17 @@ impl Check {
     /// Reads the integrity word.
     pub fn new(unit: Peri<'static, CRC>) -> Self {
         let table = (&raw const __vector_table).addr();
-        let seal = (&raw const SEAL).addr();
+        let integrity = (&raw const INTEGRITY).addr();
         let data = (&raw const __edata).addr() - (&raw const __sdata).addr();
         let end = ((&raw const __sidata).addr() + data).next_multiple_of(4);
         let rest = (&raw const _program_start).addr()..end;
-        Self { unit: Crc::new(unit), seal: [word(seal), word(seal + 4)], at: table, table: table..seal, rest }
+        Self {
+            unit: Crc::new(unit),
+            integrity: [word(integrity), word(integrity + 4)],
+            at: table,
+            table: table..integrity,
+            rest,
+        }
     }
 
     /// The whole program at once: at start.
@@ -89,10 +95,10 @@ impl Check {
     }
 
     fn some(&mut self, words: usize) -> Option<Verdict> {
-        let [sealed, sum] = self.seal;
-        if sealed != SEALED {
+        let [intact, sum] = self.integrity;
+        if intact != INTACT {
             // An erased place was never written; anything else was.
-            return Some(if self.seal == [u32::MAX; 2] { Verdict::Unsealed } else { Verdict::Changed });
+            return Some(if self.integrity == [u32::MAX; 2] { Verdict::Unsealed } else { Verdict::Changed });
         }
         let in_table = self.at < self.table.end;
         let end = if in_table { self.table.end } else { self.rest.end };

@@ -6,7 +6,7 @@ use crate::adc::{self, Adc};
 #[cfg(feature = "sensors")]
 use crate::channels::SENSORS;
 use crate::channels::{self, BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
-use crate::halt::halt;
+use crate::stop::halt;
 use embassy_futures::select::{select, Either};
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::RateFrame;

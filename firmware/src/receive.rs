@@ -9,8 +9,8 @@
 //!
 //! A waiting task is woken when the line falls idle, and when the ring is half full or full.
 
-use crate::halt::once;
 use crate::params;
+use crate::stop::once;
 use core::future::poll_fn;
 use core::sync::atomic::{AtomicU16, Ordering};
 use core::task::Poll;

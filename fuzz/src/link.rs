@@ -30,7 +30,7 @@ impl Store for Flash {
     }
 }
 
-fn obey(m: &Message, mode: &mut Maintenance, flash: &mut Flash) {
+fn execute(m: &Message, mode: &mut Maintenance, flash: &mut Flash) {
     let wire = m.encode();
     // Equal as bytes: a NaN in a field is not equal to itself.
     let again = Message::decode(&wire[..wire.len() - 1]).expect("what we send we read");
@@ -50,7 +50,7 @@ pub fn run(data: &[u8]) {
     let mut deframer = Deframer::default();
     for &byte in data {
         if let Some(Ok(m)) = deframer.push(byte) {
-            obey(&m, &mut mode, &mut flash);
+            execute(&m, &mut mode, &mut flash);
         }
     }
     // The fuzzer does not guess checksums either: pieces between zeros are taken for a type and its fields.
@@ -60,7 +60,7 @@ pub fn run(data: &[u8]) {
         let mut wire = vec![0; frame.len() + frame.len() / 254 + 2];
         let n = cobs(&frame, &mut wire);
         if let Ok(m) = Message::decode(&wire[..n]) {
-            obey(&m, &mut mode, &mut flash);
+            execute(&m, &mut mode, &mut flash);
         }
     }
     assert!(sequences(&flash.0[0], &flash.0[1], None).newest.is_some(), "always a valid image");

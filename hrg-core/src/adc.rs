@@ -135,7 +135,7 @@ pub enum Next {
 
 /// Result of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Heard {
+pub struct Received {
     /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
     pub sample: Option<Result<[i32; CHANNELS], Fault>>,
     /// The codes of the three channels behind them, where temperature sensors may be ([`crate::sensors`]); of use where there is a sample.
@@ -188,7 +188,7 @@ impl Dialogue {
     /// A frame was fetched. `missed`: since the one before, a sample was ready and was not fetched.
     // A function of its own in the ELF, so that the virtual board can count what it costs.
     #[inline(never)]
-    pub fn heard(&mut self, frame: &[u32; WORDS], missed: bool) -> Heard {
+    pub fn receive(&mut self, frame: &[u32; WORDS], missed: bool) -> Received {
         self.behind |= missed;
         let emptying = core::mem::take(&mut self.emptying);
         let sample = match decode(frame) {
@@ -198,12 +198,12 @@ impl Dialogue {
         if self.bad_in_a_row >= BAD_IN_A_ROW || self.failed >= SET_UPS_TRIED {
             *self = Self::default();
             let command = Command::Null.words();
-            return Heard { sample: Some(sample), sensors: [0; AXES], command, next: Next::Reset };
+            return Received { sample: Some(sample), sensors: [0; AXES], command, next: Next::Reset };
         }
         self.emptying = sample == Err(Fault::Gap);
         self.before = self.carried;
         self.carried = self.choose();
-        Heard {
+        Received {
             sample: (!emptying || sample.is_err()).then_some(sample),
             sensors: core::array::from_fn(|k| code(frame, CHANNELS + k)),
             command: self.carried.words(),
@@ -380,14 +380,14 @@ mod tests {
     }
 
     /// `n` frames: what came of the last.
-    fn talk(d: &mut Dialogue, adc: &mut Adc, command: &mut [u16; 2], n: usize) -> Heard {
-        let mut heard = None;
+    fn talk(d: &mut Dialogue, adc: &mut Adc, command: &mut [u16; 2], n: usize) -> Received {
+        let mut receive = None;
         for _ in 0..n {
-            let h = d.heard(&adc.exchange(*command), false);
+            let h = d.receive(&adc.exchange(*command), false);
             *command = h.command;
-            heard = Some(h);
+            receive = Some(h);
         }
-        heard.expect("at least one frame")
+        receive.expect("at least one frame")
     }
 
     /// An ADC that was set up.
@@ -449,9 +449,9 @@ mod tests {
     #[test]
     fn after_a_sample_that_was_not_fetched_the_store_of_the_adc_is_emptied() {
         let (mut d, mut adc, mut command) = ready();
-        let h = d.heard(&adc.exchange(command), true);
+        let h = d.receive(&adc.exchange(command), true);
         assert_eq!((h.sample, h.next), (Some(Err(Fault::Gap)), Next::FetchAgain));
-        let h = d.heard(&adc.exchange(h.command), false);
+        let h = d.receive(&adc.exchange(h.command), false);
         assert_eq!((h.sample, h.next), (None, Next::Wait));
         command = h.command;
         assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample, GOOD);
@@ -475,7 +475,7 @@ mod tests {
         let (mut d, mut adc, mut command) = ready();
         let old = adc.exchange(command);
         let within = usize::from(READ_EVERY) + usize::from(SET_UPS_TRIED + 1) * usize::from(SET_UP);
-        let frames = (0..within).position(|_| d.heard(&old, false).next == Next::Reset);
+        let frames = (0..within).position(|_| d.receive(&old, false).next == Next::Reset);
         assert!(frames.is_some(), "no reset in {within} frames");
         // The bus works again, and the attempts that failed are forgotten.
         command = [0; 2];

@@ -538,7 +538,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_known_is_said() {
+    fn an_unknown_past_is_flagged() {
         let out = Compensator::new(calibrated(), 0.0).step(&[None, Some(f64::NAN), Some(1e300)]);
         for k in 0..3 {
             assert!(out.bias_dph[k].is_finite());

@@ -426,11 +426,11 @@ mod tests {
         let mut journal = Journal::open(&mut store, true);
         let flag = |k: u32| Record { on_for_s: k, event: Event::Unit { flags: UnitStatus::ADC_FAULT } };
         (0..1000).for_each(|k| journal.write(&mut store, flag(k)));
-        let said = |store: &Memory, count| store.all().iter().filter(|r| r.event == Event::Lost { count }).count();
-        assert_eq!((said(&store, 1), said(&store, 0)), (1, 0));
+        let printed = |store: &Memory, count| store.all().iter().filter(|r| r.event == Event::Lost { count }).count();
+        assert_eq!((printed(&store, 1), printed(&store, 0)), (1, 0));
         // Starts and burns have places of their own.
         (0..1000).for_each(|k| journal.write(&mut store, event(k)));
-        assert_eq!((said(&store, 1), said(&store, 0)), (1, 1));
+        assert_eq!((printed(&store, 1), printed(&store, 0)), (1, 1));
         assert_eq!(store.all().len() + usize::from(journal.lost()), 2002);
         assert_eq!(store.all().len(), RECORDS - 1);
         assert_eq!(store.erased, 0, "no erase in flight, nor of what is erased");
@@ -466,18 +466,18 @@ mod tests {
     }
 
     #[test]
-    fn flags_are_told_when_they_rise_and_not_more_than_once_a_minute() {
+    fn flags_are_logged_when_they_rise_and_not_more_than_once_a_minute() {
         let mut watch = Watch::default();
-        let mut told = Vec::new();
+        let mut logged = Vec::new();
         for second in 0..600 {
             let flicker = if second % 2 == 0 { AxisStatus::EDGE_ERRORS } else { AxisStatus::empty() };
             let once = if second == 30 { AxisStatus::FREQUENCY_LOST } else { AxisStatus::empty() };
             let axes = [flicker | once, AxisStatus::empty(), AxisStatus::empty()];
-            watch.second(axes, UnitStatus::IMAGE_REFUSED, [20.0; 3], |e| told.push((second, e)));
+            watch.second(axes, UnitStatus::IMAGE_REFUSED, [20.0; 3], |e| logged.push((second, e)));
         }
-        let unit: Vec<_> = told.iter().filter(|(_, e)| matches!(e, Event::Unit { .. })).collect();
+        let unit: Vec<_> = logged.iter().filter(|(_, e)| matches!(e, Event::Unit { .. })).collect();
         assert_eq!(unit, [&(0, Event::Unit { flags: UnitStatus::IMAGE_REFUSED })]);
-        let axis: Vec<_> = told.iter().filter(|(_, e)| matches!(e, Event::Axis { .. })).collect();
+        let axis: Vec<_> = logged.iter().filter(|(_, e)| matches!(e, Event::Axis { .. })).collect();
         assert_eq!(axis.len(), 10, "{axis:?}");
         let lost = axis
             .iter()

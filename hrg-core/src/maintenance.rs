@@ -664,38 +664,38 @@ mod tests {
         store.sectors[0][..own.len()].copy_from_slice(&own);
         let untouched = store.sectors.clone();
         let mut m = store.start();
-        let said = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
+        let printed = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
             Reply::Data { .. } => Answer::Done,
         };
         for command in [Command::Begin(500), Command::Restart, Command::Newest, Command::Read { page: 0, offset: 0 }] {
-            assert_eq!(said(&mut m, &mut store, command), Answer::NotOpen);
+            assert_eq!(printed(&mut m, &mut store, command), Answer::NotOpen);
         }
-        assert_eq!(said(&mut m, &mut store, Command::Open(UnitName::new("????????????????"))), Answer::OtherUnit);
+        assert_eq!(printed(&mut m, &mut store, Command::Open(UnitName::new("????????????????"))), Answer::OtherUnit);
         let mut locked = Maintenance::new(image(3).unit, 3, None, true);
-        assert_eq!(said(&mut locked, &mut store, Command::Open(image(3).unit)), Answer::Locked);
-        assert_eq!(said(&mut m, &mut store, Command::Open(image(3).unit)), Answer::Done);
+        assert_eq!(printed(&mut locked, &mut store, Command::Open(image(3).unit)), Answer::Locked);
+        assert_eq!(printed(&mut m, &mut store, Command::Open(image(3).unit)), Answer::Done);
         for (page, offset, answer) in
             [(0, 0, Answer::Done), (63, 3968, Answer::Done), (63, 3969, Answer::Flash), (64, 0, Answer::Flash)]
         {
-            assert_eq!(said(&mut m, &mut store, Command::Read { page, offset }), answer);
+            assert_eq!(printed(&mut m, &mut store, Command::Read { page, offset }), answer);
         }
         for length in [0, 11, (MAX_BYTES + SIGNATURE + 1) as u16, u16::MAX] {
-            assert_eq!(said(&mut m, &mut store, Command::Begin(length)), Answer::Length);
+            assert_eq!(printed(&mut m, &mut store, Command::Begin(length)), Answer::Length);
         }
         let chunk = |offset, length| Command::Chunk { offset, length, data: [0; CHUNK] };
-        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Order);
+        assert_eq!(printed(&mut m, &mut store, chunk(0, 128)), Answer::Order);
         assert_eq!(store.sectors, untouched);
-        assert_eq!(said(&mut m, &mut store, Command::Begin(300)), Answer::Done);
-        assert_eq!(said(&mut m, &mut store, chunk(4, 128)), Answer::Order);
-        assert_eq!(said(&mut m, &mut store, chunk(0, 127)), Answer::Order, "not of whole words");
-        assert_eq!(said(&mut m, &mut store, chunk(0, 255)), Answer::Order);
-        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done);
-        assert_eq!(said(&mut m, &mut store, chunk(0, 128)), Answer::Done, "repeated");
-        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Order, "not complete");
-        assert_eq!(said(&mut m, &mut store, chunk(128, 128)), Answer::Done);
-        assert_eq!(said(&mut m, &mut store, chunk(256, 44)), Answer::Done);
-        assert_eq!(said(&mut m, &mut store, Command::End), Answer::Image, "zeros are no image");
+        assert_eq!(printed(&mut m, &mut store, Command::Begin(300)), Answer::Done);
+        assert_eq!(printed(&mut m, &mut store, chunk(4, 128)), Answer::Order);
+        assert_eq!(printed(&mut m, &mut store, chunk(0, 127)), Answer::Order, "not of whole words");
+        assert_eq!(printed(&mut m, &mut store, chunk(0, 255)), Answer::Order);
+        assert_eq!(printed(&mut m, &mut store, chunk(0, 128)), Answer::Done);
+        assert_eq!(printed(&mut m, &mut store, chunk(0, 128)), Answer::Done, "repeated");
+        assert_eq!(printed(&mut m, &mut store, Command::End), Answer::Order, "not complete");
+        assert_eq!(printed(&mut m, &mut store, chunk(128, 128)), Answer::Done);
+        assert_eq!(printed(&mut m, &mut store, chunk(256, 44)), Answer::Done);
+        assert_eq!(printed(&mut m, &mut store, Command::End), Answer::Image, "zeros are no image");
         assert_eq!(burn(&mut m, &mut store, &image(3)), Answer::NotNewer);
         assert_eq!(burn_bytes(&mut m, &mut store, image(3).unit, &[&bytes(4)[..], &[7; 4]].concat()), Answer::Image);
         let own_end = room(own.len());

@@ -50,7 +50,7 @@ pub const BOUND: f64 = 100e-6;
 /// The correction changes by so much a second at most: for the model 0.0002 C per second.
 pub const SLEW_PER_S: f64 = 0.02e-6;
 
-/// A pulse that is further from its second than this share of it is none; but so many in a row that are off alike show a clock that is far off.
+/// A pulse is rejected if it is off its second by more than this fraction; several consecutive consistent ones are accepted.
 const RHYTHM: f64 = 500e-6;
 const ALIKE: u8 = 10;
 
@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn lost_pulses_hold_the_correction_and_their_age_is_told() {
+    fn lost_pulses_hold_the_correction_and_their_age_is_sent() {
         let all = run(3e-6, 400, 0.0, |k| (50..60).contains(&k) || k >= 300);
         assert!((all[58].1.correction_ppb - 3000.0).abs() < 10.0 && all[58].1.age_ms > 9000);
         let last = all.last().expect("some").1;

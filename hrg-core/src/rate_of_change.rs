@@ -84,7 +84,7 @@ impl SlopeWindow {
         let oldest = core::mem::replace(&mut self.values[at], newest);
         self.at = if at + 1 < WINDOW { at + 1 } else { 0 };
         if self.n < WINDOW || newest == MISSING {
-            return self.with_holes();
+            return self.with_gaps();
         }
         // All ages grow by one; the oldest, now as old as the window is long, leaves.
         self.moment += AGES * i64::from(newest) + (N * N - AGES) * i64::from(oldest) - N * self.sum;
@@ -94,7 +94,7 @@ impl SlopeWindow {
 
     /// The slope of the values that are there, and all sums anew: where one is missing, or the window is not full yet.
     #[inline(never)]
-    fn with_holes(&mut self) -> f32 {
+    fn with_gaps(&mut self) -> f32 {
         let (older, newer) = self.values.split_at(self.at.min(WINDOW));
         let (mut n, mut s_age, mut s_age2, mut s_value, mut s_both) = (0, 0, 0, 0, 0);
         for (age, value) in (0i64..).zip(older.iter().rev().chain(newer.iter().rev())) {
@@ -159,7 +159,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_on_a_ramp_even_with_holes() {
+    fn exact_on_a_ramp_even_with_gaps() {
         let mut w = SlopeWindow::default();
         let mut d = Difference::default();
         let (mut s, mut e) = (0.0, 0.0);

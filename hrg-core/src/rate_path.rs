@@ -363,7 +363,7 @@ impl RatePath {
             || self.mirror.0 != self.decimation
             || self.sum_dph.iter().zip(&self.mirror.1).any(|(a, b)| a.to_bits() != b.to_bits());
         event.corrupted = unequal || !self.current.intact() || !self.settings_intact();
-        // An old bias is flagged from then on, whatever the timer, which wraps every 48 s, makes of its age later.
+        // The stale flag latches, because the tick counter wraps every 48 s.
         self.stale |= tick.wrapping_sub(self.current.effective_tick) > self.stale_ticks;
         if self.stale {
             self.axis_status.iter_mut().for_each(|s| *s |= AxisStatus::TEMPERATURE_STALE);
@@ -609,18 +609,18 @@ mod tests {
     fn an_old_bias_a_stuck_channel_and_corrupted_memory_are_flagged() {
         let mut p = RatePath::new(Timebase::REFERENCE, [0.01; 3], 1);
         p.set_bias(PendingBias::at(0, 1, [1.0; 3], [GOOD; 3]));
-        let mut said = std::vec::Vec::new();
+        let mut printed = std::vec::Vec::new();
         for k in 1..6000u32 {
             let code = k as i32 % 2;
             let codes = [code, code, if k > 3000 { 7 } else { code }, 0, 0];
             let f = p.sample(90_000u32.wrapping_mul(k), codes).frame.expect("one a sample");
-            said.push((f.axis_status, f.unit_status));
+            printed.push((f.axis_status, f.unit_status));
         }
-        let stale = said.iter().position(|s| s.0 != [GOOD; 3]).expect("flagged") + 1;
+        let stale = printed.iter().position(|s| s.0 != [GOOD; 3]).expect("flagged") + 1;
         assert_eq!(stale, 2501);
-        assert!(said[stale..].iter().all(|s| s.0 == [AxisStatus::TEMPERATURE_STALE; 3]));
-        let stuck = said.iter().position(|s| !s.1.is_empty()).expect("flagged") + 1;
-        assert_eq!((stuck, said[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::ADC_FAULT));
+        assert!(printed[stale..].iter().all(|s| s.0 == [AxisStatus::TEMPERATURE_STALE; 3]));
+        let stuck = printed.iter().position(|s| !s.1.is_empty()).expect("flagged") + 1;
+        assert_eq!((stuck, printed[stuck].1), (3001 + usize::from(STUCK_SAMPLES), UnitStatus::ADC_FAULT));
         // Every bit of what a rate is made with.
         for bit in 0..32 {
             for word in 0..10 {
@@ -637,12 +637,12 @@ mod tests {
                             0..16 => r.in_frame ^= 1 << bit,
                             _ => r.decimation ^= 1 << (bit - 16),
                         }
-                        let said = (1..2000).find_map(|k| {
+                        let printed = (1..2000).find_map(|k| {
                             let e = r.sample(k * 90_000, [1; CHANNELS]);
                             (e.corrupted || e.frame.is_some()).then_some(e.corrupted)
                         });
                         // A frame that waits for 65 thousand samples is none that is wrong; the watchdog sees to it.
-                        assert_ne!(said, Some(false), "bit {bit}");
+                        assert_ne!(printed, Some(false), "bit {bit}");
                         let mut r = RatePath::new(Timebase::REFERENCE, [0.01; 3], 2);
                         let _ = r.sample(0, [1; CHANNELS]);
                         let clean = r.clone().sample(90_000, [1; CHANNELS]);

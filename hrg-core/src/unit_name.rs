@@ -64,7 +64,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn text_comes_back_and_what_is_no_text_is_told() {
+    fn text_comes_back_and_other_bytes_are_refused() {
         assert_eq!(UnitName::new("HRG-042").as_str(), "HRG-042");
         assert_eq!(UnitName::new("sixteen-letters!").as_str(), "sixteen-letters!");
         assert_eq!(UnitName::new("a b\tc, and much longer").as_str(), "abc,andmuchlonge");

@@ -28,7 +28,7 @@ pub struct Recording {
 
 /// Metadata of the unit that a user states beside a recording.
 #[derive(FromPyObject)]
-pub struct Said {
+pub struct Stated {
     #[pyo3(item)]
     unit: Option<String>,
     #[pyo3(item)]
@@ -39,7 +39,7 @@ pub struct Said {
     scale_factor_dph_per_code: Option<[f32; AXES]>,
 }
 
-impl Said {
+impl Stated {
     fn facts(&self) -> Result<Facts, BadInput> {
         let latitude = self.latitude_deg.map(|v| v.to_string());
         let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
@@ -53,8 +53,8 @@ impl Said {
 }
 
 impl Recording {
-    fn new(mut read: Inner, said: &Said) -> Result<Self, BadInput> {
-        said.facts()?.apply(&mut read)?;
+    fn new(mut read: Inner, stated: &Stated) -> Result<Self, BadInput> {
+        stated.facts()?.apply(&mut read)?;
         let original = read.clean_keeping()?;
         Ok(Self { clean: read, original })
     }
@@ -110,14 +110,14 @@ fn bytes_of(source: &Bound<'_, PyAny>) -> PyResult<Vec<u8>> {
 #[pymethods]
 impl Recording {
     #[staticmethod]
-    #[pyo3(signature = (source, said))]
-    fn _read(py: Python<'_>, source: &Bound<'_, PyAny>, said: Said) -> PyResult<Self> {
+    #[pyo3(signature = (source, stated))]
+    fn _read(py: Python<'_>, source: &Bound<'_, PyAny>, stated: Stated) -> PyResult<Self> {
         if source.hasattr("read")? {
             let bytes = bytes_of(source)?;
             return py
                 .detach(|| {
                     let text = if bytes.starts_with(b"PAR1") { parquet::to_csv(bytes)?.into_bytes() } else { bytes };
-                    Self::new(Inner::parse(&text)?, &said)
+                    Self::new(Inner::parse(&text)?, &stated)
                 })
                 .map_err(refused);
         }
@@ -125,7 +125,7 @@ impl Recording {
         let here = |e: BadInput| refused(BadInput::new(format!("{}: {e}", path.display())));
         let read = py.detach(|| Inner::read(&path)).map_err(refused)?;
         py.detach(|| {
-            let mut read = Self::new(read, &said)?;
+            let mut read = Self::new(read, &stated)?;
             read.clean.source = path.display().to_string();
             Ok(read)
         })
@@ -133,16 +133,16 @@ impl Recording {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (columns, meta, said))]
+    #[pyo3(signature = (columns, meta, stated))]
     fn _of_columns(
         py: Python<'_>,
         columns: Vec<(String, PyReadonlyArray1<'_, f64>)>,
         meta: Vec<(String, String)>,
-        said: Said,
+        stated: Stated,
     ) -> PyResult<Self> {
         let columns: Vec<(String, Vec<f64>)> =
             columns.into_iter().map(|(name, values)| (name, values.as_array().to_vec())).collect();
-        py.detach(|| Self::new(Inner::from_columns(&meta, columns)?, &said)).map_err(refused)
+        py.detach(|| Self::new(Inner::from_columns(&meta, columns)?, &stated)).map_err(refused)
     }
 
     fn __len__(&self) -> usize {
@@ -341,8 +341,8 @@ pub fn simulate<'py>(
         let text = simulated.recording.to_csv();
         Ok((simulated, text))
     })?;
-    let said = Said { unit: None, latitude_deg: None, axes: None, scale_factor_dph_per_code: None };
-    let recording = py.detach(|| Recording::new(Inner::parse(text.as_bytes())?, &said)).map_err(refused)?;
+    let stated = Stated { unit: None, latitude_deg: None, axes: None, scale_factor_dph_per_code: None };
+    let recording = py.detach(|| Recording::new(Inner::parse(text.as_bytes())?, &stated)).map_err(refused)?;
     let truth = PyDict::new(py);
     truth.set_item("floor_dph", simulated.truth.floor_dph)?;
     truth.set_item("gains_dph", simulated.truth.gains)?;

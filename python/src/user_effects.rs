@@ -38,9 +38,9 @@ pub fn effect(e: &Bound<'_, PyAny>, raised: &Raised) -> PyResult<OwnEffect> {
         Python::attach(|py| {
             computed(py, &columns, states).map_err(|e| {
                 let kind = e.get_type(py).qualname().map_or_else(|_| "an error".into(), |n| n.to_string());
-                let said = format!("its function raised {kind}: {}; correct the function", e.value(py));
+                let printed = format!("its function raised {kind}: {}; correct the function", e.value(py));
                 raised.keep(e);
-                said
+                printed
             })
         })
     };

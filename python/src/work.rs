@@ -29,13 +29,13 @@ pub fn run<T: Send>(
             result
         });
         // (Once at its beginning, and once at its end, however short it is.)
-        let told = || tell.map_or(Ok(()), |f| f.call1(py, (own.done(),)).map(drop));
-        let mut raised = told().err();
+        let report = || tell.map_or(Ok(()), |f| f.call1(py, (own.done(),)).map(drop));
+        let mut raised = report().err();
         while raised.is_none() {
             match py.detach(|| finished.lock().map_or(Ok(()), |f| f.recv_timeout(LOOK))) {
                 Ok(()) | Err(RecvTimeoutError::Disconnected) => break,
                 Err(RecvTimeoutError::Timeout) => {
-                    raised = told().and_then(|()| py.check_signals()).err();
+                    raised = report().and_then(|()| py.check_signals()).err();
                 }
             }
         }
@@ -45,7 +45,7 @@ pub fn run<T: Send>(
         let result = py.detach(|| worker.join());
         match (raised, result) {
             (Some(e), _) => Err(e),
-            (None, Ok(Some(result))) => told().and_then(|()| result.map_err(refused)),
+            (None, Ok(Some(result))) => report().and_then(|()| result.map_err(refused)),
             (None, _) => {
                 Err(pyo3::exceptions::PyRuntimeError::new_err("the work ended by itself; this is a defect of hrg"))
             }

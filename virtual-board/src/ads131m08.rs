@@ -120,7 +120,7 @@ impl Ads131m08 {
             self.latch();
         }
         if !selected && self.selected && self.at >= 6 {
-            self.obey();
+            self.execute();
         }
         self.selected = selected;
     }
@@ -170,7 +170,7 @@ impl Ads131m08 {
         u16::from_be_bytes([self.input[index * 3], self.input[index * 3 + 1]])
     }
 
-    fn obey(&mut self) {
+    fn execute(&mut self) {
         let command = self.word(0);
         let address = usize::from(command >> 7) & 63;
         match command >> 13 {

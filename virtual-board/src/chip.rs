@@ -5,13 +5,13 @@ use crate::clocks::{Clocks, Pace};
 use crate::cycles::Estimate;
 use crate::dma::{Dma, Request, COMPLETE, HALF};
 use crate::gpio::{Exti, Port, Syscfg};
-use crate::judge::{Signal, SIGNALS};
-use crate::jumpers::{Spare, DEMCR};
 use crate::mutation::{RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
 use crate::part::Part;
 use crate::probe::{Moment, Probe};
 use crate::serial::{Spi, Usart};
+use crate::signals::{Signal, SIGNALS};
+use crate::spare::{Spare, DEMCR};
 use crate::system::{Backup, CrystalCounter, Flash, Iwdg, ProgramCrc, Pwr, Rcc};
 use crate::tables::Pin;
 use crate::timer::Timer;
@@ -187,14 +187,14 @@ impl Chip {
 
     /// A register is accessed: the processor waits for its bus (RM0390 section 2.1: APB1, APB2, AHB1; others are the core's own).
     fn wait_for_bus(&mut self, address: u32) {
-        let divider = match address >> 16 {
+        let bus_ratio = match address >> 16 {
             0x4000 => self.rcc.apb_dividers()[0],
             0x4001 => self.rcc.apb_dividers()[1],
             0x4002 => 1,
             _ => return,
         };
         if let Some(estimate) = &mut self.estimate {
-            estimate.peripheral(divider);
+            estimate.peripheral(bus_ratio);
         }
     }
 

@@ -276,9 +276,9 @@ impl Estimate {
         }
     }
 
-    /// A peripheral is accessed; `divider`: of its bus, from the processor's clock.
-    pub fn peripheral(&mut self, divider: u64) {
-        self.cycles.bus += BUS_CLOCKS * divider;
+    /// A peripheral is accessed; `bus_ratio`: of its bus, from the processor's clock.
+    pub fn peripheral(&mut self, bus_ratio: u64) {
+        self.cycles.bus += BUS_CLOCKS * bus_ratio;
     }
 
     /// DMA moves a word.

@@ -6,81 +6,18 @@
 
 use crate::board::Board;
 use crate::chip::Chip;
-use crate::clocks::Clocks;
 use crate::dma::Request;
 use crate::error::RunError;
-use crate::judge::{FIRST_JUMPER, JUMPERS};
 use crate::pwm::{Wave, KINDS};
 use crate::serial::{Spi, Usart, LINE_BAUD};
+use crate::signals::{FIRST_JUMPER, JUMPERS};
+use crate::spare::{Jumper, DEMCR};
 use crate::tables::Pin;
 use crate::World;
 
 const SPI2: u32 = 0x4000_3800;
 const UART5: u32 = 0x4000_5000;
-/// Debug exception and monitor control; the cycle counter (PM0214 has neither: ARMv7-M reference manual, sections C1.6.5 and C1.8).
-pub const DEMCR: u32 = 0xE000_EDFC;
 const DWT: u32 = 0xE000_1000;
-
-/// A wire: the pin that drives it, the pin that it leads to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Jumper {
-    /// Drives.
-    pub from: Pin,
-    /// Receives.
-    pub to: Pin,
-}
-
-/// The counter of the processor's cycles.
-#[derive(Debug, Clone, Default)]
-struct CycleCounter {
-    demcr: u32,
-    control: u32,
-    /// Added to the cycles of the processor, modulo its width.
-    offset: u64,
-    /// Its reading while it stands.
-    held: u32,
-}
-
-/// Peripherals that the unit leaves free.
-#[derive(Debug, Clone)]
-pub struct Spare {
-    /// Jumpers between pins.
-    pub jumpers: Vec<Jumper>,
-    waves: [Wave; KINDS.len()],
-    spi2: Spi,
-    uart5: Usart,
-    /// Time at which its running transmission ends.
-    uart5_done: u64,
-    counter: CycleCounter,
-    /// Cycles of the processor before its clock changed last, and when that was.
-    cycles: (u64, u64),
-}
-
-impl Default for Spare {
-    fn default() -> Self {
-        Self {
-            jumpers: Vec::new(),
-            waves: std::array::from_fn(|k| Wave::new(&KINDS[k])),
-            spi2: Spi::default(),
-            uart5: Usart::default(),
-            uart5_done: u64::MAX,
-            counter: CycleCounter::default(),
-            cycles: (0, 0),
-        }
-    }
-}
-
-impl Spare {
-    /// Time of the next event.
-    pub fn next_event(&self) -> u64 {
-        self.waves.iter().fold(self.uart5_done, |next, w| next.min(w.next_event()))
-    }
-
-    /// The timers' clocks are these from now on.
-    pub fn follow_clocks(&mut self, clocks: &Clocks, now: u64) {
-        self.waves.iter_mut().for_each(|w| w.set_clock(clocks, now));
-    }
-}
 
 impl Chip {
     /// Cycles of the processor: what its clock has ticked, asleep or not; where cycles are estimated, its waiting comes on top, which moves no time.
@@ -356,7 +293,7 @@ impl<W: World> Board<W> {
             chip.mismatch(|| format!("SPI2_{what}"));
             return Ok(back);
         }
-        let heard = chip.goes(wiring.to_adc, "SPI2_MOSI");
+        let listens = chip.goes(wiring.to_adc, "SPI2_MOSI");
         let answers = chip.comes("SPI2_MISO", |to| to == wiring.from_adc).is_some();
         let (Some(rx), Some(tx)) = (chip.serving(Request::Spi2Rx), chip.serving(Request::Spi2Tx)) else {
             chip.mismatch(|| {
@@ -376,7 +313,7 @@ impl<W: World> Board<W> {
             // Bytes that it has not got are not sent: the line stays.
             bytes.iter().zip(&mut back).for_each(|(b, to)| *to = *b);
         }
-        let received = if heard.is_some() { sent.to_vec() } else { vec![0; sent.len()] };
+        let received = if listens.is_some() { sent.to_vec() } else { vec![0; sent.len()] };
         let chip = self.cpu.get_data_mut();
         chip.moved(rx, taken);
         chip.moved(tx, given);

@@ -25,13 +25,14 @@
 //! | `wires` | edges, ADC frames, bytes of the link |
 //! | `flash` | programming and erasing, cut short or not |
 //! | `debugger` | semihosting: the command line and the end of a test program |
-//! | `outside` | what a test does to the board from outside |
+//! | `environment` | what a test does to the board from outside |
 //! | `rtt` | the debug probe that reads the log |
 //! | `error` | why a run stops |
 //! | `part` | the chips that the board can carry, and what is wired to them |
 //! | `tables` | pins, clock gates, DMA requests, interrupts and bits of a chip |
-//! | `mutation` | writes to registers, recorded and changed |
+//! | `mutation`, `register_writes` | writes to registers, recorded and changed |
 //! | `chip` | which address belongs to which peripheral |
+//! | `signals`, `spare` | signals that pins carry; peripherals that the unit leaves free, jumpers |
 //! | `judge` | what must be so for a signal to pass: the sentences that end a run |
 //! | `jumpers` | a bare board: wires between its own pins, and the peripherals that the unit leaves free |
 //! | `pwm` | timers as sources of square waves |
@@ -56,21 +57,24 @@ pub mod cycles;
 mod debugger;
 mod dma;
 pub mod elf;
+mod environment;
 pub mod error;
 mod exception;
 mod flash;
 mod gpio;
 mod judge;
-pub mod jumpers;
+mod jumpers;
 mod memory;
 pub mod mutation;
 mod nvic;
-mod outside;
 pub mod part;
 mod probe;
 mod pwm;
+mod register_writes;
 mod rtt;
 mod serial;
+mod signals;
+mod spare;
 mod system;
 pub mod tables;
 mod thumb;
@@ -81,8 +85,8 @@ pub use board::{Board, Snapshot};
 pub use cycles::Cycles;
 pub use elf::Firmware;
 pub use error::{RunError, Stop};
-pub use jumpers::Jumper;
 pub use probe::{Latency, Moment, Probe};
+pub use spare::Jumper;
 
 /// Units of the board's time per second: cycles of the STM32F446 at its highest clock.
 pub const CPU_HZ: u64 = 180_000_000;

@@ -1,10 +1,6 @@
 //! Writes to registers: recorded, and changed. They show the effect of a firmware with another constant, a forgotten line or a
 //! wrong instance on the chip, with no need of building it: the n-th write since power-on reaches the chip as something else.
 
-use crate::board::Board;
-use crate::World;
-use std::collections::BTreeMap;
-
 /// A write of the firmware to a register.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RegisterWrite {
@@ -74,44 +70,5 @@ impl Writes {
             Some(Change::LeftOut) => None,
             Some(Change::Becomes { address, value }) => Some((address, value)),
         }
-    }
-}
-
-impl<W: World> Board<W> {
-    /// Takes down from now on what is written to registers.
-    pub fn record_writes(&mut self) {
-        self.cpu.get_data_mut().writes.recorded = Some(Vec::new());
-    }
-
-    /// Writes recorded since.
-    #[must_use]
-    pub fn recorded_writes(&self) -> &[RegisterWrite] {
-        self.cpu.get_data().writes.recorded.as_deref().unwrap_or_default()
-    }
-
-    /// Stops taking down.
-    pub fn forget_writes(&mut self) {
-        self.cpu.get_data_mut().writes.recorded = None;
-    }
-
-    /// Values of all registers, by address: those of the tables and of the core. Reading here has no effect.
-    #[must_use]
-    pub fn registers(&self) -> BTreeMap<u32, u32> {
-        let mut chip = self.cpu.get_data().clone();
-        // SCB's, and those of the NVIC.
-        let core = (0xE000_ED08..=0xE000_ED24).chain([0xE000_ED88, 0xE000_EF34]).chain(0xE000_E100..0xE000_E110);
-        let core = core.chain(0xE000_E400..0xE000_E461).filter(|a| a % 4 == 0);
-        let all: Vec<u32> = chip.part.tables.registers.keys().copied().chain(core).collect();
-        let read = |address| {
-            let value = chip.read(address);
-            // One that is not modelled, or not clocked, shows nothing.
-            chip.error.take().map_or(Some((address, value)), |_| None)
-        };
-        all.into_iter().filter_map(read).collect()
-    }
-
-    /// Changes one write. The count goes on over resets of the processor.
-    pub fn mutate(&mut self, mutation: Mutation) {
-        self.cpu.get_data_mut().writes.mutation = Some(mutation);
     }
 }

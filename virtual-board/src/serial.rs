@@ -147,8 +147,8 @@ impl Usart {
     /// Baud that BRR makes of PCLK2 (RM0390 section 25.4.4).
     pub fn baud(&self, pclk2: u64) -> f64 {
         let brr = self.regs[2] & 0xFFFF;
-        let divider = if self.regs[3] & 1 << 15 != 0 { (brr >> 4) * 8 + (brr & 7) } else { brr };
-        pclk2 as f64 / f64::from(divider.max(1))
+        let usart_div = if self.regs[3] & 1 << 15 != 0 { (brr >> 4) * 8 + (brr & 7) } else { brr };
+        pclk2 as f64 / f64::from(usart_div.max(1))
     }
     /// The board's time per byte: start, eight data, stop.
     pub fn time_per_byte(&self, pclk2: u64) -> u64 {

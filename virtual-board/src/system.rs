@@ -139,9 +139,9 @@ impl Rcc {
     }
     /// HSE / RTCPRE in units of HSI; `None`: it does not run.
     fn divided_crystal(&self) -> Option<f64> {
-        let divider = self.regs[2] >> 16 & 0x1F;
-        (self.crystal_runs() && divider >= 2).then_some(())?;
-        Some(self.crystal_hz? / f64::from(divider) / HSI_HZ)
+        let pllm = self.regs[2] >> 16 & 0x1F;
+        (self.crystal_runs() && pllm >= 2).then_some(())?;
+        Some(self.crystal_hz? / f64::from(pllm) / HSI_HZ)
     }
     pub fn read(&self, word: usize, now: u64) -> Option<u32> {
         let value = *self.regs.get(word)?;

@@ -66,10 +66,10 @@ impl Timer {
 
     /// Counts since the counter would have been zero.
     fn counts(&self, now: u64) -> u64 {
-        self.pace.ticks_in((now as i64 - self.zero).max(0) as u64) / self.divider()
+        self.pace.ticks_in((now as i64 - self.zero).max(0) as u64) / self.prescaler()
     }
 
-    fn divider(&self) -> u64 {
+    fn prescaler(&self) -> u64 {
         u64::from(self.prescaler) + 1
     }
 
@@ -87,13 +87,13 @@ impl Timer {
 
     /// The time at which the counter, in its `counts`-th count since zero, begins that count.
     fn time_of(&self, counts: u64) -> u64 {
-        (self.zero + self.pace.time_of(counts * self.divider()) as i64).max(0) as u64
+        (self.zero + self.pace.time_of(counts * self.prescaler()) as i64).max(0) as u64
     }
 
     /// The counter shows `count` from now on.
     fn set_count(&mut self, count: u32, now: u64) {
         self.held = count;
-        self.zero = now as i64 - self.pace.time_of(u64::from(count) * self.divider()) as i64;
+        self.zero = now as i64 - self.pace.time_of(u64::from(count) * self.prescaler()) as i64;
         self.looked = now;
     }
 
@@ -266,7 +266,7 @@ impl Timer {
     }
 
     /// Why an edge at the pin of a channel that is on is not captured as such, if so.
-    pub fn deaf(&self, channel: usize, rising: bool) -> Option<&'static str> {
+    pub fn receives_nothing(&self, channel: usize, rising: bool) -> Option<&'static str> {
         let mode = self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2));
         let polarity = self.regs[CCER] >> (4 * channel) & 0xA;
         match (mode & 3, mode >> 2 & 3, mode >> 4 & 0xF, polarity) {
@@ -291,7 +291,7 @@ impl Timer {
     /// Counts by which a channel's filter delays an edge: samples that must agree, times the clocks between them (RM0390 section 17.4.7).
     fn filter_delay(&self, channel: usize) -> u32 {
         const DELAY: [u32; 16] = [0, 2, 4, 8, 12, 16, 24, 32, 48, 64, 80, 96, 128, 160, 192, 256];
-        DELAY[(self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2) + 4) & 0xF) as usize] / self.divider() as u32
+        DELAY[(self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2) + 4) & 0xF) as usize] / self.prescaler() as u32
     }
 
     /// `true` if a channel has no other fault than that its filter delays edges.
@@ -299,7 +299,7 @@ impl Timer {
         self.filter_delay(channel) > 0 && self.regs[CCMR1 + channel / 2] >> (8 * (channel % 2)) & 0xF == 1
     }
 
-    /// An edge at the input of a channel that is not [`deaf`](Self::deaf) to it.
+    /// An edge at the input of a channel that takes it (else [`receives_nothing`](Self::receives_nothing)).
     pub fn edge(&mut self, channel: usize, at: u64) -> Captured {
         let stamp = self.count(at).wrapping_add(self.filter_delay(channel));
         if self.regs[SR] & (2 << channel) != 0 {

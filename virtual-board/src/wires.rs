@@ -3,9 +3,9 @@
 use crate::board::Board;
 use crate::dma::Request;
 use crate::error::RunError;
-use crate::judge::Signal;
 use crate::nvic::irq;
 use crate::probe::Moment;
+use crate::signals::Signal;
 use crate::timer::Captured;
 use crate::{AdcMishap, World, CPU_HZ};
 

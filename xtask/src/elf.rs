@@ -32,7 +32,7 @@ pub fn flash_and_ram(elf: &[u8]) -> Option<(u64, u64)> {
 }
 
 /// Marks the integrity word, as the firmware looks for it (`firmware/src/program.rs`).
-const SEALED: [u8; 4] = *b"SEAL";
+const INTACT: [u8; 4] = *b"SEAL";
 
 /// File offset, address and size of a section.
 fn section(elf: &[u8], name: &str) -> Option<(usize, u32, usize)> {
@@ -81,7 +81,7 @@ fn crc(words: &[u8]) -> u32 {
 }
 
 /// Writes the sum of the program into its integrity word: of the vector table, and of everything from the fourth sector on, where the code begins.
-pub fn seal(elf: &mut [u8]) -> Option<u32> {
+pub fn write_integrity_word(elf: &mut [u8]) -> Option<u32> {
     let (_, table, _) = section(elf, ".vector_table")?;
     let (_, code, _) = section(elf, ".text")?;
     let (offset, address, size) = section(elf, ".seal")?;
@@ -89,7 +89,7 @@ pub fn seal(elf: &mut [u8]) -> Option<u32> {
     let mut program = flash(elf, table, Some(address))?;
     program.extend(flash(elf, code, None)?);
     let sum = crc(&program);
-    elf.get_mut(offset..offset + 4)?.copy_from_slice(&SEALED);
+    elf.get_mut(offset..offset + 4)?.copy_from_slice(&INTACT);
     elf.get_mut(offset + 4..offset + 8)?.copy_from_slice(&sum.to_le_bytes());
     Some(sum)
 }

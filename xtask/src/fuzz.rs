@@ -49,16 +49,16 @@ fn one(built: &std::path::Path, target: &str, limit: &str) -> Result<(), Failure
         .arg(root().join("fuzz/corpus").join(target))
         .output()
         .map_err(|e| Failure(e.to_string()))?;
-    let said = String::from_utf8_lossy(&o.stderr);
-    let last = said.lines().rev().find(|l| l.starts_with("Done")).unwrap_or("ended without a word");
-    let coverage = said.lines().rev().find_map(|l| l.split("cov: ").nth(1)?.split(' ').next()).unwrap_or("?");
+    let printed = String::from_utf8_lossy(&o.stderr);
+    let last = printed.lines().rev().find(|l| l.starts_with("Done")).unwrap_or("ended without a word");
+    let coverage = printed.lines().rev().find_map(|l| l.split("cov: ").nth(1)?.split(' ').next()).unwrap_or("?");
     println!("  {target}: {last}, {coverage} edges covered");
     if o.status.success() {
         return Ok(());
     }
     Err(Failure(format!(
         "fuzz target {target} failed:\n{}",
-        said.lines().rev().take(40).collect::<Vec<_>>().join("\n")
+        printed.lines().rev().take(40).collect::<Vec<_>>().join("\n")
     )))
 }
 

@@ -19,8 +19,8 @@ pub fn chip_tests(t: &Toolchain) -> Result<PathBuf, Failure> {
         .stderr(Stdio::inherit())
         .output()
         .map_err(failed)?;
-    let said = String::from_utf8_lossy(&built.stdout);
-    let executable = said.lines().filter_map(chip_test).next_back();
+    let printed = String::from_utf8_lossy(&built.stdout);
+    let executable = printed.lines().filter_map(chip_test).next_back();
     let Some(from) = executable.filter(|_| built.status.success()) else {
         return Err(Failure("the tests for the chip were not built".into()));
     };

@@ -167,7 +167,7 @@ fn elf_path() -> PathBuf {
 fn build(t: &Toolchain) -> Result<(), Failure> {
     println!("building the firmware");
     run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))?;
-    seal(&elf_path())
+    add_integrity_word(&elf_path())
 }
 
 /// The programs that count instructions on the virtual board, beside the firmware.
@@ -176,15 +176,16 @@ fn bench_unit(t: &Toolchain) -> Result<(), Failure> {
 }
 
 /// Writes the sum of a finished program into its ELF: the program checks itself against it.
-fn seal(elf: &Path) -> Result<(), Failure> {
-    seal_into(elf, elf)
+fn add_integrity_word(elf: &Path) -> Result<(), Failure> {
+    write_integrity_word(elf, elf)
 }
 
 /// The same, into another file. One that is there already is left alone, so that whoever reads it now reads it whole.
-fn seal_into(from: &Path, to: &Path) -> Result<(), Failure> {
+fn write_integrity_word(from: &Path, to: &Path) -> Result<(), Failure> {
     let failed = |e: std::io::Error| Failure(format!("{}: {e}", to.display()));
     let mut bytes = std::fs::read(from).map_err(failed)?;
-    elf::seal(&mut bytes).ok_or_else(|| Failure(format!("{} has no place for its integrity word", from.display())))?;
+    elf::write_integrity_word(&mut bytes)
+        .ok_or_else(|| Failure(format!("{} has no place for its integrity word", from.display())))?;
     if std::fs::read(to).is_ok_and(|there| there == bytes) {
         return Ok(());
     }
@@ -284,8 +285,8 @@ fn measured() -> Result<(), Failure> {
 
 /// Stamps the pages that a command was told to write (`--page`, `--table`).
 fn page_of(arguments: &[String], command: &str, of_traces: bool) -> Result<(), Failure> {
-    let told = arguments.windows(2).filter(|w| w[0] == "--page" || w[0] == "--table").map(|w| w[1].as_str());
-    let pages: Vec<&str> = told.filter(|p| p.starts_with("docs/")).collect();
+    let named = arguments.windows(2).filter(|w| w[0] == "--page" || w[0] == "--table").map(|w| w[1].as_str());
+    let pages: Vec<&str> = named.filter(|p| p.starts_with("docs/")).collect();
     if pages.is_empty() {
         return Ok(());
     }
@@ -411,7 +412,7 @@ fn variant_by(
     let elf = root().join("target").join(name).join(setup::TARGET).join("firmware/firmware");
     let failed = |e: std::io::Error| Failure(format!("{}: {e}", elf.display()));
     elf.parent().map_or(Ok(()), std::fs::create_dir_all).map_err(failed)?;
-    seal_into(&folder.join(&place), &elf)?;
+    write_integrity_word(&folder.join(&place), &elf)?;
     Ok(elf)
 }
 
@@ -478,11 +479,11 @@ fn audit() -> Result<(), Failure> {
     match advisories {
         Ok(o) if o.status.success() => println!("advisories: none that applies"),
         Ok(o) => {
-            let said = String::from_utf8_lossy(&o.stderr);
-            if said.contains("failed to fetch advisory database") {
+            let answer = String::from_utf8_lossy(&o.stderr);
+            if answer.contains("failed to fetch advisory database") {
                 println!("advisories: the database cannot be fetched here; not checked");
             } else {
-                return Err(Failure(format!("advisories:\n{said}")));
+                return Err(Failure(format!("advisories:\n{answer}")));
             }
         }
         Err(e) => return Err(Failure(e.to_string())),

@@ -77,14 +77,14 @@ pub fn install() -> Result<(), Failure> {
 /// Runs the tests of the wheel that is installed.
 pub fn tests() -> Result<(), Failure> {
     // (Not in the sources' folder: what is tested is what is installed.)
-    let told = python()
+    let answer = python()
         .args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "--rootdir"])
         .args([root().join("python"), root().join("python/tests")])
         .current_dir(environment())
         .output()
         .map_err(|e| Failure(format!("{} -m pytest: {e}; run cargo xtask test", environment().display())))?;
-    let text = String::from_utf8_lossy(&told.stdout);
-    println!("{text}{}", String::from_utf8_lossy(&told.stderr));
+    let text = String::from_utf8_lossy(&answer.stdout);
+    println!("{text}{}", String::from_utf8_lossy(&answer.stderr));
     let summary = text.lines().last().unwrap_or("");
     let count = |word: &str| -> u64 {
         summary
@@ -93,7 +93,7 @@ pub fn tests() -> Result<(), Failure> {
             .unwrap_or(0)
     };
     text.lines().filter(|l| l.starts_with("SKIPPED")).for_each(|l| println!("skipped: {l}"));
-    let failed = count("failed") + count("error") + u64::from(!told.status.success() && count("failed") == 0);
+    let failed = count("failed") + count("error") + u64::from(!answer.status.success() && count("failed") == 0);
     println!("test result: Python. {} passed; {failed} failed", count("passed"));
     if failed == 0 {
         Ok(())

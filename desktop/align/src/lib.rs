@@ -450,10 +450,10 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
         if due < 1.0 {
             continue;
         }
-        if due > LONGEST_HOLE {
+        if due > LONGEST_GAP {
             aligner.refuse(Refusal::DataMissing);
         }
-        for _ in 1..(due.min(LONGEST_HOLE) as u32) {
+        for _ in 1..(due.min(LONGEST_GAP) as u32) {
             aligner.miss();
         }
         aligner.step(v);
@@ -466,7 +466,7 @@ pub fn run<F: Filter>(recording: &Recording, config: &Config, filter: F) -> (Ali
 }
 
 /// Seconds without a row within a position that are still bridged.
-const LONGEST_HOLE: f64 = 3.0;
+const LONGEST_GAP: f64 = 3.0;
 
 /// Start values of the filters.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -707,8 +707,8 @@ mod tests {
                 let (recording, truth) = plant.play();
                 let e = align(&recording, *filter, Start::default()).expect_err("refused").0;
                 assert!(e.contains("--drift") && e.contains("0.20 deg/h"), "{filter:?} {drift}: {e}");
-                let told = Recording { drift_dph: Some(2.0 * drift), tilt_arcmin: Some(3.0), ..recording };
-                let r = align(&told, *filter, Start::default()).expect("aligns");
+                let stated = Recording { drift_dph: Some(2.0 * drift), tilt_arcmin: Some(3.0), ..recording };
+                let r = align(&stated, *filter, Start::default()).expect("aligns");
                 let off = wrap(r.azimuth_deg * DEGREE - truth.azimuth) / ARCMIN;
                 assert!(off.abs() < 15.0 && off.abs() < 4.0 * r.azimuth_std_arcmin, "{filter:?} {drift}: {off}'");
             }

@@ -96,7 +96,7 @@ pub enum Kind {
     Searched,
     /// Found by the data themselves (a step, a period): offered where a jump or a spectral line points.
     Proposed,
-    /// Not searched: another one spans it.
+    /// Excluded from the search: linearly dependent on another family.
     Idle,
 }
 

@@ -460,7 +460,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trend_is_told_with_when_to_calibrate_again() {
+    fn a_trend_names_the_date_of_the_next_calibration() {
         // 0.2 deg/h a year over three years, 0.1 deg/h each.
         let all: Vec<Dated> = (0..4).map(|k| image(1.0 + 0.2 * k as f32, f64::from(k) * YEAR_S)).collect();
         let q = [Quantity::Bias(0)];

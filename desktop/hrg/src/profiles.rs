@@ -16,15 +16,15 @@ pub struct Judged {
     /// Duration, h.
     pub hours: f64,
     /// Effects that it does not tell apart, or why it cannot be used.
-    pub not_told: Result<Vec<String>, BadInput>,
+    pub not_separable: Result<Vec<String>, BadInput>,
 }
 
 impl Judged {
     /// Judges a profile for some effects.
     #[must_use]
     pub fn new(name: &'static str, profile: Profile, wanted: &[EffectId]) -> Self {
-        let not_told = judge(&profile, wanted).map(|v| separable::not_told(&v));
-        Self { name, hours: profile.temperatures().len() as f64 / 3600.0, profile, not_told }
+        let not_separable = judge(&profile, wanted).map(|v| separable::not_separable(&v));
+        Self { name, hours: profile.temperatures().len() as f64 / 3600.0, profile, not_separable }
     }
 
     /// `true` if it serves the baseline itself, which wants both directions over 60 C at the least.
@@ -50,7 +50,7 @@ pub fn judge(profile: &Profile, wanted: &[EffectId]) -> Result<Vec<Verdict>, Bad
 pub fn best(judged: &[Judged]) -> Option<&Judged> {
     let mut best: Option<(usize, f64, &Judged)> = None;
     for one in judged.iter().filter(|j| j.serves_the_baseline()) {
-        let Ok(rest) = &one.not_told else { continue };
+        let Ok(rest) = &one.not_separable else { continue };
         if best.as_ref().is_none_or(|b| (rest.len(), one.hours) < (b.0, b.1)) {
             best = Some((rest.len(), one.hours, one));
         }
@@ -67,7 +67,7 @@ mod tests {
         let one = |name, text: &str, untold: Result<usize, BadInput>| {
             let profile = Profile::parse(text).expect("a profile");
             let hours = profile.temperatures().len() as f64 / 3600.0;
-            Judged { name, profile, hours, not_told: untold.map(|n| vec!["kink".into(); n]) }
+            Judged { name, profile, hours, not_separable: untold.map(|n| vec!["kink".into(); n]) }
         };
         let all = [
             one("one way", "-40,50@1,1h", Ok(0)),

@@ -3,7 +3,7 @@
 use crate::form::{range, Data, Form};
 use crate::method::Options;
 use crate::method::{Method, Model, Objective, Search};
-use crate::notes::Told;
+use crate::notes::Records;
 use crate::search::{smallest_range, Searched};
 use crate::swarm;
 use hrg_core::bias::four_parameter::{self, FourParameter};
@@ -23,7 +23,7 @@ pub(super) fn four_parameters(
     a: usize,
     method: Method,
     options: &Options,
-    told: &mut Told<'_>,
+    records: &mut Records<'_>,
 ) -> Result<FourParameter, BadInput> {
     let mut temperatures: Vec<f64> = Vec::new();
     for run in runs {
@@ -43,7 +43,7 @@ pub(super) fn four_parameters(
         Search::Swarm => Some(four_parameter_swarm(&tables, by_range, options.seed)),
         Search::LiteralSwarm => {
             let (found, unit) = literal_swarm(&tables[at], &k, by_range, options.seed);
-            told.note(format!(
+            records.note(format!(
                 "a unit of the output is {unit:.3e} deg/h: the box is +-800 of it per C/min, +-100 per C"
             ));
             Some((at, found))
@@ -57,17 +57,18 @@ pub(super) fn four_parameters(
             let reached = if by_range { range(&e) } else { std_dev(&e) };
             let above = 100.0 * (reached / exact - 1.0).max(0.0);
             let digits = if method.parts().search == Search::LiteralSwarm { 9 } else { 3 };
-            told.note(format!("{what} of 100 s means {reached:.5} deg/h, {above:.digits$} % above the exact solution"));
+            records
+                .note(format!("{what} of 100 s means {reached:.5} deg/h, {above:.digits$} % above the exact solution"));
             let unit = if by_range { "range [deg/h]" } else { "standard deviation [deg/h]" };
-            told.searched(None, |of| found.history(of, unit, &tables[at].names));
+            records.searched(None, |of| found.history(of, unit, &tables[at].names));
         }
-        None => told.note(format!("{what} of 100 s means {exact:.5} deg/h, the least there is")),
+        None => records.note(format!("{what} of 100 s means {exact:.5} deg/h, the least there is")),
     }
     let b = breakpoints[at];
     if literal {
-        told.note(format!("the bias jumps by {:.4} deg/h at {b:.0} C", (k[4] - k[3]) * f64::from(b)));
+        records.note(format!("the bias jumps by {:.4} deg/h at {b:.0} C", (k[4] - k[3]) * f64::from(b)));
     }
-    told.note(format!("breakpoint {b:.0} C"));
+    records.note(format!("breakpoint {b:.0} C"));
     Ok(FourParameter {
         constant_cooling_heating_low_high: std::array::from_fn(|j| k[j] as f32),
         breakpoint_c: b,

@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_search_is_told_iteration_by_iteration() {
+    fn a_search_is_recorded_iteration_by_iteration() {
         let h = History {
             of: "x".into(),
             objective_name: "RMS [deg/h]",

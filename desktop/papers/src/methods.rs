@@ -33,7 +33,7 @@ use crate::four_parameter::four_parameters;
 use crate::history::History;
 use crate::method::{Method, Model, Objective, Options, Search};
 use crate::network;
-use crate::notes::Told;
+use crate::notes::Records;
 use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smallest_range, LiteralUnits};
 use crate::stages::Stage;
 use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
@@ -140,12 +140,12 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         let scaling = calibration.scaling;
         let options = Options { seed: options.seed.wrapping_add(a as u64), ..*options };
         let task = Task { runs: &prepared.runs, scaling, method, options, a };
-        let mut told = Told { axis: a, notes: &mut notes, history: &mut history };
+        let mut records = Records { axis: a, notes: &mut notes, history: &mut history };
         parameters = match Form::of(method) {
-            Some(form) => task.linear(form, &mut calibration, &mut told).inspect(|_| {
+            Some(form) => task.linear(form, &mut calibration, &mut records).inspect(|_| {
                 form.begin(&mut calibration, &prepared.runs, &scaling, a);
             }),
-            None => task.not_linear(&mut calibration, &mut told),
+            None => task.not_linear(&mut calibration, &mut records),
         }
         .map_err(here)?;
     }
@@ -176,7 +176,7 @@ struct Task<'a> {
 
 impl Task<'_> {
     /// A model that is linear in its coefficients; gives their number.
-    fn linear(&self, form: Form, c: &mut Calibration, told: &mut Told<'_>) -> Result<usize, BadInput> {
+    fn linear(&self, form: Form, c: &mut Calibration, records: &mut Records<'_>) -> Result<usize, BadInput> {
         let a = self.a;
         let data = || Data::new(self.runs, &self.scaling, a, form);
         let parts = self.method.parts();
@@ -185,13 +185,13 @@ impl Task<'_> {
                 let weights = self.options.uniform.then(|| uniform_weights(self.runs, a));
                 let fit = fit_directly(self.runs, &self.scaling, a, form, weights.as_deref())?;
                 form.store(c, a, &fit.coefficients, &fit.std);
-                told.note(format!("condition number {:.1}", fit.condition));
+                records.note(format!("condition number {:.1}", fit.condition));
                 return Ok(fit.coefficients.len());
             }
             (Search::Robust, _) => {
                 let (fit, down) = huber(&data())?;
                 form.store(c, a, &fit.coefficients, &fit.std);
-                told.note(format!(
+                records.note(format!(
                     "{:.2} % of the rows with less weight, condition number {:.1}",
                     100.0 * down,
                     fit.condition
@@ -202,27 +202,27 @@ impl Task<'_> {
                 let both = data();
                 let mut k = Vec::new();
                 for stage in Stage::ALL {
-                    k.extend(self.swarm_of_squares(&both.of_set(stage), Some(stage), told)?);
+                    k.extend(self.swarm_of_squares(&both.of_set(stage), Some(stage), records)?);
                 }
                 k
             }
-            (Search::Swarm, Objective::Squares) => self.swarm_of_squares(&data(), None, told)?,
+            (Search::Swarm, Objective::Squares) => self.swarm_of_squares(&data(), None, records)?,
             (Search::Genetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
-            (Search::LiteralSwarm, _) => self.literal(&data(), told)?,
+            (Search::LiteralSwarm, _) => self.literal(&data(), records)?,
             (Search::Exact, Objective::Range) => {
                 let (k, smallest) = smallest_range(&data().means(MEAN_S))?;
-                told.note(format!("range of 100 s means {smallest:.4} deg/h, the smallest there is"));
+                records.note(format!("range of 100 s means {smallest:.4} deg/h, the smallest there is"));
                 k
             }
             (Search::Swarm, Objective::Range) => {
                 let d = data().means(MEAN_S);
                 let found = range_swarm(&d, self.options.seed)?;
-                told.note(format!(
+                records.note(format!(
                     "range of 100 s means {:.4} deg/h, {:.2} % above the smallest there is",
                     range(&d.residuals(&found.k)),
                     100.0 * found.above
                 ));
-                told.searched(None, |of| found.history(of, "range [deg/h]", &d.names));
+                records.searched(None, |of| found.history(of, "range [deg/h]", &d.names));
                 found.k
             }
         };
@@ -230,36 +230,41 @@ impl Task<'_> {
         Ok(k.len())
     }
 
-    fn swarm_of_squares(&self, d: &Data, stage: Option<Stage>, told: &mut Told<'_>) -> Result<Vec<f64>, BadInput> {
+    fn swarm_of_squares(
+        &self,
+        d: &Data,
+        stage: Option<Stage>,
+        records: &mut Records<'_>,
+    ) -> Result<Vec<f64>, BadInput> {
         let found = orthogonal_swarm(d, self.options.seed)?;
         let which = stage.map_or_else(String::new, |s| format!("{}: ", s.name()));
-        told.note(format!("{which}sum of squares {:.1e} % above that of least squares", 100.0 * found.above));
-        told.searched(stage, |of| found.history(of, "RMS [deg/h]", &d.names));
+        records.note(format!("{which}sum of squares {:.1e} % above that of least squares", 100.0 * found.above));
+        records.searched(stage, |of| found.history(of, "RMS [deg/h]", &d.names));
         Ok(found.k)
     }
 
     /// The box of the paper in the units in which it holds the solution; beside it what it reaches in ours.
-    fn literal(&self, d: &Data, told: &mut Told<'_>) -> Result<Vec<f64>, BadInput> {
+    fn literal(&self, d: &Data, records: &mut Records<'_>) -> Result<Vec<f64>, BadInput> {
         let swarm = |units| literal_swarm(self.runs, &self.scaling, d, self.a, self.options.seed, units);
         let (seconds, hours) = (swarm(LiteralUnits::SECONDS)?, swarm(LiteralUnits::HOURS)?);
         for (units, s) in [("deg/s and C/s", &seconds), ("deg/h and C/min", &hours)] {
-            told.note(format!(
+            records.note(format!(
                 "in {units} the largest coefficient of least squares is {:.2}, the condition number {:.1e}: sum of squares {:.2} times the least",
                 s.largest,
                 s.condition,
                 1.0 + s.found.above
             ));
         }
-        told.searched(None, |of| seconds.found.history(of, "RMS [deg/h]", &d.names));
+        records.searched(None, |of| seconds.found.history(of, "RMS [deg/h]", &d.names));
         Ok(seconds.found.k)
     }
 
     /// The four parameters with their breakpoint, or the network; gives the number of coefficients.
-    fn not_linear(&self, c: &mut Calibration, told: &mut Told<'_>) -> Result<usize, BadInput> {
+    fn not_linear(&self, c: &mut Calibration, records: &mut Records<'_>) -> Result<usize, BadInput> {
         let a = self.a;
         if self.method.parts().model == Model::Network {
             let trained = self.train_network()?;
-            told.searched(None, |of| History {
+            records.searched(None, |of| History {
                 of,
                 objective_name: "RMS [deg/h]",
                 objective: trained.generations_rms_dph,
@@ -269,7 +274,7 @@ impl Task<'_> {
             c.axes[a].coefficients = Coefficients::Network(trained.weights);
             return Ok(bias::network::WEIGHTS);
         }
-        let m = four_parameters(self.runs, &self.scaling, a, self.method, &self.options, told)?;
+        let m = four_parameters(self.runs, &self.scaling, a, self.method, &self.options, records)?;
         c.axes[a].coefficients = Coefficients::FourParameter(m);
         Ok(four_parameter::TERMS + 1)
     }
@@ -480,9 +485,9 @@ mod tests {
     #[test]
     fn outliers_hardly_move_the_robust_fit() {
         let clean = plan(Kind::Hrg, "cycle", 1).simulate().recording;
-        let mut dirty = clean.clone();
+        let mut defective = clean.clone();
         // A disturbance too long to be a spike and too small to be taken out: ten minutes of three deg/h in each hour.
-        for v in &mut dirty.rate_dph {
+        for v in &mut defective.rate_dph {
             for (k, x) in v.iter_mut().enumerate() {
                 if k % 3600 < 600 {
                     *x += 30.0;
@@ -490,7 +495,7 @@ mod tests {
             }
         }
         let verify = plan(Kind::Hrg, "verify", 2);
-        let p = prepare(&[dirty]).expect("prepares");
+        let p = prepare(&[defective]).expect("prepares");
         let error = |method| {
             let (e, _) = errors(&identify(&p, method, 1).expect("identifies").calibration, &verify);
             e.iter().sum::<f64>()
@@ -499,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_data_lack_is_said() {
+    fn missing_inputs_are_reported() {
         let p = prepare(&[plan(Kind::Hrg, "up", 1).simulate().recording]).expect("prepares");
         for method in [Method::TwoSets, Method::FogLsq] {
             let e = identify(&p, method, 1).expect_err("refused").to_string();

@@ -5,13 +5,13 @@ use crate::stages::Stage;
 use hrg_data::axes::AXIS_NAMES;
 
 /// Notes and histories of an identification beside its coefficients.
-pub(crate) struct Told<'a> {
+pub(crate) struct Records<'a> {
     pub(crate) axis: usize,
     pub(crate) notes: &'a mut Vec<String>,
     pub(crate) history: &'a mut Vec<History>,
 }
 
-impl Told<'_> {
+impl Records<'_> {
     /// A sentence about the axis.
     pub(crate) fn note(&mut self, text: impl AsRef<str>) {
         self.notes.push(format!("{}: {}", AXIS_NAMES[self.axis], text.as_ref()));

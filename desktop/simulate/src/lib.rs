@@ -183,7 +183,7 @@ impl Plan {
         let default = Calibration::uncalibrated();
         let scaling = &default.scaling;
         let monitors = Monitors::new(&plant, &mut rng);
-        let has_clock_wander = self.effects.iter().any(|e| e.source == Source::Library(EffectId::Timebase));
+        let has_clock_drift = self.effects.iter().any(|e| e.source == Source::Library(EffectId::Timebase));
         let noise = [0; AXES].map(|_| rate_noise(n, &self.noise, &mut rng));
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
         let bias = self.kind.bias(self.unit_seed);
@@ -217,7 +217,7 @@ impl Plan {
             (0..n)
                 .map(|k| {
                     let f = curve.frequency_hz(plant.resonator_c[a][k]).unwrap_or(f64::NAN);
-                    let clock = if has_clock_wander { 1.0 + 1e-6 * monitors.clock_ppm[k] } else { 1.0 };
+                    let clock = if has_clock_drift { 1.0 + 1e-6 * monitors.clock_ppm[k] } else { 1.0 };
                     f * clock + self.noise.frequency_hz * normal(&mut rng)
                 })
                 .collect()

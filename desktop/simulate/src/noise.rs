@@ -28,7 +28,7 @@ pub(super) fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// A first-order Gauss-Markov process with a time constant, unit variance.
-pub(super) fn wander(n: usize, tau: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
+pub(super) fn drift(n: usize, tau: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let keep = (-1.0 / tau).exp();
     let drive = (1.0 - keep * keep).sqrt();
     let mut x = normal(rng);
@@ -45,7 +45,7 @@ pub(super) fn rate_noise(n: usize, noise: &Noise, rng: &mut ChaCha8Rng) -> Vec<f
     let white = noise.white_100s_dph * 10.0;
     let mut out: Vec<f64> = (0..n).map(|_| white * normal(rng)).collect();
     for decade in 1..=5 {
-        for (o, w) in out.iter_mut().zip(wander(n, 10f64.powi(decade), rng)) {
+        for (o, w) in out.iter_mut().zip(drift(n, 10f64.powi(decade), rng)) {
             *o += noise.flicker_dph * w;
         }
     }

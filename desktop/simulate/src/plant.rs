@@ -1,6 +1,6 @@
 //! The thermal plant: chamber, case, resonator and board; and what only a recording has.
 
-use super::noise::wander;
+use super::noise::drift;
 use hrg_core::bias::State;
 use hrg_core::effects::Recorded;
 use hrg_core::thermal::{AxisThermal, Thermal};
@@ -102,17 +102,17 @@ impl Monitors {
     pub(super) fn new(plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
         let n = plant.board_c.len();
         Self {
-            board_c: plant.board_c.iter().zip(wander(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect(),
-            supply_v: wander(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect(),
+            board_c: plant.board_c.iter().zip(drift(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect(),
+            supply_v: drift(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect(),
             drive_v: [0, 1, 2].map(|a: usize| {
-                let w = wander(n, 6000.0, rng);
+                let w = drift(n, 6000.0, rng);
                 (0..n).map(|k| 1.2 + 0.002 * (plant.resonator_c[a][k] - 10.0) + 0.02 * w[k]).collect()
             }),
             quad_v: [0, 1, 2].map(|a: usize| {
-                let w = wander(n, 8000.0, rng);
+                let w = drift(n, 8000.0, rng);
                 (0..n).map(|k| 0.1 - 0.001 * plant.resonator_c[a][k] + 0.03 * w[k]).collect()
             }),
-            clock_ppm: wander(n, 7000.0, rng),
+            clock_ppm: drift(n, 7000.0, rng),
         }
     }
 

@@ -176,8 +176,8 @@ pub fn demo(elf: &[u8], bench: &[u8], runs: u64, seed: u64, out: &Path, table: O
         say(&mut text, &format!("| {size:.0} | {:.1} % | {:.1} % |", 100.0 * seen, 100.0 * refused));
     }
     say(&mut text, "\n## One position\nAzimuth error and median standard deviation after 200 s in one position, for drifts of a size that is known:\n\n| drift [deg/h] | error, RMS ['] | stated by the filter ['] |\n|--:|--:|--:|");
-    for (known, error, said) in study::one_position(runs, seed, &[0.2, 0.1, 0.022, 0.012]) {
-        say(&mut text, &format!("| {known} | {error:.1} | {said:.1} |"));
+    for (known, error, stated) in study::one_position(runs, seed, &[0.2, 0.1, 0.022, 0.012]) {
+        say(&mut text, &format!("| {known} | {error:.1} | {stated:.1} |"));
     }
     say(&mut text, "\n## chen2015's case\n45 degrees, tilts 3', azimuth 100 degrees, drifts 0.2, 0.1, 0.2 deg/h (north, east, vertical), 200 s in two positions. Drifts\nhere are about the platform's axes; tilts as they stand at the end.\n");
     say(&mut text, &study::chen(seed));

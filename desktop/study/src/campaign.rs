@@ -73,7 +73,7 @@ struct Trial {
 struct Outcome {
     trial: Trial,
     found: Vec<String>,
-    twins: Vec<String>,
+    confounded: Vec<String>,
     named: usize,
     unexplained: bool,
     left: String,
@@ -149,11 +149,11 @@ fn one(trial: &Trial) -> Result<Outcome> {
     let coverage = coverage(&traced, &verify.noise_dph);
     let report = traced.report;
     let found: Vec<String> = report.effects.iter().map(|e| e.name.clone()).collect();
-    let twins: Vec<String> = report.effects.iter().flat_map(|e| e.indistinguishable_from.clone()).collect();
+    let confounded: Vec<String> = report.effects.iter().flat_map(|e| e.indistinguishable_from.clone()).collect();
     let named = trial
         .effects
         .iter()
-        .filter(|e| [&found, &twins].iter().any(|names| names.iter().any(|n| n == e.source.name())))
+        .filter(|e| [&found, &confounded].iter().any(|names| names.iter().any(|n| n == e.source.name())))
         .count();
     let after = mean3(|a| report.r#final[AXIS_NAMES[a]].verify_rms_dph);
     let image = |a: usize| {
@@ -184,7 +184,7 @@ fn one(trial: &Trial) -> Result<Outcome> {
         before_over_floor: mean3(|a| report.baseline[AXIS_NAMES[a]].verify_rms_dph / verify.truth.floor_dph[a]),
         trial: trial.clone(),
         found,
-        twins,
+        confounded,
         seconds,
         after_dph: after,
         coverage,
@@ -358,7 +358,7 @@ fn every_trial(outcomes: &[Outcome]) -> String {
             o.verdict,
             o.burn,
             o.exchanged_same,
-            o.twins.join("+"),
+            o.confounded.join("+"),
             o.unexplained,
             o.left,
             o.before_over_floor,

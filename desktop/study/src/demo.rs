@@ -19,11 +19,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Prints a line, and keeps it.
 macro_rules! say {
-    ($told:expr, $($text:tt)*) => {{
+    ($page:expr, $($text:tt)*) => {{
         let line = format!($($text)*);
         println!("{line}");
-        $told.push_str(&line);
-        $told.push('\n');
+        $page.push_str(&line);
+        $page.push('\n');
     }};
 }
 
@@ -97,13 +97,13 @@ fn plot(before: &[Second], after: &[Second]) -> Result<String> {
 }
 
 /// Frames and temperature points side by side with the paper's printed ones.
-fn table_1(path: &Path, told: &mut String) -> Result<()> {
-    say!(told, "6. Measured data: Table 1 of dong2023, ten soaks of three real gyros");
+fn table_1(path: &Path, page: &mut String) -> Result<()> {
+    say!(page, "6. Measured data: Table 1 of dong2023, ten soaks of three real gyros");
     let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
     let report = points::report(&Points::parse(&text)?)?;
     for e in &report.effects {
         say!(
-            told,
+            page,
             "   {} against the {}: {}",
             e.name,
             hrg_identify::thermometer::points::called(&e.reference),
@@ -111,7 +111,7 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
         );
         for (axis, b) in &e.axes {
             say!(
-                told,
+                page,
                 "     {axis}: RMS {:.4} -> {:.4} C, largest {:.4} -> {:.4} C, leave-one-out {:.4} -> {:.4} C",
                 b.rms_before_c,
                 b.rms_after_c,
@@ -121,35 +121,35 @@ fn table_1(path: &Path, told: &mut String) -> Result<()> {
                 b.leave_one_out_after_c
             );
         }
-        let twins = if e.indistinguishable_from.is_empty() {
+        let confounded = if e.indistinguishable_from.is_empty() {
             String::new()
         } else {
             format!("; this table cannot tell it from {}", e.indistinguishable_from.join(", "))
         };
-        say!(told, "     p-value {:.1e}{twins}", e.p_value);
+        say!(page, "     p-value {:.1e}{confounded}", e.p_value);
     }
     Ok(())
 }
 
 /// The loop on a measured recording.
-fn measured_loop(folder: &Path, out: &Path, told: &mut String) -> Result<()> {
+fn measured_loop(folder: &Path, out: &Path, page: &mut String) -> Result<()> {
     say!(
-        told,
+        page,
         "7. Measured data: the loop on a MEMS IMU (cargo xtask measured has every method, and two more recordings)"
     );
     let short = measured::imu_in_short(folder)?;
-    short.caption.lines().for_each(|line| say!(told, "   {line}"));
-    say!(told, "{}", short.table.trim_end());
+    short.caption.lines().for_each(|line| say!(page, "   {line}"));
+    say!(page, "{}", short.table.trim_end());
     hrg_data::output::write_file(out, short.picture.as_bytes())
 }
 
 /// Prints the figures of the frames, with both images.
-fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, told: &mut String) {
-    say!(told, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
+fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, page: &mut String) {
+    say!(page, "4. Three sigma of 100 s means [deg/h], measured from the frames that the ELF sent");
     let (raw, corrected) = replay::three_sigma(rows[0]);
     let (_, extended) = replay::three_sigma(rows[1]);
     say!(
-        told,
+        page,
         "   {:<5} {:>9} {:>16} {:>16} {:>14}",
         "axis",
         "raw",
@@ -159,7 +159,7 @@ fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, to
     );
     for a in 0..3 {
         say!(
-            told,
+            page,
             "   {:<5} {:>9.3} {:>16.3} {:>16.3} {:>14.3}",
             AXIS_NAMES[a],
             raw[a],
@@ -168,12 +168,12 @@ fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, to
             3.0 * verify.truth.floor_dph[a]
         );
     }
-    say!(told, "   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
-    say!(told, "   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
+    say!(page, "   dong2023 Table 4 (another unit, measured by its authors; for scale only):");
+    say!(page, "   cooling 7.071 raw, 3.753 after its least squares; heating 9.512 raw, 5.022 after");
     for (name, o) in [("baseline", outcomes[0]), ("extended", outcomes[1])] {
         let r = &o.received;
         say!(
-                told,
+                page,
             "   {name}: {} frames, {} differ from hrg-core on the desktop, largest difference {} deg/h; {:.0} instructions a second ({:.2} %)",
             r.rates.len() + r.housekeeping.len(),
             r.differing,
@@ -185,11 +185,11 @@ fn figures(outcomes: [&Outcome; 2], rows: [&[Second]; 2], verify: &Simulated, to
 }
 
 /// The simulator's truth beside what was found.
-fn truth(train: &Simulated, report: &Report, told: &mut String) {
-    say!(told, "5. Only now the simulator's truth");
+fn truth(train: &Simulated, report: &Report, page: &mut String) {
+    say!(page, "5. Only now the simulator's truth");
     for e in &train.truth.effects {
         say!(
-            told,
+            page,
             "   put in:  {} (parameter {:.1}, {:.1} noise floors after the baseline fit)",
             e.source.name(),
             e.parameters[0],
@@ -198,16 +198,16 @@ fn truth(train: &Simulated, report: &Report, told: &mut String) {
     }
     for e in &report.effects {
         let parameters: Vec<String> = e.parameters.iter().map(|(n, v)| format!("{n} {v:.1}")).collect();
-        let twins = if e.indistinguishable_from.is_empty() {
+        let confounded = if e.indistinguishable_from.is_empty() {
             String::new()
         } else {
             format!(", not told from {}", e.indistinguishable_from.join(", "))
         };
-        say!(told, "   found:   {} {}{twins}", e.name, parameters.join(", "));
+        say!(page, "   found:   {} {}{confounded}", e.name, parameters.join(", "));
     }
     let left: Vec<&str> = AXIS_NAMES.into_iter().filter(|a| report.unexplained[*a]).collect();
     say!(
-        told,
+        page,
         "   left:    {}",
         if left.is_empty() { "noise".to_string() } else { format!("structure on {}", left.join(", ")) }
     );
@@ -219,7 +219,7 @@ fn truth(train: &Simulated, report: &Report, told: &mut String) {
 /// If a step fails.
 pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     let mut all = String::new();
-    let told = &mut all;
+    let page = &mut all;
     let start = std::time::Instant::now();
     std::fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
     let to = |name: &str| -> PathBuf { out.join(name) };
@@ -228,9 +228,9 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
         let plan = Plan { effects: vec![EffectSpec::secret(unit)], ..Plan::of(Profile::parse(profile)?, unit, seed) };
         Ok(plan.simulate())
     };
-    say!(told, "Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
+    say!(page, "Everything up to step 5 is simulated; the program that runs is the one that is flashed.\n");
     say!(
-        told,
+        page,
         "1. A unit with an undeclared effect (seed {seed}): a train run ({TRAIN}, 7 h) and a verify run ({VERIFY})"
     );
     let train = plan(TRAIN, seed * 2 + 1, seed)?;
@@ -240,15 +240,15 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     // From here on the files are all there is.
     let (train_file, mut verify_file) = (Recording::load(&to("train.csv"))?, Recording::load(&to("verify.csv"))?);
 
-    say!(told, "2. hrg trace: baseline fit, residual, what the model lacks");
+    say!(page, "2. hrg trace: baseline fit, residual, what the model lacks");
     let t = trace(&[train_file], &verify_file)?;
     hrg_data::output::write_file(&to("report.json"), hrg_identify::trace::json(&t.report).as_bytes())?;
     hrg_data::output::write_file(&to("report.html"), hrg_identify::trace::html(&t)?.as_bytes())?;
     image_file::save(&to("baseline.toml"), &t.baseline)?;
     image_file::save(&to("extended.toml"), &t.image)?;
-    say!(told, "   {}", t.report.verdict);
+    say!(page, "   {}", t.report.verdict);
 
-    say!(told, "3. Both images burnt into virtual boards, the verify run through the ELF with each");
+    say!(page, "3. Both images burnt into virtual boards, the verify run through the ELF with each");
     // A unit measures the earth's rate, too.
     verify_file.restore_earth_rate();
     let steps = Steps::new(&verify_file)?;
@@ -264,19 +264,19 @@ pub fn demo(seed: u64, out: &Path, elf: &Path, table: &Path) -> Result<String> {
     }
     hrg_data::output::write_file(&to("rates.svg"), plot(&rows_before, &rows_after)?.as_bytes())?;
 
-    figures([&before, &after], [&rows_before, &rows_after], &verify, told);
-    truth(&train, &t.report, told);
-    table_1(table, told)?;
+    figures([&before, &after], [&rows_before, &rows_after], &verify, page);
+    truth(&train, &t.report, page);
+    table_1(table, page)?;
     let measured = table.with_file_name("measured");
-    measured_loop(&measured, &to("measured-imu.svg"), told)?;
+    measured_loop(&measured, &to("measured-imu.svg"), page)?;
     say!(
-        told,
+        page,
         "\nreport {}, plot {}, logs {} and {}",
         to("report.html").display(),
         to("rates.svg").display(),
         to("before.log").display(),
         to("after.log").display()
     );
-    say!(told, "{:.0} s in all", start.elapsed().as_secs_f64());
+    say!(page, "{:.0} s in all", start.elapsed().as_secs_f64());
     Ok(all)
 }

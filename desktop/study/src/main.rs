@@ -70,7 +70,7 @@ enum Command {
         trial: Option<u64>,
         /// Of which kind that one is.
         #[arg(long, value_enum, default_value = "single")]
-        upset: faults::memory::Upset,
+        corruption: faults::memory::Corruption,
         /// Page whose table is written anew.
         #[arg(long, conflicts_with = "only")]
         page: Option<PathBuf>,
@@ -233,10 +233,10 @@ fn run(command: Command) -> Result<()> {
             print!("{}{}", hrg_study::fingerprint::fingerprints(&elf)?, hrg_study::fingerprint::of_files(&file)?);
             Ok(())
         }
-        Command::Faults { short, seed, only, trial, upset, page, elf } => {
+        Command::Faults { short, seed, only, trial, corruption, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             if let Some(trial) = trial {
-                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial, upset);
+                return faults::memory::again(&faults::Scene::new(&elf, seed)?, seed, trial, corruption);
             }
             let extent = if short { faults::Extent::SHORT } else { faults::Extent::FULL };
             faults::faults(&elf, seed, &extent, only.as_deref(), page.as_deref())
@@ -261,8 +261,8 @@ fn run(command: Command) -> Result<()> {
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));
             let elf = elf.unwrap_or_else(replay::default_elf);
-            let told = hrg_study::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))?;
-            page.map_or(Ok(()), |page| splice(&page, "demo", &format!("```\n{told}```\n")))
+            let text = hrg_study::demo::demo(seed, &out, &elf, &top.join("host-tests/recordings/dong2023-table1.csv"))?;
+            page.map_or(Ok(()), |page| splice(&page, "demo", &format!("```\n{text}```\n")))
         }
         Command::Measured { folder, page, caption, picture } => measured(&folder, page, caption, picture),
         Command::Wu2023 { out, page } => {

@@ -228,7 +228,7 @@ pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
         |(), k| {
             let m = mutant(&part.tables, &writes, seed, k).context("no mutant can be made")?;
             let function = firmware.function_before(m.write.block).unwrap_or("?");
-            let told = format!("{k}: {}", m.describe(&part.tables, function));
+            let line = format!("{k}: {}", m.describe(&part.tables, function));
             let mutation = Some(Mutation { number: m.write.number, change: m.change });
             let found = exam.sit(mutation);
             let verdict = match judge(&good, &found) {
@@ -238,11 +238,11 @@ pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
                 }
                 verdict => verdict,
             };
-            let told = match verdict {
-                Verdict::Unnoticed => format!("{told}; {}", different(&part.tables, &good.registers, &found.registers)),
-                _ => told,
+            let line = match verdict {
+                Verdict::Unnoticed => format!("{line}; {}", different(&part.tables, &good.registers, &found.registers)),
+                _ => line,
             };
-            Ok((told, verdict))
+            Ok((line, verdict))
         },
     )?;
     Ok(Campaign { mutants, writes: writes.len() })

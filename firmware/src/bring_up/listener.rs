@@ -30,7 +30,7 @@ static SENT: [AtomicU32; LONGEST] = [const { AtomicU32::new(0) }; LONGEST];
 
 /// Messages received since the counts were last cleared.
 #[derive(Default)]
-pub struct Heard {
+pub struct Counts {
     /// Rate frames, and the sums of their rates.
     pub rates: u32,
     pub sums: [f64; AXES],
@@ -57,7 +57,7 @@ pub struct Listener {
     at: usize,
     pulse: u32,
     /// Messages that it has received.
-    pub heard: Heard,
+    pub counts: Counts,
 }
 
 /// Sets UART5 up.
@@ -91,7 +91,7 @@ pub fn start() -> Listener {
         w.set_te(true);
         w.set_re(true);
     });
-    Listener { deframer: Deframer::default(), at: 0, pulse: 0, heard: Heard::default() }
+    Listener { deframer: Deframer::default(), at: 0, pulse: 0, counts: Counts::default() }
 }
 
 impl Listener {
@@ -106,33 +106,33 @@ impl Listener {
             match self.deframer.push(byte) {
                 None => {}
                 Some(Ok(message)) => self.message(&message),
-                Some(Err(_)) => self.heard.bad += 1,
+                Some(Err(_)) => self.counts.bad += 1,
             }
         }
     }
 
     fn message(&mut self, message: &Message) {
-        let heard = &mut self.heard;
+        let counts = &mut self.counts;
         match message {
             Message::Rate(frame) => {
-                heard.rates += 1;
-                heard.flags |= frame.unit_status.bits();
-                heard.sums.iter_mut().zip(frame.rate_dph).for_each(|(sum, rate)| *sum += f64::from(rate));
+                counts.rates += 1;
+                counts.flags |= frame.unit_status.bits();
+                counts.sums.iter_mut().zip(frame.rate_dph).for_each(|(sum, rate)| *sum += f64::from(rate));
             }
             Message::Housekeeping(h) => {
-                heard.seconds += 1;
-                heard.flags |= h.unit_status.bits();
-                heard.samples += u32::from(h.samples);
-                heard.adc_errors += u32::from(h.adc_errors);
+                counts.seconds += 1;
+                counts.flags |= h.unit_status.bits();
+                counts.samples += u32::from(h.samples);
+                counts.adc_errors += u32::from(h.adc_errors);
                 let lost = h.missing.iter().chain(&h.rejected);
-                heard.edges_lost += lost.map(|n| u32::from(*n)).sum::<u32>();
+                counts.edges_lost += lost.map(|n| u32::from(*n)).sum::<u32>();
                 if h.pps_age_ms != u32::MAX && h.pps_tick != self.pulse {
                     self.pulse = h.pps_tick;
-                    heard.pulses += 1;
+                    counts.pulses += 1;
                 }
-                heard.last = Some(*h);
+                counts.last = Some(*h);
             }
-            Message::Identity(_) => heard.identities += 1,
+            Message::Identity(_) => counts.identities += 1,
             _ => {}
         }
     }

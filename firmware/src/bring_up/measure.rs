@@ -1,9 +1,9 @@
 //! The course of the bring-up: waits, measures, has the table printed.
 
-use super::listener::{Heard, Listener};
+use super::listener::{Counts, Listener};
 use super::table::{Item, Reached};
 use super::waves::{Waves, PERIODS};
-use super::{converter, cycles, ERASE, ERASE_US, OWN, SAMPLES, SUM, WORST};
+use super::{adc_model, cycles, ERASE, ERASE_US, OWN, SAMPLES, SUM, WORST};
 use crate::params;
 use core::sync::atomic::Ordering::Relaxed;
 use embassy_futures::yield_now;
@@ -84,7 +84,7 @@ impl Bench {
         }
         for _ in 0..FIRST_FRAME {
             self.looks(1).await;
-            if self.listener.heard.rates > 0 {
+            if self.listener.counts.rates > 0 {
                 let us = Instant::now().as_micros() as u32 - ERASE_US.load(Relaxed);
                 let ms = us as f32 / 1000.0;
                 self.reached.set(Item::FirstFrame, ms);
@@ -97,7 +97,7 @@ impl Bench {
 
     /// Frequencies, samples, rates, frames, pulses, the way of a sample.
     async fn main(&mut self) {
-        self.listener.heard = Heard::default();
+        self.listener.counts = Counts::default();
         SUM.store(0, Relaxed);
         WORST.store(0, Relaxed);
         SAMPLES.store(0, Relaxed);
@@ -108,27 +108,27 @@ impl Bench {
             reached.set(Item::Latency, sum as f32 / samples as f32);
             reached.set(Item::WorstLatency, worst as f32);
         }
-        let heard = &self.listener.heard;
-        reached.set(Item::RateFrames, heard.rates as f32 / SECONDS);
-        reached.set(Item::BadFrames, heard.bad as f32);
-        if heard.rates > 0 {
-            for (item, sum) in [Item::RateX, Item::RateY, Item::RateZ].into_iter().zip(heard.sums) {
-                reached.set(item, (sum / f64::from(heard.rates)) as f32);
+        let counts = &self.listener.counts;
+        reached.set(Item::RateFrames, counts.rates as f32 / SECONDS);
+        reached.set(Item::BadFrames, counts.bad as f32);
+        if counts.rates > 0 {
+            for (item, sum) in [Item::RateX, Item::RateY, Item::RateZ].into_iter().zip(counts.sums) {
+                reached.set(item, (sum / f64::from(counts.rates)) as f32);
             }
         }
-        reached.set(Item::Pulses, heard.pulses as f32);
-        let Some(last) = &heard.last else {
+        reached.set(Item::Pulses, counts.pulses as f32);
+        let Some(last) = &counts.last else {
             defmt::error!("no housekeeping: look at the link out (PA9-PD2)");
             return;
         };
-        reached.set(Item::Samples, heard.samples as f32 / heard.seconds as f32);
-        reached.set(Item::AdcErrors, heard.adc_errors as f32);
-        reached.set(Item::EdgesLost, heard.edges_lost as f32);
+        reached.set(Item::Samples, counts.samples as f32 / counts.seconds as f32);
+        reached.set(Item::AdcErrors, counts.adc_errors as f32);
+        reached.set(Item::EdgesLost, counts.edges_lost as f32);
         for (item, f) in [Item::WaveX, Item::WaveY, Item::WaveZ].into_iter().zip(last.frequency_hz) {
             reached.set(item, f as f32);
         }
         reached.set(Item::Clock, last.clock_ppb);
-        reached.set(Item::Status, f32::from(heard.flags));
+        reached.set(Item::Status, f32::from(counts.flags));
     }
 
     /// Periods of wave x as TIM2 captures them: its capture register, looked at for a quarter of a second. (The DMA takes it as well.) What is longer
@@ -259,17 +259,17 @@ impl Bench {
     }
 
     async fn question(&mut self) {
-        self.listener.heard = Heard::default();
+        self.listener.counts = Counts::default();
         self.listener.ask();
         self.looks(ANSWER).await;
-        self.reached.set(Item::Answers, self.listener.heard.identities as f32);
+        self.reached.set(Item::Answers, self.listener.counts.identities as f32);
     }
 
     /// Three bad frames in a row: the unit resets the ADC by its pin.
     async fn reset(&mut self) {
-        let before = converter::resets();
-        converter::spoil(u32::from(hrg_core::adc::BAD_IN_A_ROW));
+        let before = adc_model::resets();
+        adc_model::invalidate(u32::from(hrg_core::adc::BAD_IN_A_ROW));
         self.looks(RESET).await;
-        self.reached.set(Item::AdcReset, converter::resets().wrapping_sub(before) as f32);
+        self.reached.set(Item::AdcReset, adc_model::resets().wrapping_sub(before) as f32);
     }
 }

@@ -4,11 +4,11 @@
 //! | does | with | file |
 //! |---|---|---|
 //! | three square waves, data-ready, pulses per second | TIM4, TIM1, TIM12, TIM8, TIM10 | `waves` |
-//! | answers as the ADC does | SPI2 as a slave, EXTI 12 | `converter` |
+//! | answers as the ADC does | SPI2 as a slave, EXTI 12 | `adc_model` |
 //! | listens to the link, and asks | UART5 | `listener` |
 //! | measures, and prints the table | the processor's cycle counter | `measure`, `table` |
 
-mod converter;
+mod adc_model;
 mod expected;
 mod listener;
 mod measure;
@@ -58,7 +58,7 @@ pub fn prepare(sectors: &mut Sectors) {
 
 /// The inputs begin, and are measured: after the unit's tasks were started.
 pub fn start(spawner: Spawner) {
-    converter::start();
+    adc_model::start();
     let listener = listener::start();
     crate::spawned(measure::task(listener, waves::start()), |t| spawner.spawn(t));
 }
@@ -97,8 +97,8 @@ pub fn rate_task_ran() {
 #[interrupt]
 fn EXTI15_10() {
     let begun = cycles();
-    pac::EXTI.pr(0).write(|w| w.set_line(converter::SELECT_LINE, true));
-    converter::frame_ended();
+    pac::EXTI.pr(0).write(|w| w.set_line(adc_model::SELECT_LINE, true));
+    adc_model::frame_ended();
     let took = cycles().wrapping_sub(begun);
     OWN_SINCE.fetch_add(took, Relaxed);
     OWN.fetch_add(took, Relaxed);

@@ -37,8 +37,8 @@ fn common(timer: *mut ()) -> TimGp16 {
 }
 
 /// A square wave at a channel (from 0 on): counts of a period of the divided clock, and of its high part.
-fn wave(timer: TimGp16, channel: usize, divider: u16, period: u16, high: u16) {
-    timer.psc().write_value(divider);
+fn wave(timer: TimGp16, channel: usize, prescaler: u16, period: u16, high: u16) {
+    timer.psc().write_value(prescaler);
     timer.arr().write(|w| w.set_arr(period - 1));
     timer.ccr(channel).write(|w| w.set_ccr(high));
     timer.ccmr_output(channel / 2).modify(|w| {

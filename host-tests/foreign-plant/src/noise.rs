@@ -104,7 +104,7 @@ pub fn sample(rng: &mut ChaCha8Rng, noise: &Noise, mixture: Mixture, t_c: &[f64]
     };
     add(m.white, white(rng, noise, t_c, dt_s));
     if m.flicker > 0.0 {
-        add(m.flicker, coloured(rng, n, dt_s, |f| f.powf(-m.exponent)));
+        add(m.flicker, correlated(rng, n, dt_s, |f| f.powf(-m.exponent)));
     }
     if m.walk > 0.0 {
         add(m.walk, walk(rng, n));
@@ -113,7 +113,7 @@ pub fn sample(rng: &mut ChaCha8Rng, noise: &Noise, mixture: Mixture, t_c: &[f64]
         add(m.lines, lines(rng, n, dt_s));
     }
     if m.markov > 0.0 {
-        add(m.markov, coloured(rng, n, dt_s, |f| 1.0 / (1.0 + (2.0 * PI * f * m.markov_s).powi(2))));
+        add(m.markov, correlated(rng, n, dt_s, |f| 1.0 / (1.0 + (2.0 * PI * f * m.markov_s).powi(2))));
     }
     if let Noise::Series(series) = noise {
         let column = rng.random_range(0..series.columns.len());
@@ -160,7 +160,7 @@ fn white(rng: &mut ChaCha8Rng, noise: &Noise, t_c: &[f64], dt_s: f64) -> Vec<f64
 /// Noise of the given power spectrum, by inverse transform of a random spectrum twice as long as the run. It is scaled so that its
 /// 100 s means deviate by 1 about the mean of `n` samples, in expectation.
 #[must_use]
-pub fn coloured(rng: &mut ChaCha8Rng, n: usize, dt_s: f64, power: impl Fn(f64) -> f64) -> Vec<f64> {
+pub fn correlated(rng: &mut ChaCha8Rng, n: usize, dt_s: f64, power: impl Fn(f64) -> f64) -> Vec<f64> {
     let length = 2 * n;
     let mut spectrum = vec![Complex::new(0.0, 0.0); length];
     let mut expected = 0.0;

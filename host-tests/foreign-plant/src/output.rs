@@ -107,7 +107,7 @@ fn frequency(making: &Making<'_>, k: usize, a: usize, rng: &mut ChaCha8Rng) -> V
     let dt_s = making.worlds[k].dt_s;
     let white = unit.frequency_noise_hz[a] / dt_s.sqrt();
     let t_c = &making.indicated[k][a];
-    let flicker = noise::coloured(rng, t_c.len(), dt_s, |f| 1.0 / f);
+    let flicker = noise::correlated(rng, t_c.len(), dt_s, |f| 1.0 / f);
     let step = making.case.layout.frequency_step_hz;
     t_c.iter()
         .zip(flicker)

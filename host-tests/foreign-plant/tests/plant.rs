@@ -23,7 +23,7 @@ fn flicker_has_the_slope_that_is_asked_for() {
     for exponent in [0.8, 1.0, 1.4] {
         let mut slopes = Vec::new();
         for seed in 0..6 {
-            let x = noise::coloured(&mut stream(seed, &["slope"]), 32_768, 1.0, |f| f.powf(-exponent));
+            let x = noise::correlated(&mut stream(seed, &["slope"]), 32_768, 1.0, |f| f.powf(-exponent));
             let p = powers(&x);
             // Mean power of octaves, away from both ends.
             let octaves: Vec<(f64, f64)> = (5..13)
@@ -45,10 +45,10 @@ fn flicker_has_the_slope_that_is_asked_for() {
 }
 
 #[test]
-fn coloured_noise_deviates_by_one_in_100_s_means() {
+fn correlated_noise_deviates_by_one_in_100_s_means() {
     for exponent in [0.8, 1.4] {
         let squares = (0..100).map(|seed| {
-            let x = noise::coloured(&mut stream(seed, &["scale"]), 6000, 1.0, |f| f.powf(-exponent));
+            let x = noise::correlated(&mut stream(seed, &["scale"]), 6000, 1.0, |f| f.powf(-exponent));
             deviation(&means(&x, 1.0, 0)).powi(2)
         });
         let variance = squares.sum::<f64>() / 100.0;
@@ -86,7 +86,7 @@ fn every_kind_of_noise_has_the_floor_that_is_asked_for() {
 
 #[test]
 fn a_surrogate_keeps_the_spectrum_and_nothing_else() {
-    let measured = noise::coloured(&mut stream(1, &["measured"]), 4096, 1.0, |f| 1.0 / (f * f + 1e-5));
+    let measured = noise::correlated(&mut stream(1, &["measured"]), 4096, 1.0, |f| 1.0 / (f * f + 1e-5));
     let text: String = measured.iter().map(|x| format!("{x}\n")).collect();
     let selection = Selection { step_s: Some(1.0), ..Selection::default() };
     let series = Series::parse(&text, "m".into(), &selection).expect("a series");
@@ -106,7 +106,7 @@ fn a_surrogate_keeps_the_spectrum_and_nothing_else() {
 #[test]
 fn a_surrogate_longer_than_its_series_does_not_repeat() {
     let text: String =
-        noise::coloured(&mut stream(3, &["m"]), 1000, 1.0, |f| 1.0 / f).iter().map(|x| format!("{x}\n")).collect();
+        noise::correlated(&mut stream(3, &["m"]), 1000, 1.0, |f| 1.0 / f).iter().map(|x| format!("{x}\n")).collect();
     let selection = Selection { step_s: Some(1.0), ..Selection::default() };
     let series = Series::parse(&text, "m".into(), &selection).expect("a series");
     let x = series.surrogate(&mut stream(1, &["a"]), 0, 3000, 1.0);
@@ -232,7 +232,7 @@ fn programs_stay_in_their_span_and_go_both_ways_unless_they_say_otherwise() {
 }
 
 #[test]
-fn operators_obey_their_laws() {
+fn operators_follow_their_laws() {
     let ramp: Vec<f64> = (0..4000).map(|i| f64::from(i) * 0.01).collect();
     // A lag follows a ramp by its time constant times the slope.
     let lagged = op::lag(&ramp, 1.0, 300.0, 0.0);

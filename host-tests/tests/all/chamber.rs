@@ -69,8 +69,9 @@ fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice(
         let mut unit = Unit::open(&link).expect("a port");
         assert_eq!(unit.identity().expect("answers").unit, UnitName::UNNAMED);
         // A unit without a name gets one from its user, not from a file.
-        let burn =
-            |unit: &mut Unit, c: &Calibration, said: &Burn| unit.burn(c, said, |_| {}).map_err(|e| e.why.to_string());
+        let burn = |unit: &mut Unit, c: &Calibration, printed: &Burn| {
+            unit.burn(c, printed, |_| {}).map_err(|e| e.why.to_string())
+        };
         let (nothing, named) = (Burn::default(), Burn { unit: Some("HRG-7".into()), ..Burn::default() });
         let e = burn(&mut unit, &image(0, 1.5), &nothing).expect_err("refused");
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-7"), "{e}");
@@ -128,14 +129,14 @@ fn maintenance_ends_by_itself() {
     let mut board = Board::new(&elf, wires).expect("a board");
     board.write_flash(CALIBRATION_A, &old.to_bytes().expect("fits")).expect("in flash");
     board.run_until(CPU_HZ / 10).expect("runs");
-    let said = |board: &mut _, command| host::maintain(board, command).expect("answers").expect("nothing stops it");
+    let printed = |board: &mut _, command| host::maintain(board, command).expect("answers").expect("nothing stops it");
     let begin = Command::Begin(500);
-    assert_eq!(said(&mut board, begin), Answer::NotOpen, "closed at first");
-    assert_eq!(said(&mut board, Command::Open(old.unit)), Answer::Done);
-    assert_eq!(said(&mut board, begin), Answer::Done);
+    assert_eq!(printed(&mut board, begin), Answer::NotOpen, "closed at first");
+    assert_eq!(printed(&mut board, Command::Open(old.unit)), Answer::Done);
+    assert_eq!(printed(&mut board, begin), Answer::Done);
     let later = board.now() + 125 * CPU_HZ;
     board.run_until(later).expect("runs");
-    assert_eq!(said(&mut board, begin), Answer::NotOpen, "two minutes without a command");
+    assert_eq!(printed(&mut board, begin), Answer::NotOpen, "two minutes without a command");
     assert_eq!(host::running(&mut board, 1.0).expect("answers").calibration, old.checksum());
 }
 

@@ -123,8 +123,8 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
     let place = "--latitude 28.2 --axes x=north_y=east_z=down";
     power(&d, 30.0, || {
         // A fresh unit has no name: what is recorded has the one that is given, or none.
-        let said = ok(&d, "record --port link --seconds 2 --out nameless.csv");
-        assert!(said.contains("no name yet") && said.contains("without --latitude"), "{said}");
+        let printed = ok(&d, "record --port link --seconds 2 --out nameless.csv");
+        assert!(printed.contains("no name yet") && printed.contains("without --latitude"), "{printed}");
         assert!(text(&d, "nameless.csv").contains("# unit: unnamed\n"));
         assert!(refused(&d, "record --port link --unit HRG_042 --seconds 2 --out no.csv").contains("no blanks"));
         ok(&d, &format!("record --port link --unit HRG-042 {place} --seconds 200 --out a.csv"));
@@ -139,17 +139,17 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         ] {
             assert!(head.contains(line), "{line}");
         }
-        let said = ok(&d, "fit a.csv --out cal.toml");
+        let printed = ok(&d, "fit a.csv --out cal.toml");
         for wrong in ["earth's rate", "scale factor", "names no unit"] {
-            assert!(!said.contains(wrong), "{said}");
+            assert!(!printed.contains(wrong), "{printed}");
         }
         // No user at the keyboard: the user's word is asked for.
         let e = refused(&d, "burn cal.toml --port link");
         assert!(e.contains("has no name yet") && e.contains("--unit HRG-042"), "{e}");
         assert!(refused(&d, "burn cal.toml --port link --unit HRG-7").contains("HRG-042"));
         ok(&d, "fit a.csv --out b.toml");
-        let said = ok(&d, "burn cal.toml --port link --unit HRG-042");
-        assert!(said.starts_with("HRG-042: burnt") && said.contains("0.008583069"), "{said}");
+        let printed = ok(&d, "burn cal.toml --port link --unit HRG-042");
+        assert!(printed.starts_with("HRG-042: burnt") && printed.contains("0.008583069"), "{printed}");
     });
     // The name stays when the power goes.
     power(&d, 30.0, || {
@@ -176,8 +176,8 @@ fn from_a_fresh_unit_to_a_named_one_that_takes_no_other_calibration() {
         ok(&d, "fit a.csv --scale-factor 0.01,0.01,0.01 --out scaled.toml");
         let e = refused(&d, "burn scaled.toml --port link");
         assert!(e.contains("0.008583069") && e.contains("0.01 0.01 0.01") && e.contains("--new-scale-factor"), "{e}");
-        let said = ok(&d, "burn scaled.toml --port link --new-scale-factor");
-        assert!(said.contains("number 3") && said.contains("0.01 0.01 0.01"), "{said}");
+        let printed = ok(&d, "burn scaled.toml --port link --new-scale-factor");
+        assert!(printed.contains("number 3") && printed.contains("0.01 0.01 0.01"), "{printed}");
         ok(&d, &format!("record --port link {place} --seconds 200 --out scaled.csv"));
         lengthen(&d, "scaled.csv");
         assert!(text(&d, "scaled.csv").contains("# scale_factor_dph_per_code: 0.01 0.01 0.01\n"));
@@ -250,12 +250,12 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
         let begun = lines.by_ref().map_while(Result::ok).any(|line| line.contains("is being written"));
         board.off();
         let board = Board::on(&d, "2");
-        let said = lines.map_while(Result::ok).collect::<Vec<_>>().join("\n");
+        let printed = lines.map_while(Result::ok).collect::<Vec<_>>().join("\n");
         let ended = burning.wait().expect("ends");
         let running = ok(&d, "read --port link");
         board.off();
-        assert!(begun, "{said}");
-        if ended.success() || !said.contains("; asked now, ") {
+        assert!(begun, "{printed}");
+        if ended.success() || !printed.contains("; asked now, ") {
             continue;
         }
         let after = |word: &str| -> String {
@@ -263,9 +263,9 @@ fn a_burn_that_fails_says_what_the_unit_holds() {
         };
         let (image, number) = (after("running image "), after(", number "));
         let wanted = format!("asked now, unit HRG-7 runs image {image}, number {number}; ");
-        assert!(said.contains("the port is gone") && said.contains(&wanted), "{said} - {running}");
-        let then = said.contains("a restart changes nothing") || said.contains("from its next start on");
-        assert!(then, "{said}");
+        assert!(printed.contains("the port is gone") && printed.contains(&wanted), "{printed} - {running}");
+        let then = printed.contains("a restart changes nothing") || printed.contains("from its next start on");
+        assert!(then, "{printed}");
         cut += 1;
         break;
     }
@@ -293,8 +293,8 @@ fn sensors_beside_the_unit_are_recorded() {
         }
         writeln!(file, "humid").expect("written");
         let o = recording.wait_with_output().expect("ends");
-        let said = String::from_utf8_lossy(&o.stdout).into_owned();
-        assert!(o.status.success() && said.contains("sensors: ") && said.contains("rows"), "{said}");
+        let printed = String::from_utf8_lossy(&o.stdout).into_owned();
+        assert!(o.status.success() && printed.contains("sensors: ") && printed.contains("rows"), "{printed}");
         let e = refused(&d, "record --port link --case-sensors nowhere.txt --out no.csv");
         assert!(e.contains("nowhere.txt") && !d.join("no.csv").exists(), "{e}");
     });

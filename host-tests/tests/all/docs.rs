@@ -231,13 +231,13 @@ fn a_board_takes_no_calibration_of_another_unit_or_scale() {
     };
     let (hrg, board) = (program("hrg"), program("hrg-board"));
     for (unit, out) in [("1", "a.csv"), ("2", "b.csv")] {
-        let (code, said) = run("hrg", &hrg, &format!("simulate --profile fast --unit {unit} --out {out}"));
-        assert_eq!(code, Some(0), "{said}");
+        let (code, message) = run("hrg", &hrg, &format!("simulate --profile fast --unit {unit} --out {out}"));
+        assert_eq!(code, Some(0), "{message}");
     }
     assert_eq!(run("hrg", &hrg, "fit a.csv --out a.toml").0, Some(0));
     assert_eq!(run("hrg", &hrg, "fit a.csv --scale-factor 0.01,0.01,0.01 --out scaled.toml").0, Some(0));
-    let (code, said) = run("run", &board, "run --recording a.csv --calibration a.toml --seconds 3 --out c.csv");
-    assert_eq!(code, Some(0), "{said}");
+    let (code, message) = run("run", &board, "run --recording a.csv --calibration a.toml --seconds 3 --out c.csv");
+    assert_eq!(code, Some(0), "{message}");
     let corrected = std::fs::read_to_string(d.join("c.csv")).expect("written");
     assert!(
         corrected.contains("# latitude_deg: 28.2") && corrected.contains("# scale_factor_dph_per_code: 0.008583069")
@@ -247,8 +247,8 @@ fn a_board_takes_no_calibration_of_another_unit_or_scale() {
         ("serve --recording b.csv --calibration a.toml --folder no", "SIM-1"),
         ("run --recording a.csv --calibration scaled.toml --out no.csv", "0.01 0.01 0.01"),
     ] {
-        let (code, said) = run(command, &board, command);
-        assert!(code == Some(2) && said.contains(says), "{said}");
+        let (code, message) = run(command, &board, command);
+        assert!(code == Some(2) && message.contains(says), "{message}");
     }
     assert!(!d.join("no.csv").exists() && !d.join("no").exists());
 }

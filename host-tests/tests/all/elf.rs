@@ -466,8 +466,8 @@ fn a_start_looks_at_the_sectors_in_bounded_time() {
         sector.chunks_exact_mut(step).for_each(|place| place[..image.len()].copy_from_slice(image));
         sector
     };
-    let (full, spoilt, erased) = (row(&good), row(&bad), vec![0xFF; SECTOR_BYTES]);
-    let mut first_good = spoilt.clone();
+    let (full, corrupted, erased) = (row(&good), row(&bad), vec![0xFF; SECTOR_BYTES]);
+    let mut first_good = corrupted.clone();
     first_good[..good.len()].copy_from_slice(&good);
     let mut one = erased.clone();
     one[..good.len()].copy_from_slice(&good);
@@ -475,7 +475,7 @@ fn a_start_looks_at_the_sectors_in_bounded_time() {
     for (what, a, b, bound) in [
         ("one image", &one, &erased, 126_000),
         ("both sectors full", &full, &full, 123_100),
-        ("nothing but changed images behind the one in use", &first_good, &spoilt, 1_612_000),
+        ("nothing but changed images behind the one in use", &first_good, &corrupted, 1_612_000),
     ] {
         let mut board = scene.off(scene.wires(), &scene.calibration).expect("starts");
         board.write_flash(CALIBRATION_A, a).expect("flash");

@@ -26,10 +26,10 @@ fn features(packages: &[&str], edges: &str) -> BTreeMap<String, BTreeSet<String>
     let mut cargo = Command::new(env!("CARGO"));
     cargo.args(["tree", "--locked", "--prefix", "none", "--format", "{p}|{f}", "--edges", edges]);
     cargo.args(packages.iter().flat_map(|p| ["--package", p]));
-    let told = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("cargo runs");
-    assert!(told.status.success(), "{}", String::from_utf8_lossy(&told.stderr));
+    let output = cargo.current_dir(env!("CARGO_MANIFEST_DIR")).output().expect("cargo runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut all = BTreeMap::<String, BTreeSet<String>>::new();
-    for line in String::from_utf8_lossy(&told.stdout).lines() {
+    for line in String::from_utf8_lossy(&output.stdout).lines() {
         if let Some((package, features)) = line.trim_end_matches(" (*)").split_once('|') {
             all.entry(package.replace(" (proc-macro)", "")).or_default().insert(features.into());
         }

@@ -127,13 +127,13 @@ impl Listing {
                 }
                 Item::Trait(t) if public(&t.vis) => {
                     for item in &t.items {
-                        let said = match item {
+                        let printed = match item {
                             TraitItem::Fn(f) => {
                                 format!("{}{}", show(&f.sig), if f.default.is_some() { " given" } else { "" })
                             }
                             other => show(other),
                         };
-                        self.say(place, &format!("trait {} {said}", t.ident));
+                        self.say(place, &format!("trait {} {printed}", t.ident));
                     }
                 }
                 Item::Fn(f) if public(&f.vis) => self.say(place, &show(&f.sig)),

@@ -45,8 +45,8 @@ fn eq_7_on_the_imu_is_what_others_find() {
 #[test]
 fn every_command_takes_the_imu() {
     let d = temporary("measured-imu");
-    let said = ok(&d, "import MEASURED/imu_raw_data.csv.gz --map MEASURED/imu_raw_data.toml --out run.csv");
-    assert!(said.contains("8395 rows") && said.contains("axes x, y and z"), "{said}");
+    let printed = ok(&d, "import MEASURED/imu_raw_data.csv.gz --map MEASURED/imu_raw_data.toml --out run.csv");
+    assert!(printed.contains("8395 rows") && printed.contains("axes x, y and z"), "{printed}");
     for command in [
         "fit run.csv --out cal.toml",
         "fit run.csv --method fog-lsq --uniform --out no.toml",
@@ -92,8 +92,8 @@ fn every_command_takes_the_imu() {
 #[test]
 fn every_command_takes_one_axis_over_a_few_degrees() {
     let d = temporary("measured-gpsdo");
-    let said = ok(&d, "import MEASURED/gpsdo.short.csv.gz --map MEASURED/gpsdo.short.toml --out run.csv");
-    assert!(said.contains("axes x;"), "{said}");
+    let printed = ok(&d, "import MEASURED/gpsdo.short.csv.gz --map MEASURED/gpsdo.short.toml --out run.csv");
+    assert!(printed.contains("axes x;"), "{printed}");
     let text = std::fs::read_to_string(d.join("run.csv")).expect("written");
     let head: Vec<&str> = text.lines().take_while(|l| !l.starts_with(|c: char| c.is_ascii_digit())).collect();
     assert_eq!(head.last(), Some(&"time_s,temp_x_c,rate_x_dph"));

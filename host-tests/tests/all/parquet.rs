@@ -10,8 +10,8 @@ fn text(folder: &Path, name: &str) -> String {
 #[test]
 fn a_recording_that_pandas_wrote_is_one() {
     let d = temporary("parquet-recording");
-    let said = ok(&d, "import PANDAS/recording.parquet --out run.csv");
-    assert!(said.contains("300 rows, 1.000 s apart, axes x; temp_x_c from 20.00 to 57.38 C"), "{said}");
+    let printed = ok(&d, "import PANDAS/recording.parquet --out run.csv");
+    assert!(printed.contains("300 rows, 1.000 s apart, axes x; temp_x_c from 20.00 to 57.38 C"), "{printed}");
     let run = text(&d, "run.csv");
     for line in ["# unit: PANDAS-1", "# thermometer: sensor", "# power_on_s: 0", "time_s,temp_x_c,rate_x_dph"] {
         assert!(run.lines().any(|l| l == line), "{line}: {run}");
@@ -30,9 +30,9 @@ fn a_table_that_pandas_wrote_is_read_by_a_map() {
     let map = "hrg-map = 1\n[table]\nkeep = { imu = \"left\" }\n[time]\ncolumn = \"when\"\nunit = \"iso\"\n\
                [temperature]\nall = { column = \"celsius\" }\n[rate]\nz = { column = \"gyro\", unit = \"rad/s\" }\n";
     std::fs::write(d.join("map.toml"), map).expect("written");
-    let (code, said, error) = hrg(&d, "import PANDAS/table.parquet --map map.toml --out run.csv");
+    let (code, printed, error) = hrg(&d, "import PANDAS/table.parquet --map map.toml --out run.csv");
     assert_eq!(code, Some(0), "{error}");
-    assert!(said.contains("150 rows, 0.080 s apart, axes z"), "{said}");
+    assert!(printed.contains("150 rows, 0.080 s apart, axes z"), "{printed}");
     assert!(error.contains("1 cells are empty") && error.contains("shapes.list.element"), "{error}");
     let rows: Vec<Vec<String>> = text(&d, "run.csv")
         .lines()

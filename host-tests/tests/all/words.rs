@@ -186,6 +186,59 @@ fn a_cleared_word_is_found_where_people_read_it_and_nowhere_else() {
     assert_eq!(found("a.py", "x = 'x' # mended\nraise E(\"believed by none\")\n"), 2);
 }
 
+/// Identifiers that keep a cleared word: the digital twin, and names of other crates.
+const KEPT_NAMES: [&str; 5] = ["Twin", "twin", "l_dirty", "believes", "staged"];
+
+/// The lower-case parts of an identifier: `clockDrift`, `clock_drift` and `CLOCK_DRIFT` have the same.
+fn parts(name: &str) -> Vec<String> {
+    let mut out = vec![String::new()];
+    let mut before = '_';
+    for c in name.chars() {
+        if c == '_' || (c.is_uppercase() && before.is_lowercase()) {
+            out.push(String::new());
+        }
+        if c != '_' {
+            out.last_mut().expect("one").extend(c.to_lowercase());
+        }
+        before = c;
+    }
+    out
+}
+
+/// Identifiers of a source text, without literals and comments.
+fn identifiers(text: &str) -> Vec<String> {
+    let mut out = Vec::new();
+    for line in text.lines() {
+        let code = line.split("//").next().unwrap_or_default();
+        for (k, piece) in code.split('"').enumerate() {
+            if k % 2 == 0 {
+                let words = piece.split(|c: char| !c.is_alphanumeric() && c != '_');
+                out.extend(words.filter(|w| w.starts_with(|c: char| c.is_alphabetic() || c == '_')).map(String::from));
+            }
+        }
+    }
+    out
+}
+
+#[test]
+fn cleared_words_are_no_names_in_code() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    let mut all = Vec::new();
+    files(&root, &mut all);
+    let mut found = Vec::new();
+    for file in all.iter().filter(|f| f.extension().is_some_and(|e| e == "rs")) {
+        for name in identifiers(&std::fs::read_to_string(file).expect("UTF-8")) {
+            let word = parts(&name).iter().find_map(|p| cleared(p));
+            if let Some((_, instead)) = word.filter(|_| !KEPT_NAMES.contains(&name.as_str())) {
+                found.push(format!("{}: {name}; use: {instead}", file.display()));
+            }
+        }
+    }
+    assert!(found.is_empty(), "{} places:\n{}", found.len(), found.join("\n"));
+    assert_eq!(identifiers("let heardOf = \"said\"; // told").len(), 2);
+    assert_eq!(parts("clockDrift_RATE"), ["clock", "drift", "rate"]);
+}
+
 /// A comment states a thing: its sentence begins with a noun or a verb, not with a question.
 #[test]
 fn no_comment_begins_with_a_question() {

@@ -35,8 +35,8 @@ fn a_gyro_with_sensors_is_identified_corrected_and_measured_again() {
     let mut after = Vec::new();
     for method in ["lsq", "fog-lsq", "fog-pso"] {
         ok(&d, &format!("fit cooling.csv heating.csv --method {method} --out {method}.toml"));
-        let said = ok(&d, &format!("correct verify.csv --calibration {method}.toml --out {method}.csv"));
-        assert!(said.contains("SIM-4") && said.contains(" 0 outside the calibrated"), "{said}");
+        let printed = ok(&d, &format!("correct verify.csv --calibration {method}.toml --out {method}.csv"));
+        assert!(printed.contains("SIM-4") && printed.contains(" 0 outside the calibrated"), "{printed}");
         after.push(deviation(&d.join(format!("{method}.csv"))));
     }
     let [_, exact, swarm] = after[..] else { panic!("three methods") };

@@ -8,7 +8,7 @@ const LOCK_PERIODS: u8 = 4;
 /// Consecutive rejected edges after which the counter gives up its lock.
 const MAX_REJECTS: u8 = 8;
 /// Missing periods after which the counter gives up its lock (0.1 s at 4.9 kHz).
-pub const HOLE_PERIODS: u32 = 490;
+pub const GAP_PERIODS: u32 = 490;
 /// Edges are accepted within this fraction of a period: one part in 2^6.
 const TOLERANCE_SHIFT: u32 = 6;
 
@@ -131,7 +131,7 @@ impl Counter {
                 // Not the next edge. A later one?
                 let period_q8 = u64::from(self.period_q8.max(1));
                 let rounded = (u64::from(delta) << 8) + (period_q8 >> 1);
-                if rounded >= u64::from(HOLE_PERIODS + 1) * period_q8 {
+                if rounded >= u64::from(GAP_PERIODS + 1) * period_q8 {
                     self.unlock(stamp);
                     return;
                 }
@@ -288,7 +288,7 @@ impl Counter {
         self.gate_start += u64::from(self.config.gate_ticks);
         // An edge that is long overdue: the signal has stopped.
         let waited = (self.gate_start as u32).wrapping_sub(self.last);
-        let longest_q8 = u64::from(HOLE_PERIODS + 1) * u64::from(self.period_q8.max(1));
+        let longest_q8 = u64::from(GAP_PERIODS + 1) * u64::from(self.period_q8.max(1));
         if self.locked == LOCK_PERIODS && (waited as i32) > 0 && u64::from(waited) << 8 >= longest_q8 {
             // As if the next edge had found it out: what an edge does after this is the same either way.
             self.locked = 0;

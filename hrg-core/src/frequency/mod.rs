@@ -15,7 +15,7 @@
 //! - Edges are numbered by the grid they must lie on. One that comes too early is a glitch: rejected and
 //!   counted. Over missing edges the number moves on by as many: counted, and the slope stays right.
 //! - The counter locks after four consistent periods, and unlocks after eight consecutive rejects or a gap
-//!   of [`HOLE_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
+//!   of [`GAP_PERIODS`]. An edge is accepted within 1/64 period (3 us at 4.9 kHz) of its place.
 //!
 //! # Example
 //! ```
@@ -41,7 +41,7 @@ mod counter;
 mod sums;
 
 pub use bank::{CounterBank, Joined, StepFrequencies, SETTLE_US};
-pub use counter::{Counter, Gate, HOLE_PERIODS};
+pub use counter::{Counter, Gate, GAP_PERIODS};
 pub use sums::Sums;
 
 use crate::timebase::Timebase;

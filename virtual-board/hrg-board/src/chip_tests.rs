@@ -143,12 +143,12 @@ pub fn command(elf: &[u8]) -> Result<()> {
     let (mut passed, mut failed, mut ignored) = (0, 0, 0);
     for test in &tests {
         let (outcome, log) = test.run(elf)?;
-        let said = match &outcome {
+        let printed = match &outcome {
             Outcome::Ok => "ok".to_string(),
             Outcome::Ignored => "ignored".to_string(),
             Outcome::Failed(_) => "FAILED".to_string(),
         };
-        println!("test {} ... {said}", test.name);
+        println!("test {} ... {printed}", test.name);
         match outcome {
             Outcome::Ok => passed += 1,
             Outcome::Ignored => ignored += 1,

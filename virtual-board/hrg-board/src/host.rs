@@ -88,7 +88,7 @@ pub fn burn(board: &mut Board<Wires>, image: &Calibration) -> Result<Burn> {
 /// If it does not answer by then.
 pub fn running(board: &mut Board<Wires>, seconds: f64) -> Result<Identity> {
     // Bytes on their way in are lost with the power.
-    board.world.silence();
+    board.world.missing_s();
     board.world.received = Received::default();
     // Not before the receiver listens.
     while !matches!(board.run_until(board.now() + cycles(0.03))?, Stop::Time) {}

@@ -106,7 +106,7 @@ pub fn serve(
         while board.run_until(target)? != Stop::Time {
             println!("the unit was reset (watchdog or restart)");
         }
-        link.write(&board.world.said());
+        link.write(&board.world.printed());
         for line in board.world.received.log.drain(..) {
             log.write(format!("{line}\r\n").as_bytes());
         }

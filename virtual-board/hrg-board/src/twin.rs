@@ -187,10 +187,10 @@ impl Twin {
         self.advance(stamp);
         let byte = |n: usize| frame.get(n).copied().unwrap_or(0);
         let words: [u32; WORDS] = std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte(4 * k + n))));
-        let heard = self.adc.heard(&words, false);
-        let Some(codes) = heard.sample else { return };
+        let received = self.adc.receive(&words, false);
+        let Some(codes) = received.sample else { return };
         if let Some((bank, window)) = self.sensors.as_mut().filter(|_| codes.is_ok()) {
-            *window = bank.push(stamp, heard.sensors).or(*window);
+            *window = bank.push(stamp, received.sensors).or(*window);
         }
         let rates = &mut self.rates;
         let send = |frame| {

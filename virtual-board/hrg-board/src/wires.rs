@@ -222,7 +222,7 @@ impl Wires {
         }
     }
 
-    /// With somebody at the other end of the link: see [`said`](Self::said).
+    /// With somebody at the other end of the link: see [`printed`](Self::printed).
     #[must_use]
     pub fn live(mut self) -> Self {
         self.out = Some(Vec::new());
@@ -241,7 +241,7 @@ impl Wires {
     }
 
     /// Stops the sender: bytes that have not come in yet never will.
-    pub fn silence(&mut self) {
+    pub fn missing_s(&mut self) {
         self.coming.clear();
     }
 
@@ -252,7 +252,7 @@ impl Wires {
     }
 
     /// Bytes that went out on a live link since last asked.
-    pub fn said(&mut self) -> Vec<u8> {
+    pub fn printed(&mut self) -> Vec<u8> {
         self.out.as_mut().map(std::mem::take).unwrap_or_default()
     }
 

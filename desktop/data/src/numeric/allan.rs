@@ -69,13 +69,13 @@ fn angles(values: &[f64], m: f64, step_s: f64) -> Vec<f64> {
 // Compiled for wider vectors, too, where there are any; the sums are the same ones.
 #[multiversion::multiversion(targets("x86_64+avx2", "x86_64+avx512f"))]
 fn second_differences(a: &[f64], b: &[f64], c: &[f64]) -> f64 {
-    const LANES: usize = 16;
-    let mut sums = [0.0f64; LANES];
-    let (a, b, c) = (a.chunks_exact(LANES), b.chunks_exact(LANES), c.chunks_exact(LANES));
+    const WIDTH: usize = 16;
+    let mut sums = [0.0f64; WIDTH];
+    let (a, b, c) = (a.chunks_exact(WIDTH), b.chunks_exact(WIDTH), c.chunks_exact(WIDTH));
     let rest = a.remainder().iter().zip(b.remainder()).zip(c.remainder());
     let rest: f64 = rest.map(|((a, b), c)| (c - 2.0 * b + a) * (c - 2.0 * b + a)).sum();
     for ((a, b), c) in a.zip(b).zip(c) {
-        for k in 0..LANES {
+        for k in 0..WIDTH {
             let d = c[k] - 2.0 * b[k] + a[k];
             sums[k] += d * d;
         }

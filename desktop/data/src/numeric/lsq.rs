@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_told_apart_is_named() {
+    fn columns_that_cannot_be_separated_are_named() {
         let u: Vec<f64> = (0..50).map(f64::from).collect();
         let columns = vec![vec![1.0; 50], u.clone(), u.iter().map(|x| 2.0 * x).collect()];
         let e = fit(&columns, &u, None, &["one", "this", "that"]).expect_err("singular");

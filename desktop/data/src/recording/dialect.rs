@@ -73,8 +73,8 @@ fn split_line(text: &str, alone: bool) -> (&str, &str) {
 
 /// The separator of a header: what stands in it most often outside quotes.
 fn separator_of(header: &str) -> char {
-    if let Some(said) = header.strip_prefix("sep=").and_then(|s| s.chars().next()) {
-        return said;
+    if let Some(printed) = header.strip_prefix("sep=").and_then(|s| s.chars().next()) {
+        return printed;
     }
     let mut quoted = false;
     let mut counts = [(0usize, ','), (0, ';'), (0, '\t')];

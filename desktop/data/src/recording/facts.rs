@@ -12,12 +12,12 @@ use hrg_core::AXES;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Disagreement {
     /// Two names.
-    #[error("the recording is of unit {recording}, not of {said}; check which is meant")]
+    #[error("the recording is of unit {recording}, not of {stated}; check which is meant")]
     Unit {
         /// In the recording.
         recording: String,
         /// Elsewhere.
-        said: String,
+        stated: String,
     },
     /// The image is of another unit than the recording.
     #[error("the recording is of unit {recording}, the calibration of {image}; take the calibration of that unit")]
@@ -89,7 +89,7 @@ impl Facts {
             if r.unit() == names::NONE {
                 r.set_meta("unit", name);
             } else if names::kept(r.unit()) != name {
-                return Err(Disagreement::Unit { recording: r.unit().into(), said: name.into() }.into());
+                return Err(Disagreement::Unit { recording: r.unit().into(), stated: name.into() }.into());
             }
         }
         if let Some(attitude) = &self.attitude {
@@ -230,18 +230,18 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_is_added_or_refused() {
+    fn given_metadata_are_added_or_refused() {
         let attitude = Attitude::of(Some("30"), Some("x=north y=east z=down")).expect("fine");
-        let said = Facts { unit: Some("HRG-7".into()), attitude, ..Facts::default() };
+        let stated = Facts { unit: Some("HRG-7".into()), attitude, ..Facts::default() };
         let mut r = recording(&[("unit", "default")]);
-        said.apply(&mut r).expect("all of it is new");
+        stated.apply(&mut r).expect("all of it is new");
         assert_eq!((r.unit(), r.meta("latitude_deg")), ("HRG-7", Some("30")));
-        said.apply(&mut r).expect("the same again");
-        let e = said.apply(&mut recording(&[("unit", "HRG-8")])).expect_err("refused").0;
+        stated.apply(&mut r).expect("the same again");
+        let e = stated.apply(&mut recording(&[("unit", "HRG-8")])).expect_err("refused").0;
         assert!(e.contains("HRG-8") && e.contains("HRG-7"), "{e}");
         let other = [("latitude_deg", "31"), ("axes", "x=north y=east z=down")];
-        assert!(said.apply(&mut recording(&other)).expect_err("refused").0.contains("latitude 31"));
-        assert!(said.apply(&mut recording(&[("earth_rate", "removed")])).expect_err("refused").0.contains("already"));
+        assert!(stated.apply(&mut recording(&other)).expect_err("refused").0.contains("latitude 31"));
+        assert!(stated.apply(&mut recording(&[("earth_rate", "removed")])).expect_err("refused").0.contains("already"));
     }
 
     #[test]
@@ -253,11 +253,11 @@ mod tests {
         assert_eq!((r.scale_factor(), r.notes.len()), (Some([0.02, 0.01, -0.01]), 1));
         let mut base = Calibration::uncalibrated();
         base.axes.iter_mut().for_each(|a| a.scale_factor_dph_per_code = 0.03);
-        let said = Facts { base: Some(base.clone()), ..Facts::default() };
-        let e = said.apply(&mut recording(&[(SCALE_FACTOR, "0.01 0.01 0.01")])).expect_err("refused").0;
+        let stated = Facts { base: Some(base.clone()), ..Facts::default() };
+        let e = stated.apply(&mut recording(&[(SCALE_FACTOR, "0.01 0.01 0.01")])).expect_err("refused").0;
         assert!(e.contains("0.01 0.01 0.01") && e.contains("0.03 0.03 0.03"), "{e}");
         let mut r = recording(&[]);
-        said.apply(&mut r).expect("taken over");
+        stated.apply(&mut r).expect("taken over");
         assert_eq!((r.scale_factor(), r.rate_dph[0][0]), (Some([0.03; 3]), 1.0));
         assert!(matches!(fits(&Calibration::uncalibrated(), &r, false), Err(Disagreement::Scale { .. })));
         assert_eq!(fits(&base, &r, false).map(|n| n.len()), Ok(1));

@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said() {
+    fn missing_quantities_are_reported() {
         let mut r = runs(&[], 1..2).remove(0);
         r.thermometer = hrg_data::recording::thermometer::Thermometer::None;
         r.frequency_hz.iter_mut().for_each(|f| f.fill(f64::NAN));

@@ -57,10 +57,10 @@ pub enum NameError {
         unit: String,
     },
     /// The name that was given is neither's.
-    #[error("--unit says {said}, the {what} on hand is {named}; nothing was written")]
-    Said {
+    #[error("--unit says {stated}, the {what} on hand is {named}; nothing was written")]
+    Stated {
         /// Name that was given.
-        said: String,
+        stated: String,
         /// The unit or the calibration.
         what: &'static str,
         /// Its name.
@@ -77,21 +77,21 @@ impl From<NameError> for BadInput {
     }
 }
 
-/// The name under which an image may go into a unit. `unit`, `image`: their names, where they have one; `said`: what the user says.
+/// The name under which an image may go into a unit. `unit`, `image`: their names, where they have one; `stated`: what the user says.
 /// Nothing without a name is ever taken for the right one without the user's word.
 ///
 /// # Errors
 /// [`NameError`].
-pub fn agreed_name(unit: Option<&str>, image: Option<&str>, said: Option<&str>) -> Result<String, NameError> {
+pub fn agreed_name(unit: Option<&str>, image: Option<&str>, stated: Option<&str>) -> Result<String, NameError> {
     let own = String::from;
-    if let Some(said) = said {
-        names::check(said)?;
+    if let Some(stated) = stated {
+        names::check(stated)?;
         for (what, named) in [("unit", unit), ("calibration", image)] {
-            if let Some(named) = named.filter(|n| *n != said) {
-                return Err(NameError::Said { said: own(said), what, named: own(named) });
+            if let Some(named) = named.filter(|n| *n != stated) {
+                return Err(NameError::Stated { stated: own(stated), what, named: own(named) });
             }
         }
-        return Ok(own(said));
+        return Ok(own(stated));
     }
     match (unit, image) {
         (Some(unit), Some(image)) if unit == image => Ok(own(unit)),
@@ -573,17 +573,22 @@ impl Unit {
     ///
     /// # Errors
     /// [`BurnError`]: before the flash was touched (names, scale factors, an empty image), or in the middle of it.
-    pub fn burn(&mut self, calibration: &Calibration, said: &Burn, progress: impl Fn(f64)) -> Result<Burnt, BurnError> {
+    pub fn burn(
+        &mut self,
+        calibration: &Calibration,
+        stated: &Burn,
+        progress: impl Fn(f64),
+    ) -> Result<Burnt, BurnError> {
         if !calibration.calibrated {
             let empty = "the file holds no calibration, but the default of an uncalibrated unit; nothing was written";
             return Err(BurnError::before(BadInput::new(empty)));
         }
         let identity = self.identity().map_err(BurnError::before)?;
-        let name = agreed_name(name_of(&identity), names::of(calibration), said.unit.as_deref())
+        let name = agreed_name(name_of(&identity), names::of(calibration), stated.unit.as_deref())
             .map_err(|e| BurnError::before(BadInput::from(e)))?;
         let mut image = calibration.clone();
         image.set_unit_name(&name);
-        if !said.new_scale_factor {
+        if !stated.new_scale_factor {
             self.same_scale(&identity, &image).map_err(BurnError::before)?;
         }
         self.curves_fit(&image).map_err(BurnError::before)?;
@@ -597,7 +602,7 @@ impl Unit {
         };
         image.sequence = newest.wrapping_add(1);
         let bytes = image.to_bytes().context("the calibration does not fit an image").map_err(BurnError::before)?;
-        let bytes = match &said.key {
+        let bytes = match &stated.key {
             Some(key) => keys::sign(&bytes, key),
             None => bytes.to_vec(),
         };
@@ -628,10 +633,10 @@ impl Unit {
             self.done(chunk, "writing")?;
             progress((((k + 1) * CHUNK) as f64 / bytes.len() as f64).min(1.0));
         }
-        let told = self.done(Command::End, "checking")?;
+        let reported = self.done(Command::End, "checking")?;
         anyhow::ensure!(
-            told == checksum,
-            "the unit's checksum is {told:08x}, the image's {checksum:08x}; burn it again"
+            reported == checksum,
+            "the unit's checksum is {reported:08x}, the image's {checksum:08x}; burn it again"
         );
         anyhow::ensure!(
             self.flash(place, bytes.len())? == bytes,
@@ -656,7 +661,7 @@ mod tests {
     #[test]
     fn nothing_without_a_name_is_taken_for_the_right_one() {
         let (a, b) = (Some("HRG-7"), Some("HRG-8"));
-        for (unit, image, said, wanted) in [
+        for (unit, image, stated, wanted) in [
             (a, a, None, Ok("HRG-7")),
             (a, a, a, Ok("HRG-7")),
             (None, a, a, Ok("HRG-7")),
@@ -673,10 +678,10 @@ mod tests {
             (None, None, Some("default"), Err("without a name")),
             (None, None, Some("HRG 7"), Err("no blanks")),
         ] {
-            match (agreed_name(unit, image, said), wanted) {
+            match (agreed_name(unit, image, stated), wanted) {
                 (Ok(name), Ok(wanted)) => assert_eq!(name, wanted),
-                (Err(e), Err(wanted)) => assert!(e.to_string().contains(wanted), "{unit:?} {image:?} {said:?}: {e}"),
-                (other, _) => panic!("{unit:?} {image:?} {said:?}: {other:?}"),
+                (Err(e), Err(wanted)) => assert!(e.to_string().contains(wanted), "{unit:?} {image:?} {stated:?}: {e}"),
+                (other, _) => panic!("{unit:?} {image:?} {stated:?}: {other:?}"),
             }
         }
     }

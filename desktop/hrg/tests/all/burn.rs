@@ -95,11 +95,11 @@ fn unit(fault: Fault, stop: Arc<AtomicBool>) -> String {
         let (mut identity, mut maintenance) = start(&flash);
         let (mut deframer, mut chunks) = (Deframer::default(), 0);
         let mut buffer = [0; 512];
-        let mut told = Instant::now();
+        let mut shown = Instant::now();
         while !stop.load(Ordering::Relaxed) {
             // (Its seconds are short.)
-            if told.elapsed() > Duration::from_millis(100) {
-                told = Instant::now();
+            if shown.elapsed() > Duration::from_millis(100) {
+                shown = Instant::now();
                 let blind = fault == Fault::Blind && identity.sequence > 1;
                 let lost = if blind { AxisStatus::FREQUENCY_LOST } else { AxisStatus::empty() };
                 let second = Housekeeping {
@@ -182,10 +182,10 @@ fn a_curve_that_is_not_the_units_is_refused_before_anything_is_written() {
         [(&sensor, "axis y: the unit reads 4892.000 now"), (&kilohertz, "centre frequency"), (&other, "axis x")]
     {
         let (o, folder) = burn_of(Fault::Nothing, c, &[]);
-        let said = String::from_utf8_lossy(&o.stderr).into_owned();
-        assert_eq!(o.status.code(), Some(2), "{said}");
-        assert!(said.contains(says) && !said.contains("asked now"), "{said}");
-        assert!(said.contains("nothing was written") || says == "centre frequency", "{said}");
+        let message = String::from_utf8_lossy(&o.stderr).into_owned();
+        assert_eq!(o.status.code(), Some(2), "{message}");
+        assert!(message.contains(says) && !message.contains("asked now"), "{message}");
+        assert!(message.contains("nothing was written") || says == "centre frequency", "{message}");
         std::fs::remove_dir_all(folder).expect("removed");
     }
 }
@@ -196,15 +196,15 @@ fn a_burn_is_done_when_the_unit_shows_it() {
     assert!(o.status.success() && String::from_utf8_lossy(&o.stdout).contains("burnt, read back, and running"));
     std::fs::remove_dir_all(folder).expect("removed");
     let (o, folder) = burn_of(Fault::Blind, &image(0, 2.0), &[]);
-    let said = String::from_utf8_lossy(&o.stderr).into_owned();
-    assert_eq!(o.status.code(), Some(1), "{said}");
-    assert!(said.contains("the unit shows frequency-lost on x and frequency-lost on z; to go back"), "{said}");
+    let message = String::from_utf8_lossy(&o.stderr).into_owned();
+    assert_eq!(o.status.code(), Some(1), "{message}");
+    assert!(message.contains("the unit shows frequency-lost on x and frequency-lost on z; to go back"), "{message}");
     // The named file is the image from before.
     let file = format!("before-{:08x}.toml", image(1, 1.0).checksum());
     assert!(
-        said.contains(&format!("hrg unit burn {file} --port"))
+        message.contains(&format!("hrg unit burn {file} --port"))
             && !String::from_utf8_lossy(&o.stdout).contains("running"),
-        "{said}"
+        "{message}"
     );
     assert_eq!(hrg_data::image_file::load(&folder.join(file)).expect("kept").checksum(), image(1, 1.0).checksum());
     std::fs::remove_dir_all(folder).expect("removed");
@@ -222,27 +222,27 @@ fn a_burn_that_fails_says_what_the_unit_says_that_it_holds() {
         (Fault::End, "checking: the unit says: the image is not newer", "a restart changes nothing"),
         (Fault::Restart, "after its restart, not", next.as_str()),
     ] {
-        let (done, said) = burn(fault, &[]);
-        assert!(!done && said.contains(why), "{fault:?}: {said}");
-        assert!(said.contains(&format!("{runs}{holds}")), "{fault:?}: {said}");
-        assert!(!said.contains("keeps"), "{fault:?}: {said}");
+        let (done, message) = burn(fault, &[]);
+        assert!(!done && message.contains(why), "{fault:?}: {message}");
+        assert!(message.contains(&format!("{runs}{holds}")), "{fault:?}: {message}");
+        assert!(!message.contains("keeps"), "{fault:?}: {message}");
     }
-    let (done, said) = burn(Fault::Locked, &[]);
-    assert!(!done && said.contains("built without maintenance mode") && !said.contains("asked now"), "{said}");
+    let (done, message) = burn(Fault::Locked, &[]);
+    assert!(!done && message.contains("built without maintenance mode") && !message.contains("asked now"), "{message}");
 }
 
 #[test]
 fn a_unit_with_a_key_takes_what_is_burnt_with_it() {
-    let (done, said) = burn(Fault::Signed, &[]);
-    assert!(!done && said.contains("the image is not signed with the key of its firmware; asked now"), "{said}");
-    let (done, said) = burn(Fault::Signed, &["--key", KEY]);
-    assert!(done, "{said}");
-    let (done, said) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../../rustfmt.toml")]);
-    assert!(!done && said.contains("no key of hrg unit keygen") && !said.contains("asked now"), "{said}");
+    let (done, message) = burn(Fault::Signed, &[]);
+    assert!(!done && message.contains("the image is not signed with the key of its firmware; asked now"), "{message}");
+    let (done, message) = burn(Fault::Signed, &["--key", KEY]);
+    assert!(done, "{message}");
+    let (done, message) = burn(Fault::Signed, &["--key", concat!(env!("CARGO_MANIFEST_DIR"), "/../../rustfmt.toml")]);
+    assert!(!done && message.contains("no key of hrg unit keygen") && !message.contains("asked now"), "{message}");
 }
 
 #[test]
-fn a_unit_that_has_gone_is_not_said_to_hold_anything() {
+fn nothing_is_reported_of_a_unit_that_has_gone() {
     let port = unit(Fault::Cable, Arc::new(AtomicBool::new(false)));
     let mut unit = Unit::open(&port).expect("a port");
     let e = unit.burn(&image(0, 2.0), &Burn::default(), |_| {}).expect_err("the cable is pulled");
@@ -265,8 +265,8 @@ fn an_image_for_the_debug_port_is_found_by_the_unit() {
         (o.status.success(), String::from_utf8_lossy(&o.stderr).into_owned())
     };
     for (options, by_key) in [(&["--number", "7"][..], false), (&["--number", "7", "--key", KEY], true)] {
-        let (done, said) = run(options);
-        assert!(done, "{said}");
+        let (done, message) = run(options);
+        assert!(done, "{message}");
         let bytes = std::fs::read(folder.join("i.bin")).expect("written");
         let mut sectors = [vec![0xFF; SECTOR_BYTES], vec![0xFF; SECTOR_BYTES]];
         sectors[0][..bytes.len()].copy_from_slice(&bytes);
@@ -279,7 +279,7 @@ fn an_image_for_the_debug_port_is_found_by_the_unit() {
             );
         }
     }
-    let (done, said) = run(&["--unit", "HRG-8"]);
-    assert!(!done && said.contains("it is of unit HRG-7, not of HRG-8"), "{said}");
+    let (done, message) = run(&["--unit", "HRG-8"]);
+    assert!(!done && message.contains("it is of unit HRG-7, not of HRG-8"), "{message}");
     std::fs::remove_dir_all(&folder).expect("removed");
 }

@@ -335,8 +335,8 @@ fn rest_log_and_profile() {
     for command in ["trace", "fit", "monitor", "unit burn", "fit points", "align"] {
         let words: Vec<&str> = command.split(' ').chain(["--nonsense"]).collect();
         let o = hrg(&d, &words);
-        let said = String::from_utf8_lossy(&o.stderr);
-        assert!(o.status.code() == Some(2) && said.contains(&format!("for example: hrg {command} ")), "{said}");
+        let printed = String::from_utf8_lossy(&o.stderr);
+        assert!(o.status.code() == Some(2) && printed.contains(&format!("for example: hrg {command} ")), "{printed}");
     }
     assert!(refused(&d, &["fit", "none.csv", "--out", "cal.toml"]).contains("hrg simulate --out"));
     assert!(refused(&d, &["burn", "run.csv", "--port", "/dev/none"]).contains("not a calibration"));

@@ -51,24 +51,24 @@ fn constants(folder: &Path, name: &str) -> [f32; 3] {
 const NED: &str = "--axes x=north_y=east_z=down";
 
 #[test]
-fn the_earths_rate_is_taken_off_or_said_to_be_in_the_constant() {
+fn the_earths_rate_is_removed_or_reported() {
     let d = folder("earth");
     ok(&d, "simulate --profile fast --latitude 50 --axes x=up_y=south_z=west --out told.csv");
     ok(&d, "simulate --profile fast --latitude 50 --axes x=up_y=south_z=west --no-attitude --out untold.csv");
     ok(&d, "simulate --profile fast --latitude -30 --axes x=north_y=east_z=down --out elsewhere.csv");
-    let told = ok(&d, "fit told.csv --out told.toml");
-    assert!(!told.contains("earth's rate"), "{told}");
-    let untold = ok(&d, "fit untold.csv --out untold.toml");
-    assert!(untold.contains("up to 15.04 deg/h") && untold.contains("--latitude"), "{untold}");
+    let stated = ok(&d, "fit told.csv --out told.toml");
+    assert!(!stated.contains("earth's rate"), "{stated}");
+    let unstated = ok(&d, "fit untold.csv --out untold.toml");
+    assert!(unstated.contains("up to 15.04 deg/h") && unstated.contains("--latitude"), "{unstated}");
     ok(&d, "fit untold.csv --latitude 50 --axes x=up_y=south_z=west --out given.toml");
     ok(&d, "fit elsewhere.csv --out elsewhere.toml");
-    let [told, untold, said, elsewhere] =
+    let [stated, unstated, printed, elsewhere] =
         ["told.toml", "untold.toml", "given.toml", "elsewhere.toml"].map(|n| constants(&d, n));
     let (s, c) = 50f64.to_radians().sin_cos();
     for (a, part) in [15.041_067 * s, -15.041_067 * c, 0.0].into_iter().enumerate() {
-        assert!((f64::from(untold[a] - told[a]) - part).abs() < 1e-3, "axis {a}: {} {}", untold[a], told[a]);
+        assert!((f64::from(unstated[a] - stated[a]) - part).abs() < 1e-3, "axis {a}: {} {}", unstated[a], stated[a]);
         // (The same simulated unit, in another place: its own bias is the same.)
-        assert!((said[a] - told[a]).abs() < 1e-3 && (elsewhere[a] - told[a]).abs() < 1e-3, "axis {a}");
+        assert!((printed[a] - stated[a]).abs() < 1e-3 && (elsewhere[a] - stated[a]).abs() < 1e-3, "axis {a}");
     }
     assert!(refused(&d, &format!("fit told.csv --latitude 51 {NED} --out no.toml")).contains("latitude 50"));
     assert!(refused(&d, "fit untold.csv --latitude 51 --out no.toml").contains("without axes"));
@@ -77,8 +77,8 @@ fn the_earths_rate_is_taken_off_or_said_to_be_in_the_constant() {
     let trace = "trace --train told.csv --verify untold.csv --out r.json";
     assert!(refused(&d, trace).contains("others do not"));
     ok(&d, "simulate --profile up --seed 2 --no-attitude --out up.csv");
-    let said = ok(&d, "trace --train untold.csv --verify up.csv --out r.json --calibration r.toml");
-    assert!(said.contains("up to 15.04 deg/h") && read(&d, "r.json").contains("up to 15.04 deg/h"), "{said}");
+    let printed = ok(&d, "trace --train untold.csv --verify up.csv --out r.json --calibration r.toml");
+    assert!(printed.contains("up to 15.04 deg/h") && read(&d, "r.json").contains("up to 15.04 deg/h"), "{printed}");
     assert!(!d.join("no.toml").exists());
 }
 
@@ -92,8 +92,11 @@ fn a_fit_keeps_the_scale_factor_and_says_where_none_is_known() {
     write(&d, "own.csv", &text.replace(line, "# scale_factor_dph_per_code: 0.01 0.02 -0.03"));
     let scale = |name: &str| hrg_data::image_file::load(&d.join(name)).expect("there").scale_factors_dph_per_code();
     assert!(!ok(&d, "fit known.csv --out known.toml").contains("scale factor"));
-    let said = ok(&d, "fit unknown.csv --out unknown.toml");
-    assert!(said.contains("the default of 20 deg/s at 2^23 codes") && said.contains("--scale-factor"), "{said}");
+    let printed = ok(&d, "fit unknown.csv --out unknown.toml");
+    assert!(
+        printed.contains("the default of 20 deg/s at 2^23 codes") && printed.contains("--scale-factor"),
+        "{printed}"
+    );
     assert_eq!(scale("unknown.toml"), [72_000.0 / 8_388_608.0; 3]);
     ok(&d, "fit own.csv --out own.toml");
     assert_eq!(scale("own.toml"), [0.01, 0.02, -0.03]);
@@ -106,11 +109,11 @@ fn a_fit_keeps_the_scale_factor_and_says_where_none_is_known() {
     assert_eq!(scale("kept.toml"), [0.01, 0.02, -0.03]);
     assert_eq!(constants(&d, "kept.toml"), constants(&d, "unknown.toml"), "true deg/h stay what they are");
     // Rates that were made with a scale factor are converted to the one that is given.
-    let said = ok(
+    let printed = ok(
         &d,
         "fit own.csv --scale-factor 0.02,0.02,-0.03 --out twice.toml --latitude 28.2 --axes x=north_y=east_z=down",
     );
-    assert!(said.contains("converted"), "{said}");
+    assert!(printed.contains("converted"), "{printed}");
     assert_eq!(scale("twice.toml"), [0.02, 0.02, -0.03]);
     // (x is measured twice as large, with the earth's rate in it, which is not.)
     let ([a, ..], [b, ..]) = (constants(&d, "own.toml"), constants(&d, "twice.toml"));
@@ -133,12 +136,12 @@ fn a_unit_gets_its_name_from_the_user_and_keeps_it() {
     let text = read(&d, "named.csv");
     for (name, line) in [("none.csv", ""), ("default.csv", "# unit: default\n"), ("unnamed.csv", "# unit: unnamed\n")] {
         write(&d, name, &text.replace("# unit: SIM-3\n", line));
-        let said = ok(&d, &format!("fit {name} --out cal.toml"));
-        assert!(said.contains("names no unit") && said.contains("--unit"), "{said}");
+        let printed = ok(&d, &format!("fit {name} --out cal.toml"));
+        assert!(printed.contains("names no unit") && printed.contains("--unit"), "{printed}");
         ok(&d, &format!("fit {name} --unit HRG-042 --out cal.toml"));
         assert!(read(&d, "cal.toml").contains("unit = \"HRG-042\""));
-        let said = ok(&d, &format!("correct {name} --calibration cal.toml --out c.csv"));
-        assert!(said.contains("nothing shows that they belong together"), "{said}");
+        let printed = ok(&d, &format!("correct {name} --calibration cal.toml --out c.csv"));
+        assert!(printed.contains("nothing shows that they belong together"), "{printed}");
     }
     assert!(!ok(&d, "fit named.csv --unit SIM-3 --out sim.toml").contains("names no unit"));
     let e = refused(&d, "fit named.csv --unit HRG-042 --out no.toml");
@@ -261,8 +264,8 @@ fn a_corrected_recording_is_what_the_unit_would_send() {
     ok(&d, "simulate --profile cycle --effect thermal-lag --out a.csv");
     ok(&d, "simulate --profile verify --effect thermal-lag --seed 2 --out b.csv");
     ok(&d, "trace --train a.csv --verify b.csv --out r.json --calibration cal.toml");
-    let said = ok(&d, "correct b.csv --calibration cal.toml --out c.csv");
-    assert!(said.contains("seconds of SIM-1"), "{said}");
+    let printed = ok(&d, "correct b.csv --calibration cal.toml --out c.csv");
+    assert!(printed.contains("seconds of SIM-1"), "{printed}");
     let text = read(&d, "c.csv");
     let header = "time_s,fx_hz,fy_hz,fz_hz,rate_x_dph,rate_y_dph,rate_z_dph,raw_x_dph,raw_y_dph,raw_z_dph,bias_x_dph,bias_y_dph,bias_z_dph,bias_std_x_dph,bias_std_y_dph,bias_std_z_dph,temperature_x_c,temperature_y_c,temperature_z_c,status_x,status_y,status_z,status_unit";
     assert!(text.contains("# rates: corrected\n") && text.contains(header), "{}", &text[..600]);
@@ -305,8 +308,8 @@ fn a_chambers_own_log_is_merged_by_time() {
     let log = std::fs::read(d.join("log.csv")).expect("there");
     let log: Vec<u8> = String::from_utf8_lossy(&log).replace(",5;", ".5;").into_bytes();
     std::fs::write(d.join("log.csv"), log).expect("written");
-    let said = ok(&d, arguments);
-    assert!(said.contains("1 gaps") && said.contains("chamber_c: a value in "), "{said}");
+    let printed = ok(&d, arguments);
+    assert!(printed.contains("1 gaps") && printed.contains("chamber_c: a value in "), "{printed}");
     let merged = read(&d, "m.csv");
     assert!(merged.contains("# merged: chamber_c case_x_c case_y_c case_z_c from log.csv"));
     let m = Recording::parse(merged.as_bytes()).expect("a recording");

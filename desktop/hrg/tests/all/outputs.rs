@@ -93,7 +93,7 @@ fn only_regular_files_are_replaced() {
         if device {
             to(&|k| format!("null{k}"));
         }
-        let said = to(&|_| "-".into()).stdout;
+        let printed = to(&|_| "-".into()).stdout;
         for (n, (k, reader)) in places.iter().zip(readers).enumerate() {
             assert!(plain[n].len() > 20, "{command}");
             assert!(kind(&format!("link{k}")).is_symlink(), "{command} replaces a link");
@@ -102,7 +102,7 @@ fn only_regular_files_are_replaced() {
             assert!(same(n, &reader.join().expect("read")), "{command} into a pipe");
             assert!(kind(&format!("pipe{k}")).is_fifo(), "{command} replaces a pipe");
             assert!(!device || kind(&format!("null{k}")).is_char_device(), "{command} replaces a device");
-            assert!(said.windows(8).any(|w| w == &plain[n][..8]), "{command} to standard output");
+            assert!(printed.windows(8).any(|w| w == &plain[n][..8]), "{command} to standard output");
         }
         assert!(!d.join("-").exists(), "{command} makes a file -");
     }

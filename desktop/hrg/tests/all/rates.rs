@@ -4,7 +4,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use hrg_data::recording::Recording;
 use hrg_identify::fit::prepare;
-use hrg_identify::rates::{all_dwells, bins, identify, lacking, quality, told_apart, Found, CHAMBER};
+use hrg_identify::rates::{all_dwells, bins, identify, lacking, quality, separable, Found, CHAMBER};
 use hrg_identify::trace::trace;
 use hrg_papers::method::Method;
 use hrg_papers::methods::identify as identify_bias;
@@ -113,7 +113,7 @@ fn curves_are_as_near_the_truth_as_stated() {
 }
 
 #[test]
-fn what_a_scheme_cannot_tell_is_left_out_and_said() {
+fn factors_that_a_scheme_cannot_separate_are_left_out_and_reported() {
     let one_size = Scheme { rates_deg_per_s: vec![18.0], ..Scheme::default() };
     let soak = turned(5, 5, "20,4h", one_size.clone());
     let bias = bias_of(5);
@@ -122,8 +122,8 @@ fn what_a_scheme_cannot_tell_is_left_out_and_said() {
     assert!(notes.contains("scale factor of x with T^3, scale factor of x with the ramp"), "{notes}");
     assert_eq!(f.calibration.rates.expect("found")[0].scale_correction_ppm[3..], [0.0; 3]);
     assert_eq!((quality(&f.dwells, 0).asymmetry_ppm, quality(&f.dwells, 0).nonlinearity_ppm), (None, None));
-    let told = told_apart(&f.dwells, 0);
-    assert!(told[0].is_some() && told[4].is_none(), "{told:?}");
+    let found = separable(&f.dwells, 0);
+    assert!(found[0].is_some() && found[4].is_none(), "{found:?}");
     // One way only, or about one axis only.
     for steps in [vec![None, Some((0, 1.0))], vec![Some((0, 1.0)), Some((0, -1.0))]] {
         let r = turned(5, 6, "20,4h", Scheme { steps, ..one_size.clone() });

@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_direction_is_said() {
+    fn a_missing_direction_is_reported() {
         let p = prepare(&[run("up", 1)]).expect("prepares");
         assert!(p.notes.iter().any(|n| n.contains("no cooling ramp")), "{:?}", p.notes);
     }

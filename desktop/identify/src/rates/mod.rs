@@ -9,7 +9,7 @@
 //! with the unit's own regressors `x`. The constant of a visit (dwells of both signs about one axis, after each other) holds the earth's
 //! rate along the table's axis and the residual of the bias model; plus less minus rates are free of it. So each visit about axis i gives a
 //! value of its scale factor, and one of its share in each other axis. A [`Curve`] goes through the values of each. Terms that the schemes
-//! of the runs do not tell apart are left out, and stated ([`told_apart`]).
+//! of the runs do not tell apart are left out, and stated ([`separable`]).
 //!
 //! # Asymmetry and nonlinearity
 //! They are not compensated. Two visits of an axis after each other with rates of different size give one value each: the mean of plus and minus
@@ -178,7 +178,7 @@ fn left(columns: &[Vec<f64>], in_use: &[usize], of: usize) -> f64 {
 
 /// For each term of an axis: the share of its regressor that the other terms, in a fit of all that can be told apart, leave; `None`: left out.
 #[must_use]
-pub fn told_apart(dwells: &[Dwell], a: usize) -> [Option<f64>; TERMS] {
+pub fn separable(dwells: &[Dwell], a: usize) -> [Option<f64>; TERMS] {
     let columns = columns(dwells, a);
     let in_use = terms_in_use(dwells, a, &columns);
     std::array::from_fn(|t| in_use.contains(&t).then(|| left(&columns, &in_use, t)))

@@ -425,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn no_step_is_said() {
+    fn no_step_is_reported() {
         let mut flat = run("fast");
         flat.steps.chamber_c.fill(20.0);
         assert!(identify(&flat, Input::Chamber, Output::Frequency).expect_err("refused").0.contains("needs a step"));

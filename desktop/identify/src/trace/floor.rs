@@ -38,13 +38,13 @@ pub struct Ratio {
 }
 
 /// Ratio from which on the rest is not called noise, however wide its interval is: slow noise and structure look alike there.
-const DOUBTFUL: f64 = 1.6;
+const UNDECIDED: f64 = 1.6;
 
 impl Ratio {
     /// `true` if noise alone explains it: the interval holds 1, and the ratio itself is not beyond that of clean runs.
     #[must_use]
     pub fn is_noise(&self) -> bool {
-        self.low <= 1.0 && self.ratio < DOUBTFUL
+        self.low <= 1.0 && self.ratio < UNDECIDED
     }
 }
 

@@ -190,7 +190,7 @@ fn judged(
     let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
     let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
     let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
-    // Unpredictable effects, and quantities that the verify run lacks, cannot be taken off there.
+    // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
     notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
@@ -619,8 +619,8 @@ mod tests {
         assert_eq!(names(&r), ["step"], "{}", r.verdict);
         let at = r.effects[0].parameters["time_s"];
         assert!((at - 10_000.0).abs() < 150.0, "{at}");
-        let said = r.advice.iter().find(|a| a.contains("on the recording's clock")).expect("advice");
-        assert!(said.contains(&format!("at {at:.0} s")), "{said}");
+        let printed = r.advice.iter().find(|a| a.contains("on the recording's clock")).expect("advice");
+        assert!(printed.contains(&format!("at {at:.0} s")), "{printed}");
     }
 
     #[test]
@@ -706,8 +706,11 @@ mod tests {
         let mut r = traced(&[], 80);
         r.floor_ratio.insert("x".into(), floor::Ratio { ratio: 2.07, low: 0.95, high: 2.33 });
         r.unexplained.insert("x".into(), true);
-        let said = report_text::verdict(&r);
-        assert!(said.contains("x 2.07 floors [0.95, 2.33]: undecided") && !said.contains("more than noise"), "{said}");
+        let printed = report_text::verdict(&r);
+        assert!(
+            printed.contains("x 2.07 floors [0.95, 2.33]: undecided") && !printed.contains("more than noise"),
+            "{printed}"
+        );
         // Three digits of each number.
         let digits: Vec<String> = [0.04, -0.0213, 12.5, 9000.0, 0.0].iter().map(|v| report::three_digits(*v)).collect();
         assert_eq!(digits, ["0.04", "-0.0213", "12.5", "9000", "0"]);
@@ -743,7 +746,7 @@ mod tests {
     }
 
     #[test]
-    fn what_only_one_axis_has_is_said_of_that_axis() {
+    fn an_effect_of_one_axis_is_reported_for_that_axis() {
         let (clean, own) = (plan("cycle", &[], 34, 69), plan("cycle", &["kink:size=4"], 34, 69));
         let (clean_v, own_v) = (plan("verify", &[], 34, 70), plan("verify", &["kink:size=4"], 34, 70));
         let only_x = |own: &Recording, clean: &Recording| {
@@ -832,18 +835,18 @@ mod tests {
     }
 
     #[test]
-    fn dirt_changes_neither_name_nor_error() {
+    fn defects_change_neither_name_nor_error() {
         let effects = ["thermal-lag:size=3"];
         let (train, verify) = (plan("cycle", &effects, 7, 15), plan("verify", &effects, 7, 16));
-        let mut dirty = train.clone();
-        inject_defects(&mut dirty, 3);
-        dirty.clean().expect("usable");
-        assert!(dirty.notes.len() >= 10, "{:?}", dirty.notes);
+        let mut defective = train.clone();
+        inject_defects(&mut defective, 3);
+        defective.clean().expect("usable");
+        assert!(defective.notes.len() >= 10, "{:?}", defective.notes);
         let clean = trace(&[train], &verify).expect("traces").report;
-        let soiled = trace(&[dirty], &verify).expect("traces").report;
-        assert_eq!(names(&clean), names(&soiled));
+        let with_defects = trace(&[defective], &verify).expect("traces").report;
+        assert_eq!(names(&clean), names(&with_defects));
         for a in AXIS_NAMES {
-            let ratio = soiled.r#final[a].verify_rms_dph / clean.r#final[a].verify_rms_dph;
+            let ratio = with_defects.r#final[a].verify_rms_dph / clean.r#final[a].verify_rms_dph;
             assert!((ratio - 1.0).abs() < 0.05, "{a}: {ratio}");
         }
     }

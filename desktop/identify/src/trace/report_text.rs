@@ -183,9 +183,9 @@ fn to_do(r: &Report) -> String {
         );
     }
     let at_cause = |e: &&Found| e.reach != "unit" && e.class != Class::Own;
-    let mend: Vec<&str> = r.effects.iter().filter(at_cause).map(|e| e.name.as_str()).collect();
-    if !mend.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
-        let _ = write!(s, " Repair {} at the cause: the unit cannot compensate it.", list(&mend));
+    let repair: Vec<&str> = r.effects.iter().filter(at_cause).map(|e| e.name.as_str()).collect();
+    if !repair.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
+        let _ = write!(s, " Repair {} at the cause: the unit cannot compensate it.", list(&repair));
     }
     s
 }
@@ -201,7 +201,7 @@ pub fn advice(r: &Report) -> Vec<String> {
             }
         }
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
-        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|mend| mend(&parameter)));
+        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|repair| repair(&parameter)));
         if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
             out.push(format!(
                 "{} is named on the train run, and the verify run does not bear it out beyond its uncertainty on every axis: take another run before you rely on it",

@@ -65,7 +65,7 @@ pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdic
 
 /// Effects that are neither told from every other nor hidden in the baseline.
 #[must_use]
-pub fn not_told(verdicts: &[Verdict]) -> Vec<String> {
+pub fn not_separable(verdicts: &[Verdict]) -> Vec<String> {
     verdicts
         .iter()
         .filter(|v| v.left_by_baseline >= SEEN && !v.taken_for.is_empty())
@@ -89,7 +89,7 @@ mod tests {
 
     #[test]
     fn a_full_cycle_parts_more_than_a_ramp_one_way() {
-        let (cycle, up) = (not_told(&verdicts("cycle")), not_told(&verdicts("up")));
+        let (cycle, up) = (not_separable(&verdicts("cycle")), not_separable(&verdicts("up")));
         assert!(cycle.len() < up.len(), "{cycle:?} {up:?}");
         // On a ramp one way a play is an offset: hysteresis hides.
         let of = |v: &[Verdict], n: &str| v.iter().find(|v| v.name == n).expect("wanted").clone();

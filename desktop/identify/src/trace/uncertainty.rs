@@ -296,7 +296,7 @@ fn projected(columns: &[Vec<f64>], y: &[f64]) -> Option<Vec<f64>> {
     Some(g.cholesky()?.solve(&b).iter().copied().collect())
 }
 
-/// Variance of the constant of a day that nobody has seen yet, beyond what the fit's own uncertainty gives it.
+/// Day-to-day variance of the bias offset (turn-on repeatability), beyond the uncertainty of the fit.
 fn days(days: &[f64], covariance: &DMatrix<f64>, first: usize) -> f64 {
     if days.is_empty() {
         return 0.0;

@@ -105,7 +105,7 @@ fn program(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Re
             board.flip_bit(FLASH_START + places[draw.random_range(0..places.len())], draw.random_range(0..8))?;
             let resets = run(board, at + cycles(PROGRAM_S))?.n;
             let sent = &board.world.received;
-            let said = sent.rates.iter().any(|f| f.unit_status.contains(UnitStatus::PROGRAM));
+            let printed = sent.rates.iter().any(|f| f.unit_status.contains(UnitStatus::PROGRAM));
             let mut worst = 0.0f32;
             for (f, t) in sent.rates.iter().zip(&sent.rate_at) {
                 if let Some(truth) = truth.rates.get(nearest(truth, *t)).filter(|_| f.unit_status.is_empty()) {
@@ -113,20 +113,20 @@ fn program(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Re
                 }
             }
             let stopped = sent.rate_at.last().is_none_or(|t| at + cycles(PROGRAM_S) - t > cycles(0.1));
-            Ok((said, resets > 0 || stopped || board.faults() > 0, worst))
+            Ok((printed, resets > 0 || stopped || board.faults() > 0, worst))
         },
     )?;
-    let said = found.iter().filter(|f| f.0).count();
+    let printed = found.iter().filter(|f| f.0).count();
     let stopped = found.iter().filter(|f| !f.0 && f.1).count();
     let wrong = found.iter().filter(|f| f.2 > BOUND_DPH).count();
     report.row(
         "bit of the program in flash, while it runs",
         n,
         format!(
-            "flagged within {PROGRAM_S:.0} s {said}, stopped or reset before {stopped}, neither {}; rates off before they were flagged {wrong}",
-            found.len() - said - stopped
+            "flagged within {PROGRAM_S:.0} s {printed}, stopped or reset before {stopped}, neither {}; rates off before they were flagged {wrong}",
+            found.len() - printed - stopped
         ),
-        said + stopped == found.len(),
+        printed + stopped == found.len(),
     );
     Ok(())
 }

@@ -20,7 +20,7 @@ pub enum Fate {
     /// Frames differ, none of them further than [`BOUND_DPH`] and flagged good.
     Harmless,
     /// Frames further off, or none for a while, all flagged.
-    Said,
+    Flagged,
     /// The unit was reset, sent rates again after so many seconds, and was good in the end.
     Reset(f64),
     /// The unit was reset, and its rates are flagged for longer than it takes to settle.
@@ -87,7 +87,7 @@ fn judge(sent: &Received, truth: &Received, reset_at: Option<u64>, flipped_at: u
         return Fate::Silent;
     }
     match (differs, flagged || paused) {
-        (_, true) => Fate::Said,
+        (_, true) => Fate::Flagged,
         (true, false) => Fate::Harmless,
         (false, false) => Fate::Nothing,
     }
@@ -148,7 +148,7 @@ const ADMITTED: f64 = 0.002;
 
 /// Bits that change at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Upset {
+pub enum Corruption {
     /// One.
     Single,
     /// Two of one word.
@@ -159,7 +159,7 @@ pub enum Upset {
     Register,
 }
 
-impl Upset {
+impl Corruption {
     const fn name(self) -> &'static str {
         match self {
             Self::Single => "bit of RAM in use, at a random time",
@@ -256,8 +256,8 @@ const REGISTERS: [(&str, u32, u32); 41] = {
 };
 
 /// Name of the register or symbol at an address: for the report of a failure.
-fn place(program: &Firmware, upset: Upset, address: u32) -> String {
-    let register = REGISTERS.iter().find(|r| upset == Upset::Register && r.1 == address).map(|r| r.0);
+fn place(program: &Firmware, corruption: Corruption, address: u32) -> String {
+    let register = REGISTERS.iter().find(|r| corruption == Corruption::Register && r.1 == address).map(|r| r.0);
     register.or_else(|| program.symbol_at(address)).unwrap_or("stack").to_string()
 }
 
@@ -265,17 +265,17 @@ fn place(program: &Firmware, upset: Upset, address: u32) -> String {
 ///
 /// # Errors
 /// If the unit cannot be run at all.
-pub fn again(scene: &Scene, seed: u64, trial: u64, upset: Upset) -> Result<()> {
+pub fn again(scene: &Scene, seed: u64, trial: u64, corruption: Corruption) -> Result<()> {
     let mut board = scene.settled()?;
     let truth = scene.undisturbed(&mut board, WATCH_S + RESTART_S + 1.0)?;
     let begin = board.now();
-    let (bits, flipped_at) = draw(&board, seed, trial, upset);
+    let (bits, flipped_at) = draw(&board, seed, trial, corruption);
     let (address, bit) = bits[0];
-    let name = place(board.firmware(), upset, address);
+    let name = place(board.firmware(), corruption, address);
     let ms = |at: u64| (at as f64 - flipped_at as f64) * 1e3 / CPU_HZ as f64;
     println!("bit {bit} of {address:#010x} ({name}), {:.1} ms into the scene", -ms(begin));
     run(&mut board, flipped_at)?;
-    strike(&mut board, upset, &bits)?;
+    strike(&mut board, corruption, &bits)?;
     let end = flipped_at + cycles(WATCH_S + RESTART_S);
     while board.now() < end {
         let stop = board.run_until(end)?;
@@ -299,9 +299,9 @@ pub fn again(scene: &Scene, seed: u64, trial: u64, upset: Upset) -> Result<()> {
 }
 
 /// Addresses and bits of a corruption, and its time.
-fn draw(board: &Board<Wires>, seed: u64, trial: u64, upset: Upset) -> (Vec<(u32, u8)>, u64) {
-    let mut draw = draws(seed, upset.part(), trial);
-    if upset == Upset::Register {
+fn draw(board: &Board<Wires>, seed: u64, trial: u64, corruption: Corruption) -> (Vec<(u32, u8)>, u64) {
+    let mut draw = draws(seed, corruption.part(), trial);
+    if corruption == Corruption::Register {
         // Each bit in use is as likely as another.
         let mut at = draw.random_range(0..REGISTERS.iter().map(|r| r.2).sum());
         let register = REGISTERS.iter().find(|r| {
@@ -319,13 +319,13 @@ fn draw(board: &Board<Wires>, seed: u64, trial: u64, upset: Upset) -> (Vec<(u32,
     let address = if at < statics { program.statics().start + at } else { program.stack().end - 1 - (at - statics) };
     let flipped_at = board.now() + draw.random_range(0..CPU_HZ);
     let bit = draw.random_range(0..8);
-    (upset.bits(address, bit, &mut draw), flipped_at)
+    (corruption.bits(address, bit, &mut draw), flipped_at)
 }
 
 /// It strikes.
-fn strike(board: &mut Board<Wires>, upset: Upset, bits: &[(u32, u8)]) -> Result<()> {
+fn strike(board: &mut Board<Wires>, corruption: Corruption, bits: &[(u32, u8)]) -> Result<()> {
     for &(address, bit) in bits {
-        if upset == Upset::Register {
+        if corruption == Corruption::Register {
             board.flip_register(address, bit.into())?;
         } else {
             // (A burst may end behind the memory in use, never behind the RAM.)
@@ -347,7 +347,7 @@ pub(super) fn nearest(truth: &Received, at: u64) -> usize {
 ///
 /// # Errors
 /// If the unit cannot be run at all.
-pub fn flips(scene: &Scene, seed: u64, n: u64, upset: Upset) -> Result<Vec<(u32, Fate)>> {
+pub fn flips(scene: &Scene, seed: u64, n: u64, corruption: Corruption) -> Result<Vec<(u32, Fate)>> {
     trials(
         n,
         || {
@@ -358,9 +358,9 @@ pub fn flips(scene: &Scene, seed: u64, n: u64, upset: Upset) -> Result<Vec<(u32,
         },
         |(board, start, truth), k| {
             board.restore(start)?;
-            let (bits, flipped_at) = draw(board, seed, k, upset);
+            let (bits, flipped_at) = draw(board, seed, k, corruption);
             run(board, flipped_at)?;
-            strike(board, upset, &bits)?;
+            strike(board, corruption, &bits)?;
             let mut end = flipped_at + cycles(WATCH_S);
             let mut reset_at = run(board, end)?.last;
             if reset_at.is_some() || board.faults() > 0 || quiet(&board.world.received, end) {
@@ -389,15 +389,17 @@ fn quiet(r: &Received, end: u64) -> bool {
 /// If the unit cannot be run at all.
 pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) -> Result<()> {
     flash(scene, extent, report)?;
-    for (upset, share) in [(Upset::Single, 1), (Upset::Double, 5), (Upset::Burst, 5), (Upset::Register, 5)] {
-        upsets(scene, seed, (extent.random / share).max(1), upset, report)?;
+    for (corruption, share) in
+        [(Corruption::Single, 1), (Corruption::Double, 5), (Corruption::Burst, 5), (Corruption::Register, 5)]
+    {
+        upsets(scene, seed, (extent.random / share).max(1), corruption, report)?;
     }
     Ok(())
 }
 
 /// Corruptions of one kind.
-fn upsets(scene: &Scene, seed: u64, n: u64, upset: Upset, report: &mut Report) -> Result<()> {
-    let fates = flips(scene, seed, n, upset)?;
+fn upsets(scene: &Scene, seed: u64, n: u64, corruption: Corruption, report: &mut Report) -> Result<()> {
+    let fates = flips(scene, seed, n, corruption)?;
     let count = |of: fn(&Fate) -> bool| fates.iter().filter(|(_, f)| of(f)).count();
     let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
     let wrong: Vec<(f32, f64)> =
@@ -405,7 +407,7 @@ fn upsets(scene: &Scene, seed: u64, n: u64, upset: Upset, report: &mut Report) -
     let program = Firmware::parse(scene.elf())?;
     for (k, (address, fate)) in fates.iter().enumerate() {
         if matches!(fate, Fate::Silent | Fate::Unwell | Fate::Wrong(..)) {
-            let name = place(&program, upset, *address);
+            let name = place(&program, corruption, *address);
             println!("  trial {k}: {address:#010x} ({name}): {fate:?}");
         }
     }
@@ -414,20 +416,20 @@ fn upsets(scene: &Scene, seed: u64, n: u64, upset: Upset, report: &mut Report) -
     let lasting = wrong.iter().filter(|w| w.1 > 1.5).count();
     let (low, high) = share_interval(wrong.len(), fates.len());
     report.row(
-        upset.name(),
+        corruption.name(),
         fates.len() as u64,
         format!(
             "no effect {}, within {BOUND_DPH} deg/h {}, flagged {}, reset and back within {slowest:.1} s {}, flagged for longer after a reset {unwell}, silent for good {silent}, wrong and not flagged {} (95 %: {:.2} to {:.2} %; of them for more than 1.5 s: {lasting})",
             count(|f| *f == Fate::Nothing),
             count(|f| *f == Fate::Harmless),
-            count(|f| *f == Fate::Said),
+            count(|f| *f == Fate::Flagged),
             count(|f| matches!(f, Fate::Reset(_))),
             wrong.len(),
             100.0 * low,
             100.0 * high,
         ),
         // (A register that was struck may keep a flag standing after a reset; the rates must come back.)
-        silent == 0 && (upset == Upset::Register || unwell == 0) && low <= ADMITTED,
+        silent == 0 && (corruption == Corruption::Register || unwell == 0) && low <= ADMITTED,
     );
     Ok(())
 }

@@ -176,6 +176,6 @@ fn run(board: &mut Board<Wires>, until_s: f64, out: &mut Outcome) -> Result<()> 
 }
 
 fn take(board: &mut Board<Wires>, out: &mut Outcome) {
-    out.sent.extend(board.world.said());
+    out.sent.extend(board.world.printed());
     out.log.extend(std::mem::take(&mut board.world.received.log_bytes));
 }

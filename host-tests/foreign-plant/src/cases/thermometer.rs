@@ -32,7 +32,7 @@ pub(super) fn cases() -> Vec<Case> {
         case("thermometer-clock-warm-up", "The counter's clock warms up after power-on.")
             .with(Effect::timebase("clock warms up", form::clock_warm_up).or(&[Class::PowerOn])),
         case("thermometer-clock-wander", "The counter's clock drifts, another way in each run.")
-            .with(Effect::timebase("clock drifts", form::clock_wander).or(&[Class::Event]).beyond(ONE_RUN)),
+            .with(Effect::timebase("clock drifts", form::clock_drift).or(&[Class::Event]).beyond(ONE_RUN)),
         case("thermometer-activity-dip", "Another mode pulls the frequency within some degrees.").with(
             Effect::thermometer("activity dip", form::activity_dip)
                 .beside(&[Class::Rate])

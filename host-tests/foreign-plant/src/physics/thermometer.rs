@@ -37,7 +37,7 @@ pub fn clock_warm_up(d: &mut Draw, w: &World, _: usize) -> Vec<f64> {
 }
 
 /// The counter's clock drifts from run to run, as a worn synthesiser does.
-pub fn clock_wander(d: &mut Draw, w: &World, _: usize) -> Vec<f64> {
+pub fn clock_drift(d: &mut Draw, w: &World, _: usize) -> Vec<f64> {
     let waves: Vec<(f64, f64)> = (0..4).map(|_| (d.run(5000.0..16000.0), d.run(0.0..TAU))).collect();
     w.time_s.iter().map(|t| waves.iter().map(|(period, phase)| (TAU * t / period + phase).sin()).sum()).collect()
 }

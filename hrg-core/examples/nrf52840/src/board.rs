@@ -192,11 +192,11 @@ impl Board {
         for (word, b) in frame.iter_mut().zip(bytes.chunks_exact(4)) {
             *word = u32::from_le_bytes([b[0], b[1], b[2], b[3]]);
         }
-        let heard = self.dialogue.heard(&frame, count > 1);
-        self.command = heard.command;
+        let received = self.dialogue.receive(&frame, count > 1);
+        self.command = received.command;
         // (The ADC's reset pin is not wired here: after `Next::Reset` the dialogue begins anew, which is all that is left to do.)
-        self.again = (heard.next == Next::FetchAgain).then_some(tick);
-        Some((tick, heard.sample?))
+        self.again = (received.next == Next::FetchAgain).then_some(tick);
+        Some((tick, received.sample?))
     }
 
     /// Sends bytes; `false` where the line takes none.

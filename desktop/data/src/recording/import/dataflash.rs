@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said_with_what_is() {
+    fn missing_columns_are_reported_with_those_present() {
         let mut other = map();
         other.table.topic = Some("IMT".into());
         let e = read(&log(), &other).expect_err("no IMT").0;

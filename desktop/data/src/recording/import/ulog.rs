@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_there_is_said_with_what_is() {
+    fn missing_columns_are_reported_with_those_present() {
         let mut log = Log::new();
         let mut m = 7u16.to_le_bytes().to_vec();
         m.extend(1u64.to_le_bytes());

@@ -82,10 +82,10 @@ impl RecordArguments {
     /// The name of a unit that has one, or the one that is given; empty where nobody knows.
     pub(crate) fn name(&self, own: Option<&str>) -> Result<String, BadInput> {
         match (own, self.unit.as_deref()) {
-            (Some(own), Some(said)) if own != said => Err(BadInput::new(format!(
-                "the unit is {own}, --unit says {said}; leave --unit out, or connect the right unit"
+            (Some(own), Some(printed)) if own != printed => Err(BadInput::new(format!(
+                "the unit is {own}, --unit says {printed}; leave --unit out, or connect the right unit"
             ))),
-            (own, said) => Ok(own.or(said).unwrap_or("").to_string()),
+            (own, printed) => Ok(own.or(printed).unwrap_or("").to_string()),
         }
     }
 }
@@ -117,19 +117,19 @@ impl<'a> Recording<'a> {
     /// Asks the unit for its name and scale factor.
     fn look(&mut self, unit: &mut Unit) -> Result<()> {
         self.recorder.head.unit = self.arguments.name(name_of(&self.identity))?;
-        let said = self.arguments.scale_factor()?;
+        let printed = self.arguments.scale_factor()?;
         let own = unit.in_use(&self.identity)?.scale_factor();
-        if let (Some(own), Some(said)) = (own, said) {
-            if !same_scale(&own, &said) {
+        if let (Some(own), Some(printed)) = (own, printed) {
+            if !same_scale(&own, &printed) {
                 return Err(BadInput::new(format!(
                     "the unit makes its rates with the scale factor {} deg/h per code (x y z), --scale-factor says {}; leave it out, and give the right one to hrg fit, which converts the rates",
                     scale_text(&own),
-                    scale_text(&said)
+                    scale_text(&printed)
                 ))
                 .into());
             }
         }
-        self.recorder.head.scale_factor = own.or(said);
+        self.recorder.head.scale_factor = own.or(printed);
         if self.recorder.head.scale_factor.is_none() {
             eprintln!("note: the unit does not let its scale factor be read; give it with --scale-factor X,Y,Z");
         }
@@ -246,20 +246,20 @@ const HELD_WITHIN: Duration = Duration::from_secs(15);
 
 /// `hrg unit burn`.
 pub fn burn(arguments: &BurnArguments) -> Result<()> {
-    let BurnArguments { calibration, port, unit: said, new_scale_factor, key } = arguments;
+    let BurnArguments { calibration, port, unit: printed, new_scale_factor, key } = arguments;
     let key = key.as_deref().map(keys::load).transpose()?;
     let c = image_file::load(calibration)?;
     let mut unit = Unit::open(port)?;
-    let named = match said {
-        Some(said) => Some(said.clone()),
+    let named = match printed {
+        Some(printed) => Some(printed.clone()),
         None => ask_for_a_name(&unit.identity()?, &c)?,
     };
     let bar = indicatif::ProgressBar::new(100);
     bar.set_style(indicatif::ProgressStyle::with_template("burning {bar:40} {percent}%")?);
-    let said = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
+    let printed = Burn { unit: named, new_scale_factor: *new_scale_factor, key };
     // Without a terminal there is no bar: a line then marks the time from which the unit must not be switched off.
     let unsaid = std::cell::Cell::new(!std::io::stderr().is_terminal());
-    let after = unit.burn(&c, &said, |done| {
+    let after = unit.burn(&c, &printed, |done| {
         if unsaid.replace(false) {
             eprintln!("{port}: the image is being written; leave the unit on");
         }
@@ -336,8 +336,10 @@ pub fn image(arguments: &ImageArguments) -> Result<()> {
         return Err(BadInput::new(format!("{}: {empty}", calibration.display())).into());
     }
     let name = match (names::of(&c), unit.as_deref()) {
-        (Some(own), Some(said)) if own != said => {
-            return Err(BadInput::new(format!("{}: it is of unit {own}, not of {said}", calibration.display())).into());
+        (Some(own), Some(printed)) if own != printed => {
+            return Err(
+                BadInput::new(format!("{}: it is of unit {own}, not of {printed}", calibration.display())).into()
+            );
         }
         (Some(name), _) | (None, Some(name)) => name.to_string(),
         (None, None) => {

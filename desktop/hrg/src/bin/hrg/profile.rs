@@ -50,7 +50,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         let recordings = check.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
         let verdicts = separable::judge(&recordings, &wanted)?;
         say(&verdicts);
-        let rest = separable::not_told(&verdicts);
+        let rest = separable::not_separable(&verdicts);
         if rest.is_empty() {
             println!("this data tells all of them apart, from two noise floors up");
         } else {
@@ -69,7 +69,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for (name, text) in PROFILES {
         let one = profiles::Judged::new(name, Profile::parse(text)?, &wanted);
         let hours = one.hours;
-        match &one.not_told {
+        match &one.not_separable {
             Ok(rest) => {
                 println!("{name:<9} {hours:>6.1}   {}", if rest.is_empty() { "-".into() } else { rest.join("; ") });
             }

@@ -10,7 +10,7 @@ use hrg_data::image_file;
 use hrg_data::load::load_recording;
 use hrg_data::recording::turns::SETTLE_S;
 use hrg_identify::rates;
-use hrg_identify::rates::{bins, quality, told_apart, Bin, Found};
+use hrg_identify::rates::{bins, quality, separable, Bin, Found};
 use hrg_simulate::turning::Scheme;
 use std::path::{Path, PathBuf};
 
@@ -139,7 +139,7 @@ pub fn profile(check: &[PathBuf]) -> Result<()> {
     let dwells = rates::all_dwells(&recordings, &Calibration::uncalibrated())?;
     println!("{:<32} {:>28}", "term", "left by the others");
     for a in 0..AXES {
-        for (term, left) in told_apart(&dwells, a).into_iter().enumerate() {
+        for (term, left) in separable(&dwells, a).into_iter().enumerate() {
             let left = left.map_or_else(|| "not told apart".to_string(), |l| format!("{:.1} %", 100.0 * l));
             println!("{:<32} {left:>28}", rates::term_name(a, term));
         }

@@ -1,7 +1,7 @@
 //! The search: which effects, with which parameters, on which axes.
 //!
 //! Candidates are the groups of the [cards](hrg_data::cards) and what the data propose (jumps and periods). Each axis takes a
-//! candidate only where it raises its log evidence ([`super::evidence`]) by more than one; a candidate pays once for being there, for
+//! candidate only where it raises its log evidence ([`super::evidence`]) by more than one; each candidate has a fixed price, and pays for
 //! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
 //! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
 //! surrogates as well.
@@ -317,7 +317,7 @@ impl<'a> Search<'a> {
     pub fn run(&mut self) -> Model {
         let nothing = self.nothing();
         let mut best = self.grow(nothing.clone());
-        // Several effects may stand for one that was not begun with: those that explain most alone each get their turn.
+        // A greedy start may need several effects to imitate the true one: restart from each of the best four.
         if best.groups.len() > 1 {
             // By evidence and by held-out error together.
             let mut most = self.total(&best) + self.held_out(&best);

@@ -35,13 +35,13 @@ static SENT: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 static RECEIVED: [AtomicU32; WORDS] = [const { AtomicU32::new(0) }; WORDS];
 
 /// So many of the next frames have a wrong checksum.
-static SPOIL: AtomicU32 = AtomicU32::new(0);
+static INVALIDATE: AtomicU32 = AtomicU32::new(0);
 /// Resets by the pin.
 static RESETS: AtomicU32 = AtomicU32::new(0);
 
 /// The next frames have a wrong checksum.
-pub fn spoil(frames: u32) {
-    SPOIL.store(frames, Relaxed);
+pub fn invalidate(frames: u32) {
+    INVALIDATE.store(frames, Relaxed);
 }
 
 /// Resets by the pin so far.
@@ -49,7 +49,7 @@ pub fn resets() -> u32 {
     RESETS.load(Relaxed)
 }
 
-struct Converter {
+struct AdcModel {
     registers: [u16; 64],
     /// To the command of the frame before.
     answer: u16,
@@ -58,9 +58,9 @@ struct Converter {
     odd: bool,
 }
 
-static CONVERTER: Mutex<CriticalSectionRawMutex, RefCell<Converter>> = Mutex::new(RefCell::new(Converter::RESET));
+static ADC_MODEL: Mutex<CriticalSectionRawMutex, RefCell<AdcModel>> = Mutex::new(RefCell::new(AdcModel::RESET));
 
-impl Converter {
+impl AdcModel {
     /// As after a reset (SBAS950 section 8.6).
     const RESET: Self = {
         let mut registers = [0; 64];
@@ -75,7 +75,7 @@ impl Converter {
     };
 
     /// Does what a frame has asked for (section 8.5.1.10).
-    fn obey(&mut self, command: u16, value: u16) {
+    fn execute(&mut self, command: u16, value: u16) {
         const STATUS: usize = 1;
         const MODE: usize = 2;
         const RESET: u16 = 1 << 10;
@@ -119,7 +119,7 @@ impl Converter {
         } else if !held {
             let word = |k: usize| RECEIVED[k].load(Relaxed).to_le_bytes();
             let ([a, b, _, c], [d, ..]) = (word(0), word(1));
-            self.obey(u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d]));
+            self.execute(u16::from_be_bytes([a, b]), u16::from_be_bytes([c, d]));
         }
         if held {
             *self = Self { held, ..Self::RESET };
@@ -131,9 +131,9 @@ impl Converter {
 
     fn arm(&self) {
         let mut frame = self.frame();
-        let spoil = SPOIL.load(Relaxed);
-        if spoil > 0 {
-            SPOIL.store(spoil - 1, Relaxed);
+        let invalidate = INVALIDATE.load(Relaxed);
+        if invalidate > 0 {
+            INVALIDATE.store(invalidate - 1, Relaxed);
             frame[28] ^= 1;
         }
         for (to, bytes) in SENT.iter().zip(frame.chunks_exact(4)) {
@@ -151,7 +151,7 @@ impl Converter {
 
 /// The interrupt of chip select's rising edge.
 pub fn frame_ended() {
-    CONVERTER.lock(|converter| converter.borrow_mut().ended());
+    ADC_MODEL.lock(|adc_model| adc_model.borrow_mut().ended());
 }
 
 /// CRC-16 of CCITT's polynomial, seed 0xFFFF, four bits at a time.
@@ -219,7 +219,7 @@ pub fn start() {
     reset.set_as_input(Pull::Up);
     core::mem::forget(reset);
     set_up();
-    CONVERTER.lock(|converter| converter.borrow().arm());
+    ADC_MODEL.lock(|adc_model| adc_model.borrow().arm());
     pac::RCC.apb2enr().modify(|w| w.set_syscfgen(true));
     // (See `clock` on writing what was just given its clock.)
     let _ = pac::RCC.apb2enr().read();

@@ -64,9 +64,9 @@ pub fn leave_word(why: Halt) {
 
 /// Gives the reason of the last stop that the unit left, and clears it.
 pub fn last_word(cause: ResetCause) -> Halt {
-    let said = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
+    let stated = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
     LAST_WORD.store(0, Ordering::Relaxed);
-    said.unwrap_or_default()
+    stated.unwrap_or_default()
 }
 
 fn words(place: &'static Place) -> impl Fn(usize) -> u32 + Copy {

@@ -1,13 +1,13 @@
-//! The end of the road: what the firmware does when it must not go on.
+//! The stop: the firmware leaves the reason for the next start and waits for the watchdog.
 
-use crate::kept;
+use crate::retained;
 use core::panic::{Location, PanicInfo};
 use hrg_core::reset::Halt;
 
 /// Nothing more goes out, and the watchdog resets the unit. Why is left for the start.
 pub fn halt(why: Halt) -> ! {
     cortex_m::interrupt::disable();
-    kept::leave_word(why);
+    retained::leave_word(why);
     loop {
         cortex_m::asm::nop();
     }
