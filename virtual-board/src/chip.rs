@@ -188,8 +188,8 @@ impl Chip {
     /// A register is accessed: the processor waits for its bus (RM0390 section 2.1: APB1, APB2, AHB1; others are the core's own).
     fn wait_for_bus(&mut self, address: u32) {
         let bus_ratio = match address >> 16 {
-            0x4000 => self.rcc.apb_dividers()[0],
-            0x4001 => self.rcc.apb_dividers()[1],
+            0x4000 => self.rcc.apb_prescalers()[0],
+            0x4001 => self.rcc.apb_prescalers()[1],
             0x4002 => 1,
             _ => return,
         };

@@ -69,7 +69,7 @@ impl Rcc {
         self.regs[0x30 / 4] & 1 << 18 != 0
     }
     /// Prescalers of APB1 and APB2 from the processor's clock (CFGR; RM0390 section 6.3.3).
-    pub fn apb_dividers(&self) -> [u64; 2] {
+    pub fn apb_prescalers(&self) -> [u64; 2] {
         [10, 13].map(|at| match self.regs[2] >> at & 7 {
             by @ 4.. => 1 << (by - 3),
             _ => 1,

@@ -29,7 +29,7 @@ pub mod symbol {
     /// The temperature curve.
     pub const CURVE: &str = "hrg_core::temperature::TemperatureCurve::value_and_slope";
     /// An ADC frame.
-    pub const DECODE: &str = "hrg_core::adc::Dialogue::heard";
+    pub const DECODE: &str = "hrg_core::adc::Dialogue::receive";
     /// A sample corrected.
     pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";
     /// A message made into a frame.

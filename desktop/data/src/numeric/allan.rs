@@ -427,12 +427,12 @@ mod tests {
         let mut x = Draws::new(3);
         let white: Vec<f64> = (0..20_000).map(|_| x.centred() * 12f64.sqrt()).collect();
         // A tenth is missing, in pieces: bridged with the mean, the deviation at one step would be 5 % too small, at a hundred more.
-        let mut holed = white.clone();
-        holed.chunks_mut(500).for_each(|c| c[..50].fill(f64::NAN));
-        for p in overlapping(&holed, 1.0, &[1, 10, 100]) {
+        let mut gapped = white.clone();
+        gapped.chunks_mut(500).for_each(|c| c[..50].fill(f64::NAN));
+        for p in overlapping(&gapped, 1.0, &[1, 10, 100]) {
             assert!((p.deviation * p.tau_s.sqrt() - 1.0).abs() < 0.05, "{p:?}");
         }
-        assert!(overlapping(&holed, 1.0, &[151]).is_empty(), "no stretch is three times as long");
+        assert!(overlapping(&gapped, 1.0, &[151]).is_empty(), "no stretch is three times as long");
         // Single values that are missing part nothing.
         let mut spiked = white.clone();
         spiked.iter_mut().step_by(100).for_each(|v| *v = f64::NAN);
@@ -443,8 +443,8 @@ mod tests {
         assert_eq!(spiked.len(), 2);
         assert!(overlapping(&[f64::NAN; 300], 1.0, &[1]).is_empty());
         // Half of it is missing: refused.
-        holed.chunks_mut(500).for_each(|c| c[..250].fill(f64::NAN));
-        assert!(report(&[(1, &holed)], 1.0).expect_err("refused").0.contains("axis y: 20000 values, 10000 of them"));
+        gapped.chunks_mut(500).for_each(|c| c[..250].fill(f64::NAN));
+        assert!(report(&[(1, &gapped)], 1.0).expect_err("refused").0.contains("axis y: 20000 values, 10000 of them"));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 
 /// Evidence above which a generic curve counts as structure.
-const WORTH: f64 = 7.0;
+const STRUCTURE: f64 = 7.0;
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
@@ -19,7 +19,7 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
         let mut left: Vec<String> = names
             .iter()
             .zip(search.evidence_of(model, a, columns))
-            .filter(|(_, evidence)| *evidence > WORTH)
+            .filter(|(_, evidence)| *evidence > STRUCTURE)
             .map(|(name, _)| (*name).to_string())
             .collect();
         let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());

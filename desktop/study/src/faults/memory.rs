@@ -392,13 +392,13 @@ pub fn attack(scene: &Scene, seed: u64, extent: &Extent, report: &mut Report) ->
     for (corruption, share) in
         [(Corruption::Single, 1), (Corruption::Double, 5), (Corruption::Burst, 5), (Corruption::Register, 5)]
     {
-        upsets(scene, seed, (extent.random / share).max(1), corruption, report)?;
+        corruptions(scene, seed, (extent.random / share).max(1), corruption, report)?;
     }
     Ok(())
 }
 
 /// Corruptions of one kind.
-fn upsets(scene: &Scene, seed: u64, n: u64, corruption: Corruption, report: &mut Report) -> Result<()> {
+fn corruptions(scene: &Scene, seed: u64, n: u64, corruption: Corruption, report: &mut Report) -> Result<()> {
     let fates = flips(scene, seed, n, corruption)?;
     let count = |of: fn(&Fate) -> bool| fates.iter().filter(|(_, f)| of(f)).count();
     let slowest = fates.iter().map(|(_, f)| if let Fate::Reset(s) = f { *s } else { 0.0 }).fold(0.0, f64::max);
