@@ -359,9 +359,20 @@ impl Case {
         self
     }
 
-    /// Runs in the order of generation: train runs, then the verify run.
-    pub fn runs(&self) -> impl Iterator<Item = &RunSpec> {
-        self.trains.iter().chain(std::iter::once(&self.verify))
+    /// A third run, which judges what train and verify run have chosen: as the verify run, by another program.
+    #[must_use]
+    pub fn judge(&self) -> RunSpec {
+        use Program::{Cycles, SawSweep, SetpointWalk, ShrinkingLoops, Stairs, TwoSpeed};
+        let flown = |p: &Program| self.trains.iter().chain([&self.verify]).any(|r| r.plan.program == *p);
+        let others = [Cycles, Stairs, TwoSpeed, SetpointWalk, ShrinkingLoops, SawSweep].into_iter();
+        let others: Vec<Program> = others.filter(|p| !flown(p)).collect();
+        let chosen = stream(0, &["judge", &self.name]).random_range(0..others.len());
+        RunSpec { plan: Plan { program: others[chosen], hours: 8.0, ..self.verify.plan }, defects: None }
+    }
+
+    /// Runs in the order of generation: train runs, the verify run, the run that judges.
+    pub fn runs(&self) -> impl Iterator<Item = RunSpec> + '_ {
+        self.trains.iter().copied().chain([self.verify, self.judge()])
     }
 
     /// Classes of a right answer: of the first effect first; `none` for a case without effects.

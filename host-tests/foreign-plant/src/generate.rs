@@ -16,6 +16,8 @@ pub struct Generated {
     pub train: Vec<Recording>,
     /// The verify run.
     pub verify: Recording,
+    /// The run that judges.
+    pub judge: Recording,
     /// The truth: all that was put in.
     pub truth: Truth,
 }
@@ -38,7 +40,8 @@ impl Case {
             })
             .collect();
         let truth = making.truth(&effects, found);
+        let judge = train.remove(making.verify() + 1);
         let verify = train.remove(making.verify());
-        Generated { train, verify, truth }
+        Generated { train, verify, judge, truth }
     }
 }

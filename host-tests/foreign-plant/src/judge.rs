@@ -26,10 +26,16 @@ impl Making<'_> {
             .zip(defects)
             .enumerate()
             .map(|(k, (spec, defects))| RunTruth {
-                role: if k == self.verify() { "verify" } else { "train" }.into(),
+                role: ["train", "verify", "judge"][1 + usize::from(k > self.verify()) - usize::from(k < self.verify())]
+                    .into(),
                 file: self.file(k),
                 program: format!("{:?}", spec.plan.program),
                 axes: axes().map(|a| (AXES[a].into(), self.figures(k, a, left[&a][k]))).collect(),
+                bias_dph: if k > self.verify() {
+                    axes().map(|a| (AXES[a].into(), self.means(k, &self.bias[a]))).collect()
+                } else {
+                    BTreeMap::new()
+                },
                 defects,
             })
             .collect();
@@ -77,7 +83,7 @@ impl Making<'_> {
             |columns: &[Vec<f64>], all: &[f64], k: usize| fit::leftover(columns, &all[trains.len()..], &rates[k]);
         runs.map(|k| Leftover {
             eq7_dph: deviation(&kept(&left(&indicated[k].0, &eq7, k), &indicated[k].1)),
-            oracle_dph: deviation(&left(&self.exact(effects, k, a, k == self.verify()), &oracle, k)),
+            oracle_dph: deviation(&left(&self.exact(effects, k, a, k >= self.verify()), &oracle, k)),
         })
         .collect()
     }

@@ -24,7 +24,7 @@ struct Arguments {
 enum Command {
     /// List the cases: name, group, classes of a right answer, whether a unit can compensate it, description.
     List,
-    /// Write one case: NAME-SEED-train.csv (or -train-1.csv ...), NAME-SEED-verify.csv, NAME-SEED-truth.json.
+    /// Write one case: NAME-SEED-train.csv (or -train-1.csv ...), NAME-SEED-verify.csv, NAME-SEED-judge.csv, NAME-SEED-truth.json.
     #[command(after_help = "Example: foreign-plant make --case memory-rod --seed 1 --out /tmp/rod")]
     Make {
         /// Name of the case, of those that `list` shows.
@@ -219,7 +219,7 @@ fn write_all(jobs: &[(Case, u64)], out: &Path) -> Result<()> {
 
 fn write(made: &Generated, out: &Path) -> Result<()> {
     let files = made.truth.runs.iter().map(|run| out.join(&run.file));
-    let recordings = made.train.iter().chain(std::iter::once(&made.verify));
+    let recordings = made.train.iter().chain([&made.verify, &made.judge]);
     for (path, recording) in files.zip(recordings) {
         recording.save(&path).with_context(|| format!("cannot write {}", path.display()))?;
     }

@@ -16,7 +16,7 @@ use rand_distr::{Distribution, StandardNormal};
 /// A ramp that is wrong by more than this is a jump of the thermometer, C/min: such 100 s means are left out of the figures.
 const JUMP_C_PER_MIN: f64 = 3.0;
 
-/// All that is known of a case under way. Runs are numbered: train runs first, the verify run last.
+/// All that is known of a case under way. Runs are numbered: train runs first, then the verify run, last the run that judges.
 pub(crate) struct Making<'a> {
     pub(crate) case: &'a Case,
     pub(crate) seed: u64,
@@ -38,6 +38,8 @@ pub(crate) struct Making<'a> {
     pub(crate) indicated: Vec<Three>,
     /// Rates, deg/h. Until they are added up: their noise.
     pub(crate) rates: Vec<Three>,
+    /// The bias of the run that judges, deg/h: its rates without their noise.
+    pub(crate) bias: Three,
 }
 
 impl<'a> Making<'a> {
@@ -61,6 +63,7 @@ impl<'a> Making<'a> {
             slopes: [0.0; 3],
             floors,
             indicated: worlds.iter().map(|w| w.t_c.clone()).collect(),
+            bias: rates[rates.len() - 1].clone(),
             worlds,
             rates,
         };
@@ -71,7 +74,7 @@ impl<'a> Making<'a> {
 
     /// Number of the verify run.
     pub(crate) fn verify(&self) -> usize {
-        self.worlds.len() - 1
+        self.case.trains.len()
     }
 
     /// Means of 100 s over the log of run `k`.
@@ -93,7 +96,7 @@ impl<'a> Making<'a> {
     fn scale_base(&mut self) {
         for a in 0..3 {
             let width = |k: usize| deviation(&self.columns[k][a][0]);
-            let widest = (0..self.worlds.len()).max_by(|&i, &j| width(i).total_cmp(&width(j))).unwrap_or(0);
+            let widest = (0..=self.verify()).max_by(|&i, &j| width(i).total_cmp(&width(j))).unwrap_or(0);
             let shape = self.unit.shape[a];
             let columns = &self.columns[widest][a];
             let bias = fit::leftover(columns, &shape, &vec![0.0; columns[0].len()]);
@@ -121,6 +124,11 @@ impl<'a> Making<'a> {
             let sign = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
             let width = deviation(&self.columns[verify][a][0]);
             self.slopes[a] = sign * days.slope_floors * self.floors[verify][a] / width;
+        }
+        let mut rng = stream(self.seed, &[&self.case.name, "day of the judge"]);
+        for a in 0..3 {
+            let shift: f64 = StandardNormal.sample(&mut rng);
+            self.constants[verify + 1][a] = days.constant_floors * self.unit.floors_dph[a] * shift;
         }
     }
 
@@ -195,12 +203,18 @@ impl<'a> Making<'a> {
                 }
             }
         }
+        // (Until here the bias of the run that judges holds its noise.)
+        for (bias, rate) in self.bias.iter_mut().zip(&self.rates[verify + 1]) {
+            bias.iter_mut().zip(rate).for_each(|(bias, rate)| *bias = rate - *bias);
+        }
     }
 
     /// Name of the file of run `k`.
     pub(crate) fn file(&self, k: usize) -> String {
         let stem = format!("{}-{}", self.case.name, self.seed);
-        if k == self.verify() {
+        if k > self.verify() {
+            format!("{stem}-judge.csv")
+        } else if k == self.verify() {
             format!("{stem}-verify.csv")
         } else if self.verify() == 1 {
             format!("{stem}-train.csv")

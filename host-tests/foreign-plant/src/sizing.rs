@@ -27,7 +27,7 @@ impl Making<'_> {
     fn acts_in(&self, effect: &Effect, k: usize) -> bool {
         match effect.runs {
             Runs::All => true,
-            Runs::Train => k != self.verify(),
+            Runs::Train => k < self.verify(),
             Runs::Verify => k == self.verify(),
         }
     }

@@ -98,7 +98,7 @@ pub struct AxisFigures {
 /// One run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunTruth {
-    /// `train` or `verify`.
+    /// `train`, `verify` or `judge`.
     pub role: String,
     /// File beside this truth.
     pub file: String,
@@ -106,6 +106,9 @@ pub struct RunTruth {
     pub program: String,
     /// Figures by axis.
     pub axes: BTreeMap<String, AxisFigures>,
+    /// Of the run that judges, by axis: 100 s means of the bias, noise left out, deg/h; empty for the others.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub bias_dph: BTreeMap<String, Vec<f64>>,
     /// Defects put into the file, by kind.
     pub defects: BTreeMap<String, usize>,
 }
