@@ -4,22 +4,23 @@
 //! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
 //! (The residual on the verify run is judged by [`super::floor`].)
 
-use super::data::Data;
+use super::data::{AxisRows, Data};
+use super::evidence::{Axis, Extension};
+use super::model::Fitted;
+use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
-
-/// Evidence above which a generic curve counts as structure.
-const STRUCTURE: f64 = 7.0;
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
+        let least = THRESHOLD + (names.len() as f64).ln();
         let mut left: Vec<String> = names
             .iter()
             .zip(search.evidence_of(model, a, columns))
-            .filter(|(_, evidence)| *evidence > STRUCTURE)
+            .filter(|(_, evidence)| *evidence > least)
             .map(|(name, _)| (*name).to_string())
             .collect();
         let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());
@@ -34,6 +35,41 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
             left.push("in nothing simple: as many effects are needed as the search allows".into());
         }
         left
+    })
+}
+
+/// The same in what a model leaves of the verify run (`left`, on its blocks).
+pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        let rows = &data.axes[a];
+        if rows.y.is_empty() {
+            return vec![];
+        }
+        let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
+        // Beside a constant alone: the baseline's coefficients are those of the train runs.
+        let mut base = vec![vec![0.0; rows.y.len()]; rows.base.len()];
+        base[0].fill(1.0);
+        base.extend(rows.happened.iter().cloned());
+        let rows = AxisRows { y: left[a].clone(), base, ..rows.clone() };
+        let mut axis = Axis::new(&rows);
+        let nothing = axis.baseline_model();
+        columns.into_iter().for_each(|c| axis.push(Some(c)));
+        let offered = vec![true; names.len() + 1];
+        let least = THRESHOLD + (names.len() as f64).ln();
+        let gains = axis.extensions(&nothing, &offered).split_off(1);
+        let evidence = |g: &Option<Extension>| g.map_or(0.0, |e| e.evidence - nothing.evidence);
+        let found = names.iter().zip(&gains).filter(|(_, g)| evidence(g) > least);
+        found.map(|(name, _)| format!("{name} on the verify run")).collect()
+    })
+}
+
+/// Swings within a run that no noise of a gyro has, by the weights of the noise models after a fit.
+pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        let each = &fitted.axes[a].posterior.as_ref()?.each;
+        let misfit: f64 = each.iter().filter(|u| u.noise.is_misfit()).map(|u| u.weight).sum();
+        let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
+        (odds > THRESHOLD).then(|| "in time: it swings over tens of minutes as no noise of a gyro does".into())
     })
 }
 

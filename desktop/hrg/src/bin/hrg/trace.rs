@@ -22,6 +22,10 @@ pub struct Arguments {
     /// Recording that is only evaluated.
     #[arg(long, required_unless_present = "split")]
     verify: Option<PathBuf>,
+    /// A third run, which chooses nothing and judges alone. Without it the verify run judges, and the report says where it has also
+    /// chosen.
+    #[arg(long, value_name = "RUN", conflicts_with = "split")]
+    judge: Option<PathBuf>,
     /// Instead of a verify run: learn from the one train recording before this time, evaluate on the rest, with lags and
     /// hysteresis carried on from its beginning.
     #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
@@ -46,8 +50,14 @@ pub struct Arguments {
     /// the biases lack. Every deg/h of the report is then a ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
     rates: Option<PathBuf>,
-    /// Processors to use; all where it is left out.
+    /// Search on the verify run, too, and say whether it names the same classes: advice.
     #[arg(long)]
+    exchange: bool,
+    /// End with exit status 3 unless the image should be burnt, or the verdict is confirmed.
+    #[arg(long, value_name = "WHAT")]
+    fail_unless: Option<Reached>,
+    /// Accepted for scripts of before: a trace uses one processor.
+    #[arg(long, hide = true)]
     jobs: Option<usize>,
     /// Allow recordings of different units.
     #[arg(long)]
@@ -56,15 +66,25 @@ pub struct Arguments {
     facts: FactsArguments,
 }
 
-/// Runs the command.
+/// A conclusion that a script asks for.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Reached {
+    /// The image should be burnt.
+    Burn,
+    /// Effects are named, and the verify run agrees.
+    Confirmed,
+}
+
+/// Runs the command; `false` where the conclusion is not the one that `--fail-unless` asks for.
 ///
 /// # Errors
 /// Bad input, or a file that cannot be written.
-pub fn run(arguments: Arguments) -> Result<()> {
+pub fn run(arguments: Arguments) -> Result<bool> {
     let Arguments {
         runs,
         train,
         verify,
+        judge,
         split,
         out,
         html,
@@ -72,7 +92,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
         in_use,
         repeat_is_enough,
         rates,
-        jobs,
+        exchange,
+        fail_unless,
+        jobs: _,
         different_units,
         facts,
     } = arguments;
@@ -89,13 +111,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(c) = &in_use {
         hrg_data::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
     }
-    let options = trace::Options {
-        units: units(different_units),
-        in_use,
-        repeat_is_enough,
-        jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
-        own: Vec::new(),
-    };
+    let judge = judge.map(|path| facts.load(&[path])).transpose()?.and_then(|mut runs| runs.pop());
+    let options =
+        trace::Options { units: units(different_units), in_use, repeat_is_enough, judge, exchange, own: Vec::new() };
     let mut t = trace::trace_with(&train, &verify, &options)?;
     if rates.is_some() {
         t.report.notes.push(RATES.into());
@@ -117,7 +135,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
         }
         None => {}
     }
-    Ok(())
+    Ok(match fail_unless {
+        None => true,
+        Some(Reached::Burn) => t.report.burn,
+        Some(Reached::Confirmed) => t.report.verdict_kind == trace::VerdictKind::Confirmed,
+    })
 }
 
 /// Note on the units in a report of scale factors.
@@ -144,61 +166,69 @@ fn runs_of_trace(
 }
 
 fn print_trace(r: &trace::Report) {
+    println!("{}", r.verdict);
+    println!();
+    let judged = if r.judged_by == "judge" { "judging run" } else { "the same" };
+    println!("{:<5} {:^21} {:^52} {:>12}", "", "train", "verify", judged);
     println!(
-        "{:<5} {:>12} {:>12} {:>12} {:>12} {:>14} {:>12}   left, in floors",
-        "axis", "base/train", "base/verify", "final/train", "final/verify", "means", "noise floor"
+        "{:<5} {:>10} {:>10} {:>10} {:>10} {:>10} {:>19} {:>12} {:>9}",
+        "axis", "baseline", "effects", "baseline", "effects", "image", "image's mean", "image RMS", "noise"
     );
     for n in r.axes() {
-        let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
+        let (b, f) = (r.baseline[n], r.r#final[n]);
+        let figure = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.3}"));
+        let block = r.block.as_ref().map(|b| b[n]);
         println!(
-            "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>14} {:>12.3}   {:.2} [{:.2}, {:.2}]",
+            "{n:<5} {:>10.3} {:>10.3} {:>10.3} {:>10.3} {:>10} {:>19} {:>12} {:>9.3}",
             b.train_rms_dph,
-            b.verify_rms_dph,
             f.train_rms_dph,
+            b.verify_rms_dph,
             f.verify_rms_dph,
-            format!("{} / {}", f.train_means, f.verify_means),
+            figure(block.map(|b| b.verify_rms_dph)),
+            block.map_or("-".to_string(), |b| format!("{:+.3} +- {:.3}", b.mean_dph, b.mean_std_dph)),
+            figure(block.map(|_| r.judge[n].rms_dph)),
             r.noise_floor_dph[n],
-            ratio.ratio,
-            ratio.low,
-            ratio.high
         );
     }
-    println!("standard deviation of 100 s means, deg/h; how many means there are, train / verify; in brackets 95 %");
-    if let Some(block) = &r.block {
-        println!();
-        println!("{:<5} {:>14} {:>26}   the image on the verify run", "axis", "verify", "mean against train");
-        for (n, b) in block {
-            println!(
-                "{n:<5} {:>14.3} {:>26}",
-                b.verify_rms_dph,
-                format!("{:+.3} +- {:.3}", b.mean_dph, b.mean_std_dph)
-            );
-        }
-    }
+    let means = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
+    println!(
+        "deg/h: standard deviation of 100 s means ({} of train, {} of verify); the RMS holds the mean, the constant of that day",
+        means.0, means.1
+    );
     for e in &r.effects {
-        println!();
-        let parameters: Vec<String> =
-            e.parameters.iter().map(|(n, v)| format!("{n} {}", trace::report::three_digits(*v))).collect();
-        let p_value = e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}"));
-        println!("effect {} {} ({}, {}; p-value {p_value})", e.name, parameters.join(", "), e.class.name(), e.reach);
-        for (n, v) in &e.on_verify {
-            println!("  axis {n}: the verify run shows {:.2} +- {:.2} of it", v.share, v.share_std);
-        }
-        for k in &e.rank {
-            println!(
-                "  {:<20} {:>6.1} % less cross-validated error, net evidence {:.1}",
-                k.name,
-                100.0 * k.gain_in_cv,
-                k.net_evidence
-            );
-        }
-        if !e.indistinguishable_from.is_empty() {
-            println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
-        }
+        print_effect(e);
     }
-    println!();
-    println!("{}", r.verdict);
+    if !(r.advice.is_empty() && r.notes.is_empty()) {
+        println!();
+    }
     for a in r.advice.iter().chain(&r.notes) {
         println!("- {a}");
+    }
+}
+
+fn print_effect(e: &trace::report::Found) {
+    println!();
+    let parameters = e.parameters_text();
+    let gap = if parameters.is_empty() { "" } else { " " };
+    println!("{}{gap}{parameters} ({}; {})", e.name, e.class.name(), e.reach);
+    for (n, gain) in &e.axes {
+        let share = e.on_verify.get(n).map_or(String::new(), |v| {
+            format!("; the verify run shows {:.2} +- {:.2} of it, log score {:.1}", v.share, v.share_std, v.log_score)
+        });
+        println!("  {n}  gain {:.4} +- {:.4}{share}", gain.gain, gain.gain_std);
+    }
+    println!("  {:<22} {:>9} {:>9} {:>9} {:>10}", "candidate", "log prior", "evidence", "score", "less error");
+    for k in &e.rank {
+        println!(
+            "  {:<22} {:>9.1} {:>9.1} {:>9.1} {:>8.1} %",
+            k.name,
+            k.score.log_prior,
+            k.score.log_evidence,
+            k.score.total(),
+            100.0 * k.gain_in_cv
+        );
+    }
+    if !e.indistinguishable_from.is_empty() {
+        println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
     }
 }

@@ -1,6 +1,6 @@
 //! Refinement: the inner parameters of an effect, and where it stands when each run begins.
 
-use super::{Search, State, BRANCH, MOST_STARTS};
+use super::{odds, Search, State, MOST_STARTS};
 use crate::trace::data::{AxisByAxis, Candidate, Starts};
 use hrg_core::AXES;
 use hrg_data::cards::Move;
@@ -19,8 +19,8 @@ impl Search<'_> {
         if card.refine.is_empty() || self.candidates[state.groups[k]].len() > 1 {
             return state;
         }
-        let (low, high) = self.data.temperature_range();
-        let span = high - low;
+        let extent = self.data.extent();
+        let span = extent.span_c();
         let first_step = |(how, p): (&Move, f32)| match how {
             Move::Factor(share) => *share,
             Move::Cycle => (0.25 * p / span).min(0.16),
@@ -37,7 +37,7 @@ impl Search<'_> {
                     let q = c.parameters[place];
                     let step = sign * step;
                     c.parameters[place] = if how.by_factor() { q * (1.0 + step) } else { q + step };
-                    if !(card.possible)(&c.parameters) {
+                    if !(card.possible)(&c.parameters, &extent) {
                         continue;
                     }
                     let net_evidence = self.trial(&state, k, &[c]);
@@ -59,7 +59,7 @@ impl Search<'_> {
         if !parts[0].facts.remembers_path {
             return state;
         }
-        let mut best = (self.trial(&state, k, &parts) + BRANCH, parts.clone());
+        let mut best = (self.trial(&state, k, &parts) - odds::BRANCH, parts.clone());
         for run in 0..self.data.runs.len().min(MOST_STARTS) {
             for branch in 0..Starts::BRANCHES.len() {
                 let starts = best.1[0].starts.with(run, branch);
@@ -82,6 +82,7 @@ impl Search<'_> {
     /// The model with other parts in the place of effect `k`, if they are better.
     fn exchanged(&mut self, state: State, k: usize, parts: Vec<Candidate>) -> State {
         let group = self.push(parts, self.tries[state.groups[k]]);
+        self.offered[group] = false;
         let moved = self.instead(&state, k, group);
         if moved.evidence() > state.evidence() {
             moved

@@ -1,8 +1,8 @@
 //! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
-use super::{AxisModel, Model, Search, State, PRICE};
+use super::{odds, AxisModel, Model, Score, Search, State, RAMP};
 use crate::trace::data::Candidate;
-use crate::trace::gls::{Basis, NOISE_MODELS};
+use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 use hrg_data::cards::Kind;
@@ -13,10 +13,8 @@ use hrg_data::numeric::stats::dot;
 pub struct Rival {
     /// The effect.
     pub candidate: Candidate,
-    /// Log evidence that it brings.
-    pub evidence: f64,
-    /// The same less its price.
-    pub net_evidence: f64,
+    /// Log prior odds, and the log evidence that it brings.
+    pub score: Score,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
 }
@@ -39,21 +37,20 @@ impl Search<'_> {
         let others = self.without(&model.state, which);
         let own = model.state.groups[which];
         let mut out = vec![self.rival(&others, &model.state, own)];
-        for (gain, group, on) in self.extensions(&others) {
+        for (score, group, on) in self.extensions(&others) {
             let c = self.lead(group);
-            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.id == c.facts.id) {
+            if out.len() >= 5 || score <= 0.0 || out.iter().any(|o| o.candidate.facts.id == c.facts.id) {
                 continue;
             }
-            let next = if gain > 0.0 { self.with_refined(&others, group, &on) } else { self.with(&others, group, &on) };
+            let next = self.with_refined(&others, group, &on);
             let rival = self.rival(&others, &next, next.last());
             out.push(rival);
         }
-        out.sort_by(|x, y| y.net_evidence.total_cmp(&x.net_evidence));
+        out.sort_by(|x, y| y.score.total().total_cmp(&x.score.total()));
         out
     }
 
     fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
-        let evidence = with.net() - others.net();
         let gain_in_cv = (0..AXES)
             .filter(|a| !self.data.axes[*a].y.is_empty())
             .map(|a| {
@@ -67,8 +64,10 @@ impl Search<'_> {
             / self.data.axes_there() as f64;
         Rival {
             candidate: self.lead(group),
-            evidence,
-            net_evidence: evidence - self.price(group, &others.groups),
+            score: Score {
+                log_prior: self.log_prior(group, &others.groups) + odds::AXIS * with.width(group) as f64,
+                log_evidence: with.evidence() - others.evidence(),
+            },
             gain_in_cv,
         }
     }
@@ -90,7 +89,7 @@ impl Search<'_> {
         let found = &model.state.groups;
         let axes = self.data.axes_there() as f64;
         let mut out: Vec<(&'static str, usize)> = Vec::new();
-        for k in 0..self.candidates.len() {
+        for k in RAMP + 1..self.candidates.len() {
             let facts = self.lead(k).facts;
             let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
             let there = found.iter().any(|g| self.lead(*g).facts.id == facts.id);
@@ -124,7 +123,7 @@ impl Search<'_> {
     /// under correlated noise.
     pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
         let of = |effect: EffectId| -> Vec<usize> {
-            (0..self.candidates.len())
+            (RAMP + 1..self.candidates.len())
                 .filter(|k| self.lead(*k).facts.effect == effect && self.candidates[*k].len() == 1)
                 .collect()
         };

@@ -15,22 +15,46 @@ pub struct NoiseModel {
     pub phi: f64,
     /// Moving-average coefficient; equal to `phi` for white noise.
     pub theta: f64,
+    /// Variance of the slow part over that of the white part.
+    pub slow: f64,
 }
 
-/// The grid: white, then Gauss-Markov processes of 20 to 2000 blocks with rising share.
-pub const NOISE_MODELS: [NoiseModel; 9] = [
-    NoiseModel { phi: 0.0, theta: 0.0 },
-    NoiseModel { phi: 0.95, theta: 0.88 },
-    NoiseModel { phi: 0.95, theta: 0.70 },
-    NoiseModel { phi: 0.99, theta: 0.97 },
-    NoiseModel { phi: 0.99, theta: 0.92 },
-    NoiseModel { phi: 0.99, theta: 0.80 },
-    NoiseModel { phi: 0.998, theta: 0.96 },
-    NoiseModel { phi: 0.9995, theta: 0.97 },
-    NoiseModel { phi: 0.9995, theta: 0.90 },
+/// The noise models: white, and white beside Gauss-Markov processes with memories of 20, 100 and 2000 blocks (the last is close to a walk
+/// over a chamber run) whose variances are 0.1, 1, 10 and 100 times that of the white part. Flicker is close to one of these over the two
+/// decades that a chamber run spans; a slow part far above the white one is what a model leaves that lacks something.
+pub const NOISE_MODELS: [NoiseModel; 13] = [
+    NoiseModel { phi: 0.0, theta: 0.0, slow: 0.0 },
+    NoiseModel { phi: 0.95, theta: 0.89271, slow: 0.1 },
+    NoiseModel { phi: 0.95, theta: 0.72395, slow: 1.0 },
+    NoiseModel { phi: 0.95, theta: 0.37709, slow: 10.0 },
+    NoiseModel { phi: 0.95, theta: 0.08208, slow: 100.0 },
+    NoiseModel { phi: 0.99, theta: 0.95510, slow: 0.1 },
+    NoiseModel { phi: 0.99, theta: 0.86761, slow: 1.0 },
+    NoiseModel { phi: 0.99, theta: 0.64097, slow: 10.0 },
+    NoiseModel { phi: 0.99, theta: 0.26716, slow: 100.0 },
+    NoiseModel { phi: 0.9995, theta: 0.99004, slow: 0.1 },
+    NoiseModel { phi: 0.9995, theta: 0.96887, slow: 1.0 },
+    NoiseModel { phi: 0.9995, theta: 0.90486, slow: 10.0 },
+    NoiseModel { phi: 0.9995, theta: 0.72981, slow: 100.0 },
 ];
 
+/// Slow part from which on a noise model stands for a misfit, where its memory is a part of a run: no gyro has such noise.
+const MISFIT: f64 = 10.0;
+/// Autoregressive coefficient of the longest memory that is a part of a run.
+const WITHIN_A_RUN: f64 = 0.99;
+
 impl NoiseModel {
+    /// Log of its probability before the data are seen: it falls with the deviation of the slow part.
+    pub fn log_prior(&self) -> f64 {
+        let odds = |n: &Self| 1.0 / (n.slow / 0.1).max(1.0).sqrt();
+        (odds(self) / NOISE_MODELS.iter().map(odds).sum::<f64>()).ln()
+    }
+
+    /// `true` if it stands for what a model lacks, and not for the noise of a gyro.
+    pub fn is_misfit(&self) -> bool {
+        self.slow >= MISFIT && self.phi <= WITHIN_A_RUN
+    }
+
     /// Factor on the first value of a run, which has no past.
     pub fn first_factor(&self) -> f64 {
         ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
@@ -75,18 +99,21 @@ impl NoiseModel {
         out
     }
 
-    /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
-    pub fn give(&self, e: &mut [f64], starts: &[usize]) {
+    /// The adjoint of the recursion that [`whiten`](Self::whiten) undoes: the inner product of two results is that of the columns over the
+    /// noise's covariance.
+    pub fn backwards(&self, x: &[f64], starts: &[usize]) -> Vec<f64> {
+        let mut out = vec![0.0; x.len()];
         for (k, &from) in starts.iter().enumerate() {
-            let to = starts.get(k + 1).copied().unwrap_or(e.len());
-            let (mut past, mut before) = (0.0, 0.0);
-            for (j, v) in e[from..to].iter_mut().enumerate() {
-                let now = *v;
-                past = if j == 0 { now / self.first_factor() } else { self.phi * past + now - self.theta * before };
-                before = now;
-                *v = past;
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let mut after = 0.0;
+            for j in (from..to).rev() {
+                let now = x[j] + self.phi * after;
+                let now = if j == from { now / self.first_factor() } else { now };
+                out[j] = now - self.theta * after;
+                after = now;
             }
         }
+        out
     }
 }
 
@@ -139,5 +166,24 @@ impl Basis {
         x.iter_mut().for_each(|v| *v *= f);
         self.columns.push(x);
         left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_adjoint_is_that_of_the_inverse() {
+        // <W x, C' y> = <x, y>, if C is the inverse of the whitening W.
+        let n = 40;
+        let x: Vec<f64> = (0..n).map(|k| (k as f64 * 0.7).sin()).collect();
+        let y: Vec<f64> = (0..n).map(|k| (k as f64 * 1.3).cos() + 0.1).collect();
+        for noise in NOISE_MODELS {
+            let mut w = x.clone();
+            noise.whiten(&mut w, &[0, 15]);
+            let (one, other) = (dot(&w, &noise.backwards(&y, &[0, 15])), dot(&x, &y));
+            assert!((one - other).abs() < 1e-9, "{noise:?}: {one} {other}");
+        }
     }
 }

@@ -1,0 +1,311 @@
+//! The image that is written: axis by axis the model that the train runs warrant where the judge bears it out, else the baseline, else a
+//! constant.
+
+use super::data::{Candidate, Data};
+use super::floor::Noise;
+use super::judge::{borne_out, Agreement, Prediction};
+use super::means::Means;
+use super::model::{drop_idle_effects, take_axis, Fitted, Specification, TEMPERATURE_TERMS};
+use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
+use super::uncertainty::{self, Known};
+use super::unseen::Unseen;
+use crate::fit;
+use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::calibration::{Calibration, Uncertainty};
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::{mean, std_dev};
+
+/// An image with what it reaches.
+pub(super) struct Written {
+    pub image: Calibration,
+    pub kind: Image,
+    /// By axis: figures on the verify run; `None` where no image is written.
+    pub figures: Option<ByAxis<OnVerify>>,
+    /// By axis: the image against the baseline, on the run that judges.
+    pub judged: ByAxis<Judged>,
+    /// `true` where an axis is extended and the judge bears it out, and no axis is worse than a constant.
+    pub good: bool,
+    /// `true` where the rows that judge have also chosen what stands on an axis.
+    pub chosen_on_verify: bool,
+}
+
+/// The fits that an image may be made of.
+pub(super) struct Fits<'f> {
+    pub data: &'f Data<'f>,
+    /// The model that the train runs warrant, of what a unit can compute.
+    pub extended: &'f Fitted,
+    /// Its uncertainty.
+    pub known: &'f Known,
+    /// The baseline beside the named events, by the same least squares.
+    pub beside: &'f Fitted,
+    /// Its uncertainty.
+    pub beside_known: &'f Known,
+    /// The baseline by plain least squares.
+    pub plain: &'f Fitted,
+}
+
+impl Fits<'_> {
+    /// The image. `verify` chooses by axis; `judge` judges: the same run, or a third one.
+    pub fn image(
+        &self,
+        calibration: &Calibration,
+        verify: &Unseen<'_>,
+        judge: &Unseen<'_>,
+        notes: &mut Vec<String>,
+    ) -> Written {
+        let scaling = &calibration.scaling;
+        let unit = |c: &Candidate| c.on_unit();
+        let predictions = |of: &Unseen<'_>| {
+            (
+                Prediction::new(&of.data, self.extended, self.known, &unit),
+                Prediction::new(&of.data, self.beside, self.beside_known, &unit),
+            )
+        };
+        let mut image = self.extended.image(calibration, &self.known.stated, notes);
+        image.sequence = 2;
+        let plain = self.plain.image(calibration, &uncertainty::of_plain(self.data, self.plain), notes);
+        let beside = self.beside.image(calibration, &self.beside_known.stated, &mut Vec::new());
+        let (of_image, of_beside) = predictions(verify);
+        let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, &of_beside, verify);
+        let mut models = [AxisModel::Constant; AXES];
+        let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
+        let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
+        let of_base = corrected(&baseline);
+        let has_effect = [0, 1, 2].map(|a: usize| image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0)));
+        let scores: Vec<(usize, Agreement)> = (0..AXES)
+            .filter(|a| has_effect[*a])
+            .filter_map(|a| Some((a, self.score(&of_image, &of_beside, verify, a)?)))
+            .collect();
+        let won = borne_out(&scores);
+        for a in verify.run.steps.present() {
+            let wins = won.contains(&a);
+            chosen_on_verify |= has_effect[a] && !wins;
+            let raw = Means::of(&verify.run.steps.rate_dph[a]);
+            // A baseline that leaves more than the raw rates is none.
+            models[a] = match (wins, of_base[a].deviation() < raw.deviation()) {
+                (true, _) => AxisModel::Extended,
+                (false, true) => AxisModel::Baseline,
+                (false, false) => AxisModel::Constant,
+            };
+            if models[a] != AxisModel::Extended {
+                take_axis(&mut image, &baseline, a);
+            }
+            if models[a] == AxisModel::Constant {
+                image.axes[a].coefficients = constant(constants[a]);
+                image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
+                // (It is uncertain by all that the rates do.)
+                let square = raw.deviation().powi(2) + (raw.mean() - constants[a]).powi(2);
+                image.axes[a].uncertainty = Uncertainty { rest_dph2: square as f32, ..Uncertainty::default() };
+            }
+        }
+        drop_idle_effects(&mut image);
+        let kind = match () {
+            () if models.contains(&AxisModel::Extended) => Image::Extended,
+            () if models.contains(&AxisModel::Baseline) => Image::Baseline,
+            () => Image::None,
+        };
+        let of_judge = predictions(judge);
+        let chosen = corrected(&image);
+        let judged = self.judged(&image, &of_judge, judge, models, constants);
+        let names = hrg_data::axes::AXIS_NAMES;
+        let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
+        let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
+        let worse = verify.run.steps.present().any(|a| {
+            let j = judged[names[a]];
+            (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant
+        });
+        let predicted = [0, 1, 2].map(|a: usize| {
+            let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
+            fitted.predicted_variance(verify.run, scaling, a, &unit)
+        });
+        let figures = (kind != Image::None).then(|| {
+            by_axis(|a| OnVerify {
+                verify_rms_dph: chosen[a].deviation(),
+                mean_dph: chosen[a].mean(),
+                mean_std_dph: (verify.noise[a].shift().powi(2) + predicted[a].1).sqrt(),
+                used_means: chosen[a].count(),
+                model: models[a],
+            })
+        });
+        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
+            state_left(&mut image.axes[a].uncertainty, &chosen[a], &verify.noise[a], predicted[a]);
+        }
+        self.state_unvisited(&mut image, scaling, models);
+        if kind == Image::None {
+            image = baseline;
+        }
+        Written { image, kind, figures, judged, good: !borne_out(&on_judge).is_empty() && !worse, chosen_on_verify }
+    }
+
+    /// The baseline to be written: an axis whose events are columns of its fit keeps them there, unless the verify run shows the same
+    /// without. `true` if the verify run has chosen that.
+    fn baseline(
+        &self,
+        mut plain: Calibration,
+        beside: &Calibration,
+        of_beside: &Prediction,
+        verify: &Unseen<'_>,
+    ) -> (Calibration, bool) {
+        let mut chosen = false;
+        for a in (0..AXES).filter(|a| self.beside.terms().iter().any(|t| t.on(*a))) {
+            let plainly = self.plain_on(&verify.data, a);
+            let better = of_beside.fall_against(&plainly, &verify.data, a).is_none_or(|f| !f.loses());
+            chosen |= !better;
+            if better {
+                take_axis(&mut plain, beside, a);
+            }
+        }
+        (plain, chosen)
+    }
+
+    /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.
+    fn state_unvisited(&self, image: &mut Calibration, scaling: &Scaling, models: [AxisModel; AXES]) {
+        for (a, model) in models.iter().enumerate() {
+            let (fitted, known) = match model {
+                AxisModel::Extended => (self.extended, self.known),
+                AxisModel::Baseline => (self.beside, self.beside_known),
+                AxisModel::Constant => continue,
+            };
+            let Some(posterior) = &known.posteriors[a] else { continue };
+            // Of the effects, and of the ramp terms of the baseline: a run may not have told one from the other.
+            let columns = fitted.model.columns(self.data, a).values;
+            let gains = &fitted.axes[a].coefficients;
+            let done: Vec<f64> = (0..self.data.axes[a].y.len())
+                .map(|k| (TEMPERATURE_TERMS..gains.len()).map(|j| gains[j] * columns[j][k]).sum())
+                .collect();
+            let square = std_dev(&done).powi(2);
+            image.axes[a].visited.unvisited_dph2 =
+                uncertainty::unvisited(&image.axes[a], scaling, &posterior.covariance, square) as f32;
+        }
+    }
+
+    /// The extended model against the baseline: more probable than the one by the same least squares, with less error than the one that is
+    /// written in its place.
+    fn score(&self, of_image: &Prediction, of_beside: &Prediction, run: &Unseen<'_>, a: usize) -> Option<Agreement> {
+        let against = of_image.against(of_beside, &run.data, a)?;
+        let plain = of_image.fall_against(&self.plain_on(&run.data, a), &run.data, a)?;
+        Some(if plain.mse_fall < against.mse_fall {
+            Agreement { log_score: against.log_score, ..plain }
+        } else {
+            against
+        })
+    }
+
+    /// The prediction of the plain baseline on the blocks of a run.
+    fn plain_on(&self, data: &Data<'_>, a: usize) -> Vec<f64> {
+        let base = &data.axes[a].base;
+        let n = data.axes[a].y.len();
+        (0..n)
+            .map(|k| base[..TERMS].iter().zip(&self.plain.axes[a].coefficients).map(|(x, c)| c * x[k]).sum())
+            .collect()
+    }
+
+    /// The written image on the run that judges, by axis, against the baseline and against a constant.
+    fn judged(
+        &self,
+        image: &Calibration,
+        (of_image, of_beside): &(Prediction, Prediction),
+        judge: &Unseen<'_>,
+        models: [AxisModel; AXES],
+        constants: [f64; AXES],
+    ) -> ByAxis<Judged> {
+        let left = fit::correct(image, &judge.run.steps);
+        by_axis(|a| {
+            let means = Means::of(&left[a]);
+            let agreement = if models[a] == AxisModel::Extended {
+                self.score(of_image, of_beside, judge, a).unwrap_or_default()
+            } else {
+                Agreement::default()
+            };
+            let raw = Means::of(&judge.run.steps.rate_dph[a]);
+            let worse = judge.run.steps.present().any(|p| p == a)
+                && models[a] != AxisModel::Constant
+                && is_worse(&means, &raw, constants[a], judge.noise[a].shift());
+            Judged {
+                agreement,
+                rms_dph: (means.deviation().powi(2) + means.mean().powi(2)).sqrt(),
+                constant_dph: means.mean(),
+                worse_than_a_constant: worse,
+            }
+        })
+    }
+
+    /// The rates of an axis on the train rows, without what its named events did.
+    fn without_events(&self, a: usize) -> Vec<f64> {
+        let mut y = self.data.axes[a].y.clone();
+        for (e, t) in self.beside.terms().iter().enumerate() {
+            let Some(range) = self.beside.gains(e, a) else { continue };
+            let columns = t.parts.iter().flat_map(|c| self.data.columns(c, a, true).unwrap_or_default());
+            for (column, g) in columns.zip(&self.beside.axes[a].coefficients[range]) {
+                y.iter_mut().zip(column).for_each(|(y, x)| *y -= g * x);
+            }
+        }
+        y
+    }
+}
+
+/// `true` if the root mean square of an image's residual, its constant included, is larger than that of the raw rates less a constant, by
+/// more than what the constant of a run is uncertain by (`shift`, its standard deviation).
+fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
+    let square = |deviation: f64, mean: f64| deviation * deviation + mean * mean;
+    let (ours, theirs) = (left.mean().abs(), (raw.mean() - constant).abs());
+    let least = (ours - super::judge::DEVIATIONS * shift).max(0.0);
+    square(left.deviation(), least) > square(raw.deviation(), theirs)
+}
+
+/// Adds to the stated uncertainty what the verify run shows the model to leave beyond the noise, and how far the constant moves from day to
+/// day. `predicted`: what the coefficients are uncertain by, about the mean and of the mean, which is stated already.
+fn state_left(uncertainty: &mut Uncertainty, left: &Means, noise: &Noise, predicted: (f64, f64)) {
+    if uncertainty.rest_dph2 > 0.0 {
+        let shift_dph2 = left.mean().powi(2) - noise.shift().powi(2) - predicted.1;
+        let more = misfit_dph2(left, noise, predicted.0) + day_dph2(shift_dph2, noise.floor());
+        uncertainty.rest_dph2 += more as f32;
+    }
+}
+
+/// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean
+/// over none and values from a fifth of a floor to 36 floors. Before the run is seen there is one or none at even odds, and each power of
+/// two is as probable as another.
+fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
+    let floor = noise.floor();
+    let ratio = noise.ratio(left.deviation(), 0.0);
+    let squared = |r: f64| (left.deviation() / r).powi(2);
+    let floor_std = (squared(ratio.low) - squared(ratio.high)) / (2.0 * 1.96);
+    let excess = left.deviation().powi(2) - floor * floor - known_dph2;
+    const VALUES: i32 = 16;
+    let values = (0..VALUES).map(|k| (floor * floor * 0.04 * 2f64.powi(k), 1.0 / f64::from(VALUES)));
+    let (mut sum, mut mean) = (0.0, 0.0);
+    for (m, prior) in std::iter::once((0.0, 1.0)).chain(values) {
+        // A misfit is known by its few slow swings in a run: to a third.
+        let std = (floor_std * floor_std + (m / 3.0).powi(2)).sqrt();
+        let density = prior * (-0.5 * ((excess - m) / std).powi(2)).exp() / std;
+        sum += density;
+        mean += density * m;
+    }
+    if sum > 0.0 {
+        mean / sum
+    } else {
+        excess.max(0.0)
+    }
+}
+
+/// Variance of the constant from one day to another, (deg/h)^2, from the square of one shift (noise taken off). Before a day is seen it is
+/// taken for a third of a floor, with the weight of one day.
+fn day_dph2(shift_dph2: f64, floor_dph: f64) -> f64 {
+    0.5 * (floor_dph * floor_dph / 9.0 + shift_dph2.max(0.0))
+}
+
+/// A bias that does not depend on temperature: the mean rate.
+fn constant(rate_dph: f64) -> Coefficients {
+    let mut k = [0.0; TERMS];
+    k[0] = rate_dph as f32;
+    Coefficients::One(k)
+}
+
+/// A model that was fitted, with how uncertain it is.
+pub(super) fn fitted(data: &Data<'_>, model: &Specification) -> Result<(Fitted, Known), BadInput> {
+    let fitted = Fitted::new(data, model)?;
+    let known = uncertainty::of(data, &fitted);
+    Ok((fitted, known))
+}
