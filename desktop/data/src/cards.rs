@@ -462,7 +462,6 @@ pub fn card(effect: EffectId) -> Card {
             generator: of([120.0, 6000.0]),
             ..Card::of(PowerOn, Family, "the bias settles after power-on with several time constants")
         },
-        // A dependence on the temperature at power-on needs several power-ons to be seen.
         E::PowerOnLadderByTemperature => Card {
             grid: decays,
             generator: of([120.0, 6000.0]),

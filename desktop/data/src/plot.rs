@@ -55,6 +55,12 @@ pub fn svg(panels: &[Panel], columns: usize, width: u32, height: u32) -> anyhow:
     Ok(out)
 }
 
+/// A text as it stands in a page (HTML).
+#[must_use]
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
 fn range(values: impl Iterator<Item = f64>, log: bool) -> (f64, f64) {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for v in values.filter(|v| v.is_finite() && (!log || *v > 0.0)) {

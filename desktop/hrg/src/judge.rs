@@ -10,7 +10,7 @@ use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
-use hrg_data::plot::{svg, Panel, Series};
+use hrg_data::plot::{escape, svg, Panel, Series};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
 use hrg_identify::fit::correct;
@@ -520,7 +520,6 @@ impl Judgement {
     /// # Errors
     /// If a picture cannot be drawn.
     pub fn html(&self) -> anyhow::Result<String> {
-        let escape = |s: &str| s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
         let panels: Vec<Panel> = self.points.iter().map(|(n, points)| self.panel(n, points)).collect();
         let colour = match self.verdict {
             Verdict::Pass => "#2e7d32",

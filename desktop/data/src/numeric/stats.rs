@@ -88,6 +88,16 @@ pub fn std_dev(values: &[f64]) -> f64 {
     }
 }
 
+/// Logarithm of the sum of numbers given by their logarithms; minus infinity of none.
+#[must_use]
+pub fn log_sum(logs: &[f64]) -> f64 {
+    let most = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if most == f64::NEG_INFINITY {
+        return most;
+    }
+    most + logs.iter().map(|l| (l - most).exp()).sum::<f64>().ln()
+}
+
 /// Means over windows of `length` values; windows with less than half of their values are left out (NaN).
 #[must_use]
 pub fn block_means(values: &[f64], length: usize) -> Vec<f64> {

@@ -3,7 +3,7 @@
 use super::{AxisReport, Bin, Quantity, Report};
 use hrg_data::numeric::allan;
 use hrg_data::plot;
-use hrg_data::plot::{Panel, Series};
+use hrg_data::plot::{escape, Panel, Series};
 use std::fmt::Write as _;
 
 /// A value with few digits.
@@ -45,7 +45,6 @@ pub fn text(r: &Report) -> String {
 /// # Errors
 /// If a picture cannot be drawn.
 pub fn html(r: &Report) -> anyhow::Result<String> {
-    let escape = |t: &str| t.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let mut s = format!(
         "<!doctype html><html lang=en><meta charset=utf-8><title>hrg report: {0}</title><style>\
          body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1180px;padding:0 16px;color:#222}}\

@@ -9,7 +9,7 @@ use super::data::AxisRows;
 use super::model::TEMPERATURE_TERMS;
 use super::noise::{Basis, NoiseModel, NOISE_MODELS};
 use hrg_core::bias::TERMS;
-use hrg_data::numeric::stats::{dot, std_dev};
+use hrg_data::numeric::stats::{dot, log_sum, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 /// The group of the baseline's ramp terms: every model has it, with a variance of its own, so that a unit without them is not charged for
@@ -292,7 +292,7 @@ impl<'d> Axis<'d> {
     }
 
     /// A model with the variances of highest evidence under its best noise model, from variances to start with. Its evidence is the mean
-    /// over all noise models: each is as probable as another before the data are seen.
+    /// over all noise models by their probabilities before the data are seen.
     pub fn best(&self, shares: &[Share]) -> AxisModel {
         let mut own = shares.to_vec();
         let (mut each, mut best) = self.under_each(&own);
@@ -513,11 +513,7 @@ fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
 /// Log of the mean evidence over the noise models by their probabilities, from the logs under each.
 fn mean_evidence(each: &[f64; NOISE_MODELS.len()]) -> f64 {
     let each: Vec<f64> = each.iter().zip(NOISE_MODELS).map(|(e, n)| e + n.log_prior()).collect();
-    let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    if best == f64::NEG_INFINITY {
-        return best;
-    }
-    best + each.iter().map(|e| (e - best).exp()).sum::<f64>().ln()
+    log_sum(&each)
 }
 
 fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {

@@ -8,7 +8,7 @@
 
 use super::means::Means;
 use super::noise::{Basis, NoiseModel, NOISE_MODELS};
-use hrg_data::numeric::stats::dot;
+use hrg_data::numeric::stats::{dot, log_sum};
 use serde::Serialize;
 
 /// Means in a period of the fastest change that is taken for a nuisance: 20 minutes.
@@ -144,9 +144,8 @@ impl Noise {
                 (likelihood, under)
             })
             .collect();
-        let best = each.iter().map(|e| e.0).fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
-        each.iter_mut().for_each(|(l, u)| u.weight = (*l - best).exp() / sum);
+        let all = log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>());
+        each.iter_mut().for_each(|(l, u)| u.weight = (*l - all).exp());
         Some(Self { each: each.into_iter().map(|e| e.1).collect() })
     }
 

@@ -87,7 +87,7 @@ impl OnVerify<'_> {
                         score: r.score,
                     })
                     .collect(),
-                p_value: Some(odds::p_value(score.total())),
+                p_value: odds::p_value(score.total()),
                 score,
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),

@@ -5,12 +5,8 @@ use super::{shapes, Report, Trace};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::numeric::allan;
 use hrg_data::numeric::stats::block_means;
-use hrg_data::plot::{svg, Panel, Series};
+use hrg_data::plot::{escape, svg, Panel, Series};
 use std::fmt::Write as _;
-
-fn escape(s: &str) -> String {
-    s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
-}
 
 /// 100 s means of a series, with their times in hours.
 fn against_time(values: &[f64]) -> Vec<(f64, f64)> {

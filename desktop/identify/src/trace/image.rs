@@ -11,7 +11,7 @@ use super::uncertainty::{self, Known};
 use super::unseen::Unseen;
 use crate::fit;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
-use hrg_core::calibration::{Calibration, Uncertainty};
+use hrg_core::calibration::{Axis, Calibration, Uncertainty};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, std_dev};
@@ -46,12 +46,12 @@ pub(super) struct Fits<'f> {
 }
 
 impl Fits<'_> {
-    /// The image. `verify` chooses by axis; `judge` judges: the same run, or a third one.
+    /// The image. `verify` chooses by axis; `judge` judges, where there is a third run, else the same.
     pub fn image(
         &self,
         calibration: &Calibration,
         verify: &Unseen<'_>,
-        judge: &Unseen<'_>,
+        judge: Option<&Unseen<'_>>,
         notes: &mut Vec<String>,
     ) -> Written {
         let scaling = &calibration.scaling;
@@ -66,8 +66,9 @@ impl Fits<'_> {
         image.sequence = 2;
         let plain = self.plain.image(calibration, &uncertainty::of_plain(self.data, self.plain), notes);
         let beside = self.beside.image(calibration, &self.beside_known.stated, &mut Vec::new());
-        let (of_image, of_beside) = predictions(verify);
-        let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, &of_beside, verify);
+        let of_verify = predictions(verify);
+        let (of_image, of_beside) = &of_verify;
+        let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, of_beside, verify);
         let mut models = [AxisModel::Constant; AXES];
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
         let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
@@ -75,7 +76,7 @@ impl Fits<'_> {
         let has_effect = [0, 1, 2].map(|a: usize| image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0)));
         let scores: Vec<(usize, Agreement)> = (0..AXES)
             .filter(|a| has_effect[*a])
-            .filter_map(|a| Some((a, self.score(&of_image, &of_beside, verify, a)?)))
+            .filter_map(|a| Some((a, self.score(of_image, of_beside, verify, a)?)))
             .collect();
         let won = borne_out(&scores);
         for a in verify.run.steps.present() {
@@ -92,11 +93,7 @@ impl Fits<'_> {
                 take_axis(&mut image, &baseline, a);
             }
             if models[a] == AxisModel::Constant {
-                image.axes[a].coefficients = constant(constants[a]);
-                image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
-                // (It is uncertain by all that the rates do.)
-                let square = raw.deviation().powi(2) + (raw.mean() - constants[a]).powi(2);
-                image.axes[a].uncertainty = Uncertainty { rest_dph2: square as f32, ..Uncertainty::default() };
+                make_constant(&mut image.axes[a], constants[a], &raw);
             }
         }
         drop_idle_effects(&mut image);
@@ -105,7 +102,8 @@ impl Fits<'_> {
             () if models.contains(&AxisModel::Baseline) => Image::Baseline,
             () => Image::None,
         };
-        let of_judge = predictions(judge);
+        let of_judge = judge.map(predictions);
+        let (judge, of_judge) = (judge.unwrap_or(verify), of_judge.unwrap_or(of_verify));
         let chosen = corrected(&image);
         let judged = self.judged(&image, &of_judge, judge, models, constants);
         let names = hrg_data::axes::AXIS_NAMES;
@@ -296,11 +294,14 @@ fn day_dph2(shift_dph2: f64, floor_dph: f64) -> f64 {
     0.5 * (floor_dph * floor_dph / 9.0 + shift_dph2.max(0.0))
 }
 
-/// A bias that does not depend on temperature: the mean rate.
-fn constant(rate_dph: f64) -> Coefficients {
+/// Gives an axis a bias that does not depend on temperature: it is uncertain by all that the rates of a run do.
+fn make_constant(axis: &mut Axis, rate_dph: f64, raw: &Means) {
     let mut k = [0.0; TERMS];
     k[0] = rate_dph as f32;
-    Coefficients::One(k)
+    axis.coefficients = Coefficients::One(k);
+    axis.bias_std_dph = [[0.0; TERMS]; 2];
+    let square = raw.deviation().powi(2) + (raw.mean() - rate_dph).powi(2);
+    axis.uncertainty = Uncertainty { rest_dph2: square as f32, ..Uncertainty::default() };
 }
 
 /// A model that was fitted, with how uncertain it is.

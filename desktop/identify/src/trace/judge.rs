@@ -11,10 +11,10 @@ use super::model::Fitted;
 use super::noise::Basis;
 use super::odds::THRESHOLD;
 use super::regression::Under;
-use super::uncertainty::{Joint, Known};
+use super::uncertainty::{square_root, Joint, Known};
 use hrg_core::AXES;
-use hrg_data::numeric::stats::dot;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use hrg_data::numeric::stats::{dot, log_sum};
+use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 /// Deviations beyond which a fall is none of chance: 95 %, two-sided, for three axes together.
@@ -85,11 +85,8 @@ impl Prediction {
             let coefficients = joint.coefficients();
             let mut columns = joint.columns.values;
             // Terms that cannot be predicted are not there on another run.
-            for (e, t) in fitted.terms().iter().enumerate().filter(|(_, t)| !which(t.lead())) {
-                for at in fitted.gains(e, a).into_iter().flatten() {
-                    columns[at].fill(0.0);
-                }
-                let _ = t;
+            for at in fitted.without(a, which) {
+                columns[at].fill(0.0);
             }
             let each = posterior
                 .each
@@ -133,9 +130,7 @@ impl Prediction {
 impl OnAxis {
     /// Log density of the rates of a run, its constant integrated out.
     fn log_density(&self, rows: &AxisRows) -> f64 {
-        let each = self.under_each(rows);
-        let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        best + each.iter().map(|e| (e - best).exp()).sum::<f64>().ln()
+        log_sum(&self.under_each(rows))
     }
 
     /// Under each noise model: the log of its weight, and of the density.
@@ -212,8 +207,7 @@ impl OnAxis {
         // The share that the run shows, by generalised least squares beside the run's constant. The noise is that of both runs: each noise
         // model by its weight after this run, too, and what this model leaves counts as noise.
         let each = self.under_each(rows);
-        let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = each.iter().map(|e| (e - best).exp()).sum();
+        let all = log_sum(&each);
         let (mut share, mut square, mut of_noise) = (0.0, 0.0, 0.0);
         for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
             let mut basis = Basis::default();
@@ -229,7 +223,7 @@ impl OnAxis {
             let [d, before, after] = [&d, &before, &after].map(|x| whitened(x.clone(), &basis));
             let length = dot(&d, &d).max(1e-300);
             let variance = (u.free * u.variance_dph2 + dot(&after, &after)) / (u.free + n);
-            let (weight, s) = ((e - best).exp() / sum, dot(&before, &d) / length);
+            let (weight, s) = ((e - all).exp(), dot(&before, &d) / length);
             share += weight * s;
             square += weight * s * s;
             of_noise += weight * variance / length;
@@ -251,11 +245,4 @@ fn sum(columns: &[Vec<f64>], gains: &[f64], n: usize) -> Vec<f64> {
         out.iter_mut().zip(column).for_each(|(o, x)| *o += g * x);
     }
     out
-}
-
-/// A matrix whose product with its transpose is the covariance (what rounding has made negative is taken for zero).
-pub fn square_root(c: &DMatrix<f64>) -> DMatrix<f64> {
-    let e = SymmetricEigen::new(c.clone());
-    let roots = DVector::from_iterator(c.nrows(), e.eigenvalues.iter().map(|v| v.max(0.0).sqrt()));
-    &e.eigenvectors * DMatrix::from_diagonal(&roots)
 }

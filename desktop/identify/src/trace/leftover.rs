@@ -16,7 +16,7 @@ use hrg_core::AXES;
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
-        let least = THRESHOLD + (names.len() as f64).ln();
+        let least = least(names.len());
         let mut left: Vec<String> = names
             .iter()
             .zip(search.evidence_of(model, a, columns))
@@ -55,7 +55,7 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
         let nothing = axis.baseline_model();
         columns.into_iter().for_each(|c| axis.push(Some(c)));
         let offered = vec![true; names.len() + 1];
-        let least = THRESHOLD + (names.len() as f64).ln();
+        let least = least(names.len());
         let gains = axis.extensions(&nothing, &offered).split_off(1);
         let evidence = |g: &Option<Extension>| g.map_or(0.0, |e| e.evidence - nothing.evidence);
         let found = names.iter().zip(&gains).filter(|(_, g)| evidence(g) > least);
@@ -71,6 +71,11 @@ pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
         let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
         (odds > THRESHOLD).then(|| "in time: it swings over tens of minutes as no noise of a gyro does".into())
     })
+}
+
+/// Log evidence from which on one of so many generic curves is structure: each is one of them.
+fn least(curves: usize) -> f64 {
+    THRESHOLD + (curves as f64).ln()
 }
 
 /// Generic curves, on the kept blocks of an axis.

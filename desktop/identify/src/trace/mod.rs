@@ -58,7 +58,7 @@ use judge::Prediction;
 use means::{spread, Means};
 use model::{Fitted, Specification, Term};
 use odds::THRESHOLD;
-use report::{by_axis, ByAxis, ChosenOn, TurnOn};
+use report::{by_axis, ByAxis, ChosenOn, Exchanged, TurnOn};
 use run_in::Memory;
 use search::{Model, Rival, Search};
 use unseen::Unseen;
@@ -150,14 +150,7 @@ fn closed(
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
         let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
-            return judged(
-                train,
-                verify,
-                options,
-                &prepared,
-                [&verify_run, judge_run.unwrap_or(&verify_run)],
-                (search, learnt, fitted),
-            );
+            return judged(train, verify, options, &prepared, (&verify_run, judge_run), (search, learnt, fitted));
         };
         // The search begins anew on what is left.
         settled = true;
@@ -185,7 +178,7 @@ fn judged(
     verify: &Recording,
     options: &Options,
     prepared: &Prepared,
-    [verify_run, judge_run]: [&Run; 2],
+    (verify_run, judge_run): (&Run, Option<&Run>),
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
@@ -199,30 +192,32 @@ fn judged(
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
     let uncertain = uncertainty::of(data, &fitted);
-    notes.extend(start_verify_run(&mut fitted, &uncertain, &data.unseen(verify_run), &known));
+    let blocks = data.unseen(verify_run);
+    notes.extend(start_verify_run(&mut fitted, &uncertain, &blocks, &known));
     let before_train: Vec<_> = residuals_of(&plain, runs, &scaling);
     let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
-    let before_verify = plain.residuals(verify_run, None, &scaling, &|_| true);
-    let mut after_verify = fitted.residuals(verify_run, None, &scaling, &known);
     keep_baseline(fitted.terms(), after_train.iter_mut().zip(&before_train));
-    keep_baseline(fitted.terms(), [(&mut after_verify, &before_verify)]);
+    let left_of = |run: &Run| {
+        let before = plain.residuals(run, None, &scaling, &|_| true);
+        let mut after = fitted.residuals(run, None, &scaling, &known);
+        keep_baseline(fitted.terms(), [(&mut after, &before)]);
+        [before, after]
+    };
     notes.extend(lacking(fitted.terms(), &known));
-    let of_judge = fitted.residuals(judge_run, None, &scaling, &known);
-    let on_verify = Unseen::new(data, verify_run, &fitted, &after_train, &after_verify)?;
-    let on_judge = Unseen::new(data, judge_run, &fitted, &after_train, &of_judge)?;
+    let [before_verify, after_verify] = left_of(verify_run);
+    let on_verify = Unseen::new(blocks, verify_run, &fitted, &after_train, &after_verify)?;
+    let on_judge =
+        judge_run.map(|run| Unseen::new(data.unseen(run), run, &fitted, &after_train, &left_of(run)[1])).transpose()?;
 
     // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    let unseen = [&on_verify, &on_judge];
+    let unseen = (&on_verify, on_judge.as_ref());
     let written = written(&mut search, &learnt, &plain, unseen, &known, &calibration, &mut notes)?;
     let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify));
-    let exchanged = (options.exchange && shortest(verify_run) >= LEAST_EXCHANGED)
-        .then(|| second_search(verify, &options.own))
-        .flatten()
-        .map(|found| exchanged(&found, &effects));
+    let exchanged = second(options, verify, verify_run, &effects);
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
         version: report::VERSION,
@@ -248,7 +243,7 @@ fn judged(
         left_over: by_axis(|a| left[a].clone()),
         outside_fit: outside_fit(verify_run, &calibration),
         visited: visited(verify_run, &calibration),
-        judged_by: if options.judge.is_some() { "judge" } else { "verify" },
+        judged_by: if judge_run.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
         exchanged,
         turn_on: turn_on(&fitted),
@@ -271,6 +266,12 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// The search on the verify run, where it was asked for and the run is long enough.
+fn second(options: &Options, verify: &Recording, run: &Run, effects: &[Found]) -> Option<Exchanged> {
+    let asked = options.exchange && shortest(run) >= LEAST_EXCHANGED;
+    Some(exchanged(&asked.then(|| second_search(verify, &options.own)).flatten()?, effects))
 }
 
 /// Constants of the train runs; empty with one.
@@ -317,7 +318,7 @@ fn written(
     search: &mut Search<'_>,
     learnt: &Learnt,
     plain: &Fitted,
-    [verify, judge]: [&Unseen<'_>; 2],
+    (verify, judge): (&Unseen<'_>, Option<&Unseen<'_>>),
     known: &dyn Fn(&Candidate) -> bool,
     calibration: &Calibration,
     notes: &mut Vec<String>,
@@ -620,7 +621,7 @@ mod tests {
     #[test]
     fn the_chance_of_noise_falls_with_the_score() {
         let [large, small] = ["kink:size=5", "kink:size=0.5"].map(|e| traced(&[e], 44).effects.swap_remove(0));
-        let [p, q] = [&large, &small].map(|e| e.p_value.expect("stated"));
+        let [p, q] = [&large, &small].map(|e| e.p_value);
         assert!(p < q && q < 0.01 && large.score.total() > small.score.total(), "{p} {q}");
     }
 

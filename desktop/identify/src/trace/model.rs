@@ -290,6 +290,12 @@ impl Fitted {
         })
     }
 
+    /// Numbers of the gains on an axis of the effects that `which` does not let through.
+    pub fn without<'s>(&'s self, a: usize, which: &'s dyn Fn(&Candidate) -> bool) -> impl Iterator<Item = usize> + 's {
+        let left_out = self.terms().iter().enumerate().filter(move |(_, t)| !which(t.lead()));
+        left_out.filter_map(move |(e, _)| self.gains(e, a)).flatten()
+    }
+
     /// Rates of the blocks less the bias, by axis: those of `data`, be they the rows of the fit or those of another run.
     pub fn left(&self, data: &Data<'_>, which: &dyn Fn(&Candidate) -> bool) -> [Vec<f64>; AXES] {
         [0, 1, 2].map(|a: usize| {
@@ -297,10 +303,7 @@ impl Fitted {
             let columns = self.model.columns(data, a).values;
             let fit = &self.axes[a];
             let mut gains: Vec<f64> = fit.coefficients.iter().chain(&fit.days).copied().collect();
-            for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| !which(t.lead())) {
-                let _ = t;
-                self.gains(e, a).into_iter().flatten().for_each(|at| gains[at] = 0.0);
-            }
+            self.without(a, which).for_each(|at| gains[at] = 0.0);
             let mut left = rows.y.clone();
             for (column, g) in columns.iter().zip(gains) {
                 left.iter_mut().zip(column).for_each(|(l, x)| *l -= g * x);

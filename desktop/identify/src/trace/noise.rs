@@ -174,6 +174,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn the_moving_average_is_that_of_the_white_and_the_slow_part() {
+        // y - phi y before is the white part less phi times the one before, and the slow part's innovation of variance
+        // slow (1 - phi^2): its autocovariances at 0 and 1 are those of a moving average, (1 + theta^2) s and -theta s.
+        for n in NOISE_MODELS.iter().filter(|n| n.slow > 0.0) {
+            let own = 1.0 + n.phi * n.phi + n.slow * (1.0 - n.phi * n.phi);
+            let (ratio, wanted) = (n.theta / (1.0 + n.theta * n.theta), n.phi / own);
+            assert!((ratio - wanted).abs() < 1e-5, "{n:?}: {ratio} {wanted}");
+        }
+    }
+
+    #[test]
     fn the_adjoint_is_that_of_the_inverse() {
         // <W x, C' y> = <x, y>, if C is the inverse of the whitening W.
         let n = 40;

@@ -4,7 +4,7 @@
 
 use super::data::AxisRows;
 use super::noise::{NoiseModel, NOISE_MODELS};
-use hrg_data::numeric::stats::dot;
+use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector};
 
 /// Noise models with a smaller share of the posterior are left out.
@@ -88,13 +88,11 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
             finite.then_some((likelihood, under))
         })
         .collect();
-    let best = each.iter().map(|e| e.0).fold(f64::NEG_INFINITY, f64::max);
-    let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
-    let evidence = best + sum.ln();
-    each.retain(|e| (e.0 - best).exp() > NEGLIGIBLE * sum);
-    let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
-    let each: Vec<Under> =
-        each.into_iter().map(|(l, under)| Under { weight: (l - best).exp() / sum, ..under }).collect();
+    let all = |each: &[(f64, Under)]| log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>());
+    let evidence = all(&each);
+    each.retain(|e| (e.0 - evidence).exp() > NEGLIGIBLE);
+    let kept = all(&each);
+    let each: Vec<Under> = each.into_iter().map(|(l, under)| Under { weight: (l - kept).exp(), ..under }).collect();
     if each.is_empty() {
         return None;
     }

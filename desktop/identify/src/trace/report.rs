@@ -144,7 +144,7 @@ pub struct Found {
     /// Log prior odds and log evidence.
     pub score: super::search::Score,
     /// Probability that it is not there, by its score; see [`super::odds::p_value`].
-    pub p_value: Option<f64>,
+    pub p_value: f64,
     /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.
     pub reach: String,
 }

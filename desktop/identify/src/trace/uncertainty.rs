@@ -249,8 +249,8 @@ fn on_the_unit(fitted: &Fitted, a: usize, count: usize) -> Vec<usize> {
     (0..count).filter(|j| out[*j]).collect()
 }
 
-/// A matrix whose square is the covariance (what rounding has made negative is taken for zero).
-fn square_root(c: &DMatrix<f64>) -> DMatrix<f64> {
+/// A matrix whose product with its transpose is the covariance (what rounding has made negative is taken for zero).
+pub fn square_root(c: &DMatrix<f64>) -> DMatrix<f64> {
     let e = SymmetricEigen::new(c.clone());
     let roots = DVector::from_iterator(c.nrows(), e.eigenvalues.iter().map(|v| v.max(0.0).sqrt()));
     &e.eigenvectors * DMatrix::from_diagonal(&roots)

@@ -23,12 +23,12 @@ pub(super) struct Unseen<'v> {
 }
 
 impl<'v> Unseen<'v> {
-    /// A run of which a model leaves `left`; `train`: what it leaves of the train runs.
+    /// A run with its blocks, of which a model leaves `left`; `train`: what it leaves of the train runs.
     ///
     /// # Errors
     /// Too few means of an axis.
     pub fn new(
-        data: &Data<'v>,
+        data: Data<'v>,
         run: &'v Run,
         fitted: &Fitted,
         train: &[[Vec<f64>; AXES]],
@@ -44,6 +44,6 @@ impl<'v> Unseen<'v> {
             })
         };
         let noise = (0..AXES).map(noise_of).collect::<Result<_, _>>()?;
-        Ok(Self { run, data: data.unseen(run).with_happened(&happened.effects), happened, noise })
+        Ok(Self { run, data: data.with_happened(&happened.effects), happened, noise })
     }
 }

@@ -532,14 +532,13 @@ impl<'a> Search<'a> {
 
     /// Evidence that each of some groups of columns adds to a model on one axis.
     pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
-        let (count, groups_of) = (self.candidates.len(), groups);
-        let groups = groups_of.len();
-        for columns in groups_of {
+        let (count, more) = (self.candidates.len(), groups.len());
+        for columns in groups {
             self.axes[a].push(Some(columns));
         }
         let state = &model.state.axes[a];
         let mut offered = vec![false; count];
-        offered.resize(count + groups, true);
+        offered.resize(count + more, true);
         let gains = self.axes[a].extensions(state, &offered).split_off(count);
         self.axes[a].truncate(count);
         gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
