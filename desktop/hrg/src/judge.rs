@@ -14,6 +14,7 @@ use hrg_data::plot::{escape, svg, Panel, Series};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
 use hrg_identify::fit::correct;
+use hrg_simulate::profile::CHAMBERS_C;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -55,6 +56,15 @@ impl Limit {
             return Err(BadInput::new(format!(
                 "--from {} --to {} is no range: give the lower temperature first",
                 self.from_c, self.to_c
+            )));
+        }
+        if !(CHAMBERS_C.contains(&self.from_c) && CHAMBERS_C.contains(&self.to_c)) {
+            return Err(BadInput::new(format!(
+                "--from {} --to {}: chambers reach {} to {} C",
+                self.from_c,
+                self.to_c,
+                CHAMBERS_C.start(),
+                CHAMBERS_C.end()
             )));
         }
         if self.means_s == 0 {
@@ -308,9 +318,12 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
             let beyond = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE | AxisStatus::EXTRAPOLATED).bits();
             let flagged = of(&|k| f64::from(u8::from(seconds[k].status[a] & beyond != 0)));
             let ramp = ramps(&celsius, limit.means_s);
-            for (t, r) in celsius.iter().zip(&ramp) {
-                extremes[a] = (extremes[a].0.min(*t), extremes[a].1.max(*t));
-                cells[a].visit(*t, *r);
+            // (A temperature is covered where there was a rate.)
+            for (k, (t, r)) in celsius.iter().zip(&ramp).enumerate() {
+                if seconds[k].corrected_dph[a].is_finite() {
+                    extremes[a] = (extremes[a].0.min(*t), extremes[a].1.max(*t));
+                    cells[a].visit(*t, *r);
+                }
             }
             for k in 0..error.len() {
                 let middle = (k * limit.means_s + limit.means_s / 2).min(celsius.len() - 1);
@@ -447,11 +460,19 @@ impl Judgement {
             Verdict::NotCovered => {
                 let each: Vec<String> = of(Verdict::NotCovered)
                     .map(|(n, a)| match (a.covered_from_c, a.covered_to_c) {
+                        _ if a.covered_from_c.is_some() && a.means == 0 => {
+                            format!("{n} has no mean of {} s in that range", self.means_s)
+                        }
                         (Some(low), Some(high)) => format!("{n} was seen from {low:.1} to {high:.1} C only"),
                         _ => format!("{n} was never seen in that range"),
                     })
                     .collect();
-                format!("NOT COVERED: {}; nothing is known of the rest of {range}", hrg_data::error::list(&each))
+                format!(
+                    "NOT COVERED: {}; nothing is known of the rest of {} to {} C",
+                    hrg_data::error::list(&each),
+                    self.from_c,
+                    self.to_c
+                )
             }
             Verdict::Pass => {
                 let largest = self.axes.values().filter_map(|a| a.largest_dph).fold(0.0, f64::max);
@@ -590,6 +611,7 @@ mod tests {
             Limit { limit_dph: f64::NAN, ..good },
             Limit { from_c: 60.0, ..good },
             Limit { means_s: 0, ..good },
+            Limit { to_c: 1e9, ..good },
         ] {
             assert!(bad.check().is_err(), "{bad:?}");
         }

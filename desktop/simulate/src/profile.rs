@@ -33,7 +33,7 @@ pub struct Profile {
 }
 
 /// Temperatures that chambers for such tests reach, C.
-const CHAMBERS_C: std::ops::RangeInclusive<f64> = -100.0..=200.0;
+pub const CHAMBERS_C: std::ops::RangeInclusive<f64> = -100.0..=200.0;
 
 /// Profiles with a name.
 pub const PROFILES: [(&str, &str); 12] = [

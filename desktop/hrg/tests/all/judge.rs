@@ -62,6 +62,29 @@ fn with_constant(file: &Path, dph: f64) -> String {
     text.lines().map(row).collect()
 }
 
+/// A recording without rates where the case of x is warmer than that.
+fn without_rates(file: &Path, above_c: f64) -> String {
+    let text = std::fs::read_to_string(file).expect("there");
+    let mut places: Option<(usize, Vec<usize>)> = None;
+    let row = |line: &str| {
+        let mut cells: Vec<String> = line.split(',').map(String::from).collect();
+        match &places {
+            None if line.starts_with('#') => {}
+            None => {
+                let case = cells.iter().position(|c| c == "case_x_c").expect("a case");
+                places = Some((case, (0..cells.len()).filter(|k| cells[*k].starts_with("rate_")).collect()));
+            }
+            Some((case, rates)) => {
+                if cells[*case].parse::<f64>().is_ok_and(|t| t > above_c) {
+                    rates.iter().for_each(|k| cells[*k].clear());
+                }
+            }
+        }
+        cells.join(",") + "\n"
+    };
+    text.lines().map(row).collect()
+}
+
 #[test]
 fn a_unit_passes_fails_or_is_not_covered() {
     let d = folder("verdicts");
@@ -115,7 +138,18 @@ fn a_unit_passes_fails_or_is_not_covered() {
     assert!(text.contains("was seen from -30.0 to"), "{text}");
     // Beyond the limit is beyond it, wherever else the run has not been.
     assert_eq!(judged("0.05", "--from -30 --to 95").0, Some(3));
-    let (code, text, json) = judged("1", "--from 200 --to 300");
+    let (code, text, json) = judged("50", "--from 20 --to 20.3");
+    assert_eq!((code, &json["axes"]["x"]["means"]), (Some(4), &0.into()), "{text}");
+    assert!(text.contains("x has no mean of 100 s in that range"), "{text}");
+    // Where a run has temperatures and no rates, nothing was covered.
+    std::fs::write(d.join("silent.csv"), without_rates(&d.join("b.csv"), 30.0)).expect("written");
+    let (code, text) =
+        status(&d, "judge silent.csv --calibration cal.toml --limit 50 --from -30 --to 50 -o silent.json");
+    let silent = std::fs::read_to_string(d.join("silent.json")).expect("written");
+    let silent: serde_json::Value = serde_json::from_str(&silent).expect("JSON");
+    // (A resonator is warmer than its case while it cools.)
+    assert!(code == Some(4) && silent["axes"]["x"]["covered_to_c"].as_f64() < Some(45.0), "{text}");
+    let (code, text, json) = judged("1", "--from 150 --to 190");
     assert_eq!((code, &json["axes"]["x"]["largest_dph"]), (Some(4), &serde_json::Value::Null), "{text}");
     assert!(text.contains("x was never seen in that range"), "{text}");
 }
@@ -129,6 +163,7 @@ fn a_question_that_is_none_is_refused_in_a_sentence() {
     assert!(hrg(&d, "correct a.csv --calibration cal.toml -o corrected.csv").status.success());
     for (arguments, sentence) in [
         ("a.csv --calibration cal.toml --limit 0 --from -10 --to 10", "is no limit"),
+        ("a.csv --calibration cal.toml --limit 1 --from -1e9 --to 1e9", "chambers reach"),
         ("a.csv --calibration cal.toml --limit 1 --from 10 --to -10", "the lower temperature first"),
         ("a.csv --calibration cal.toml --limit 1 --from -10 --to 10 --means soon", "whole seconds"),
         ("other.csv --calibration cal.toml --limit 1 --from -10 --to 10", "SIM-6"),
