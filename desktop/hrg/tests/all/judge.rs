@@ -141,7 +141,7 @@ fn a_unit_passes_fails_or_is_not_covered() {
     let (code, text, json) = judged("50", "--from 20 --to 20.3");
     assert_eq!((code, &json["axes"]["x"]["means"]), (Some(4), &0.into()), "{text}");
     assert!(text.contains("x has no mean of 100 s in that range"), "{text}");
-    // Where a run has temperatures and no rates, nothing was covered.
+    // Temperatures without rates cover nothing.
     std::fs::write(d.join("silent.csv"), without_rates(&d.join("b.csv"), 30.0)).expect("written");
     let (code, text) =
         status(&d, "judge silent.csv --calibration cal.toml --limit 50 --from -30 --to 50 -o silent.json");
