@@ -6,7 +6,7 @@
 //! Thompson 1971), so slow noise is not underestimated. All is computed from inner products of whitened columns.
 
 use super::data::AxisRows;
-use super::gls::{Basis, NoiseModel, NOISE_MODELS};
+use super::noise::{Basis, NoiseModel, NOISE_MODELS};
 use hrg_data::numeric::stats::{dot, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
@@ -121,13 +121,10 @@ impl View {
 
 /// A model of one axis under one noise model, ready to be extended.
 struct Base {
-    columns: Vec<usize>,
-    root: Vec<f64>,
     /// `L^-1 D^1/2 G`, for every column.
     half: DMatrix<f64>,
     /// `L^-1 D^1/2 b`.
     rates: DVector<f64>,
-    factor: Cholesky<f64, Dyn>,
     left: f64,
     evidence: f64,
 }
@@ -135,7 +132,7 @@ struct Base {
 /// Gain in evidence by a group at its best variance.
 #[derive(Debug, Clone, Copy)]
 pub struct Extension {
-    /// Evidence of the extended model under its best noise model.
+    /// Evidence of the extended model.
     pub evidence: f64,
     /// Variance of the group's gains.
     pub variance: f64,
@@ -146,9 +143,9 @@ pub struct Extension {
 pub struct AxisModel {
     /// Its groups.
     pub shares: Vec<Share>,
-    /// Log evidence.
+    /// Log evidence, the mean over all noise models.
     pub evidence: f64,
-    /// Index of the noise model in [`NOISE_MODELS`].
+    /// Index of the best noise model in [`NOISE_MODELS`].
     pub noise_model: usize,
 }
 
@@ -282,21 +279,28 @@ impl<'d> Axis<'d> {
         (LARGEST_GAIN * LARGEST_GAIN * self.limit / noise.max(1e-300)).max(1e-9)
     }
 
-    /// A model with the variances and the noise model of highest evidence, from variances to start with.
+    /// A model with the variances of highest evidence under its best noise model, from variances to start with. Its evidence is the mean
+    /// over all noise models: each is as probable as another before the data are seen.
     pub fn best(&self, shares: &[Share]) -> AxisModel {
-        let mut best = AxisModel { shares: shares.to_vec(), evidence: f64::NEG_INFINITY, noise_model: 0 };
-        for s in 0..NOISE_MODELS.len() {
-            let mut own = shares.to_vec();
-            // Skip noise models more than 12 log units behind: re-optimising does not recover that.
-            if !own.is_empty() && self.evidence(s, &own) < best.evidence - 12.0 {
-                continue;
+        let mut own = shares.to_vec();
+        let (mut each, mut best) = self.under_each(&own);
+        for _ in 0..3 {
+            self.optimise(best, &mut own);
+            let (now, next) = self.under_each(&own);
+            each = now;
+            if next == best {
+                break;
             }
-            let evidence = self.optimise(s, &mut own);
-            if evidence > best.evidence {
-                best = AxisModel { shares: own, evidence, noise_model: s };
-            }
+            best = next;
         }
-        best
+        AxisModel { shares: own, evidence: mean_evidence(&each), noise_model: best }
+    }
+
+    /// Log evidence under each noise model, variances as they are, and the number of the best.
+    fn under_each(&self, shares: &[Share]) -> ([f64; NOISE_MODELS.len()], usize) {
+        let each = std::array::from_fn(|s| self.evidence(s, shares));
+        let best = (0..each.len()).max_by(|x: &usize, y| each[*x].total_cmp(&each[*y])).unwrap_or(0);
+        (each, best)
     }
 
     fn base(&mut self, s: usize, shares: &[Share]) -> Option<Base> {
@@ -310,46 +314,45 @@ impl<'d> Axis<'d> {
         let rates = f.l_dirty().solve_lower_triangular(&c)?;
         let left = v.squares - rates.dot(&rates);
         let evidence = self.of(s, left, log_determinant(&f));
-        Some(Base { columns, root, half, rates, factor: f, left, evidence })
+        Some(Base { half, rates, left, evidence })
     }
 
     /// Evidence of the model with each group added: the model's own variances stay. `None` for a group that the axis does not have.
     pub fn extensions(&mut self, model: &AxisModel) -> Vec<Option<Extension>> {
-        let mut out: Vec<Option<Extension>> = vec![None; self.groups.len()];
+        // Of each group: its evidence under each noise model, and the best of them with its variance.
+        let mut each = vec![([f64::NEG_INFINITY; NOISE_MODELS.len()], f64::NEG_INFINITY, 0.0); self.groups.len()];
         for s in 0..NOISE_MODELS.len() {
             let Some(base) = self.base(s, &model.shares) else { continue };
             let most = self.most(base.left / self.views[s].free);
-            for (k, best) in out.iter_mut().enumerate() {
+            for (k, (each, best, at)) in each.iter_mut().enumerate() {
                 let Some(group) = &self.groups[k] else { continue };
-                let spectrum = self.spectrum(s, &base, k, group);
-                let (gain, variance) =
-                    best_gain(&spectrum.values, &spectrum.along, self.views[s].free, base.left, most);
-                let evidence = base.evidence + gain;
-                if best.is_none_or(|b| evidence > b.evidence) {
-                    *best = Some(Extension { evidence, variance });
+                let (values, along) = self.spectrum(s, &base, k, group);
+                let (gain, variance) = best_gain(&values, &along, self.views[s].free, base.left, most);
+                each[s] = base.evidence + gain;
+                if each[s] > *best {
+                    (*best, *at) = (each[s], variance);
                 }
             }
         }
-        out
+        let extension = |(each, best, variance): ([f64; NOISE_MODELS.len()], f64, f64)| {
+            (best > f64::NEG_INFINITY).then(|| Extension { evidence: mean_evidence(&each), variance })
+        };
+        each.into_iter().map(extension).collect()
     }
 
-    /// A group free of what the model explains, along its principal directions.
-    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &[usize]) -> Spectrum {
+    /// A group free of what the model explains, along its principal directions: their squares, and their products with the rates.
+    fn spectrum(&self, s: usize, base: &Base, number: usize, group: &[usize]) -> (Vec<f64>, Vec<f64>) {
         let v = &self.views[s];
         let m = group.len();
         let half = |i: usize| base.half.column(group[i]);
         let g = symmetric(m, |i, j| v.own[number][(i, j)] - half(i).dot(&half(j)));
         let b = DVector::from_fn(m, |i, _| v.b[group[i]] - half(i).dot(&base.rates));
         if m == 1 {
-            return Spectrum { values: vec![g[(0, 0)].max(0.0)], along: vec![b[0]], turn: None };
+            return (vec![g[(0, 0)].max(0.0)], vec![b[0]]);
         }
         let e = SymmetricEigen::new(g);
         let along = e.eigenvectors.transpose() * b;
-        Spectrum {
-            values: e.eigenvalues.iter().map(|v| v.max(0.0)).collect(),
-            along: along.iter().copied().collect(),
-            turn: Some(e.eigenvectors),
-        }
+        (e.eigenvalues.iter().map(|v| v.max(0.0)).collect(), along.iter().copied().collect())
     }
 
     /// Log likelihood of rows that a model did not see: each sixth of the rows predicted from the others.
@@ -438,51 +441,6 @@ impl<'d> Axis<'d> {
     pub fn column(&self, noise_model: usize, column: usize) -> &[f64] {
         &self.views[noise_model].columns[column]
     }
-
-    /// For surrogates of the rates: every group free of a model, along its principal directions.
-    pub fn bench(&mut self, model: &AxisModel) -> Option<Bench> {
-        let s = model.noise_model;
-        let base = self.base(s, &model.shares)?;
-        let spectra = self
-            .groups
-            .clone()
-            .iter()
-            .enumerate()
-            .map(|(k, g)| g.as_ref().map(|g| (g.clone(), self.spectrum(s, &base, k, g))))
-            .collect();
-        Some(Bench { most: self.most(base.left / self.views[s].free), base, spectra, noise_model: s })
-    }
-
-    /// Gain in evidence of each group if it is added to the model of a bench, for rates `y` (whitened).
-    pub fn on_bench(&self, bench: &Bench, y: &[f64]) -> Vec<f64> {
-        let v = &self.views[bench.noise_model];
-        let mut y = y.to_vec();
-        v.base.reduce(&mut y);
-        let base = &bench.base;
-        let squares = dot(&y, &y);
-        let b: Vec<f64> = v.columns.iter().map(|c| dot(c, &y)).collect();
-        // The model takes its own share of the surrogate, too.
-        let c = DVector::from_fn(base.columns.len(), |i, _| base.root[i] * b[base.columns[i]]);
-        let rates = base.factor.l_dirty().solve_lower_triangular(&c).unwrap_or_else(|| DVector::zeros(c.len()));
-        let left = squares - rates.dot(&rates);
-        bench
-            .spectra
-            .iter()
-            .map(|s| {
-                let Some((group, spectrum)) = s else { return f64::NEG_INFINITY };
-                let free = DVector::from_fn(group.len(), |i, _| b[group[i]] - base.half.column(group[i]).dot(&rates));
-                let along = spectrum.turn.as_ref().map_or_else(|| free.clone(), |t| t.transpose() * &free);
-                best_gain(&spectrum.values, along.as_slice(), v.free, left, bench.most).0
-            })
-            .collect()
-    }
-}
-
-/// A group along its principal directions: what of it the model leaves, and its products with the rates.
-struct Spectrum {
-    values: Vec<f64>,
-    along: Vec<f64>,
-    turn: Option<DMatrix<f64>>,
 }
 
 /// The gain in evidence of a group at its best variance, at most `most`, and that variance. `values` are the squares of its principal
@@ -540,12 +498,13 @@ fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
     m
 }
 
-/// See [`Axis::bench`].
-pub struct Bench {
-    base: Base,
-    spectra: Vec<Option<(Vec<usize>, Spectrum)>>,
-    most: f64,
-    noise_model: usize,
+/// Log of the mean of some evidences, from their logs.
+fn mean_evidence(each: &[f64]) -> f64 {
+    let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if best == f64::NEG_INFINITY {
+        return best;
+    }
+    best + (each.iter().map(|e| (e - best).exp()).sum::<f64>() / each.len() as f64).ln()
 }
 
 fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {

@@ -4,7 +4,6 @@ use super::data::{Candidate, Data};
 use super::report::{Exchanged, Found};
 use super::search::Search;
 use super::user_effects::{self, card_of, OwnEffect};
-use super::SEED;
 use crate::fit;
 use crate::fit::enough_data;
 use hrg_data::cards::Class;
@@ -22,7 +21,7 @@ pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option
     let mut prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
     prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(effects, run)).ok()?;
     let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
-    let mut search = Search::new(&data, SEED);
+    let mut search = Search::new(&data);
     Some(search.run().effects().copied().collect())
 }
 

@@ -1,7 +1,7 @@
 //! Closes the loop: baseline fit, residual, the effects that the model lacks, refit, before and after.
 //!
 //! The method is written down in `docs/trace.md`. In short: models are compared by their likelihood under correlated
-//! noise ([`gls`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
+//! noise ([`noise`]), searched by beam ([`search`]) on the train runs alone, and judged on the verify run ([`judge`],
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
 pub mod data;
@@ -10,11 +10,12 @@ mod events;
 pub mod evidence;
 mod exchange;
 pub mod floor;
-pub mod gls;
 mod html;
 pub mod judge;
 mod leftover;
 pub mod model;
+pub mod noise;
+pub mod odds;
 mod on_verify;
 mod proposals;
 pub mod report;
@@ -24,7 +25,6 @@ pub mod search;
 pub mod separable;
 mod shapes;
 mod stated;
-mod surrogate;
 mod uncertainty;
 pub mod user_effects;
 
@@ -145,7 +145,7 @@ fn closed(
     loop {
         let mut data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
         data.goes_on = goes_on(train, verify);
-        let mut search = Search::new(&data, SEED);
+        let mut search = Search::new(&data);
         let learnt = Learnt::new(&mut search);
         let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);

@@ -1,7 +1,7 @@
 //! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
 
 use super::data::{day_column, Candidate, Data};
-use super::gls::NOISE_MODELS;
+use super::noise::NOISE_MODELS;
 use super::stated::Stated;
 use crate::fit;
 use crate::fit::{baseline_columns, MEAN_S};

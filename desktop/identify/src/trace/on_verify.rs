@@ -106,7 +106,8 @@ impl OnVerifyRun<'_> {
                         net_evidence: r.net_evidence,
                     })
                     .collect(),
-                p_value: model.members[k].p_value,
+                score: model.members[k].score,
+                p_value: None,
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),
                     Reach::NeedsInput(what) => format!("needs {what}"),

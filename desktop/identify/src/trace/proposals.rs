@@ -2,7 +2,7 @@
 //! in the residual of a model.
 
 use super::data::{Candidate, Data};
-use super::gls::{Basis, NoiseModel};
+use super::noise::{Basis, NoiseModel};
 use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;

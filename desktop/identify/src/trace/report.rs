@@ -167,6 +167,8 @@ pub struct Found {
     pub rank: Vec<Ranked>,
     /// Effects that this profile cannot tell from it.
     pub indistinguishable_from: Vec<String>,
+    /// Log prior odds and log evidence.
+    pub score: super::search::Score,
     /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
     pub p_value: Option<f64>,
     /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.

@@ -42,7 +42,7 @@ pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdic
     if rows < 40 {
         return Err(BadInput::new(format!("only {rows} usable means in the run; a profile of some hours is needed")));
     }
-    let search = Search::new(&data, 1);
+    let search = Search::new(&data);
     // An effect of that size counts so much in log-likelihood over all axes.
     let hundreds = (rows * data.block_s) as f64 / 100.0;
     let weight = 0.5 * hundreds * SIZE * SIZE * AXES as f64;

@@ -6,7 +6,7 @@
 //! the rows, and the scatter of the constants of the days make the rest, which is the same at all times.
 
 use super::data::{Candidate, Data};
-use super::gls::{NoiseModel, NOISE_MODELS};
+use super::noise::{NoiseModel, NOISE_MODELS};
 use super::model::{columns, Columns, Fitted, Term};
 use super::stated::Stated;
 use super::user_effects::card_of;

@@ -21,7 +21,7 @@ impl Search<'_> {
             let family = |g: &usize| {
                 self.candidates[*g].len() == 1 && self.lead(*g).on_unit() && self.card(*g).kind == Kind::Family
             };
-            let gain = |e: &(f64, usize, _)| e.0 + self.price(e.1, &state.groups);
+            let gain = |e: &(f64, usize, _)| e.0 - self.log_prior(e.1, &state.groups);
             let best = ranked.iter().filter(|e| family(&e.1)).max_by(|x, y| gain(x).total_cmp(&gain(y)));
             let Some((group, on)) = best.filter(|e| gain(e) > LEAST).map(|e| (e.1, e.2)) else { break };
             let next = self.with(&state, group, &on);

@@ -1,15 +1,14 @@
 //! The search: which effects, with which parameters, on which axes.
 //!
-//! Candidates are the groups of the [cards](hrg_data::cards) and what the data propose (jumps and periods). Each axis takes a
-//! candidate only where it raises its log evidence ([`super::evidence`]) by more than one; each candidate has a fixed price, and pays for
-//! being of a class that the model does not have, and for the values of its parameter that were tried. The best one is added,
-//! its parameter refined, earlier ones that it has made needless are taken out, and so on until nothing pays its price on
-//! surrogates as well.
+//! Candidates are the groups of the [cards](hrg_data::cards) and what the data propose (jumps and periods). A model has one score: its log
+//! evidence under the noise ([`super::evidence`]) and the log prior odds of its effects ([`super::odds`]). The effect that raises it most is
+//! added, its parameters refined, as long as it raises it by more than [`THRESHOLD`]; effects that lower it are taken out; another effect
+//! takes the place of one where the score is higher.
 
 use super::data::{AxisByAxis, Candidate, Data, Starts};
 use super::evidence::{Axis, AxisModel, Share};
+use super::odds::{self, THRESHOLD};
 use super::proposals::{self, Left};
-use super::surrogate;
 use crate::trace::user_effects::card_of;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
@@ -18,36 +17,12 @@ use hrg_data::cards::{card, Card, Kind};
 
 /// Most effects of a model.
 pub const MOST: usize = 6;
-/// Evidence that a candidate must bring on an axis for the axis to have it.
-const AXIS_PRICE: f64 = 1.0;
-/// Price of a candidate.
-const PRICE: f64 = 3.0;
-/// Price of a class that the model does not have yet.
-const CLASS_PRICE: f64 = 2.0;
-/// Further price of what happens once: another run cannot confirm it.
-const EVENT_PRICE: f64 = 6.0;
-/// Score below which nothing is added.
-const LEAST: f64 = 5.0;
-/// The same for what happens once.
-const LEAST_EVENT: f64 = 12.0;
-/// Score below which the surrogates are asked.
-const PLAIN: f64 = 40.0;
-/// Chance under noise alone above which an effect is not warranted.
-const P_VALUE: f64 = 2e-3;
-/// Evidence by which a family must beat a simple member of its class, and a simple member another class.
-const SIMPLE: f64 = 3.0;
-/// An effect that brings less is taken out again.
-const KEEP: f64 = 4.0;
 /// Evidence that a start on a branch must bring.
 const BRANCH: f64 = 2.0;
 /// Runs whose starts are searched.
 const MOST_STARTS: usize = 6;
-/// Further effects that are begun with where several were found.
-const BEGUN: usize = 4;
-/// Number of the best candidates that are tried in full.
-const TRIED: usize = 5;
-/// Number of candidates that are considered for them.
-const LOOKS: usize = 12;
+/// Candidates that are refined in each step.
+const TRIED: usize = 6;
 
 mod families;
 mod refine;
@@ -63,8 +38,25 @@ pub struct Member {
     /// By axis: the variance of each gain about zero before the data are seen, (deg/h per unit)^2, over the variance of the
     /// whitened noise. Empty where the axis does not have the effect.
     pub prior: [Vec<f64>; AXES],
-    /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
-    pub p_value: Option<f64>,
+    /// Log prior odds beside the other effects, and log evidence that it brings.
+    pub score: Score,
+}
+
+/// The two parts of the score of an effect.
+#[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize)]
+pub struct Score {
+    /// Log prior odds, the axes that have it included.
+    pub log_prior: f64,
+    /// Log evidence on the train runs.
+    pub log_evidence: f64,
+}
+
+impl Score {
+    /// Log posterior odds.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.log_prior + self.log_evidence
+    }
 }
 
 /// A model: the baseline and some effects.
@@ -89,7 +81,6 @@ impl Model {
 struct State {
     groups: Vec<usize>,
     axes: [AxisModel; AXES],
-    p_values: Vec<Option<f64>>,
 }
 
 impl State {
@@ -102,9 +93,9 @@ impl State {
         self.groups[self.groups.len() - 1]
     }
 
-    /// Evidence less what each axis pays for each group that it has.
-    fn net(&self) -> f64 {
-        self.evidence() - AXIS_PRICE * self.axes.iter().map(|a| a.shares.len()).sum::<usize>() as f64
+    /// Number of axes that have a group.
+    fn width(&self, group: usize) -> usize {
+        self.axes.iter().filter(|a| a.shares.iter().any(|s| s.group == group)).count()
     }
 }
 
@@ -116,14 +107,15 @@ pub struct Search<'a> {
     candidates: Vec<Vec<Candidate>>,
     /// Values of the parameter that were offered for each.
     tries: Vec<f64>,
-    seed: u64,
+    /// Axes that are searched.
+    active: [bool; AXES],
 }
 
 impl<'a> Search<'a> {
     /// Prepares the candidates.
-    pub fn new(data: &'a Data<'a>, seed: u64) -> Self {
+    pub fn new(data: &'a Data<'a>) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
-        let mut s = Self { data, axes, candidates: vec![], tries: vec![], seed };
+        let mut s = Self { data, axes, candidates: vec![], tries: vec![], active: [true; AXES] };
         let starts = s.starts();
         for (c, tries) in data.library(starts) {
             if s.alone(&c).is_none() {
@@ -210,13 +202,10 @@ impl<'a> Search<'a> {
         card
     }
 
-    fn price(&self, group: usize, model: &[usize]) -> f64 {
-        let class = self.card(group).class;
-        let new = !model.iter().any(|m| self.card(*m).class == class);
-        // Price each further event higher: an event that repeats again and again is rather something that comes back.
-        let events = model.iter().filter(|m| self.card(**m).class == Class::Event).count();
-        let once = if class == Class::Event { EVENT_PRICE * (1 + events) as f64 } else { 0.0 };
-        PRICE + once + if new { CLASS_PRICE } else { 0.0 } + self.tries[group].max(1.0).ln()
+    /// Log prior odds of a group beside others, those of its axes left out.
+    fn log_prior(&self, group: usize, others: &[usize]) -> f64 {
+        let classes: Vec<Class> = others.iter().map(|g| self.card(*g).class).collect();
+        odds::log_prior(&self.card(group), self.tries[group], &classes)
     }
 
     /// Data of the search.
@@ -231,13 +220,15 @@ impl<'a> Search<'a> {
 
     fn nothing(&self) -> State {
         let axes = [0, 1, 2].map(|a: usize| self.axes[a].best(&[]));
-        State { groups: vec![], axes, p_values: vec![] }
+        State { groups: vec![], axes }
     }
 
     /// Extensions of a model by each candidate: score, number, and the axes that have it with their variances; best first.
     fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
         hrg_data::numeric::progress::step();
-        let each: Vec<_> = (0..AXES).map(|a| self.axes[a].extensions(&state.axes[a])).collect();
+        let active = self.active;
+        let each: Vec<_> =
+            (0..AXES).map(|a| if active[a] { self.axes[a].extensions(&state.axes[a]) } else { vec![] }).collect();
         let mut out = Vec::new();
         for k in 0..self.candidates.len() {
             let effect = self.lead(k).facts.id;
@@ -246,16 +237,16 @@ impl<'a> Search<'a> {
                 continue;
             }
             let mut on = [None; AXES];
-            let mut gain = -self.price(k, &state.groups);
-            for a in 0..AXES {
+            let mut score = self.log_prior(k, &state.groups);
+            for a in (0..AXES).filter(|a| active[*a]) {
                 let Some(e) = each[a][k] else { continue };
-                let more = e.evidence - state.axes[a].evidence - AXIS_PRICE;
+                let more = e.evidence - state.axes[a].evidence + odds::AXIS;
                 if more > 0.0 {
-                    gain += more;
+                    score += more;
                     on[a] = Some(e.variance);
                 }
             }
-            out.push((gain, k, on));
+            out.push((score, k, on));
         }
         out.sort_by(|x, y| y.0.total_cmp(&x.0));
         out
@@ -270,13 +261,12 @@ impl<'a> Search<'a> {
                 shares.push(Share { group, variance });
                 let m = self.axes[a].best(&shares);
                 // An axis that in the end gets nothing from it goes without.
-                if m.evidence > state.axes[a].evidence + AXIS_PRICE {
+                if m.evidence + odds::AXIS > state.axes[a].evidence {
                     next.axes[a] = m;
                 }
             }
         }
         next.groups.push(group);
-        next.p_values.push(None);
         next
     }
 
@@ -290,7 +280,6 @@ impl<'a> Search<'a> {
     fn without(&mut self, state: &State, k: usize) -> State {
         let mut next = state.clone();
         let group = next.groups.remove(k);
-        next.p_values.remove(k);
         for a in 0..AXES {
             if state.axes[a].shares.iter().any(|s| s.group == group) {
                 let shares: Vec<Share> = state.axes[a].shares.iter().filter(|s| s.group != group).copied().collect();
@@ -316,54 +305,46 @@ impl<'a> Search<'a> {
     /// The best model.
     pub fn run(&mut self) -> Model {
         let nothing = self.nothing();
-        let mut best = self.grow(nothing.clone());
-        // A greedy start may need several effects to imitate the true one: restart from each of the best four.
-        if best.groups.len() > 1 {
-            // By evidence and by held-out error together.
-            let mut most = self.total(&best) + self.held_out(&best);
-            let mut tried = vec![self.lead(best.groups[0]).facts.id];
-            let ranked = self.extensions(&nothing);
-            for (gain, group, on) in &ranked {
-                let effect = self.lead(*group).facts.id;
-                if tried.contains(&effect) || *gain < LEAST.max(0.2 * ranked[0].0) || tried.len() > BEGUN {
-                    continue;
-                }
-                tried.push(effect);
-                let begun = self.with_refined(&nothing, *group, on);
-                let grown = self.grow(begun);
-                let net_evidence = self.total(&grown) + self.held_out(&grown);
-                if net_evidence > most {
-                    (most, best) = (net_evidence, grown);
-                }
-            }
-        }
-        let state = self.simplify(best);
+        let state = self.grow(nothing);
         self.model(state)
     }
 
-    /// Evidence of a model less all that its effects pay.
-    fn total(&self, state: &State) -> f64 {
-        let price = |k: usize| self.price(state.groups[k], &state.groups[..k]);
-        state.net() - (0..state.groups.len()).map(price).sum::<f64>()
+    /// Score of a model: its log evidence, and the log prior odds of all of its effects.
+    fn score(&self, state: &State) -> f64 {
+        let of = |k: usize| {
+            let group = state.groups[k];
+            self.log_prior(group, &state.groups[..k]) + odds::AXIS * state.width(group) as f64
+        };
+        state.evidence() + (0..state.groups.len()).map(of).sum::<f64>()
     }
 
-    /// Adds effects until none pays.
+    /// Adds effects until none raises the score by the threshold, and exchanges them until no other one is better in the place of one.
     fn grow(&mut self, mut state: State) -> State {
-        while state.groups.len() < MOST {
-            self.propose(&state);
-            let Some((score, mut next)) = self.step(&state) else { break };
-            if score < PLAIN {
-                let p = self.p_value(&state, score);
-                if p > P_VALUE {
-                    break;
-                }
-                if let Some(last) = next.p_values.last_mut() {
-                    *last = Some(p);
+        loop {
+            while state.groups.len() < MOST {
+                self.propose(&state);
+                let Some(next) = self.step(&state) else { break };
+                state = self.prune(next);
+            }
+            let Some(better) = self.exchange(&state) else { return state };
+            state = self.prune(better);
+        }
+    }
+
+    /// A model with another effect in the place of one, if its score is higher.
+    fn exchange(&mut self, state: &State) -> Option<State> {
+        let now = self.score(state);
+        let mut best: Option<(f64, State)> = None;
+        for k in 0..state.groups.len() {
+            let others = self.without(state, k);
+            for next in self.refined_extensions(&others) {
+                let score = self.score(&next);
+                if score > best.as_ref().map_or(now + 1e-3, |b| b.0) {
+                    best = Some((score, next));
                 }
             }
-            state = self.prune(next);
         }
-        state
+        best.map(|b| b.1)
     }
 
     /// Adds what the residual of a model proposes.
@@ -395,125 +376,42 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The best extension of a model: its score and the model extended.
-    fn step(&mut self, state: &State) -> Option<(f64, State)> {
-        let ranked = self.extensions(state);
-        let mut tried: Vec<(f64, State)> = Vec::new();
-        let (mut effects, mut best, mut looks) = (Vec::new(), f64::NEG_INFINITY, 0);
-        for (gain, group, on) in ranked.iter().filter(|e| e.0 > LEAST - 3.0) {
-            let kind = self.card(*group).kind;
-            // The best of all, and the best simple ones, as far as they come close.
-            let alike = |t: &(f64, State)| (self.card(t.1.last()).kind == Kind::Simple) == (kind == Kind::Simple);
-            if tried.iter().filter(|t| alike(t)).count() >= TRIED.div_ceil(2) || *gain < best - 30.0 || looks >= LOOKS {
-                continue;
+    /// The best extension of a model; `None` where none passes the threshold.
+    fn step(&mut self, state: &State) -> Option<State> {
+        let now = self.score(state);
+        let scored = self.refined_extensions(state).into_iter().map(|next| (self.score(&next) - now, next));
+        scored.max_by(|x, y| x.0.total_cmp(&y.0)).filter(|(more, _)| *more > THRESHOLD).map(|(_, next)| next)
+    }
+
+    /// The most promising extensions of a model, refined: one of each effect, two of each kind that the data propose.
+    fn refined_extensions(&mut self, state: &State) -> Vec<State> {
+        let mut of_effect: Vec<(u16, usize)> = Vec::new();
+        let mut out = Vec::new();
+        for (score, group, on) in self.extensions(state) {
+            let own = (self.lead(group).facts.id, self.candidates[group].len());
+            let most = if self.card(group).kind == Kind::Proposed { 2 } else { 1 };
+            if score <= 0.0 || out.len() >= TRIED {
+                break;
             }
-            let own = (self.lead(*group).facts.id, self.candidates[*group].len());
-            if effects.contains(&own) && kind != Kind::Proposed {
-                continue;
-            }
-            effects.push(own);
-            looks += 1;
-            let next = self.with_refined(state, *group, on);
-            let score = next.net() - state.net() - self.price(next.last(), &state.groups);
-            // Reject candidates that predict held-out parts worse, except for events, which happen once.
-            let event = self.card(next.last()).class == Class::Event;
-            let least = if event { LEAST_EVENT } else { LEAST };
-            if score > least && (event || self.held_out(&next) > self.held_out_under(state, &next)) {
-                best = best.max(score);
-                tried.push((score, next));
+            if of_effect.iter().filter(|e| **e == own).count() < most {
+                of_effect.push(own);
+                out.push(self.with_refined(state, group, &on));
             }
         }
-        tried.sort_by(|x, y| y.0.total_cmp(&x.0));
-        let best = tried.first()?.0;
-        // A simple member is preferred where it is as good, by evidence and by held-out error.
-        let simple = |t: &(f64, State)| t.0 > best - SIMPLE && self.card(t.1.last()).kind == Kind::Simple;
-        let as_good: Vec<usize> = (1..tried.len()).filter(|k| simple(&tried[*k])).collect();
-        let top = &tried[0].1;
-        let k = if as_good.is_empty() || self.card(top.last()).kind == Kind::Simple {
-            0
-        } else {
-            let held_out = self.held_out(top);
-            let fits = |k: &usize| self.held_out_under(&tried[*k].1, top) > held_out - SIMPLE;
-            as_good.into_iter().find(fits).unwrap_or(0)
-        };
-        Some(tried.swap_remove(k))
+        out
     }
 
-    /// Log likelihood of rows that the model did not see.
-    fn held_out(&self, state: &State) -> f64 {
-        (0..AXES).map(|a| self.axes[a].cross_validated(&state.axes[a])).sum()
-    }
-
-    /// The same of a smaller model, under the noise models of a larger one: so that they can be compared.
-    fn held_out_under(&self, state: &State, larger: &State) -> f64 {
-        hrg_data::numeric::progress::step();
-        (0..AXES)
-            .map(|a| {
-                let noise_model = larger.axes[a].noise_model;
-                self.axes[a].cross_validated(&AxisModel { noise_model, ..state.axes[a].clone() })
-            })
-            .sum()
-    }
-
-    fn p_value(&mut self, state: &State, score: f64) -> f64 {
-        let price: Vec<f64> = (0..self.candidates.len()).map(|k| self.price(k, &state.groups)).collect();
-        surrogate::p_value(&self.data.axes, &mut self.axes, &state.axes, self.seed, &price, AXIS_PRICE, score)
-    }
-
-    /// Takes out effects that another one has made needless.
+    /// Takes out effects that lower the score: another one has made them needless.
     fn prune(&mut self, mut state: State) -> State {
         let mut k = 0;
         while state.groups.len() > 1 && k < state.groups.len() {
             let fewer = self.without(&state, k);
-            let others: Vec<usize> = fewer.groups.clone();
-            if state.net() - fewer.net() - self.price(state.groups[k], &others) < KEEP - PRICE {
+            if self.score(&fewer) > self.score(&state) {
                 state = fewer;
                 k = 0;
             } else {
                 k += 1;
             }
-        }
-        state
-    }
-
-    /// Puts a simple member in the place of a family where it is as good.
-    fn simplify(&mut self, mut state: State) -> State {
-        for k in 0..state.groups.len() {
-            let own = self.card(state.groups[k]);
-            if !matches!(own.kind, Kind::Family | Kind::Searched) {
-                continue;
-            }
-            let others = self.without(&state, k);
-            let mut best: Option<(f64, State)> = None;
-            let ranked = self.extensions(&others);
-            let mut names = Vec::new();
-            for (_, group, on) in ranked {
-                let c = self.card(group);
-                let effect = self.lead(group).facts.id;
-                if c.class != own.class || c.kind != Kind::Simple || names.contains(&effect) || names.len() > 1 {
-                    continue;
-                }
-                names.push(effect);
-                let next = self.with_refined(&others, group, &on);
-                let net_evidence = next.net() - self.price(next.last(), &others.groups);
-                if best.as_ref().is_none_or(|b: &(f64, State)| net_evidence > b.0) {
-                    best = Some((net_evidence, next));
-                }
-            }
-            let now = state.net() - self.price(state.groups[k], &others.groups);
-            let Some((net_evidence, mut next)) = best else { continue };
-            if net_evidence > now - SIMPLE && self.held_out_under(&next, &state) > self.held_out(&state) - SIMPLE {
-                // It stands where the family stood.
-                let (group, _) = (next.groups.pop(), next.p_values.pop());
-                if let Some(group) = group {
-                    next.groups.insert(k, group);
-                    next.p_values.insert(k, state.p_values[k]);
-                }
-                state = next;
-            }
-        }
-        for k in 0..state.groups.len() {
-            state = self.refine(state, k);
         }
         state
     }
@@ -530,15 +428,17 @@ impl<'a> Search<'a> {
         gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
     }
 
-    fn model(&self, state: State) -> Model {
-        let members = state
-            .groups
-            .iter()
-            .zip(&state.p_values)
-            .map(|(&group, p_value)| Member {
-                parts: self.candidates[group].clone(),
-                prior: [0, 1, 2].map(|a: usize| self.prior(&state, group, a)),
-                p_value: *p_value,
+    fn model(&mut self, state: State) -> Model {
+        let members = (0..state.groups.len())
+            .map(|k| {
+                let group = state.groups[k];
+                let fewer = self.without(&state, k);
+                let log_prior = self.log_prior(group, &fewer.groups) + odds::AXIS * state.width(group) as f64;
+                Member {
+                    parts: self.candidates[group].clone(),
+                    prior: [0, 1, 2].map(|a: usize| self.prior(&state, group, a)),
+                    score: Score { log_prior, log_evidence: state.evidence() - fewer.evidence() },
+                }
             })
             .collect();
         Model { members, noise_models: [0, 1, 2].map(|a: usize| state.axes[a].noise_model), state }

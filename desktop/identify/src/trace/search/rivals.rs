@@ -1,8 +1,8 @@
 //! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
-use super::{AxisModel, Model, Search, State, PRICE};
+use super::{odds, AxisModel, Model, Search, State};
 use crate::trace::data::Candidate;
-use crate::trace::gls::{Basis, NOISE_MODELS};
+use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 use hrg_data::cards::Kind;
@@ -15,7 +15,7 @@ pub struct Rival {
     pub candidate: Candidate,
     /// Log evidence that it brings.
     pub evidence: f64,
-    /// The same less its price.
+    /// The same with its log prior odds: its score.
     pub net_evidence: f64,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
@@ -39,12 +39,12 @@ impl Search<'_> {
         let others = self.without(&model.state, which);
         let own = model.state.groups[which];
         let mut out = vec![self.rival(&others, &model.state, own)];
-        for (gain, group, on) in self.extensions(&others) {
+        for (score, group, on) in self.extensions(&others) {
             let c = self.lead(group);
-            if out.len() >= 5 || gain < -PRICE || out.iter().any(|o| o.candidate.facts.id == c.facts.id) {
+            if out.len() >= 5 || score <= 0.0 || out.iter().any(|o| o.candidate.facts.id == c.facts.id) {
                 continue;
             }
-            let next = if gain > 0.0 { self.with_refined(&others, group, &on) } else { self.with(&others, group, &on) };
+            let next = self.with_refined(&others, group, &on);
             let rival = self.rival(&others, &next, next.last());
             out.push(rival);
         }
@@ -53,7 +53,7 @@ impl Search<'_> {
     }
 
     fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
-        let evidence = with.net() - others.net();
+        let evidence = with.evidence() - others.evidence();
         let gain_in_cv = (0..AXES)
             .filter(|a| !self.data.axes[*a].y.is_empty())
             .map(|a| {
@@ -68,7 +68,7 @@ impl Search<'_> {
         Rival {
             candidate: self.lead(group),
             evidence,
-            net_evidence: evidence - self.price(group, &others.groups),
+            net_evidence: evidence + self.log_prior(group, &others.groups) + odds::AXIS * with.width(group) as f64,
             gain_in_cv,
         }
     }
