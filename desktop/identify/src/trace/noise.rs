@@ -17,17 +17,23 @@ pub struct NoiseModel {
     pub theta: f64,
 }
 
-/// The grid: white, then Gauss-Markov processes of 20 to 2000 blocks with rising share.
-pub const NOISE_MODELS: [NoiseModel; 9] = [
+/// The noise models, each as probable as another before the data are seen: white, and white beside Gauss-Markov processes with memories of
+/// 20, 100 and 2000 blocks (the last is close to a walk over a chamber run) whose variances are 0.1, 1, 10 and 100 times that of the white
+/// part. Flicker is close to one of these over the two decades that a chamber run spans.
+pub const NOISE_MODELS: [NoiseModel; 13] = [
     NoiseModel { phi: 0.0, theta: 0.0 },
-    NoiseModel { phi: 0.95, theta: 0.88 },
-    NoiseModel { phi: 0.95, theta: 0.70 },
-    NoiseModel { phi: 0.99, theta: 0.97 },
-    NoiseModel { phi: 0.99, theta: 0.92 },
-    NoiseModel { phi: 0.99, theta: 0.80 },
-    NoiseModel { phi: 0.998, theta: 0.96 },
-    NoiseModel { phi: 0.9995, theta: 0.97 },
-    NoiseModel { phi: 0.9995, theta: 0.90 },
+    NoiseModel { phi: 0.95, theta: 0.89271 },
+    NoiseModel { phi: 0.95, theta: 0.72395 },
+    NoiseModel { phi: 0.95, theta: 0.37709 },
+    NoiseModel { phi: 0.95, theta: 0.08208 },
+    NoiseModel { phi: 0.99, theta: 0.95510 },
+    NoiseModel { phi: 0.99, theta: 0.86761 },
+    NoiseModel { phi: 0.99, theta: 0.64097 },
+    NoiseModel { phi: 0.99, theta: 0.26716 },
+    NoiseModel { phi: 0.9995, theta: 0.99004 },
+    NoiseModel { phi: 0.9995, theta: 0.96887 },
+    NoiseModel { phi: 0.9995, theta: 0.90486 },
+    NoiseModel { phi: 0.9995, theta: 0.72981 },
 ];
 
 impl NoiseModel {

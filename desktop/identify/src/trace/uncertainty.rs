@@ -121,7 +121,7 @@ impl Joint {
     /// on it.
     fn covariance(&self, data: &Data<'_>, a: usize, fitted: NoiseModel, weights: Weights) -> Option<DMatrix<f64>> {
         let fitted = self.under(data, a, fitted, weights)?;
-        let each: Vec<Under> = GRID.iter().filter_map(|s| self.under(data, a, *s, weights)).collect();
+        let each: Vec<Under> = NOISE_MODELS.iter().filter_map(|s| self.under(data, a, *s, weights)).collect();
         let best = each.iter().map(|u| u.likelihood).fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = each.iter().map(|u| (u.likelihood - best).exp()).sum();
         let mut mean = DMatrix::zeros(self.columns.values.len(), self.columns.values.len());
@@ -140,24 +140,6 @@ struct Under {
     covariance: DMatrix<f64>,
     coefficients: DVector<f64>,
 }
-
-/// Noise models, taken for equally probable before the data are seen: white; shares of noise with a memory of 20, 100 and 2000 means,
-/// each from hardly seen to dominant.
-const GRID: [NoiseModel; 13] = [
-    NoiseModel { phi: 0.0, theta: 0.0 },
-    NoiseModel { phi: 0.95, theta: 0.92 },
-    NoiseModel { phi: 0.95, theta: 0.85 },
-    NoiseModel { phi: 0.95, theta: 0.70 },
-    NoiseModel { phi: 0.99, theta: 0.98 },
-    NoiseModel { phi: 0.99, theta: 0.96 },
-    NoiseModel { phi: 0.99, theta: 0.92 },
-    NoiseModel { phi: 0.99, theta: 0.80 },
-    NoiseModel { phi: 0.9995, theta: 0.997 },
-    NoiseModel { phi: 0.9995, theta: 0.99 },
-    NoiseModel { phi: 0.9995, theta: 0.98 },
-    NoiseModel { phi: 0.9995, theta: 0.95 },
-    NoiseModel { phi: 0.9995, theta: 0.90 },
-];
 
 /// Weights of the fit that gave the coefficients.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -351,7 +351,7 @@ impl<'a> Search<'a> {
     fn propose(&mut self, state: &State) {
         let mut proposed = Vec::new();
         let mut noise_models: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].noise_model)];
-        noise_models.extend([0, 4, 6].map(|s| [s; AXES]));
+        noise_models.extend([0, 6].map(|s| [s; AXES]));
         for (k, noise_models) in noise_models.iter().enumerate() {
             let y = [0, 1, 2].map(|a: usize| self.axes[a].left(noise_models[a], &state.axes[a].shares));
             let mut y = y.into_iter();
@@ -363,7 +363,7 @@ impl<'a> Search<'a> {
             let jumps = proposals::jumps(self.data, &left);
             proposed.extend(proposals::shocks(&jumps));
             proposed.extend(jumps);
-            if k == 0 || k == 2 {
+            if k < 2 {
                 proposed.extend(proposals::periods(self.data, &left));
             }
         }
