@@ -158,6 +158,9 @@ pub struct Data<'a> {
     pub axes: [AxisRows; AXES],
     /// Set if the judged run continues the only train run: a step in the train run then lasts.
     pub goes_on: bool,
+    /// Set if the runs are none of those that a model was learnt from: what belongs to one of those is zero, and paths begin where a run that
+    /// nobody has seen begins.
+    unseen: bool,
 }
 
 /// Value of the column of day number `day` in a run: the constants of the days, measured from their mean.
@@ -173,7 +176,22 @@ impl<'a> Data<'a> {
     /// Cuts runs into blocks: about 600 in all, of 21 to 99 s.
     pub fn new(runs: &'a [Run], scaling: Scaling, lag_s: f64) -> Self {
         let total: usize = runs.iter().map(|r| r.steps.len()).sum();
-        let coarse_s = (total / 1800).clamp(7, 33);
+        Self::cut(runs, scaling, lag_s as f32, (total / 1800).clamp(7, 33))
+    }
+
+    /// A run that judges, cut into the same blocks.
+    #[must_use]
+    pub fn unseen(&self, run: &'a Run) -> Self {
+        let runs = std::slice::from_ref(run);
+        let mut other = Self { unseen: true, ..Self::cut(runs, self.scaling, self.lag_s, self.coarse_s) };
+        // Its day is none of those that a model knows.
+        for (rows, known) in other.axes.iter_mut().zip(&self.axes) {
+            rows.base.resize(known.base.len(), vec![0.0; rows.y.len()]);
+        }
+        other
+    }
+
+    fn cut(runs: &'a [Run], scaling: Scaling, lag_s: f32, coarse_s: usize) -> Self {
         let block_s = 3 * coarse_s;
         let blocks: Vec<usize> = runs.iter().map(|r| r.steps.len() / block_s).collect();
         let axes = [0, 1, 2].map(|a| {
@@ -207,7 +225,7 @@ impl<'a> Data<'a> {
             }
             rows
         });
-        Self { runs, scaling, lag_s: lag_s as f32, block_s, coarse_s, blocks, axes, goes_on: false }
+        Self { runs, scaling, lag_s, block_s, coarse_s, blocks, axes, goes_on: false, unseen: false }
     }
 
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not
@@ -220,7 +238,7 @@ impl<'a> Data<'a> {
         let mut all: Vec<[f64; MAX_OUTPUTS]> = Vec::new();
         for (number, (run, &n)) in self.runs.iter().zip(&self.blocks).enumerate() {
             let own = run.own_columns(c.facts.id, &c.parameters);
-            if c.run.is_some_and(|r| r != number) {
+            if c.run.is_some_and(|r| r != number || self.unseen) {
                 all.extend(std::iter::repeat_n([0.0; MAX_OUTPUTS], n));
                 continue;
             }
@@ -229,7 +247,7 @@ impl<'a> Data<'a> {
                 None => Some(Running::new(c.facts.id, &c.parameters, every as f32 * MODEL_STEP_S)?),
             };
             if let Some(r) = &mut running {
-                r.start_on(c.starts.of(Some(number)));
+                r.start_on(c.starts.of((!self.unseen).then_some(number)));
             }
             for b in 0..n {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);

@@ -2,7 +2,7 @@
 //! what a model does to the rest, nor count in its favour. So they are taken out for the judgement, and stated apart.
 
 use super::data::Candidate;
-use super::judge::Means;
+use super::means::Means;
 use super::model::Term;
 use super::report::Refitted;
 use crate::fit::MEAN_S;

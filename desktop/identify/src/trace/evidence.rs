@@ -6,10 +6,15 @@
 //! Thompson 1971), so slow noise is not underestimated. All is computed from inner products of whitened columns.
 
 use super::data::AxisRows;
+use super::model::TEMPERATURE_TERMS;
 use super::noise::{Basis, NoiseModel, NOISE_MODELS};
+use hrg_core::bias::TERMS;
 use hrg_data::numeric::stats::{dot, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
+/// The group of the baseline's ramp terms: every model has it, with a variance of its own, so that a unit without them is not charged for
+/// them.
+pub const RAMP: usize = 0;
 /// Contiguous parts of the rows for cross-validation.
 const FOLDS: usize = 6;
 /// A gain may move the rates by as many deviations of what the baseline leaves: a prior that keeps two large gains of opposite sign
@@ -52,7 +57,7 @@ impl View {
     fn new(rows: &AxisRows, noise_model: NoiseModel) -> Self {
         let mut base = Basis::default();
         let mut information = 0.0;
-        for column in &rows.base {
+        for column in rows.base[..TEMPERATURE_TERMS].iter().chain(&rows.base[TERMS..]) {
             let mut c = column.clone();
             noise_model.whiten(&mut c, &rows.starts);
             let length = base.add_measured(c);
@@ -162,11 +167,18 @@ pub struct Axis<'d> {
 }
 
 impl<'d> Axis<'d> {
-    /// Of the rows of an axis; without groups.
+    /// Of the rows of an axis, with one group: the ramp terms of the baseline ([`RAMP`]).
     pub fn new(rows: &'d AxisRows) -> Self {
         let views: Vec<View> = NOISE_MODELS.iter().map(|c| View::new(rows, *c)).collect();
         let limit = views[0].squares / views[0].free;
-        Self { rows, views, groups: vec![], scale: vec![], limit }
+        let mut axis = Self { rows, views, groups: vec![], scale: vec![], limit };
+        axis.push(Some(rows.base[TEMPERATURE_TERMS..TERMS].to_vec()));
+        axis
+    }
+
+    /// The baseline: its ramp terms with the variance of highest evidence.
+    pub fn baseline_model(&self) -> AxisModel {
+        self.best(&[Share { group: RAMP, variance: 1.0 }])
     }
 
     /// Adds a group of new columns; `None` where it is missing.
@@ -428,7 +440,7 @@ impl<'d> Axis<'d> {
     }
 
     /// The baseline's basis under a noise model.
-    pub fn baseline(&self, noise_model: usize) -> &Basis {
+    pub fn basis(&self, noise_model: usize) -> &Basis {
         &self.views[noise_model].base
     }
 

@@ -1,4 +1,4 @@
-//! The second witness: the same search on the verify run. A class that it does not find is not confirmed.
+//! The search with train and verify exchanged: advice, as another greedy search may name the same thing otherwise.
 
 use super::data::{Candidate, Data};
 use super::report::{Exchanged, Found};
@@ -31,12 +31,6 @@ pub(super) fn exchanged(found: &[Candidate], effects: &[Found]) -> Exchanged {
     let classes: BTreeSet<Class> = found.iter().map(|c| card_of(c.facts).class).collect();
     let own: BTreeSet<Class> = effects.iter().map(|e| e.class).collect();
     Exchanged { same_classes: classes == own, classes: classes.into_iter().collect(), names }
-}
-
-/// Classes of the report that the exchanged search does not find. Events are left out: they need not happen again.
-pub(crate) fn unwitnessed(effects: &[Found], exchanged: &Exchanged) -> BTreeSet<Class> {
-    let named = effects.iter().filter(|e| e.confirmed.is_some()).map(|e| e.class);
-    named.filter(|c| !exchanged.classes.contains(c)).collect()
 }
 
 /// Means of a verify run from which effects can be learnt: three hours.

@@ -204,6 +204,32 @@ impl Clean {
     }
 }
 
+/// The noise of one axis on one run, and the distribution by which it is judged.
+#[derive(Debug, Clone, Copy)]
+pub struct Noise<'c> {
+    /// Mean squares of the differences of neighbouring means.
+    pub neighbours: Neighbours,
+    /// Distributions of noise for runs of these lengths.
+    pub clean: &'c Clean,
+}
+
+impl Noise<'_> {
+    /// Deviation of 100 s means if noise is all there is.
+    pub fn floor(&self) -> f64 {
+        self.clean.floor(&self.neighbours)
+    }
+
+    /// A deviation in floors; `predicted` is the variance that the model's own uncertainty adds.
+    pub fn ratio(&self, deviation: f64, predicted: f64) -> Ratio {
+        self.clean.ratio(&self.neighbours, deviation, predicted)
+    }
+
+    /// Standard deviation of the difference between the means of two runs.
+    pub fn shift(&self) -> f64 {
+        self.clean.shift(&self.neighbours)
+    }
+}
+
 fn normal(rng: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(rng)
 }

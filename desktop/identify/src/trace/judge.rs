@@ -1,178 +1,244 @@
-//! The judgement on the verify run: what each model leaves there, whether one is better than another by more than chance,
-//! and how many noise floors are left.
+//! The judge: does what the train runs say, with its uncertainty and its noise, predict another run better than the baseline does?
+//!
+//! Two numbers by axis answer it. The *log score* is `log p(run | train, model) - log p(run | train, baseline)`: the density of the run's
+//! block means under the prediction of each, with the uncertainty of its gains and parameters, its noise models by their weights, and the
+//! run's own constant integrated out. Size, sign and correlated noise are in it, and an axis without an effect gives about 0. The *fall* is
+//! that of the mean square error about the run's own mean, with the deviation that it has as the share of the prediction that the run shows
+//! is known no better: `fall = (2 share - 1)` times the mean square of the prediction.
 
-use super::floor::{Clean, Neighbours, Ratio};
-use super::report::Agreement;
-use crate::fit::MEAN_S;
-use hrg_data::numeric::stats::{block_means, mean, std_dev};
+use super::data::{AxisRows, Candidate, Data};
+use super::model::Fitted;
+use super::noise::Basis;
+use super::regression::Under;
+use super::uncertainty::{Joint, Known};
+use hrg_core::AXES;
+use hrg_data::numeric::stats::{dot, mean};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use serde::Serialize;
 
-/// 100 s means of a residual.
-#[derive(Debug, Clone)]
-pub struct Means(Vec<f64>);
+/// Deviations beyond which a fall is none of chance: 95 %, two-sided, for three axes together.
+pub const DEVIATIONS: f64 = 2.39;
 
-impl Means {
-    /// Of a residual on every step.
-    pub fn of(residual: &[f64]) -> Self {
-        Self(block_means(residual, MEAN_S))
+/// A model's answer to a run, one axis, against another model's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
+pub struct Agreement {
+    /// Log density of the run under the larger model less that under the smaller one.
+    pub log_score: f64,
+    /// Fall of the mean square error, (deg/h)^2; negative where it rises.
+    pub mse_fall: f64,
+    /// Its standard deviation, by that of the share.
+    pub mse_fall_std: f64,
+    /// Share of the predicted difference that the run shows, by generalised least squares: 1 where the larger model is right, 0 where the
+    /// smaller one is.
+    pub share: f64,
+    /// Its standard deviation.
+    pub share_std: f64,
+}
+
+impl Agreement {
+    /// `true` where the run is more probable under the larger model, and the error falls by more than chance.
+    #[must_use]
+    pub fn wins(&self) -> bool {
+        self.log_score > 0.0 && self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
 
-    /// A series that already is one of means.
-    pub fn of_means(means: &[f64]) -> Self {
-        Self(means.to_vec())
-    }
-
-    /// Standard deviation about their mean.
-    pub fn deviation(&self) -> f64 {
-        std_dev(&self.0)
-    }
-
-    /// Their mean.
-    pub fn mean(&self) -> f64 {
-        mean(&self.0)
-    }
-
-    /// Number of finite means.
-    pub fn count(&self) -> usize {
-        self.0.iter().filter(|v| v.is_finite()).count()
-    }
-
-    /// The series; NaN marks a gap.
-    pub fn series(&self) -> &[f64] {
-        &self.0
+    /// `true` where the error rises by more than chance.
+    #[must_use]
+    pub fn loses(&self) -> bool {
+        -self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
 }
 
-/// Standard deviation of 100 s means of several runs together, each about its own mean, and how many means there are.
-pub fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> (f64, usize) {
-    let (mut squares, mut count, mut runs) = (0.0, 0usize, 0usize);
-    for s in series {
-        let m = Means::of(s);
-        let n = m.count();
-        if n > 1 {
-            squares += m.deviation().powi(2) * (n - 1) as f64;
-            count += n;
-            runs += 1;
+/// The predictions of a model for a run.
+pub struct Prediction {
+    axes: [Option<OnAxis>; AXES],
+}
+
+struct OnAxis {
+    /// Columns with the derivatives of refined parameters behind them.
+    columns: Vec<Vec<f64>>,
+    /// Number of coefficients: derivatives follow.
+    coefficients: usize,
+    /// Fit under each noise model, and the covariance of coefficients and derivatives.
+    each: Vec<(Under, DMatrix<f64>)>,
+    /// The mean prediction.
+    mean: Vec<f64>,
+}
+
+impl Prediction {
+    /// Of a fitted model for a run (`data`, see [`Data::unseen`]); terms that `which` lets through.
+    pub fn new(data: &Data<'_>, fitted: &Fitted, known: &Known, which: &dyn Fn(&Candidate) -> bool) -> Self {
+        let of = |a: usize| {
+            let posterior = fitted.axes[a].posterior.as_ref()?;
+            let joint_posterior = known.posteriors[a].as_ref()?;
+            if data.axes[a].y.is_empty() {
+                return None;
+            }
+            let joint = Joint::new(data, fitted, &known.refined, a);
+            let coefficients = joint.coefficients();
+            let mut columns = joint.columns.values;
+            // Terms that cannot be predicted are not there on another run.
+            for (e, t) in fitted.terms().iter().enumerate().filter(|(_, t)| !which(t.lead())) {
+                for at in fitted.gains(e, a).into_iter().flatten() {
+                    columns[at].fill(0.0);
+                }
+                let _ = t;
+            }
+            let each = posterior
+                .each
+                .iter()
+                .map(|u| {
+                    let of_joint = joint_posterior.each.iter().find(|j| j.noise == u.noise);
+                    (u.clone(), of_joint.map_or_else(|| joint_posterior.covariance.clone(), |j| j.covariance.clone()))
+                })
+                .collect();
+            let gains: Vec<f64> = posterior.coefficients.iter().copied().collect();
+            let mean = sum(&columns[..coefficients], &gains, data.axes[a].y.len());
+            Some(OnAxis { columns, coefficients, each, mean })
+        };
+        Self { axes: [of(0), of(1), of(2)] }
+    }
+
+    /// The mean prediction for an axis, on the blocks.
+    pub fn mean(&self, a: usize) -> Option<&[f64]> {
+        self.axes[a].as_ref().map(|x| &x.mean[..])
+    }
+
+    /// Log density of a run, all axes.
+    pub fn log_density(&self, data: &Data<'_>) -> f64 {
+        (0..AXES).filter_map(|a| Some(self.axes[a].as_ref()?.log_density(&data.axes[a]))).sum()
+    }
+
+    /// This model against a smaller one on a run. `None` for an axis without data.
+    pub fn against(&self, smaller: &Self, data: &Data<'_>, a: usize) -> Option<Agreement> {
+        let (large, small) = (self.axes[a].as_ref()?, smaller.axes[a].as_ref()?);
+        let rows = &data.axes[a];
+        let log_score = large.log_density(rows) - small.log_density(rows);
+        Some(Agreement { log_score, ..large.fall(&small.mean, rows) })
+    }
+
+    /// The same against any prediction of the rates (on the blocks of the axis); the log score is left 0.
+    pub fn fall_against(&self, prediction: &[f64], data: &Data<'_>, a: usize) -> Option<Agreement> {
+        Some(self.axes[a].as_ref()?.fall(prediction, &data.axes[a]))
+    }
+}
+
+impl OnAxis {
+    /// Log density of the rates of a run, its constant integrated out.
+    fn log_density(&self, rows: &AxisRows) -> f64 {
+        let each = self.under_each(rows);
+        let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        best + each.iter().map(|e| (e - best).exp()).sum::<f64>().ln()
+    }
+
+    /// Under each noise model: the log of its weight, and of the density.
+    fn under_each(&self, rows: &AxisRows) -> Vec<f64> {
+        self.each.iter().map(|(u, c)| u.weight.ln() + self.under(u, c, rows)).collect()
+    }
+
+    /// The same under one noise model: a multivariate t, as the noise's variance is known from the train runs no better than that.
+    fn under(&self, u: &Under, covariance: &DMatrix<f64>, rows: &AxisRows) -> f64 {
+        let n = rows.y.len() as f64;
+        let gains: Vec<f64> = u.coefficients.iter().copied().collect();
+        let predicted = sum(&self.columns[..self.coefficients], &gains, rows.y.len());
+        let mut left: Vec<f64> = rows.y.iter().zip(&predicted).map(|(y, p)| y - p).collect();
+        let sigma = u.variance_dph2.sqrt();
+        let whitened = |x: &mut Vec<f64>| {
+            u.noise.whiten(x, &rows.starts);
+            x.iter_mut().for_each(|v| *v /= sigma);
+        };
+        let mut constant = vec![1.0; rows.y.len()];
+        whitened(&mut constant);
+        whitened(&mut left);
+        let mut basis = Basis::default();
+        let length = basis.add_measured(constant);
+        basis.reduce(&mut left);
+        // The uncertainty of the coefficients along its own directions: a column of the run for each.
+        let root = square_root(covariance);
+        let p = self.columns.len();
+        let columns: Vec<Vec<f64>> = (0..p)
+            .map(|j| {
+                let mut x = self.columns[j].clone();
+                whitened(&mut x);
+                basis.reduce(&mut x);
+                x
+            })
+            .collect();
+        let g = DMatrix::from_fn(p, p, |i, j| dot(&columns[i], &columns[j]));
+        let m = DMatrix::identity(root.ncols(), root.ncols()) + root.transpose() * &g * &root;
+        let b = root.transpose() * DVector::from_fn(p, |i, _| dot(&columns[i], &left));
+        let Some(factor) = m.cholesky() else { return f64::NEG_INFINITY };
+        let determinant = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let squares = (dot(&left, &left) - b.dot(&factor.solve(&b))).max(0.0);
+        let freedom = u.free;
+        u.noise.first_factor().ln() * rows.starts.len() as f64
+            - (n - 1.0) * sigma.ln()
+            - 0.5 * length.ln()
+            - 0.5 * determinant
+            - 0.5 * (freedom + n - 1.0) * (1.0 + squares / freedom).ln()
+    }
+
+    /// Fall of the mean square error from another prediction to this one, and the share of the difference that the run shows.
+    fn fall(&self, other: &[f64], rows: &AxisRows) -> Agreement {
+        let about = |mut x: Vec<f64>| {
+            let m = mean(&x);
+            x.iter_mut().for_each(|v| *v -= m);
+            x
+        };
+        let n = rows.y.len() as f64;
+        let d = about(self.mean.iter().zip(other).map(|(l, s)| l - s).collect());
+        let before = about(rows.y.iter().zip(other).map(|(y, s)| y - s).collect());
+        let after: Vec<f64> = before.iter().zip(&d).map(|(e, d)| e - d).collect();
+        let power = dot(&d, &d);
+        if !(power > 1e-9 * dot(&before, &before)) {
+            return Agreement::default();
+        }
+        // The share that the run shows, by generalised least squares beside the run's constant. The noise is that of both runs: each noise
+        // model by its weight after this run, too, and what this model leaves counts as noise.
+        let each = self.under_each(rows);
+        let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = each.iter().map(|e| (e - best).exp()).sum();
+        let (mut share, mut square, mut own) = (0.0, 0.0, 0.0);
+        for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
+            let mut basis = Basis::default();
+            let whitened = |mut x: Vec<f64>, basis: &Basis| {
+                u.noise.whiten(&mut x, &rows.starts);
+                basis.reduce(&mut x);
+                x
+            };
+            let constant = whitened(vec![1.0; rows.y.len()], &basis);
+            basis.add(constant);
+            let [d, before, after] = [&d, &before, &after].map(|x| whitened(x.clone(), &basis));
+            let length = dot(&d, &d).max(1e-300);
+            let variance = (u.free * u.variance_dph2 + dot(&after, &after)) / (u.free + n);
+            let (weight, s) = ((e - best).exp() / sum, dot(&before, &d) / length);
+            share += weight * s;
+            square += weight * s * s;
+            own += weight * variance / length;
+        }
+        let share_std = (own + (square - share * share).max(0.0)).sqrt();
+        Agreement {
+            log_score: 0.0,
+            mse_fall: (dot(&before, &before) - dot(&after, &after)) / n,
+            mse_fall_std: 2.0 * share_std * power / n,
+            share,
+            share_std,
         }
     }
-    (if count > runs { (squares / (count - runs) as f64).sqrt() } else { 0.0 }, count)
 }
 
-/// The noise of one axis on one run, and the distribution by which it is judged.
-#[derive(Debug, Clone, Copy)]
-pub struct Noise<'c> {
-    /// Mean squares of the differences of neighbouring means.
-    pub neighbours: Neighbours,
-    /// Distributions of noise for runs of these lengths.
-    pub clean: &'c Clean,
+fn sum(columns: &[Vec<f64>], gains: &[f64], n: usize) -> Vec<f64> {
+    let mut out = vec![0.0; n];
+    for (column, g) in columns.iter().zip(gains) {
+        out.iter_mut().zip(column).for_each(|(o, x)| *o += g * x);
+    }
+    out
 }
 
-impl Noise<'_> {
-    /// Deviation of 100 s means if noise is all there is.
-    pub fn floor(&self) -> f64 {
-        self.clean.floor(&self.neighbours)
-    }
-
-    /// A deviation in floors; `predicted` is the variance that the model's own uncertainty adds.
-    pub fn ratio(&self, deviation: f64, predicted: f64) -> Ratio {
-        self.clean.ratio(&self.neighbours, deviation, predicted)
-    }
-
-    /// Standard deviation of the difference between the means of two runs.
-    pub fn shift(&self) -> f64 {
-        self.clean.shift(&self.neighbours)
-    }
+/// A matrix whose product with its transpose is the covariance (what rounding has made negative is taken for zero).
+pub fn square_root(c: &DMatrix<f64>) -> DMatrix<f64> {
+    let e = SymmetricEigen::new(c.clone());
+    let roots = DVector::from_iterator(c.nrows(), e.eigenvalues.iter().map(|v| v.max(0.0).sqrt()));
+    &e.eigenvectors * DMatrix::from_diagonal(&roots)
 }
 
-/// Share of the series over which neighbouring products are summed for the uncertainty of a sum.
-const LAGS: f64 = 0.125;
-
-/// Share of the predicted difference between `larger` and `smaller` that the run shows: both are residuals of the same run. The residual of
-/// the smaller one is fitted by the difference of their predictions; the slope is 1 if the larger one is right. `floor` is the deviation of
-/// the noise.
-///
-/// The uncertainty is that of a sum of correlated products (Newey and West 1987), at least that of noise of the floor's
-/// size.
-pub fn agreement(smaller: &Means, larger: &Means, floor: f64) -> Agreement {
-    let rows: Vec<(f64, f64)> = smaller
-        .0
-        .iter()
-        .zip(&larger.0)
-        .filter(|(s, l)| s.is_finite() && l.is_finite())
-        .map(|(s, l)| (*s, s - l))
-        .collect();
-    let n = rows.len() as f64;
-    if rows.len() < 4 {
-        return Agreement::NONE;
-    }
-    let (ms, md) = rows.iter().fold((0.0, 0.0), |(s, d), r| (s + r.0 / n, d + r.1 / n));
-    let e: Vec<f64> = rows.iter().map(|r| r.0 - ms).collect();
-    let d: Vec<f64> = rows.iter().map(|r| r.1 - md).collect();
-    let power: f64 = d.iter().map(|d| d * d).sum();
-    let before_dph2 = e.iter().map(|e| e * e).sum::<f64>() / n;
-    if !(power > 1e-9 * n * floor * floor) {
-        // The two models are the same on this run.
-        return Agreement { share: 1.0, before_dph2, gain_std_dph2: 0.0, ..Agreement::NONE };
-    }
-    let share = e.iter().zip(&d).map(|(e, d)| e * d).sum::<f64>() / power;
-    let products: Vec<f64> = e.iter().zip(&d).map(|(e, d)| (e - share * d) * d).collect();
-    let sum_at = |lag: usize| products[lag..].iter().zip(&products).map(|(x, y)| x * y).sum::<f64>();
-    let lags = (LAGS * n) as usize;
-    let correlated = (1..=lags)
-        .map(|lag| 2.0 * (1.0 - lag as f64 / (lags + 1) as f64) * sum_at(lag))
-        .fold(sum_at(0), |sum, x| sum + x);
-    let share_std = correlated.max(floor * floor * power).sqrt() / power;
-    Agreement {
-        share,
-        share_std,
-        before_dph2,
-        gain_dph2: (2.0 * share - 1.0) * power / n,
-        gain_std_dph2: 2.0 * share_std * power / n,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn wave(n: usize, size: f64) -> Vec<f64> {
-        (0..n).map(|k| size * (k as f64 / 40.0).sin()).collect()
-    }
-
-    fn grain(n: usize, seed: u64) -> Vec<f64> {
-        use rand::SeedableRng;
-        use rand_distr::{Distribution, StandardNormal};
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
-        (0..n).map(|_| StandardNormal.sample(&mut rng)).collect()
-    }
-
-    #[test]
-    fn what_is_there_wins_and_what_is_not_loses() {
-        let n = 300;
-        let plus = |a: &[f64], b: &[f64]| Means(a.iter().zip(b).map(|(a, b)| a + b).collect());
-        let minus = |a: &Means, b: &[f64]| Means(a.0.iter().zip(b).map(|(a, b)| a - b).collect());
-        let mut false_wins = 0;
-        for seed in 0..100 {
-            let g = grain(n, seed);
-            let there = plus(&g, &wave(n, 2.0));
-            let right = agreement(&there, &minus(&there, &wave(n, 2.0)), 1.0);
-            assert!(right.wins() && (right.share - 1.0).abs() < 5.0 * right.share_std, "{right:?}");
-            let twice = agreement(&there, &minus(&there, &wave(n, 5.0)), 1.0);
-            assert!(twice.loses(), "{twice:?}");
-            let nothing = plus(&g, &wave(n, 0.0));
-            false_wins += usize::from(agreement(&nothing, &minus(&nothing, &wave(n, 0.3)), 1.0).wins());
-            assert!(agreement(&nothing, &minus(&nothing, &wave(n, 2.0)), 1.0).loses());
-        }
-        assert!(false_wins <= 2, "{false_wins}");
-        let g = Means(grain(n, 1));
-        let same = agreement(&g, &g, 1.0);
-        assert!(!same.wins() && !same.loses());
-    }
-
-    #[test]
-    fn runs_are_judged_about_their_own_mean() {
-        let (a, mut b) = (vec![1.0; 3000], vec![5.0; 3000]);
-        b[..1500].fill(5.5);
-        let (s, n) = spread([&a, &b]);
-        assert!(s < 0.3 && n == 60, "{s} {n}");
-    }
-}

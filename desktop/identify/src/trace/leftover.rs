@@ -5,21 +5,20 @@
 //! (The residual on the verify run is judged by [`super::floor`].)
 
 use super::data::Data;
+use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
-
-/// Evidence above which a generic curve counts as structure.
-const STRUCTURE: f64 = 7.0;
 
 /// Variables along which structure is left on the train runs, by axis, in words; empty if none is left.
 pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
+        let least = THRESHOLD + (names.len() as f64).ln();
         let mut left: Vec<String> = names
             .iter()
             .zip(search.evidence_of(model, a, columns))
-            .filter(|(_, evidence)| *evidence > STRUCTURE)
+            .filter(|(_, evidence)| *evidence > least)
             .map(|(name, _)| (*name).to_string())
             .collect();
         let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());

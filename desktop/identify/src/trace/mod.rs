@@ -10,14 +10,17 @@ mod events;
 pub mod evidence;
 mod exchange;
 pub mod floor;
+mod found;
 mod html;
+mod image;
 pub mod judge;
 mod leftover;
+mod means;
 pub mod model;
 pub mod noise;
 pub mod odds;
-mod on_verify;
 mod proposals;
+mod regression;
 pub mod report;
 mod report_text;
 mod run_in;
@@ -37,27 +40,27 @@ use crate::fit::enough_data;
 use crate::fit::independence;
 use crate::fit::independence::Units;
 use crate::fit::{prepare_for, Prepared};
-use data::{Candidate, Data};
-pub(crate) use exchange::unwitnessed;
+use data::{Candidate, Data, Starts};
 use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
-use floor::{Clean, Neighbours};
+use floor::{Clean, Neighbours, Noise};
+use found::OnVerify;
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
-use judge::{agreement, spread, Means, Noise};
-use model::{Fitted, Term};
-use on_verify::{start_verify_run, OnVerifyRun};
-use report::{by_axis, Agreement, ByAxis, Exchanged};
+use image::{Fits, Judging};
+use judge::Prediction;
+use means::{spread, Means};
+use model::{Fitted, Specification, Term};
+use odds::THRESHOLD;
+use report::{by_axis, ByAxis, ChosenOn};
 use run_in::Memory;
 use search::{Model, Rival, Search};
-use uncertainty::Weights;
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
@@ -74,8 +77,8 @@ pub struct Options {
     pub in_use: Option<Calibration>,
     /// Accept a verify run that repeats the profile of a train run as ground for a burn.
     pub repeat_is_enough: bool,
-    /// Processors to use; 0 counts as 1.
-    pub jobs: usize,
+    /// Search on the verify run, too: advice on whether it names the same.
+    pub exchange: bool,
     /// Effects of the caller's own.
     pub own: Vec<user_effects::OwnEffect>,
 }
@@ -118,28 +121,16 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run) = ready(train, verify, options)?;
-    let work = progress::inherit();
-    let long = shortest(&verify_run) >= LEAST_EXCHANGED && !train.is_empty();
-    std::thread::scope(|scope| {
-        let witness = (long && options.jobs > 1)
-            .then(|| scope.spawn(|| progress::continued(work, || second_search(verify, &options.own))));
-        let witness = || match witness {
-            Some(running) => running.join().unwrap_or_default(),
-            None if long => second_search(verify, &options.own),
-            None => None,
-        };
-        closed(train, verify, options, prepared, verify_run, witness)
-    })
+    closed(train, verify, options, prepared, verify_run)
 }
 
-/// The loop on recordings that may be used. `witness`: what [`second_search`] finds.
+/// The loop on recordings that may be used.
 fn closed(
     train: &[Recording],
     verify: &Recording,
     options: &Options,
     mut prepared: Prepared,
     mut verify_run: Run,
-    witness: impl FnOnce() -> Option<Vec<Candidate>>,
 ) -> Result<Trace, BadInput> {
     let mut settled = false;
     loop {
@@ -147,11 +138,11 @@ fn closed(
         data.goes_on = goes_on(train, verify);
         let mut search = Search::new(&data);
         let learnt = Learnt::new(&mut search);
-        let fitted = Fitted::new(&data, &learnt.terms, learnt.model.noise_models)?;
+        let fitted = Fitted::new(&data, &learnt.model.specification())?;
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
         let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
-            return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted), witness);
+            return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted));
         };
         // The search begins anew on what is left.
         settled = true;
@@ -180,36 +171,35 @@ fn judged(
     options: &Options,
     prepared: &Prepared,
     verify_run: &Run,
-    (mut search, mut learnt, mut fitted): (Search<'_>, Learnt, Fitted),
-    witness: impl FnOnce() -> Option<Vec<Candidate>>,
+    (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
     let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
     let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
-    let baseline_fit = Fitted::new(data, &[], [0; AXES])?;
-    let before_train: Vec<_> = residuals_of(&baseline_fit, runs, &scaling);
-    let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
-    let before_verify = baseline_fit.residuals(verify_run, None, &scaling, &|_| true);
+    let on_verify = data.unseen(verify_run);
+    let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
-    notes.extend(start_verify_run(&mut fitted, verify_run, &scaling, &known));
-    learnt.terms.clone_from(&fitted.terms);
-    let mut after_verify = fitted.residuals(verify_run, None, &scaling, &known);
-    keep_baseline(&learnt.terms, after_train.iter_mut().zip(&before_train));
-    keep_baseline(&learnt.terms, [(&mut after_verify, &before_verify)]);
-    notes.extend(lacking(&learnt.terms, &known));
-    let (refitted, judged) = events::refit(&learnt.terms, verify_run, &scaling, &after_verify);
 
-    let there: Vec<usize> = verify_run.steps.present().collect();
+    // The model, the baseline alone, and the baseline beside the events.
+    let plain = Fitted::plain(data)?;
+    let uncertain = uncertainty::of(data, &fitted);
+    notes.extend(start_verify_run(&mut fitted, &uncertain, &on_verify, &known));
+    let before_train: Vec<_> = residuals_of(&plain, runs, &scaling);
+    let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
+    let before_verify = plain.residuals(verify_run, None, &scaling, &|_| true);
+    let mut after_verify = fitted.residuals(verify_run, None, &scaling, &known);
+    keep_baseline(fitted.terms(), after_train.iter_mut().zip(&before_train));
+    keep_baseline(fitted.terms(), [(&mut after_verify, &before_verify)]);
+    notes.extend(lacking(fitted.terms(), &known));
+    let (refitted, judged) = events::refit(fitted.terms(), verify_run, &scaling, &after_verify);
+
+    // The noise, and what is left.
     let clean = clean_of(&after_train, &judged, &there);
     // (Figures of absent axes are removed from the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
-    let on_verify = OnVerifyRun { data, run: verify_run, scaling, noise: &noise, known: &known };
-    let stated = uncertainty::of(data, &fitted, learnt.model.noise_models, Weights::Noise);
-    let effects = on_verify.found(&search, &learnt, &fitted, &stated)?;
-    let for_unit = on_verify.for_unit(&learnt, &fitted, stated, &effects)?;
     let mut left = leftover::judge(data, &mut search, &learnt.model);
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
@@ -219,19 +209,35 @@ fn judged(
     {
         left.push(format!("on the verify run ({ratio})"));
     }
-    // If no effect can be named, a sum of families without a name may compensate.
-    let mut models = vec![for_unit];
-    if left.iter().any(|l| !l.is_empty()) || effects.iter().any(|e| e.confirmed == Some(false)) {
-        models.extend(on_verify.sum_of_families(&mut search, &learnt)?);
-    }
-    let written = on_verify.image(&calibration, &learnt, &models, &baseline_fit, options, &mut notes)?;
-    let exchanged = witness().map(|found| exchanged(&found, &effects));
-    let verdict_kind = conclude(&effects, exchanged.as_ref(), &left, &after_verify, &before_verify, &noise);
+
+    // Each effect on the verify run; then the image.
+    let whole = Prediction::new(&on_verify, &fitted, &uncertain, &known);
+    let finder = OnVerify { data, verify: &on_verify, run: verify_run, known: &known };
+    let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
+    let (extended, extended_known) = image::fitted(data, &learnt.for_unit(&mut search, &left))?;
+    let beside_model = image::events(&fitted.model, &search.baseline_specification());
+    let (beside, beside_known) = image::fitted(data, &beside_model)?;
+    let fits = Fits {
+        data,
+        extended: &extended,
+        known: &extended_known,
+        beside: &beside,
+        beside_known: &beside_known,
+        plain: &plain,
+    };
+    let judging = Judging { run: verify_run, data: &on_verify, noise: &noise };
+    let written = fits.image(&calibration, &scaling, judging, judging, &mut notes);
+    let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, verify_run, &noise));
+    let exchanged = (options.exchange && shortest(verify_run) >= LEAST_EXCHANGED)
+        .then(|| second_search(verify, &options.own))
+        .flatten()
+        .map(|found| exchanged(&found, &effects));
+    let verdict_kind = conclude(&effects, &left, written.good);
     let mut report = Report {
         version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
         verdict_kind,
-        burn: written.burn && verdict_kind == VerdictKind::Confirmed,
+        burn: written.kind == Image::Extended && written.good && beats_use,
         image: written.kind,
         verdict: String::new(),
         baseline: table(&before_train, &before_verify),
@@ -239,6 +245,8 @@ fn judged(
         r#final: table(&after_train, &after_verify),
         refitted_on_verify: refitted,
         judged_rms_dph: by_axis(|a| Means::of(&judged[a]).deviation()),
+        judge: written.judged,
+        chosen_on: if written.chosen_on_verify { ChosenOn::Verify } else { ChosenOn::Train },
         block: written.figures,
         noise_floor_dph: by_axis(|a| noise[a].floor()),
         floor_ratio,
@@ -258,7 +266,7 @@ fn judged(
     state_reached(&mut image, &report, runs, &there);
     Ok(Trace {
         report,
-        baseline: baseline_fit.image(&calibration, &[None, None, None], &mut Vec::new()),
+        baseline: plain.image(&calibration, &[None, None, None], &mut Vec::new()),
         image,
         verify: verify_run.clone(),
         train_residuals: [before_train, after_train],
@@ -267,6 +275,47 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// Gives what remembers the path of the temperature the start of the verify run that its rates tell: the start belongs to the run and not
+/// to the unit, whose image has what the train runs have in common. A sentence where the two differ.
+fn start_verify_run(
+    fitted: &mut Fitted,
+    uncertain: &uncertainty::Known,
+    on_verify: &Data<'_>,
+    known: &dyn Fn(&Candidate) -> bool,
+) -> Option<String> {
+    let first = fitted.terms().iter().map(Term::lead).find(|c| c.facts.remembers_path)?;
+    let (name, common) = (first.facts.name, first.starts.common());
+    let density = |f: &Fitted| Prediction::new(on_verify, f, uncertain, known).log_density(on_verify);
+    let mut best = (density(fitted) + THRESHOLD, None);
+    for branch in 0..Starts::BRANCHES.len() {
+        let mut other = fitted.clone();
+        for part in other.model.terms.iter_mut().flat_map(|t| &mut t.parts) {
+            *part = part.starting(part.starts.with_unseen(branch));
+        }
+        let m = density(&other);
+        if m > best.0 {
+            best = (m, Some((branch, other)));
+        }
+    }
+    let (branch, other) = best.1?;
+    *fitted = other;
+    let on = |b: f32| ["the lower branch", "the middle", "the upper branch"][(b + 1.0) as usize];
+    Some(format!(
+        "{name} begins on {} in the verify run and on {} in the train runs: that belongs to the run, and a unit does not know it until the temperature has swept the width of the loop",
+        on(Starts::BRANCHES[branch]),
+        on(common)
+    ))
+}
+
+/// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
+fn beats(written: &image::Written, other: &Calibration, run: &Run, noise: &[Noise<'_>]) -> bool {
+    let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| Means::of(&r));
+    let (ours, theirs) = (of(&written.image), of(other));
+    let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
+    let each: Vec<(f64, f64)> = run.steps.present().map(fall).collect();
+    each.iter().any(|(fall, std)| *fall > judge::DEVIATIONS * std) && each.iter().all(|(fall, std)| *fall >= -judge::DEVIATIONS * std)
 }
 
 /// A sentence for each effect whose input the verify run lacks.
@@ -400,9 +449,6 @@ fn residuals_of(fitted: &Fitted, runs: &[Run], scaling: &Scaling) -> Vec<[Vec<f6
 /// Result of the search on the train runs.
 struct Learnt {
     model: Model,
-    /// Noise model of each axis under the baseline alone.
-    baseline_noise_models: [usize; AXES],
-    terms: Vec<Term>,
     /// For each effect, what could stand in its place.
     ranks: Vec<Vec<Rival>>,
 }
@@ -411,37 +457,32 @@ impl Learnt {
     fn new(search: &mut Search<'_>) -> Self {
         let model = search.run();
         let ranks = (0..model.members.len()).map(|k| search.instead_of(&model, k)).collect();
-        let terms = model.members.iter().map(|m| Term { parts: m.parts.clone(), prior: m.prior.clone() }).collect();
-        Self { model, baseline_noise_models: search.noise_models_of_baseline(), terms, ranks }
+        Self { model, ranks }
+    }
+
+    /// The model of the image: what a unit can compute. Where the effects need an input, they are searched anew without it; where structure
+    /// is left, families without a name stand in the place of the effects on an axis that they explain better.
+    fn for_unit(&self, search: &mut Search<'_>, left: &[Vec<String>; AXES]) -> Specification {
+        let needs_input = self.model.effects().any(|c| !c.on_unit() && c.facts.reach != Reach::Unpredictable);
+        let model = if needs_input { search.run_for_unit() } else { self.model.clone() };
+        if left.iter().all(Vec::is_empty) {
+            return model.specification();
+        }
+        search.with_families(&model).specification()
     }
 }
 
-/// Conclusion of the trace from the effects and their judgement on the verify run.
-fn conclude(
-    effects: &[Found],
-    exchanged: Option<&Exchanged>,
-    left: &[Vec<String>; AXES],
-    after: &[Vec<f64>; AXES],
-    before: &[Vec<f64>; AXES],
-    noise: &[Noise<'_>],
-) -> VerdictKind {
-    if effects.is_empty() {
-        return if left.iter().all(Vec::is_empty) { VerdictKind::NothingLacks } else { VerdictKind::Unexplained };
-    }
-    // The verify run cannot speak for what nobody can predict, nor do axes without an effect speak for one.
-    if effects.iter().all(|e| e.confirmed != Some(true)) {
-        return VerdictKind::NotConfirmed;
-    }
-    let has = |a: &usize| effects.iter().any(|e| e.confirmed.is_some() && e.axes.contains_key(AXIS_NAMES[*a]));
-    let each: Vec<Agreement> = (0..AXES)
-        .filter(has)
-        .map(|a| agreement(&Means::of(&before[a]), &Means::of(&after[a]), noise[a].floor()))
-        .collect();
-    let witnessed = exchanged.is_none_or(|x| unwitnessed(effects, x).is_empty());
-    if witnessed && each.iter().any(Agreement::wins) && !each.iter().any(Agreement::loses) {
-        VerdictKind::Confirmed
-    } else {
-        VerdictKind::NotConfirmed
+/// Conclusion of the trace. `good`: the judge bears the image out.
+fn conclude(effects: &[Found], left: &[Vec<String>; AXES], good: bool) -> VerdictKind {
+    match () {
+        () if effects.is_empty() && left.iter().all(Vec::is_empty) => VerdictKind::NothingLacks,
+        () if effects.is_empty() => VerdictKind::Unexplained,
+        () if good && effects.iter().any(|e| e.confirmed == Some(true)) => VerdictKind::Confirmed,
+        // Inputs are confirmed, and no image holds them.
+        () if effects.iter().any(|e| e.confirmed == Some(true)) && effects.iter().all(|e| e.reach != "unit") => {
+            VerdictKind::Confirmed
+        }
+        () => VerdictKind::NotConfirmed,
     }
 }
 

@@ -1,7 +1,7 @@
 //! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
 
 use super::data::{day_column, Candidate, Data};
-use super::noise::NOISE_MODELS;
+use super::regression::{posterior, Posterior};
 use super::stated::Stated;
 use crate::fit;
 use crate::fit::{baseline_columns, MEAN_S};
@@ -12,9 +12,13 @@ use hrg_core::half::Half;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
+use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::block_means;
 use hrg_data::recording::steps::Run;
 use nalgebra::{DMatrix, DVector};
+
+/// Terms of the baseline that depend on the temperature alone: 1, T, T^2. The others, of the ramp, are shrunk as a family is.
+pub const TEMPERATURE_TERMS: usize = 3;
 
 /// An effect with the axes that have it.
 #[derive(Debug, Clone)]
@@ -57,6 +61,57 @@ impl Term {
     }
 }
 
+/// A model before it is fitted: effects, and the variances of gains before the data are seen.
+#[derive(Debug, Clone, Default)]
+pub struct Specification {
+    /// Effects beyond the baseline.
+    pub terms: Vec<Term>,
+    /// By axis: variance of the baseline's ramp terms about zero, over the whitened noise's; `None`: unbounded.
+    pub ramp_prior: [Option<[f64; TERMS - TEMPERATURE_TERMS]>; AXES],
+}
+
+impl Specification {
+    /// The same with those terms only that `keep` lets through.
+    #[must_use]
+    pub fn only(&self, keep: impl Fn(&Term) -> bool) -> Self {
+        Self { terms: self.terms.iter().filter(|t| keep(t)).cloned().collect(), ..self.clone() }
+    }
+
+    /// The same without term `k`.
+    #[must_use]
+    pub fn without(&self, k: usize) -> Self {
+        let mut fewer = self.clone();
+        fewer.terms.remove(k);
+        fewer
+    }
+
+    /// The columns of an axis, on the blocks that have data.
+    #[must_use]
+    pub fn columns(&self, data: &Data<'_>, a: usize) -> Columns {
+        let base = &data.axes[a].base;
+        let mut values = base[..TERMS].to_vec();
+        let mut names: Vec<&'static str> = fit::NAMES.to_vec();
+        let mut prior = vec![None; TEMPERATURE_TERMS];
+        match self.ramp_prior[a] {
+            Some(variances) => prior.extend(variances.map(Some)),
+            None => prior.resize(TERMS, None),
+        }
+        for t in self.terms.iter().filter(|t| t.on(a)) {
+            values.extend(t.parts.iter().flat_map(|c| {
+                let none = || vec![vec![0.0; base[0].len()]; c.facts.outputs];
+                data.columns(c, a, true).unwrap_or_else(none)
+            }));
+            names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
+            prior.extend(t.prior[a].iter().map(|v| Some(*v)));
+        }
+        // Constants that belong to a day and not to the unit.
+        values.extend(base[TERMS..].iter().cloned());
+        names.extend(std::iter::repeat_n("the day", base.len() - TERMS));
+        prior.resize(values.len(), None);
+        Columns { values, names, prior }
+    }
+}
+
 /// The columns of one axis' fit.
 pub struct Columns {
     /// The baseline's, those of each term that the axis has, in order, then one for each day from the second on.
@@ -65,24 +120,6 @@ pub struct Columns {
     pub names: Vec<&'static str>,
     /// Variance of each coefficient before the data are seen, over the whitened noise's; `None`: unbounded.
     pub prior: Vec<Option<f64>>,
-}
-
-/// The columns of an axis, on the blocks that have data.
-pub fn columns(data: &Data<'_>, terms: &[Term], a: usize) -> Columns {
-    let base = &data.axes[a].base;
-    let mut values = base[..TERMS].to_vec();
-    let mut names: Vec<&'static str> = fit::NAMES.to_vec();
-    let mut prior = vec![None; TERMS];
-    for t in terms.iter().filter(|t| t.on(a)) {
-        values.extend(t.parts.iter().flat_map(|c| data.columns(c, a, true).unwrap_or_default()));
-        names.extend(std::iter::repeat_n(t.lead().facts.name, t.outputs()));
-        prior.extend(t.prior[a].iter().map(|v| Some(*v)));
-    }
-    // Constants that belong to a day and not to the unit.
-    values.extend(base[TERMS..].iter().cloned());
-    names.extend(std::iter::repeat_n("the day", base.len() - TERMS));
-    prior.resize(values.len(), None);
-    Columns { values, names, prior }
 }
 
 /// Fit of one axis.
@@ -96,13 +133,29 @@ pub struct AxisFit {
     pub days: Vec<f64>,
     /// Covariance of the coefficients and the days.
     covariance: DMatrix<f64>,
+    /// The fit under each noise model; `None` of a plain fit, and of an axis without data.
+    pub posterior: Option<Posterior>,
+}
+
+impl AxisFit {
+    fn absent(count: usize) -> Self {
+        let zeros = vec![0.0; count];
+        let covariance = DMatrix::zeros(count, count);
+        Self { coefficients: zeros.clone(), std: zeros, days: vec![], covariance, posterior: None }
+    }
+
+    fn new(mut coefficients: Vec<f64>, covariance: DMatrix<f64>, days: usize, posterior: Option<Posterior>) -> Self {
+        let std = (0..coefficients.len() - days).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
+        let days = coefficients.split_off(coefficients.len() - days);
+        Self { coefficients, std, days, covariance, posterior }
+    }
 }
 
 /// A fitted model.
 #[derive(Debug, Clone)]
 pub struct Fitted {
-    /// Effects beyond the baseline.
-    pub terms: Vec<Term>,
+    /// Its effects and variances.
+    pub model: Specification,
     /// The axes.
     pub axes: [AxisFit; AXES],
     /// Set if the judged run continues the train run ([`Data::goes_on`]).
@@ -110,49 +163,77 @@ pub struct Fitted {
 }
 
 impl Fitted {
-    /// Generalised least squares on exact columns. An effect confined to one run is zero in the others.
+    /// Generalised least squares on exact columns, over all noise models. An effect confined to one run is zero in the others.
     ///
     /// # Errors
     /// Data that cannot hold the coefficients down.
-    pub fn new(data: &Data<'_>, terms: &[Term], noise_models: [usize; AXES]) -> Result<Self, BadInput> {
-        let one = |a: usize| -> Result<AxisFit, BadInput> {
+    pub fn new(data: &Data<'_>, model: &Specification) -> Result<Self, BadInput> {
+        Self::by(data, model, |a, columns, days| {
             let rows = &data.axes[a];
+            // (Least squares name the columns that the data cannot tell apart.)
+            let found = match posterior(rows, &columns.values, &columns.prior) {
+                Some(found) => found,
+                None => {
+                    lsq::fit_shrunk(&columns.values, &rows.y, &columns.prior, &columns.names)?;
+                    return Err(BadInput::new("the equations are singular; record a longer run"));
+                }
+            };
+            let coefficients = found.coefficients.iter().copied().collect();
+            Ok(AxisFit::new(coefficients, found.covariance.clone(), days, Some(found)))
+        })
+    }
+
+    /// The baseline by plain least squares, as `hrg fit` gives it.
+    ///
+    /// # Errors
+    /// Data that cannot hold the coefficients down.
+    pub fn plain(data: &Data<'_>) -> Result<Self, BadInput> {
+        Self::by(data, &Specification::default(), |a, columns, days| {
+            let fit = lsq::fit_shrunk(&columns.values, &data.axes[a].y, &columns.prior, &columns.names)?;
+            Ok(AxisFit::new(fit.coefficients, fit.covariance, days, None))
+        })
+    }
+
+    fn by(
+        data: &Data<'_>,
+        model: &Specification,
+        fit: impl Fn(usize, Columns, usize) -> Result<AxisFit, BadInput>,
+    ) -> Result<Self, BadInput> {
+        let one = |a: usize| -> Result<AxisFit, BadInput> {
             if data.runs.iter().all(|r| r.steps.absent[a]) {
-                let count = TERMS + terms.iter().filter(|t| t.on(a)).map(Term::outputs).sum::<usize>();
-                let zeros = vec![0.0; count];
-                let covariance = DMatrix::zeros(count, count);
-                return Ok(AxisFit { coefficients: zeros.clone(), std: zeros, days: vec![], covariance });
+                let count = TERMS + model.terms.iter().filter(|t| t.on(a)).map(Term::outputs).sum::<usize>();
+                return Ok(AxisFit::absent(count));
             }
-            let Columns { values: mut columns, names, prior } = columns(data, terms, a);
-            let mut y = rows.y.clone();
-            let noise_model = NOISE_MODELS[noise_models[a]];
-            columns.iter_mut().for_each(|c| noise_model.whiten(c, &rows.starts));
-            noise_model.whiten(&mut y, &rows.starts);
-            let fit = hrg_data::numeric::lsq::fit_shrunk(&columns, &y, &prior, &names)
-                .map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))?;
-            let mut coefficients = fit.coefficients;
-            let days = coefficients.split_off(columns.len() + TERMS - rows.base.len());
-            Ok(AxisFit { coefficients, std: fit.std, days, covariance: fit.covariance })
+            let days = data.axes[a].base.len() - TERMS;
+            fit(a, model.columns(data, a), days).map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))
         };
-        Ok(Self { terms: terms.to_vec(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
+        Ok(Self { model: model.clone(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
+    }
+
+    /// Effects beyond the baseline.
+    #[must_use]
+    pub fn terms(&self) -> &[Term] {
+        &self.model.terms
     }
 
     /// Range of the gains of term `e` among an axis' coefficients; `None` if the axis does not have it.
+    #[must_use]
     pub fn gains(&self, e: usize, a: usize) -> Option<std::ops::Range<usize>> {
         let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
-        let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();
-        self.terms[e].on(a).then(|| from..from + width(&self.terms[e]))
+        let from = TERMS + self.terms()[..e].iter().map(width).sum::<usize>();
+        self.terms()[e].on(a).then(|| from..from + width(&self.terms()[e]))
     }
 
     /// Places, among an axis' coefficients, of the gains of steps that last. A step of the train run ends with that run; where the log
     /// goes on without a break, the unit keeps it.
+    #[must_use]
     pub fn lasting(&self, a: usize) -> Vec<usize> {
         let step = |t: &Term| match t.lead().facts.effect {
             EffectId::Step => Some(0),
             EffectId::Shock => Some(1),
             _ => None,
         };
-        let steps = self.terms.iter().enumerate().filter_map(|(e, t)| Some((e, step(t).filter(|_| self.goes_on)?)));
+        let steps = self.terms().iter().enumerate().filter_map(|(e, t)| Some((e, step(t).filter(|_| self.goes_on)?)));
         steps.filter_map(|(e, output)| Some(self.gains(e, a)?.start + output)).collect()
     }
 
@@ -179,7 +260,7 @@ impl Fitted {
             let lasting: f64 = self.lasting(a).iter().map(|at| self.axes[a].coefficients[*at]).sum();
             out.iter_mut().for_each(|o| *o += lasting);
         }
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
+        for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
             let gains = &self.axes[a].coefficients[range];
             for (column, g) in t.on_run(run, number, scaling, a).iter().zip(gains) {
@@ -203,6 +284,25 @@ impl Fitted {
         })
     }
 
+    /// Rates of the blocks less the bias, by axis: those of `data`, be they the rows of the fit or those of another run.
+    pub fn left(&self, data: &Data<'_>, which: &dyn Fn(&Candidate) -> bool) -> [Vec<f64>; AXES] {
+        [0, 1, 2].map(|a: usize| {
+            let rows = &data.axes[a];
+            let columns = self.model.columns(data, a).values;
+            let fit = &self.axes[a];
+            let mut gains: Vec<f64> = fit.coefficients.iter().chain(&fit.days).copied().collect();
+            for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| !which(t.lead())) {
+                let _ = t;
+                self.gains(e, a).into_iter().flatten().for_each(|at| gains[at] = 0.0);
+            }
+            let mut left = rows.y.clone();
+            for (column, g) in columns.iter().zip(gains) {
+                left.iter_mut().zip(column).for_each(|(l, x)| *l -= g * x);
+            }
+            left
+        })
+    }
+
     /// Variance that the uncertainty of the coefficients adds to the 100 s means of a run: about their mean, and of their mean.
     pub fn predicted_variance(
         &self,
@@ -215,7 +315,7 @@ impl Fitted {
             baseline_columns(run, scaling, a).iter().map(|c| block_means(c, MEAN_S)).enumerate().collect();
         let count = columns[0].1.len();
         columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; count])));
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| which(t.lead())) {
+        for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
             for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
                 columns.push((at, block_means(column, MEAN_S)));
@@ -273,7 +373,7 @@ impl Fitted {
                 }
             }
         }
-        for (e, t) in self.terms.iter().enumerate().filter(|(_, t)| t.lead().on_unit()) {
+        for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| t.lead().on_unit()) {
             let mut from = 0;
             for part in &t.parts {
                 if !part.on_unit() {
@@ -313,20 +413,6 @@ pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
         term.gain_std[a] = [0.0; MAX_OUTPUTS];
         term.directions.iter_mut().for_each(|d| d[a] = [Half::ZERO; MAX_OUTPUTS]);
     }
-}
-
-/// An image with some axes of another one, effects and all; `None` if an image cannot hold the effects of both.
-pub fn with_axes_of(image: &Calibration, other: &Calibration, axes: &[usize]) -> Option<Calibration> {
-    let (mut merged, mut theirs) = (image.clone(), other.clone());
-    for a in 0..AXES {
-        take_axis(if axes.contains(&a) { &mut merged } else { &mut theirs }, other, a);
-    }
-    drop_idle_effects(&mut merged);
-    drop_idle_effects(&mut theirs);
-    for term in theirs.effects {
-        merged.effects.push(term).ok()?;
-    }
-    merged.to_bytes().is_some().then_some(merged)
 }
 
 /// Takes out effects that no axis has.

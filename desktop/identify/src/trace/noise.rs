@@ -81,18 +81,21 @@ impl NoiseModel {
         out
     }
 
-    /// Makes noise of this model out of white noise, in place: what [`whiten`](Self::whiten) undoes.
-    pub fn give(&self, e: &mut [f64], starts: &[usize]) {
+    /// The adjoint of the recursion that [`whiten`](Self::whiten) undoes: the inner product of two results is that of the columns over the
+    /// noise's covariance.
+    pub fn backwards(&self, x: &[f64], starts: &[usize]) -> Vec<f64> {
+        let mut out = vec![0.0; x.len()];
         for (k, &from) in starts.iter().enumerate() {
-            let to = starts.get(k + 1).copied().unwrap_or(e.len());
-            let (mut past, mut before) = (0.0, 0.0);
-            for (j, v) in e[from..to].iter_mut().enumerate() {
-                let now = *v;
-                past = if j == 0 { now / self.first_factor() } else { self.phi * past + now - self.theta * before };
-                before = now;
-                *v = past;
+            let to = starts.get(k + 1).copied().unwrap_or(x.len());
+            let mut after = 0.0;
+            for j in (from..to).rev() {
+                let now = x[j] + self.phi * after;
+                let now = if j == from { now / self.first_factor() } else { now };
+                out[j] = now - self.theta * after;
+                after = now;
             }
         }
+        out
     }
 }
 
@@ -145,5 +148,24 @@ impl Basis {
         x.iter_mut().for_each(|v| *v *= f);
         self.columns.push(x);
         left
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_adjoint_is_that_of_the_inverse() {
+        // <W x, C' y> = <x, y>, if C is the inverse of the whitening W.
+        let n = 40;
+        let x: Vec<f64> = (0..n).map(|k| (k as f64 * 0.7).sin()).collect();
+        let y: Vec<f64> = (0..n).map(|k| (k as f64 * 1.3).cos() + 0.1).collect();
+        for noise in NOISE_MODELS {
+            let mut w = x.clone();
+            noise.whiten(&mut w, &[0, 15]);
+            let (one, other) = (dot(&w, &noise.backwards(&y, &[0, 15])), dot(&x, &y));
+            assert!((one - other).abs() < 1e-9, "{noise:?}: {one} {other}");
+        }
     }
 }

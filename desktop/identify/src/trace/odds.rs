@@ -34,3 +34,12 @@ pub fn log_prior(card: &Card, tries: f64, model: &[Class]) -> f64 {
     }
     sum
 }
+
+/// Chance that the search on noise alone finds an effect of a score or more. The best score of many candidates on noise falls off as
+/// `exp(-score)`, and passes the threshold in 1 % of the runs.
+pub fn p_value(score: f64) -> f64 {
+    (FALSE_ALARMS * (THRESHOLD - score).exp()).min(1.0)
+}
+
+/// Share of noise alone that passes the threshold.
+const FALSE_ALARMS: f64 = 0.01;

@@ -1,6 +1,7 @@
-//! Report of a trace: plain data, written as JSON (version 2 of the report).
+//! Report of a trace: plain data, written as JSON (version 3 of the report).
 
 use super::floor::Ratio;
+use super::judge::Agreement;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Class;
 use hrg_data::recording::Recording;
@@ -8,7 +9,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Version of the report.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// A value for each axis, by name.
 pub type ByAxis<T> = BTreeMap<String, T>;
@@ -79,55 +80,28 @@ pub struct Ranked {
     pub net_evidence: f64,
 }
 
-/// Agreement of the verify run with the difference that two models predict.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Agreement {
-    /// Share of the predicted difference between two models that is there: 1 where the larger model is right, 0 where the
-    /// smaller one is.
-    pub share: f64,
-    /// Its standard deviation.
-    pub share_std: f64,
-    /// Mean square error of the smaller model about its mean, (deg/h)^2.
-    pub before_dph2: f64,
-    /// By how much the mean square error falls, (deg/h)^2; negative where it rises.
-    pub gain_dph2: f64,
-    /// Standard deviation of that.
-    pub gain_std_dph2: f64,
+/// The written image against the baseline on the run that judges, one axis.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Default)]
+pub struct Judged {
+    /// Log score and fall of the error; zero where the axis holds the baseline.
+    #[serde(flatten)]
+    pub agreement: Agreement,
+    /// Root mean square of 100 s means of the image's residual, its constant included, deg/h.
+    pub rms_dph: f64,
+    /// Their mean, deg/h: the constant of that day against the train runs.
+    pub constant_dph: f64,
+    /// Set where a constant alone leaves less than that, by more than the uncertainty of the day's constant.
+    pub worse_than_a_constant: bool,
 }
 
-/// A fall of the mean square error by a smaller share, 1 % of its root, is no ground for another image.
-const MATTERS: f64 = 0.02;
-/// Share of a prediction beyond which the prediction is of another size than what the run shows: it then leaves a quarter of the
-/// effect's power, as much as one that shows half of it.
-const TOO_LARGE: f64 = 2.0;
-
-impl Agreement {
-    /// Nothing to compare: too few values.
-    pub const NONE: Self =
-        Self { share: 0.0, share_std: f64::INFINITY, before_dph2: 0.0, gain_dph2: 0.0, gain_std_dph2: f64::INFINITY };
-
-    /// True where the error falls by more than the uncertainty (95 %) of its fall, by a share that matters, and the run shows the
-    /// effect in the size that was predicted: the 95 % interval of the share reaches below 2 (a share below 1/2 is no fall).
-    #[must_use]
-    pub fn wins(&self) -> bool {
-        self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(self.gain_dph2) && self.is_of_that_size()
-    }
-
-    /// True where the error rises by more than the uncertainty (95 %) of its rise, by a share that matters.
-    #[must_use]
-    pub fn loses(&self) -> bool {
-        -self.gain_dph2 > 1.96 * self.gain_std_dph2 && self.matters(-self.gain_dph2)
-    }
-
-    /// True where a change of the mean square error is a share of it that matters.
-    fn matters(&self, change_dph2: f64) -> bool {
-        change_dph2 > 0.0 && change_dph2 >= MATTERS * self.before_dph2
-    }
-
-    /// True where the run does not show many times the prediction.
-    fn is_of_that_size(&self) -> bool {
-        self.share - 1.96 * self.share_std < TOO_LARGE
-    }
+/// Rows that chose what is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ChosenOn {
+    /// The train runs alone: the verify run judges rows that chose nothing.
+    Train,
+    /// The verify run has taken an axis back to the baseline, or to a constant.
+    Verify,
 }
 
 /// A number with three significant digits, without an exponent: `0.04`, `12.5`, `9000`.
@@ -158,8 +132,8 @@ pub struct Found {
     pub parameter_std: BTreeMap<String, f64>,
     /// Gains, by axis: only the axes that have it.
     pub axes: ByAxis<Gain>,
-    /// Set if the verify run agrees: it gets worse without the effect by more than its uncertainty. `None` for an unpredictable effect, or
-    /// one whose input the verify run lacks.
+    /// Set if the verify run agrees on an axis and on none contradicts ([`Agreement::wins`], [`Agreement::loses`]). `None` for an
+    /// unpredictable effect, or one whose input the verify run lacks.
     pub confirmed: Option<bool>,
     /// By axis: the share of the effect that the verify run shows.
     pub on_verify: ByAxis<Agreement>,
@@ -169,7 +143,7 @@ pub struct Found {
     pub indistinguishable_from: Vec<String>,
     /// Log prior odds and log evidence.
     pub score: super::search::Score,
-    /// Chance that noise alone gives as much to the best of the library; `None`: not tested.
+    /// Chance that noise alone gives as much to the best of the library; see [`super::odds::p_value`].
     pub p_value: Option<f64>,
     /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.
     pub reach: String,
@@ -277,6 +251,10 @@ pub struct Report {
     pub refitted_on_verify: Vec<Refitted>,
     /// The verify run with those taken out, too, deg/h.
     pub judged_rms_dph: ByAxis<f64>,
+    /// The written image against the baseline on the run that judges, by axis.
+    pub judge: ByAxis<Judged>,
+    /// Rows that chose what is written.
+    pub chosen_on: ChosenOn,
     /// The written image on the verify run; absent where none is written.
     pub block: Option<ByAxis<OnVerify>>,
     /// Standard deviation of 100 s means of the noise on the verify run, deg/h, from what neighbouring means differ by.
@@ -291,7 +269,7 @@ pub struct Report {
     pub outside_fit: f64,
     /// True where the verify run has the temperatures of a train run: it cannot show what the image does elsewhere.
     pub verify_repeats_train: bool,
-    /// The second witness; absent where the verify run is too short to learn from.
+    /// The search with train and verify exchanged; absent where it was not asked for.
     pub exchanged: Option<Exchanged>,
     /// Advice on further steps.
     pub advice: Vec<String>,
@@ -317,6 +295,7 @@ impl Report {
         self.floor_ratio.retain(|n, _| there(n));
         self.unexplained.retain(|n, _| there(n));
         self.left_over.retain(|n, _| there(n));
+        self.judge.retain(|n, _| there(n));
         if let Some(block) = &mut self.block {
             block.retain(|n, _| there(n));
         }

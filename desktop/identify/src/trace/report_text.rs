@@ -58,13 +58,6 @@ pub fn verdict(r: &Report) -> String {
             "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
             list(&names)
         ),
-        VerdictKind::NotConfirmed if !disputed(r).is_empty() => write!(
-            s,
-            "On the train run the model lacks {}, but the verify run does not confirm it: a search on that run names no effect of the class {}. From {before} to {} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
-            list(&names),
-            list(&disputed(r)),
-            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
-        ),
         VerdictKind::NotConfirmed => write!(
             s,
             "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s); {}. ",
@@ -104,11 +97,6 @@ fn unconfirmed(r: &Report) -> &'static str {
     } else {
         "together they do not make the error fall by more than its uncertainty, or it rises on an axis that has one"
     }
-}
-
-/// Classes that the exchanged search does not find.
-fn disputed(r: &Report) -> Vec<&'static str> {
-    r.exchanged.iter().flat_map(|x| super::unwitnessed(&r.effects, x)).map(Class::name).collect()
 }
 
 fn outside(r: &Report) -> String {

@@ -2,14 +2,13 @@
 //! does not tell. If the rates show a memory, its first three time constants of such a run are left out of fit and judgement: by then a
 //! twentieth of that state is left.
 
-use super::data::{begins_in_ramp, Candidate, Data};
-use super::judge::Means;
+use super::data::{begins_in_ramp, AxisRows, Candidate, Data};
 use super::model::Fitted;
-use crate::fit::MEAN_S;
+use super::odds::THRESHOLD;
+use super::regression::posterior;
 use hrg_core::effects::{span, Span};
 use hrg_core::AXES;
 use hrg_data::cards::{card, Class};
-use hrg_data::numeric::stats::{dot, mean};
 use hrg_data::recording::steps::Run;
 use std::collections::BTreeSet;
 
@@ -21,8 +20,9 @@ const MOST: f64 = 0.25;
 const LEAST_PASSED: f64 = 0.9;
 /// Width of a cell of temperature, C.
 const CELL_C: f32 = 5.0;
-/// Log-likelihood that a decay from the beginning of a run must bring (the noise is not white).
-const DECAY: f64 = 20.0;
+
+/// Variance of an unknown state before the data are seen, over that of the noise of a block: ten of its deviations.
+const WIDE: f64 = 100.0;
 
 /// The memory that a model has, by its longest time constant.
 #[derive(Debug, Clone, Copy)]
@@ -43,31 +43,34 @@ impl Memory {
         effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
     }
 
-    /// `true` if a run begins in an unknown state: in a ramp, or with a decay of this time constant in the residual of the model.
-    fn begins_unknown(self, run: &Run, left: &[Vec<f64>; AXES]) -> bool {
-        let decays: f64 = run.steps.present().map(|a| self.decay(&left[a])).sum();
-        run.steps.run_in == 0 && (begins_in_ramp(run) || decays > DECAY)
+    /// `true` if a run begins in an unknown state: in a ramp, or with a decay of this time constant in what a prediction leaves of it.
+    /// `number`: the run's among those of the rows.
+    fn begins_unknown(self, run: &Run, data: &Data<'_>, number: usize, left: &[Vec<f64>; AXES]) -> bool {
+        let decays: f64 = run.steps.present().map(|a| self.decay(data, number, &left[a], a)).sum();
+        run.steps.run_in == 0 && (begins_in_ramp(run) || decays > THRESHOLD)
     }
 
-    /// Log-likelihood that a decay from the first step on brings to a residual.
-    fn decay(self, left: &[f64]) -> f64 {
-        let means = Means::of(left);
-        let (mut x, mut y) = (Vec::new(), Vec::new());
-        for (k, v) in means.series().iter().enumerate().filter(|(_, v)| v.is_finite()) {
-            x.push((-((k * MEAN_S) as f64) / self.tau_s).exp());
-            y.push(*v);
-        }
-        let about = |v: &mut Vec<f64>| {
-            let m = mean(v);
-            v.iter_mut().for_each(|v| *v -= m);
-        };
-        about(&mut x);
-        about(&mut y);
-        let (xx, xy, yy) = (dot(&x, &x), dot(&x, &y), dot(&y, &y));
-        if xx * yy <= 0.0 {
+    /// Log evidence of a decay from the first block of a run on, in a residual of an axis: the mean over the noise models.
+    fn decay(self, data: &Data<'_>, number: usize, left: &[f64], a: usize) -> f64 {
+        let rows = &data.axes[a];
+        let from = rows.starts[number];
+        let to = rows.starts.get(number + 1).copied().unwrap_or(left.len());
+        if to < from + 3 {
             return 0.0;
         }
-        -0.5 * y.len() as f64 * (1.0 - xy * xy / (xx * yy)).max(1e-12).ln()
+        let first = rows.keep[from];
+        let decay = |k: &usize| (-(((k - first) * data.block_s) as f64) / self.tau_s).exp();
+        let of_run = AxisRows {
+            keep: rows.keep[from..to].to_vec(),
+            starts: vec![0],
+            y: left[from..to].to_vec(),
+            base: vec![],
+        };
+        let constant = vec![1.0; to - from];
+        let column: Vec<f64> = of_run.keep.iter().map(decay).collect();
+        let with = posterior(&of_run, &[constant.clone(), column], &[None, Some(WIDE)]);
+        let without = posterior(&of_run, &[constant], &[None]);
+        with.zip(without).map_or(0.0, |(w, o)| w.evidence - o.evidence)
     }
 
     /// Leaves out the beginning of a run; a sentence says so. `what` names the run. With `learnt`, the run is learnt from: it stays whole
@@ -104,14 +107,10 @@ fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
 /// Marks the runs that begin in an unknown state: each train run, then the verify run. `None` if none does.
 pub(super) fn unknown(data: &Data<'_>, fitted: &Fitted, verify: &Run, memory: Memory) -> Option<Vec<bool>> {
     let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
-    let of = |run: &Run, number: Option<usize>| {
-        let left = match number {
-            Some(_) => fitted.residuals(run, number, &data.scaling, &|_| true),
-            None => fitted.residuals(run, None, &data.scaling, &known),
-        };
-        memory.begins_unknown(run, &left)
-    };
-    let mut out: Vec<bool> = data.runs.iter().enumerate().map(|(n, r)| of(r, Some(n))).collect();
-    out.push(of(verify, None));
+    let on_verify = data.unseen(verify);
+    let left = fitted.left(data, &|_| true);
+    let mut out: Vec<bool> =
+        data.runs.iter().enumerate().map(|(n, r)| memory.begins_unknown(r, data, n, &left)).collect();
+    out.push(memory.begins_unknown(verify, &on_verify, 0, &fitted.left(&on_verify, &known)));
     out.contains(&true).then_some(out)
 }

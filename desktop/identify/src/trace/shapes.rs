@@ -1,7 +1,7 @@
 //! The curve or the loop that each effect found stands for, so that a person recognises it.
 
 use super::data::Data;
-use super::model::{columns, Fitted};
+use super::model::Fitted;
 use super::user_effects::card_of;
 use hrg_core::effects::parameters::{Parameters, Taus};
 use hrg_core::effects::{rung, EffectId};
@@ -13,10 +13,10 @@ use hrg_data::plot::{Panel, Series};
 /// Pictures of each effect of a model on its train runs, in the order of the model.
 pub fn of(data: &Data<'_>, fitted: &Fitted) -> Vec<Vec<Panel>> {
     let each_axis: Vec<Vec<Vec<f64>>> = (0..AXES)
-        .map(|a| if data.axes[a].y.is_empty() { vec![] } else { columns(data, &fitted.terms, a).values })
+        .map(|a| if data.axes[a].y.is_empty() { vec![] } else { fitted.model.columns(data, a).values })
         .collect();
     fitted
-        .terms
+        .terms()
         .iter()
         .enumerate()
         .map(|(e, t)| {

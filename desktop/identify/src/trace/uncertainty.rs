@@ -6,8 +6,8 @@
 //! the rows, and the scatter of the constants of the days make the rest, which is the same at all times.
 
 use super::data::{Candidate, Data};
-use super::noise::{NoiseModel, NOISE_MODELS};
-use super::model::{columns, Columns, Fitted, Term};
+use super::model::{Columns, Fitted, Specification, Term};
+use super::regression::{posterior, Posterior};
 use super::stated::Stated;
 use super::user_effects::card_of;
 use hrg_core::calibration::DIRECTIONS;
@@ -22,7 +22,9 @@ const SHARE: f32 = 0.01;
 const LEAST: f64 = 1e-6;
 
 /// A refined parameter of a term: the term, which parameter, and its step for a derivative.
-fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<(usize, usize, f32)> {
+pub type Refined = (usize, usize, f32);
+
+fn refined(data: &Data<'_>, terms: &[Term]) -> Vec<Refined> {
     let (low, high) = data.temperature_range();
     let mut out = Vec::new();
     for (e, t) in terms.iter().enumerate().filter(|(_, t)| t.parts.len() == 1 && t.lead().on_unit()) {
@@ -48,8 +50,9 @@ fn derivative(data: &Data<'_>, c: &Candidate, gains: &[f64], a: usize, which: us
 }
 
 /// The columns of one axis' fit with the derivatives behind them.
-struct Joint {
-    columns: Columns,
+pub struct Joint {
+    /// The columns.
+    pub columns: Columns,
     /// Number of coefficients and days: the derivatives follow.
     fitted: usize,
     /// Of each derivative: the place in the list of refined parameters.
@@ -57,14 +60,15 @@ struct Joint {
 }
 
 impl Joint {
-    fn new(data: &Data<'_>, fitted: &Fitted, refined: &[(usize, usize, f32)], a: usize) -> Self {
-        let mut columns = columns(data, &fitted.terms, a);
+    /// The columns of a fitted model on the rows of an axis. `data` may be those of another run than it was fitted to.
+    pub fn new(data: &Data<'_>, fitted: &Fitted, refined: &[Refined], a: usize) -> Self {
+        let mut columns = fitted.model.columns(data, a);
         let count = columns.values.len();
         let mut derivatives = Vec::new();
         for (place, &(e, which, step)) in refined.iter().enumerate() {
             let Some(range) = fitted.gains(e, a) else { continue };
             let gains = &fitted.axes[a].coefficients[range];
-            if let Some(d) = derivative(data, fitted.terms[e].lead(), gains, a, which, step) {
+            if let Some(d) = derivative(data, fitted.terms()[e].lead(), gains, a, which, step) {
                 columns.values.push(d);
                 columns.names.push("a parameter");
                 columns.prior.push(None);
@@ -74,104 +78,70 @@ impl Joint {
         Self { columns, fitted: count, derivatives }
     }
 
-    /// The fit under one noise model. `None` where the data cannot hold the coefficients down.
-    fn under(&self, data: &Data<'_>, a: usize, noise: NoiseModel, weights: Weights) -> Option<Under> {
-        let rows = &data.axes[a];
-        let (mut x, mut y) = (self.columns.values.clone(), rows.y.clone());
-        x.iter_mut().for_each(|c| noise.whiten(c, &rows.starts));
-        noise.whiten(&mut y, &rows.starts);
-        let fit = hrg_data::numeric::lsq::fit_shrunk(&x, &y, &self.columns.prior, &self.columns.names).ok()?;
-        let p = self.columns.values.len();
-        // Restricted likelihood: of what the coefficients cannot explain (Patterson and Thompson 1971).
-        let determinant =
-            2.0 * fit.covariance.clone().cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let information = 2.0 * p as f64 * fit.sigma.ln() - determinant;
-        let free = (fit.rows + self.columns.prior.iter().flatten().count()) as f64 - p as f64;
-        let likelihood =
-            noise.first_factor().ln() * rows.starts.len() as f64 - free * fit.sigma.ln() - 0.5 * information;
-        if weights == Weights::Noise {
-            return Some(Under {
-                likelihood,
-                covariance: fit.covariance,
-                coefficients: DVector::from_vec(fit.coefficients),
-            });
-        }
-        // Of plain least squares under noise that is not white: (X'X)^-1 X' N X (X'X)^-1. N = C C', and C' is the recursion of the
-        // noise run backwards.
-        let n = rows.y.len();
-        let g = DMatrix::from_fn(p, p, |i, j| dot(&self.columns.values[i], &self.columns.values[j])).try_inverse()?;
-        let ends: Vec<usize> = rows.starts.iter().skip(1).copied().chain([n]).rev().map(|end| n - end).collect();
-        let back: Vec<Vec<f64>> = self
-            .columns
-            .values
-            .iter()
-            .map(|c| {
-                let mut c: Vec<f64> = c.iter().rev().copied().collect();
-                noise.give(&mut c, &ends);
-                c
-            })
-            .collect();
-        let m = DMatrix::from_fn(p, p, |i, j| fit.sigma * fit.sigma * dot(&back[i], &back[j]));
-        // The same coefficients, whatever the noise.
-        Some(Under { likelihood, covariance: &g * m * &g, coefficients: DVector::zeros(p) })
-    }
-
-    /// The covariance over all noise models, each by its probability: the mean of theirs, and the scatter of their coefficients about
-    /// those of the fit (`fitted` is its noise model). A run of some hours hardly tells a slow noise from none, and the constant hangs
-    /// on it.
-    fn covariance(&self, data: &Data<'_>, a: usize, fitted: NoiseModel, weights: Weights) -> Option<DMatrix<f64>> {
-        let fitted = self.under(data, a, fitted, weights)?;
-        let each: Vec<Under> = NOISE_MODELS.iter().filter_map(|s| self.under(data, a, *s, weights)).collect();
-        let best = each.iter().map(|u| u.likelihood).fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = each.iter().map(|u| (u.likelihood - best).exp()).sum();
-        let mut mean = DMatrix::zeros(self.columns.values.len(), self.columns.values.len());
-        for u in each {
-            let apart = u.coefficients - &fitted.coefficients;
-            mean += (u.covariance + &apart * apart.transpose()) * ((u.likelihood - best).exp() / sum);
-        }
-        Some(mean)
+    /// Number of coefficients and days, without derivatives.
+    pub fn coefficients(&self) -> usize {
+        self.fitted
     }
 }
 
-/// A fit under one noise model.
-struct Under {
-    /// Restricted log-likelihood of the noise model, but for a constant.
-    likelihood: f64,
-    covariance: DMatrix<f64>,
-    coefficients: DVector<f64>,
+/// The uncertainty of a fitted model on the rows that it was fitted to.
+pub struct Known {
+    /// Refined parameters.
+    pub refined: Vec<Refined>,
+    /// By axis: the coefficients with the derivatives behind them, over all noise models; `None` for an axis without data.
+    pub posteriors: [Option<Posterior>; AXES],
+    /// By axis: the uncertainty as an image states it.
+    pub stated: [Option<Stated>; AXES],
 }
 
-/// Weights of the fit that gave the coefficients.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Weights {
-    /// By plain least squares.
-    Plain,
-    /// With the weights that the noise model asks for.
-    Noise,
-}
-
-/// The uncertainty of each axis of a fitted model; `None` for an axis that has no data.
-pub fn of(data: &Data<'_>, fitted: &Fitted, noise_models: [usize; AXES], weights: Weights) -> [Option<Stated>; AXES] {
-    let refined = refined(data, &fitted.terms);
+/// The uncertainty of each axis of a fitted model.
+pub fn of(data: &Data<'_>, fitted: &Fitted) -> Known {
+    let refined = refined(data, fitted.terms());
     let joint: Vec<Option<Joint>> =
         (0..AXES).map(|a| (!data.axes[a].y.is_empty()).then(|| Joint::new(data, fitted, &refined, a))).collect();
     // A parameter is common to the axes: each knows as much of it as all of them together.
     let mut information = vec![0.0; refined.len()];
-    let alone: Vec<Option<DMatrix<f64>>> = (0..AXES)
+    let alone: Vec<Option<Posterior>> = (0..AXES)
         .map(|a| {
             let j = joint[a].as_ref()?;
-            let c = j.covariance(data, a, NOISE_MODELS[noise_models[a]], weights)?;
+            let p = posterior(&data.axes[a], &j.columns.values, &j.columns.prior)?;
             for (k, place) in j.derivatives.iter().enumerate() {
-                information[*place] += 1.0 / c[(j.fitted + k, j.fitted + k)];
+                information[*place] += 1.0 / p.covariance[(j.fitted + k, j.fitted + k)];
             }
-            Some(c)
+            Some(p)
         })
         .collect();
+    let posteriors: [Option<Posterior>; AXES] = [0, 1, 2].map(|a: usize| {
+        let (j, mut p) = (joint[a].as_ref()?, alone[a].clone()?);
+        condition(&mut p.covariance, j, &information);
+        p.each.iter_mut().for_each(|u| condition(&mut u.covariance, j, &information));
+        Some(p)
+    });
+    let stated = [0, 1, 2].map(|a: usize| {
+        let (j, p) = (joint[a].as_ref()?, posteriors[a].as_ref()?);
+        Some(stated(data, fitted, a, j, &p.covariance, &refined, &information))
+    });
+    Known { refined, posteriors, stated }
+}
+
+/// The same of the baseline by plain least squares: (X'X)^-1 X' N X (X'X)^-1 under the noise that generalised least squares find.
+/// N = C C', and C' is the recursion of the noise run backwards.
+pub fn of_plain(data: &Data<'_>, fitted: &Fitted) -> [Option<Stated>; AXES] {
     [0, 1, 2].map(|a: usize| {
-        let j = joint[a].as_ref()?;
-        let mut covariance = alone[a].clone()?;
-        condition(&mut covariance, j, &information);
-        Some(stated(data, fitted, a, j, &covariance, &refined, &information))
+        let rows = &data.axes[a];
+        let columns = Specification::default().columns(data, a);
+        let under = posterior(rows, &columns.values, &columns.prior)?;
+        let (n, p) = (rows.y.len(), columns.values.len());
+        let inverse = DMatrix::from_fn(p, p, |i, j| dot(&columns.values[i], &columns.values[j])).try_inverse()?;
+        let mut covariance = DMatrix::zeros(p, p);
+        for u in &under.each {
+            let back: Vec<Vec<f64>> = columns.values.iter().map(|c| u.noise.backwards(c, &rows.starts)).collect();
+            let m = DMatrix::from_fn(p, p, |i, j| u.variance_dph2 * dot(&back[i], &back[j]));
+            covariance += (&inverse * m * &inverse) * u.weight;
+        }
+        debug_assert_eq!(n, rows.base[0].len());
+        let joint = Joint { fitted: p, columns, derivatives: vec![] };
+        Some(stated(data, fitted, a, &joint, &covariance, &[], &[]))
     })
 }
 
@@ -197,10 +167,10 @@ fn stated(
     a: usize,
     joint: &Joint,
     covariance: &DMatrix<f64>,
-    refined: &[(usize, usize, f32)],
+    refined: &[Refined],
     information: &[f64],
 ) -> Stated {
-    let mut parameter_std = vec![[f64::NAN; MAX_PARAMETERS]; fitted.terms.len()];
+    let mut parameter_std = vec![[f64::NAN; MAX_PARAMETERS]; fitted.terms().len()];
     for (place, &(e, which, _)) in refined.iter().enumerate() {
         if information[place] > 0.0 {
             parameter_std[e][which] = (1.0 / information[place]).sqrt();
@@ -245,7 +215,7 @@ fn stated(
 /// Numbers of the coefficients that the unit has.
 fn on_the_unit(fitted: &Fitted, a: usize, count: usize) -> Vec<usize> {
     let mut out = vec![true; count];
-    for (e, t) in fitted.terms.iter().enumerate() {
+    for (e, t) in fitted.terms().iter().enumerate() {
         let Some(range) = fitted.gains(e, a) else { continue };
         let mut at = range.start;
         for part in &t.parts {

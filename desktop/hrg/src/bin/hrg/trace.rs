@@ -46,8 +46,11 @@ pub struct Arguments {
     /// the biases lack. Every deg/h of the report is then a ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
     rates: Option<PathBuf>,
-    /// Processors to use; all where it is left out.
+    /// Search on the verify run, too, and say whether it names the same classes: advice.
     #[arg(long)]
+    exchange: bool,
+    /// Accepted for scripts of before: a trace uses one processor.
+    #[arg(long, hide = true)]
     jobs: Option<usize>,
     /// Allow recordings of different units.
     #[arg(long)]
@@ -72,7 +75,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         in_use,
         repeat_is_enough,
         rates,
-        jobs,
+        exchange,
+        jobs: _,
         different_units,
         facts,
     } = arguments;
@@ -93,7 +97,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         units: units(different_units),
         in_use,
         repeat_is_enough,
-        jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        exchange,
         own: Vec::new(),
     };
     let mut t = trace::trace_with(&train, &verify, &options)?;

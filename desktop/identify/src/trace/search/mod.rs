@@ -6,11 +6,13 @@
 //! takes the place of one where the score is higher.
 
 use super::data::{AxisByAxis, Candidate, Data, Starts};
-use super::evidence::{Axis, AxisModel, Share};
+use super::evidence::{Axis, AxisModel, Share, RAMP};
+use super::model::{Specification, Term, TEMPERATURE_TERMS};
 use super::odds::{self, THRESHOLD};
 use super::proposals::{self, Left};
 use crate::trace::user_effects::card_of;
-use hrg_core::effects::EffectId;
+use hrg_core::bias::TERMS;
+use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 use hrg_data::cards::Class;
 use hrg_data::cards::{card, Card, Kind};
@@ -64,12 +66,18 @@ impl Score {
 pub struct Model {
     /// The effects.
     pub members: Vec<Member>,
-    /// Best noise model of each axis.
-    pub noise_models: [usize; AXES],
+    /// By axis: variance of the baseline's ramp terms about zero, over that of the whitened noise.
+    pub ramp_prior: [Option<[f64; TERMS - TEMPERATURE_TERMS]>; AXES],
     state: State,
 }
 
 impl Model {
+    /// The model, to be fitted.
+    pub fn specification(&self) -> Specification {
+        let term = |m: &Member| Term { parts: m.parts.clone(), prior: m.prior.clone() };
+        Specification { terms: self.members.iter().map(term).collect(), ramp_prior: self.ramp_prior }
+    }
+
     /// Its effects, each by the one that gives the name.
     pub fn effects(&self) -> impl Iterator<Item = &Candidate> {
         self.members.iter().map(|m| &m.parts[0])
@@ -99,6 +107,15 @@ impl State {
     }
 }
 
+/// A model with some axes of another one.
+fn merged(state: &State, other: &State, axes: &[usize]) -> State {
+    let mut out = state.clone();
+    axes.iter().for_each(|a| out.axes[*a] = other.axes[*a].clone());
+    out.groups.extend(other.groups.iter().filter(|g| !state.groups.contains(g)));
+    out.groups = out.groups.iter().copied().filter(|g| out.width(*g) > 0).collect();
+    out
+}
+
 /// The search on one data set.
 pub struct Search<'a> {
     data: &'a Data<'a>,
@@ -109,13 +126,16 @@ pub struct Search<'a> {
     tries: Vec<f64>,
     /// Axes that are searched.
     active: [bool; AXES],
+    /// Set to search among effects that a unit can compute, and events.
+    unit_only: bool,
 }
 
 impl<'a> Search<'a> {
     /// Prepares the candidates.
     pub fn new(data: &'a Data<'a>) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
-        let mut s = Self { data, axes, candidates: vec![], tries: vec![], active: [true; AXES] };
+        // (The first group of each axis is no candidate: the ramp terms of the baseline.)
+        let mut s = Self { data, axes, candidates: vec![vec![]], tries: vec![1.0], active: [true; AXES], unit_only: false };
         let starts = s.starts();
         for (c, tries) in data.library(starts) {
             if s.alone(&c).is_none() {
@@ -213,14 +233,8 @@ impl<'a> Search<'a> {
         self.data
     }
 
-    /// Best noise model of each axis under the baseline alone.
-    pub fn noise_models_of_baseline(&self) -> [usize; AXES] {
-        self.nothing().axes.map(|a| a.noise_model)
-    }
-
     fn nothing(&self) -> State {
-        let axes = [0, 1, 2].map(|a: usize| self.axes[a].best(&[]));
-        State { groups: vec![], axes }
+        State { groups: vec![], axes: [0, 1, 2].map(|a: usize| self.axes[a].baseline_model()) }
     }
 
     /// Extensions of a model by each candidate: score, number, and the axes that have it with their variances; best first.
@@ -230,7 +244,10 @@ impl<'a> Search<'a> {
         let each: Vec<_> =
             (0..AXES).map(|a| if active[a] { self.axes[a].extensions(&state.axes[a]) } else { vec![] }).collect();
         let mut out = Vec::new();
-        for k in 0..self.candidates.len() {
+        for k in RAMP + 1..self.candidates.len() {
+            if self.unit_only && !self.candidates[k].iter().all(|c| c.on_unit() || c.facts.reach == Reach::Unpredictable) {
+                continue;
+            }
             let effect = self.lead(k).facts.id;
             let there = |g: &usize| *g == k || (self.lead(*g).facts.id == effect && !self.card(k).repeats);
             if state.groups.iter().any(there) {
@@ -302,11 +319,47 @@ impl<'a> Search<'a> {
         next
     }
 
-    /// The best model.
+    /// The best model: of all axes together, then of each axis alone, whichever has the higher score there.
     pub fn run(&mut self) -> Model {
         let nothing = self.nothing();
-        let state = self.grow(nothing);
+        let mut state = self.grow(nothing.clone());
+        let there: Vec<usize> = (0..AXES).filter(|a| !self.data.axes[*a].y.is_empty()).collect();
+        if !state.groups.is_empty() && there.len() > 1 {
+            for a in there {
+                self.active = [0, 1, 2].map(|k| k == a);
+                let alone = self.grow(nothing.clone());
+                if self.axis_score(&alone, a) > self.axis_score(&state, a) {
+                    state = merged(&state, &alone, &[a]);
+                }
+            }
+            self.active = [true; AXES];
+        }
         self.model(state)
+    }
+
+    /// The best model of what a unit can compute.
+    pub fn run_for_unit(&mut self) -> Model {
+        self.unit_only = true;
+        let model = self.run();
+        self.unit_only = false;
+        model
+    }
+
+    /// The baseline alone.
+    pub fn baseline_specification(&self) -> Specification {
+        let nothing = self.nothing();
+        Specification { terms: vec![], ramp_prior: self.ramp_prior(&nothing) }
+    }
+
+    /// What an axis contributes to the score of a model: of the prior odds of an effect, its share.
+    fn axis_score(&self, state: &State, a: usize) -> f64 {
+        let of = |k: usize| {
+            let group = state.groups[k];
+            let has = state.axes[a].shares.iter().any(|s| s.group == group);
+            let share = self.log_prior(group, &state.groups[..k]) / state.width(group).max(1) as f64;
+            if has { odds::AXIS + share } else { 0.0 }
+        };
+        state.axes[a].evidence + (0..state.groups.len()).map(of).sum::<f64>()
     }
 
     /// Score of a model: its log evidence, and the log prior odds of all of its effects.
@@ -357,7 +410,7 @@ impl<'a> Search<'a> {
             let mut y = y.into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
                 noise_model: self.axes[a].noise_model(noise_models[a]),
-                baseline: self.axes[a].baseline(noise_models[a]),
+                baseline: self.axes[a].basis(noise_models[a]),
                 y: y.next().unwrap_or_default(),
             });
             let jumps = proposals::jumps(self.data, &left);
@@ -441,7 +494,11 @@ impl<'a> Search<'a> {
                 }
             })
             .collect();
-        Model { members, noise_models: [0, 1, 2].map(|a: usize| state.axes[a].noise_model), state }
+        Model { members, ramp_prior: self.ramp_prior(&state), state }
+    }
+
+    fn ramp_prior(&self, state: &State) -> [Option<[f64; TERMS - TEMPERATURE_TERMS]>; AXES] {
+        [0, 1, 2].map(|a: usize| self.prior(state, RAMP, a).try_into().ok())
     }
 
     fn prior(&self, state: &State, group: usize, a: usize) -> Vec<f64> {

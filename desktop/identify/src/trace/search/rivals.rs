@@ -1,6 +1,6 @@
 //! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
-use super::{odds, AxisModel, Model, Search, State};
+use super::{odds, AxisModel, Model, Search, State, RAMP};
 use crate::trace::data::Candidate;
 use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::{EffectId, Reach};
@@ -90,7 +90,7 @@ impl Search<'_> {
         let found = &model.state.groups;
         let axes = self.data.axes_there() as f64;
         let mut out: Vec<(&'static str, usize)> = Vec::new();
-        for k in 0..self.candidates.len() {
+        for k in RAMP + 1..self.candidates.len() {
             let facts = self.lead(k).facts;
             let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
             let there = found.iter().any(|g| self.lead(*g).facts.id == facts.id);
@@ -124,7 +124,7 @@ impl Search<'_> {
     /// under correlated noise.
     pub fn overlaps(&self, wanted: &[EffectId]) -> Vec<Overlap> {
         let of = |effect: EffectId| -> Vec<usize> {
-            (0..self.candidates.len())
+            (RAMP + 1..self.candidates.len())
                 .filter(|k| self.lead(*k).facts.effect == effect && self.candidates[*k].len() == 1)
                 .collect()
         };

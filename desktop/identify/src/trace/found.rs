@@ -1,0 +1,122 @@
+//! The effects of a report: gains, rivals, and what the verify run says of each.
+
+use super::data::Data;
+use super::events::on_clock_of;
+use super::judge::{Agreement, Prediction};
+use super::model::Fitted;
+use super::odds;
+use super::report::{ByAxis, Found, Gain, Ranked};
+use super::search::{Rival, Search};
+use super::stated::Stated;
+use super::user_effects::card_of;
+use super::{image, Candidate, Learnt, INDISTINGUISHABLE};
+use hrg_core::effects::Reach;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::cards::Kind;
+use hrg_data::error::BadInput;
+use hrg_data::recording::steps::Run;
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The run on which effects are confirmed.
+pub(super) struct OnVerify<'v> {
+    pub data: &'v Data<'v>,
+    pub verify: &'v Data<'v>,
+    pub run: &'v Run,
+    pub known: &'v dyn Fn(&Candidate) -> bool,
+}
+
+impl OnVerify<'_> {
+    /// Each effect. `whole`: the prediction of the model with all of them.
+    pub fn found(
+        &self,
+        search: &Search<'_>,
+        learnt: &Learnt,
+        fitted: &Fitted,
+        stated: &[Option<Stated>; AXES],
+        whole: &Prediction,
+    ) -> Result<Vec<Found>, BadInput> {
+        let alike = search.alike(&learnt.model);
+        let mut out = Vec::new();
+        for (k, term) in fitted.terms().iter().enumerate() {
+            let c = term.lead();
+            let on_verify = if (self.known)(c) {
+                let (fewer, fewer_known) = image::fitted(self.data, &fitted.model.without(k))?;
+                let without = Prediction::new(self.verify, &fewer, &fewer_known, self.known);
+                (0..AXES)
+                    .filter(|&a| term.on(a))
+                    .filter_map(|a| Some((AXIS_NAMES[a].to_string(), whole.against(&without, self.verify, a)?)))
+                    .collect()
+            } else {
+                ByAxis::new()
+            };
+            let rank = &learnt.ranks[k];
+            let own = rank
+                .iter()
+                .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
+                .map_or(0.0, |r| r.evidence);
+            // A family spans its simple members: they are no rivals.
+            let family = |r: &Rival| card_of(r.candidate.facts).kind != Kind::Simple;
+            let class = card_of(c.facts).class;
+            let equal = rank
+                .iter()
+                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
+                .filter(|r| {
+                    card_of(r.candidate.facts).class != class || !(family(r) || card_of(c.facts).kind != Kind::Simple)
+                })
+                .map(|r| r.candidate.facts.name)
+                .chain(alike.iter().filter(|(_, e)| *e == k).map(|(n, _)| *n));
+            let score = learnt.model.members[k].score;
+            out.push(Found {
+                name: c.facts.name.to_string(),
+                class,
+                parameters: on_clock_of(self.run_of(c), c.facts, &c.parameters),
+                parameter_std: parameter_std(c, k, stated),
+                axes: gains_by_axis(fitted, k),
+                confirmed: (self.known)(c)
+                    .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
+                on_verify,
+                indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
+                rank: rank
+                    .iter()
+                    .map(|r| Ranked {
+                        name: r.candidate.facts.name.to_string(),
+                        gain_in_cv: r.gain_in_cv,
+                        net_evidence: r.net_evidence,
+                    })
+                    .collect(),
+                p_value: Some(odds::p_value(score.total())),
+                score,
+                reach: match c.facts.reach {
+                    Reach::Unit => "unit".into(),
+                    Reach::NeedsInput(what) => format!("needs {what}"),
+                    Reach::Unpredictable => "unpredictable".into(),
+                },
+            });
+        }
+        Ok(out)
+    }
+
+    /// The run on whose clock the times of an effect are: the train run that it belongs to.
+    fn run_of(&self, c: &Candidate) -> &Run {
+        self.data.runs.get(c.run.unwrap_or(0)).unwrap_or(self.run)
+    }
+}
+
+/// Standard deviations of the refined parameters of effect `k`, by name.
+fn parameter_std(c: &Candidate, k: usize, stated: &[Option<Stated>; AXES]) -> BTreeMap<String, f64> {
+    let Some(s) = stated.iter().flatten().next() else { return BTreeMap::new() };
+    let each = c.facts.parameters.iter().zip(s.parameter_std[k]);
+    each.filter(|(_, v)| v.is_finite()).map(|(n, v)| ((*n).to_string(), v)).collect()
+}
+
+fn gains_by_axis(fitted: &Fitted, k: usize) -> ByAxis<Gain> {
+    (0..AXES)
+        .filter_map(|a| {
+            let range = fitted.gains(k, a)?;
+            let fit = &fitted.axes[a];
+            let gains = fit.coefficients[range.clone()].to_vec();
+            Some((AXIS_NAMES[a].to_string(), Gain { gain: gains[0], gain_std: fit.std[range.start], gains }))
+        })
+        .collect()
+}

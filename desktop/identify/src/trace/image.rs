@@ -1,0 +1,242 @@
+//! The image that is written: axis by axis the model that the train runs warrant where the judge bears it out, else the baseline, else a
+//! constant.
+
+use super::data::{Candidate, Data};
+use super::floor::Noise;
+use super::judge::{Agreement, Prediction};
+use super::means::Means;
+use super::model::{drop_idle_effects, take_axis, Fitted, Specification, Term};
+use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
+use super::uncertainty::{self, Known};
+use crate::fit;
+use hrg_core::bias::{Coefficients, Scaling, TERMS};
+use hrg_core::calibration::{Calibration, Uncertainty};
+use hrg_core::effects::Reach;
+use hrg_core::AXES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::mean;
+use hrg_data::recording::steps::Run;
+
+/// An image with what it reaches.
+pub(super) struct Written {
+    pub image: Calibration,
+    pub kind: Image,
+    /// By axis: figures on the verify run; `None` where no image is written.
+    pub figures: Option<ByAxis<OnVerify>>,
+    /// By axis: the image against the baseline, on the run that judges.
+    pub judged: ByAxis<Judged>,
+    /// `true` where an axis is extended and the judge bears it out, and no axis is worse than a constant.
+    pub good: bool,
+    /// `true` where the rows that judge have also chosen what stands on an axis.
+    pub chosen_on_verify: bool,
+}
+
+/// The fits that an image may be made of.
+pub(super) struct Fits<'f> {
+    pub data: &'f Data<'f>,
+    /// The model that the train runs warrant, of what a unit can compute.
+    pub extended: &'f Fitted,
+    /// How uncertain it is.
+    pub known: &'f Known,
+    /// The baseline beside the named events, by the same least squares.
+    pub beside: &'f Fitted,
+    /// The same, how uncertain.
+    pub beside_known: &'f Known,
+    /// The baseline by plain least squares.
+    pub plain: &'f Fitted,
+}
+
+/// A run that judges.
+#[derive(Clone, Copy)]
+pub(super) struct Judging<'r> {
+    pub run: &'r Run,
+    pub data: &'r Data<'r>,
+    pub noise: &'r [Noise<'r>],
+}
+
+impl Fits<'_> {
+    /// The image. `verify` chooses by axis; `judge` judges: the same run, or a third one.
+    pub fn image(
+        &self,
+        calibration: &Calibration,
+        scaling: &Scaling,
+        verify: Judging<'_>,
+        judge: Judging<'_>,
+        notes: &mut Vec<String>,
+    ) -> Written {
+        let unit = |c: &Candidate| c.on_unit();
+        let predictions = |of: Judging<'_>| {
+            (
+                Prediction::new(of.data, self.extended, self.known, &unit),
+                Prediction::new(of.data, self.beside, self.beside_known, &unit),
+            )
+        };
+        let mut image = self.extended.image(calibration, &self.known.stated, notes);
+        image.sequence = 2;
+        let plain = self.plain.image(calibration, &uncertainty::of_plain(self.data, self.plain), notes);
+        let beside = self.beside.image(calibration, &self.beside_known.stated, &mut Vec::new());
+        let (of_image, of_beside) = predictions(verify);
+        // An axis whose events are columns of its fit keeps them there, unless the verify run shows the same without.
+        let mut baseline = plain.clone();
+        let mut chosen_on_verify = false;
+        for a in (0..AXES).filter(|a| self.beside.terms().iter().any(|t| t.on(*a))) {
+            let plainly = self.plain_on(verify.data, a);
+            let better = of_beside.fall_against(&plainly, verify.data, a).is_none_or(|f| !f.loses());
+            chosen_on_verify |= !better;
+            if better {
+                take_axis(&mut baseline, &beside, a);
+            }
+        }
+        let mut models = [AxisModel::Constant; AXES];
+        let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
+        let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
+        let of_base = corrected(&baseline);
+        for a in verify.run.steps.present() {
+            let has_effect = image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0));
+            let wins = has_effect && self.score(&of_image, &of_beside, verify, a).is_some_and(|s| s.wins());
+            chosen_on_verify |= has_effect && !wins;
+            let raw = Means::of(&verify.run.steps.rate_dph[a]);
+            // A baseline that leaves more than the raw rates is none.
+            models[a] = match (wins, of_base[a].deviation() < raw.deviation()) {
+                (true, _) => AxisModel::Extended,
+                (false, true) => AxisModel::Baseline,
+                (false, false) => AxisModel::Constant,
+            };
+            if models[a] != AxisModel::Extended {
+                take_axis(&mut image, &baseline, a);
+            }
+            if models[a] == AxisModel::Constant {
+                image.axes[a].coefficients = constant(constants[a]);
+                image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
+                image.axes[a].uncertainty = Uncertainty::default();
+            }
+        }
+        drop_idle_effects(&mut image);
+        let kind = match () {
+            () if models.contains(&AxisModel::Extended) => Image::Extended,
+            () if models.contains(&AxisModel::Baseline) => Image::Baseline,
+            () => Image::None,
+        };
+        let of_judge = predictions(judge);
+        let chosen = corrected(&image);
+        let judged = self.judged(&image, &of_judge, judge, models, constants);
+        let extended: Vec<usize> = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended).collect();
+        let names = hrg_data::axes::AXIS_NAMES;
+        let borne_out = extended.iter().any(|a| judged[names[*a]].agreement.wins());
+        let worse = verify.run.steps.present().any(|a| {
+            let j = judged[names[a]];
+            (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant
+        });
+        let figures = (kind != Image::None).then(|| {
+            by_axis(|a| {
+                let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
+                let (_, constant) = fitted.predicted_variance(verify.run, scaling, a, &unit);
+                OnVerify {
+                    verify_rms_dph: chosen[a].deviation(),
+                    mean_dph: chosen[a].mean(),
+                    mean_std_dph: (verify.noise[a].shift().powi(2) + constant).sqrt(),
+                    used_means: chosen[a].count(),
+                    model: models[a],
+                }
+            })
+        });
+        // Add the verify run's residual beyond the noise to the image's uncertainty.
+        for a in verify.run.steps.present() {
+            let left_dph2 = chosen[a].deviation().powi(2) - verify.noise[a].floor().powi(2);
+            if left_dph2 > 0.0 {
+                image.axes[a].uncertainty.rest_dph2 += left_dph2 as f32;
+            }
+        }
+        if kind == Image::None {
+            image = baseline;
+        }
+        Written { image, kind, figures, judged, good: borne_out && !worse, chosen_on_verify }
+    }
+
+    /// The extended model against the baseline: more probable than the one by the same least squares, with less error than the one that is
+    /// written in its place.
+    fn score(&self, of_image: &Prediction, of_beside: &Prediction, run: Judging<'_>, a: usize) -> Option<Agreement> {
+        let against = of_image.against(of_beside, run.data, a)?;
+        let plain = of_image.fall_against(&self.plain_on(run.data, a), run.data, a)?;
+        Some(if plain.mse_fall < against.mse_fall { Agreement { log_score: against.log_score, ..plain } } else { against })
+    }
+
+    /// The prediction of the plain baseline on the blocks of a run.
+    fn plain_on(&self, data: &Data<'_>, a: usize) -> Vec<f64> {
+        let base = &data.axes[a].base;
+        let n = data.axes[a].y.len();
+        (0..n).map(|k| base[..TERMS].iter().zip(&self.plain.axes[a].coefficients).map(|(x, c)| c * x[k]).sum()).collect()
+    }
+
+    /// The written image on the run that judges, by axis, against the baseline and against a constant.
+    fn judged(
+        &self,
+        image: &Calibration,
+        (of_image, of_beside): &(Prediction, Prediction),
+        judge: Judging<'_>,
+        models: [AxisModel; AXES],
+        constants: [f64; AXES],
+    ) -> ByAxis<Judged> {
+        let left = fit::correct(image, &judge.run.steps);
+        by_axis(|a| {
+            let means = Means::of(&left[a]);
+            let agreement = if models[a] == AxisModel::Extended {
+                self.score(of_image, of_beside, judge, a).unwrap_or_default()
+            } else {
+                Agreement::default()
+            };
+            let raw = Means::of(&judge.run.steps.rate_dph[a]);
+            let worse = judge.run.steps.present().any(|p| p == a)
+                && models[a] != AxisModel::Constant
+                && is_worse(&means, &raw, constants[a], judge.noise[a].shift());
+            Judged {
+                agreement,
+                rms_dph: (means.deviation().powi(2) + means.mean().powi(2)).sqrt(),
+                constant_dph: means.mean(),
+                worse_than_a_constant: worse,
+            }
+        })
+    }
+
+    /// The rates of an axis on the train rows, without what its named events did.
+    fn without_events(&self, a: usize) -> Vec<f64> {
+        let mut y = self.data.axes[a].y.clone();
+        for (e, t) in self.beside.terms().iter().enumerate() {
+            let Some(range) = self.beside.gains(e, a) else { continue };
+            let columns = t.parts.iter().flat_map(|c| self.data.columns(c, a, true).unwrap_or_default());
+            for (column, g) in columns.zip(&self.beside.axes[a].coefficients[range]) {
+                y.iter_mut().zip(column).for_each(|(y, x)| *y -= g * x);
+            }
+        }
+        y
+    }
+}
+
+/// `true` if the root mean square of an image's residual, its constant included, is larger than that of the raw rates less a constant, by
+/// more than what the constant of a run is uncertain by (`shift`, its standard deviation).
+fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
+    let square = |deviation: f64, mean: f64| deviation * deviation + mean * mean;
+    let (ours, theirs) = (left.mean().abs(), (raw.mean() - constant).abs());
+    let least = (ours - super::judge::DEVIATIONS * shift).max(0.0);
+    square(left.deviation(), least) > square(raw.deviation(), theirs)
+}
+
+/// The part of a model that holds its named events alone.
+pub(super) fn events(model: &Specification, ramp_prior: &Specification) -> Specification {
+    let event = |t: &Term| t.lead().facts.reach == Reach::Unpredictable;
+    Specification { ramp_prior: ramp_prior.ramp_prior, ..model.only(event) }
+}
+
+/// A bias that does not depend on temperature: the mean rate.
+fn constant(rate_dph: f64) -> Coefficients {
+    let mut k = [0.0; TERMS];
+    k[0] = rate_dph as f32;
+    Coefficients::One(k)
+}
+
+/// A model that was fitted, with how uncertain it is.
+pub(super) fn fitted(data: &Data<'_>, model: &Specification) -> Result<(Fitted, Known), BadInput> {
+    let fitted = Fitted::new(data, model)?;
+    let known = uncertainty::of(data, &fitted);
+    Ok((fitted, known))
+}
