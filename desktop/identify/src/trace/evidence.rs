@@ -329,15 +329,15 @@ impl<'d> Axis<'d> {
         Some(Base { half, rates, left, evidence })
     }
 
-    /// Evidence of the model with each group added: the model's own variances stay. `None` for a group that the axis does not have.
-    pub fn extensions(&mut self, model: &AxisModel) -> Vec<Option<Extension>> {
+    /// Evidence of the model with each offered group added: the model's own variances stay. `None` for a group that the axis does not have.
+    pub fn extensions(&mut self, model: &AxisModel, offered: &[bool]) -> Vec<Option<Extension>> {
         // Of each group: its evidence under each noise model, and the best of them with its variance.
         let mut each = vec![([f64::NEG_INFINITY; NOISE_MODELS.len()], f64::NEG_INFINITY, 0.0); self.groups.len()];
         for s in 0..NOISE_MODELS.len() {
             let Some(base) = self.base(s, &model.shares) else { continue };
             let most = self.most(base.left / self.views[s].free);
             for (k, (each, best, at)) in each.iter_mut().enumerate() {
-                let Some(group) = &self.groups[k] else { continue };
+                let Some(group) = self.groups[k].as_ref().filter(|_| offered[k]) else { continue };
                 let (values, along) = self.spectrum(s, &base, k, group);
                 let (gain, variance) = best_gain(&values, &along, self.views[s].free, base.left, most);
                 each[s] = base.evidence + gain;

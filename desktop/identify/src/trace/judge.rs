@@ -9,6 +9,7 @@
 use super::data::{AxisRows, Candidate, Data};
 use super::model::Fitted;
 use super::noise::Basis;
+use super::odds::THRESHOLD;
 use super::regression::Under;
 use super::uncertainty::{Joint, Known};
 use hrg_core::AXES;
@@ -36,10 +37,10 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// `true` where the run is more probable under the larger model, and the error falls by more than chance.
+    /// `true` where the run bears the larger model out by the odds at which an effect is named, and the error falls by more than chance.
     #[must_use]
     pub fn wins(&self) -> bool {
-        self.log_score > 0.0 && self.mse_fall > DEVIATIONS * self.mse_fall_std
+        self.log_score > THRESHOLD && self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
 
     /// `true` where the error rises by more than chance.

@@ -214,7 +214,9 @@ fn judged(
     let whole = Prediction::new(&on_verify, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    let (extended, extended_known) = image::fitted(data, &learnt.for_unit(&mut search, &left))?;
+    let (mut extended, extended_known) = image::fitted(data, &learnt.for_unit(&mut search, &left))?;
+    start_verify_run(&mut extended, &extended_known, &on_verify, &known);
+    start_as_a_unit(&mut extended);
     let beside_model = image::events(&fitted.model, &search.baseline_specification());
     let (beside, beside_known) = image::fitted(data, &beside_model)?;
     let fits = Fits {
@@ -285,7 +287,8 @@ fn start_verify_run(
     on_verify: &Data<'_>,
     known: &dyn Fn(&Candidate) -> bool,
 ) -> Option<String> {
-    let first = fitted.terms().iter().map(Term::lead).find(|c| c.facts.remembers_path)?;
+    // (A run that goes on begins where the train run began.)
+    let first = fitted.terms().iter().map(Term::lead).find(|c| c.facts.remembers_path && !fitted.goes_on())?;
     let (name, common) = (first.facts.name, first.starts.common());
     let density = |f: &Fitted| Prediction::new(on_verify, f, uncertain, known).log_density(on_verify);
     let mut best = (density(fitted) + THRESHOLD, None);
@@ -307,6 +310,15 @@ fn start_verify_run(
         on(Starts::BRANCHES[branch]),
         on(common)
     ))
+}
+
+/// Gives what remembers the path the start that a unit gives it: the one that all runs have in common, else the middle.
+fn start_as_a_unit(fitted: &mut Fitted) {
+    for part in fitted.model.terms.iter_mut().flat_map(|t| &mut t.parts) {
+        let start = part.starts.on_unit();
+        let branch = Starts::BRANCHES.iter().position(|b| *b == start).unwrap_or(0);
+        *part = part.starting(part.starts.with_unseen(branch));
+    }
 }
 
 /// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
@@ -465,10 +477,8 @@ impl Learnt {
     fn for_unit(&self, search: &mut Search<'_>, left: &[Vec<String>; AXES]) -> Specification {
         let needs_input = self.model.effects().any(|c| !c.on_unit() && c.facts.reach != Reach::Unpredictable);
         let model = if needs_input { search.run_for_unit() } else { self.model.clone() };
-        if left.iter().all(Vec::is_empty) {
-            return model.specification();
-        }
-        search.with_families(&model).specification()
+        let _ = left;
+        model.specification()
     }
 }
 

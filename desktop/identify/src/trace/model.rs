@@ -210,6 +210,12 @@ impl Fitted {
         Ok(Self { model: model.clone(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
     }
 
+    /// `true` if the judged run continues the train run.
+    #[must_use]
+    pub fn goes_on(&self) -> bool {
+        self.goes_on
+    }
+
     /// Effects beyond the baseline.
     #[must_use]
     pub fn terms(&self) -> &[Term] {

@@ -12,6 +12,7 @@ use super::odds::{self, THRESHOLD};
 use super::proposals::{self, Left};
 use crate::trace::user_effects::card_of;
 use hrg_core::bias::TERMS;
+use hrg_core::calibration::MAX_EFFECTS;
 use hrg_core::effects::{EffectId, Reach};
 use hrg_core::AXES;
 use hrg_data::cards::Class;
@@ -26,7 +27,6 @@ const MOST_STARTS: usize = 6;
 /// Candidates that are refined in each step.
 const TRIED: usize = 6;
 
-mod families;
 mod refine;
 mod rivals;
 
@@ -124,6 +124,8 @@ pub struct Search<'a> {
     candidates: Vec<Vec<Candidate>>,
     /// Values of the parameter that were offered for each.
     tries: Vec<f64>,
+    /// `true` for those that are tried as extensions: the library, and what the data propose in this step. What a refinement made is not.
+    offered: Vec<bool>,
     /// Axes that are searched.
     active: [bool; AXES],
     /// Set to search among effects that a unit can compute, and events.
@@ -135,7 +137,7 @@ impl<'a> Search<'a> {
     pub fn new(data: &'a Data<'a>) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
         // (The first group of each axis is no candidate: the ramp terms of the baseline.)
-        let mut s = Self { data, axes, candidates: vec![vec![]], tries: vec![1.0], active: [true; AXES], unit_only: false };
+        let mut s = Self { data, axes, candidates: vec![vec![]], tries: vec![1.0], offered: vec![false], active: [true; AXES], unit_only: false };
         let starts = s.starts();
         for (c, tries) in data.library(starts) {
             if s.alone(&c).is_none() {
@@ -206,6 +208,7 @@ impl<'a> Search<'a> {
         }
         self.candidates.push(c);
         self.tries.push(tries);
+        self.offered.push(true);
         self.candidates.len() - 1
     }
 
@@ -241,13 +244,14 @@ impl<'a> Search<'a> {
     fn extensions(&mut self, state: &State) -> Vec<(f64, usize, [Option<f64>; AXES])> {
         hrg_data::numeric::progress::step();
         let active = self.active;
-        let each: Vec<_> =
-            (0..AXES).map(|a| if active[a] { self.axes[a].extensions(&state.axes[a]) } else { vec![] }).collect();
+        let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
+        let offered: Vec<bool> =
+            (0..self.candidates.len()).map(|k| self.offered[k] && self.candidates[k].iter().all(within)).collect();
+        let each: Vec<_> = (0..AXES)
+            .map(|a| if active[a] { self.axes[a].extensions(&state.axes[a], &offered) } else { vec![] })
+            .collect();
         let mut out = Vec::new();
-        for k in RAMP + 1..self.candidates.len() {
-            if self.unit_only && !self.candidates[k].iter().all(|c| c.on_unit() || c.facts.reach == Reach::Unpredictable) {
-                continue;
-            }
+        for k in (RAMP + 1..self.candidates.len()).filter(|k| offered[*k]) {
             let effect = self.lead(k).facts.id;
             let there = |g: &usize| *g == k || (self.lead(*g).facts.id == effect && !self.card(k).repeats);
             if state.groups.iter().any(there) {
@@ -322,14 +326,16 @@ impl<'a> Search<'a> {
     /// The best model: of all axes together, then of each axis alone, whichever has the higher score there.
     pub fn run(&mut self) -> Model {
         let nothing = self.nothing();
-        let mut state = self.grow(nothing.clone());
+        let joint = self.grow(nothing.clone());
+        let mut state = joint.clone();
         let there: Vec<usize> = (0..AXES).filter(|a| !self.data.axes[*a].y.is_empty()).collect();
         if !state.groups.is_empty() && there.len() > 1 {
             for a in there {
                 self.active = [0, 1, 2].map(|k| k == a);
                 let alone = self.grow(nothing.clone());
-                if self.axis_score(&alone, a) > self.axis_score(&state, a) {
-                    state = merged(&state, &alone, &[a]);
+                let with = merged(&state, &alone, &[a]);
+                if self.axis_score(&alone, a, &joint) > self.axis_score(&joint, a, &joint) && self.fits_an_image(&with) {
+                    state = with;
                 }
             }
             self.active = [true; AXES];
@@ -351,15 +357,23 @@ impl<'a> Search<'a> {
         Specification { terms: vec![], ramp_prior: self.ramp_prior(&nothing) }
     }
 
-    /// What an axis contributes to the score of a model: of the prior odds of an effect, its share.
-    fn axis_score(&self, state: &State, a: usize) -> f64 {
+    /// What an axis contributes to the score of a model: an effect that other axes of `joint` have, with the same parameters, pays no more
+    /// than the axis.
+    fn axis_score(&self, state: &State, a: usize, joint: &State) -> f64 {
+        let has = |s: &State, group: usize| s.axes[a].shares.iter().any(|x| x.group == group);
+        let elsewhere = |group: usize| joint.width(group) > usize::from(has(joint, group));
         let of = |k: usize| {
             let group = state.groups[k];
-            let has = state.axes[a].shares.iter().any(|s| s.group == group);
-            let share = self.log_prior(group, &state.groups[..k]) / state.width(group).max(1) as f64;
-            if has { odds::AXIS + share } else { 0.0 }
+            let prior = if elsewhere(group) { 0.0 } else { self.log_prior(group, &joint.groups) };
+            odds::AXIS + prior
         };
-        state.axes[a].evidence + (0..state.groups.len()).map(of).sum::<f64>()
+        state.axes[a].evidence + (0..state.groups.len()).filter(|k| has(state, state.groups[*k])).map(of).sum::<f64>()
+    }
+
+    /// `true` if an image can hold the effects of a model.
+    fn fits_an_image(&self, state: &State) -> bool {
+        let parts = |g: &usize| self.candidates[*g].iter().filter(|c| c.on_unit()).count();
+        state.groups.iter().map(parts).sum::<usize>() <= MAX_EFFECTS
     }
 
     /// Score of a model: its log evidence, and the log prior odds of all of its effects.
@@ -390,9 +404,10 @@ impl<'a> Search<'a> {
         let mut best: Option<(f64, State)> = None;
         for k in 0..state.groups.len() {
             let others = self.without(state, k);
-            for next in self.refined_extensions(&others) {
+            let own = now - self.score(&others);
+            for next in self.refined_extensions(&others, own - THRESHOLD) {
                 let score = self.score(&next);
-                if score > best.as_ref().map_or(now + 1e-3, |b| b.0) {
+                if score > best.as_ref().map_or(now - odds::AXIS, |b| b.0) {
                     best = Some((score, next));
                 }
             }
@@ -402,6 +417,10 @@ impl<'a> Search<'a> {
 
     /// Adds what the residual of a model proposes.
     fn propose(&mut self, state: &State) {
+        // (What another model's residual proposed is stale.)
+        for k in RAMP + 1..self.candidates.len() {
+            self.offered[k] &= self.card(k).kind != Kind::Proposed;
+        }
         let mut proposed = Vec::new();
         let mut noise_models: Vec<[usize; AXES]> = vec![[0, 1, 2].map(|a: usize| state.axes[a].noise_model)];
         noise_models.extend([0, 6].map(|s| [s; AXES]));
@@ -422,9 +441,12 @@ impl<'a> Search<'a> {
         }
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
         for c in proposed {
-            if self.alone(&c).is_none() {
-                let shapes = if c.facts.effect == EffectId::Shock { proposals::RECOVERIES_S.len() } else { 1 };
-                self.push(vec![c], shapes as f64 * rows / 3.0);
+            match self.alone(&c) {
+                Some(k) => self.offered[k] = true,
+                None => {
+                    let shapes = if c.facts.effect == EffectId::Shock { proposals::RECOVERIES_S.len() } else { 1 };
+                    self.push(vec![c], shapes as f64 * rows / 3.0);
+                }
             }
         }
     }
@@ -432,18 +454,19 @@ impl<'a> Search<'a> {
     /// The best extension of a model; `None` where none passes the threshold.
     fn step(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
-        let scored = self.refined_extensions(state).into_iter().map(|next| (self.score(&next) - now, next));
+        let scored = self.refined_extensions(state, 0.0).into_iter().map(|next| (self.score(&next) - now, next));
         scored.max_by(|x, y| x.0.total_cmp(&y.0)).filter(|(more, _)| *more > THRESHOLD).map(|(_, next)| next)
     }
 
-    /// The most promising extensions of a model, refined: one of each effect, two of each kind that the data propose.
-    fn refined_extensions(&mut self, state: &State) -> Vec<State> {
+    /// The most promising extensions of a model whose score is above `least` before they are refined: one of each effect, two of each kind
+    /// that the data propose.
+    fn refined_extensions(&mut self, state: &State, least: f64) -> Vec<State> {
         let mut of_effect: Vec<(u16, usize)> = Vec::new();
         let mut out = Vec::new();
         for (score, group, on) in self.extensions(state) {
             let own = (self.lead(group).facts.id, self.candidates[group].len());
             let most = if self.card(group).kind == Kind::Proposed { 2 } else { 1 };
-            if score <= 0.0 || out.len() >= TRIED {
+            if score <= least || out.len() >= TRIED {
                 break;
             }
             if of_effect.iter().filter(|e| **e == own).count() < most {
@@ -471,12 +494,15 @@ impl<'a> Search<'a> {
 
     /// Evidence that each of some groups of columns adds to a model on one axis.
     pub fn evidence_of(&mut self, model: &Model, a: usize, groups: Vec<Vec<Vec<f64>>>) -> Vec<f64> {
-        let count = self.candidates.len();
-        for columns in groups {
+        let (count, groups_of) = (self.candidates.len(), groups);
+        let groups = groups_of.len();
+        for columns in groups_of {
             self.axes[a].push(Some(columns));
         }
         let state = &model.state.axes[a];
-        let gains = self.axes[a].extensions(state).split_off(count);
+        let mut offered = vec![false; count];
+        offered.resize(count + groups, true);
+        let gains = self.axes[a].extensions(state, &offered).split_off(count);
         self.axes[a].truncate(count);
         gains.into_iter().map(|e| e.map_or(0.0, |e| e.evidence - state.evidence)).collect()
     }

@@ -82,6 +82,7 @@ impl Search<'_> {
     /// The model with other parts in the place of effect `k`, if they are better.
     fn exchanged(&mut self, state: State, k: usize, parts: Vec<Candidate>) -> State {
         let group = self.push(parts, self.tries[state.groups[k]]);
+        self.offered[group] = false;
         let moved = self.instead(&state, k, group);
         if moved.evidence() > state.evidence() {
             moved
