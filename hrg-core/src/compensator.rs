@@ -24,6 +24,7 @@ use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
+use crate::visited::Ranges;
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
 
@@ -226,7 +227,13 @@ impl<P: Past> Model<P> {
                 self.bias_dph[k] = bias_dph[k];
                 let along = along_dph.map(|d| d[k]);
                 let past_dph = unknown.std_dph[k];
-                self.bias_std_dph[k] = self.calibration.axes[k].bias_std_dph(scaling, &now.state, along, past_dph);
+                let axis = &self.calibration.axes[k];
+                let known = axis.visited.knows(&axis.ranges(), now.state.temperature_c, now.state.ramp_c_per_min);
+                if !known && now.known {
+                    output.status[k] |= AxisStatus::EXTRAPOLATED;
+                }
+                let more_dph2 = past_dph * past_dph + if known { 0.0 } else { axis.visited.unvisited_dph2 };
+                self.bias_std_dph[k] = axis.bias_std_dph(scaling, &now.state, along, more_dph2);
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
                     output.status[k] |= AxisStatus::UNCALIBRATED;
@@ -257,22 +264,34 @@ impl<P: Past> Model<P> {
 }
 
 impl Axis {
-    /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction, `past_dph` what their past adds. NaN
-    /// where it is not stated.
+    /// Ranges of the fit.
+    #[inline]
+    #[must_use]
+    pub fn ranges(&self) -> Ranges {
+        Ranges {
+            from_c: self.curve.valid_from_c,
+            to_c: self.curve.valid_to_c,
+            from_c_per_min: self.valid_from_c_per_min,
+            to_c_per_min: self.valid_to_c_per_min,
+        }
+    }
+
+    /// Standard uncertainty of the bias, deg/h: `along_dph` is what the effects add to each direction, `more_dph2` a variance that comes on
+    /// top. NaN where it is not stated.
     #[inline(never)]
     fn bias_std_dph(
         &self,
         scaling: &bias::Scaling,
         state: &bias::State,
         along_dph: [f32; DIRECTIONS],
-        past_dph: f32,
+        more_dph2: f32,
     ) -> f32 {
         let u = &self.uncertainty;
         if u.rest_dph2 <= 0.0 {
             return f32::NAN;
         }
         let x = bias::regressors(scaling, state.temperature_c, state.ramp_c_per_min);
-        let mut variance = u.rest_dph2 + past_dph * past_dph;
+        let mut variance = u.rest_dph2 + more_dph2;
         for (k, effects) in u.baseline.iter().zip(along_dph) {
             let d = bias::dot(k, &x) + effects;
             variance += d * d;

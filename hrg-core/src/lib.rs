@@ -68,6 +68,7 @@ pub mod temperature;
 pub mod thermal;
 pub mod timebase;
 pub mod unit_name;
+pub mod visited;
 
 /// Axes of a unit: x, y, z.
 pub const AXES: usize = 3;

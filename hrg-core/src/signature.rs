@@ -1,4 +1,5 @@
-//! Signatures of calibration images: Ed25519, by the crate `ed25519-dalek`.
+//! Signatures of calibration images: Ed25519, by the crate `salty`, made for small processors (`hrg unit burn --key` signs by another
+//! crate, `ed25519-dalek`).
 //!
 //! The signature lies right behind the image and signs the image's bytes, checksum included. So it covers the unit's name and the
 //! sequence number, too: an image signed for one unit is none for another, and an older one is not newer for being signed.
@@ -47,6 +48,13 @@ impl Key {
     }
 }
 
+/// Order of the group, least byte first.
+#[cfg(feature = "signed")]
+const ORDER: [u8; SIGNATURE / 2] = [
+    0xed, 0xd3, 0xf5, 0x5c, 0x1a, 0x63, 0x12, 0x58, 0xd6, 0x9c, 0xf7, 0xa2, 0xde, 0xf9, 0xde, 0x14, 0, 0, 0, 0, 0, 0, 0, 0,
+    0, 0, 0, 0, 0, 0, 0, 0x10,
+];
+
 #[cfg(feature = "signed")]
 impl Key {
     /// Makes a key of 32 bytes. The first check tells if they are a point of the curve: bytes that are none have signed nothing.
@@ -62,7 +70,7 @@ impl Key {
     #[must_use]
     pub fn signed(&self, place: &[u8], signature: &[u8; SIGNATURE]) -> bool {
         use crate::calibration::{COMMIT, MAGIC, MAX_BYTES};
-        let Ok(key) = ed25519_dalek::VerifyingKey::from_bytes(&self.0) else { return false };
+        let Ok(key) = salty::PublicKey::try_from(&self.0) else { return false };
         let Some(image) = stated_length(place).and_then(|n| place.get(..n)) else { return false };
         let mut message = [0; MAX_BYTES];
         let Some((message, _)) = message.split_at_mut_checked(image.len()) else { return false };
@@ -70,6 +78,8 @@ impl Key {
         if let Some(first) = message.first_chunk_mut::<COMMIT>() {
             *first = MAGIC;
         }
-        key.verify_strict(message, &ed25519_dalek::Signature::from_bytes(signature)).is_ok()
+        // A signature has one form: its second half is less than the order of the group (RFC 8032, section 5.1.7), which salty leaves open.
+        let (_, s) = signature.split_at(SIGNATURE / 2);
+        s.iter().rev().lt(ORDER.iter().rev()) && key.verify(message, &salty::Signature::from(signature)).is_ok()
     }
 }

@@ -47,6 +47,9 @@ bitflags! {
         /// The temperature or its ramp is outside the range of the fit of scale factor and misalignment, whose value at the end of the
         /// range is used; or they were impossible and are limited ([`crate::rate_factors`]).
         const SCALE_FACTOR = 1 << 10;
+        /// The fit has not seen this temperature and this ramp together, though each lies in its range ([`crate::visited`]): the stated
+        /// uncertainty is that much larger.
+        const EXTRAPOLATED = 1 << 11;
     }
 }
 
@@ -82,7 +85,7 @@ impl AxisStatus {
         Self::TEMPERATURE_RANGE.union(Self::RAMP_RANGE).union(Self::FREQUENCY_LOST).union(Self::TEMPERATURE_STALE);
 
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 11] = [
+    pub const NAMES: [&str; 12] = [
         "uncalibrated",
         "temperature-range",
         "ramp-range",
@@ -94,6 +97,7 @@ impl AxisStatus {
         "history-unknown",
         "neighbour",
         "scale-factor",
+        "extrapolated",
     ];
 }
 

@@ -53,7 +53,8 @@ impl Calibration {
             finite(&a.bias_std_dph[1])?;
             finite(&[a.uncertainty.rest_dph2])?;
             finite(a.uncertainty.baseline.as_flattened())?;
-            possible(a.uncertainty.rest_dph2 >= 0.0, "variance")?;
+            finite(&[a.visited.unvisited_dph2])?;
+            possible(a.uncertainty.rest_dph2 >= 0.0 && a.visited.unvisited_dph2 >= 0.0, "variance")?;
             match &a.coefficients {
                 Coefficients::One(k) => finite(k)?,
                 Coefficients::CoolingHeating(c, h) => {

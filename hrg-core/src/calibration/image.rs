@@ -9,6 +9,7 @@ use crate::effects::{shape, Shape, MAX_OUTPUTS};
 use crate::half::Half;
 use crate::rate_factors::RateAxis;
 use crate::schema::{size, take, Layout, Wire};
+use crate::visited::Visited;
 use crate::AXES;
 use heapless::Vec;
 
@@ -45,6 +46,9 @@ impl Calibration {
         }
         for axis in self.rates.iter().flatten() {
             axis.put_fields(&mut w);
+        }
+        if parts.contains(Parts::VISITED) {
+            self.axes.iter().for_each(|a| a.visited.put_fields(&mut w));
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -121,6 +125,11 @@ impl Calibration {
             }
             calibration.rates = Some(rates);
         }
+        if parts.contains(Parts::VISITED) {
+            for axis in &mut calibration.axes {
+                axis.visited.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
+            }
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -171,6 +180,7 @@ impl Calibration {
         parts.set(Parts::UNCERTAINTY, uncertain);
         parts.set(Parts::ACCELEROMETERS, self.accelerometers != Accelerometers::IDEAL);
         parts.set(Parts::RATES, self.rates.is_some());
+        parts.set(Parts::VISITED, self.axes.iter().any(|a| a.visited != Visited::default()));
         parts
     }
 

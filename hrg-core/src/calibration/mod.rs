@@ -41,6 +41,7 @@ use crate::half::Half;
 use crate::rate_factors::RateAxis;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
+use crate::visited::Visited;
 use crate::AXES;
 use heapless::Vec;
 
@@ -67,6 +68,8 @@ bitflags::bitflags! {
         const ACCELEROMETERS = 1 << 1;
         /// [`Calibration::rates`].
         const RATES = 1 << 2;
+        /// [`Axis::visited`].
+        const VISITED = 1 << 3;
     }
 }
 
@@ -100,6 +103,8 @@ pub struct Axis {
     pub bias_std_dph: [[f32; TERMS]; 2],
     /// Uncertainty of the bias.
     pub uncertainty: Uncertainty,
+    /// Temperatures and ramps that the fit has seen together.
+    pub visited: Visited,
     /// Standard deviation of 100 s means of the compensated rate in the training data, deg/h (0: not stated).
     pub train_rms_dph: f32,
     /// The same on a run that the fit never saw, deg/h (0: not measured).
@@ -265,6 +270,7 @@ impl Calibration {
                 coefficients: Coefficients::One([0.0; TERMS]),
                 bias_std_dph: [[0.0; TERMS]; 2],
                 uncertainty: Uncertainty::default(),
+                visited: Visited::default(),
                 train_rms_dph: 0.0,
                 verify_rms_dph: 0.0,
             }),

@@ -9,6 +9,7 @@ use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::half::Half;
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Format, Layout, Number};
+use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use toml::{Table, Value};
 
@@ -144,6 +145,9 @@ fn read_axis(axis: &mut Axis, table: &Table, place: &str) -> Result<(), FileErro
     fill(&mut axis.curve, table, place)?;
     axis.coefficients = read_model(table, place)?;
     axis.uncertainty = read_uncertainty(table, place)?;
+    if Visited::FIELDS.iter().any(|f| table.contains_key(f.name)) {
+        fill(&mut axis.visited, table, place)?;
+    }
     fill(axis, table, place)
 }
 

@@ -10,6 +10,7 @@ use hrg_core::effects::{by_id, MAX_OUTPUTS};
 use hrg_core::half::Half;
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Field, Format, Layout, Number};
+use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Serialize, Serializer};
@@ -22,6 +23,8 @@ const HEAD: &str = "\
 # S_i = 1 + 1e-6 (c0 + c1 u + c2 u^2 + c3 u^3 + c4 r); M_ij = 1e-6 (m0 + m1 u) beside a diagonal of ones, in the order of the axes.
 # uncertainty_rest_dph2 and the directions give the standard uncertainty of the bias. Learnt from one train run, it does not hold the
 # constant that changes with each power-on.
+# visited_levels: for each eighth of the temperatures of the fit, the lowest (bits 0 to 3) and highest (4 to 7) of 16 levels of its ramps
+# that were visited there; beyond them the unit flags extrapolated, and unvisited_dph2 comes on top of the variance.
 # block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";
 
@@ -117,6 +120,9 @@ fn axis_item(a: &Axis, rates: Option<&RateAxis>) -> Item {
     out.extend(model_entries(&a.coefficients));
     out.extend(entries(a));
     out.extend(uncertainty_entries(&a.uncertainty));
+    if a.visited != Visited::default() {
+        out.extend(entries(&a.visited));
+    }
     out.extend(rates.map_or_else(Vec::new, entries));
     Item::Table(tables_last(out))
 }

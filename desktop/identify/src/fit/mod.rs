@@ -9,6 +9,7 @@ use crate::thermometer::curve;
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
 use hrg_core::temperature::TemperatureCurve;
+use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{block_means, std_dev};
@@ -143,6 +144,7 @@ pub fn prepare_with(
         .flat_map(|a| [a.valid_from_c_per_min, a.valid_to_c_per_min])
         .fold(0.0f32, |m, r| m.max(r.abs()));
     calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
+    visit(&mut calibration, &runs);
     Ok(Prepared { runs, calibration, notes, lag_s, fastest })
 }
 
@@ -196,6 +198,25 @@ fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; 
         curve::Reference::Chamber => "no case sensor: temperatures are referred to the chamber".into(),
         curve::Reference::Implausible => "the temperature sensors do not follow the resonators as fused silica does (60 to 150 ppm per C): check them; temperatures here follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
         curve::Reference::Shape => "no temperature sensor: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
+    }
+}
+
+/// Seconds between the states that are marked as visited.
+const VISITED_EVERY_S: usize = 30;
+
+/// Marks the temperatures and ramps that the runs have visited together, where they have rates.
+fn visit(calibration: &mut Calibration, runs: &[Run]) {
+    for (a, axis) in calibration.axes.iter_mut().enumerate() {
+        let ranges = axis.ranges();
+        let mut map = Visited::none();
+        for run in runs {
+            let seen = |k: &usize| run.steps.rate_dph[a][*k].is_finite();
+            let states = (0..run.steps.len()).step_by(VISITED_EVERY_S).filter(seen).filter_map(|k| run.state(k, a));
+            states.for_each(|(t, r)| map.visit(&ranges, t, r));
+        }
+        if map != Visited::none() {
+            axis.visited = map;
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use super::data::{Candidate, Data};
 use super::floor::Noise;
 use super::judge::{Agreement, Prediction};
 use super::means::Means;
-use super::model::{drop_idle_effects, take_axis, Fitted, Specification, Term};
+use super::model::{drop_idle_effects, take_axis, Fitted, Specification, Term, TEMPERATURE_TERMS};
 use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
 use super::uncertainty::{self, Known};
 use crate::fit;
@@ -14,7 +14,7 @@ use hrg_core::calibration::{Calibration, Uncertainty};
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
-use hrg_data::numeric::stats::mean;
+use hrg_data::numeric::stats::{mean, std_dev};
 use hrg_data::recording::steps::Run;
 
 /// An image with what it reaches.
@@ -140,17 +140,44 @@ impl Fits<'_> {
                 }
             })
         });
-        // Add the verify run's residual beyond the noise to the image's uncertainty.
+        // The verify run shows what the model leaves beyond the noise, and how far the constant moves from day to day.
         for a in verify.run.steps.present() {
-            let left_dph2 = chosen[a].deviation().powi(2) - verify.noise[a].floor().powi(2);
-            if left_dph2 > 0.0 {
-                image.axes[a].uncertainty.rest_dph2 += left_dph2 as f32;
+            let uncertainty = &mut image.axes[a].uncertainty;
+            if uncertainty.rest_dph2 > 0.0 {
+                // (What the coefficients are uncertain by is stated already.)
+                let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
+                let (about, of_mean) = fitted.predicted_variance(verify.run, scaling, a, &unit);
+                let shift_dph2 = chosen[a].mean().powi(2) - verify.noise[a].shift().powi(2) - of_mean;
+                let more = misfit_dph2(&chosen[a], &verify.noise[a], about) + day_dph2(shift_dph2, verify.noise[a].floor());
+                uncertainty.rest_dph2 += more as f32;
             }
         }
+        self.state_unvisited(&mut image, scaling, models);
         if kind == Image::None {
             image = baseline;
         }
         Written { image, kind, figures, judged, good: borne_out && !worse, chosen_on_verify }
+    }
+
+    /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.
+    fn state_unvisited(&self, image: &mut Calibration, scaling: &Scaling, models: [AxisModel; AXES]) {
+        for (a, model) in models.iter().enumerate() {
+            let (fitted, known) = match model {
+                AxisModel::Extended => (self.extended, self.known),
+                AxisModel::Baseline => (self.beside, self.beside_known),
+                AxisModel::Constant => continue,
+            };
+            let Some(posterior) = &known.posteriors[a] else { continue };
+            // What the effects do, and what the ramp terms of the baseline do: a run may not have told one from the other.
+            let columns = fitted.model.columns(self.data, a).values;
+            let gains = &fitted.axes[a].coefficients;
+            let done: Vec<f64> = (0..self.data.axes[a].y.len())
+                .map(|k| (TEMPERATURE_TERMS..gains.len()).map(|j| gains[j] * columns[j][k]).sum())
+                .collect();
+            let square = std_dev(&done).powi(2);
+            image.axes[a].visited.unvisited_dph2 =
+                uncertainty::unvisited(&image.axes[a], scaling, &posterior.covariance, square) as f32;
+        }
     }
 
     /// The extended model against the baseline: more probable than the one by the same least squares, with less error than the one that is
@@ -219,6 +246,33 @@ fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
     let (ours, theirs) = (left.mean().abs(), (raw.mean() - constant).abs());
     let least = (ours - super::judge::DEVIATIONS * shift).max(0.0);
     square(left.deviation(), least) > square(raw.deviation(), theirs)
+}
+
+/// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean over none and values from a fifth of a floor to five floors: before the run is seen there is one or none at even odds, and
+/// each power of two is as probable as another.
+fn misfit_dph2(left: &Means, noise: &Noise<'_>, known_dph2: f64) -> f64 {
+    let floor = noise.floor();
+    let ratio = noise.ratio(left.deviation(), 0.0);
+    let squared = |r: f64| (left.deviation() / r).powi(2);
+    let floor_std = (squared(ratio.low) - squared(ratio.high)) / (2.0 * 1.96);
+    let excess = left.deviation().powi(2) - floor * floor - known_dph2;
+    const VALUES: i32 = 10;
+    let values = (0..VALUES).map(|k| (floor * floor * 0.04 * 2f64.powi(k), 1.0 / f64::from(VALUES)));
+    let (mut sum, mut mean) = (0.0, 0.0);
+    for (m, prior) in std::iter::once((0.0, 1.0)).chain(values) {
+        // A misfit is known by its few slow swings in a run: to a third.
+        let std = (floor_std * floor_std + (m / 3.0).powi(2)).sqrt();
+        let density = prior * (-0.5 * ((excess - m) / std).powi(2)).exp() / std;
+        sum += density;
+        mean += density * m;
+    }
+    if sum > 0.0 { mean / sum } else { excess.max(0.0) }
+}
+
+/// Variance of the constant from one day to another, (deg/h)^2, from the square of one shift (noise taken off). Before a day is seen it is
+/// taken for a third of a floor, with the weight of one day.
+fn day_dph2(shift_dph2: f64, floor_dph: f64) -> f64 {
+    0.5 * (floor_dph * floor_dph / 9.0 + shift_dph2.max(0.0))
 }
 
 /// The part of a model that holds its named events alone.

@@ -8,7 +8,7 @@ use hrg_data::numeric::stats::dot;
 use nalgebra::{DMatrix, DVector};
 
 /// Noise models with a smaller share of the posterior are left out.
-const NEGLIGIBLE: f64 = 1e-4;
+const NEGLIGIBLE: f64 = 0.05;
 
 /// A fit under one noise model.
 #[derive(Debug, Clone)]

@@ -10,8 +10,10 @@ use super::model::{Columns, Fitted, Specification, Term};
 use super::regression::{posterior, Posterior};
 use super::stated::Stated;
 use super::user_effects::card_of;
-use hrg_core::calibration::DIRECTIONS;
+use hrg_core::bias::{regressors, Scaling, TERMS};
+use hrg_core::calibration::{Axis, DIRECTIONS};
 use hrg_core::effects::MAX_PARAMETERS;
+use hrg_core::visited::{LEVELS, TEMPERATURES};
 use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
@@ -210,6 +212,26 @@ fn stated(
     let noise = data.axes[a].y.iter().map(|v| v * v).sum::<f64>() / n as f64;
     let rest = (total - squares_dph2.iter().sum::<f64>()).max(0.0) + days(&fit.days, covariance, count) + LEAST * noise;
     Stated { rest_dph2: rest, directions, squares_dph2, parameter_std }
+}
+
+/// Variance of the bias of an axis where the runs of the fit have not been, (deg/h)^2: the mean over the unknown entries of its map. The
+/// baseline's coefficients are as uncertain there as their covariance says; the effects of the model may be others that do the same on the
+/// runs of the fit, and so are uncertain by all that they do there (`effects_dph2`, their mean square).
+pub fn unvisited(axis: &Axis, scaling: &Scaling, covariance: &DMatrix<f64>, effects_dph2: f64) -> f64 {
+    let ranges = axis.ranges();
+    let places = (0..TEMPERATURES).flat_map(|entry| (0..LEVELS).map(move |level| (entry, level)));
+    let states = places.map(|(entry, level)| ranges.middle(entry, level));
+    let each: Vec<f64> = states
+        .filter(|(t, r)| !axis.visited.knows(&ranges, *t, *r))
+        .map(|(t, r)| {
+            let x = DVector::from_iterator(TERMS, regressors(scaling, t, r).map(f64::from));
+            (x.transpose() * covariance.view((0, 0), (TERMS, TERMS)) * &x)[(0, 0)]
+        })
+        .collect();
+    if each.is_empty() {
+        return 0.0;
+    }
+    each.iter().sum::<f64>() / each.len() as f64 + effects_dph2
 }
 
 /// Numbers of the coefficients that the unit has.

@@ -1,0 +1,138 @@
+//! Temperatures and ramps that the runs of the fit visited together: a coarse map of one axis.
+//!
+//! Both may lie in their calibrated ranges and still be a pair that no run has shown: a unit that was heated fast and never cooled knows
+//! nothing of cooling at 20 C. The map has an eighth of the temperature range in each entry, with the slowest and the fastest of 16
+//! levels of the ramp range that were visited there: 64 bits. A state is known if its ramp lies within those two, one level wider.
+//!
+//! # Example
+//! ```
+//! use hrg_core::visited::{Ranges, Visited};
+//!
+//! let ranges = Ranges { from_c: -40.0, to_c: 40.0, from_c_per_min: -2.0, to_c_per_min: 2.0 };
+//! let mut map = Visited::none();
+//! map.visit(&ranges, 5.0, 1.5);
+//! map.visit(&ranges, 5.0, 0.0);
+//! assert!(map.knows(&ranges, 6.0, 0.7) && !map.knows(&ranges, 6.0, -1.0) && !map.knows(&ranges, -20.0, 0.7));
+//! ```
+
+use crate::schema::layout;
+
+/// Entries over the temperature range.
+pub const TEMPERATURES: usize = 8;
+/// Levels over the ramp range.
+pub const LEVELS: usize = 16;
+
+/// Ranges of the fit over which a map lies.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ranges {
+    /// Lowest temperature, C.
+    pub from_c: f32,
+    /// Highest temperature, C.
+    pub to_c: f32,
+    /// Fastest cooling, C per minute.
+    pub from_c_per_min: f32,
+    /// Fastest heating, C per minute.
+    pub to_c_per_min: f32,
+}
+
+/// The map of one axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Visited {
+    /// For each eighth of the temperature range, coldest first: the lowest level of ramp visited in the lower four bits, the highest in the
+    /// upper four; lowest above highest: none.
+    pub visited_levels: [u8; TEMPERATURES],
+    /// Added to the variance of a bias beyond the map, (deg/h)^2: as much as the bias may do where nothing was seen.
+    pub unvisited_dph2: f32,
+}
+layout! { Visited {
+    visited_levels: [u8; TEMPERATURES], "for each eighth of the temperature range: lowest (bits 0 to 3) and highest (4 to 7) of 16 levels of the ramp range that the fit has seen there";
+    unvisited_dph2: f32, "added to the variance of a bias beyond these, (deg/h)^2";
+} }
+
+impl Default for Visited {
+    /// Everything is known: an image without a map.
+    fn default() -> Self {
+        Self { visited_levels: [0xF0; TEMPERATURES], unvisited_dph2: 0.0 }
+    }
+}
+
+impl Visited {
+    /// A map on which nothing was visited.
+    #[must_use]
+    pub const fn none() -> Self {
+        Self { visited_levels: [0x0F; TEMPERATURES], unvisited_dph2: 0.0 }
+    }
+
+    /// Marks a state as visited.
+    pub fn visit(&mut self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) {
+        let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
+        if let Some(levels) = self.visited_levels.get_mut(entry) {
+            *levels = (*levels & 0xF).min(level) | (*levels >> 4).max(level) << 4;
+        }
+    }
+
+    /// `true` if a state was visited, or lies within a level of ramps that were, at its temperature.
+    #[inline]
+    #[must_use]
+    pub fn knows(&self, ranges: &Ranges, temperature_c: f32, ramp_c_per_min: f32) -> bool {
+        let (entry, level) = ranges.place(temperature_c, ramp_c_per_min);
+        let levels = self.visited_levels.get(entry).copied().unwrap_or(0x0F);
+        let (low, high) = (levels & 0xF, levels >> 4);
+        low <= high && level + 1 >= low && level <= high + 1
+    }
+}
+
+impl Ranges {
+    /// The state in the middle of an entry and a level: temperature, C, and ramp, C per minute.
+    #[must_use]
+    pub fn middle(&self, entry: usize, level: usize) -> (f32, f32) {
+        let at = |from: f32, to: f32, k: usize, of: f32| from + (to - from) * (k as f32 + 0.5) / of;
+        (
+            at(self.from_c, self.to_c, entry, TEMPERATURES as f32),
+            at(self.from_c_per_min, self.to_c_per_min, level, LEVELS as f32),
+        )
+    }
+
+    /// Entry of the temperature and level of the ramp; beyond the ranges the first or last.
+    #[inline]
+    fn place(&self, temperature_c: f32, ramp_c_per_min: f32) -> (usize, u8) {
+        // (A conversion of a float saturates, and NaN gives 0.)
+        let t = (temperature_c - self.from_c) / (self.to_c - self.from_c) * TEMPERATURES as f32;
+        let r = (ramp_c_per_min - self.from_c_per_min) / (self.to_c_per_min - self.from_c_per_min) * LEVELS as f32;
+        ((t as usize).min(TEMPERATURES - 1), (r as u8).min(LEVELS as u8 - 1))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+
+    const RANGES: Ranges = Ranges { from_c: -40.0, to_c: 60.0, from_c_per_min: -1.0, to_c_per_min: 3.0 };
+
+    #[test]
+    fn what_was_visited_is_known() {
+        let mut map = Visited::none();
+        let states: std::vec::Vec<(f32, f32)> =
+            (0..200).map(|k| (k as f32 * 0.5 - 40.0, (k as f32 * 0.11).sin() * 2.0 + 1.0)).collect();
+        for (t, r) in &states {
+            assert!(Visited::default().knows(&RANGES, *t, *r));
+            map.visit(&RANGES, *t, *r);
+        }
+        assert!(states.iter().all(|(t, r)| map.knows(&RANGES, *t, *r)));
+    }
+
+    #[test]
+    fn nothing_is_known_of_what_was_not() {
+        for k in 0..100 {
+            assert!(!Visited::none().knows(&RANGES, k as f32 - 40.0, 0.0));
+        }
+        let mut map = Visited::none();
+        map.visit(&RANGES, 10.0, 2.5);
+        assert!(map.knows(&RANGES, 11.0, 2.6) && !map.knows(&RANGES, 11.0, 1.5) && !map.knows(&RANGES, 30.0, 2.5));
+        // Beyond the ranges, and for no number, there is an answer, too.
+        for (t, r) in [(1e9, 0.0), (-1e9, 1e9), (f32::NAN, f32::NAN)] {
+            let _ = map.knows(&RANGES, t, r);
+        }
+    }
+}
