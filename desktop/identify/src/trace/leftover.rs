@@ -4,7 +4,8 @@
 //! final model of each axis, shrunk as a family is and with the noise model refitted: if one of them has evidence, structure is left there.
 //! (The residual on the verify run is judged by [`super::floor`].)
 
-use super::data::Data;
+use super::data::{AxisRows, Data};
+use super::evidence::{Axis, Extension};
 use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;
@@ -33,6 +34,30 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
             left.push("in nothing simple: as many effects are needed as the search allows".into());
         }
         left
+    })
+}
+
+/// The same in what a model leaves of the verify run (`left`, on its blocks).
+pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        let rows = &data.axes[a];
+        if rows.y.is_empty() {
+            return vec![];
+        }
+        let (names, columns): (Vec<_>, Vec<_>) = generic(data, a).into_iter().unzip();
+        // Beside a constant alone: the baseline's coefficients are those of the train runs.
+        let mut base = vec![vec![0.0; rows.y.len()]; rows.base.len()];
+        base[0].fill(1.0);
+        let rows = AxisRows { y: left[a].clone(), base, keep: rows.keep.clone(), starts: rows.starts.clone() };
+        let mut axis = Axis::new(&rows);
+        let nothing = axis.baseline_model();
+        columns.into_iter().for_each(|c| axis.push(Some(c)));
+        let offered = vec![true; names.len() + 1];
+        let least = THRESHOLD + (names.len() as f64).ln();
+        let gains = axis.extensions(&nothing, &offered).split_off(1);
+        let evidence = |g: &Option<Extension>| g.map_or(0.0, |e| e.evidence - nothing.evidence);
+        let found = names.iter().zip(&gains).filter(|(_, g)| evidence(g) > least);
+        found.map(|(name, _)| format!("{name} on the verify run")).collect()
     })
 }
 

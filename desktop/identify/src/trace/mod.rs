@@ -201,6 +201,8 @@ fn judged(
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
     let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
     let mut left = leftover::judge(data, &mut search, &learnt.model);
+    let on_verify_run = leftover::on_verify(&on_verify, &fitted.left(&on_verify, &known));
+    left.iter_mut().zip(on_verify_run).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
