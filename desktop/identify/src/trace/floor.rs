@@ -1,30 +1,26 @@
 //! The noise floor, and how many floors are left.
 //!
-//! Noise is the difference of two neighbouring 100 s means: physics that follows temperature hardly moves between them. So the floor comes
-//! from these differences (Allan variance at 100 s). The residual's own deviation also holds whatever structure a model has left.
-//!
-//! Gyro noise is not white: it flickers, so a run of hours scatters by more than its neighbours differ. The excess depends on its spectrum,
-//! of which neighbours show a little: the Allan variance at 200 s against that at 100 s. [`Clean`] holds a few thousand series of pure
-//! noise with spectra `1 + h / f^a` of all plausible `h` and `a`, as long as the runs at hand. Those whose two Allan variances relate as
-//! the measured ones do give the distribution of the ratio of a clean run's deviation to the difference of its neighbours. Its median makes
-//! the floor; its quantiles the interval of the ratio.
+//! The floor is the deviation of 100 s means of a run if noise is all there is. Its noise models are those of the search ([`super::noise`]),
+//! weighted by a likelihood that is restricted further: whatever changes more slowly than in [`PERIOD_MEANS`] is taken out of the residual
+//! as a nuisance (cosines up to that period), for physics that follows temperature hardly moves between neighbouring means, and a model that
+//! lacks something must not raise its own floor. So the white part and the beginning of the slow part are measured, and the noise models
+//! say how far such noise scatters over the whole run. The spread of their answers is the interval of the ratio.
 
-use hrg_data::numeric::stats::{quantile, std_dev};
-use rand::{Rng, SeedableRng};
-use rand_chacha::ChaCha8Rng;
-use rand_distr::{Distribution, StandardNormal};
-use realfft::num_complex::Complex64;
-use realfft::RealFftPlanner;
+use super::means::Means;
+use super::noise::{Basis, NoiseModel, NOISE_MODELS};
+use hrg_data::numeric::stats::dot;
 use serde::Serialize;
 
-/// Series of pure noise behind a distribution.
-const SERIES: usize = 2400;
-/// Those among them whose short-time spectrum is nearest to the measured one.
-const NEAREST: usize = 300;
-/// Exponents of the slow part of the spectrum.
-const EXPONENTS: [f64; 8] = [0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5];
-/// Probability left outside the interval on either side.
-const TAIL: f64 = 0.025;
+/// Means in a period of the fastest change that is taken for a nuisance: 20 minutes.
+const PERIOD_MEANS: usize = 12;
+/// Means of a piece of a run that has its own nuisances.
+const PIECE: usize = 120;
+/// Fewest means of a piece.
+const LEAST: usize = 20;
+/// Deviations beyond which a value is a jump and not noise.
+const JUMP: f64 = 3.5;
+/// Deviations of a normal distribution that hold 95 %.
+const TWO_SIDED: f64 = 1.96;
 
 /// A figure in noise floors with its 95 % interval.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -37,14 +33,11 @@ pub struct Ratio {
     pub high: f64,
 }
 
-/// Ratio from which on the rest is not called noise, however wide its interval is: slow noise and structure look alike there.
-const UNDECIDED: f64 = 1.6;
-
 impl Ratio {
-    /// `true` if noise alone explains it: the interval holds 1, and the ratio itself is not beyond that of clean runs.
+    /// `true` if noise alone may explain it: the interval holds 1.
     #[must_use]
     pub fn is_noise(&self) -> bool {
-        self.low <= 1.0 && self.ratio < UNDECIDED
+        self.low <= 1.0
     }
 }
 
@@ -53,20 +46,6 @@ impl std::fmt::Display for Ratio {
         write!(f, "{:.2} floors [{:.2}, {:.2}]", self.ratio, self.low, self.high)
     }
 }
-
-/// Mean squares of differences of neighbouring means, robust against single jumps.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Neighbours {
-    /// Allan variance at one mean.
-    pub one: f64,
-    /// Allan variance at two means.
-    pub two: f64,
-    /// Differences behind `one`.
-    pub count: usize,
-}
-
-/// Deviations beyond which a difference is a jump and not noise.
-const JUMP: f64 = 3.5;
 
 /// Mean square with values beyond [`JUMP`] deviations cut there.
 fn robust_square(d: &[f64]) -> f64 {
@@ -84,212 +63,208 @@ fn robust_square(d: &[f64]) -> f64 {
     s
 }
 
-impl Neighbours {
-    /// From one or more series of means; NaN marks a gap. `None` with fewer than ten pairs.
-    #[must_use]
-    pub fn of(series: &[&[f64]]) -> Option<Self> {
-        let half = std::f64::consts::FRAC_1_SQRT_2;
-        let finite = |w: &&[f64]| w.iter().all(|v| v.is_finite());
-        let one: Vec<f64> =
-            series.iter().flat_map(|s| s.windows(2).filter(finite).map(|w| half * (w[1] - w[0]))).collect();
-        let two: Vec<f64> = series
-            .iter()
-            .flat_map(|s| s.windows(4).filter(finite).map(|w| 0.5 * half * (w[3] + w[2] - w[1] - w[0])))
-            .collect();
-        (one.len() >= 10 && two.len() >= 5).then(|| Self {
-            one: robust_square(&one),
-            two: robust_square(&two),
-            count: one.len(),
-        })
-    }
-
-    /// Log ratio of the two mean squares, which identifies the noise model: near -0.69 for white noise, 0 for flicker.
-    fn noise_model(&self) -> f64 {
-        (self.two.max(1e-300) / self.one.max(1e-300)).ln()
-    }
-}
-
-/// One series of pure noise, in two parts: what it shows at short times, and how it scatters.
+/// The judged run's means under one noise model.
 #[derive(Debug, Clone, Copy)]
-struct Draw {
-    noise_model: f64,
-    /// Deviation of the judged part over the root of the Allan variance of both.
+struct Under {
+    weight: f64,
+    /// Expected variance about the run's mean, (deg/h)^2.
+    variance: f64,
+    /// Deviation of the logarithm of the variance that a run shows.
     spread: f64,
-    /// Mean of the judged part less that of the other, in the same unit.
+    /// Variance of the difference between this run's mean and that of the others, (deg/h)^2.
     shift: f64,
 }
 
-/// Distributions of clean noise for runs of given lengths.
+/// The noise of one axis on the run that is judged.
 #[derive(Debug, Clone)]
-pub struct Clean {
-    draws: Vec<Draw>,
-    judged: usize,
+pub struct Noise {
+    each: Vec<Under>,
 }
 
-impl Clean {
-    /// For a run of `judged` means that is judged, with `other` means of other runs known beside it.
+/// Pieces of the finite values of a series.
+fn pieces(series: &Means) -> Vec<Vec<f64>> {
+    let finite: Vec<f64> = series.series().iter().copied().filter(|v| v.is_finite()).collect();
+    let count = finite.len().div_ceil(PIECE).max(1);
+    let length = finite.len().div_ceil(count).max(1);
+    finite.chunks(length).filter(|c| c.len() >= LEAST).map(<[f64]>::to_vec).collect()
+}
+
+/// Cosines over a piece down to the shortest period of a nuisance, the constant first.
+fn nuisances(n: usize) -> Vec<Vec<f64>> {
+    let cosine = |k: usize| (0..n).map(|j| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / n as f64).cos()).collect();
+    (0..=2 * n / PERIOD_MEANS).map(cosine).collect()
+}
+
+impl Noise {
+    /// From what is left on the other runs and on the one that is judged. `None` where they are too short.
     #[must_use]
-    pub fn new(judged: usize, other: usize, seed: u64) -> Self {
-        let mut rng = ChaCha8Rng::seed_from_u64(seed);
-        let (judged, other) = (judged.clamp(4, 4096), other.min(4096));
-        let length = (2 * (judged + other)).next_power_of_two().max(64);
-        let mut planner = RealFftPlanner::<f64>::new();
-        let back = planner.plan_fft_inverse(length);
-        let mut spectrum = back.make_input_vec();
-        let mut series = back.make_output_vec();
-        let slow: Vec<Vec<f64>> = EXPONENTS.iter().map(|a| averaged(length, *a)).collect();
-        let draws = (0..SERIES)
-            .map(|_| {
-                let exponent = rng.random_range(0..EXPONENTS.len());
-                // Share of the slow part, at the frequency of one cycle in ten means: any order of magnitude, or none.
-                let share = if rng.random_bool(0.25) { 0.0 } else { 10f64.powf(rng.random_range(-2.5..0.5)) };
-                let level = share * 0.1f64.powf(EXPONENTS[exponent]);
-                for (k, s) in spectrum.iter_mut().enumerate() {
-                    let amplitude = (1.0 + level * slow[exponent][k]).sqrt();
-                    *s = Complex64::new(normal(&mut rng), normal(&mut rng)) * amplitude;
+    pub fn new(others: &[Means], judged: &Means) -> Option<Self> {
+        let all: Vec<Vec<f64>> = others.iter().chain([judged]).flat_map(pieces).collect();
+        let (n, other) = (judged.count(), others.iter().map(Means::count).sum::<usize>());
+        if all.is_empty() || n < 4 {
+            return None;
+        }
+        let mut each: Vec<(f64, Under)> = NOISE_MODELS
+            .iter()
+            .map(|noise| {
+                let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
+                for piece in &all {
+                    let mut basis = Basis::default();
+                    for mut column in nuisances(piece.len()) {
+                        noise.whiten(&mut column, &[0]);
+                        information += basis.add_measured(column).max(1e-300).ln();
+                    }
+                    let mut y = piece.clone();
+                    noise.whiten(&mut y, &[0]);
+                    basis.reduce(&mut y);
+                    information -= 2.0 * noise.first_factor().ln();
+                    free += (piece.len() - basis.columns.len()) as f64;
+                    left.extend(y);
                 }
-                // The mean of all is no matter; the two ends of a real spectrum have no phase.
-                spectrum[0] = Complex64::ZERO;
-                if let Some(last) = spectrum.last_mut() {
-                    last.im = 0.0;
-                }
-                let _ = back.process(&mut spectrum, &mut series);
-                draw(&series[..judged], &series[length - other..])
+                let innovation = robust_square(&left) * left.len() as f64 / free;
+                let prior = noise.log_prior();
+                let likelihood = prior - 0.5 * (free * innovation.max(1e-300).ln() + information);
+                let (variance, square) = noise.of_deviation(n);
+                let own = noise.of_mean(n) + if other > 0 { noise.of_mean(other) } else { 0.0 };
+                let spread = (2.0 * square / (variance * variance) + 2.0 / free).sqrt();
+                let under = Under { weight: 0.0, variance: innovation * variance, spread, shift: innovation * own };
+                (likelihood, under)
             })
             .collect();
-        Self { draws, judged }
+        let best = each.iter().map(|e| e.0).fold(f64::NEG_INFINITY, f64::max);
+        let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
+        each.iter_mut().for_each(|(l, u)| u.weight = (*l - best).exp() / sum);
+        Some(Self { each: each.into_iter().map(|e| e.1).collect() })
     }
 
-    /// Draws whose short-time spectrum is nearest to the measured one.
-    fn nearest(&self, n: &Neighbours) -> Vec<Draw> {
-        let mut draws = self.draws.clone();
-        let off = |d: &Draw| (d.noise_model - n.noise_model()).abs();
-        draws.select_nth_unstable_by(NEAREST - 1, |x, y| off(x).total_cmp(&off(y)));
-        draws.truncate(NEAREST);
-        draws
-    }
-
-    /// The floor: the deviation of the judged run's means if they are noise alone, in the unit of the means.
-    #[must_use]
-    pub fn floor(&self, n: &Neighbours) -> f64 {
-        let spreads: Vec<f64> = self.nearest(n).iter().map(|d| d.spread).collect();
-        quantile(&spreads, 0.5) * n.one.sqrt()
-    }
-
-    /// A deviation of the judged run in floors. `predicted` is the variance that the uncertainty of the model's coefficients
-    /// adds on that run.
-    #[must_use]
-    pub fn ratio(&self, n: &Neighbours, deviation: f64, predicted: f64) -> Ratio {
-        let unit = n.one.sqrt();
-        let more = if n.one > 0.0 { predicted / n.one } else { 0.0 };
-        let plain: Vec<f64> = self.nearest(n).iter().map(|d| d.spread).collect();
-        let wider: Vec<f64> = plain.iter().map(|s| (s * s + more).sqrt()).collect();
-        Ratio {
-            ratio: deviation / (quantile(&plain, 0.5) * unit),
-            low: deviation / (quantile(&wider, 1.0 - TAIL) * unit),
-            high: deviation / (quantile(&plain, TAIL) * unit),
+    /// Variance below which the run's own lies with a probability, noise alone.
+    fn quantile(&self, deviations: f64) -> f64 {
+        let probability = normal(deviations);
+        let below = |log: f64| -> f64 {
+            self.each.iter().map(|u| u.weight * normal((log - u.variance.max(1e-300).ln()) / u.spread)).sum()
+        };
+        let logs = self.each.iter().map(|u| u.variance.max(1e-300).ln());
+        let (mut low, mut high) = (logs.clone().fold(f64::INFINITY, f64::min) - 6.0, logs.fold(f64::NEG_INFINITY, f64::max) + 6.0);
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if below(middle) < probability {
+                low = middle;
+            } else {
+                high = middle;
+            }
         }
+        (0.5 * (low + high)).exp()
     }
 
-    /// Standard deviation of the difference of the two runs' means if both are the same unit's noise.
-    #[must_use]
-    pub fn shift(&self, n: &Neighbours) -> f64 {
-        std_dev(&self.nearest(n).iter().map(|d| d.shift).collect::<Vec<_>>()) * n.one.sqrt()
-    }
-
-    /// Means of the judged run.
-    #[must_use]
-    pub fn judged(&self) -> usize {
-        self.judged
-    }
-}
-
-/// The noise of one axis on one run, and the distribution by which it is judged.
-#[derive(Debug, Clone, Copy)]
-pub struct Noise<'c> {
-    /// Mean squares of the differences of neighbouring means.
-    pub neighbours: Neighbours,
-    /// Distributions of noise for runs of these lengths.
-    pub clean: &'c Clean,
-}
-
-impl Noise<'_> {
     /// Deviation of 100 s means if noise is all there is.
+    #[must_use]
     pub fn floor(&self) -> f64 {
-        self.clean.floor(&self.neighbours)
+        self.quantile(0.0).sqrt()
     }
 
     /// A deviation in floors; `predicted` is the variance that the model's own uncertainty adds.
+    #[must_use]
     pub fn ratio(&self, deviation: f64, predicted: f64) -> Ratio {
-        self.clean.ratio(&self.neighbours, deviation, predicted)
+        Ratio {
+            ratio: deviation / self.floor(),
+            low: deviation / (self.quantile(TWO_SIDED) + predicted).sqrt(),
+            high: deviation / self.quantile(-TWO_SIDED).sqrt(),
+        }
     }
 
     /// Standard deviation of the difference between the means of two runs.
+    #[must_use]
     pub fn shift(&self) -> f64 {
-        self.clean.shift(&self.neighbours)
+        self.each.iter().map(|u| u.weight * u.shift).sum::<f64>().sqrt()
     }
 }
 
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    StandardNormal.sample(rng)
+/// Probability that a normal value lies below so many deviations (Abramowitz and Stegun 1964, 7.1.26, to 1.5e-7).
+fn normal(x: f64) -> f64 {
+    let z = x.abs() / std::f64::consts::SQRT_2;
+    let t = 1.0 / (1.0 + 0.327_591_1 * z);
+    let sum = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let tail = 0.5 * sum * (-z * z).exp();
+    if x < 0.0 { tail } else { 1.0 - tail }
 }
 
-/// Power of `1 / f^a` noise after averaging over one mean, with what aliases, at the frequencies of a transform; at 0 none.
-fn averaged(length: usize, a: f64) -> Vec<f64> {
-    (0..=length / 2)
-        .map(|k| {
-            if k == 0 {
-                return 0.0;
-            }
-            let f = k as f64 / length as f64;
-            (-2..=2)
-                .map(|alias| {
-                    let g = (f + f64::from(alias)).abs();
-                    let x = std::f64::consts::PI * g;
-                    (x.sin() / x).powi(2) * g.powf(-a)
-                })
-                .sum()
-        })
-        .collect()
-}
+impl NoiseModel {
+    /// Covariance of two values so many rows apart, over the variance of the whitened noise.
+    fn covariance(&self, apart: usize) -> f64 {
+        let (phi, theta) = (self.phi, self.theta);
+        if phi == 0.0 {
+            return if apart == 0 { 1.0 } else { 0.0 };
+        }
+        let own = (1.0 + theta * theta - 2.0 * phi * theta) / (1.0 - phi * phi);
+        match apart {
+            0 => own,
+            k => (phi * own - theta) * phi.powi(k as i32 - 1),
+        }
+    }
 
-fn draw(judged: &[f64], other: &[f64]) -> Draw {
-    let n = Neighbours::of(&[judged, other]).or_else(|| Neighbours::of(&[judged]));
-    let Some(n) = n else { return Draw { noise_model: 0.0, spread: 1.0, shift: 0.0 } };
-    let mean = |v: &[f64]| if v.is_empty() { 0.0 } else { v.iter().sum::<f64>() / v.len() as f64 };
-    let unit = n.one.sqrt();
-    Draw { noise_model: n.noise_model(), spread: std_dev(judged) / unit, shift: (mean(judged) - mean(other)) / unit }
+    /// Variance of the mean of so many values.
+    fn of_mean(&self, n: usize) -> f64 {
+        let sum: f64 = (1..n).map(|k| 2.0 * (n - k) as f64 * self.covariance(k)).sum();
+        (n as f64 * self.covariance(0) + sum) / (n * n) as f64
+    }
+
+    /// Expected variance of so many values about their mean, and the trace that its own variance is twice of.
+    fn of_deviation(&self, n: usize) -> (f64, f64) {
+        let size = n as f64;
+        let covariances: Vec<f64> = (0..n).map(|k| self.covariance(k)).collect();
+        // Sums of the rows of the covariance matrix.
+        let mut before = vec![0.0; n + 1];
+        for k in 0..n {
+            before[k + 1] = before[k] + covariances[k];
+        }
+        let rows: Vec<f64> = (0..n).map(|k| before[k + 1] + before[n - k] - covariances[0]).collect();
+        let all: f64 = rows.iter().sum();
+        let squares: f64 = size * covariances[0].powi(2)
+            + (1..n).map(|k| 2.0 * (n - k) as f64 * covariances[k].powi(2)).sum::<f64>();
+        let square = squares - 2.0 / size * dot(&rows, &rows) + (all / size).powi(2);
+        ((size * covariances[0] - all / size) / (size - 1.0), square / (size - 1.0).powi(2))
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrg_data::numeric::stats::{quantile, std_dev};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn drawn(rng: &mut ChaCha8Rng) -> f64 {
+        StandardNormal.sample(rng)
+    }
 
     /// Means of noise of another make: white and five first-order processes.
     fn noise(n: usize, slow: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
-        let mut out: Vec<f64> = (0..n).map(|_| normal(rng)).collect();
+        let mut out: Vec<f64> = (0..n).map(|_| drawn(rng)).collect();
         for tau in [1.0f64, 3.0, 10.0, 30.0, 100.0] {
             let keep = (-1.0 / tau).exp();
-            let mut x = normal(rng);
+            let mut x = drawn(rng);
             for o in &mut out {
-                x = keep * x + (1.0 - keep * keep).sqrt() * normal(rng);
+                x = keep * x + (1.0 - keep * keep).sqrt() * drawn(rng);
                 *o += slow * x;
             }
         }
         out
     }
 
+    fn of(judged: &[f64], other: &[f64]) -> Noise {
+        Noise::new(&[Means::of_means(other)], &Means::of_means(judged)).expect("long enough")
+    }
+
     #[test]
-    fn clean_runs_are_noise_whatever_their_colour() {
-        let clean = Clean::new(300, 250, 1);
+    fn clean_runs_are_noise_whatever_their_spectrum() {
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         for slow in [0.0, 0.1, 0.2, 0.4] {
             let mut alarms = 0;
             let mut off = Vec::new();
             for _ in 0..200 {
                 let (a, b) = (noise(300, slow, &mut rng), noise(250, slow, &mut rng));
-                let n = Neighbours::of(&[&a, &b]).expect("long enough");
-                let r = clean.ratio(&n, std_dev(&a), 0.0);
+                let r = of(&a, &b).ratio(std_dev(&a), 0.0);
                 alarms += usize::from(!r.is_noise());
                 off.push(r.ratio);
             }
@@ -301,9 +276,8 @@ mod tests {
 
     #[test]
     fn structure_is_seen() {
-        let clean = Clean::new(300, 250, 1);
         let mut rng = ChaCha8Rng::seed_from_u64(8);
-        for (floors, least) in [(1.5f64, 70), (2.0, 98)] {
+        for (floors, least) in [(2.0f64, 95), (3.0, 100)] {
             let mut seen = 0;
             for _ in 0..100 {
                 let (mut a, b) = (noise(300, 0.1, &mut rng), noise(250, 0.1, &mut rng));
@@ -312,8 +286,7 @@ mod tests {
                 a.iter_mut()
                     .enumerate()
                     .for_each(|(k, v)| *v += size * (k as f64 / 72.0 * std::f64::consts::TAU).sin());
-                let n = Neighbours::of(&[&a, &b]).expect("long enough");
-                seen += usize::from(!clean.ratio(&n, std_dev(&a), 0.0).is_noise());
+                seen += usize::from(!of(&a, &b).ratio(std_dev(&a), 0.0).is_noise());
             }
             assert!(seen >= least, "{floors} floors: {seen} of 100");
         }
@@ -322,11 +295,26 @@ mod tests {
     #[test]
     fn a_jump_does_not_raise_the_floor() {
         let mut rng = ChaCha8Rng::seed_from_u64(9);
-        let mut a = noise(300, 0.0, &mut rng);
-        let before = Neighbours::of(&[&a]).expect("long enough").one;
+        let (mut a, b) = (noise(300, 0.0, &mut rng), noise(250, 0.0, &mut rng));
+        let before = of(&a, &b).floor();
         a[150..].iter_mut().for_each(|v| *v += 30.0);
-        let after = Neighbours::of(&[&a]).expect("long enough").one;
+        let after = of(&a, &b).floor();
         assert!((after / before - 1.0).abs() < 0.1, "{before} {after}");
-        assert!(Neighbours::of(&[&a[..8]]).is_none());
+        assert!(Noise::new(&[], &Means::of_means(&a[..8])).is_none());
+    }
+
+    #[test]
+    fn the_variance_of_a_run_is_that_of_its_covariance() {
+        for model in NOISE_MODELS {
+            let n = 40;
+            let r = nalgebra::DMatrix::from_fn(n, n, |i, j| model.covariance(i.abs_diff(j)));
+            let h = nalgebra::DMatrix::from_fn(n, n, |i, j| f64::from(u8::from(i == j)) - 1.0 / n as f64);
+            let hr = &h * &r;
+            let (variance, square) = model.of_deviation(n);
+            assert!((variance - hr.trace() / (n - 1) as f64).abs() < 1e-9 * variance.max(1.0), "{model:?}");
+            let trace = (&hr * &hr).trace() / ((n - 1) * (n - 1)) as f64;
+            assert!((square - trace).abs() < 1e-9 * trace.max(1.0), "{model:?}: {square} {trace}");
+            assert!((model.of_mean(n) - r.sum() / (n * n) as f64).abs() < 1e-9, "{model:?}");
+        }
     }
 }

@@ -51,7 +51,7 @@ pub(super) struct Fits<'f> {
 pub(super) struct Judging<'r> {
     pub run: &'r Run,
     pub data: &'r Data<'r>,
-    pub noise: &'r [Noise<'r>],
+    pub noise: &'r [Noise],
 }
 
 impl Fits<'_> {
@@ -250,7 +250,7 @@ fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
 
 /// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean over none and values from a fifth of a floor to five floors: before the run is seen there is one or none at even odds, and
 /// each power of two is as probable as another.
-fn misfit_dph2(left: &Means, noise: &Noise<'_>, known_dph2: f64) -> f64 {
+fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
     let floor = noise.floor();
     let ratio = noise.ratio(left.deviation(), 0.0);
     let squared = |r: f64| (left.deviation() / r).powi(2);

@@ -6,6 +6,7 @@
 
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension};
+use super::model::Fitted;
 use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;
@@ -58,6 +59,16 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
         let evidence = |g: &Option<Extension>| g.map_or(0.0, |e| e.evidence - nothing.evidence);
         let found = names.iter().zip(&gains).filter(|(_, g)| evidence(g) > least);
         found.map(|(name, _)| format!("{name} on the verify run")).collect()
+    })
+}
+
+/// Swings within a run that no noise of a gyro has, by the weights of the noise models after a fit.
+pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
+    [0, 1, 2].map(|a: usize| {
+        let each = &fitted.axes[a].posterior.as_ref()?.each;
+        let misfit: f64 = each.iter().filter(|u| u.noise.is_misfit()).map(|u| u.weight).sum();
+        let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
+        (odds > THRESHOLD).then(|| "in time: it swings over tens of minutes as no noise of a gyro does".into())
     })
 }
 

@@ -42,7 +42,7 @@ use crate::fit::independence::Units;
 use crate::fit::{prepare_for, Prepared};
 use data::{Candidate, Data, Starts};
 use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
-use floor::{Clean, Neighbours, Noise};
+use floor::Noise;
 use found::OnVerify;
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
@@ -64,9 +64,6 @@ use search::{Model, Rival, Search};
 
 /// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
 const INDISTINGUISHABLE: f64 = 4.0;
-
-/// Seed of the surrogates and of the noise: the same data give the same report.
-const SEED: u64 = 20_231_106;
 
 /// Inputs of a trace beside the recordings.
 #[derive(Debug, Clone, Default)]
@@ -196,13 +193,13 @@ fn judged(
     let (refitted, judged) = events::refit(fitted.terms(), verify_run, &scaling, &after_verify);
 
     // The noise, and what is left.
-    let clean = clean_of(&after_train, &judged, &there);
     // (Figures of absent axes are removed from the report.)
     let own = |a: usize| if there.contains(&a) { a } else { there[0] };
-    let noise = noises(&after_train, &judged, own, &clean, verify_run)?;
+    let noise = noises(&after_train, &judged, own)?;
     let mut left = leftover::judge(data, &mut search, &learnt.model);
     let on_verify_run = leftover::on_verify(&on_verify, &fitted.left(&on_verify, &known));
     left.iter_mut().zip(on_verify_run).for_each(|(left, more)| left.extend(more));
+    left.iter_mut().zip(leftover::swings(&fitted)).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
         noise[a].ratio(Means::of(&judged[a]).deviation(), more)
@@ -324,7 +321,7 @@ fn start_as_a_unit(fitted: &mut Fitted) {
 }
 
 /// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
-fn beats(written: &image::Written, other: &Calibration, run: &Run, noise: &[Noise<'_>]) -> bool {
+fn beats(written: &image::Written, other: &Calibration, run: &Run, noise: &[Noise]) -> bool {
     let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| Means::of(&r));
     let (ours, theirs) = (of(&written.image), of(other));
     let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
@@ -364,42 +361,19 @@ fn there_after_steps(fitted: &Fitted) -> Option<String> {
     })
 }
 
-/// Distributions of clean residuals of these lengths, by the axis that has fewest means.
-fn clean_of(train: &[[Vec<f64>; AXES]], judged: &[Vec<f64>; AXES], there: &[usize]) -> Clean {
-    let count = |r: &[Vec<f64>; AXES], a: usize| Means::of(&r[a]).count();
-    let fewest = there.iter().map(|&a| count(judged, a)).min().unwrap_or(0);
-    let trained = there.iter().map(|&a| train.iter().map(|r| count(r, a)).sum()).min().unwrap_or(0);
-    Clean::new(fewest, trained, SEED)
-}
-
-/// The noise of each axis; `own`: the axis that stands for one that is not there.
-fn noises<'c>(
+/// The noise of each axis on the verify run, from what is left on all runs; `own`: the axis that stands for one that is not there.
+fn noises(
     train: &[[Vec<f64>; AXES]],
     judged: &[Vec<f64>; AXES],
     own: impl Fn(usize) -> usize,
-    clean: &'c Clean,
-    run: &Run,
-) -> Result<Vec<Noise<'c>>, BadInput> {
-    (0..AXES).map(|a| noise_of(train, judged, own(a), clean, run.steps.in_turns)).collect()
-}
-
-/// The noise of an axis, from what is left on all runs. `in_turns`: the axes have rates in turns, a mean or two at a time; then means of one turn and
-/// of the next are neighbours.
-fn noise_of<'c>(
-    train: &[[Vec<f64>; AXES]],
-    judged: &[Vec<f64>; AXES],
-    a: usize,
-    clean: &'c Clean,
-    in_turns: bool,
-) -> Result<Noise<'c>, BadInput> {
-    let series: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).chain([Means::of(&judged[a])]).collect();
-    let kept = |v: &f64| !in_turns || v.is_finite();
-    let series: Vec<Vec<f64>> = series.iter().map(|m| m.series().iter().copied().filter(kept).collect()).collect();
-    let series: Vec<&[f64]> = series.iter().map(Vec::as_slice).collect();
-    let neighbours = Neighbours::of(&series).ok_or_else(|| {
-        BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
-    })?;
-    Ok(Noise { neighbours, clean })
+) -> Result<Vec<Noise>, BadInput> {
+    let of = |a: usize| {
+        let others: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).collect();
+        Noise::new(&others, &Means::of(&judged[a])).ok_or_else(|| {
+            BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
+        })
+    };
+    (0..AXES).map(|a| of(own(a))).collect()
 }
 
 /// Scatter of the residuals (RMS of 100 s means, deg/h) by axis.

@@ -15,28 +15,46 @@ pub struct NoiseModel {
     pub phi: f64,
     /// Moving-average coefficient; equal to `phi` for white noise.
     pub theta: f64,
+    /// Variance of the slow part over that of the white part.
+    pub slow: f64,
 }
 
-/// The noise models, each as probable as another before the data are seen: white, and white beside Gauss-Markov processes with memories of
-/// 20, 100 and 2000 blocks (the last is close to a walk over a chamber run) whose variances are 0.1, 1, 10 and 100 times that of the white
-/// part. Flicker is close to one of these over the two decades that a chamber run spans.
+/// The noise models: white, and white beside Gauss-Markov processes with memories of 20, 100 and 2000 blocks (the last is close to a walk
+/// over a chamber run) whose variances are 0.1, 1, 10 and 100 times that of the white part. Flicker is close to one of these over the two
+/// decades that a chamber run spans; a slow part far above the white one is what a model leaves that lacks something.
 pub const NOISE_MODELS: [NoiseModel; 13] = [
-    NoiseModel { phi: 0.0, theta: 0.0 },
-    NoiseModel { phi: 0.95, theta: 0.89271 },
-    NoiseModel { phi: 0.95, theta: 0.72395 },
-    NoiseModel { phi: 0.95, theta: 0.37709 },
-    NoiseModel { phi: 0.95, theta: 0.08208 },
-    NoiseModel { phi: 0.99, theta: 0.95510 },
-    NoiseModel { phi: 0.99, theta: 0.86761 },
-    NoiseModel { phi: 0.99, theta: 0.64097 },
-    NoiseModel { phi: 0.99, theta: 0.26716 },
-    NoiseModel { phi: 0.9995, theta: 0.99004 },
-    NoiseModel { phi: 0.9995, theta: 0.96887 },
-    NoiseModel { phi: 0.9995, theta: 0.90486 },
-    NoiseModel { phi: 0.9995, theta: 0.72981 },
+    NoiseModel { phi: 0.0, theta: 0.0, slow: 0.0 },
+    NoiseModel { phi: 0.95, theta: 0.89271, slow: 0.1 },
+    NoiseModel { phi: 0.95, theta: 0.72395, slow: 1.0 },
+    NoiseModel { phi: 0.95, theta: 0.37709, slow: 10.0 },
+    NoiseModel { phi: 0.95, theta: 0.08208, slow: 100.0 },
+    NoiseModel { phi: 0.99, theta: 0.95510, slow: 0.1 },
+    NoiseModel { phi: 0.99, theta: 0.86761, slow: 1.0 },
+    NoiseModel { phi: 0.99, theta: 0.64097, slow: 10.0 },
+    NoiseModel { phi: 0.99, theta: 0.26716, slow: 100.0 },
+    NoiseModel { phi: 0.9995, theta: 0.99004, slow: 0.1 },
+    NoiseModel { phi: 0.9995, theta: 0.96887, slow: 1.0 },
+    NoiseModel { phi: 0.9995, theta: 0.90486, slow: 10.0 },
+    NoiseModel { phi: 0.9995, theta: 0.72981, slow: 100.0 },
 ];
 
+/// Slow part from which on a noise model stands for a misfit, where its memory is a part of a run: no gyro has such noise.
+const MISFIT: f64 = 10.0;
+/// Autoregressive coefficient of the longest memory that is a part of a run.
+const WITHIN_A_RUN: f64 = 0.99;
+
 impl NoiseModel {
+    /// Log of its probability before the data are seen, up to a constant: each tenfold variance of the slow part halves the odds, and a half
+    /// more (they fall with its deviation).
+    pub fn log_prior(&self) -> f64 {
+        -0.5 * (self.slow / 0.1).ln().max(0.0)
+    }
+
+    /// `true` if it stands for what a model lacks, and not for the noise of a gyro.
+    pub fn is_misfit(&self) -> bool {
+        self.slow >= MISFIT && self.phi <= WITHIN_A_RUN
+    }
+
     /// Factor on the first value of a run, which has no past.
     pub fn first_factor(&self) -> f64 {
         ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()

@@ -115,7 +115,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
 /// Squares of the rates that a step at each row explains. A whitened step is the response h from its place on; its product with the rates,
 /// and with each column of the baseline, is found for all places at once by the recursion run backwards.
 fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
-    let NoiseModel { phi, theta } = view.noise_model;
+    let NoiseModel { phi, theta, .. } = view.noise_model;
     let response = |x: &[f64]| -> Vec<f64> {
         let (mut back, mut sum) = (0.0, 0.0);
         let mut out = vec![0.0; to - from];
