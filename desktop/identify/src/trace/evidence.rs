@@ -510,13 +510,14 @@ fn symmetric(n: usize, at: impl Fn(usize, usize) -> f64) -> DMatrix<f64> {
     m
 }
 
-/// Log of the mean of some evidences, from their logs.
-fn mean_evidence(each: &[f64]) -> f64 {
+/// Log of the mean evidence over the noise models by their probabilities, from the logs under each.
+fn mean_evidence(each: &[f64; NOISE_MODELS.len()]) -> f64 {
+    let each: Vec<f64> = each.iter().zip(NOISE_MODELS).map(|(e, n)| e + n.log_prior()).collect();
     let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     if best == f64::NEG_INFINITY {
         return best;
     }
-    best + (each.iter().map(|e| (e - best).exp()).sum::<f64>() / each.len() as f64).ln()
+    best + each.iter().map(|e| (e - best).exp()).sum::<f64>().ln()
 }
 
 fn log_determinant(f: &Cholesky<f64, Dyn>) -> f64 {

@@ -44,10 +44,10 @@ const MISFIT: f64 = 10.0;
 const WITHIN_A_RUN: f64 = 0.99;
 
 impl NoiseModel {
-    /// Log of its probability before the data are seen, up to a constant: each tenfold variance of the slow part halves the odds, and a half
-    /// more (they fall with its deviation).
+    /// Log of its probability before the data are seen: it falls with the deviation of the slow part.
     pub fn log_prior(&self) -> f64 {
-        -0.5 * (self.slow / 0.1).ln().max(0.0)
+        let odds = |n: &Self| 1.0 / (n.slow / 0.1).max(1.0).sqrt();
+        (odds(self) / NOISE_MODELS.iter().map(odds).sum::<f64>()).ln()
     }
 
     /// `true` if it stands for what a model lacks, and not for the noise of a gyro.

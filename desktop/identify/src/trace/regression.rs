@@ -76,7 +76,7 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
             let variance_dph2 = ((dot(&y, &y) - b.dot(&solved)) / free).max(1e-300);
             let lengths = 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>();
             let information = lengths + 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-            let likelihood = noise.first_factor().ln() * rows.starts.len() as f64
+            let likelihood = noise.log_prior() + noise.first_factor().ln() * rows.starts.len() as f64
                 - 0.5 * free * variance_dph2.ln()
                 - 0.5 * (information + spread);
             let inverse = factor.inverse();
@@ -90,7 +90,7 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
         .collect();
     let best = each.iter().map(|e| e.0).fold(f64::NEG_INFINITY, f64::max);
     let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
-    let evidence = best + (sum / NOISE_MODELS.len() as f64).ln();
+    let evidence = best + sum.ln();
     each.retain(|e| (e.0 - best).exp() > NEGLIGIBLE * sum);
     let sum: f64 = each.iter().map(|e| (e.0 - best).exp()).sum();
     let each: Vec<Under> =
