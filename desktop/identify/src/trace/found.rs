@@ -2,7 +2,7 @@
 
 use super::data::Data;
 use super::events::on_clock_of;
-use super::judge::{Agreement, Prediction};
+use super::judge::{borne_out, Agreement, Prediction};
 use super::model::Fitted;
 use super::odds;
 use super::report::{ByAxis, Found, Gain, Ranked};
@@ -73,8 +73,10 @@ impl OnVerify<'_> {
                 parameters: on_clock_of(self.run_of(c), c.facts, &c.parameters),
                 parameter_std: parameter_std(c, k, stated),
                 axes: gains_by_axis(fitted, k),
-                confirmed: (self.known)(c)
-                    .then(|| on_verify.values().any(Agreement::wins) && !on_verify.values().any(Agreement::loses)),
+                confirmed: (self.known)(c).then(|| {
+                    let each: Vec<((), Agreement)> = on_verify.values().map(|a| ((), *a)).collect();
+                    !borne_out(&each).is_empty() && !on_verify.values().any(Agreement::loses)
+                }),
                 on_verify,
                 indistinguishable_from: equal.collect::<BTreeSet<_>>().into_iter().map(String::from).collect(),
                 rank: rank

@@ -3,7 +3,7 @@
 
 use super::data::{Candidate, Data};
 use super::floor::Noise;
-use super::judge::{Agreement, Prediction};
+use super::judge::{borne_out, Agreement, Prediction};
 use super::means::Means;
 use super::model::{drop_idle_effects, take_axis, Fitted, Specification, Term, TEMPERATURE_TERMS};
 use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
@@ -91,10 +91,15 @@ impl Fits<'_> {
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
         let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
         let of_base = corrected(&baseline);
+        let has_effect = [0, 1, 2].map(|a: usize| image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0)));
+        let scores: Vec<(usize, Agreement)> = (0..AXES)
+            .filter(|a| has_effect[*a])
+            .filter_map(|a| Some((a, self.score(&of_image, &of_beside, verify, a)?)))
+            .collect();
+        let won = borne_out(&scores);
         for a in verify.run.steps.present() {
-            let has_effect = image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0));
-            let wins = has_effect && self.score(&of_image, &of_beside, verify, a).is_some_and(|s| s.wins());
-            chosen_on_verify |= has_effect && !wins;
+            let wins = won.contains(&a);
+            chosen_on_verify |= has_effect[a] && !wins;
             let raw = Means::of(&verify.run.steps.rate_dph[a]);
             // A baseline that leaves more than the raw rates is none.
             models[a] = match (wins, of_base[a].deviation() < raw.deviation()) {
@@ -122,7 +127,7 @@ impl Fits<'_> {
         let judged = self.judged(&image, &of_judge, judge, models, constants);
         let extended: Vec<usize> = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended).collect();
         let names = hrg_data::axes::AXIS_NAMES;
-        let borne_out = extended.iter().any(|a| judged[names[*a]].agreement.wins());
+        let on_judge: Vec<(usize, Agreement)> = extended.iter().map(|a| (*a, judged[names[*a]].agreement)).collect();
         let worse = verify.run.steps.present().any(|a| {
             let j = judged[names[a]];
             (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant
@@ -156,7 +161,7 @@ impl Fits<'_> {
         if kind == Image::None {
             image = baseline;
         }
-        Written { image, kind, figures, judged, good: borne_out && !worse, chosen_on_verify }
+        Written { image, kind, figures, judged, good: !borne_out(&on_judge).is_empty() && !worse, chosen_on_verify }
     }
 
     /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.

@@ -37,10 +37,9 @@ pub struct Agreement {
 }
 
 impl Agreement {
-    /// `true` where the run bears the larger model out by the odds at which an effect is named, and the error falls by more than chance.
-    #[must_use]
-    pub fn wins(&self) -> bool {
-        self.log_score > THRESHOLD && self.mse_fall > DEVIATIONS * self.mse_fall_std
+    /// `true` where the run is more probable under the larger model, and the error falls by more than chance.
+    fn speaks_for(&self) -> bool {
+        self.log_score > 0.0 && self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
 
     /// `true` where the error rises by more than chance.
@@ -48,6 +47,13 @@ impl Agreement {
     pub fn loses(&self) -> bool {
         -self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
+}
+
+/// Axes on which a run bears the larger model out: those that speak for it, if the axes together are more probable under it by the odds at
+/// which an effect is named. (A model that holds on one axis is more probable on the next.)
+pub fn borne_out<K: Copy>(each: &[(K, Agreement)]) -> Vec<K> {
+    let together: f64 = each.iter().map(|(_, a)| a.log_score.max(0.0)).sum();
+    each.iter().filter(|(_, a)| together > THRESHOLD && a.speaks_for()).map(|(k, _)| *k).collect()
 }
 
 /// The predictions of a model for a run.

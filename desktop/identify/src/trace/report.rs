@@ -132,7 +132,7 @@ pub struct Found {
     pub parameter_std: BTreeMap<String, f64>,
     /// Gains, by axis: only the axes that have it.
     pub axes: ByAxis<Gain>,
-    /// Set if the verify run agrees on an axis and on none contradicts ([`Agreement::wins`], [`Agreement::loses`]). `None` for an
+    /// Set if the verify run agrees on an axis and on none contradicts ([`super::judge::borne_out`], [`Agreement::loses`]). `None` for an
     /// unpredictable effect, or one whose input the verify run lacks.
     pub confirmed: Option<bool>,
     /// By axis: the share of the effect that the verify run shows.
