@@ -148,6 +148,8 @@ pub struct Card {
     pub parted_by_profile: bool,
     /// Text of the repair for an effect that a unit cannot compensate.
     pub repair: Option<Repair>,
+    /// What the effect is, in words for who sees its name for the first time.
+    pub meaning: &'static str,
 }
 
 /// Inputs that an effect needs from a recording, beside those whose absence the effect itself shows by NaN.
@@ -270,7 +272,7 @@ impl Generator {
 
 impl Card {
     /// An effect with one start value of its inner parameters, that needs no input and is compensated by the unit.
-    const fn of(class: Class, kind: Kind) -> Self {
+    const fn of(class: Class, kind: Kind, meaning: &'static str) -> Self {
         let grid: Grid = if matches!(kind, Kind::Idle | Kind::Proposed) { nowhere } else { once };
         Self {
             class,
@@ -283,6 +285,7 @@ impl Card {
             generator: Generator::of([0.0; MAX_PARAMETERS]),
             parted_by_profile: false,
             repair: None,
+            meaning,
         }
     }
 }
@@ -302,7 +305,7 @@ pub fn card(effect: EffectId) -> Card {
         E::Cubic => Card {
             generator: Generator { secret: true, ..studied(none) },
             parted_by_profile: true,
-            ..Card::of(Shape, Simple)
+            ..Card::of(Shape, Simple, "a cubic term of temperature")
         },
         E::Kink => Card {
             refine: &[Move::Place(0.02)],
@@ -312,72 +315,98 @@ pub fn card(effect: EffectId) -> Card {
             },
             generator: drawn(8.0, -18.0, 32.0),
             parted_by_profile: true,
-            ..Card::of(Shape, Simple)
+            ..Card::of(Shape, Simple, "the slope over temperature changes at one temperature")
         },
-        E::TemperatureShape => {
-            Card { grid: temperatures, generator: studied([-38.0, 60.0]), ..Card::of(Shape, Simple) }
-        }
-        E::TemperatureSpline => Card { grid: temperatures, generator: of([-38.0, 60.0]), ..Card::of(Shape, Family) },
+        E::TemperatureShape => Card {
+            grid: temperatures,
+            generator: studied([-38.0, 60.0]),
+            ..Card::of(Shape, Simple, "a smooth curve of temperature that a parabola does not follow")
+        },
+        E::TemperatureSpline => Card {
+            grid: temperatures,
+            generator: of([-38.0, 60.0]),
+            ..Card::of(Shape, Family, "a curve of temperature with more detail than a polynomial follows")
+        },
         E::Ripple => Card {
             refine: &[Move::Cycle],
             repeats: true,
             grid: ripples,
             generator: of([14.0, 0.0]),
-            ..Card::of(Shape, Simple)
+            ..Card::of(Shape, Simple, "the bias repeats over temperature with a period")
         },
-        E::FrequencyDirect => Card { needs: Needs::Resonator, ..Card::of(Shape, Idle) },
+        E::FrequencyDirect => Card {
+            needs: Needs::Resonator,
+            ..Card::of(Shape, Idle, "a curve of frequency, without a temperature in between")
+        },
         E::ThermalLag => Card {
             refine: &[SCALE],
             grid: |x| rows(log(120.0, (x.longest_s / 2.5).max(600.0), 18).map(|tau_s| Tau { tau_s })),
             generator: drawn(2400.0, 1200.0, 6000.0),
             parted_by_profile: true,
-            ..Card::of(Memory, Simple)
+            ..Card::of(Memory, Simple, "part of the bias follows the temperature with a delay")
         },
-        E::SecondDerivative => Card { generator: studied(none), parted_by_profile: true, ..Card::of(Memory, Simple) },
+        E::SecondDerivative => Card {
+            generator: studied(none),
+            parted_by_profile: true,
+            ..Card::of(Memory, Simple, "the bias follows changes of the ramp")
+        },
         E::CaseGradient => Card {
             generator: studied(none),
             repair: Some(|_| needs_case_sensors(E::CaseGradient)),
-            ..Card::of(Memory, Simple)
+            ..Card::of(Memory, Simple, "the bias follows the difference between case and resonator")
         },
         E::AxisGradient => Card {
             needs: Needs::OtherAxes,
             generator: Generator { secret: true, ..studied(none) },
             parted_by_profile: true,
-            ..Card::of(Memory, Simple)
+            ..Card::of(Memory, Simple, "the bias follows temperature differences between the axes")
         },
-        E::NeighbourLags => Card { needs: Needs::OtherAxes, ..Card::of(Memory, Family) },
-        E::LagLadder | E::LagLadderByTemperature => {
-            Card { grid: lags, generator: of([60.0, 6000.0]), ..Card::of(Memory, Family) }
+        E::NeighbourLags => {
+            Card { needs: Needs::OtherAxes, ..Card::of(Memory, Family, "the bias follows the other axes with a delay") }
         }
+        E::LagLadder => Card {
+            grid: lags,
+            generator: of([60.0, 6000.0]),
+            ..Card::of(Memory, Family, "parts of the bias follow the temperature with several delays")
+        },
+        E::LagLadderByTemperature => Card {
+            grid: lags,
+            generator: of([60.0, 6000.0]),
+            ..Card::of(Memory, Family, "delays whose weight changes with temperature")
+        },
         E::HeatingLags => Card {
             grid: |x| rows([Taus { tau_min_s: 120.0, tau_max_s: slowest(x) }]),
             generator: of([120.0, 6000.0]),
-            ..Card::of(Memory, Family)
+            ..Card::of(Memory, Family, "something relaxes after heating and not after cooling")
         },
         E::ArrheniusLadder => Card {
             grid: |x| {
                 rows([-0.04, -0.02, 0.02, 0.04].map(|beta_per_c| Arrhenius { beta_per_c, tau_max_s: slowest(x) }))
             },
             generator: of([0.02, 6000.0]),
-            ..Card::of(Memory, Searched)
+            ..Card::of(Memory, Searched, "delays whose times change with temperature")
         },
         E::Hysteresis => Card {
             refine: &[SCALE],
             grid: |x| rows(log((0.03 * x.span_c()).max(0.5), 0.75 * x.span_c(), 14).map(|width_c| Width { width_c })),
             generator: drawn(12.0, 5.0, 25.0),
             parted_by_profile: true,
-            ..Card::of(Hysteresis, Simple)
+            ..Card::of(
+                Hysteresis,
+                Simple,
+                "heating and cooling follow different curves, apart by a width of temperature",
+            )
         },
         E::PlayLadder => Card {
             grid: |x| rows([Widths { width_min_c: (0.012 * x.span_c()).max(0.3), width_max_c: 0.9 * x.span_c() }]),
             generator: of([1.0, 60.0]),
-            ..Card::of(Hysteresis, Family)
+            ..Card::of(Hysteresis, Family, "heating and cooling follow different curves, by loops of many widths")
         },
         E::PlayCurve => Card {
             repeats: true,
             grid: |x| rows([0.02, 0.04, 0.08, 0.15, 0.25].map(|s| Width { width_c: s * x.span_c() })),
             generator: of([8.0, 0.0]),
-            ..Card::of(Hysteresis, Searched)
+            ..Card::of(Hysteresis, Searched, "hysteresis that changes along the temperature")
         },
         E::Relay => Card {
             refine: &[Move::Place(0.04), Move::Place(0.04)],
@@ -388,11 +417,18 @@ pub fn card(effect: EffectId) -> Card {
             repeats: true,
             grid: thresholds,
             generator: of([30.0, -10.0]),
-            ..Card::of(Hysteresis, Simple)
+            ..Card::of(
+                Hysteresis,
+                Simple,
+                "the bias switches at one temperature while heating and back at another while cooling",
+            )
         },
-        E::Extremes => Card::of(Hysteresis, Family),
-        E::CoolingHeating => Card { parted_by_profile: true, ..Card::of(Rate, Simple) },
-        E::CoolingHeatingHeld => Card::of(Rate, Idle),
+        E::Extremes => Card::of(Hysteresis, Family, "the bias remembers the highest and the lowest temperature"),
+        E::CoolingHeating => Card {
+            parted_by_profile: true,
+            ..Card::of(Rate, Simple, "heating and cooling have different coefficients")
+        },
+        E::CoolingHeatingHeld => Card::of(Rate, Idle, "heating and cooling have different coefficients, held on soaks"),
         E::RateSaturation => Card {
             refine: &[SCALE],
             grid: |x| {
@@ -400,59 +436,75 @@ pub fn card(effect: EffectId) -> Card {
                 rows(ramps.map(|ramp_c_per_min| Ramp { ramp_c_per_min }))
             },
             generator: of([0.3, 0.0]),
-            ..Card::of(Rate, Simple)
+            ..Card::of(Rate, Simple, "the bias follows the ramp and levels off")
         },
-        E::RateCurve | E::RateCurveByTemperature => {
-            Card { grid: ramps, generator: of([1.5, 0.0]), ..Card::of(Rate, Family) }
+        E::RateCurve => {
+            Card { grid: ramps, generator: of([1.5, 0.0]), ..Card::of(Rate, Family, "a curve of the ramp") }
         }
-        E::RampByShape | E::HeatingByShape => Card::of(Rate, Family),
+        E::RateCurveByTemperature => Card {
+            grid: ramps,
+            generator: of([1.5, 0.0]),
+            ..Card::of(Rate, Family, "a curve of the ramp that changes with temperature")
+        },
+        E::RampByShape => Card::of(Rate, Family, "the effect of the ramp changes along the temperature"),
+        E::HeatingByShape => Card::of(Rate, Family, "the effect of heating changes along the temperature"),
         E::WarmUp => Card {
             refine: &[SCALE],
             grid: |x| rows(log(150.0, x.longest_s / 3.0, 12).map(|tau_s| Tau { tau_s })),
             generator: drawn(1800.0, 700.0, 4000.0),
             parted_by_profile: true,
-            ..Card::of(PowerOn, Simple)
+            ..Card::of(PowerOn, Simple, "the bias settles after power-on")
         },
-        E::PowerOnLadder | E::PowerOnLadderByTemperature => {
-            Card { grid: decays, generator: of([120.0, 6000.0]), ..Card::of(PowerOn, Family) }
-        }
+        E::PowerOnLadder => Card {
+            grid: decays,
+            generator: of([120.0, 6000.0]),
+            ..Card::of(PowerOn, Family, "the bias settles after power-on with several time constants")
+        },
+        // A dependence on the temperature at power-on needs several power-ons to be seen.
+        E::PowerOnLadderByTemperature => Card {
+            grid: decays,
+            generator: of([120.0, 6000.0]),
+            ..Card::of(PowerOn, Family, "the bias settles after power-on, by more or less at other temperatures")
+        },
         // A dependence on the temperature at power-on needs several power-ons to be seen.
         E::PowerOnLadderByStart => Card {
             grid: |x| if x.runs > 1 { decays(x) } else { vec![] },
             generator: of([120.0, 6000.0]),
-            ..Card::of(PowerOn, Family)
+            ..Card::of(PowerOn, Family, "the bias settles after power-on, by as much as the start temperature says")
         },
         E::DriveAmplitude => Card {
             generator: studied(none),
             repair: Some(|_| needs_voltage(E::DriveAmplitude)),
-            ..Card::of(Input, Simple)
+            ..Card::of(Input, Simple, "the bias follows the drive amplitude: damping changes")
         },
-        E::Quadrature => {
-            Card { generator: studied(none), repair: Some(|_| needs_voltage(E::Quadrature)), ..Card::of(Input, Simple) }
-        }
+        E::Quadrature => Card {
+            generator: studied(none),
+            repair: Some(|_| needs_voltage(E::Quadrature)),
+            ..Card::of(Input, Simple, "the bias follows the quadrature voltage")
+        },
         E::Board => Card {
             grid: |_| rows([0.0, 1.0].map(|source| Source { source })),
             generator: studied(none),
             repair: Some(|_| needs_voltage(E::Board)),
-            ..Card::of(Input, Simple)
+            ..Card::of(Input, Simple, "the bias follows the board temperature or the supply")
         },
         E::RecordedQuantity => Card {
             repeats: true,
             grid: |_| rows((0..8).map(|k| Channel { channel: k as f32 })),
-            ..Card::of(Input, Searched)
+            ..Card::of(Input, Searched, "the bias follows a recorded quantity")
         },
         E::Timebase => Card {
             grid: behind_the_case,
             needs: Needs::ThreeResonators,
             generator: of([694.0, 0.0]),
             repair: Some(|_| needs_case_sensors(E::Timebase)),
-            ..Card::of(Thermometer, Simple)
+            ..Card::of(Thermometer, Simple, "the clock that counts the frequencies changes")
         },
         E::ThermometerError => Card {
             grid: behind_the_case,
             needs: Needs::Resonator,
             generator: of([694.0, 0.0]),
-            ..Card::of(Thermometer, Simple)
+            ..Card::of(Thermometer, Simple, "the thermometer errs")
         },
         E::Aging => Card {
             generator: studied(none),
@@ -460,7 +512,7 @@ pub fn card(effect: EffectId) -> Card {
             repair: Some(|_| {
                 "the rates drift with time: repeat the run after some days to see whether it goes on; it is taken out of the fit and not compensated".into()
             }),
-            ..Card::of(Event, Simple)
+            ..Card::of(Event, Simple, "the bias drifts with time")
         },
         E::Step => Card {
             refine: &[Move::Block],
@@ -471,7 +523,7 @@ pub fn card(effect: EffectId) -> Card {
                     p(E::Step.facts().parameters[0])
                 )
             }),
-            ..Card::of(Event, Proposed)
+            ..Card::of(Event, Proposed, "the bias jumps once")
         },
         E::Shock => Card {
             refine: &[Move::Block, Move::Factor(0.3)],
@@ -482,7 +534,7 @@ pub fn card(effect: EffectId) -> Card {
                     "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
                 )
             }),
-            ..Card::of(Event, Proposed)
+            ..Card::of(Event, Proposed, "the bias jumps and recovers")
         },
         E::Periodic => Card {
             refine: &[Move::Period],
@@ -493,7 +545,7 @@ pub fn card(effect: EffectId) -> Card {
                     p(E::Periodic.facts().parameters[0])
                 )
             }),
-            ..Card::of(Event, Proposed)
+            ..Card::of(Event, Proposed, "the bias swings with a period in time")
         },
     }
 }

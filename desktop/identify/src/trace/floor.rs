@@ -91,7 +91,8 @@ fn pieces(series: &Means) -> Vec<Vec<f64>> {
 
 /// Cosines over a piece down to the shortest period of a nuisance, the constant first.
 fn nuisances(n: usize) -> Vec<Vec<f64>> {
-    let cosine = |k: usize| (0..n).map(|j| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / n as f64).cos()).collect();
+    let cosine =
+        |k: usize| (0..n).map(|j| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / n as f64).cos()).collect();
     (0..=2 * n / PERIOD_MEANS).map(cosine).collect()
 }
 
@@ -144,7 +145,8 @@ impl Noise {
             self.each.iter().map(|u| u.weight * normal((log - u.variance.max(1e-300).ln()) / u.spread)).sum()
         };
         let logs = self.each.iter().map(|u| u.variance.max(1e-300).ln());
-        let (mut low, mut high) = (logs.clone().fold(f64::INFINITY, f64::min) - 6.0, logs.fold(f64::NEG_INFINITY, f64::max) + 6.0);
+        let (mut low, mut high) =
+            (logs.clone().fold(f64::INFINITY, f64::min) - 6.0, logs.fold(f64::NEG_INFINITY, f64::max) + 6.0);
         for _ in 0..50 {
             let middle = 0.5 * (low + high);
             if below(middle) < probability {
@@ -183,9 +185,14 @@ impl Noise {
 fn normal(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * z);
-    let sum = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let sum =
+        t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     let tail = 0.5 * sum * (-z * z).exp();
-    if x < 0.0 { tail } else { 1.0 - tail }
+    if x < 0.0 {
+        tail
+    } else {
+        1.0 - tail
+    }
 }
 
 impl NoiseModel {
@@ -219,8 +226,8 @@ impl NoiseModel {
         }
         let rows: Vec<f64> = (0..n).map(|k| before[k + 1] + before[n - k] - covariances[0]).collect();
         let all: f64 = rows.iter().sum();
-        let squares: f64 = size * covariances[0].powi(2)
-            + (1..n).map(|k| 2.0 * (n - k) as f64 * covariances[k].powi(2)).sum::<f64>();
+        let squares: f64 =
+            size * covariances[0].powi(2) + (1..n).map(|k| 2.0 * (n - k) as f64 * covariances[k].powi(2)).sum::<f64>();
         let square = squares - 2.0 / size * dot(&rows, &rows) + (all / size).powi(2);
         ((size * covariances[0] - all / size) / (size - 1.0), square / (size - 1.0).powi(2))
     }

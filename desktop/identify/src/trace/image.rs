@@ -153,7 +153,8 @@ impl Fits<'_> {
                 let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
                 let (about, of_mean) = fitted.predicted_variance(verify.run, scaling, a, &unit);
                 let shift_dph2 = chosen[a].mean().powi(2) - verify.noise[a].shift().powi(2) - of_mean;
-                let more = misfit_dph2(&chosen[a], &verify.noise[a], about) + day_dph2(shift_dph2, verify.noise[a].floor());
+                let more =
+                    misfit_dph2(&chosen[a], &verify.noise[a], about) + day_dph2(shift_dph2, verify.noise[a].floor());
                 uncertainty.rest_dph2 += more as f32;
             }
         }
@@ -190,14 +191,20 @@ impl Fits<'_> {
     fn score(&self, of_image: &Prediction, of_beside: &Prediction, run: Judging<'_>, a: usize) -> Option<Agreement> {
         let against = of_image.against(of_beside, run.data, a)?;
         let plain = of_image.fall_against(&self.plain_on(run.data, a), run.data, a)?;
-        Some(if plain.mse_fall < against.mse_fall { Agreement { log_score: against.log_score, ..plain } } else { against })
+        Some(if plain.mse_fall < against.mse_fall {
+            Agreement { log_score: against.log_score, ..plain }
+        } else {
+            against
+        })
     }
 
     /// The prediction of the plain baseline on the blocks of a run.
     fn plain_on(&self, data: &Data<'_>, a: usize) -> Vec<f64> {
         let base = &data.axes[a].base;
         let n = data.axes[a].y.len();
-        (0..n).map(|k| base[..TERMS].iter().zip(&self.plain.axes[a].coefficients).map(|(x, c)| c * x[k]).sum()).collect()
+        (0..n)
+            .map(|k| base[..TERMS].iter().zip(&self.plain.axes[a].coefficients).map(|(x, c)| c * x[k]).sum())
+            .collect()
     }
 
     /// The written image on the run that judges, by axis, against the baseline and against a constant.
@@ -271,7 +278,11 @@ fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
         sum += density;
         mean += density * m;
     }
-    if sum > 0.0 { mean / sum } else { excess.max(0.0) }
+    if sum > 0.0 {
+        mean / sum
+    } else {
+        excess.max(0.0)
+    }
 }
 
 /// Variance of the constant from one day to another, (deg/h)^2, from the square of one shift (noise taken off). Before a day is seen it is

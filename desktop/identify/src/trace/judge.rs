@@ -248,4 +248,3 @@ pub fn square_root(c: &DMatrix<f64>) -> DMatrix<f64> {
     let roots = DVector::from_iterator(c.nrows(), e.eigenvalues.iter().map(|v| v.max(0.0).sqrt()));
     &e.eigenvectors * DMatrix::from_diagonal(&roots)
 }
-

@@ -76,6 +76,8 @@ pub struct Options {
     pub repeat_is_enough: bool,
     /// Search on the verify run, too: advice on whether it names the same.
     pub exchange: bool,
+    /// A third run that judges, so that the verify run may choose between image and baseline on an axis.
+    pub judge: Option<Recording>,
     /// Effects of the caller's own.
     pub own: Vec<user_effects::OwnEffect>,
 }
@@ -117,8 +119,8 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// One sentence: recordings that cannot be used, that share data, are of different units, hold too little data, or cannot hold
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
-    let (prepared, verify_run) = ready(train, verify, options)?;
-    closed(train, verify, options, prepared, verify_run)
+    let (prepared, verify_run, judge_run) = ready(train, verify, options)?;
+    closed(train, verify, options, prepared, verify_run, judge_run.as_ref())
 }
 
 /// The loop on recordings that may be used.
@@ -128,6 +130,7 @@ fn closed(
     options: &Options,
     mut prepared: Prepared,
     mut verify_run: Run,
+    judge_run: Option<&Run>,
 ) -> Result<Trace, BadInput> {
     let mut settled = false;
     loop {
@@ -139,7 +142,7 @@ fn closed(
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
         let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
-            return judged(train, verify, options, &prepared, &verify_run, (search, learnt, fitted));
+            return judged(train, verify, options, &prepared, [&verify_run, judge_run.unwrap_or(&verify_run)], (search, learnt, fitted));
         };
         // The search begins anew on what is left.
         settled = true;
@@ -167,7 +170,7 @@ fn judged(
     verify: &Recording,
     options: &Options,
     prepared: &Prepared,
-    verify_run: &Run,
+    [verify_run, judge_run]: [&Run; 2],
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
@@ -226,8 +229,12 @@ fn judged(
         beside_known: &beside_known,
         plain: &plain,
     };
-    let judging = Judging { run: verify_run, data: &on_verify, noise: &noise };
-    let written = fits.image(&calibration, &scaling, judging, judging, &mut notes);
+    let verifying = Judging { run: verify_run, data: &on_verify, noise: &noise };
+    let on_judge = data.unseen(judge_run);
+    let judge_residuals = fitted.residuals(judge_run, None, &scaling, &known);
+    let judge_noise = noises(&after_train, &judge_residuals, own)?;
+    let judging = Judging { run: judge_run, data: &on_judge, noise: &judge_noise };
+    let written = fits.image(&calibration, &scaling, verifying, judging, &mut notes);
     let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, verify_run, &noise));
     let exchanged = (options.exchange && shortest(verify_run) >= LEAST_EXCHANGED)
         .then(|| second_search(verify, &options.own))
@@ -254,6 +261,8 @@ fn judged(
         unexplained: by_axis(|a| !left[a].is_empty()),
         left_over: by_axis(|a| left[a].clone()),
         outside_fit: outside_fit(verify_run, &calibration),
+        visited: visited(verify_run, &calibration),
+        judged_by: if options.judge.is_some() { "judge" } else { "verify" },
         verify_repeats_train: runs.iter().any(|run| independence::repeats(verify_run, run)),
         exchanged,
         advice: Vec::new(),
@@ -326,7 +335,8 @@ fn beats(written: &image::Written, other: &Calibration, run: &Run, noise: &[Nois
     let (ours, theirs) = (of(&written.image), of(other));
     let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
     let each: Vec<(f64, f64)> = run.steps.present().map(fall).collect();
-    each.iter().any(|(fall, std)| *fall > judge::DEVIATIONS * std) && each.iter().all(|(fall, std)| *fall >= -judge::DEVIATIONS * std)
+    each.iter().any(|(fall, std)| *fall > judge::DEVIATIONS * std)
+        && each.iter().all(|(fall, std)| *fall >= -judge::DEVIATIONS * std)
 }
 
 /// A sentence for each effect whose input the verify run lacks.
@@ -393,32 +403,48 @@ fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: 
     }
 }
 
-/// Recordings that may be learnt from and judged on.
-fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run), BadInput> {
-    if verify.corrected() {
-        return Err(BadInput::new("the verify recording holds corrected rates; give the raw one"));
+/// Recordings that may be learnt from, verified on and judged on.
+fn ready(
+    train: &[Recording],
+    verify: &Recording,
+    options: &Options,
+) -> Result<(Prepared, Run, Option<Run>), BadInput> {
+    let unseen: Vec<(&Recording, &str)> =
+        [(verify, "verify")].into_iter().chain(options.judge.iter().map(|r| (r, "judge"))).collect();
+    if let Some((_, role)) = unseen.iter().find(|(r, _)| r.corrected()) {
+        return Err(BadInput::new(format!("the {role} recording holds corrected rates; give the raw one")));
     }
-    let all: Vec<&Recording> = train.iter().chain([verify]).collect();
-    if let Some(r) = train.iter().find(|r| r.absent != verify.absent || r.thermometer != verify.thermometer) {
-        return Err(BadInput::new(format!(
-            "the train recording {} and the verify recording {} have different axes or thermometers; give recordings of one unit with the same columns",
-            r.source, verify.source
-        )));
+    for (u, role) in &unseen {
+        if let Some(r) = train.iter().find(|r| r.absent != u.absent || r.thermometer != u.thermometer) {
+            return Err(BadInput::new(format!(
+                "the train recording {} and the {role} recording {} have different axes or thermometers; give recordings of one unit with the same columns",
+                r.source, u.source
+            )));
+        }
     }
+    let all: Vec<&Recording> = train.iter().chain(unseen.iter().map(|(r, _)| *r)).collect();
     let note = independence::same_unit(&all, options.units)?;
     facts::agree(&all)?;
     let mut prepared = prepare_for(train, options.units)?;
     prepared.notes.extend(note);
     for r in train {
-        independence::require(&[(r, "train"), (verify, "verify")])?;
+        unseen.iter().try_for_each(|u| independence::require(&[(r, "train"), *u]))?;
     }
+    independence::require(&unseen)?;
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
-    let mut run = Run::new(Steps::new(verify)?, curves);
-    let name = if verify.source.is_empty() { String::new() } else { format!(" {}", verify.source) };
-    enough_data::require(&run, &format!("the verify run{name}"))?;
-    prepared.notes.extend(enough_data::few(&run, "the verify run"));
-    prepared.runs.iter_mut().chain([&mut run]).try_for_each(|run| user_effects::attach(&options.own, run))?;
-    Ok((prepared, run))
+    let mut runs = Vec::new();
+    for (r, role) in &unseen {
+        let mut run = Run::new(Steps::new(r)?, curves);
+        let name = if r.source.is_empty() { String::new() } else { format!(" {}", r.source) };
+        enough_data::require(&run, &format!("the {role} run{name}"))?;
+        prepared.notes.extend(enough_data::few(&run, &format!("the {role} run")));
+        user_effects::attach(&options.own, &mut run)?;
+        runs.push(run);
+    }
+    prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(&options.own, run))?;
+    let mut runs = runs.into_iter();
+    let verify_run = runs.next().ok_or_else(|| BadInput::new("no verify recording was given"))?;
+    Ok((prepared, verify_run, runs.next()))
 }
 
 /// File names of the runs, or what they are given as.
@@ -470,6 +496,17 @@ fn conclude(effects: &[Found], left: &[Vec<String>; AXES], good: bool) -> Verdic
         }
         () => VerdictKind::NotConfirmed,
     }
+}
+
+/// Share of a run whose temperatures and ramps were visited together in training, of the axis where it is smallest.
+fn visited(run: &Run, calibration: &Calibration) -> f64 {
+    let share = |a: usize| {
+        let axis = &calibration.axes[a];
+        let states: Vec<(f32, f32)> = (run.steps.run_in..run.steps.len()).filter_map(|k| run.state(k, a)).collect();
+        let known = states.iter().filter(|(t, r)| axis.visited.knows(&axis.ranges(), *t, *r)).count();
+        known as f64 / states.len().max(1) as f64
+    };
+    run.steps.present().map(share).fold(1.0, f64::min)
 }
 
 /// Share of a run outside the fitted temperatures and ramps, of the axis where it is largest.

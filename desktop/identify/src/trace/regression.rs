@@ -64,7 +64,8 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
             noise.whiten(&mut y, &rows.starts);
             // Columns of unit length, so that the equations are as good as they can be.
             let scale: Vec<f64> = x.iter().map(|c| dot(c, c).sqrt().max(1e-100)).collect();
-            let mut g = DMatrix::from_fn(p, p, |i, j| if j <= i { dot(&x[i], &x[j]) / (scale[i] * scale[j]) } else { 0.0 });
+            let mut g =
+                DMatrix::from_fn(p, p, |i, j| if j <= i { dot(&x[i], &x[j]) / (scale[i] * scale[j]) } else { 0.0 });
             g.fill_upper_triangle_with_lower_triangle();
             for (j, variance) in prior.iter().enumerate() {
                 // (The last term keeps columns that differ by rounding alone apart.)
@@ -80,8 +81,7 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
                 - 0.5 * free * variance_dph2.ln()
                 - 0.5 * (information + spread);
             let inverse = factor.inverse();
-            let covariance =
-                DMatrix::from_fn(p, p, |i, j| variance_dph2 * inverse[(i, j)] / (scale[i] * scale[j]));
+            let covariance = DMatrix::from_fn(p, p, |i, j| variance_dph2 * inverse[(i, j)] / (scale[i] * scale[j]));
             let coefficients = DVector::from_fn(p, |i, _| solved[i] / scale[i]);
             let finite = likelihood.is_finite() && coefficients.iter().all(|c| c.is_finite());
             let under = Under { noise: *noise, weight: 0.0, variance_dph2, coefficients, covariance, free };

@@ -267,6 +267,11 @@ pub struct Report {
     pub left_over: ByAxis<Vec<String>>,
     /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
     pub outside_fit: f64,
+    /// Share of the verify run whose temperatures and ramps were visited together in training (the worst axis): elsewhere the unit flags
+    /// `extrapolated`.
+    pub visited: f64,
+    /// Run that judges the image: `verify`, or `judge` where a third one was given.
+    pub judged_by: &'static str,
     /// True where the verify run has the temperatures of a train run: it cannot show what the image does elsewhere.
     pub verify_repeats_train: bool,
     /// The search with train and verify exchanged; absent where it was not asked for.

@@ -1,218 +1,237 @@
 //! The sentences of a report. Each word comes from a number of the report.
+//!
+//! The verdict has four lines: burn or not; why; what is left; the next step.
 
-use super::report::{three_digits, AxisModel, ByAxis, Found, Image, Report, VerdictKind};
+use super::odds::THRESHOLD;
+use super::report::{three_digits, AxisModel, ByAxis, Found, Image, Judged, OnVerify, Report, VerdictKind};
 use hrg_core::effects::EffectId;
 use hrg_data::cards::Class;
 use hrg_data::cards::{card, parting};
 use hrg_data::error::list;
-use std::fmt::Write as _;
 
-/// An effect with its parameter and the axes that have it.
-fn called(e: &Found, there: usize) -> String {
-    let parameter = match e.parameters.iter().next().filter(|_| e.name != EffectId::TemperatureShape.name()) {
-        Some((n, v)) => format!(" ({n} {})", three_digits(*v)),
-        None => String::new(),
-    };
+/// Meaning of a parameter with its value, for those that a reader can use.
+fn parameter(name: &str, value: f64) -> Option<String> {
+    let v = three_digits(value);
+    Some(match name {
+        "tau_s" => format!("time constant {v} s"),
+        "width_c" => format!("width {v} C"),
+        "break_c" => format!("at {v} C"),
+        "period_c" => format!("period {v} C"),
+        "period_s" => format!("period {v} s"),
+        "time_s" => format!("at {v} s"),
+        "on_c" => format!("on at {v} C"),
+        "off_c" => format!("off at {v} C"),
+        "ramp_c_per_min" => format!("beyond {v} C per minute"),
+        _ => return None,
+    })
+}
+
+/// An effect by its name, with its meaning, its parameters, and the axes that have it.
+fn described(e: &Found, there: usize) -> String {
+    let meaning = EffectId::by_name(&e.name).map_or("an effect of your own", |id| card(id).meaning);
+    let parameters = e.parameters.iter().filter_map(|(n, v)| parameter(n, *v));
+    let details: Vec<String> = std::iter::once(meaning.to_string()).chain(parameters).collect();
     let axes: Vec<&String> = e.axes.keys().collect();
     let on = if axes.len() == there { String::new() } else { format!(" on {}", list(&axes)) };
-    format!("{}{parameter}{on}", e.name)
+    format!("{} ({}){on}", e.name, details.join(", "))
 }
 
 fn figures(axes: &[&str], of: impl Fn(&str) -> f64) -> String {
-    axes.iter().map(|n| format!("{:.3}", of(n))).collect::<Vec<_>>().join(", ")
+    list(&axes.iter().map(|n| three_digits(of(n))).collect::<Vec<_>>())
 }
 
-/// Residual of each axis: noise only if the interval allows it and nothing else speaks against it.
-fn rest(r: &Report) -> String {
+/// Figures of the written image and of the baseline on the verify run.
+fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
+    let axes = r.axes();
+    let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
+    let mut s = format!(
+        "it leaves {} deg/h on {} of the verify run, the baseline {} (standard deviation of {means} means of 100 s)",
+        figures(&axes, |n| block[n].verify_rms_dph),
+        list(&axes),
+        figures(&axes, |n| r.baseline[n].verify_rms_dph)
+    );
+    let of = |model: AxisModel| -> Vec<&str> { axes.iter().copied().filter(|n| block[*n].model == model).collect() };
+    let (plain, constant) = (of(AxisModel::Baseline), of(AxisModel::Constant));
+    if !plain.is_empty() && r.image == Image::Extended {
+        s += &format!("; on {} it holds the baseline", list(&plain));
+    }
+    if !constant.is_empty() {
+        s += &format!("; on {} it holds a constant", list(&constant));
+    }
+    s
+}
+
+/// First line: whether to burn, and what the image does.
+fn burn(r: &Report) -> String {
+    let Some(block) = &r.block else {
+        return "Do not burn: no image was made, as not even the baseline leaves less than the raw rates on the verify run.".into();
+    };
+    let figures = left_by_both(r, block);
+    if r.burn {
+        return format!("Burn the image: {figures}.");
+    }
+    let why = match r.image {
+        Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
+        Image::Baseline => "the verify run bears no effect out, and the image is the baseline",
+        _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
+        _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error with the day's constant is larger than that of a constant alone",
+        _ if !judged_good(r) => "the run that judges does not bear it out",
+        _ => "it does not beat the image in use by more than its uncertainty",
+    };
+    format!("Do not burn the image, for {why}: {figures}.")
+}
+
+/// `true` if the judge bears the extended axes out.
+fn judged_good(r: &Report) -> bool {
+    let each: Vec<((), _)> = r.judge.values().map(|j| ((), j.agreement)).collect();
+    !super::judge::borne_out(&each).is_empty() && !r.judge.values().any(|j| j.agreement.loses())
+}
+
+/// Second line: the effects, and what the verify run says of them.
+fn why(r: &Report) -> String {
+    let there = r.baseline.len();
+    if r.effects.is_empty() {
+        return match r.verdict_kind {
+            VerdictKind::NothingLacks => "Why: the train runs warrant no effect beside the baseline, and what is left is noise.".into(),
+            _ => "Why: structure is left that no effect of the library explains.".into(),
+        };
+    }
+    let of = |wanted: Option<bool>| -> Vec<String> {
+        merged(&r.effects).filter(|(e, _)| e.confirmed == wanted).map(|(e, n)| named(e, n, there)).collect()
+    };
+    let mut parts = Vec::new();
+    let (yes, no, open) = (of(Some(true)), of(Some(false)), of(None));
+    if !yes.is_empty() {
+        parts.push(format!("the verify run confirms {}", list(&yes)));
+    }
+    if !no.is_empty() {
+        parts.push(format!("it does not confirm {}", list(&no)).replacen("it does", if parts.is_empty() { "the verify run does" } else { "it does" }, 1));
+    }
+    if !open.is_empty() {
+        parts.push(format!("another run can neither confirm nor deny {}", list(&open)));
+    }
+    let score = |n: &str, j: &Judged| (r.block.as_ref()?[n].model == AxisModel::Extended).then(|| three_digits(j.agreement.log_score));
+    let scores: Vec<(String, String)> =
+        r.judge.iter().filter_map(|(n, j)| Some((n.clone(), score(n, j)?))).collect();
+    let mut s = format!("Why: {}", parts.join("; "));
+    if !scores.is_empty() {
+        let (axes, values): (Vec<String>, Vec<String>) = scores.into_iter().unzip();
+        s += &format!(
+            "; the log score of the image is {} on {} ({} in all are needed)",
+            list(&values),
+            list(&axes),
+            three_digits(THRESHOLD)
+        );
+    }
+    s + "."
+}
+
+/// Effects, those events that happened more than once in a run joined: steps and shocks that repeat are a drift.
+fn merged(effects: &[Found]) -> impl Iterator<Item = (&Found, usize)> {
+    let jump = |e: &Found| e.class == Class::Event && e.parameters.contains_key("time_s");
+    let jumps = effects.iter().filter(|e| jump(e)).count();
+    let mut seen = false;
+    effects.iter().filter_map(move |e| {
+        let repeats = jump(e) && jumps > 1;
+        let first = !repeats || !std::mem::replace(&mut seen, true);
+        first.then_some((e, if repeats { jumps } else { 1 }))
+    })
+}
+
+fn named(e: &Found, times: usize, there: usize) -> String {
+    if times > 1 {
+        format!("a drift ({times} jumps in the train runs: something moves again and again)")
+    } else {
+        described(e, there)
+    }
+}
+
+/// Third line: what is left, in floors of the noise.
+fn left(r: &Report) -> String {
     let one = |n: &str| {
         let ratio = r.floor_ratio[n];
-        match (ratio.is_noise(), r.unexplained[n]) {
-            (true, false) => format!("{n} {ratio}: noise"),
-            (false, _) if ratio.low <= 1.0 => format!("{n} {ratio}: undecided, for the interval holds 1"),
-            (false, _) => format!("{n} {ratio}: more than noise"),
-            (true, true) => format!("{n} {ratio}, with structure"),
-        }
+        let word = match (ratio.is_noise(), r.unexplained[n]) {
+            (true, false) => "noise",
+            (true, true) => "with structure",
+            (false, _) => "more than noise",
+        };
+        format!("{n} {ratio}: {word}")
     };
-    format!("Left there: {}.", r.axes().into_iter().map(one).collect::<Vec<_>>().join("; "))
+    let mut s = format!(
+        "Left on the verify run, in noise floors with 95 %: {}.",
+        r.axes().into_iter().map(one).collect::<Vec<_>>().join("; ")
+    );
+    if r.outside_fit >= 0.005 {
+        s += &format!(
+            " {:.0} % of that run lies outside the temperatures and ramps of the train runs; nothing is promised there.",
+            100.0 * r.outside_fit
+        );
+    }
+    if r.visited < 0.995 {
+        s += &format!(
+            " {:.0} % of it has temperatures and ramps that the train runs never had together; the unit flags them.",
+            100.0 * (1.0 - r.visited)
+        );
+    }
+    s
+}
+
+/// Fourth line: the next step.
+fn next(r: &Report) -> String {
+    let step = if r.burn && r.unexplained.values().all(|u| !u) {
+        "nothing; check the constants on a run of another day".to_string()
+    } else {
+        r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
+            VerdictKind::NothingLacks => "nothing; the baseline is all that these data warrant".into(),
+            _ => "a second train run on another profile tells what belongs to the unit and what to that day".into(),
+        })
+    };
+    format!("Next: {step}.")
 }
 
 /// The verdict.
 #[must_use]
 pub fn verdict(r: &Report) -> String {
-    let before = figures(&r.axes(), |n| r.baseline[n].verify_rms_dph);
-    let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
-    let on = r.axes().join(", ");
-    let mut s = String::new();
-    let names: Vec<String> = r.effects.iter().map(|e| called(e, r.baseline.len())).collect();
-    let _ = match r.verdict_kind {
-        VerdictKind::NothingLacks => write!(
-            s,
-            "The baseline model is all that these data warrant: {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). "
-        ),
-        VerdictKind::Unexplained if r.effects.is_empty() => write!(
-            s,
-            "The baseline leaves structure that no effect of the library explains: {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). "
-        ),
-        VerdictKind::NotConfirmed if r.effects.iter().all(|e| e.confirmed.is_none()) => write!(
-            s,
-            "On the train run the model lacks {}, which another run can neither confirm nor deny. The baseline leaves {before} deg/h on {on} of the verify run (standard deviation of {means} means of 100 s). ",
-            list(&names)
-        ),
-        VerdictKind::NotConfirmed => write!(
-            s,
-            "On the train run the model lacks {}, but the verify run does not confirm it: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s); {}. ",
-            list(&names),
-            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph),
-            unconfirmed(r)
-        ),
-        VerdictKind::Confirmed | VerdictKind::Unexplained => write!(
-            s,
-            "The model lacks {}. The verify run agrees: from {before} to {} deg/h on {on} (standard deviation of {means} means of 100 s). ",
-            list(&names),
-            figures(&r.axes(), |n| r.r#final[n].verify_rms_dph)
-        ),
-    };
-    let refitted: Vec<&str> = r.refitted_on_verify.iter().map(|e| e.name.as_str()).collect();
-    if !refitted.is_empty() {
-        let _ = write!(
-            s,
-            "With {} fitted again to the verify run, it is left with {} deg/h. ",
-            list(&refitted),
-            figures(&r.axes(), |n| r.judged_rms_dph[n])
-        );
-    }
-    s += &rest(r);
-    s += &outside(r);
-    if r.verify_repeats_train {
-        s += " The verify run repeats the profile of a train run: it shows nothing of other temperatures and ramps.";
-    }
-    s += &to_do(r);
-    s
-}
-
-/// Why the verify run does not confirm.
-fn unconfirmed(r: &Report) -> &'static str {
-    if r.effects.iter().all(|e| e.confirmed != Some(true)) {
-        "no effect by itself makes the error fall there by more than its uncertainty and by 1 % at the least, in the size that was predicted"
-    } else {
-        "together they do not make the error fall by more than its uncertainty, or it rises on an axis that has one"
-    }
-}
-
-fn outside(r: &Report) -> String {
-    if r.outside_fit < 0.005 {
-        return String::new();
-    }
-    format!(
-        " {:.0} % of the verify run lies outside the fitted temperatures and ramps; nothing is promised there.",
-        100.0 * r.outside_fit
-    )
-}
-
-/// Remark on the axes whose image is a constant.
-fn constants(axes: &[&str]) -> String {
-    if axes.is_empty() {
-        return String::new();
-    }
-    format!(" (on {} it is a constant alone: no model beats the raw rates there beyond the uncertainty)", list(axes))
-}
-
-fn to_do(r: &Report) -> String {
-    let mut s = String::new();
-    let block = |f: &dyn Fn(AxisModel) -> bool| -> Vec<&str> {
-        r.block.iter().flatten().filter(|(_, b)| f(b.model)).map(|(n, _)| n.as_str()).collect()
-    };
-    let to = |b: &ByAxis<super::report::OnVerify>| figures(&r.axes(), |n| b[n].verify_rms_dph);
-    match (r.image, &r.block) {
-        (Image::Extended, Some(b)) if r.burn => {
-            let _ = write!(s, " To do: burn the extended image, which by itself reaches {} deg/h there", to(b));
-            let plain = block(&|m| m == AxisModel::Baseline);
-            if !plain.is_empty() {
-                let _ = write!(s, " (on {} it holds no effect: there none is better than the baseline)", list(&plain));
-            }
-            s += &constants(&block(&|m| m == AxisModel::Constant));
-            s.push('.');
-        }
-        (Image::Extended, Some(b)) if r.verdict_kind != VerdictKind::Confirmed => {
-            let _ = write!(
-                s,
-                " The image is the extended one and by itself reaches {} deg/h there, but it is not confirmed: there is no reason to burn it before another run agrees.",
-                to(b)
-            );
-        }
-        (Image::Extended, Some(b)) if r.verify_repeats_train => {
-            let _ = write!(
-                s,
-                " The image is the extended one and by itself reaches {} deg/h there, but a repeat of the train profile is no ground to burn it: judge it on a run of another profile (--repeat-is-enough if the unit will never meet another).",
-                to(b)
-            );
-        }
-        (Image::Extended, Some(_)) => {
-            s += " The image is the extended one, but does not beat the image in use by more than its uncertainty: do not burn it.";
-        }
-        (Image::Baseline, Some(b)) => {
-            let _ = write!(
-                s,
-                " The image is the baseline, with {} deg/h there{}{}.",
-                to(b),
-                constants(&block(&|m| m == AxisModel::Constant)),
-                if r.effects.is_empty() { "" } else { "; there is no reason to burn an extended one" }
-            );
-        }
-        _ => s += " There is no image: not even the baseline beats the raw rates on the verify run by more than its uncertainty.",
-    }
+    let mut lines = vec![burn(r), why(r), left(r), next(r)];
     let own: Vec<&str> = r.effects.iter().filter(|e| e.class == Class::Own).map(|e| e.name.as_str()).collect();
     if !own.is_empty() {
         let (are, them) = if own.len() == 1 { ("is", "it") } else { ("are", "them") };
-        let _ = write!(
-            s,
-            " {} {are} your own: the unit does not have {them} and no image holds {them}; the figures of the image are without {them}. docs/own-effects.md says how to write {them} into the unit.",
+        lines.push(format!(
+            "{} {are} your own: the unit does not have {them} and no image holds {them}; the figures of the image are without {them}. docs/own-effects.md says how to write {them} into the unit.",
             list(&own)
-        );
+        ));
     }
-    let at_cause = |e: &&Found| e.reach != "unit" && e.class != Class::Own;
-    let repair: Vec<&str> = r.effects.iter().filter(at_cause).map(|e| e.name.as_str()).collect();
-    if !repair.is_empty() && r.verdict_kind != VerdictKind::NotConfirmed {
-        let _ = write!(s, " Repair {} at the cause: the unit cannot compensate it.", list(&repair));
-    }
-    s
+    lines.join("\n")
 }
 
-/// Advice beside the verdict.
+/// Advice beside the verdict, the most useful first.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
     let mut out = Vec::new();
-    for e in &r.effects {
-        for other in &e.indistinguishable_from {
-            if let (Some(a), Some(b)) = (EffectId::by_name(&e.name), EffectId::by_name(other)) {
-                out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(a, b)));
-            }
+    for (e, times) in merged(&r.effects) {
+        if times > 1 {
+            out.push("the rates drift: repeat the run, and look for what is loose or switches".to_string());
+            continue;
         }
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
         out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|repair| repair(&parameter)));
-        if e.confirmed == Some(false) && r.verdict_kind != VerdictKind::NotConfirmed {
+        if e.confirmed == Some(false) {
             out.push(format!(
-                "{} is named on the train run, and the verify run does not bear it out beyond its uncertainty on every axis: take another run before you rely on it",
+                "{} is named on the train run, and the verify run does not bear it out on every axis: take another run before you rely on the name",
                 e.name
             ));
         }
     }
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
-        let undecided = left.len() == 1 && !r.floor_ratio[n].is_noise() && r.floor_ratio[n].low <= 1.0;
         out.push(format!(
-            "axis {n}: structure {} left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
-            if undecided { "may be" } else { "is" },
+            "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
             list(left)
         ));
     }
     for (n, b) in r.block.iter().flatten() {
         if b.mean_dph.abs() > 3.0 * b.mean_std_dph {
-            let once: Vec<&str> = r
-                .effects
-                .iter()
-                .filter(|e| e.reach == "unpredictable" && e.axes.contains_key(n))
-                .map(|e| e.name.as_str())
-                .collect();
+            let here = |e: &&Found| e.reach == "unpredictable" && e.axes.contains_key(n);
+            let once: Vec<&str> = r.effects.iter().filter(here).map(|e| e.name.as_str()).collect();
             let cause = if once.is_empty() {
                 "measure the turn-on repeatability".to_string()
             } else {
@@ -225,10 +244,17 @@ pub fn advice(r: &Report) -> Vec<String> {
             ));
         }
     }
+    for e in &r.effects {
+        for other in &e.indistinguishable_from {
+            if let (Some(a), Some(b)) = (EffectId::by_name(&e.name), EffectId::by_name(other)) {
+                out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(a, b)));
+            }
+        }
+    }
     if let Some(x) = r.exchanged.as_ref().filter(|x| !x.same_classes) {
         let classes: Vec<&str> = x.classes.iter().map(|c| c.name()).collect();
         out.push(format!(
-            "with train and verify exchanged the classes are {}: one of the two runs does not show what the other does; a third run decides",
+            "with train and verify exchanged the classes are {}: one of the two runs does not show what the other does",
             list(&classes)
         ));
     }

@@ -269,6 +269,7 @@ pub fn card_of(facts: &Facts) -> Card {
         generator: Generator { usual: [0.0; MAX_PARAMETERS], range: None, secret: false, study: false },
         parted_by_profile: false,
         repair: None,
+        meaning: "an effect of your own",
     }
 }
 

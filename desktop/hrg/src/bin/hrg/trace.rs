@@ -22,6 +22,10 @@ pub struct Arguments {
     /// Recording that is only evaluated.
     #[arg(long, required_unless_present = "split")]
     verify: Option<PathBuf>,
+    /// A third run, which chooses nothing and judges alone. Without it the verify run judges, and the report says where it has also
+    /// chosen.
+    #[arg(long, value_name = "RUN", conflicts_with = "split")]
+    judge: Option<PathBuf>,
     /// Instead of a verify run: learn from the one train recording before this time, evaluate on the rest, with lags and
     /// hysteresis carried on from its beginning.
     #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
@@ -68,6 +72,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         runs,
         train,
         verify,
+        judge,
         split,
         out,
         html,
@@ -93,13 +98,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(c) = &in_use {
         hrg_data::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
     }
-    let options = trace::Options {
-        units: units(different_units),
-        in_use,
-        repeat_is_enough,
-        exchange,
-        own: Vec::new(),
-    };
+    let judge = judge.map(|path| facts.load(&[path])).transpose()?.and_then(|mut runs| runs.pop());
+    let options =
+        trace::Options { units: units(different_units), in_use, repeat_is_enough, judge, exchange, own: Vec::new() };
     let mut t = trace::trace_with(&train, &verify, &options)?;
     if rates.is_some() {
         t.report.notes.push(RATES.into());

@@ -137,7 +137,15 @@ impl<'a> Search<'a> {
     pub fn new(data: &'a Data<'a>) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
         // (The first group of each axis is no candidate: the ramp terms of the baseline.)
-        let mut s = Self { data, axes, candidates: vec![vec![]], tries: vec![1.0], offered: vec![false], active: [true; AXES], unit_only: false };
+        let mut s = Self {
+            data,
+            axes,
+            candidates: vec![vec![]],
+            tries: vec![1.0],
+            offered: vec![false],
+            active: [true; AXES],
+            unit_only: false,
+        };
         let starts = s.starts();
         for (c, tries) in data.library(starts) {
             if s.alone(&c).is_none() {
@@ -334,7 +342,8 @@ impl<'a> Search<'a> {
                 self.active = [0, 1, 2].map(|k| k == a);
                 let alone = self.grow(nothing.clone());
                 let with = merged(&state, &alone, &[a]);
-                if self.axis_score(&alone, a, &joint) > self.axis_score(&joint, a, &joint) && self.fits_an_image(&with) {
+                if self.axis_score(&alone, a, &joint) > self.axis_score(&joint, a, &joint) && self.fits_an_image(&with)
+                {
                     state = with;
                 }
             }
