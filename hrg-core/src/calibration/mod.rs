@@ -485,7 +485,8 @@ pub(crate) mod tests {
         // The same image with the number of a version to come, of none, and with a part to come.
         assert_eq!(with(4, VERSION + 1), Err(ImageError::Version(VERSION + 1)));
         assert_eq!(with(4, OLDEST - 1), Err(ImageError::Version(OLDEST - 1)));
-        assert_eq!(with(5, 1 << 3), Err(ImageError::UnknownPart(1 << 3)));
+        let to_come = Parts::all().bits() + 1;
+        assert_eq!(with(5, to_come), Err(ImageError::UnknownPart(to_come)));
         // It names a part that it does not hold.
         assert!(matches!(with(5, Parts::RATES.bits()), Err(ImageError::Length(_))));
     }
