@@ -136,8 +136,13 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
     let mut command = Command::new(hrg);
     command.arg("trace");
     for run in truth["runs"].as_array().into_iter().flatten() {
-        let file = folder.join(run["file"].as_str().unwrap_or(""));
-        command.arg(if run["role"] == "verify" { "--verify" } else { "--train" }).arg(file);
+        let option = match run["role"].as_str() {
+            Some("train") => "--train",
+            Some("verify") => "--verify",
+            // The run that judges is for the grade alone.
+            _ => continue,
+        };
+        command.arg(option).arg(folder.join(run["file"].as_str().unwrap_or("")));
     }
     let ran = command.arg("--out").arg(&out).output().with_context(|| format!("cannot run {}", hrg.display()))?;
     let mut graded = Graded {

@@ -29,12 +29,12 @@ fn make_writes_recordings_and_truth() {
     let folder = empty("files");
     let output = run(&["make", "--case", "days-constants-rod", "--seed", "5", "--out", "a"], &folder);
     assert!(output.status.success(), "{output:?}");
-    let expected =
-        ["train-1.csv", "train-2.csv", "truth.json", "verify.csv"].map(|end| format!("days-constants-rod-5-{end}"));
+    let expected = ["judge.csv", "train-1.csv", "train-2.csv", "truth.json", "verify.csv"]
+        .map(|end| format!("days-constants-rod-5-{end}"));
     assert_eq!(names(&folder.join("a")), expected);
     let text = std::fs::read_to_string(folder.join("a/days-constants-rod-5-truth.json")).expect("the truth");
     let truth: foreign_plant::Truth = serde_json::from_str(&text).expect("the truth's format");
-    assert_eq!(truth.runs.len(), 3);
+    assert_eq!(truth.runs.len(), 4);
     for run in &truth.runs {
         assert!(folder.join("a").join(&run.file).exists(), "{}", run.file);
     }
