@@ -54,13 +54,13 @@ impl OnVerify<'_> {
             let own = rank
                 .iter()
                 .find(|r| r.candidate.facts.id == c.facts.id && r.candidate.parameters == c.parameters)
-                .map_or(0.0, |r| r.evidence);
+                .map_or(0.0, |r| r.score.log_evidence);
             // A family spans its simple members: they are no rivals.
             let family = |r: &Rival| card_of(r.candidate.facts).kind != Kind::Simple;
             let class = card_of(c.facts).class;
             let equal = rank
                 .iter()
-                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.evidence < INDISTINGUISHABLE)
+                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.score.log_evidence < INDISTINGUISHABLE)
                 .filter(|r| {
                     card_of(r.candidate.facts).class != class || !(family(r) || card_of(c.facts).kind != Kind::Simple)
                 })
@@ -84,7 +84,7 @@ impl OnVerify<'_> {
                     .map(|r| Ranked {
                         name: r.candidate.facts.name.to_string(),
                         gain_in_cv: r.gain_in_cv,
-                        net_evidence: r.net_evidence,
+                        score: r.score,
                     })
                     .collect(),
                 p_value: Some(odds::p_value(score.total())),

@@ -123,45 +123,42 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
 }
 
 fn figures(r: &Report) -> String {
-    let mut s = String::from(
-        "<table><tr><th>axis</th><th>baseline, train</th><th>baseline, verify</th><th>final, train</th><th>final, verify</th><th>means, train / verify</th><th>noise floor</th><th>left, in floors</th><th>structure left</th></tr>",
+    let judged = if r.judged_by == "judge" { "on the judging run" } else { "" };
+    let mut s = format!(
+        "<table><tr><th></th><th colspan=2>train runs</th><th colspan=2>verify run</th><th colspan=4>the image on the verify run</th><th></th><th></th><th></th></tr>\
+         <tr><th>axis</th><th>baseline</th><th>with effects</th><th>baseline</th><th>with effects</th><th>model</th><th>deviation</th><th>constant of that day</th><th>RMS {judged}</th><th>noise</th><th>left, in noise floors</th><th>structure left</th></tr>"
     );
     for n in r.axes() {
         let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
         let left = if r.unexplained[n] { escape(&r.left_over[n].join("; ")) } else { "none found".into() };
+        let image = r.block.as_ref().map_or("<td>none</td><td>-</td><td>-</td><td>-</td>".to_string(), |block| {
+            let (i, model) = (block[n], serde_json::to_value(block[n].model).ok());
+            format!(
+                "<td>{}</td><td><b>{:.3}</b></td><td>{:+.3} &plusmn; {:.3}</td><td>{:.3}</td>",
+                model.as_ref().and_then(serde_json::Value::as_str).unwrap_or_default(),
+                i.verify_rms_dph,
+                i.mean_dph,
+                i.mean_std_dph,
+                r.judge[n].rms_dph
+            )
+        });
         let _ = write!(
             s,
-            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td><b>{:.3}</b></td><td>{} / {}</td><td>{:.3}</td><td>{:.2} [{:.2}, {:.2}]</td><td>{left}</td></tr>",
+            "<tr><td>{n}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td>{image}<td>{:.3}</td><td>{:.2} [{:.2}, {:.2}]</td><td>{left}</td></tr>",
             b.train_rms_dph,
-            b.verify_rms_dph,
             f.train_rms_dph,
+            b.verify_rms_dph,
             f.verify_rms_dph,
-            f.train_means,
-            f.verify_means,
             r.noise_floor_dph[n],
             ratio.ratio,
             ratio.low,
             ratio.high
         );
     }
-    s += "</table><p class=small>Standard deviation of 100 s means, deg/h. The noise floor comes from what neighbouring means differ by; the brackets hold 95 %. The verify run was only evaluated, never used to choose an effect.</p>";
-    if let Some(block) = &r.block {
-        s += "<h3>The image on the verify run</h3><table><tr><th>axis</th><th>model</th><th>deg/h</th><th>mean error against train, deg/h</th><th>&plusmn;</th><th>means</th></tr>";
-        for (n, b) in block {
-            let model = serde_json::to_value(b.model).ok();
-            let _ = write!(
-                s,
-                "<tr><td>{n}</td><td>{}</td><td><b>{:.3}</b></td><td>{:+.3}</td><td>{:.3}</td><td>{}</td></tr>",
-                model.as_ref().and_then(serde_json::Value::as_str).unwrap_or_default(),
-                b.verify_rms_dph,
-                b.mean_dph,
-                b.mean_std_dph,
-                b.used_means
-            );
-        }
-        s += "</table>";
-    }
-    s
+    let (train, verify) = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
+    s + &format!(
+        "</table><p class=small>deg/h: standard deviation of 100 s means, {train} of the train runs and {verify} of the verify run; RMS: with the constant of that day. The noise comes from what neighbouring means differ by; the brackets hold 95 %.</p>"
+    )
 }
 
 /// Table of the values taken out of the files.
@@ -192,11 +189,10 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
     for (e, shapes) in r.effects.iter().zip(shapes::of(&data, &t.fitted)) {
         let _ = write!(
             s,
-            "<h3>{} <span class=small>{} &middot; {} &middot; p-value {} &middot; {} &middot; {}</span></h3>",
+            "<h3>{} <span class=small>{} &middot; {} &middot; {} &middot; {}</span></h3>",
             escape(&e.name),
             e.class.name(),
             e.parameters_text(),
-            e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}")),
             match e.confirmed {
                 Some(true) => "confirmed by the verify run",
                 Some(false) => "not confirmed by the verify run",
@@ -211,14 +207,16 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
                 e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
             let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td><td>{share}</td></tr>", g.gain, g.gain_std);
         }
-        s += "</table><table><tr><th>candidate for this place</th><th>less cross-validated error</th><th>net evidence (log evidence less its price)</th></tr>";
+        s += "</table><table><tr><th>candidate for this place</th><th>log prior odds</th><th>log evidence</th><th>score</th><th>less cross-validated error</th></tr>";
         for k in &e.rank {
             let _ = write!(
                 s,
-                "<tr><td>{}</td><td>{:.1} %</td><td>{:.1}</td></tr>",
+                "<tr><td>{}</td><td>{:.1}</td><td>{:.1}</td><td>{:.1}</td><td>{:.1} %</td></tr>",
                 escape(&k.name),
-                100.0 * k.gain_in_cv,
-                k.net_evidence
+                k.score.log_prior,
+                k.score.log_evidence,
+                k.score.total(),
+                100.0 * k.gain_in_cv
             );
         }
         s += "</table>";
@@ -249,7 +247,7 @@ pub fn html(t: &Trace) -> anyhow::Result<String> {
          .verdict{{background:#eef4fb;border-left:4px solid #1e88e5;padding:10px 16px;font-size:17px}}svg{{max-width:100%;height:auto}}\
          </style><h1>What the model of {unit} lacks</h1><p class=verdict>{verdict}</p><h2>Before and after</h2>{figures}<h2>Effects</h2>{ranking}",
         unit = escape(&r.unit),
-        verdict = escape(&r.verdict),
+        verdict = escape(&r.verdict).replace('\n', "<br>"),
         figures = figures(r),
         ranking = ranking(t)?
     );

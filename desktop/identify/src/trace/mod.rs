@@ -142,7 +142,14 @@ fn closed(
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
         let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
-            return judged(train, verify, options, &prepared, [&verify_run, judge_run.unwrap_or(&verify_run)], (search, learnt, fitted));
+            return judged(
+                train,
+                verify,
+                options,
+                &prepared,
+                [&verify_run, judge_run.unwrap_or(&verify_run)],
+                (search, learnt, fitted),
+            );
         };
         // The search begins anew on what is left.
         settled = true;
@@ -209,7 +216,7 @@ fn judged(
     });
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
     {
-        left.push(format!("on the verify run ({ratio})"));
+        left.push(format!("beyond the noise of the verify run ({ratio})"));
     }
 
     // Each effect on the verify run; then the image.
@@ -404,11 +411,7 @@ fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: 
 }
 
 /// Recordings that may be learnt from, verified on and judged on.
-fn ready(
-    train: &[Recording],
-    verify: &Recording,
-    options: &Options,
-) -> Result<(Prepared, Run, Option<Run>), BadInput> {
+fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(Prepared, Run, Option<Run>), BadInput> {
     let unseen: Vec<(&Recording, &str)> =
         [(verify, "verify")].into_iter().chain(options.judge.iter().map(|r| (r, "judge"))).collect();
     if let Some((_, role)) = unseen.iter().find(|(r, _)| r.corrected()) {
@@ -760,7 +763,7 @@ mod tests {
         let r = trace(&[one(train)], &one(verify)).expect("traces").report;
         assert_eq!(r.effects.iter().map(|e| e.class).collect::<Vec<_>>(), [Class::Memory], "{}", r.verdict);
         for k in &r.effects[0].rank {
-            assert!(k.gain_in_cv.is_finite() && k.net_evidence.is_finite(), "{k:?}");
+            assert!(k.gain_in_cv.is_finite() && k.score.total().is_finite(), "{k:?}");
         }
         assert!(!json(&r).contains("\"gain_in_cv\": null"));
     }

@@ -76,8 +76,8 @@ pub struct Ranked {
     pub name: String,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
-    /// Log evidence that it brings, less its price.
-    pub net_evidence: f64,
+    /// Log prior odds and log evidence, were it the one in this place.
+    pub score: super::search::Score,
 }
 
 /// The written image against the baseline on the run that judges, one axis.

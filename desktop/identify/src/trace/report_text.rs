@@ -72,7 +72,7 @@ fn burn(r: &Report) -> String {
     }
     let why = match r.image {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
-        Image::Baseline => "the verify run bears no effect out, and the image is the baseline",
+        Image::Baseline => "no effect of the library that a unit can compute was borne out: it is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
         _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error with the day's constant is larger than that of a constant alone",
         _ if !judged_good(r) => "the run that judges does not bear it out",
@@ -92,7 +92,9 @@ fn why(r: &Report) -> String {
     let there = r.baseline.len();
     if r.effects.is_empty() {
         return match r.verdict_kind {
-            VerdictKind::NothingLacks => "Why: the train runs warrant no effect beside the baseline, and what is left is noise.".into(),
+            VerdictKind::NothingLacks => {
+                "Why: the train runs warrant no effect beside the baseline, and what is left is noise.".into()
+            }
             _ => "Why: structure is left that no effect of the library explains.".into(),
         };
     }
@@ -105,14 +107,19 @@ fn why(r: &Report) -> String {
         parts.push(format!("the verify run confirms {}", list(&yes)));
     }
     if !no.is_empty() {
-        parts.push(format!("it does not confirm {}", list(&no)).replacen("it does", if parts.is_empty() { "the verify run does" } else { "it does" }, 1));
+        parts.push(format!("it does not confirm {}", list(&no)).replacen(
+            "it does",
+            if parts.is_empty() { "the verify run does" } else { "it does" },
+            1,
+        ));
     }
     if !open.is_empty() {
         parts.push(format!("another run can neither confirm nor deny {}", list(&open)));
     }
-    let score = |n: &str, j: &Judged| (r.block.as_ref()?[n].model == AxisModel::Extended).then(|| three_digits(j.agreement.log_score));
-    let scores: Vec<(String, String)> =
-        r.judge.iter().filter_map(|(n, j)| Some((n.clone(), score(n, j)?))).collect();
+    let score = |n: &str, j: &Judged| {
+        (r.block.as_ref()?[n].model == AxisModel::Extended).then(|| three_digits(j.agreement.log_score))
+    };
+    let scores: Vec<(String, String)> = r.judge.iter().filter_map(|(n, j)| Some((n.clone(), score(n, j)?))).collect();
     let mut s = format!("Why: {}", parts.join("; "));
     if !scores.is_empty() {
         let (axes, values): (Vec<String>, Vec<String>) = scores.into_iter().unzip();

@@ -149,61 +149,67 @@ fn runs_of_trace(
 }
 
 fn print_trace(r: &trace::Report) {
+    println!("{}", r.verdict);
+    println!();
+    let judged = if r.judged_by == "judge" { "judging run" } else { "the same" };
+    println!("{:<5} {:^21} {:^52} {:>12}", "", "train", "verify", judged);
     println!(
-        "{:<5} {:>12} {:>12} {:>12} {:>12} {:>14} {:>12}   left, in floors",
-        "axis", "base/train", "base/verify", "final/train", "final/verify", "means", "noise floor"
+        "{:<5} {:>10} {:>10} {:>10} {:>10} {:>10} {:>19} {:>12} {:>9}",
+        "axis", "baseline", "effects", "baseline", "effects", "image", "image's mean", "image RMS", "noise"
     );
     for n in r.axes() {
-        let (b, f, ratio) = (r.baseline[n], r.r#final[n], r.floor_ratio[n]);
+        let (b, f) = (r.baseline[n], r.r#final[n]);
+        let figure = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.3}"));
+        let block = r.block.as_ref().map(|b| b[n]);
         println!(
-            "{n:<5} {:>12.3} {:>12.3} {:>12.3} {:>12.3} {:>14} {:>12.3}   {:.2} [{:.2}, {:.2}]",
+            "{n:<5} {:>10.3} {:>10.3} {:>10.3} {:>10.3} {:>10} {:>19} {:>12} {:>9.3}",
             b.train_rms_dph,
-            b.verify_rms_dph,
             f.train_rms_dph,
+            b.verify_rms_dph,
             f.verify_rms_dph,
-            format!("{} / {}", f.train_means, f.verify_means),
+            figure(block.map(|b| b.verify_rms_dph)),
+            block.map_or("-".to_string(), |b| format!("{:+.3} +- {:.3}", b.mean_dph, b.mean_std_dph)),
+            figure(block.map(|_| r.judge[n].rms_dph)),
             r.noise_floor_dph[n],
-            ratio.ratio,
-            ratio.low,
-            ratio.high
         );
     }
-    println!("standard deviation of 100 s means, deg/h; how many means there are, train / verify; in brackets 95 %");
-    if let Some(block) = &r.block {
-        println!();
-        println!("{:<5} {:>14} {:>26}   the image on the verify run", "axis", "verify", "mean against train");
-        for (n, b) in block {
-            println!(
-                "{n:<5} {:>14.3} {:>26}",
-                b.verify_rms_dph,
-                format!("{:+.3} +- {:.3}", b.mean_dph, b.mean_std_dph)
-            );
-        }
-    }
+    let means = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
+    println!(
+        "deg/h: standard deviation of 100 s means ({} of train, {} of verify); the RMS holds the mean, the constant of that day",
+        means.0, means.1
+    );
     for e in &r.effects {
-        println!();
-        let parameters: Vec<String> =
-            e.parameters.iter().map(|(n, v)| format!("{n} {}", trace::report::three_digits(*v))).collect();
-        let p_value = e.p_value.map_or("not tested".to_string(), |p| format!("{p:.1e}"));
-        println!("effect {} {} ({}, {}; p-value {p_value})", e.name, parameters.join(", "), e.class.name(), e.reach);
-        for (n, v) in &e.on_verify {
-            println!("  axis {n}: the verify run shows {:.2} +- {:.2} of it", v.share, v.share_std);
-        }
-        for k in &e.rank {
-            println!(
-                "  {:<20} {:>6.1} % less cross-validated error, net evidence {:.1}",
-                k.name,
-                100.0 * k.gain_in_cv,
-                k.net_evidence
-            );
-        }
-        if !e.indistinguishable_from.is_empty() {
-            println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
-        }
+        print_effect(e);
     }
-    println!();
-    println!("{}", r.verdict);
+    if !(r.advice.is_empty() && r.notes.is_empty()) {
+        println!();
+    }
     for a in r.advice.iter().chain(&r.notes) {
         println!("- {a}");
+    }
+}
+
+fn print_effect(e: &trace::report::Found) {
+    println!();
+    println!("{} {} ({}; {})", e.name, e.parameters_text(), e.class.name(), e.reach);
+    for (n, gain) in &e.axes {
+        let share = e.on_verify.get(n).map_or(String::new(), |v| {
+            format!("; the verify run shows {:.2} +- {:.2} of it, log score {:.1}", v.share, v.share_std, v.log_score)
+        });
+        println!("  {n}  gain {:.4} +- {:.4}{share}", gain.gain, gain.gain_std);
+    }
+    println!("  {:<22} {:>9} {:>9} {:>9} {:>10}", "candidate", "log prior", "evidence", "score", "less error");
+    for k in &e.rank {
+        println!(
+            "  {:<22} {:>9.1} {:>9.1} {:>9.1} {:>8.1} %",
+            k.name,
+            k.score.log_prior,
+            k.score.log_evidence,
+            k.score.total(),
+            100.0 * k.gain_in_cv
+        );
+    }
+    if !e.indistinguishable_from.is_empty() {
+        println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
     }
 }

@@ -1,6 +1,6 @@
 //! Candidates for the place of an effect: by evidence, by the quantities that sensors record, and by the profile alone.
 
-use super::{odds, AxisModel, Model, Search, State, RAMP};
+use super::{odds, AxisModel, Model, Score, Search, State, RAMP};
 use crate::trace::data::Candidate;
 use crate::trace::noise::{Basis, NOISE_MODELS};
 use hrg_core::effects::{EffectId, Reach};
@@ -13,10 +13,8 @@ use hrg_data::numeric::stats::dot;
 pub struct Rival {
     /// The effect.
     pub candidate: Candidate,
-    /// Log evidence that it brings.
-    pub evidence: f64,
-    /// The same with its log prior odds: its score.
-    pub net_evidence: f64,
+    /// Log prior odds, and the log evidence that it brings.
+    pub score: Score,
     /// Reduction of the cross-validated squared error, as a share.
     pub gain_in_cv: f64,
 }
@@ -48,12 +46,11 @@ impl Search<'_> {
             let rival = self.rival(&others, &next, next.last());
             out.push(rival);
         }
-        out.sort_by(|x, y| y.net_evidence.total_cmp(&x.net_evidence));
+        out.sort_by(|x, y| y.score.total().total_cmp(&x.score.total()));
         out
     }
 
     fn rival(&mut self, others: &State, with: &State, group: usize) -> Rival {
-        let evidence = with.evidence() - others.evidence();
         let gain_in_cv = (0..AXES)
             .filter(|a| !self.data.axes[*a].y.is_empty())
             .map(|a| {
@@ -67,8 +64,10 @@ impl Search<'_> {
             / self.data.axes_there() as f64;
         Rival {
             candidate: self.lead(group),
-            evidence,
-            net_evidence: evidence + self.log_prior(group, &others.groups) + odds::AXIS * with.width(group) as f64,
+            score: Score {
+                log_prior: self.log_prior(group, &others.groups) + odds::AXIS * with.width(group) as f64,
+                log_evidence: with.evidence() - others.evidence(),
+            },
             gain_in_cv,
         }
     }
