@@ -567,7 +567,9 @@ pub fn parting(a: EffectId, b: EffectId) -> &'static str {
     let classes = [card(a).class, card(b).class];
     let both = |wanted: &[Class]| classes.iter().all(|c| wanted.contains(c));
     let either = |wanted: &[Class]| classes.iter().any(|c| wanted.contains(c));
-    if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
+    if both(&[Class::Input]) {
+        "a run in which each recorded quantity moves while the others stand parts them"
+    } else if both(&[Class::Memory, Class::Hysteresis, Class::Thermometer, Class::Input]) {
         "a run with ramps of two speeds (0.5 and 3 C per minute) and long soaks between parts them: a lag scales with speed and dies out on a soak, a hysteresis does neither"
     } else if both(&[Class::Shape]) {
         "a run that reaches further on both ends, with soaks each 10 C, parts them"

@@ -72,13 +72,14 @@ fn burn(r: &Report) -> String {
     }
     let why = match r.image {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
-        Image::Baseline => "no effect of the library that a unit can compute was borne out: it is the baseline alone",
+        Image::Baseline => "no effect that a unit can compute was borne out, and the image is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
         _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error with the day's constant is larger than that of a constant alone",
         _ if !judged_good(r) => "the run that judges does not bear it out",
         _ => "it does not beat the image in use by more than its uncertainty",
     };
-    format!("Do not burn the image, for {why}: {figures}.")
+    let figures = figures.replacen("it", "It", 1);
+    format!("Do not burn: {why}. {figures}.")
 }
 
 /// `true` if the judge bears the extended axes out.
@@ -220,6 +221,12 @@ pub fn advice(r: &Report) -> Vec<String> {
             out.push("the rates drift: repeat the run, and look for what is loose or switches".to_string());
             continue;
         }
+        if let Some(what) = e.reach.strip_prefix("needs ") {
+            out.push(format!(
+                "{} needs {what}, which the unit does not measure: the desktop sees it, and no image holds it",
+                e.name
+            ));
+        }
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
         out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|repair| repair(&parameter)));
         if e.confirmed == Some(false) {
@@ -251,11 +258,17 @@ pub fn advice(r: &Report) -> Vec<String> {
             ));
         }
     }
-    for e in &r.effects {
-        for other in &e.indistinguishable_from {
-            if let (Some(a), Some(b)) = (EffectId::by_name(&e.name), EffectId::by_name(other)) {
-                out.push(format!("{} and {other} look alike on this profile: {}", e.name, parting(a, b)));
-            }
+    for (e, _) in merged(&r.effects) {
+        let alike: Vec<(&String, &str)> = e
+            .indistinguishable_from
+            .iter()
+            .filter_map(|other| Some((other, parting(EffectId::by_name(&e.name)?, EffectId::by_name(other)?))))
+            .collect();
+        let mut ways: Vec<&str> = alike.iter().map(|(_, way)| *way).collect();
+        ways.dedup();
+        for way in ways {
+            let names: Vec<&String> = alike.iter().filter(|(_, w)| *w == way).map(|(n, _)| *n).collect();
+            out.push(format!("{} looks like {} on this profile: {way}", e.name, list(&names)));
         }
     }
     if let Some(x) = r.exchanged.as_ref().filter(|x| !x.same_classes) {
