@@ -2,8 +2,8 @@
 
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
-    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Ramp, RampRange, Source, Tau, Taus, TemperatureRange,
-    Thresholds, Width, Widths,
+    Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Source, Tau, Taus,
+    TemperatureRange, Thresholds, Width, Widths,
 };
 use hrg_core::effects::{EffectId, Facts, ALL, MAX_PARAMETERS};
 use hrg_core::AXES;
@@ -80,7 +80,9 @@ pub struct Extent {
 }
 
 impl Extent {
-    fn span_c(&self) -> f32 {
+    /// Difference of both temperatures, C.
+    #[must_use]
+    pub fn span_c(&self) -> f32 {
         self.high_c - self.low_c
     }
 }
@@ -134,8 +136,8 @@ pub struct Card {
     pub kind: Kind,
     /// Refinement of its inner parameters, in their order; those behind the last keep the values of the grid.
     pub refine: &'static [Move],
-    /// `false` for values of the inner parameters that contradict each other.
-    pub possible: fn(&ParameterRow) -> bool,
+    /// `false` for values of the inner parameters that contradict each other, or that runs of this extent could not show.
+    pub possible: fn(&ParameterRow, &Extent) -> bool,
     /// Set if a model may hold it more than once.
     pub repeats: bool,
     /// Values of the inner parameters to begin with.
@@ -278,7 +280,7 @@ impl Card {
             class,
             kind,
             refine: &[],
-            possible: |_| true,
+            possible: |_, _| true,
             repeats: matches!(kind, Kind::Proposed),
             grid,
             needs: Needs::Nothing,
@@ -410,7 +412,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::Relay => Card {
             refine: &[Move::Place(0.04), Move::Place(0.04)],
-            possible: |row| {
+            possible: |row, _| {
                 let t = Thresholds::of(row);
                 t.off_c <= t.on_c
             },
@@ -527,6 +529,11 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::Shock => Card {
             refine: &[Move::Block, Move::Factor(0.3)],
+            // (A recovery of which a run does not see two time constants is a step.)
+            possible: |row, x| {
+                let shock = Pulse::of(row);
+                shock.time_s + 2.0 * shock.tau_s <= x.longest_s
+            },
             generator: studied([9000.0, 1800.0]),
             repair: Some(|p| {
                 let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));

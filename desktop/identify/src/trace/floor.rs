@@ -81,12 +81,23 @@ pub struct Noise {
     each: Vec<Under>,
 }
 
-/// Pieces of the finite values of a series.
+/// Pieces of the finite values of a series, parted where it jumps.
 fn pieces(series: &Means) -> Vec<Vec<f64>> {
     let finite: Vec<f64> = series.series().iter().copied().filter(|v| v.is_finite()).collect();
-    let count = finite.len().div_ceil(PIECE).max(1);
-    let length = finite.len().div_ceil(count).max(1);
-    finite.chunks(length).filter(|c| c.len() >= LEAST).map(<[f64]>::to_vec).collect()
+    let steps: Vec<f64> = finite.windows(2).map(|w| w[1] - w[0]).collect();
+    let most = JUMP * robust_square(&steps).sqrt();
+    let mut parts = vec![vec![]];
+    for (k, v) in finite.iter().enumerate() {
+        if k > 0 && steps[k - 1].abs() > most {
+            parts.push(vec![]);
+        }
+        parts.last_mut().into_iter().for_each(|p| p.push(*v));
+    }
+    let chunks = |part: &Vec<f64>| {
+        let count = part.len().div_ceil(PIECE).max(1);
+        part.chunks(part.len().div_ceil(count).max(1)).map(<[f64]>::to_vec).collect::<Vec<_>>()
+    };
+    parts.iter().flat_map(chunks).filter(|c| c.len() >= LEAST).collect()
 }
 
 /// Cosines over a piece down to the shortest period of a nuisance, the constant first.
@@ -107,6 +118,7 @@ impl Noise {
         }
         let mut each: Vec<(f64, Under)> = NOISE_MODELS
             .iter()
+            .filter(|noise| !noise.is_misfit())
             .map(|noise| {
                 let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
                 for piece in &all {

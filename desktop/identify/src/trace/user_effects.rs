@@ -262,7 +262,7 @@ pub fn card_of(facts: &Facts) -> Card {
         class: Class::Own,
         kind: Kind::Simple,
         refine: &[],
-        possible: |_| true,
+        possible: |_, _| true,
         repeats: false,
         grid: |_| vec![],
         needs: Needs::Nothing,

@@ -366,7 +366,7 @@ impl<'a> Search<'a> {
         Specification { terms: vec![], ramp_prior: self.ramp_prior(&nothing) }
     }
 
-    /// What an axis contributes to the score of a model: an effect that other axes of `joint` have, with the same parameters, pays no more
+    /// Contribution of an axis to the score of a model: an effect that other axes of `joint` have, with the same parameters, pays no more
     /// than the axis.
     fn axis_score(&self, state: &State, a: usize, joint: &State) -> f64 {
         let has = |s: &State, group: usize| s.axes[a].shares.iter().any(|x| x.group == group);
@@ -414,7 +414,9 @@ impl<'a> Search<'a> {
         for k in 0..state.groups.len() {
             let others = self.without(state, k);
             let own = now - self.score(&others);
-            for next in self.refined_extensions(&others, own - THRESHOLD) {
+            self.propose(&others);
+            for next in self.refined_extensions(&others, 0.5 * own) {
+                let next = self.refine_all(next);
                 let score = self.score(&next);
                 if score > best.as_ref().map_or(now - odds::AXIS, |b| b.0) {
                     best = Some((score, next));
@@ -422,6 +424,14 @@ impl<'a> Search<'a> {
             }
         }
         best.map(|b| b.1)
+    }
+
+    /// Refines each effect of a model, the last one once more: what is new changes what the others stand for.
+    fn refine_all(&mut self, mut state: State) -> State {
+        for k in (0..state.groups.len()).chain(state.groups.len().checked_sub(1)) {
+            state = self.refine(state, k);
+        }
+        state
     }
 
     /// Adds what the residual of a model proposes.
@@ -449,7 +459,8 @@ impl<'a> Search<'a> {
             }
         }
         let rows = self.data.axes.iter().map(|a| a.y.len()).max().unwrap_or(0) as f64;
-        for c in proposed {
+        let extent = self.data.extent();
+        for c in proposed.into_iter().filter(|c| (card_of(c.facts).possible)(&c.parameters, &extent)) {
             match self.alone(&c) {
                 Some(k) => self.offered[k] = true,
                 None => {
