@@ -137,6 +137,8 @@ pub struct AxisRows {
     pub y: Vec<f64>,
     /// Means of the baseline's regressors, then a column for each run after the first: see [`day_column`].
     pub base: Vec<Vec<f64>>,
+    /// Columns of what happened in a run that judges and that nobody can predict: its size there is unknown, as its constant is.
+    pub happened: Vec<Vec<f64>>,
 }
 
 /// All rows.
@@ -191,12 +193,29 @@ impl<'a> Data<'a> {
         other
     }
 
+    /// The same with effects whose sizes in that run are unknown.
+    #[must_use]
+    pub fn with_happened(mut self, happened: &[(Candidate, [bool; AXES])]) -> Self {
+        for (c, on) in happened {
+            for a in (0..AXES).filter(|a| on[*a]) {
+                let columns = self.columns(c, a, true).unwrap_or_default();
+                self.axes[a].happened.extend(columns);
+            }
+        }
+        self
+    }
+
     fn cut(runs: &'a [Run], scaling: Scaling, lag_s: f32, coarse_s: usize) -> Self {
         let block_s = 3 * coarse_s;
         let blocks: Vec<usize> = runs.iter().map(|r| r.steps.len() / block_s).collect();
         let axes = [0, 1, 2].map(|a| {
-            let mut rows =
-                AxisRows { keep: vec![], starts: vec![], y: vec![], base: vec![vec![]; hrg_core::bias::TERMS] };
+            let mut rows = AxisRows {
+                keep: vec![],
+                starts: vec![],
+                y: vec![],
+                base: vec![vec![]; hrg_core::bias::TERMS],
+                happened: vec![],
+            };
             // Each run has its own constant: the first one's is what the others' add up to, taken negative.
             rows.base.extend(vec![vec![]; runs.len().saturating_sub(1)]);
             let mut first = 0;

@@ -16,15 +16,20 @@ use hrg_data::numeric::lsq;
 use hrg_data::recording::steps::Run;
 use std::collections::BTreeMap;
 
+/// Effects that nobody can predict, as a run shows them.
+pub struct Happened {
+    /// For the report.
+    pub refitted: Vec<Refitted>,
+    /// Each effect with the axes that have it.
+    pub effects: Vec<(Candidate, [bool; AXES])>,
+    /// The residual without them.
+    pub left: [Vec<f64>; AXES],
+}
+
 /// Refits those terms that are unpredictable to the residual of a run, on the axes that have them, and takes them out of it.
-pub fn refit(
-    terms: &[Term],
-    run: &Run,
-    scaling: &Scaling,
-    residual: &[Vec<f64>; AXES],
-) -> (Vec<Refitted>, [Vec<f64>; AXES]) {
+pub fn refit(terms: &[Term], run: &Run, scaling: &Scaling, residual: &[Vec<f64>; AXES]) -> Happened {
     let mut rest = residual.clone();
-    let mut out = Vec::new();
+    let (mut out, mut effects) = (Vec::new(), Vec::new());
     let mut done: Vec<&str> = Vec::new();
     // (A shock that recovered is over.)
     let happens_again = |c: &Candidate| c.facts.reach == Reach::Unpredictable && c.facts.effect != EffectId::Shock;
@@ -42,6 +47,7 @@ pub fn refit(
                 *r -= gains[a].iter().zip(x).map(|(g, v)| g * f64::from(v)).sum::<f64>();
             }
         }
+        effects.push((Candidate { parameters, run: None, ..*c }, [0, 1, 2].map(|a: usize| t.on(a))));
         out.push(Refitted {
             name: c.facts.name.to_string(),
             parameters: on_clock_of(run, c.facts, &parameters),
@@ -51,7 +57,7 @@ pub fn refit(
                 .collect(),
         });
     }
-    (out, rest)
+    Happened { refitted: out, effects, left: rest }
 }
 
 /// Name of a parameter that is a time since power-on.

@@ -5,13 +5,12 @@ use super::data::{Candidate, Data};
 use super::floor::Noise;
 use super::judge::{borne_out, Agreement, Prediction};
 use super::means::Means;
-use super::model::{drop_idle_effects, take_axis, Fitted, Specification, Term, TEMPERATURE_TERMS};
+use super::model::{drop_idle_effects, take_axis, Fitted, Specification, TEMPERATURE_TERMS};
 use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
 use super::uncertainty::{self, Known};
 use crate::fit;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, Uncertainty};
-use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, std_dev};
@@ -113,7 +112,9 @@ impl Fits<'_> {
             if models[a] == AxisModel::Constant {
                 image.axes[a].coefficients = constant(constants[a]);
                 image.axes[a].bias_std_dph = [[0.0; TERMS]; 2];
-                image.axes[a].uncertainty = Uncertainty::default();
+                // (It is uncertain by all that the rates do.)
+                let square = raw.deviation().powi(2) + (raw.mean() - constants[a]).powi(2);
+                image.axes[a].uncertainty = Uncertainty { rest_dph2: square as f32, ..Uncertainty::default() };
             }
         }
         drop_idle_effects(&mut image);
@@ -148,7 +149,7 @@ impl Fits<'_> {
         // The verify run shows what the model leaves beyond the noise, and how far the constant moves from day to day.
         for a in verify.run.steps.present() {
             let uncertainty = &mut image.axes[a].uncertainty;
-            if uncertainty.rest_dph2 > 0.0 {
+            if models[a] != AxisModel::Constant && uncertainty.rest_dph2 > 0.0 {
                 // (What the coefficients are uncertain by is stated already.)
                 let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
                 let (about, of_mean) = fitted.predicted_variance(verify.run, scaling, a, &unit);
@@ -260,15 +261,16 @@ fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
     square(left.deviation(), least) > square(raw.deviation(), theirs)
 }
 
-/// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean over none and values from a fifth of a floor to five floors: before the run is seen there is one or none at even odds, and
-/// each power of two is as probable as another.
+/// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean
+/// over none and values from a fifth of a floor to 36 floors. Before the run is seen there is one or none at even odds, and each power of
+/// two is as probable as another.
 fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
     let floor = noise.floor();
     let ratio = noise.ratio(left.deviation(), 0.0);
     let squared = |r: f64| (left.deviation() / r).powi(2);
     let floor_std = (squared(ratio.low) - squared(ratio.high)) / (2.0 * 1.96);
     let excess = left.deviation().powi(2) - floor * floor - known_dph2;
-    const VALUES: i32 = 10;
+    const VALUES: i32 = 16;
     let values = (0..VALUES).map(|k| (floor * floor * 0.04 * 2f64.powi(k), 1.0 / f64::from(VALUES)));
     let (mut sum, mut mean) = (0.0, 0.0);
     for (m, prior) in std::iter::once((0.0, 1.0)).chain(values) {
@@ -289,12 +291,6 @@ fn misfit_dph2(left: &Means, noise: &Noise, known_dph2: f64) -> f64 {
 /// taken for a third of a floor, with the weight of one day.
 fn day_dph2(shift_dph2: f64, floor_dph: f64) -> f64 {
     0.5 * (floor_dph * floor_dph / 9.0 + shift_dph2.max(0.0))
-}
-
-/// The part of a model that holds its named events alone.
-pub(super) fn events(model: &Specification, ramp_prior: &Specification) -> Specification {
-    let event = |t: &Term| t.lead().facts.reach == Reach::Unpredictable;
-    Specification { ramp_prior: ramp_prior.ramp_prior, ..model.only(event) }
 }
 
 /// A bias that does not depend on temperature: the mean rate.

@@ -2,7 +2,7 @@
 //!
 //! Two numbers by axis answer it. The *log score* is `log p(run | train, model) - log p(run | train, baseline)`: the density of the run's
 //! block means under the prediction of each, with the uncertainty of its gains and parameters, its noise models by their weights, and the
-//! run's own constant integrated out. Size, sign and correlated noise are in it, and an axis without an effect gives about 0. The *fall* is
+//! run's own constant (and events that nobody can predict) integrated out. Size, sign and correlated noise are in it, and an axis without an effect gives about 0. The *fall* is
 //! that of the mean square error about the run's own mean, with the deviation that it has as the share of the prediction that the run shows
 //! is known no better: `fall = (2 share - 1)` times the mean square of the prediction.
 
@@ -13,7 +13,7 @@ use super::odds::THRESHOLD;
 use super::regression::Under;
 use super::uncertainty::{Joint, Known};
 use hrg_core::AXES;
-use hrg_data::numeric::stats::{dot, mean};
+use hrg_data::numeric::stats::dot;
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use serde::Serialize;
 
@@ -158,7 +158,13 @@ impl OnAxis {
         whitened(&mut constant);
         whitened(&mut left);
         let mut basis = Basis::default();
-        let length = basis.add_measured(constant);
+        let mut lengths = basis.add_measured(constant).ln();
+        for column in &rows.happened {
+            let mut column = column.clone();
+            whitened(&mut column);
+            let length = basis.add_measured(column);
+            lengths += if length > 0.0 { length.ln() } else { 0.0 };
+        }
         basis.reduce(&mut left);
         // The uncertainty of the coefficients along its own directions: a column of the run for each.
         let root = square_root(covariance);
@@ -177,22 +183,25 @@ impl OnAxis {
         let Some(factor) = m.cholesky() else { return f64::NEG_INFINITY };
         let determinant = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let squares = (dot(&left, &left) - b.dot(&factor.solve(&b))).max(0.0);
-        let freedom = u.free;
+        let (freedom, n) = (u.free, n - (basis.columns.len() - 1) as f64);
         u.noise.first_factor().ln() * rows.starts.len() as f64
             - (n - 1.0) * sigma.ln()
-            - 0.5 * length.ln()
+            - 0.5 * lengths
             - 0.5 * determinant
             - 0.5 * (freedom + n - 1.0) * (1.0 + squares / freedom).ln()
     }
 
     /// Fall of the mean square error from another prediction to this one, and the share of the difference that the run shows.
     fn fall(&self, other: &[f64], rows: &AxisRows) -> Agreement {
+        let n = rows.y.len() as f64;
+        let mut own = Basis::default();
+        for column in std::iter::once(&vec![1.0; rows.y.len()]).chain(&rows.happened) {
+            own.add(column.clone());
+        }
         let about = |mut x: Vec<f64>| {
-            let m = mean(&x);
-            x.iter_mut().for_each(|v| *v -= m);
+            own.reduce(&mut x);
             x
         };
-        let n = rows.y.len() as f64;
         let d = about(self.mean.iter().zip(other).map(|(l, s)| l - s).collect());
         let before = about(rows.y.iter().zip(other).map(|(y, s)| y - s).collect());
         let after: Vec<f64> = before.iter().zip(&d).map(|(e, d)| e - d).collect();
@@ -205,7 +214,7 @@ impl OnAxis {
         let each = self.under_each(rows);
         let best = each.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let sum: f64 = each.iter().map(|e| (e - best).exp()).sum();
-        let (mut share, mut square, mut own) = (0.0, 0.0, 0.0);
+        let (mut share, mut square, mut of_noise) = (0.0, 0.0, 0.0);
         for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
             let mut basis = Basis::default();
             let whitened = |mut x: Vec<f64>, basis: &Basis| {
@@ -213,17 +222,19 @@ impl OnAxis {
                 basis.reduce(&mut x);
                 x
             };
-            let constant = whitened(vec![1.0; rows.y.len()], &basis);
-            basis.add(constant);
+            for column in std::iter::once(&vec![1.0; rows.y.len()]).chain(&rows.happened) {
+                let column = whitened(column.clone(), &basis);
+                basis.add(column);
+            }
             let [d, before, after] = [&d, &before, &after].map(|x| whitened(x.clone(), &basis));
             let length = dot(&d, &d).max(1e-300);
             let variance = (u.free * u.variance_dph2 + dot(&after, &after)) / (u.free + n);
             let (weight, s) = ((e - best).exp() / sum, dot(&before, &d) / length);
             share += weight * s;
             square += weight * s * s;
-            own += weight * variance / length;
+            of_noise += weight * variance / length;
         }
-        let share_std = (own + (square - share * share).max(0.0)).sqrt();
+        let share_std = (of_noise + (square - share * share).max(0.0)).sqrt();
         Agreement {
             log_score: 0.0,
             mse_fall: (dot(&before, &before) - dot(&after, &after)) / n,

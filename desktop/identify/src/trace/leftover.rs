@@ -49,7 +49,8 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
         // Beside a constant alone: the baseline's coefficients are those of the train runs.
         let mut base = vec![vec![0.0; rows.y.len()]; rows.base.len()];
         base[0].fill(1.0);
-        let rows = AxisRows { y: left[a].clone(), base, keep: rows.keep.clone(), starts: rows.starts.clone() };
+        base.extend(rows.happened.iter().cloned());
+        let rows = AxisRows { y: left[a].clone(), base, ..rows.clone() };
         let mut axis = Axis::new(&rows);
         let nothing = axis.baseline_model();
         columns.into_iter().for_each(|c| axis.push(Some(c)));

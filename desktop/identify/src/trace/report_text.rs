@@ -159,7 +159,7 @@ fn left(r: &Report) -> String {
     let one = |n: &str| {
         let ratio = r.floor_ratio[n];
         let word = match (ratio.is_noise(), r.unexplained[n]) {
-            (true, false) => "noise",
+            (true, false) => "may be noise",
             (true, true) => "with structure",
             (false, _) => "more than noise",
         };

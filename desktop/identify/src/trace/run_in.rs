@@ -60,8 +60,13 @@ impl Memory {
         }
         let first = rows.keep[from];
         let decay = |k: &usize| (-(((k - first) * data.block_s) as f64) / self.tau_s).exp();
-        let of_run =
-            AxisRows { keep: rows.keep[from..to].to_vec(), starts: vec![0], y: left[from..to].to_vec(), base: vec![] };
+        let of_run = AxisRows {
+            keep: rows.keep[from..to].to_vec(),
+            starts: vec![0],
+            y: left[from..to].to_vec(),
+            base: vec![],
+            happened: vec![],
+        };
         let constant = vec![1.0; to - from];
         let column: Vec<f64> = of_run.keep.iter().map(decay).collect();
         let with = posterior(&of_run, &[constant.clone(), column], &[None, Some(WIDE)]);

@@ -326,7 +326,8 @@ mod tests {
         for (axis, g) in &found.axes {
             assert!((g.gain - 2.0).abs() < 4.0 * g.gain_std.max(0.02), "{axis}: {} +- {}", g.gain, g.gain_std);
         }
-        assert!(t.image.effects.is_empty() && !t.report.burn, "an image cannot hold it");
+        // An image cannot hold it; what a unit has may do the same.
+        assert!(t.image.effects.iter().all(|e| e.id < FIRST_ID), "{:?}", t.image.effects);
         assert!(t.report.verdict.contains("mount-resonance is your own"), "{}", t.report.verdict);
         // On clean units neither is warranted.
         let clean = traced(plan("cycle", 123), &plan("verify", 124), own()).expect("traces").report;

@@ -360,10 +360,13 @@ impl<'a> Search<'a> {
         model
     }
 
-    /// The baseline alone.
-    pub fn baseline_specification(&self) -> Specification {
-        let nothing = self.nothing();
-        Specification { terms: vec![], ramp_prior: self.ramp_prior(&nothing) }
+    /// The events of a model beside the baseline, their variances found anew.
+    pub fn events_of(&mut self, model: &Model) -> Model {
+        let mut state = model.state.clone();
+        while let Some(k) = state.groups.iter().position(|g| self.lead(*g).facts.reach != Reach::Unpredictable) {
+            state = self.without(&state, k);
+        }
+        self.model(state)
     }
 
     /// Contribution of an axis to the score of a model: an effect that other axes of `joint` have, with the same parameters, pays no more
@@ -402,12 +405,14 @@ impl<'a> Search<'a> {
                 let Some(next) = self.step(&state) else { break };
                 state = self.prune(next);
             }
-            let Some(better) = self.exchange(&state) else { return state };
+            // (A model that needs as many effects as there may be is called unexplained, and not polished.)
+            let better = if state.groups.len() < MOST { self.exchange(&state) } else { None };
+            let Some(better) = better else { return state };
             state = self.prune(better);
         }
     }
 
-    /// A model with another effect in the place of one, if its score is higher.
+    /// A model with another effect in the place of one, if that raises its score by the threshold.
     fn exchange(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
         let mut best: Option<(f64, State)> = None;
@@ -416,9 +421,11 @@ impl<'a> Search<'a> {
             let own = now - self.score(&others);
             self.propose(&others);
             for next in self.refined_extensions(&others, 0.5 * own) {
-                let next = self.refine_all(next);
+                // (As much as that may be gained where the others move, too.)
+                let near = self.score(&next) > now - THRESHOLD * state.groups.len() as f64;
+                let next = if near { self.refine_all(next) } else { next };
                 let score = self.score(&next);
-                if score > best.as_ref().map_or(now - odds::AXIS, |b| b.0) {
+                if score > best.as_ref().map_or(now + THRESHOLD, |b| b.0) {
                     best = Some((score, next));
                 }
             }
