@@ -137,8 +137,12 @@ fn from_simulation_to_report() {
     );
     let report: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(d.join(json)).expect("written")).expect("JSON");
-    assert_eq!(report["version"], 2);
+    assert_eq!(report["version"], 3);
     assert_eq!(report["verdict_kind"], "confirmed");
+    assert_eq!((&report["chosen_on"], &report["judged_by"]), (&"train".into(), &"verify".into()));
+    for key in ["log_prior", "log_evidence"] {
+        assert!(report["effects"][0]["score"][key].is_f64() && report["effects"][0]["rank"][0]["score"][key].is_f64());
+    }
     assert_eq!(report["burn"], true);
     assert_eq!(report["effects"][0]["name"], "hysteresis");
     assert_eq!(report["effects"][0]["class"], "hysteresis");
@@ -153,6 +157,9 @@ fn from_simulation_to_report() {
         assert_eq!(report["unexplained"][axis], false);
         let ratio = &report["floor_ratio"][axis];
         assert!(ratio["low"].as_f64() < ratio["ratio"].as_f64() && ratio["ratio"].as_f64() < ratio["high"].as_f64());
+        for key in ["log_score", "mse_fall", "mse_fall_std", "rms_dph", "constant_dph"] {
+            assert!(report["judge"][axis][key].is_f64(), "{key}");
+        }
         let block = &report["block"][axis];
         for key in ["verify_rms_dph", "mean_dph", "mean_std_dph"] {
             assert!(block[key].is_f64(), "{key}");

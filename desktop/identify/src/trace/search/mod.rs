@@ -399,7 +399,7 @@ impl<'a> Search<'a> {
 
     /// Adds effects until none raises the score by the threshold, and exchanges them until no other one is better in the place of one.
     fn grow(&mut self, mut state: State) -> State {
-        loop {
+        for _ in 0..MOST {
             while state.groups.len() < MOST {
                 self.propose(&state);
                 let Some(next) = self.step(&state) else { break };
@@ -410,9 +410,10 @@ impl<'a> Search<'a> {
             let Some(better) = better else { return state };
             state = self.prune(better);
         }
+        state
     }
 
-    /// A model with another effect in the place of one, if that raises its score by the threshold.
+    /// A model with another effect in the place of one, if its score is higher.
     fn exchange(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
         let mut best: Option<(f64, State)> = None;
@@ -425,7 +426,7 @@ impl<'a> Search<'a> {
                 let near = self.score(&next) > now - THRESHOLD * state.groups.len() as f64;
                 let next = if near { self.refine_all(next) } else { next };
                 let score = self.score(&next);
-                if score > best.as_ref().map_or(now + THRESHOLD, |b| b.0) {
+                if score > best.as_ref().map_or(now, |b| b.0) {
                     best = Some((score, next));
                 }
             }
