@@ -20,9 +20,9 @@
 //!
 //! // Of a new ADC nothing is known: it is set up first. A frame of zeros has a wrong checksum, whatever is expected of it.
 //! let mut dialogue = Dialogue::default();
-//! let heard = dialogue.heard(&[0; WORDS], false);
-//! assert_eq!(heard.sample, Some(Err(Fault::Crc)));
-//! assert_eq!(heard.next, Next::Wait);
+//! let received = dialogue.receive(&[0; WORDS], false);
+//! assert_eq!(received.sample, Some(Err(Fault::Crc)));
+//! assert_eq!(received.next, Next::Wait);
 //! ```
 
 use crate::rate_path::CHANNELS;
