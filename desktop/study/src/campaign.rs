@@ -80,7 +80,6 @@ struct Outcome {
     verdict: VerdictKind,
     burn: bool,
     classes: Vec<Class>,
-    exchanged_same: bool,
     image_over_floor: f64,
     image_over_baseline: f64,
     ratio_holds: usize,
@@ -170,7 +169,6 @@ fn one(trial: &Trial) -> Result<Outcome> {
         verdict: report.verdict_kind,
         burn: report.burn,
         classes: report.effects.iter().map(|e| e.class).collect(),
-        exchanged_same: report.exchanged.as_ref().is_some_and(|e| e.same_classes),
         image_over_floor: mean3(|a| image(a) / verify.truth.floor_dph[a]),
         image_over_baseline: (0..3)
             .map(|a| image(a) / report.baseline[AXIS_NAMES[a]].verify_rms_dph)
@@ -340,13 +338,13 @@ pub fn short_form() -> Result<String> {
 /// Every trial as a row of CSV.
 fn every_trial(outcomes: &[Outcome]) -> String {
     let mut s = String::from(
-        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,exchanged_same,twins,unexplained,left,before,after,image,image_over_baseline,floor,normalised_error,seconds\n",
+        "kind,profile,unit,truth,size,parameter,found,classes,verdict,burn,twins,unexplained,left,before,after,image,image_over_baseline,floor,normalised_error,seconds\n",
     );
     for o in outcomes {
         let join = |f: &dyn Fn(&EffectSpec) -> String| o.trial.effects.iter().map(f).collect::<Vec<_>>().join("+");
         let _ = writeln!(
             s,
-            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{},{:.3}",
+            "{},{},{},{},{},{},{},{},{:?},{},{},{},{},{:.3},{:.3},{:.3},{:.3},{:.3},{},{:.3}",
             o.trial.kind,
             o.trial.profile,
             o.trial.unit,
@@ -357,7 +355,6 @@ fn every_trial(outcomes: &[Outcome]) -> String {
             o.classes.iter().map(|c| c.name()).collect::<Vec<_>>().join("+"),
             o.verdict,
             o.burn,
-            o.exchanged_same,
             o.confounded.join("+"),
             o.unexplained,
             o.left,
@@ -509,12 +506,6 @@ fn summary(all: &[Outcome], seed: u64) -> String {
         s,
         "| size 2 and up, compensable: confirmed, and the image recommended | - | {} |",
         share(confirmed, named_large.len())
-    );
-    let same = named_large.iter().filter(|o| o.exchanged_same).count();
-    let _ = writeln!(
-        s,
-        "| the same: train and verify exchanged name the same classes | - | {} |",
-        share(same, named_large.len())
     );
     let worse = all.iter().filter(|o| o.image_over_baseline > 1.02).count();
     let _ = writeln!(

@@ -25,6 +25,10 @@ enum Command {
     ///
     /// Example: hrg-study trace --runs 1 --clean 3
     Trace(campaign::Arguments),
+    /// Scores of the search on noise alone: the threshold of the trace is what one in a hundred passes.
+    ///
+    /// Example: hrg-study threshold --units 30
+    Threshold(hrg_study::threshold::Arguments),
     /// One checksum over the findings of three traces.
     ///
     /// Example: hrg-study short-form
@@ -222,6 +226,7 @@ fn run(command: Command) -> Result<()> {
     let top = std::env::current_dir()?;
     match command {
         Command::Trace(arguments) => campaign::run(&arguments),
+        Command::Threshold(arguments) => hrg_study::threshold::run(&arguments),
         Command::ShortForm => {
             println!("{}", campaign::short_form()?);
             Ok(())

@@ -82,7 +82,7 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
     let (fixed, stack) = (f64::from(with.static_bytes()), f64::from(with.stack_used()));
     let mut figures = vec![
         figure("capture edge, fetched and counted", (all - bare) / edges, 48.0, None, "instructions"),
-        figure("bias update, three axes, four effects", mean(&with, UPDATE)?, 3830.0, None, "instructions"),
+        figure("bias update, three axes, four effects", mean(&with, UPDATE)?, 4040.0, None, "instructions"),
         figure(
             "data-ready to corrected sample, mean",
             latency.instructions as f64 / latency.calls as f64,
@@ -143,7 +143,7 @@ fn estimated(board: &Board<hrg_board::wires::Wires>) -> Result<Vec<Figure>> {
     let stretch = board.longest_interrupt("UART4").context("no task ran")?;
     let unit = "cycles, estimated";
     Ok(vec![
-        figure("bias update, three axes, four effects", update, 7020.0, None, unit),
+        figure("bias update, three axes, four effects", update, 7870.0, None, unit),
         figure(
             "data-ready to corrected sample, mean",
             latency.estimated as f64 / latency.calls as f64,

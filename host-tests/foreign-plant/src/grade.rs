@@ -1,6 +1,7 @@
 //! Grades `hrg trace` on written units by their truth: the class, what is flagged, what is left, and whether an image is worse than
 //! the baseline. The program is run as a user runs it; only its report is read.
 
+use crate::third::{third, OnThird};
 use anyhow::{bail, Context, Result};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -55,8 +56,25 @@ pub struct Graded {
     pub compensable: bool,
     /// Residual of the written image on the verify run, in floors, by axis.
     pub left: Vec<f64>,
+    /// Size of its largest effect, in floors.
+    pub size: f64,
+    /// The image on the third run, by axis; empty where there is none.
+    pub third: Vec<OnThird>,
+    /// Time of the trace, s.
+    pub seconds: f64,
     /// Why the tool refused.
     pub why: String,
+}
+
+impl Graded {
+    /// `true` if its image leaves less than the baseline on an axis of the third run, and on none more.
+    fn helps(&self) -> bool {
+        self.third.iter().any(OnThird::helps) && !self.hurts()
+    }
+
+    fn hurts(&self) -> bool {
+        self.third.iter().any(OnThird::hurts)
+    }
 }
 
 fn texts(v: &Value) -> BTreeSet<String> {
@@ -126,6 +144,13 @@ fn against_baseline(truth: &Value, report: &Value) -> f64 {
     each.fold(0.0, f64::max)
 }
 
+/// Size of the largest effect of a truth, in floors.
+fn size(truth: &Value) -> f64 {
+    let effects = truth["effects"].as_array().into_iter().flatten();
+    let each = effects.flat_map(|e| e["size_floors"].as_object().into_iter().flatten().filter_map(|(_, v)| v.as_f64()));
+    each.fold(0.0, f64::max)
+}
+
 /// Runs the tool on one written unit.
 fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
     let truth: Value = serde_json::from_slice(&std::fs::read(truth_file)?)
@@ -135,6 +160,7 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
     let out = scratch.join(format!("{name}.json"));
     let mut command = Command::new(hrg);
     command.arg("trace");
+    let mut train = Vec::new();
     for run in truth["runs"].as_array().into_iter().flatten() {
         let option = match run["role"].as_str() {
             Some("train") => "--train",
@@ -142,9 +168,22 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
             // The run that judges is for the grade alone.
             _ => continue,
         };
-        command.arg(option).arg(folder.join(run["file"].as_str().unwrap_or("")));
+        let file = folder.join(run["file"].as_str().unwrap_or(""));
+        command.arg(option).arg(&file);
+        if option == "--train" {
+            train.push(file);
+        }
     }
-    let ran = command.arg("--out").arg(&out).output().with_context(|| format!("cannot run {}", hrg.display()))?;
+    let [image, baseline] = ["toml", "baseline.toml"].map(|end| scratch.join(format!("{name}.{end}")));
+    [&image, &baseline].into_iter().filter(|p| p.exists()).try_for_each(std::fs::remove_file)?;
+    let begun = std::time::Instant::now();
+    let ran = command
+        .arg("--out")
+        .arg(&out)
+        .arg("--calibration")
+        .arg(&image)
+        .output()
+        .with_context(|| format!("cannot run {}", hrg.display()))?;
     let mut graded = Graded {
         name,
         group: truth["group"].as_str().unwrap_or("?").to_string(),
@@ -155,6 +194,9 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
         worse: 0.0,
         compensable: truth["compensable"] == true && !texts(&truth["classes"]).contains("none"),
         left: vec![],
+        size: size(&truth),
+        third: vec![],
+        seconds: begun.elapsed().as_secs_f64(),
         why: String::new(),
     };
     match ran.status.code() {
@@ -172,6 +214,9 @@ fn one(hrg: &Path, truth_file: &Path, scratch: &Path) -> Result<Graded> {
     graded.burn = report["burn"] == true;
     graded.worse = against_baseline(&truth, &report);
     graded.left = left_in_floors(&truth, &report);
+    // (Where the baseline cannot be fitted, nothing is compared.)
+    Command::new(hrg).arg("fit").args(&train).arg("--out").arg(&baseline).output()?;
+    graded.third = third(hrg, &truth, folder, &image, &baseline)?;
     Ok(graded)
 }
 
@@ -290,6 +335,15 @@ pub fn table(all: &[Graded]) -> String {
     }
     row("image worse than the baseline", share(judged.iter().filter(|g| g.worse > WORSE).count()));
     row("image recommended", share(judged.iter().filter(|g| g.burn).count()));
+    on_third(&judged, &share_of, &mut row);
+    let mut seconds: Vec<f64> = judged.iter().map(|g| g.seconds).collect();
+    seconds.sort_by(f64::total_cmp);
+    if let (Some(median), Some(most)) = (seconds.get(seconds.len() / 2), seconds.last()) {
+        row(
+            "seconds of a trace, as many at once as there are processors: median, most",
+            format!("{median:.2}, {most:.2}"),
+        );
+    }
     let measured: Vec<&&Graded> = judged.iter().filter(|g| g.measured_spectrum).collect();
     if !measured.is_empty() {
         let of = |hit: &dyn Fn(&Graded) -> bool| share_of(measured.iter().filter(|g| hit(g)).count(), measured.len());
@@ -297,6 +351,41 @@ pub fn table(all: &[Graded]) -> String {
         row("units with a measured spectrum: image recommended", of(&|g| g.burn));
     }
     s
+}
+
+/// The rows of the third runs.
+fn on_third(judged: &[&Graded], share: &dyn Fn(usize, usize) -> String, row: &mut impl FnMut(&str, String)) {
+    let with: Vec<&&Graded> = judged.iter().filter(|g| !g.third.is_empty()).collect();
+    if with.is_empty() {
+        return;
+    }
+    let good: Vec<&&&Graded> = with.iter().filter(|g| g.compensable && g.size >= 2.0 && g.helps()).collect();
+    row(
+        "third run: recommended of the images that leave less (size 2 and up, compensable)",
+        share(good.iter().filter(|g| g.burn).count(), good.len()),
+    );
+    let burnt: Vec<&&&Graded> = with.iter().filter(|g| g.burn).collect();
+    row(
+        "third run: leave more on an axis than the baseline, of the recommended",
+        share(burnt.iter().filter(|g| g.hurts()).count(), burnt.len()),
+    );
+    let axes: Vec<&OnThird> = with.iter().flat_map(|g| &g.third).filter(|t| t.squared.is_some()).collect();
+    for (name, from, to) in [("below 2", 0.0, 2.0), ("2 to 4", 2.0, 4.0), ("above 4", 4.0, f64::INFINITY)] {
+        let mut each: Vec<f64> =
+            axes.iter().filter(|t| (from..to).contains(&t.image_floors)).filter_map(|t| t.squared).collect();
+        each.sort_by(f64::total_cmp);
+        if let Some(median) = each.get(each.len() / 2) {
+            let mean = each.iter().sum::<f64>() / each.len() as f64;
+            let what = format!("third run: squared error over stated variance, {name} floors left: mean, median, axes");
+            row(&what, format!("{mean:.2}, {median:.2}, {}", each.len()));
+        }
+    }
+    let count: usize = axes.iter().map(|t| t.count).sum();
+    let within = [0, 1].map(|k| axes.iter().map(|t| t.within[k] * t.count as f64).sum::<f64>() / count as f64);
+    row(
+        "third run: means within 1 and 1.96 standard uncertainties, constant included",
+        format!("{:.1} %, {:.1} %", 100.0 * within[0], 100.0 * within[1]),
+    );
 }
 
 /// One row a unit.
@@ -363,6 +452,9 @@ mod tests {
             worse: 1.0,
             compensable: false,
             left: vec![1.0],
+            size: 0.0,
+            third: vec![],
+            seconds: 1.0,
             why: String::new(),
         };
         let all = [of(true, "step", false), of(true, "", false), of(false, "lag", true)];

@@ -43,6 +43,7 @@ pub mod sensors;
 pub mod series;
 mod sizing;
 pub mod thermal;
+pub mod third;
 pub mod truth;
 pub mod unit;
 pub mod world;

@@ -9,7 +9,7 @@ use super::report::{ByAxis, Found, Gain, Ranked};
 use super::search::{Rival, Search};
 use super::stated::Stated;
 use super::user_effects::card_of;
-use super::{image, Candidate, Learnt, INDISTINGUISHABLE};
+use super::{image, Candidate, Learnt};
 use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
@@ -60,7 +60,7 @@ impl OnVerify<'_> {
             let class = card_of(c.facts).class;
             let equal = rank
                 .iter()
-                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.score.log_evidence < INDISTINGUISHABLE)
+                .filter(|r| r.candidate.facts.id != c.facts.id && own - r.score.log_evidence < odds::THRESHOLD)
                 .filter(|r| {
                     card_of(r.candidate.facts).class != class || !(family(r) || card_of(c.facts).kind != Kind::Simple)
                 })

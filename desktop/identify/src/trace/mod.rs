@@ -62,9 +62,6 @@ use report::{by_axis, ByAxis, ChosenOn};
 use run_in::Memory;
 use search::{Model, Rival, Search};
 
-/// Difference in log-likelihood below which two effects count as told apart by nothing: odds of 55 to 1.
-const INDISTINGUISHABLE: f64 = 4.0;
-
 /// Inputs of a trace beside the recordings.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
@@ -103,6 +100,16 @@ pub struct Trace {
     pub fitted: Fitted,
     /// Time constant by which the resonators follow their cases, s: mean of the axes.
     pub lag_s: f64,
+}
+
+/// The highest score that the first step of the search finds on train runs: what the threshold is derived from, on runs of noise alone.
+///
+/// # Errors
+/// As [`trace_with`], for the train runs.
+pub fn first_score(train: &[Recording]) -> Result<f64, BadInput> {
+    let prepared = prepare_for(train, Units::default())?;
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    Ok(Search::new(&data).first_score())
 }
 
 /// Traces what the baseline lacks.

@@ -35,6 +35,9 @@ pub fn log_prior(card: &Card, tries: f64, model: &[Class]) -> f64 {
     sum
 }
 
+/// A run begins on a branch of a play, and not in its middle.
+pub const BRANCH: f64 = -2.0;
+
 /// Chance that the search on noise alone finds an effect of a score or more. The best score of many candidates on noise falls off as
 /// `exp(-score)`, and passes the threshold in 1 % of the runs.
 pub fn p_value(score: f64) -> f64 {

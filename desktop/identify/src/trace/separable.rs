@@ -2,11 +2,11 @@
 //! and the measure are those that [`super::search`] uses on data.
 //!
 //! An effect of two noise floors is told from another if, over the whole run, the other leaves more of it unexplained than
-//! `INDISTINGUISHABLE` in log-likelihood. So a longer run tells more, as it does with data.
+//! the threshold of the search in log-likelihood. So a longer run tells more, as it does with data.
 
 use super::data::Data;
+use super::odds::THRESHOLD;
 use super::search::Search;
-use super::INDISTINGUISHABLE;
 use crate::fit::prepare;
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
@@ -46,7 +46,7 @@ pub fn judge(recordings: &[Recording], wanted: &[EffectId]) -> Result<Vec<Verdic
     // An effect of that size counts so much in log-likelihood over all axes.
     let hundreds = (rows * data.block_s) as f64 / 100.0;
     let weight = 0.5 * hundreds * SIZE * SIZE * AXES as f64;
-    let limit = 1.0 - INDISTINGUISHABLE / weight;
+    let limit = 1.0 - THRESHOLD / weight;
     Ok(search
         .overlaps(wanted)
         .into_iter()

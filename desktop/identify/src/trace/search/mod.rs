@@ -20,8 +20,6 @@ use hrg_data::cards::{card, Card, Kind};
 
 /// Most effects of a model.
 pub const MOST: usize = 6;
-/// Evidence that a start on a branch must bring.
-const BRANCH: f64 = 2.0;
 /// Runs whose starts are searched.
 const MOST_STARTS: usize = 6;
 /// Candidates that are refined in each step.
@@ -173,7 +171,7 @@ impl<'a> Search<'a> {
             all.iter().find(|e| e.1 == group).map_or(f64::NEG_INFINITY, |e| e.0)
         };
         let middle = Starts::all(runs, 0);
-        let mut best = (net_evidence(middle) + BRANCH, middle);
+        let mut best = (net_evidence(middle) - odds::BRANCH, middle);
         for branch in 1..Starts::BRANCHES.len() {
             let starts = Starts::all(runs, branch);
             let w = net_evidence(starts);
@@ -481,9 +479,21 @@ impl<'a> Search<'a> {
 
     /// The best extension of a model; `None` where none passes the threshold.
     fn step(&mut self, state: &State) -> Option<State> {
+        self.best_step(state, 0.0).filter(|(more, _)| *more > THRESHOLD).map(|(_, next)| next)
+    }
+
+    /// The extension of a model that raises its score most, among those that raise it by more than `least` before they are refined.
+    fn best_step(&mut self, state: &State, least: f64) -> Option<(f64, State)> {
         let now = self.score(state);
-        let scored = self.refined_extensions(state, 0.0).into_iter().map(|next| (self.score(&next) - now, next));
-        scored.max_by(|x, y| x.0.total_cmp(&y.0)).filter(|(more, _)| *more > THRESHOLD).map(|(_, next)| next)
+        let scored = self.refined_extensions(state, least).into_iter().map(|next| (self.score(&next) - now, next));
+        scored.max_by(|x, y| x.0.total_cmp(&y.0))
+    }
+
+    /// The score that the first step finds, whatever it is.
+    pub fn first_score(&mut self) -> f64 {
+        let nothing = self.nothing();
+        self.propose(&nothing);
+        self.best_step(&nothing, f64::NEG_INFINITY).map_or(f64::NEG_INFINITY, |(more, _)| more)
     }
 
     /// The most promising extensions of a model whose score is above `least` before they are refined: one of each effect, two of each kind

@@ -1,6 +1,6 @@
 //! Refinement: the inner parameters of an effect, and where it stands when each run begins.
 
-use super::{Search, State, BRANCH, MOST_STARTS};
+use super::{odds, Search, State, MOST_STARTS};
 use crate::trace::data::{AxisByAxis, Candidate, Starts};
 use hrg_core::AXES;
 use hrg_data::cards::Move;
@@ -59,7 +59,7 @@ impl Search<'_> {
         if !parts[0].facts.remembers_path {
             return state;
         }
-        let mut best = (self.trial(&state, k, &parts) + BRANCH, parts.clone());
+        let mut best = (self.trial(&state, k, &parts) - odds::BRANCH, parts.clone());
         for run in 0..self.data.runs.len().min(MOST_STARTS) {
             for branch in 0..Starts::BRANCHES.len() {
                 let starts = best.1[0].starts.with(run, branch);
