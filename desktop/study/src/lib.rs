@@ -4,7 +4,7 @@
 //! |---|---|
 //! | [`demo`] | the main job from end to end |
 //! | [`measured`] | the loop on measured data |
-//! | [`threshold`] | derivation of the trace's threshold |
+//! | [`threshold`] | false alarms of the trace's threshold |
 //! | [`campaign`] | the seeded campaign behind docs/trace.md |
 //! | [`methods`], [`rates`], [`align`] | methods, scale factors and self-alignment through the ELF |
 //! | [`faults`] | attacks the promises of docs/promises.md |

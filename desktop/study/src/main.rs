@@ -25,7 +25,7 @@ enum Command {
     ///
     /// Example: hrg-study trace --runs 1 --clean 3
     Trace(campaign::Arguments),
-    /// Scores of the search on noise alone: the threshold of the trace is what one in a hundred passes.
+    /// False alarms of the trace's threshold: scores of the search on noise alone.
     ///
     /// Example: hrg-study threshold --units 30
     Threshold(hrg_study::threshold::Arguments),

@@ -1,5 +1,5 @@
-//! Derivation of the trace's threshold: the whole first step of the search (proposals of events and refined parameters included) on units
-//! that hold nothing but noise. The score that one in a hundred of them passes is the threshold.
+//! False alarms of the trace's threshold: the whole first step of the search (proposals of events and refined parameters included) on units
+//! that hold nothing but noise.
 
 use anyhow::Result;
 use clap::Args;
@@ -101,10 +101,5 @@ fn table(scores: &[f64], a: &Arguments) -> String {
         100.0 * low,
         100.0 * high
     );
-    // The largest scores fall off by a factor of e for each unit, if the prior odds are what they say.
-    let upper: Vec<f64> = scores.iter().copied().filter(|v| *v > quantile(scores, 0.9)).collect();
-    let excess = upper.iter().map(|v| v - quantile(scores, 0.9)).sum::<f64>() / upper.len().max(1) as f64;
-    let _ =
-        writeln!(s, "| mean excess of the highest tenth over its lowest (1: as the p-value supposes) | {excess:.2} |");
     s
 }

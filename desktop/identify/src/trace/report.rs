@@ -143,7 +143,7 @@ pub struct Found {
     pub indistinguishable_from: Vec<String>,
     /// Log prior odds and log evidence.
     pub score: super::search::Score,
-    /// Chance that noise alone gives as much to the best of the library; see [`super::odds::p_value`].
+    /// Probability that it is not there, by its score; see [`super::odds::p_value`].
     pub p_value: Option<f64>,
     /// `unit`: goes into the image; `needs ...`: the unit does not measure it; `unpredictable`: to be repaired.
     pub reach: String,
