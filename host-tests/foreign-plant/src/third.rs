@@ -5,8 +5,8 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// Rows in a mean, s.
-const MEAN_S: usize = 100;
+/// Duration of a mean, s.
+const MEAN_S: f64 = 100.0;
 /// Status bits that do not say that a bias is beyond what was calibrated: the unit is settling.
 const SETTLING: u32 = 1 << 7;
 
@@ -69,14 +69,24 @@ impl Corrected {
         Ok(Some(Self { names, rows }))
     }
 
+    /// Means of a column over 100 s each; NaN where a stretch has no value.
     fn means(&self, name: &str, of: impl Fn(f64) -> f64) -> Result<Vec<f64>> {
-        let k = self.names.iter().position(|n| n == name).with_context(|| format!("no column {name}"))?;
-        let mean = |rows: &[Vec<f64>]| {
-            let values: Vec<f64> = rows.iter().map(|r| of(r.get(k).copied().unwrap_or(f64::NAN))).collect();
-            let good: Vec<f64> = values.into_iter().filter(|v| v.is_finite()).collect();
-            good.iter().sum::<f64>() / good.len() as f64
-        };
-        Ok(self.rows.chunks_exact(MEAN_S).map(mean).collect())
+        let place = |name: &str| self.names.iter().position(|n| n == name).with_context(|| format!("no column {name}"));
+        let (time, k) = (place("time_s")?, place(name)?);
+        let value = |r: &[f64], k: usize| r.get(k).copied().unwrap_or(f64::NAN);
+        let Some(first_s) = self.rows.first().map(|r| value(r, time)) else { return Ok(vec![]) };
+        let mut sums: Vec<(f64, f64)> = Vec::new();
+        for r in &self.rows {
+            let at = ((value(r, time) - first_s) / MEAN_S).max(0.0) as usize;
+            if at >= sums.len() {
+                sums.resize(at + 1, (0.0, 0.0));
+            }
+            let v = of(value(r, k));
+            if v.is_finite() {
+                sums[at] = (sums[at].0 + v, sums[at].1 + 1.0);
+            }
+        }
+        Ok(sums.into_iter().map(|(sum, n)| sum / n).collect())
     }
 }
 
