@@ -8,13 +8,13 @@ use super::means::Means;
 use super::model::{drop_idle_effects, take_axis, Fitted, Specification, TEMPERATURE_TERMS};
 use super::report::{by_axis, AxisModel, ByAxis, Image, Judged, OnVerify};
 use super::uncertainty::{self, Known};
+use super::unseen::Unseen;
 use crate::fit;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, Uncertainty};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, std_dev};
-use hrg_data::recording::steps::Run;
 
 /// An image with what it reaches.
 pub(super) struct Written {
@@ -45,29 +45,21 @@ pub(super) struct Fits<'f> {
     pub plain: &'f Fitted,
 }
 
-/// A run that judges.
-#[derive(Clone, Copy)]
-pub(super) struct Judging<'r> {
-    pub run: &'r Run,
-    pub data: &'r Data<'r>,
-    pub noise: &'r [Noise],
-}
-
 impl Fits<'_> {
     /// The image. `verify` chooses by axis; `judge` judges: the same run, or a third one.
     pub fn image(
         &self,
         calibration: &Calibration,
-        scaling: &Scaling,
-        verify: Judging<'_>,
-        judge: Judging<'_>,
+        verify: &Unseen<'_>,
+        judge: &Unseen<'_>,
         notes: &mut Vec<String>,
     ) -> Written {
+        let scaling = &calibration.scaling;
         let unit = |c: &Candidate| c.on_unit();
-        let predictions = |of: Judging<'_>| {
+        let predictions = |of: &Unseen<'_>| {
             (
-                Prediction::new(of.data, self.extended, self.known, &unit),
-                Prediction::new(of.data, self.beside, self.beside_known, &unit),
+                Prediction::new(&of.data, self.extended, self.known, &unit),
+                Prediction::new(&of.data, self.beside, self.beside_known, &unit),
             )
         };
         let mut image = self.extended.image(calibration, &self.known.stated, notes);
@@ -75,17 +67,7 @@ impl Fits<'_> {
         let plain = self.plain.image(calibration, &uncertainty::of_plain(self.data, self.plain), notes);
         let beside = self.beside.image(calibration, &self.beside_known.stated, &mut Vec::new());
         let (of_image, of_beside) = predictions(verify);
-        // An axis whose events are columns of its fit keeps them there, unless the verify run shows the same without.
-        let mut baseline = plain.clone();
-        let mut chosen_on_verify = false;
-        for a in (0..AXES).filter(|a| self.beside.terms().iter().any(|t| t.on(*a))) {
-            let plainly = self.plain_on(verify.data, a);
-            let better = of_beside.fall_against(&plainly, verify.data, a).is_none_or(|f| !f.loses());
-            chosen_on_verify |= !better;
-            if better {
-                take_axis(&mut baseline, &beside, a);
-            }
-        }
+        let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, &of_beside, verify);
         let mut models = [AxisModel::Constant; AXES];
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
         let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
@@ -126,44 +108,55 @@ impl Fits<'_> {
         let of_judge = predictions(judge);
         let chosen = corrected(&image);
         let judged = self.judged(&image, &of_judge, judge, models, constants);
-        let extended: Vec<usize> = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended).collect();
         let names = hrg_data::axes::AXIS_NAMES;
-        let on_judge: Vec<(usize, Agreement)> = extended.iter().map(|a| (*a, judged[names[*a]].agreement)).collect();
+        let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
+        let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
         let worse = verify.run.steps.present().any(|a| {
             let j = judged[names[a]];
             (models[a] == AxisModel::Extended && j.agreement.loses()) || j.worse_than_a_constant
         });
+        let predicted = [0, 1, 2].map(|a: usize| {
+            let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
+            fitted.predicted_variance(verify.run, scaling, a, &unit)
+        });
         let figures = (kind != Image::None).then(|| {
-            by_axis(|a| {
-                let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
-                let (_, constant) = fitted.predicted_variance(verify.run, scaling, a, &unit);
-                OnVerify {
-                    verify_rms_dph: chosen[a].deviation(),
-                    mean_dph: chosen[a].mean(),
-                    mean_std_dph: (verify.noise[a].shift().powi(2) + constant).sqrt(),
-                    used_means: chosen[a].count(),
-                    model: models[a],
-                }
+            by_axis(|a| OnVerify {
+                verify_rms_dph: chosen[a].deviation(),
+                mean_dph: chosen[a].mean(),
+                mean_std_dph: (verify.noise[a].shift().powi(2) + predicted[a].1).sqrt(),
+                used_means: chosen[a].count(),
+                model: models[a],
             })
         });
-        // The verify run shows what the model leaves beyond the noise, and how far the constant moves from day to day.
-        for a in verify.run.steps.present() {
-            let uncertainty = &mut image.axes[a].uncertainty;
-            if models[a] != AxisModel::Constant && uncertainty.rest_dph2 > 0.0 {
-                // (What the coefficients are uncertain by is stated already.)
-                let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
-                let (about, of_mean) = fitted.predicted_variance(verify.run, scaling, a, &unit);
-                let shift_dph2 = chosen[a].mean().powi(2) - verify.noise[a].shift().powi(2) - of_mean;
-                let more =
-                    misfit_dph2(&chosen[a], &verify.noise[a], about) + day_dph2(shift_dph2, verify.noise[a].floor());
-                uncertainty.rest_dph2 += more as f32;
-            }
+        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
+            state_left(&mut image.axes[a].uncertainty, &chosen[a], &verify.noise[a], predicted[a]);
         }
         self.state_unvisited(&mut image, scaling, models);
         if kind == Image::None {
             image = baseline;
         }
         Written { image, kind, figures, judged, good: !borne_out(&on_judge).is_empty() && !worse, chosen_on_verify }
+    }
+
+    /// The baseline to be written: an axis whose events are columns of its fit keeps them there, unless the verify run shows the same
+    /// without. `true` if the verify run has chosen that.
+    fn baseline(
+        &self,
+        mut plain: Calibration,
+        beside: &Calibration,
+        of_beside: &Prediction,
+        verify: &Unseen<'_>,
+    ) -> (Calibration, bool) {
+        let mut chosen = false;
+        for a in (0..AXES).filter(|a| self.beside.terms().iter().any(|t| t.on(*a))) {
+            let plainly = self.plain_on(&verify.data, a);
+            let better = of_beside.fall_against(&plainly, &verify.data, a).is_none_or(|f| !f.loses());
+            chosen |= !better;
+            if better {
+                take_axis(&mut plain, beside, a);
+            }
+        }
+        (plain, chosen)
     }
 
     /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.
@@ -189,9 +182,9 @@ impl Fits<'_> {
 
     /// The extended model against the baseline: more probable than the one by the same least squares, with less error than the one that is
     /// written in its place.
-    fn score(&self, of_image: &Prediction, of_beside: &Prediction, run: Judging<'_>, a: usize) -> Option<Agreement> {
-        let against = of_image.against(of_beside, run.data, a)?;
-        let plain = of_image.fall_against(&self.plain_on(run.data, a), run.data, a)?;
+    fn score(&self, of_image: &Prediction, of_beside: &Prediction, run: &Unseen<'_>, a: usize) -> Option<Agreement> {
+        let against = of_image.against(of_beside, &run.data, a)?;
+        let plain = of_image.fall_against(&self.plain_on(&run.data, a), &run.data, a)?;
         Some(if plain.mse_fall < against.mse_fall {
             Agreement { log_score: against.log_score, ..plain }
         } else {
@@ -213,7 +206,7 @@ impl Fits<'_> {
         &self,
         image: &Calibration,
         (of_image, of_beside): &(Prediction, Prediction),
-        judge: Judging<'_>,
+        judge: &Unseen<'_>,
         models: [AxisModel; AXES],
         constants: [f64; AXES],
     ) -> ByAxis<Judged> {
@@ -259,6 +252,16 @@ fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
     let (ours, theirs) = (left.mean().abs(), (raw.mean() - constant).abs());
     let least = (ours - super::judge::DEVIATIONS * shift).max(0.0);
     square(left.deviation(), least) > square(raw.deviation(), theirs)
+}
+
+/// Adds to the stated uncertainty what the verify run shows the model to leave beyond the noise, and how far the constant moves from day to
+/// day. `predicted`: what the coefficients are uncertain by, about the mean and of the mean, which is stated already.
+fn state_left(uncertainty: &mut Uncertainty, left: &Means, noise: &Noise, predicted: (f64, f64)) {
+    if uncertainty.rest_dph2 > 0.0 {
+        let shift_dph2 = left.mean().powi(2) - noise.shift().powi(2) - predicted.1;
+        let more = misfit_dph2(left, noise, predicted.0) + day_dph2(shift_dph2, noise.floor());
+        uncertainty.rest_dph2 += more as f32;
+    }
 }
 
 /// Variance that a model leaves on a run beyond the noise and beyond what its coefficients are known to be uncertain by, (deg/h)^2: its mean

@@ -29,6 +29,7 @@ pub mod separable;
 mod shapes;
 mod stated;
 mod uncertainty;
+mod unseen;
 pub mod user_effects;
 
 pub use html::html;
@@ -42,7 +43,6 @@ use crate::fit::independence::Units;
 use crate::fit::{prepare_for, Prepared};
 use data::{Candidate, Data, Starts};
 use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
-use floor::Noise;
 use found::OnVerify;
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
@@ -53,7 +53,7 @@ use hrg_data::error::BadInput;
 use hrg_data::recording::facts;
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
-use image::{Fits, Judging};
+use image::Fits;
 use judge::Prediction;
 use means::{spread, Means};
 use model::{Fitted, Specification, Term};
@@ -61,6 +61,7 @@ use odds::THRESHOLD;
 use report::{by_axis, ByAxis, ChosenOn};
 use run_in::Memory;
 use search::{Model, Rival, Search};
+use unseen::Unseen;
 
 /// Inputs of a trace beside the recordings.
 #[derive(Debug, Clone, Default)]
@@ -190,16 +191,15 @@ fn judged(
     let (runs, data) = (&prepared.runs, search.data());
     let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
     let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
-    let on_verify = data.unseen(verify_run);
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
 
-    // The model, the baseline alone, and the baseline beside the events.
+    // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
     let uncertain = uncertainty::of(data, &fitted);
-    notes.extend(start_verify_run(&mut fitted, &uncertain, &on_verify, &known));
+    notes.extend(start_verify_run(&mut fitted, &uncertain, &data.unseen(verify_run), &known));
     let before_train: Vec<_> = residuals_of(&plain, runs, &scaling);
     let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
     let before_verify = plain.residuals(verify_run, None, &scaling, &|_| true);
@@ -207,85 +207,54 @@ fn judged(
     keep_baseline(fitted.terms(), after_train.iter_mut().zip(&before_train));
     keep_baseline(fitted.terms(), [(&mut after_verify, &before_verify)]);
     notes.extend(lacking(fitted.terms(), &known));
-    let happened = events::refit(fitted.terms(), verify_run, &scaling, &after_verify);
-    let (judged, on_verify) = (happened.left, on_verify.with_happened(&happened.effects));
+    let of_judge = fitted.residuals(judge_run, None, &scaling, &known);
+    let on_verify = Unseen::new(data, verify_run, &fitted, &after_train, &after_verify)?;
+    let on_judge = Unseen::new(data, judge_run, &fitted, &after_train, &of_judge)?;
 
-    // The noise, and what is left.
-    // (Figures of absent axes are removed from the report.)
-    let own = |a: usize| if there.contains(&a) { a } else { there[0] };
-    let noise = noises(&after_train, &judged, own)?;
-    let mut left = leftover::judge(data, &mut search, &learnt.model);
-    let on_verify_run = leftover::on_verify(&on_verify, &fitted.left(&on_verify, &known));
-    left.iter_mut().zip(on_verify_run).for_each(|(left, more)| left.extend(more));
-    left.iter_mut().zip(leftover::swings(&fitted)).for_each(|(left, more)| left.extend(more));
-    let floor_ratio = by_axis(|a| {
-        let (more, _) = fitted.predicted_variance(verify_run, &scaling, a, &known);
-        noise[a].ratio(Means::of(&judged[a]).deviation(), more)
-    });
-    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
-    {
-        left.push(format!("beyond the noise of the verify run ({ratio})"));
-    }
-
-    // Each effect on the verify run; then the image.
-    let whole = Prediction::new(&on_verify, &fitted, &uncertain, &known);
-    let finder = OnVerify { data, verify: &on_verify, run: verify_run, known: &known };
+    // What is left; each effect on the verify run; then the image.
+    let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
+    let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
+    let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    let (mut extended, extended_known) = image::fitted(data, &learnt.for_unit(&mut search))?;
-    start_verify_run(&mut extended, &extended_known, &on_verify, &known);
-    start_as_a_unit(&mut extended);
-    let beside_model = search.events_of(&learnt.model).specification();
-    let (beside, beside_known) = image::fitted(data, &beside_model)?;
-    let fits = Fits {
-        data,
-        extended: &extended,
-        known: &extended_known,
-        beside: &beside,
-        beside_known: &beside_known,
-        plain: &plain,
-    };
-    let verifying = Judging { run: verify_run, data: &on_verify, noise: &noise };
-    let judge_residuals = fitted.residuals(judge_run, None, &scaling, &known);
-    let then = events::refit(fitted.terms(), judge_run, &scaling, &judge_residuals);
-    let on_judge = data.unseen(judge_run).with_happened(&then.effects);
-    let judge_noise = noises(&after_train, &then.left, own)?;
-    let judging = Judging { run: judge_run, data: &on_judge, noise: &judge_noise };
-    let written = fits.image(&calibration, &scaling, verifying, judging, &mut notes);
-    let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, verify_run, &noise));
+    let unseen = [&on_verify, &on_judge];
+    let written = written(&mut search, &learnt, &plain, unseen, &known, &calibration, &mut notes)?;
+    let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify));
     let exchanged = (options.exchange && shortest(verify_run) >= LEAST_EXCHANGED)
         .then(|| second_search(verify, &options.own))
         .flatten()
         .map(|found| exchanged(&found, &effects));
-    let verdict_kind = conclude(&effects, &left, written.good);
+    let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
         version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
-        verdict_kind,
-        burn: written.kind == Image::Extended && written.good && beats_use,
+        verdict_kind: conclude(&effects, &left, written.good),
+        burn: written.kind == Image::Extended
+            && written.good
+            && beats_use
+            && (options.repeat_is_enough || !verify_repeats_train),
         image: written.kind,
         verdict: String::new(),
         baseline: table(&before_train, &before_verify),
         effects,
         r#final: table(&after_train, &after_verify),
-        refitted_on_verify: happened.refitted,
-        judged_rms_dph: by_axis(|a| Means::of(&judged[a]).deviation()),
+        judged_rms_dph: by_axis(|a| Means::of(&on_verify.happened.left[a]).deviation()),
+        noise_floor_dph: by_axis(|a| on_verify.noise[a].floor()),
+        refitted_on_verify: on_verify.happened.refitted,
         judge: written.judged,
         chosen_on: if written.chosen_on_verify { ChosenOn::Verify } else { ChosenOn::Train },
         block: written.figures,
-        noise_floor_dph: by_axis(|a| noise[a].floor()),
         floor_ratio,
         unexplained: by_axis(|a| !left[a].is_empty()),
         left_over: by_axis(|a| left[a].clone()),
         outside_fit: outside_fit(verify_run, &calibration),
         visited: visited(verify_run, &calibration),
         judged_by: if options.judge.is_some() { "judge" } else { "verify" },
-        verify_repeats_train: runs.iter().any(|run| independence::repeats(verify_run, run)),
+        verify_repeats_train,
         exchanged,
         advice: Vec::new(),
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
     };
-    report.burn &= options.repeat_is_enough || !report.verify_repeats_train;
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
     (report.verdict, report.advice) = (report_text::verdict(&report), report_text::advice(&report));
     let mut image = written.image;
@@ -301,6 +270,50 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// Variables along which structure is left, by axis, and what is left of the verify run in floors.
+fn structure(
+    search: &mut Search<'_>,
+    learnt: &Learnt,
+    fitted: &Fitted,
+    verify: &Unseen<'_>,
+    known: &dyn Fn(&Candidate) -> bool,
+) -> ([Vec<String>; AXES], ByAxis<floor::Ratio>) {
+    let data = search.data();
+    let mut left = leftover::judge(data, search, &learnt.model);
+    let on_verify = leftover::on_verify(&verify.data, &fitted.left(&verify.data, known));
+    left.iter_mut().zip(on_verify).for_each(|(left, more)| left.extend(more));
+    left.iter_mut().zip(leftover::swings(fitted)).for_each(|(left, more)| left.extend(more));
+    let floor_ratio = by_axis(|a| {
+        let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known);
+        verify.noise[a].ratio(Means::of(&verify.happened.left[a]).deviation(), more)
+    });
+    for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
+    {
+        left.push(format!("beyond the noise of the verify run ({ratio})"));
+    }
+    (left, floor_ratio)
+}
+
+/// The image: what a unit can compute of the model, beside the baseline with the events of the train runs.
+fn written(
+    search: &mut Search<'_>,
+    learnt: &Learnt,
+    plain: &Fitted,
+    [verify, judge]: [&Unseen<'_>; 2],
+    known: &dyn Fn(&Candidate) -> bool,
+    calibration: &Calibration,
+    notes: &mut Vec<String>,
+) -> Result<image::Written, BadInput> {
+    let data = search.data();
+    let (mut extended, extended_known) = image::fitted(data, &learnt.for_unit(search))?;
+    start_verify_run(&mut extended, &extended_known, &verify.data, known);
+    start_as_a_unit(&mut extended);
+    let (beside, beside_known) = image::fitted(data, &search.events_of(&learnt.model).specification())?;
+    let fits =
+        Fits { data, extended: &extended, known: &extended_known, beside: &beside, beside_known: &beside_known, plain };
+    Ok(fits.image(calibration, verify, judge, notes))
 }
 
 /// Gives what remembers the path of the temperature the start of the verify run that its rates tell: the start belongs to the run and not
@@ -346,7 +359,8 @@ fn start_as_a_unit(fitted: &mut Fitted) {
 }
 
 /// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
-fn beats(written: &image::Written, other: &Calibration, run: &Run, noise: &[Noise]) -> bool {
+fn beats(written: &image::Written, other: &Calibration, verify: &Unseen<'_>) -> bool {
+    let (run, noise) = (verify.run, &verify.noise);
     let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| Means::of(&r));
     let (ours, theirs) = (of(&written.image), of(other));
     let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
@@ -385,21 +399,6 @@ fn there_after_steps(fitted: &Fitted) -> Option<String> {
             hrg_data::error::list(&axes)
         )
     })
-}
-
-/// The noise of each axis on the verify run, from what is left on all runs; `own`: the axis that stands for one that is not there.
-fn noises(
-    train: &[[Vec<f64>; AXES]],
-    judged: &[Vec<f64>; AXES],
-    own: impl Fn(usize) -> usize,
-) -> Result<Vec<Noise>, BadInput> {
-    let of = |a: usize| {
-        let others: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).collect();
-        Noise::new(&others, &Means::of(&judged[a])).ok_or_else(|| {
-            BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
-        })
-    };
-    (0..AXES).map(|a| of(own(a))).collect()
 }
 
 /// Scatter of the residuals (RMS of 100 s means, deg/h) by axis.
