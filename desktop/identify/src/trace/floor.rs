@@ -1,7 +1,7 @@
 //! The noise floor, and how many floors are left.
 //!
 //! The floor is the deviation of 100 s means of a run if noise is all there is. Its noise models are those of the search ([`super::noise`]),
-//! weighted by a likelihood that is restricted further: whatever changes more slowly than in [`PERIOD_MEANS`] is taken out of the residual
+//! weighted by a likelihood that is restricted further: whatever changes more slowly than in 20 minutes is taken out of the residual
 //! as a nuisance (cosines up to that period), for physics that follows temperature hardly moves between neighbouring means, and a model that
 //! lacks something must not raise its own floor. So the white part and the beginning of the slow part are measured, and the noise models
 //! say how far such noise scatters over the whole run. The spread of their answers is the interval of the ratio.
