@@ -35,11 +35,11 @@ pub(super) struct Fits<'f> {
     pub data: &'f Data<'f>,
     /// The model that the train runs warrant, of what a unit can compute.
     pub extended: &'f Fitted,
-    /// How uncertain it is.
+    /// Its uncertainty.
     pub known: &'f Known,
     /// The baseline beside the named events, by the same least squares.
     pub beside: &'f Fitted,
-    /// The same, how uncertain.
+    /// Its uncertainty.
     pub beside_known: &'f Known,
     /// The baseline by plain least squares.
     pub plain: &'f Fitted,
