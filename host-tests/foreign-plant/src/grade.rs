@@ -360,15 +360,19 @@ fn on_third(judged: &[&Graded], share: &dyn Fn(usize, usize) -> String, row: &mu
         return;
     }
     let good: Vec<&&&Graded> = with.iter().filter(|g| g.compensable && g.size >= 2.0 && g.helps()).collect();
-    row(
-        "third run: recommended of the images that leave less (size 2 and up, compensable)",
-        share(good.iter().filter(|g| g.burn).count(), good.len()),
-    );
+    if !good.is_empty() {
+        row(
+            "third run: recommended of the images that leave less (size 2 and up, compensable)",
+            share(good.iter().filter(|g| g.burn).count(), good.len()),
+        );
+    }
     let burnt: Vec<&&&Graded> = with.iter().filter(|g| g.burn).collect();
-    row(
-        "third run: leave more on an axis than the baseline, of the recommended",
-        share(burnt.iter().filter(|g| g.hurts()).count(), burnt.len()),
-    );
+    if !burnt.is_empty() {
+        row(
+            "third run: leave more on an axis than the baseline, of the recommended",
+            share(burnt.iter().filter(|g| g.hurts()).count(), burnt.len()),
+        );
+    }
     let axes: Vec<&OnThird> = with.iter().flat_map(|g| &g.third).filter(|t| t.squared.is_some()).collect();
     for (name, from, to) in [("below 2", 0.0, 2.0), ("2 to 4", 2.0, 4.0), ("above 4", 4.0, f64::INFINITY)] {
         let mut each: Vec<f64> =

@@ -189,10 +189,10 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
     for (e, shapes) in r.effects.iter().zip(shapes::of(&data, &t.fitted)) {
         let _ = write!(
             s,
-            "<h3>{} <span class=small>{} &middot; {} &middot; {} &middot; {}</span></h3>",
+            "<h3>{} <span class=small>{}{} &middot; {} &middot; {}</span></h3>",
             escape(&e.name),
             e.class.name(),
-            e.parameters_text(),
+            if e.parameters.is_empty() { String::new() } else { format!(" &middot; {}", e.parameters_text()) },
             match e.confirmed {
                 Some(true) => "confirmed by the verify run",
                 Some(false) => "not confirmed by the verify run",

@@ -22,6 +22,7 @@ mod fit;
 mod heading;
 mod images;
 mod import;
+mod judge;
 mod lag;
 mod log;
 mod merge;
@@ -91,6 +92,10 @@ enum Command {
     ///
     /// Example: hrg simulate --profile dong --effect hysteresis:width_c=10,size=3 --seed 7 --out run.csv
     Simulate(simulate::Arguments),
+    /// Say whether a unit stays within a limit over a range of temperatures: PASS, FAIL or NOT COVERED (exit status 0, 3, 4).
+    ///
+    /// Example: hrg judge b.csv --calibration cal.toml --limit 1 --from -40 --to 60 --html judged.html
+    Judge(judge::Arguments),
     /// Figures of a data sheet from recordings alone, with intervals: bias over temperature, loop width, turn-on repeatability,
     /// bias stability, angle random walk, sensitivity to ramps, thermal lag.
     ///
@@ -229,10 +234,13 @@ enum AlignCommand {
     Simulate(simulate_alignment::Arguments),
 }
 
+/// Exit status of a trace that does not say what `--fail-unless` asks for.
+const NOT_REACHED: u8 = 3;
+
 /// Commands by purpose, as the help lists them.
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Get data", &["import", "record", "monitor", "simulate"]),
-    ("Judge", &["report", "allan", "correct", "profile"]),
+    ("Judge", &["judge", "report", "allan", "correct", "profile"]),
     ("Calibrate", &["fit", "trace", "compare-images"]),
     ("The unit", &["unit"]),
     ("Alignment", &["align"]),
@@ -260,9 +268,17 @@ fn main() -> ExitCode {
         .try_get_matches()
         .and_then(|m| Arguments::from_arg_matches(&m))
         .unwrap_or_else(|e| with_example(e).exit());
-    hrg_data::error::exit("hrg", run(arguments.command), |e| {
+    let mut status = ExitCode::SUCCESS;
+    let done = run(arguments.command, &mut status);
+    let failed = done.is_err();
+    let code = hrg_data::error::exit("hrg", done, |e| {
         e.is::<FileError>() || e.is::<TableError>() || e.is::<MethodError>() || e.is::<ReadError>()
-    })
+    });
+    if failed {
+        code
+    } else {
+        status
+    }
 }
 
 /// Wrong arguments of a command: with the example that its help has.
@@ -280,7 +296,8 @@ fn with_example(mut e: clap::Error) -> clap::Error {
     e
 }
 
-fn run(command: Command) -> Result<()> {
+/// Runs a command; `status`: the exit status of an answer, where the command has one.
+fn run(command: Command, status: &mut ExitCode) -> Result<()> {
     match command {
         Command::Import(arguments) | Command::Merge(arguments) => import::run(&arguments),
         Command::Record { port, defmt, elf, facts, seconds, out } => match (port, defmt) {
@@ -293,6 +310,10 @@ fn run(command: Command) -> Result<()> {
             None => chamber::monitor(&arguments),
         },
         Command::Simulate(arguments) => simulate::run(arguments),
+        Command::Judge(arguments) => {
+            *status = ExitCode::from(judge::run(&arguments)?.exit_status());
+            Ok(())
+        }
         Command::Report(arguments) => report::run(arguments),
         Command::Allan(arguments) => allan::run(arguments),
         Command::Correct(arguments) => correct::run(&arguments),
@@ -305,7 +326,12 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Fit { of: Some(FitCommand::Lag(arguments)), .. } | Command::Lag(arguments) => lag::run(&arguments),
         Command::Fit { of: None, arguments } => fit::run(arguments),
-        Command::Trace(arguments) => trace::run(arguments),
+        Command::Trace(arguments) => {
+            if !trace::run(arguments)? {
+                *status = ExitCode::from(NOT_REACHED);
+            }
+            Ok(())
+        }
         Command::Compare(arguments) => compare::run(arguments),
         Command::CompareImages(arguments) => images::run(&arguments),
         Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),

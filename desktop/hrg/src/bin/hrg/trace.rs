@@ -53,6 +53,9 @@ pub struct Arguments {
     /// Search on the verify run, too, and say whether it names the same classes: advice.
     #[arg(long)]
     exchange: bool,
+    /// End with exit status 3 unless the image should be burnt, or the verdict is confirmed.
+    #[arg(long, value_name = "WHAT")]
+    fail_unless: Option<Reached>,
     /// Accepted for scripts of before: a trace uses one processor.
     #[arg(long, hide = true)]
     jobs: Option<usize>,
@@ -63,11 +66,20 @@ pub struct Arguments {
     facts: FactsArguments,
 }
 
-/// Runs the command.
+/// A conclusion that a script asks for.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Reached {
+    /// The image should be burnt.
+    Burn,
+    /// Effects are named, and the verify run agrees.
+    Confirmed,
+}
+
+/// Runs the command; `false` where the conclusion is not the one that `--fail-unless` asks for.
 ///
 /// # Errors
 /// Bad input, or a file that cannot be written.
-pub fn run(arguments: Arguments) -> Result<()> {
+pub fn run(arguments: Arguments) -> Result<bool> {
     let Arguments {
         runs,
         train,
@@ -81,6 +93,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         repeat_is_enough,
         rates,
         exchange,
+        fail_unless,
         jobs: _,
         different_units,
         facts,
@@ -122,7 +135,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
         }
         None => {}
     }
-    Ok(())
+    Ok(match fail_unless {
+        None => true,
+        Some(Reached::Burn) => t.report.burn,
+        Some(Reached::Confirmed) => t.report.verdict_kind == trace::VerdictKind::Confirmed,
+    })
 }
 
 /// Note on the units in a report of scale factors.
@@ -191,7 +208,9 @@ fn print_trace(r: &trace::Report) {
 
 fn print_effect(e: &trace::report::Found) {
     println!();
-    println!("{} {} ({}; {})", e.name, e.parameters_text(), e.class.name(), e.reach);
+    let parameters = e.parameters_text();
+    let gap = if parameters.is_empty() { "" } else { " " };
+    println!("{}{gap}{parameters} ({}; {})", e.name, e.class.name(), e.reach);
     for (n, gain) in &e.axes {
         let share = e.on_verify.get(n).map_or(String::new(), |v| {
             format!("; the verify run shows {:.2} +- {:.2} of it, log score {:.1}", v.share, v.share_std, v.log_score)

@@ -1,0 +1,588 @@
+//! Does a unit pass? The largest error of its corrected rates over runs, against a limit, over a range of temperatures.
+//!
+//! The error is a mean of corrected rates (100 s by default), the constant of its day included: whatever a navigator would see at rest. It is
+//! looked for at every mean whose temperature (of the resonator) lies in the range. Three answers are possible by axis: it fails where one
+//! mean is beyond the limit; it is not covered where the runs have not been at some temperature of the range; else it passes.
+
+use hrg_core::calibration::Calibration;
+use hrg_core::status::AxisStatus;
+use hrg_core::{AXES, MODEL_STEP_S};
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
+use hrg_data::plot::{svg, Panel, Series};
+use hrg_data::recording::steps::Steps;
+use hrg_data::recording::Recording;
+use hrg_identify::fit::correct;
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// Version of the report.
+pub const VERSION: u32 = 1;
+/// Temperatures nearer than that to the end of the range count as its end, C: a resonator follows its chamber no better.
+const END_C: f64 = 1.0;
+/// Width of a cell of temperature, C.
+const CELL_C: f64 = 1.0;
+/// Empty cells in a row that a ramp may leave, C: a gap that a fast ramp leaves between two seconds is none.
+const GAP_C: f64 = 2.0;
+/// Ramps slower than that are a soak, C per minute.
+const SOAK_C_PER_MIN: f64 = 0.05;
+
+/// Limit and range.
+#[derive(Debug, Clone, Copy)]
+pub struct Limit {
+    /// Largest error that passes, deg/h.
+    pub limit_dph: f64,
+    /// Lowest temperature, C.
+    pub from_c: f64,
+    /// Highest temperature, C.
+    pub to_c: f64,
+    /// Duration of a mean, s.
+    pub means_s: usize,
+}
+
+impl Limit {
+    /// Checks what a user gave.
+    ///
+    /// # Errors
+    /// A limit that is not positive, a range without width, means of no time.
+    pub fn check(&self) -> Result<(), BadInput> {
+        if !(self.limit_dph > 0.0 && self.limit_dph.is_finite()) {
+            return Err(BadInput::new(format!("--limit {} is no limit: give deg/h above 0", self.limit_dph)));
+        }
+        if !(self.from_c < self.to_c) {
+            return Err(BadInput::new(format!(
+                "--from {} --to {} is no range: give the lower temperature first",
+                self.from_c, self.to_c
+            )));
+        }
+        if self.means_s == 0 {
+            return Err(BadInput::new("--means 0 is no duration: give seconds, as 100s"));
+        }
+        Ok(())
+    }
+}
+
+/// Answer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+pub enum Verdict {
+    /// Within the limit over the whole range.
+    #[serde(rename = "PASS")]
+    Pass,
+    /// The runs have not been everywhere in the range.
+    #[serde(rename = "NOT COVERED")]
+    NotCovered,
+    /// Beyond the limit.
+    #[serde(rename = "FAIL")]
+    Fail,
+}
+
+impl Verdict {
+    /// Exit status of the program.
+    #[must_use]
+    pub fn exit_status(self) -> u8 {
+        match self {
+            Self::Pass => 0,
+            Self::Fail => 3,
+            Self::NotCovered => 4,
+        }
+    }
+
+    /// The word.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "PASS",
+            Self::Fail => "FAIL",
+            Self::NotCovered => "NOT COVERED",
+        }
+    }
+}
+
+/// Direction of the temperature.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// It rises.
+    Heating,
+    /// It falls.
+    Cooling,
+    /// It stands.
+    Soak,
+}
+
+impl Direction {
+    fn of(c_per_min: f64) -> Self {
+        match c_per_min {
+            r if r > SOAK_C_PER_MIN => Self::Heating,
+            r if r < -SOAK_C_PER_MIN => Self::Cooling,
+            _ => Self::Soak,
+        }
+    }
+
+    fn word(self) -> &'static str {
+        match self {
+            Self::Heating => "heating",
+            Self::Cooling => "cooling",
+            Self::Soak => "soak",
+        }
+    }
+}
+
+/// One axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct Axis {
+    /// Answer.
+    pub verdict: Verdict,
+    /// Largest error of the corrected rates in the range, its constant included, deg/h; `null` without a mean in the range.
+    pub largest_dph: Option<f64>,
+    /// Standard deviation of the noise of a mean, by what neighbours differ by, deg/h: the largest error is known no better.
+    pub noise_dph: Option<f64>,
+    /// Temperature at which it stands, C.
+    pub at_c: Option<f64>,
+    /// Time on the clock of its run, s.
+    pub at_s: Option<f64>,
+    /// Its run.
+    pub at_run: Option<String>,
+    /// Direction of the temperature there.
+    pub direction: Option<Direction>,
+    /// Mean error in the range, deg/h.
+    pub constant_dph: Option<f64>,
+    /// Largest error about that, deg/h.
+    pub largest_about_constant_dph: Option<f64>,
+    /// Root mean square of the errors, deg/h.
+    pub rms_dph: Option<f64>,
+    /// Largest raw rate in the range, deg/h.
+    pub raw_largest_dph: Option<f64>,
+    /// The same about its mean, deg/h.
+    pub raw_largest_about_mean_dph: Option<f64>,
+    /// Means in the range.
+    pub means: usize,
+    /// Longest stretch of the range that the runs have been in, C.
+    pub covered_from_c: Option<f64>,
+    /// Its upper end, C.
+    pub covered_to_c: Option<f64>,
+    /// Share of the range passed while heating.
+    pub covered_heating: f64,
+    /// Share of the range passed while cooling.
+    pub covered_cooling: f64,
+    /// Fastest heating in the range, C per minute.
+    pub fastest_heating_c_per_min: f64,
+    /// Fastest cooling in the range, C per minute.
+    pub fastest_cooling_c_per_min: f64,
+    /// Share of the means that the unit flags as beyond its calibration.
+    pub extrapolated: f64,
+}
+
+/// Answer with its figures.
+#[derive(Debug, Clone, Serialize)]
+pub struct Judgement {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Name of the unit.
+    pub unit: String,
+    /// Answer: the worst axis.
+    pub verdict: Verdict,
+    /// Limit, deg/h.
+    pub limit_dph: f64,
+    /// Lowest temperature asked for, C.
+    pub from_c: f64,
+    /// Highest temperature asked for, C.
+    pub to_c: f64,
+    /// Duration of a mean, s.
+    pub means_s: usize,
+    /// By axis.
+    pub axes: BTreeMap<String, Axis>,
+    /// Remarks for the user.
+    pub notes: Vec<String>,
+    /// Means for the picture, by axis.
+    #[serde(skip)]
+    points: BTreeMap<String, Vec<Point>>,
+}
+
+/// One mean.
+#[derive(Debug, Clone)]
+struct Point {
+    run: usize,
+    at_s: f64,
+    temperature_c: f64,
+    c_per_min: f64,
+    error_dph: f64,
+    raw_dph: f64,
+    flagged: bool,
+}
+
+/// Temperatures that an axis has been at, by cells of the range.
+struct Cells {
+    from_c: f64,
+    any: Vec<bool>,
+    heating: Vec<bool>,
+    cooling: Vec<bool>,
+    /// Fastest heating and cooling, C per minute.
+    fastest: [f64; 2],
+}
+
+impl Cells {
+    fn new(limit: &Limit) -> Self {
+        let n = ((limit.to_c - limit.from_c) / CELL_C).ceil().max(1.0) as usize;
+        Self { from_c: limit.from_c, any: vec![false; n], heating: vec![false; n], cooling: vec![false; n], fastest: [0.0; 2] }
+    }
+
+    fn visit(&mut self, temperature_c: f64, c_per_min: f64) {
+        let at = ((temperature_c - self.from_c) / CELL_C).floor();
+        if !(at >= 0.0 && (at as usize) < self.any.len()) {
+            return;
+        }
+        let at = at as usize;
+        self.any[at] = true;
+        match Direction::of(c_per_min) {
+            Direction::Heating => self.heating[at] = true,
+            Direction::Cooling => self.cooling[at] = true,
+            Direction::Soak => {}
+        }
+        self.fastest = [self.fastest[0].max(c_per_min), self.fastest[1].max(-c_per_min)];
+    }
+
+    fn share(cells: &[bool]) -> f64 {
+        cells.iter().filter(|c| **c).count() as f64 / cells.len() as f64
+    }
+
+    /// The longest stretch of visited cells, first and last; gaps of [`GAP_C`] are bridged.
+    fn stretch(&self) -> Option<(usize, usize)> {
+        let most = (GAP_C / CELL_C) as usize;
+        let mut best: Option<(usize, usize)> = None;
+        let mut now: Option<(usize, usize)> = None;
+        for k in (0..self.any.len()).filter(|k| self.any[*k]) {
+            now = match now {
+                Some((first, last)) if k - last <= most + 1 => Some((first, k)),
+                _ => Some((k, k)),
+            };
+            if now.map(|n| n.1 - n.0) > best.map(|b| b.1 - b.0) || best.is_none() {
+                best = now;
+            }
+        }
+        best
+    }
+}
+
+/// Judges runs of a unit under a calibration.
+///
+/// # Errors
+/// A run that holds corrected rates, or rates in turns; a limit that is none; no run.
+pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Result<Judgement, BadInput> {
+    limit.check()?;
+    let first = runs.first().ok_or_else(|| BadInput::new("no run was given"))?;
+    let mut notes = Vec::new();
+    let mut points: [Vec<Point>; AXES] = Default::default();
+    let mut cells = [0; AXES].map(|_| Cells::new(limit));
+    let mut extremes = [(f64::INFINITY, f64::NEG_INFINITY); AXES];
+    for (number, r) in runs.iter().enumerate() {
+        if r.corrected() {
+            return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));
+        }
+        let steps = Steps::new(r)?;
+        if steps.len() < limit.means_s {
+            return Err(BadInput::new(format!(
+                "{}: {} s are too short for a mean of {} s",
+                r.source,
+                steps.len(),
+                limit.means_s
+            )));
+        }
+        let seconds = correct::correct(calibration, &steps);
+        for a in steps.present() {
+            let of = |f: &dyn Fn(usize) -> f64| block_means(&(0..seconds.len()).map(f).collect::<Vec<_>>(), limit.means_s);
+            // (The first second has no bias yet.)
+            let error = of(&|k| if k == 0 { f64::NAN } else { f64::from(seconds[k].corrected_dph[a]) });
+            let raw = of(&|k| f64::from(seconds[k].raw_dph[a]));
+            let celsius: Vec<f64> = seconds.iter().map(|s| f64::from(s.temperature_c[a])).collect();
+            let temperature = block_means(&celsius, limit.means_s);
+            let beyond = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE | AxisStatus::EXTRAPOLATED).bits();
+            let flagged = of(&|k| f64::from(u8::from(seconds[k].status[a] & beyond != 0)));
+            let ramp = ramps(&celsius, limit.means_s);
+            for (t, r) in celsius.iter().zip(&ramp) {
+                extremes[a] = (extremes[a].0.min(*t), extremes[a].1.max(*t));
+                cells[a].visit(*t, *r);
+            }
+            for k in 0..error.len() {
+                let middle = (k * limit.means_s + limit.means_s / 2).min(celsius.len() - 1);
+                points[a].push(Point {
+                    run: number,
+                    at_s: steps.start_s + middle as f64 * f64::from(MODEL_STEP_S),
+                    temperature_c: temperature[k],
+                    c_per_min: ramp[middle],
+                    error_dph: error[k],
+                    raw_dph: raw[k],
+                    flagged: flagged[k] > 0.5,
+                });
+            }
+        }
+        if !r.without_earth_rate() {
+            let note = "latitude and axes are not known: the earth's rate is in raw and corrected rates, unless the calibration holds it; give --latitude and --axes as hrg fit had them";
+            notes.push(note.to_string());
+        }
+    }
+    notes.dedup();
+    let names: Vec<String> = runs.iter().map(|r| r.source.clone()).collect();
+    let there: Vec<usize> = first.present().collect();
+    let axes: BTreeMap<String, Axis> = there
+        .iter()
+        .map(|&a| (AXIS_NAMES[a].to_string(), axis(&points[a], &cells[a], extremes[a], limit, &names)))
+        .collect();
+    Ok(Judgement {
+        version: VERSION,
+        unit: first.unit().to_string(),
+        verdict: axes.values().map(|a| a.verdict).max().unwrap_or(Verdict::NotCovered),
+        limit_dph: limit.limit_dph,
+        from_c: limit.from_c,
+        to_c: limit.to_c,
+        means_s: limit.means_s,
+        axes,
+        notes,
+        points: there.iter().map(|&a| (AXIS_NAMES[a].to_string(), points[a].clone())).collect(),
+    })
+}
+
+/// Rate of change of a temperature over a mean's duration about each second, C per minute.
+fn ramps(celsius: &[f64], means_s: usize) -> Vec<f64> {
+    let n = celsius.len();
+    let half = (means_s / 2).max(1);
+    (0..n)
+        .map(|k| {
+            let (from, to) = (k.saturating_sub(half), (k + half).min(n - 1));
+            60.0 * (celsius[to] - celsius[from]) / ((to - from).max(1) as f64 * f64::from(MODEL_STEP_S))
+        })
+        .collect()
+}
+
+fn axis(points: &[Point], cells: &Cells, extremes: (f64, f64), limit: &Limit, names: &[String]) -> Axis {
+    let inside: Vec<&Point> = points
+        .iter()
+        .filter(|p| (limit.from_c..=limit.to_c).contains(&p.temperature_c) && p.error_dph.is_finite())
+        .collect();
+    let errors: Vec<f64> = inside.iter().map(|p| p.error_dph).collect();
+    let raw: Vec<f64> = inside.iter().map(|p| p.raw_dph).filter(|v| v.is_finite()).collect();
+    let (constant, of_raw) = (mean(&errors), mean(&raw));
+    let most = |values: &[f64], about: f64| values.iter().map(|v| (v - about).abs()).reduce(f64::max);
+    let worst = inside.iter().max_by(|x, y| x.error_dph.abs().total_cmp(&y.error_dph.abs()));
+    let steps: Vec<f64> = points
+        .windows(2)
+        .filter(|w| w[0].run == w[1].run)
+        .map(|w| (w[1].error_dph - w[0].error_dph).abs())
+        .filter(|d| d.is_finite())
+        .collect();
+    // (The median of a normal deviate's size is 0.6745 of its deviation; two means differ by root two as much.)
+    let noise = (steps.len() > 3).then(|| quantile(&steps, 0.5) / 0.6745 / std::f64::consts::SQRT_2);
+    let stretch = cells.stretch();
+    let last = cells.any.len() - 1;
+    let ends = stretch.map(|(first, to)| {
+        let low = if first == 0 { limit.from_c } else { limit.from_c + first as f64 * CELL_C };
+        let high = if to == last { limit.to_c } else { limit.from_c + (to + 1) as f64 * CELL_C };
+        (low.max(extremes.0), high.min(extremes.1))
+    });
+    let covered = ends.is_some_and(|(low, high)| low <= limit.from_c + END_C && high >= limit.to_c - END_C);
+    let largest = worst.map(|p| p.error_dph.abs());
+    let verdict = match largest {
+        Some(l) if l > limit.limit_dph => Verdict::Fail,
+        Some(_) if covered => Verdict::Pass,
+        _ => Verdict::NotCovered,
+    };
+    let some = |v: f64| (!errors.is_empty()).then_some(v);
+    Axis {
+        verdict,
+        largest_dph: largest,
+        noise_dph: noise,
+        at_c: worst.map(|p| p.temperature_c),
+        at_s: worst.map(|p| p.at_s),
+        at_run: worst.and_then(|p| names.get(p.run).cloned()),
+        direction: worst.map(|p| Direction::of(p.c_per_min)),
+        constant_dph: some(constant),
+        largest_about_constant_dph: most(&errors, constant),
+        rms_dph: some((std_dev(&errors).powi(2) + constant * constant).sqrt()),
+        raw_largest_dph: most(&raw, 0.0),
+        raw_largest_about_mean_dph: most(&raw, of_raw),
+        means: errors.len(),
+        covered_from_c: ends.map(|e| e.0),
+        covered_to_c: ends.map(|e| e.1),
+        covered_heating: Cells::share(&cells.heating),
+        covered_cooling: Cells::share(&cells.cooling),
+        fastest_heating_c_per_min: cells.fastest[0],
+        fastest_cooling_c_per_min: cells.fastest[1],
+        extrapolated: inside.iter().filter(|p| p.flagged).count() as f64 / inside.len().max(1) as f64,
+    }
+}
+
+impl Judgement {
+    /// The answer in a line, with the worst axis.
+    #[must_use]
+    pub fn line(&self) -> String {
+        let range = format!("{} deg/h from {} to {} C", self.limit_dph, self.from_c, self.to_c);
+        let of = |verdict: Verdict| self.axes.iter().filter(move |(_, a)| a.verdict == verdict);
+        match self.verdict {
+            Verdict::Fail => {
+                let each: Vec<String> = of(Verdict::Fail)
+                    .map(|(n, a)| {
+                        format!(
+                            "{n} is {:.3} deg/h off at {:.1} C{}",
+                            a.largest_dph.unwrap_or(f64::NAN),
+                            a.at_c.unwrap_or(f64::NAN),
+                            a.direction.map_or("", |d| match d {
+                                Direction::Heating => " while heating",
+                                Direction::Cooling => " while cooling",
+                                Direction::Soak => " on a soak",
+                            })
+                        )
+                    })
+                    .collect();
+                format!("FAIL: {}; the limit is {range}", hrg_data::error::list(&each))
+            }
+            Verdict::NotCovered => {
+                let each: Vec<String> = of(Verdict::NotCovered)
+                    .map(|(n, a)| match (a.covered_from_c, a.covered_to_c) {
+                        (Some(low), Some(high)) => format!("{n} was seen from {low:.1} to {high:.1} C only"),
+                        _ => format!("{n} was never seen in that range"),
+                    })
+                    .collect();
+                format!("NOT COVERED: {}; nothing is known of the rest of {range}", hrg_data::error::list(&each))
+            }
+            Verdict::Pass => {
+                let largest = self.axes.values().filter_map(|a| a.largest_dph).fold(0.0, f64::max);
+                let one_way = |share: &dyn Fn(&Axis) -> f64| self.axes.values().any(|a| share(a) < 0.5);
+                let only = match (one_way(&|a| a.covered_heating), one_way(&|a| a.covered_cooling)) {
+                    (true, true) => "; hardly any of it on ramps",
+                    (true, false) => "; hardly any of it while heating",
+                    (false, true) => "; hardly any of it while cooling",
+                    (false, false) => "",
+                };
+                format!("PASS: every mean of {} s stays within {range}, the largest is {largest:.3} deg/h{only}", self.means_s)
+            }
+        }
+    }
+
+    /// The table under the line.
+    #[must_use]
+    pub fn table(&self) -> String {
+        let show = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.3}"));
+        let mut s = format!(
+            "{:<5} {:<12} {:>18} {:>18} {:>10} {:>10} {:>10} {:>10}   {}\n",
+            "axis", "", "largest", "at", "constant", "about it", "RMS", "raw", "covered"
+        );
+        for (n, a) in &self.axes {
+            let largest = match (a.largest_dph, a.noise_dph) {
+                (Some(l), Some(noise)) => format!("{l:.3} +- {:.3}", 1.96 * noise),
+                (l, _) => show(l),
+            };
+            let at = match (a.at_c, a.direction) {
+                (Some(t), Some(d)) => format!("{t:.1} C, {}", d.word()),
+                _ => "-".into(),
+            };
+            let covered = match (a.covered_from_c, a.covered_to_c) {
+                (Some(low), Some(high)) => format!(
+                    "{low:.1} to {high:.1} C; heating {:.0} % up to {:.1} C/min, cooling {:.0} % up to {:.1} C/min",
+                    100.0 * a.covered_heating,
+                    a.fastest_heating_c_per_min,
+                    100.0 * a.covered_cooling,
+                    a.fastest_cooling_c_per_min
+                ),
+                _ => "nothing of the range".into(),
+            };
+            let _ = writeln!(
+                s,
+                "{n:<5} {:<12} {largest:>18} {at:>18} {:>10} {:>10} {:>10} {:>10}   {covered}",
+                a.verdict.word(),
+                show(a.constant_dph),
+                show(a.largest_about_constant_dph),
+                show(a.rms_dph),
+                show(a.raw_largest_dph)
+            );
+        }
+        let _ = writeln!(
+            s,
+            "deg/h: means of {} s at temperatures of the resonators, the constant included; +- holds 95 % of the noise of a mean; raw: largest before the correction",
+            self.means_s
+        );
+        s
+    }
+
+    /// The page.
+    ///
+    /// # Errors
+    /// If a picture cannot be drawn.
+    pub fn html(&self) -> anyhow::Result<String> {
+        let escape = |s: &str| s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let panels: Vec<Panel> = self.points.iter().map(|(n, points)| self.panel(n, points)).collect();
+        let colour = match self.verdict {
+            Verdict::Pass => "#2e7d32",
+            Verdict::Fail => "#c62828",
+            Verdict::NotCovered => "#ef6c00",
+        };
+        let notes: String = self.notes.iter().map(|n| format!("<li>{}</li>", escape(n))).collect();
+        Ok(format!(
+            "<!doctype html><html lang=en><meta charset=utf-8><title>hrg judge: {unit}</title><style>\
+             body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1420px;padding:0 16px;color:#222}}\
+             h1{{font-size:22px}}.verdict{{border-left:6px solid {colour};padding:10px 16px;font-size:18px;background:#f6f6f6}}\
+             pre{{overflow-x:auto;font-size:13px}}svg{{max-width:100%;height:auto}}</style>\
+             <h1>Does {unit} pass?</h1><p class=verdict>{line}</p><pre>{table}</pre>{picture}<ul>{notes}</ul></html>\n",
+            unit = escape(&self.unit),
+            line = escape(&self.line()),
+            table = escape(&self.table()),
+            picture = svg(&panels, panels.len().clamp(1, 3), 460, 340)?
+        ))
+    }
+
+    /// Errors of one axis over temperature, with the limit as lines.
+    fn panel(&self, name: &str, points: &[Point]) -> Panel {
+        let of = |wanted: Direction| -> Vec<(f64, f64)> {
+            let these = points.iter().filter(|p| Direction::of(p.c_per_min) == wanted);
+            these.map(|p| (p.temperature_c, p.error_dph)).collect()
+        };
+        let series = |label: &str, points, colour, dots| Series { label: label.into(), points, colour, dots };
+        let line = |y: f64| vec![(self.from_c, y), (self.to_c, y)];
+        Panel {
+            title: format!("{name}: corrected rates, means of {} s", self.means_s),
+            x: "resonator temperature [C]".into(),
+            y: "error [deg/h]".into(),
+            log: false,
+            series: vec![
+                series("heating", of(Direction::Heating), 2, true),
+                series("cooling", of(Direction::Cooling), 3, true),
+                series("soak", of(Direction::Soak), 0, true),
+                series("limit", line(self.limit_dph), 4, false),
+                series("", line(-self.limit_dph), 4, false),
+            ],
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stretches_bridge_small_gaps_alone() {
+        let limit = Limit { limit_dph: 1.0, from_c: 0.0, to_c: 20.0, means_s: 100 };
+        let mut cells = Cells::new(&limit);
+        for t in [0.5, 1.5, 4.5, 9.5, 10.5, 11.5, 12.5, 13.5, 25.0, -3.0, f64::NAN] {
+            cells.visit(t, 1.0);
+        }
+        assert_eq!(cells.stretch(), Some((0, 4)));
+        cells.visit(7.5, -1.0);
+        assert_eq!(cells.stretch(), Some((0, 13)));
+        assert_eq!((Cells::share(&cells.cooling), cells.fastest), (0.05, [1.0, 1.0]));
+    }
+
+    #[test]
+    fn a_limit_that_is_none_is_refused() {
+        let good = Limit { limit_dph: 1.0, from_c: -40.0, to_c: 60.0, means_s: 100 };
+        assert!(good.check().is_ok());
+        for bad in [
+            Limit { limit_dph: 0.0, ..good },
+            Limit { limit_dph: f64::NAN, ..good },
+            Limit { from_c: 60.0, ..good },
+            Limit { means_s: 0, ..good },
+        ] {
+            assert!(bad.check().is_err(), "{bad:?}");
+        }
+    }
+}

@@ -1,0 +1,116 @@
+//! `hrg judge`: PASS, FAIL, NOT COVERED, against figures that the test computes from the corrected rates itself.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn folder(name: &str) -> PathBuf {
+    let d = std::env::temp_dir().join(format!("hrg-judge-{}-{name}", std::process::id()));
+    std::fs::create_dir_all(&d).expect("a folder");
+    d
+}
+
+fn hrg(folder: &Path, arguments: &str) -> Output {
+    let arguments = arguments.split_whitespace();
+    Command::new(env!("CARGO_BIN_EXE_hrg")).current_dir(folder).args(arguments).output().expect("hrg runs")
+}
+
+/// Exit status, and what stands on standard output.
+fn status(folder: &Path, arguments: &str) -> (Option<i32>, String) {
+    let o = hrg(folder, arguments);
+    (o.status.code(), format!("{}{}", String::from_utf8_lossy(&o.stdout), String::from_utf8_lossy(&o.stderr)))
+}
+
+/// Largest size of the 100 s means of a column of a corrected recording at temperatures within a range, and their mean.
+fn largest(file: &Path, axis: &str, range: std::ops::RangeInclusive<f64>) -> (f64, f64) {
+    let text = std::fs::read_to_string(file).expect("written");
+    let mut lines = text.lines().filter(|l| !l.starts_with('#'));
+    let names: Vec<&str> = lines.next().expect("a header").split(',').collect();
+    let place = |name: String| names.iter().position(|n| *n == name).expect("the column");
+    let (rate, temperature) = (place(format!("rate_{axis}_dph")), place(format!("temperature_{axis}_c")));
+    let rows: Vec<Vec<f64>> =
+        lines.map(|l| l.split(',').map(|v| v.parse().unwrap_or(f64::NAN)).collect()).collect();
+    let mean = |rows: &[Vec<f64>], k: usize| {
+        let good: Vec<f64> = rows.iter().map(|r| r[k]).filter(|v| v.is_finite()).collect();
+        good.iter().sum::<f64>() / good.len() as f64
+    };
+    let means: Vec<f64> = rows
+        .chunks(100)
+        .filter(|c| c.len() >= 50 && range.contains(&mean(c, temperature)))
+        .map(|c| mean(c, rate))
+        .collect();
+    let most = means.iter().map(|v| v.abs()).fold(0.0, f64::max);
+    (most, means.iter().sum::<f64>() / means.len() as f64)
+}
+
+#[test]
+fn a_unit_passes_fails_or_is_not_covered() {
+    let d = folder("verdicts");
+    for (profile, seed, out) in [("cycle", 31, "a.csv"), ("verify", 32, "b.csv")] {
+        let made = hrg(&d, &format!("simulate --profile {profile} --seed {seed} --unit 5 --effect hysteresis:width_c=14,size=3 --out {out}"));
+        assert!(made.status.success());
+    }
+    assert!(hrg(&d, "fit a.csv -o cal.toml").status.success());
+    assert!(hrg(&d, "correct b.csv --calibration cal.toml -o corrected.csv").status.success());
+    let judged = |limit: &str, range: &str| {
+        let (code, text) = status(&d, &format!("judge b.csv --calibration cal.toml --limit {limit} {range} -o j.json --html j.html"));
+        let json = std::fs::read_to_string(d.join("j.json")).expect("written");
+        (code, text, serde_json::from_str::<serde_json::Value>(&json).expect("JSON"))
+    };
+    let (code, text, json) = judged("50", "--from -30 --to 50");
+    assert_eq!((code, &json["verdict"]), (Some(0), &"PASS".into()), "{text}");
+    assert!(text.starts_with("PASS: "), "{text}");
+    for axis in ["x", "y", "z"] {
+        let (most, constant) = largest(&d.join("corrected.csv"), axis, -30.0..=50.0);
+        let of = &json["axes"][axis];
+        let value = |key: &str| of[key].as_f64().expect("a number");
+        assert!((value("largest_dph") - most).abs() < 1e-3 * most, "{axis}: {most} {of}");
+        assert!((value("constant_dph") - constant).abs() < 2e-3 * most, "{axis}: {constant} {of}");
+        assert!(value("raw_largest_dph") > value("largest_dph"));
+        assert!(value("covered_from_c") <= -29.0 && value("covered_to_c") >= 49.0, "{of}");
+        assert!(["heating", "cooling", "soak"].contains(&of["direction"].as_str().expect("a word")));
+    }
+    let (code, text, json) = judged("0.05", "--from -30 --to 50");
+    assert_eq!((code, &json["verdict"]), (Some(3), &"FAIL".into()), "{text}");
+    assert!(text.starts_with("FAIL: x is ") && text.contains(" C while "), "{text}");
+    let page = std::fs::read_to_string(d.join("j.html")).expect("written");
+    assert!(page.contains("<svg") && page.contains("limit") && page.contains("FAIL"), "one page");
+    let (code, text, json) = judged("50", "--from -30 --to 95");
+    assert_eq!((code, &json["verdict"]), (Some(4), &"NOT COVERED".into()), "{text}");
+    assert!(text.contains("was seen from -30.0 to"), "{text}");
+    // Beyond the limit is beyond it, wherever else the run has not been.
+    assert_eq!(judged("0.05", "--from -30 --to 95").0, Some(3));
+    let (code, text, json) = judged("1", "--from 200 --to 300");
+    assert_eq!((code, &json["axes"]["x"]["largest_dph"]), (Some(4), &serde_json::Value::Null), "{text}");
+    assert!(text.contains("x was never seen in that range"), "{text}");
+}
+
+#[test]
+fn a_question_that_is_none_is_refused_in_a_sentence() {
+    let d = folder("refused");
+    assert!(hrg(&d, "simulate --profile fast --unit 5 --out a.csv").status.success());
+    assert!(hrg(&d, "simulate --profile fast --unit 6 --out other.csv").status.success());
+    assert!(hrg(&d, "fit a.csv -o cal.toml").status.success());
+    assert!(hrg(&d, "correct a.csv --calibration cal.toml -o corrected.csv").status.success());
+    for (arguments, sentence) in [
+        ("a.csv --calibration cal.toml --limit 0 --from -10 --to 10", "is no limit"),
+        ("a.csv --calibration cal.toml --limit 1 --from 10 --to -10", "the lower temperature first"),
+        ("a.csv --calibration cal.toml --limit 1 --from -10 --to 10 --means soon", "whole seconds"),
+        ("other.csv --calibration cal.toml --limit 1 --from -10 --to 10", "SIM-6"),
+        ("corrected.csv --calibration cal.toml --limit 1 --from -10 --to 10", "corrected rates"),
+        ("none.csv --calibration cal.toml --limit 1 --from -10 --to 10", "none.csv"),
+    ] {
+        let (code, text) = status(&d, &format!("judge {arguments}"));
+        assert!(code == Some(2) && text.contains(sentence), "{arguments}: {code:?} {text}");
+    }
+}
+
+#[test]
+fn a_trace_ends_with_3_where_it_does_not_say_burn() {
+    let d = folder("fail-unless");
+    for (profile, seed, out) in [("cycle", 31, "a.csv"), ("verify", 32, "b.csv")] {
+        assert!(hrg(&d, &format!("simulate --profile {profile} --seed {seed} --unit 5 --out {out}")).status.success());
+    }
+    let trace = "trace a.csv --verify b.csv -o r.json";
+    assert_eq!(status(&d, trace).0, Some(0));
+    assert_eq!(status(&d, &format!("{trace} --fail-unless burn")).0, Some(3));
+}
