@@ -226,7 +226,13 @@ struct Cells {
 impl Cells {
     fn new(limit: &Limit) -> Self {
         let n = ((limit.to_c - limit.from_c) / CELL_C).ceil().max(1.0) as usize;
-        Self { from_c: limit.from_c, any: vec![false; n], heating: vec![false; n], cooling: vec![false; n], fastest: [0.0; 2] }
+        Self {
+            from_c: limit.from_c,
+            any: vec![false; n],
+            heating: vec![false; n],
+            cooling: vec![false; n],
+            fastest: [0.0; 2],
+        }
     }
 
     fn visit(&mut self, temperature_c: f64, c_per_min: f64) {
@@ -292,7 +298,8 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         }
         let seconds = correct::correct(calibration, &steps);
         for a in steps.present() {
-            let of = |f: &dyn Fn(usize) -> f64| block_means(&(0..seconds.len()).map(f).collect::<Vec<_>>(), limit.means_s);
+            let of =
+                |f: &dyn Fn(usize) -> f64| block_means(&(0..seconds.len()).map(f).collect::<Vec<_>>(), limit.means_s);
             // (The first second has no bias yet.)
             let error = of(&|k| if k == 0 { f64::NAN } else { f64::from(seconds[k].corrected_dph[a]) });
             let raw = of(&|k| f64::from(seconds[k].raw_dph[a]));
@@ -455,7 +462,10 @@ impl Judgement {
                     (false, true) => "; hardly any of it while cooling",
                     (false, false) => "",
                 };
-                format!("PASS: every mean of {} s stays within {range}, the largest is {largest:.3} deg/h{only}", self.means_s)
+                format!(
+                    "PASS: every mean of {} s stays within {range}, the largest is {largest:.3} deg/h{only}",
+                    self.means_s
+                )
             }
         }
     }
