@@ -168,7 +168,7 @@ impl Fits<'_> {
                 AxisModel::Constant => continue,
             };
             let Some(posterior) = &known.posteriors[a] else { continue };
-            // What the effects do, and what the ramp terms of the baseline do: a run may not have told one from the other.
+            // Of the effects, and of the ramp terms of the baseline: a run may not have told one from the other.
             let columns = fitted.model.columns(self.data, a).values;
             let gains = &fitted.axes[a].coefficients;
             let done: Vec<f64> = (0..self.data.axes[a].y.len())

@@ -211,7 +211,7 @@ fn judged(
     let on_verify = Unseen::new(data, verify_run, &fitted, &after_train, &after_verify)?;
     let on_judge = Unseen::new(data, judge_run, &fitted, &after_train, &of_judge)?;
 
-    // What is left; each effect on the verify run; then the image.
+    // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
