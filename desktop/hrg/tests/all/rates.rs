@@ -165,7 +165,7 @@ fn what_a_scale_factor_lacks_is_traced_by_the_same_families() {
             .map(|(seed, profile)| lacking(&with_play(seed, profile, ppm, dph), &bias).expect("a run on a table"));
         trace(&runs[..1], &runs[1]).expect("traces").report
     });
-    // What is the bias's is no scale factor's.
+    // A play of the bias is none of the scale factor.
     for r in [&clean, &of_bias] {
         assert!(r.effects.iter().all(|e| e.confirmed != Some(true)) && !r.burn, "{}", r.verdict);
     }
