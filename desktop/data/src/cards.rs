@@ -150,7 +150,7 @@ pub struct Card {
     pub parted_by_profile: bool,
     /// Text of the repair for an effect that a unit cannot compensate.
     pub repair: Option<Repair>,
-    /// What the effect is, in words for who sees its name for the first time.
+    /// Its meaning, in words for who sees its name for the first time.
     pub meaning: &'static str,
 }
 
