@@ -223,13 +223,15 @@ impl Report {
 
 /// See `_hrg.pyi`.
 #[pyfunction]
-#[pyo3(signature = (train, verify, *, in_use = None, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
+#[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn trace(
     py: Python<'_>,
     train: Vec<Bound<'_, Recording>>,
     verify: &Bound<'_, Recording>,
     in_use: Option<Bound<'_, Calibration>>,
+    judge: Option<Bound<'_, Recording>>,
+    exchange: bool,
     repeat_is_enough: bool,
     different_units: bool,
     jobs: Option<usize>,
@@ -239,6 +241,9 @@ pub fn trace(
     let train: Vec<_> = train.iter().map(|r| r.get().clean.clone()).collect();
     let verify = verify.get().clean.clone();
     let in_use = in_use.map(|c| c.get().inner.clone());
+    let judge = judge.map(|r| r.get().clean.clone());
+    // (A trace uses one processor; scripts of before give a number.)
+    let _ = jobs;
     if let Some(c) = &in_use {
         facts::fits(c, &verify, different_units).map_err(|e| refused(BadInput::from(e)))?;
     }
@@ -249,7 +254,8 @@ pub fn trace(
         units: units(different_units),
         in_use,
         repeat_is_enough,
-        jobs: jobs.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
+        judge,
+        exchange,
     };
     let traced = work::run(py, progress.as_ref(), move || {
         let t: Trace = tracing::trace_with(&train, &verify, &options)?;

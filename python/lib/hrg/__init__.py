@@ -128,8 +128,9 @@ def fit(recordings, method="lsq", **options):
 def trace(train, verify, **options):
     """Finds what the baseline model lacks: learns from ``train`` (one recording or several), judges on ``verify``.
 
-    Options: ``in_use`` (the calibration that a new one must beat), ``repeat_is_enough`` (recommend a burn also where ``verify`` only
-    repeats the profile of ``train``), ``different_units``, ``jobs`` (processors), ``progress`` (called
+    Options: ``in_use`` (the calibration that a new one must beat), ``judge`` (a third recording, which chooses nothing and judges alone),
+    ``exchange`` (search on ``verify``, too: advice), ``repeat_is_enough`` (recommend a burn also where ``verify`` only repeats the profile of
+    ``train``), ``different_units``, ``jobs`` (accepted and not used: a trace takes one processor), ``progress`` (called
     with the number of models tried so far), ``own_effects`` (effects that you have written, :class:`OwnEffect`). Ctrl-C stops it.
     """
     return _trace(_several(train), verify, **options)

@@ -238,6 +238,8 @@ def trace(
     verify: Recording,
     *,
     in_use: Calibration | None = None,
+    judge: Recording | None = None,
+    exchange: bool = False,
     repeat_is_enough: bool = False,
     different_units: bool = False,
     jobs: int | None = None,
