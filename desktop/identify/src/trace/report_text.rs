@@ -184,6 +184,18 @@ fn left(r: &Report) -> String {
     s
 }
 
+/// Constants of the train runs, where there are several.
+fn turn_on(r: &Report) -> Option<String> {
+    let runs = r.turn_on.values().map(|t| t.constants_dph.len()).max()?;
+    let axes: Vec<&String> = r.turn_on.keys().collect();
+    let each: Vec<String> = r.turn_on.values().map(|t| three_digits(t.std_dph)).collect();
+    Some(format!(
+        "the constants of the {runs} train runs scatter by {} deg/h on {} (standard deviation): the turn-on repeatability, as far as {runs} days tell",
+        list(&each),
+        list(&axes)
+    ))
+}
+
 /// Fourth line: the next step.
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
@@ -236,6 +248,7 @@ pub fn advice(r: &Report) -> Vec<String> {
             ));
         }
     }
+    out.extend(turn_on(r));
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
         out.push(format!(
             "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
