@@ -248,7 +248,6 @@ pub fn advice(r: &Report) -> Vec<String> {
             ));
         }
     }
-    out.extend(turn_on(r));
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
         out.push(format!(
             "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
@@ -291,6 +290,7 @@ pub fn advice(r: &Report) -> Vec<String> {
             list(&classes)
         ));
     }
+    out.extend(turn_on(r));
     if r.verdict_kind == VerdictKind::NotConfirmed {
         out.push("a longer verify run, or a second train run, makes the uncertainty smaller".into());
     }
