@@ -7,7 +7,7 @@ use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::files::MOST_RECORDING;
-use hrg_data::numeric::stats::{block_means, mean, std_dev};
+use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
 use hrg_data::plot::{svg, Panel, Series};
 use hrg_data::recording::import;
 use hrg_data::recording::import::map::Map;
@@ -26,8 +26,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Rows of imu_raw_data that are learnt from, at one a second; the last cooling is kept back.
+/// Rows of imu_raw_data that are learnt from in the picture, at one a second; the last cooling is kept back.
 pub const IMU_TRAIN_S: f64 = 6500.0;
+
+/// The same for the figures: no one cut of a log says what a method does, so each figure is a median with its range over these.
+pub const IMU_SPLITS_S: [f64; 7] = [6200.0, 6300.0, 6400.0, 6500.0, 6600.0, 6700.0, 6800.0];
 
 /// Rows of each half of gpsdo.short.
 const GPSDO_HALF: usize = 10_000;
@@ -144,6 +147,58 @@ fn table(rows: &[Row], unit: &str, present: &[usize], digits: usize) -> String {
     s
 }
 
+/// A method's figures over several splits.
+struct Band {
+    method: String,
+    /// By axis: standard deviations and root mean squares.
+    axes: [[Vec<f64>; 2]; AXES],
+}
+
+impl Band {
+    /// Figures of the same method in each of some comparisons.
+    fn of(all: &[Compared]) -> Vec<Self> {
+        let names = all.first().map_or(&[][..], |c| &c.rows[..]).iter().map(|r| r.method.clone());
+        names
+            .map(|method| {
+                let rows = || all.iter().filter_map(|c| c.rows.iter().find(|r| r.method == method));
+                let axes = [0, 1, 2].map(|a: usize| {
+                    [
+                        rows().filter_map(|r| Some(r.axes[a]?.deviation)).collect(),
+                        rows().filter_map(|r| Some(r.axes[a]?.rms)).collect(),
+                    ]
+                });
+                Self { method, axes }
+            })
+            .collect()
+    }
+}
+
+/// Median and range of some figures.
+fn band(values: &[f64], digits: usize) -> String {
+    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if values.is_empty() {
+        return "-".into();
+    }
+    format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", quantile(values, 0.5))
+}
+
+fn band_table(rows: &[Band], unit: &str, present: &[usize], digits: usize) -> String {
+    let mut s = format!("   {:<22}", format!("[{unit}]"));
+    for a in present {
+        let _ = write!(s, "{:>20}{:>22}", format!("{} sd", AXIS_NAMES[*a]), format!("{} rms", AXIS_NAMES[*a]));
+    }
+    s.push('\n');
+    for r in rows {
+        let _ = write!(s, "   {:<22}", r.method);
+        for a in present {
+            let [deviation, rms] = r.axes[*a].each_ref().map(|v| band(v, digits));
+            let _ = write!(s, "{deviation:>20}{rms:>22}");
+        }
+        s.push('\n');
+    }
+    s
+}
+
 /// Names that a trace gives, in a line.
 fn named(r: &trace::Report) -> String {
     let kind = match r.verdict_kind {
@@ -157,29 +212,37 @@ fn named(r: &trace::Report) -> String {
     format!("verdict {kind}; named: {}; left: {}", hrg_data::error::list(&names), left.join("; "))
 }
 
-/// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through.
+/// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through, for several splits.
 ///
 /// # Errors
 /// If the file is not there.
 pub fn imu(folder: &Path) -> anyhow::Result<String> {
-    let (whole, c) = imu_loop(folder, &Method::ALL)?;
+    let whole = load(folder, "imu_raw_data")?;
+    let all = imu_splits(&whole, &Method::ALL)?;
     let present: Vec<usize> = whole.present().collect();
+    let [first, .., last] = IMU_SPLITS_S;
     let mut s = format!(
-        "imu_raw_data: learnt from rows up to {IMU_TRAIN_S:.0}, judged on the last cooling ({} rows), states carried through\n   standard deviation and RMS of 100 s means; raw less the mean of the train rows\n",
-        whole.time_s.len() - IMU_TRAIN_S as usize
+        "imu_raw_data: {} rows; learnt from the first {first:.0} to {last:.0} ({} splits), judged on the rest, the last cooling, states carried through\n   standard deviation and RMS of 100 s means: median [range] over the splits; raw less the mean of the train rows\n",
+        whole.time_s.len(),
+        IMU_SPLITS_S.len()
     );
-    s += &table(&c.rows, "deg/h", &present, 0);
-    c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
-    s += &format!("   trace: {}\n", named(&c.report));
+    s += &band_table(&Band::of(&all), "deg/h", &present, 0);
+    if let Some(c) = all.first() {
+        c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+    }
+    for (at_s, c) in IMU_SPLITS_S.iter().zip(&all) {
+        s += &format!("   trace, split at {at_s:.0}: {}\n", named(&c.report));
+    }
     Ok(s)
 }
 
-/// The whole log of the IMU, and what came of it.
-fn imu_loop(folder: &Path, of: &[Method]) -> anyhow::Result<(Recording, Compared)> {
-    let whole = load(folder, "imu_raw_data")?;
-    let (train, verify) = whole.split(IMU_TRAIN_S)?;
-    let compared = compare(&train, &verify, of)?;
-    Ok((whole, compared))
+/// Methods and the trace on each split of the IMU's log.
+fn imu_splits(whole: &Recording, of: &[Method]) -> anyhow::Result<Vec<Compared>> {
+    let one = |at_s: &f64| {
+        let (train, verify) = whole.split(*at_s)?;
+        Ok(compare(&train, &verify, of)?)
+    };
+    IMU_SPLITS_S.iter().map(one).collect()
 }
 
 /// The loop on the IMU in short: raw, eq 7 and the trace, as a table and as a picture of the whole log.
@@ -198,18 +261,20 @@ pub struct InShort {
 /// # Errors
 /// If the file is not there.
 pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
-    let (whole, c) = imu_loop(folder, &[Method::Lsq])?;
+    let whole = load(folder, "imu_raw_data")?;
+    let all = imu_splits(&whole, &[Method::Lsq])?;
     let present: Vec<usize> = whole.present().collect();
-    let kept_back = whole.time_s.len() - IMU_TRAIN_S as usize;
     let names = ["raw", "eq 7", "trace"];
-    let rows: Vec<Row> = c.rows.iter().zip(names).map(|(r, n)| Row { method: n.into(), ..r.clone() }).collect();
-    let figures = |pick: &dyn Fn(Figure) -> f64| -> String {
+    let rows: Vec<Band> = Band::of(&all).into_iter().zip(names).map(|(r, n)| Band { method: n.into(), ..r }).collect();
+    let figures = |pick: usize| -> String {
         let by_row = rows.iter().map(|r| {
-            let axes: Vec<String> = r.axes.iter().flatten().map(|f| format!("{:.0}", pick(*f))).collect();
+            let axes: Vec<String> = present.iter().map(|a| band(&r.axes[*a][pick], 0)).collect();
             format!("{} {}", r.method, axes.join(" / "))
         });
-        by_row.collect::<Vec<_>>().join(", ")
+        by_row.collect::<Vec<_>>().join("; ")
     };
+    let (train, verify) = whole.split(IMU_TRAIN_S)?;
+    let c = compare(&train, &verify, &[Method::Lsq])?;
     let plain = |(n, b): (&String, &OnVerify)| (b.model == AxisModel::Baseline).then(|| n.clone());
     let plain: Vec<String> = c.report.block.iter().flatten().filter_map(plain).collect();
     let plain = if plain.is_empty() {
@@ -217,17 +282,20 @@ pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
     } else {
         format!(" On {} none of its effects holds there, and its image is eq 7.", hrg_data::error::list(&plain))
     };
+    let [first, .., last] = IMU_SPLITS_S;
     let caption = format!(
-        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). Learnt from \
-         rows up to {IMU_TRAIN_S:.0}, judged on the {kept_back} rows of the last cooling, which were kept back. Standard deviation of \
-         100-row means there, x / y / z, deg/h: {}. Root mean square, the constant included: {}. The trace: {}.{plain}",
+        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). Learnt from the first \
+         {first:.0} to {last:.0} rows ({} splits), judged on the rest, the last cooling. Standard deviation of 100-row means there, x / y / z, \
+         deg/h, median [range] over the splits: {}. Root mean square, the constant included: {}. The picture, and the trace at \
+         {IMU_TRAIN_S:.0}: {}.{plain}",
         whole.time_s.len(),
-        figures(&|f| f.deviation),
-        figures(&|f| f.rms),
+        IMU_SPLITS_S.len(),
+        figures(0),
+        figures(1),
         named(&c.report)
     );
     Ok(InShort {
-        table: table(&rows, "deg/h", &present, 0),
+        table: band_table(&rows, "deg/h", &present, 0),
         caption: wrapped(&caption),
         picture: picture(&whole, &c, names)?,
     })
@@ -309,13 +377,15 @@ fn halves(r: &Recording, rows: usize) -> Result<[Recording; 2], BadInput> {
 pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
     let whole = load(folder, "gpsdo.short")?;
     let [first, second] = halves(&whole, GPSDO_HALF)?;
+    let (before, after) = whole.split(second.time_s[0])?;
     let mut s = format!(
         "gpsdo.short: {} rows, each half judged by the other; ppb of frequency in the place of deg/h\n",
         whole.time_s.len()
     );
     let mut classes = Vec::new();
     for (train, verify, name) in [
-        (&first, &second, "first half learnt from, second judged"),
+        (&before, &after, "first half learnt from, second judged, states carried through"),
+        (&first, &second, "the same as two runs"),
         (&second, &first, "second half learnt from, first judged"),
     ] {
         let c = compare(train, verify, &Method::ALL)?;
@@ -328,6 +398,7 @@ pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
         named.dedup();
         classes.push(named.join(", "));
     }
+    classes.remove(0);
     let same = if classes[0] == classes[1] { "the same classes" } else { "other classes" };
     s += &format!(" swap test: {same} both ways ([{}] and [{}])\n", classes[0], classes[1]);
     Ok(s)

@@ -58,7 +58,7 @@ use judge::Prediction;
 use means::{spread, Means};
 use model::{Fitted, Specification, Term};
 use odds::THRESHOLD;
-use report::{by_axis, ByAxis, ChosenOn};
+use report::{by_axis, ByAxis, ChosenOn, TurnOn};
 use run_in::Memory;
 use search::{Model, Rival, Search};
 use unseen::Unseen;
@@ -251,6 +251,7 @@ fn judged(
         judged_by: if options.judge.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
         exchanged,
+        turn_on: turn_on(&fitted),
         advice: Vec::new(),
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
@@ -270,6 +271,21 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// Constants of the train runs; empty with one.
+fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
+    let of = |a: usize| {
+        let days = &fitted.axes[a].days;
+        // (The first run's is what the others' add up to, taken negative.)
+        let constants_dph: Vec<f64> = std::iter::once(-days.iter().sum::<f64>()).chain(days.iter().copied()).collect();
+        let squares = constants_dph.iter().map(|c| c * c).sum::<f64>();
+        TurnOn { std_dph: (squares / (constants_dph.len() - 1).max(1) as f64).sqrt(), constants_dph }
+    };
+    if fitted.axes.iter().all(|a| a.days.is_empty()) {
+        return ByAxis::new();
+    }
+    by_axis(of)
 }
 
 /// Variables along which structure is left, by axis, and what is left of the verify run in floors.
@@ -855,6 +871,18 @@ mod tests {
         assert!(!r.advice.iter().any(|a| a.contains("axis x: the constant differs")), "{:?}", r.advice);
         assert!((0.2..0.7).contains(&r.outside_fit), "{}", r.outside_fit);
         assert!(r.verdict.contains("nothing is promised there"), "{}", r.verdict);
+    }
+
+    #[test]
+    fn the_constants_of_several_days_are_stated() {
+        let mut second = plan("verify", &[], 36, 174);
+        second.rate_dph[2].iter_mut().for_each(|v| *v += 1.5);
+        let train = [plan("cycle", &[], 36, 173), second];
+        let r = trace(&train, &plan("stairs", &[], 36, 175)).expect("traces").report;
+        let z = &r.turn_on["z"];
+        assert!((z.constants_dph[1] - z.constants_dph[0] - 1.5).abs() < 0.4 && z.constants_dph.len() == 2, "{z:?}");
+        assert!(z.std_dph > r.turn_on["x"].std_dph && r.advice.iter().any(|a| a.contains("turn-on repeatability")));
+        assert!(trace(&train[..1], &train[1]).expect("traces").report.turn_on.is_empty());
     }
 
     #[test]

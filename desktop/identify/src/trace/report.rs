@@ -280,8 +280,19 @@ pub struct Report {
     pub advice: Vec<String>,
     /// Notes on the data for the user.
     pub notes: Vec<String>,
+    /// With several train runs, the constant of each against their mean, deg/h; else empty.
+    pub turn_on: ByAxis<TurnOn>,
     /// Counts of values taken out of the files.
     pub cleaned: CleanedCounts,
+}
+
+/// Constants of the days of the train runs, one axis.
+#[derive(Debug, Clone, Serialize)]
+pub struct TurnOn {
+    /// Constant of each train run against the mean of all, deg/h.
+    pub constants_dph: Vec<f64>,
+    /// Their standard deviation: the turn-on repeatability, as far as so few days tell, deg/h.
+    pub std_dph: f64,
 }
 
 impl Report {
@@ -301,6 +312,7 @@ impl Report {
         self.unexplained.retain(|n, _| there(n));
         self.left_over.retain(|n, _| there(n));
         self.judge.retain(|n, _| there(n));
+        self.turn_on.retain(|n, _| there(n));
         if let Some(block) = &mut self.block {
             block.retain(|n, _| there(n));
         }

@@ -184,6 +184,18 @@ fn left(r: &Report) -> String {
     s
 }
 
+/// Constants of the train runs, where there are several.
+fn turn_on(r: &Report) -> Option<String> {
+    let runs = r.turn_on.values().map(|t| t.constants_dph.len()).max()?;
+    let axes: Vec<&String> = r.turn_on.keys().collect();
+    let each: Vec<String> = r.turn_on.values().map(|t| three_digits(t.std_dph)).collect();
+    Some(format!(
+        "the constants of the {runs} train runs scatter by {} deg/h on {} (standard deviation): the turn-on repeatability, as far as {runs} days tell",
+        list(&each),
+        list(&axes)
+    ))
+}
+
 /// Fourth line: the next step.
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
@@ -278,6 +290,7 @@ pub fn advice(r: &Report) -> Vec<String> {
             list(&classes)
         ));
     }
+    out.extend(turn_on(r));
     if r.verdict_kind == VerdictKind::NotConfirmed {
         out.push("a longer verify run, or a second train run, makes the uncertainty smaller".into());
     }
