@@ -249,14 +249,7 @@ pub fn trace(
     }
     let raised = user_effects::Raised::default();
     let own = own_effects.iter().map(|e| user_effects::effect(e, &raised)).collect::<PyResult<Vec<_>>>()?;
-    let options = tracing::Options {
-        own,
-        units: units(different_units),
-        in_use,
-        repeat_is_enough,
-        judge,
-        exchange,
-    };
+    let options = tracing::Options { own, units: units(different_units), in_use, repeat_is_enough, judge, exchange };
     let traced = work::run(py, progress.as_ref(), move || {
         let t: Trace = tracing::trace_with(&train, &verify, &options)?;
         let mut image = (t.report.image != tracing::Image::None).then(|| t.image.clone());
