@@ -458,6 +458,7 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
         unseen.iter().try_for_each(|u| independence::require(&[(r, "train"), *u]))?;
     }
     independence::require(&unseen)?;
+    prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(&options.own, run))?;
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
     let mut runs = Vec::new();
     for (r, role) in &unseen {
@@ -468,7 +469,6 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
         user_effects::attach(&options.own, &mut run)?;
         runs.push(run);
     }
-    prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(&options.own, run))?;
     let mut runs = runs.into_iter();
     let verify_run = runs.next().ok_or_else(|| BadInput::new("no verify recording was given"))?;
     Ok((prepared, verify_run, runs.next()))
