@@ -1,5 +1,6 @@
 //! Data of the search: block means of rates and regressors, and the library of candidate columns.
 
+use super::noise::{Growth, NoiseModel, NOISE_MODELS};
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
 use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS};
@@ -137,8 +138,34 @@ pub struct AxisRows {
     pub y: Vec<f64>,
     /// Means of the baseline's regressors, then a column for each run after the first: see [`day_column`].
     pub base: Vec<Vec<f64>>,
+    /// Deviation of the noise in each kept block over its geometric mean on the train runs: see [`Growth`].
+    pub relative: Vec<f64>,
     /// Columns of what happened in a run that judges and that nobody can predict: its size there is unknown, as its constant is.
     pub happened: Vec<Vec<f64>>,
+}
+
+impl AxisRows {
+    /// Whitens a column in place: its rows by their deviation, then by the noise model.
+    pub fn whiten(&self, noise: &NoiseModel, x: &mut [f64]) {
+        self.weigh(x);
+        noise.whiten(x, &self.starts);
+    }
+
+    /// A column whitened by every noise model.
+    pub fn whiten_by_all(&self, mut x: Vec<f64>) -> [Vec<f64>; NOISE_MODELS.len()] {
+        self.weigh(&mut x);
+        NoiseModel::whiten_by_all(&x, &self.starts)
+    }
+
+    fn weigh(&self, x: &mut [f64]) {
+        x.iter_mut().zip(&self.relative).for_each(|(v, r)| *v /= r);
+    }
+
+    /// The adjoint of the recursion that whitening undoes, see [`NoiseModel::backwards`].
+    pub fn backwards(&self, noise: &NoiseModel, x: &[f64]) -> Vec<f64> {
+        let x: Vec<f64> = x.iter().zip(&self.relative).map(|(v, r)| v * r).collect();
+        noise.backwards(&x, &self.starts)
+    }
 }
 
 /// All rows.
@@ -158,6 +185,8 @@ pub struct Data<'a> {
     pub blocks: Vec<usize>,
     /// The axes.
     pub axes: [AxisRows; AXES],
+    /// Growth of the noise with temperature, by axis.
+    pub growth: [Growth; AXES],
     /// Set if the judged run continues the only train run: a step in the train run then lasts.
     pub goes_on: bool,
     /// Set if the runs are none of those that a model was learnt from: what belongs to one of those is zero, and paths begin where a run that
@@ -190,7 +219,19 @@ impl<'a> Data<'a> {
         for (rows, known) in other.axes.iter_mut().zip(&self.axes) {
             rows.base.resize(known.base.len(), vec![0.0; rows.y.len()]);
         }
-        other
+        other.with_growth(self.growth)
+    }
+
+    /// The same with noise that grows with temperature.
+    #[must_use]
+    pub fn with_growth(mut self, growth: [Growth; AXES]) -> Self {
+        self.growth = growth;
+        for a in 0..AXES {
+            let states = self.states(a);
+            let at = |s: Option<(f64, f64)>| s.map_or(1.0, |(temperature_c, _)| growth[a].at(temperature_c));
+            self.axes[a].relative = states.into_iter().map(at).collect();
+        }
+        self
     }
 
     /// The same with effects whose sizes in that run are unknown.
@@ -214,6 +255,7 @@ impl<'a> Data<'a> {
                 starts: vec![],
                 y: vec![],
                 base: vec![vec![]; hrg_core::bias::TERMS],
+                relative: vec![],
                 happened: vec![],
             };
             // Each run has its own constant: the first one's is what the others' add up to, taken negative.
@@ -242,9 +284,11 @@ impl<'a> Data<'a> {
                 }
                 first += n;
             }
+            rows.relative = vec![1.0; rows.y.len()];
             rows
         });
-        Self { runs, scaling, lag_s, block_s, coarse_s, blocks, axes, goes_on: false, unseen: false }
+        let growth = [Growth::default(); AXES];
+        Self { runs, scaling, lag_s, block_s, coarse_s, blocks, axes, growth, goes_on: false, unseen: false }
     }
 
     /// Columns of a candidate for one axis, by regressor, on the kept blocks. `None` where it needs what was not

@@ -59,14 +59,14 @@ impl View {
         let mut information = 0.0;
         for column in rows.base[..TEMPERATURE_TERMS].iter().chain(&rows.base[TERMS..]) {
             let mut c = column.clone();
-            noise_model.whiten(&mut c, &rows.starts);
+            rows.whiten(&noise_model, &mut c);
             let length = base.add_measured(c);
             if length > 0.0 {
                 information += length.ln();
             }
         }
         let mut y = rows.y.clone();
-        noise_model.whiten(&mut y, &rows.starts);
+        rows.whiten(&noise_model, &mut y);
         base.reduce(&mut y);
         let free = y.len().saturating_sub(base.columns.len()).max(1) as f64;
         let constant = noise_model.first_factor().ln() * rows.starts.len() as f64 - 0.5 * information;
@@ -87,7 +87,7 @@ impl View {
 
     /// A column whitened and free of the baseline.
     fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
-        self.noise_model.whiten(&mut c, &rows.starts);
+        rows.whiten(&self.noise_model, &mut c);
         self.take_off_baseline(&mut c);
         c
     }
@@ -192,7 +192,7 @@ impl<'d> Axis<'d> {
         let from = self.scale.len();
         for mut c in columns {
             self.scale.push(to_unit_deviation(&mut c));
-            for (v, c) in self.views.iter_mut().zip(NoiseModel::whiten_by_all(&c, &self.rows.starts)) {
+            for (v, c) in self.views.iter_mut().zip(self.rows.whiten_by_all(c)) {
                 v.push(c);
             }
         }

@@ -1,6 +1,7 @@
 //! The search with train and verify exchanged: advice, as another greedy search may name the same thing otherwise.
 
-use super::data::{Candidate, Data};
+use super::growth;
+use super::data::Candidate;
 use super::report::{Exchanged, Found};
 use super::search::Search;
 use super::user_effects::{self, card_of, OwnEffect};
@@ -20,7 +21,7 @@ pub(super) fn shortest(run: &Run) -> usize {
 pub(super) fn second_search(verify: &Recording, effects: &[OwnEffect]) -> Option<Vec<Candidate>> {
     let mut prepared = fit::prepare(std::slice::from_ref(verify)).ok()?;
     prepared.runs.iter_mut().try_for_each(|run| user_effects::attach(effects, run)).ok()?;
-    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let data = growth::data(&prepared).ok()?;
     let mut search = Search::new(&data);
     Some(search.run().effects().copied().collect())
 }

@@ -8,11 +8,11 @@
 
 use super::means::Means;
 use super::noise::{Basis, NoiseModel, NOISE_MODELS};
-use hrg_data::numeric::stats::{dot, log_sum};
+use hrg_data::numeric::stats::{dot, log_sum, mean};
 use serde::Serialize;
 
 /// Means in a period of the fastest change that is taken for a nuisance: 20 minutes.
-const PERIOD_MEANS: usize = 12;
+pub(super) const PERIOD_MEANS: usize = 12;
 /// Means of a piece of a run that has its own nuisances.
 const PIECE: usize = 120;
 /// Fewest means of a piece.
@@ -81,10 +81,40 @@ pub struct Noise {
     each: Vec<Under>,
 }
 
+/// A part of a series that has its own nuisances.
+pub(super) struct Piece {
+    /// Its values.
+    y: Vec<f64>,
+    /// Relative deviation of the noise of each.
+    relative: Vec<f64>,
+}
+
+impl Piece {
+    /// From values with the relative deviation of the noise of each.
+    pub(super) fn new(values: &[(f64, f64)]) -> Self {
+        let (y, relative) = values.iter().copied().unzip();
+        Self { y, relative }
+    }
+
+    /// A column whitened: its rows by their deviation, then by a noise model.
+    fn whitened(&self, noise: &NoiseModel, mut x: Vec<f64>) -> Vec<f64> {
+        x.iter_mut().zip(&self.relative).for_each(|(v, r)| *v /= r);
+        noise.whiten(&mut x, &[0]);
+        x
+    }
+}
+
+/// Parts of a series of about [`PIECE`] values, each with the relative deviation of its noise; none is shorter than [`LEAST`].
+pub(super) fn chunks(part: &[(f64, f64)]) -> Vec<Piece> {
+    let count = part.len().div_ceil(PIECE).max(1);
+    part.chunks(part.len().div_ceil(count).max(1)).filter(|c| c.len() >= LEAST).map(Piece::new).collect()
+}
+
 /// Pieces of the finite values of a series, parted where it jumps.
-fn pieces(series: &Means) -> Vec<Vec<f64>> {
-    let finite: Vec<f64> = series.series().iter().copied().filter(|v| v.is_finite()).collect();
-    let steps: Vec<f64> = finite.windows(2).map(|w| w[1] - w[0]).collect();
+fn pieces(series: &Means) -> Vec<Piece> {
+    let both = series.series().iter().copied().zip(series.relative().iter().copied());
+    let finite: Vec<(f64, f64)> = both.filter(|(v, _)| v.is_finite()).collect();
+    let steps: Vec<f64> = finite.windows(2).map(|w| 2.0 * (w[1].0 - w[0].0) / (w[1].1 + w[0].1)).collect();
     let most = JUMP * robust_square(&steps).sqrt();
     let mut parts = vec![vec![]];
     for (k, v) in finite.iter().enumerate() {
@@ -93,25 +123,63 @@ fn pieces(series: &Means) -> Vec<Vec<f64>> {
         }
         parts.last_mut().into_iter().for_each(|p| p.push(*v));
     }
-    let chunks = |part: &Vec<f64>| {
-        let count = part.len().div_ceil(PIECE).max(1);
-        part.chunks(part.len().div_ceil(count).max(1)).map(<[f64]>::to_vec).collect::<Vec<_>>()
-    };
-    parts.iter().flat_map(chunks).filter(|c| c.len() >= LEAST).collect()
+    parts.iter().flat_map(|p| chunks(p)).collect()
 }
 
-/// Cosines over a piece down to the shortest period of a nuisance, the constant first.
-fn nuisances(n: usize) -> Vec<Vec<f64>> {
+/// Cosines over a piece down to the shortest period of a nuisance, given in values, the constant first.
+fn nuisances(n: usize, period: usize) -> Vec<Vec<f64>> {
     let cosine =
         |k: usize| (0..n).map(|j| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / n as f64).cos()).collect();
-    (0..=2 * n / PERIOD_MEANS).map(cosine).collect()
+    (0..=2 * n / period).map(cosine).collect()
+}
+
+/// What is left of some pieces under a noise model when everything slower than a period is taken out.
+pub(super) struct Fast {
+    /// Whitened values.
+    left: Vec<f64>,
+    /// Values less nuisances.
+    free: f64,
+    /// Log determinants of noise and nuisances, twice the part of the likelihood that is no square.
+    information: f64,
+}
+
+impl Fast {
+    /// `period`: values in the shortest period of a nuisance.
+    pub(super) fn new(noise: &NoiseModel, pieces: &[Piece], period: usize) -> Self {
+        let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
+        for piece in pieces {
+            let mut basis = Basis::default();
+            for column in nuisances(piece.y.len(), period) {
+                information += basis.add_measured(piece.whitened(noise, column)).max(1e-300).ln();
+            }
+            let mut y = piece.whitened(noise, piece.y.clone());
+            basis.reduce(&mut y);
+            information -= 2.0 * noise.first_factor().ln();
+            information += 2.0 * piece.relative.iter().map(|r| r.ln()).sum::<f64>();
+            free += (piece.y.len() - basis.columns.len()) as f64;
+            left.extend(y);
+        }
+        Self { left, free, information }
+    }
+
+    /// Variance of the whitened noise.
+    fn innovation(&self) -> f64 {
+        robust_square(&self.left) * self.left.len() as f64 / self.free
+    }
+
+    /// Restricted log-likelihood.
+    pub(super) fn log_likelihood(&self) -> f64 {
+        -0.5 * (self.free * self.innovation().max(1e-300).ln() + self.information)
+    }
 }
 
 impl Noise {
     /// From what is left on the other runs and on the one that is judged. `None` where they are too short.
     #[must_use]
     pub fn new(others: &[Means], judged: &Means) -> Option<Self> {
-        let all: Vec<Vec<f64>> = others.iter().chain([judged]).flat_map(pieces).collect();
+        let all: Vec<Piece> = others.iter().chain([judged]).flat_map(pieces).collect();
+        // Noise that grows with temperature: mean square of its relative deviation on the judged run, and on the others.
+        let (here, there) = (judged.relative_square(), mean(&others.iter().map(Means::relative_square).collect::<Vec<_>>()));
         let (n, other) = (judged.count(), others.iter().map(Means::count).sum::<usize>());
         if all.is_empty() || n < 4 {
             return None;
@@ -120,27 +188,14 @@ impl Noise {
             .iter()
             .filter(|noise| !noise.is_misfit())
             .map(|noise| {
-                let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
-                for piece in &all {
-                    let mut basis = Basis::default();
-                    for mut column in nuisances(piece.len()) {
-                        noise.whiten(&mut column, &[0]);
-                        information += basis.add_measured(column).max(1e-300).ln();
-                    }
-                    let mut y = piece.clone();
-                    noise.whiten(&mut y, &[0]);
-                    basis.reduce(&mut y);
-                    information -= 2.0 * noise.first_factor().ln();
-                    free += (piece.len() - basis.columns.len()) as f64;
-                    left.extend(y);
-                }
-                let innovation = robust_square(&left) * left.len() as f64 / free;
-                let prior = noise.log_prior();
-                let likelihood = prior - 0.5 * (free * innovation.max(1e-300).ln() + information);
+                let fast = Fast::new(noise, &all, PERIOD_MEANS);
+                let innovation = fast.innovation();
+                let likelihood = noise.log_prior() + fast.log_likelihood();
                 let (variance, square) = noise.of_deviation(n);
-                let own = noise.of_mean(n) + if other > 0 { noise.of_mean(other) } else { 0.0 };
-                let spread = (2.0 * square / (variance * variance) + 2.0 / free).sqrt();
-                let under = Under { weight: 0.0, variance: innovation * variance, spread, shift: innovation * own };
+                let own = noise.of_mean(n) * here + if other > 0 { noise.of_mean(other) * there } else { 0.0 };
+                let spread = (2.0 * square / (variance * variance) + 2.0 / fast.free).sqrt();
+                let (variance, shift) = (innovation * variance * here, innovation * own);
+                let under = Under { weight: 0.0, variance, spread, shift };
                 (likelihood, under)
             })
             .collect();

@@ -146,7 +146,7 @@ impl OnAxis {
         let mut left: Vec<f64> = rows.y.iter().zip(&predicted).map(|(y, p)| y - p).collect();
         let sigma = u.variance_dph2.sqrt();
         let whitened = |x: &mut Vec<f64>| {
-            u.noise.whiten(x, &rows.starts);
+            rows.whiten(&u.noise, x);
             x.iter_mut().for_each(|v| *v /= sigma);
         };
         let mut constant = vec![1.0; rows.y.len()];
@@ -212,7 +212,7 @@ impl OnAxis {
         for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
             let mut basis = Basis::default();
             let whitened = |mut x: Vec<f64>, basis: &Basis| {
-                u.noise.whiten(&mut x, &rows.starts);
+                rows.whiten(&u.noise, &mut x);
                 basis.reduce(&mut x);
                 x
             };

@@ -5,37 +5,58 @@ use hrg_data::numeric::stats::{block_means, mean, std_dev};
 
 /// 100 s means of a residual.
 #[derive(Debug, Clone)]
-pub struct Means(Vec<f64>);
+pub struct Means {
+    values: Vec<f64>,
+    /// Relative deviation of the noise of each; 1 where nothing is said of it.
+    relative: Vec<f64>,
+}
 
 impl Means {
     /// Of a residual on every step.
     pub fn of(residual: &[f64]) -> Self {
-        Self(block_means(residual, MEAN_S))
+        Self::of_means(&block_means(residual, MEAN_S))
+    }
+
+    /// Of a residual on every step, whose noise has a relative deviation there.
+    pub fn with_relative(residual: &[f64], relative: &[f64]) -> Self {
+        let relative = block_means(relative, MEAN_S).iter().map(|r| if r.is_finite() { *r } else { 1.0 }).collect();
+        Self { values: block_means(residual, MEAN_S), relative }
     }
 
     /// A series that already is one of means.
     pub fn of_means(means: &[f64]) -> Self {
-        Self(means.to_vec())
+        Self { values: means.to_vec(), relative: vec![1.0; means.len()] }
+    }
+
+    /// Relative deviation of the noise of each.
+    pub fn relative(&self) -> &[f64] {
+        &self.relative
+    }
+
+    /// Mean square of the relative deviation of the finite ones.
+    pub fn relative_square(&self) -> f64 {
+        let squares = self.values.iter().zip(&self.relative).filter(|(v, _)| v.is_finite()).map(|(_, r)| r * r);
+        mean(&squares.collect::<Vec<_>>())
     }
 
     /// Standard deviation about their mean.
     pub fn deviation(&self) -> f64 {
-        std_dev(&self.0)
+        std_dev(&self.values)
     }
 
     /// Their mean.
     pub fn mean(&self) -> f64 {
-        mean(&self.0)
+        mean(&self.values)
     }
 
     /// Number of finite means.
     pub fn count(&self) -> usize {
-        self.0.iter().filter(|v| v.is_finite()).count()
+        self.values.iter().filter(|v| v.is_finite()).count()
     }
 
     /// The series; NaN marks a gap.
     pub fn series(&self) -> &[f64] {
-        &self.0
+        &self.values
     }
 }
 
@@ -56,7 +77,7 @@ pub fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> (f64, usize
 
 /// Fall of the mean square error from one residual to another of the same run, and the deviation that noise of a floor gives it.
 pub fn fall(before: &Means, after: &Means, floor: f64) -> (f64, f64) {
-    let both = before.0.iter().zip(&after.0).filter(|(b, a)| b.is_finite() && a.is_finite());
+    let both = before.values.iter().zip(&after.values).filter(|(b, a)| b.is_finite() && a.is_finite());
     let rows: Vec<(f64, f64)> = both.map(|(b, a)| (*b, b - a)).collect();
     let n = rows.len().max(1) as f64;
     let (mb, md) = rows.iter().fold((0.0, 0.0), |(b, d), r| (b + r.0 / n, d + r.1 / n));

@@ -5,12 +5,14 @@
 //! [`floor`]): against the baseline, against the raw rates, against the image in use, and against the noise.
 
 pub mod data;
+mod days;
 pub mod equations;
 mod events;
 pub mod evidence;
 mod exchange;
 pub mod floor;
 mod found;
+mod growth;
 mod html;
 mod image;
 pub mod judge;
@@ -109,7 +111,7 @@ pub struct Trace {
 /// As [`trace_with`], for the train runs.
 pub fn first_score(train: &[Recording]) -> Result<f64, BadInput> {
     let prepared = prepare_for(train, Units::default())?;
-    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let data = growth::data(&prepared)?;
     Ok(Search::new(&data).first_score())
 }
 
@@ -142,7 +144,7 @@ fn closed(
 ) -> Result<Trace, BadInput> {
     let mut settled = false;
     loop {
-        let mut data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+        let mut data = growth::data(&prepared)?;
         data.goes_on = goes_on(train, verify);
         let mut search = Search::new(&data);
         let learnt = Learnt::new(&mut search);
@@ -188,6 +190,7 @@ fn judged(
     // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
     notes.extend(there_after_steps(&fitted));
+    notes.extend(there.iter().filter_map(|a| data.growth[*a].sentence(AXIS_NAMES[*a])));
 
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
@@ -205,9 +208,9 @@ fn judged(
     };
     notes.extend(lacking(fitted.terms(), &known));
     let [before_verify, after_verify] = left_of(verify_run);
-    let on_verify = Unseen::new(blocks, verify_run, &fitted, &after_train, &after_verify)?;
+    let on_verify = Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?;
     let on_judge =
-        judge_run.map(|run| Unseen::new(data.unseen(run), run, &fitted, &after_train, &left_of(run)[1])).transpose()?;
+        judge_run.map(|run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1])).transpose()?;
 
     // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
@@ -247,6 +250,7 @@ fn judged(
         verify_repeats_train,
         exchanged,
         turn_on: turn_on(&fitted),
+        noise_growth: by_axis(|a| data.growth[a].by.exp()),
         advice: Vec::new(),
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
@@ -281,7 +285,11 @@ fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
         // (The first run's is what the others' add up to, taken negative.)
         let constants_dph: Vec<f64> = std::iter::once(-days.iter().sum::<f64>()).chain(days.iter().copied()).collect();
         let squares = constants_dph.iter().map(|c| c * c).sum::<f64>();
-        TurnOn { std_dph: (squares / (constants_dph.len() - 1).max(1) as f64).sqrt(), constants_dph }
+        TurnOn {
+            std_dph: (squares / (constants_dph.len() - 1).max(1) as f64).sqrt(),
+            sizes: fitted.axes[a].of_days.0.iter().map(|d| (d.name, d.relative_std)).collect(),
+            constants_dph,
+        }
     };
     if fitted.axes.iter().all(|a| a.days.is_empty()) {
         return ByAxis::new();

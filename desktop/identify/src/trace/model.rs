@@ -1,6 +1,7 @@
 //! A fitted model of the bias: baseline, effects, their uncertainty; on a recording, and as an image.
 
 use super::data::{day_column, Candidate, Data};
+use super::days::{OfDays, Part};
 use super::regression::{posterior, Posterior};
 use super::stated::Stated;
 use crate::fit;
@@ -16,6 +17,7 @@ use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::block_means;
 use hrg_data::recording::steps::Run;
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Terms of the baseline that depend on the temperature alone: 1, T, T^2. The others, of the ramp, are shrunk as a family is.
 pub const TEMPERATURE_TERMS: usize = 3;
@@ -85,6 +87,22 @@ impl Specification {
         fewer
     }
 
+    /// Range of the gains of term `e` among an axis' coefficients; `None` if the axis does not have it.
+    #[must_use]
+    pub fn gains(&self, e: usize, a: usize) -> Option<Range<usize>> {
+        let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
+        let from = TERMS + self.terms[..e].iter().map(width).sum::<usize>();
+        self.terms[e].on(a).then(|| from..from + width(&self.terms[e]))
+    }
+
+    /// Parts of the model whose sizes may differ from day to day, by the coefficients of an axis: temperature terms, ramp terms, effects.
+    fn parts(&self, a: usize) -> Vec<Part> {
+        let lasts = |e: &usize| self.terms[*e].parts.iter().all(|c| c.run.is_none());
+        let effects = (0..self.terms.len()).filter(lasts).filter_map(|e| Some((self.terms[e].lead().facts.name, self.gains(e, a)?)));
+        let baseline = [("temperature terms", 1..TEMPERATURE_TERMS), ("ramp terms", TEMPERATURE_TERMS..TERMS)];
+        baseline.into_iter().chain(effects).collect()
+    }
+
     /// The columns of an axis, on the blocks that have data.
     #[must_use]
     pub fn columns(&self, data: &Data<'_>, a: usize) -> Columns {
@@ -133,6 +151,8 @@ pub struct AxisFit {
     pub days: Vec<f64>,
     /// Covariance of the coefficients and the days.
     covariance: DMatrix<f64>,
+    /// What the days add to the sizes of the model's parts, with several train runs.
+    pub of_days: OfDays,
     /// The fit under each noise model; `None` of a plain fit, and of an axis without data.
     pub posterior: Option<Posterior>,
 }
@@ -141,13 +161,13 @@ impl AxisFit {
     fn absent(count: usize) -> Self {
         let zeros = vec![0.0; count];
         let covariance = DMatrix::zeros(count, count);
-        Self { coefficients: zeros.clone(), std: zeros, days: vec![], covariance, posterior: None }
+        Self { coefficients: zeros.clone(), std: zeros, days: vec![], covariance, of_days: OfDays::default(), posterior: None }
     }
 
     fn new(mut coefficients: Vec<f64>, covariance: DMatrix<f64>, days: usize, posterior: Option<Posterior>) -> Self {
         let std = (0..coefficients.len() - days).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
         let days = coefficients.split_off(coefficients.len() - days);
-        Self { coefficients, std, days, covariance, posterior }
+        Self { coefficients, std, days, covariance, of_days: OfDays::default(), posterior }
     }
 }
 
@@ -171,15 +191,18 @@ impl Fitted {
         Self::by(data, model, |a, columns, days| {
             let rows = &data.axes[a];
             // (Least squares name the columns that the data cannot tell apart.)
-            let found = match posterior(rows, &columns.values, &columns.prior) {
-                Some(found) => found,
-                None => {
-                    lsq::fit_shrunk(&columns.values, &rows.y, &columns.prior, &columns.names)?;
-                    return Err(BadInput::new("the equations are singular; record a longer run"));
-                }
+            let Some(alone) = posterior(rows, &columns.values, &columns.prior) else {
+                lsq::fit_shrunk(&columns.values, &rows.y, &columns.prior, &columns.names)?;
+                return Err(BadInput::new("the equations are singular; record a longer run"));
+            };
+            let of_days = OfDays::new(rows, &columns.values, &columns.prior, model.parts(a), &alone);
+            let found = if of_days.there() {
+                of_days.posterior(rows, &columns.values, &columns.prior).unwrap_or(alone)
+            } else {
+                alone
             };
             let coefficients = found.coefficients.iter().copied().collect();
-            Ok(AxisFit::new(coefficients, found.covariance.clone(), days, Some(found)))
+            Ok(AxisFit { of_days, ..AxisFit::new(coefficients, found.covariance.clone(), days, Some(found)) })
         })
     }
 
@@ -224,10 +247,8 @@ impl Fitted {
 
     /// Range of the gains of term `e` among an axis' coefficients; `None` if the axis does not have it.
     #[must_use]
-    pub fn gains(&self, e: usize, a: usize) -> Option<std::ops::Range<usize>> {
-        let width = |t: &Term| if t.on(a) { t.outputs() } else { 0 };
-        let from = TERMS + self.terms()[..e].iter().map(width).sum::<usize>();
-        self.terms()[e].on(a).then(|| from..from + width(&self.terms()[e]))
+    pub fn gains(&self, e: usize, a: usize) -> Option<Range<usize>> {
+        self.model.gains(e, a)
     }
 
     /// Places, among an axis' coefficients, of the gains of steps that last. A step of the train run ends with that run; where the log

@@ -43,6 +43,47 @@ const MISFIT: f64 = 10.0;
 /// Autoregressive coefficient of the longest memory that is a part of a run.
 const WITHIN_A_RUN: f64 = 0.99;
 
+/// Noise whose deviation changes with temperature: its logarithm along the temperatures of the train runs. Beyond them it stays as it is at
+/// their ends.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Growth {
+    /// Logarithm of the deviation at the highest temperature over that at the lowest; 0: the same everywhere.
+    pub by: f64,
+    /// Lowest temperature, C.
+    pub low_c: f64,
+    /// Highest temperature, C.
+    pub high_c: f64,
+    /// Mean of the logarithm over the rows of the train runs, from the middle of the temperatures on.
+    pub mean: f64,
+}
+
+impl Growth {
+    /// Deviation at a temperature over its geometric mean on the train runs.
+    pub fn at(&self, temperature_c: f64) -> f64 {
+        (self.log_from_middle(temperature_c) - self.mean).exp()
+    }
+
+    /// A sentence about it, where there is any.
+    pub fn sentence(&self, axis: &str) -> Option<String> {
+        let (low, high) = (self.low_c, self.high_c);
+        let (from, to) = if self.by > 0.0 { (low, high) } else { (high, low) };
+        (self.by != 0.0).then(|| {
+            format!(
+                "axis {axis}: the noise is {:.1} times as large at {to:.0} C as at {from:.0} C; quiet rows count for more in fit and judgement",
+                self.by.abs().exp()
+            )
+        })
+    }
+
+    /// Logarithm of the deviation at a temperature over that in the middle of the temperatures.
+    pub fn log_from_middle(&self, temperature_c: f64) -> f64 {
+        if self.by == 0.0 {
+            return 0.0;
+        }
+        self.by * ((temperature_c.clamp(self.low_c, self.high_c) - self.low_c) / (self.high_c - self.low_c) - 0.5)
+    }
+}
+
 impl NoiseModel {
     /// Log of its probability before the data are seen: it falls with the deviation of the slow part.
     pub fn log_prior(&self) -> f64 {

@@ -9,7 +9,7 @@ use hrg_data::cards::{Card, Class, Kind};
 pub const THRESHOLD: f64 = 4.6;
 
 /// An effect is there at all.
-const EFFECT: f64 = -3.0;
+pub const EFFECT: f64 = -3.0;
 /// An axis has it.
 pub const AXIS: f64 = -1.0;
 /// Its class is not in the model yet.

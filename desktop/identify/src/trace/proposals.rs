@@ -92,7 +92,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
             let variance = dot(&view.y, &view.y) / n.max(1) as f64;
             let to = rows.starts.get(number + 1).copied().unwrap_or(n);
             let from = rows.starts[number];
-            for (k, s) in steps(view, from, to).into_iter().enumerate() {
+            for (k, s) in steps(view, &rows.relative[from..to], from).into_iter().enumerate() {
                 let block = rows.keep[from + k] - first_block;
                 if block < blocks {
                     score[block] += s / variance;
@@ -114,15 +114,17 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
 
 /// Squares of the rates that a step at each row explains. A whitened step is the response h from its place on; its product with the rates,
 /// and with each column of the baseline, is found for all places at once by the recursion run backwards.
-fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
+/// `relative`: deviation of the noise in the rows of the run, which begins at row `from`.
+fn steps(view: &Left<'_>, relative: &[f64], from: usize) -> Vec<f64> {
     let NoiseModel { phi, theta, .. } = view.noise_model;
+    let to = from + relative.len();
     let response = |x: &[f64]| -> Vec<f64> {
         let (mut back, mut sum) = (0.0, 0.0);
         let mut out = vec![0.0; to - from];
         for k in (from..to).rev() {
             // Adjoint of e_t = x_t - phi x_(t-1) + theta e_(t-1), then of the step's running sum.
             let adjoint = x[k] + theta * back;
-            sum += adjoint - phi * back;
+            sum += (adjoint - phi * back) / relative[k - from];
             back = adjoint;
             out[k - from] = sum;
         }
@@ -130,16 +132,20 @@ fn steps(view: &Left<'_>, from: usize, to: usize) -> Vec<f64> {
     };
     let product = response(&view.y);
     let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| response(q)).collect();
-    // Squares of the response from each place to the end.
-    let mut squares = vec![0.0; to - from + 1];
-    let mut e = 0.0;
-    for k in 0..to - from {
-        e = if k == 0 { 1.0 } else { 1.0 - phi + theta * e };
-        squares[k + 1] = squares[k] + e * e;
-    }
+    // Squares of the response to a step at a place.
+    let squares = |at: usize| {
+        let (mut past, mut e, mut sum) = (0.0, 0.0, 0.0);
+        for r in &relative[at..] {
+            let now = 1.0 / r;
+            e = now - phi * past + theta * e;
+            past = now;
+            sum += e * e;
+        }
+        sum
+    };
     (0..to - from)
         .map(|k| {
-            let whole = squares[to - from - k];
+            let whole = squares(k);
             let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
             if left > 1e-3 * whole {
                 product[k] * product[k] / left

@@ -56,12 +56,12 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
                 .iter()
                 .map(|c| {
                     let mut c = c.clone();
-                    noise.whiten(&mut c, &rows.starts);
+                    rows.whiten(noise, &mut c);
                     c
                 })
                 .collect();
             let mut y = rows.y.clone();
-            noise.whiten(&mut y, &rows.starts);
+            rows.whiten(noise, &mut y);
             // Columns of unit length, so that the equations are as good as they can be.
             let scale: Vec<f64> = x.iter().map(|c| dot(c, c).sqrt().max(1e-100)).collect();
             let mut g =

@@ -282,6 +282,8 @@ pub struct Report {
     pub notes: Vec<String>,
     /// With several train runs, the constant of each against their mean, deg/h; else empty.
     pub turn_on: ByAxis<TurnOn>,
+    /// Deviation of the noise at the highest temperature of the train runs over that at the lowest; 1: the same everywhere.
+    pub noise_growth: ByAxis<f64>,
     /// Counts of values taken out of the files.
     pub cleaned: CleanedCounts,
 }
@@ -293,6 +295,8 @@ pub struct TurnOn {
     pub constants_dph: Vec<f64>,
     /// Their standard deviation: the turn-on repeatability, as far as so few days tell, deg/h.
     pub std_dph: f64,
+    /// Parts of the model (`temperature terms`, `ramp terms`, effects) whose sizes differ from day to day, with the deviation over the size.
+    pub sizes: BTreeMap<&'static str, f64>,
 }
 
 impl Report {
@@ -313,6 +317,7 @@ impl Report {
         self.left_over.retain(|n, _| there(n));
         self.judge.retain(|n, _| there(n));
         self.turn_on.retain(|n, _| there(n));
+        self.noise_growth.retain(|n, _| there(n));
         if let Some(block) = &mut self.block {
             block.retain(|n, _| there(n));
         }

@@ -8,6 +8,7 @@ use hrg_core::effects::EffectId;
 use hrg_data::cards::Class;
 use hrg_data::cards::{card, parting};
 use hrg_data::error::list;
+use std::collections::BTreeSet;
 
 /// Meaning of a parameter with its value, for those that a reader can use.
 fn parameter(name: &str, value: f64) -> Option<String> {
@@ -189,8 +190,20 @@ fn turn_on(r: &Report) -> Option<String> {
     let runs = r.turn_on.values().map(|t| t.constants_dph.len()).max()?;
     let axes: Vec<&String> = r.turn_on.keys().collect();
     let each: Vec<String> = r.turn_on.values().map(|t| three_digits(t.std_dph)).collect();
+    let parts: BTreeSet<&str> = r.turn_on.values().flat_map(|t| t.sizes.keys().copied()).collect();
+    let of_part = |part: &&str| {
+        let on: Vec<(&String, &f64)> = r.turn_on.iter().filter_map(|(axis, t)| Some((axis, t.sizes.get(part)?))).collect();
+        let shares: Vec<String> = on.iter().map(|(_, share)| format!("{:.0}", 100.0 * **share)).collect();
+        let axes: Vec<&String> = on.iter().map(|o| o.0).collect();
+        format!(
+            "; the size of {part} differs from day to day by {} % on {}, which the image's uncertainty holds",
+            list(&shares),
+            list(&axes)
+        )
+    };
+    let sizes: String = parts.iter().map(of_part).collect();
     Some(format!(
-        "the constants of the {runs} train runs scatter by {} deg/h on {} (standard deviation): the turn-on repeatability, as far as {runs} days tell",
+        "the constants of the {runs} train runs scatter by {} deg/h on {} (standard deviation): the turn-on repeatability, as far as {runs} days tell{sizes}",
         list(&each),
         list(&axes)
     ))

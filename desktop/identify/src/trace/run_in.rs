@@ -65,6 +65,7 @@ impl Memory {
             starts: vec![0],
             y: left[from..to].to_vec(),
             base: vec![],
+            relative: rows.relative[from..to].to_vec(),
             happened: vec![],
         };
         let constant = vec![1.0; to - from];

@@ -106,7 +106,7 @@ pub fn of(data: &Data<'_>, fitted: &Fitted) -> Known {
     let alone: Vec<Option<Posterior>> = (0..AXES)
         .map(|a| {
             let j = joint[a].as_ref()?;
-            let p = posterior(&data.axes[a], &j.columns.values, &j.columns.prior)?;
+            let p = fitted.axes[a].of_days.posterior(&data.axes[a], &j.columns.values, &j.columns.prior)?;
             for (k, place) in j.derivatives.iter().enumerate() {
                 information[*place] += 1.0 / p.covariance[(j.fitted + k, j.fitted + k)];
             }
@@ -137,7 +137,7 @@ pub fn of_plain(data: &Data<'_>, fitted: &Fitted) -> [Option<Stated>; AXES] {
         let inverse = DMatrix::from_fn(p, p, |i, j| dot(&columns.values[i], &columns.values[j])).try_inverse()?;
         let mut covariance = DMatrix::zeros(p, p);
         for u in &under.each {
-            let back: Vec<Vec<f64>> = columns.values.iter().map(|c| u.noise.backwards(c, &rows.starts)).collect();
+            let back: Vec<Vec<f64>> = columns.values.iter().map(|c| rows.backwards(&u.noise, c)).collect();
             let m = DMatrix::from_fn(p, p, |i, j| u.variance_dph2 * dot(&back[i], &back[j]));
             covariance += (&inverse * m * &inverse) * u.weight;
         }

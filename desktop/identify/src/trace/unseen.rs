@@ -5,6 +5,7 @@ use super::events::{self, Happened};
 use super::floor::Noise;
 use super::means::Means;
 use super::model::Fitted;
+use super::noise::Growth;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -23,7 +24,7 @@ pub(super) struct Unseen<'v> {
 }
 
 impl<'v> Unseen<'v> {
-    /// A run with its blocks, of which a model leaves `left`; `train`: what it leaves of the train runs.
+    /// A run with its blocks, of which a model leaves `left`; `train`: the train runs, with what it leaves of them.
     ///
     /// # Errors
     /// Too few means of an axis.
@@ -31,19 +32,26 @@ impl<'v> Unseen<'v> {
         data: Data<'v>,
         run: &'v Run,
         fitted: &Fitted,
-        train: &[[Vec<f64>; AXES]],
+        train: (&[Run], &[[Vec<f64>; AXES]]),
         left: &[Vec<f64>; AXES],
     ) -> Result<Self, BadInput> {
         let happened = events::refit(fitted.terms(), run, &data.scaling, left);
         let there: Vec<usize> = run.steps.present().collect();
         let noise_of = |a: usize| {
             let a = if there.contains(&a) { a } else { there[0] };
-            let others: Vec<Means> = train.iter().map(|r| Means::of(&r[a])).collect();
-            Noise::new(&others, &Means::of(&happened.left[a])).ok_or_else(|| {
+            let means = |left: &[f64], run: &Run| Means::with_relative(left, &along(&data.growth[a], run, a));
+            let others: Vec<Means> = train.0.iter().zip(train.1).map(|(run, left)| means(&left[a], run)).collect();
+            Noise::new(&others, &means(&happened.left[a], run)).ok_or_else(|| {
                 BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
             })
         };
         let noise = (0..AXES).map(noise_of).collect::<Result<_, _>>()?;
         Ok(Self { run, data: data.with_happened(&happened.effects), happened, noise })
     }
+}
+
+/// Relative deviation of the noise on every step of a run; NaN where the temperature is not known.
+fn along(growth: &Growth, run: &Run, a: usize) -> Vec<f64> {
+    let at = |k: usize| run.state(k, a).map_or(f64::NAN, |(temperature_c, _)| growth.at(f64::from(temperature_c)));
+    (0..run.steps.len()).map(at).collect()
 }

@@ -1,0 +1,58 @@
+//! Noise that grows with temperature: learnt by axis from what the baseline leaves of the train runs, before anything is searched. The
+//! likelihood is that of the noise floor: all that is slower than 20 minutes is a nuisance, so physics that follows temperature is no noise.
+
+use super::data::Data;
+use super::floor::{chunks, Fast, PERIOD_MEANS};
+use super::model::Fitted;
+use super::noise::{Growth, NOISE_MODELS};
+use super::odds::{EFFECT, THRESHOLD};
+use crate::fit::{Prepared, MEAN_S};
+use hrg_data::error::BadInput;
+use hrg_data::numeric::stats::{log_sum, mean};
+
+/// Logarithms that are tried: the deviation falls or grows twofold or fourfold from cold to hot.
+const TRIED: [f64; 4] = [-2.0 * std::f64::consts::LN_2, -std::f64::consts::LN_2, std::f64::consts::LN_2, 2.0 * std::f64::consts::LN_2];
+
+/// The blocks of train runs, with the growth of their noise.
+///
+/// # Errors
+/// Data that cannot hold the baseline down.
+pub(super) fn data(prepared: &Prepared) -> Result<Data<'_>, BadInput> {
+    let data = Data::new(&prepared.runs, prepared.calibration.scaling, prepared.mean_lag_s());
+    let left = Fitted::plain(&data)?.left(&data, &|_| true);
+    let growth = [0, 1, 2].map(|a: usize| of_axis(&data, &left[a], a));
+    Ok(data.with_growth(growth))
+}
+
+/// The growth of an axis: one of the values tried where it is as probable as anything that is named, weighted by their likelihoods.
+fn of_axis(data: &Data<'_>, left: &[f64], a: usize) -> Growth {
+    let temperatures: Vec<f64> = data.states(a).into_iter().map(|s| s.map_or(f64::NAN, |s| s.0)).collect();
+    let low_c = temperatures.iter().copied().fold(f64::INFINITY, f64::min);
+    let high_c = temperatures.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !(high_c > low_c) || temperatures.iter().any(|t| t.is_nan()) {
+        return Growth::default();
+    }
+    let period = (PERIOD_MEANS * MEAN_S).div_ceil(data.block_s);
+    let growth = |by: f64| {
+        let of = Growth { by, low_c, high_c, mean: 0.0 };
+        Growth { mean: mean(&temperatures.iter().map(|t| of.log_from_middle(*t)).collect::<Vec<_>>()), ..of }
+    };
+    let starts = &data.axes[a].starts;
+    let evidence = |by: f64| {
+        let growth = growth(by);
+        let values: Vec<(f64, f64)> = left.iter().zip(&temperatures).map(|(y, t)| (*y, growth.at(*t))).collect();
+        let run = |k: usize| starts[k]..starts.get(k + 1).copied().unwrap_or(values.len());
+        let pieces: Vec<_> = (0..starts.len()).flat_map(|k| chunks(&values[run(k)])).collect();
+        let models = NOISE_MODELS.iter().filter(|n| !n.is_misfit());
+        let each: Vec<f64> =
+            models.map(|n| n.log_prior() + Fast::new(n, &pieces, period).log_likelihood()).collect();
+        (!pieces.is_empty()).then(|| log_sum(&each))
+    };
+    let Some(none) = evidence(0.0) else { return Growth::default() };
+    let tried: Vec<f64> = TRIED.iter().filter_map(|by| evidence(*by)).collect();
+    let all = log_sum(&tried);
+    if EFFECT - (TRIED.len() as f64).ln() + all - none < THRESHOLD {
+        return Growth::default();
+    }
+    growth(TRIED.iter().zip(&tried).map(|(by, e)| by * (e - all).exp()).sum())
+}
