@@ -1,6 +1,6 @@
 //! Data of the search: block means of rates and regressors, and the library of candidate columns.
 
-use super::noise::{Growth, NoiseModel, NOISE_MODELS};
+use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
 use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS};
@@ -138,34 +138,10 @@ pub struct AxisRows {
     pub y: Vec<f64>,
     /// Means of the baseline's regressors, then a column for each run after the first: see [`day_column`].
     pub base: Vec<Vec<f64>>,
-    /// Deviation of the noise in each kept block over its geometric mean on the train runs: see [`Growth`].
-    pub relative: Vec<f64>,
+    /// Whitening of the kept blocks.
+    pub filters: Filters,
     /// Columns of what happened in a run that judges and that nobody can predict: its size there is unknown, as its constant is.
     pub happened: Vec<Vec<f64>>,
-}
-
-impl AxisRows {
-    /// Whitens a column in place: its rows by their deviation, then by the noise model.
-    pub fn whiten(&self, noise: &NoiseModel, x: &mut [f64]) {
-        self.weigh(x);
-        noise.whiten(x, &self.starts);
-    }
-
-    /// A column whitened by every noise model.
-    pub fn whiten_by_all(&self, mut x: Vec<f64>) -> [Vec<f64>; NOISE_MODELS.len()] {
-        self.weigh(&mut x);
-        NoiseModel::whiten_by_all(&x, &self.starts)
-    }
-
-    fn weigh(&self, x: &mut [f64]) {
-        x.iter_mut().zip(&self.relative).for_each(|(v, r)| *v /= r);
-    }
-
-    /// The adjoint of the recursion that whitening undoes, see [`NoiseModel::backwards`].
-    pub fn backwards(&self, noise: &NoiseModel, x: &[f64]) -> Vec<f64> {
-        let x: Vec<f64> = x.iter().zip(&self.relative).map(|(v, r)| v * r).collect();
-        noise.backwards(&x, &self.starts)
-    }
 }
 
 /// All rows.
@@ -226,10 +202,10 @@ impl<'a> Data<'a> {
     #[must_use]
     pub fn with_growth(mut self, growth: [Growth; AXES]) -> Self {
         self.growth = growth;
-        for a in 0..AXES {
-            let states = self.states(a);
-            let at = |s: Option<(f64, f64)>| s.map_or(1.0, |(temperature_c, _)| growth[a].at(temperature_c));
-            self.axes[a].relative = states.into_iter().map(at).collect();
+        for a in (0..AXES).filter(|a| growth[*a].by != 0.0) {
+            let relative = self.relative(a);
+            let rows = &mut self.axes[a];
+            rows.filters = Filters::new(&relative, &rows.starts);
         }
         self
     }
@@ -255,7 +231,7 @@ impl<'a> Data<'a> {
                 starts: vec![],
                 y: vec![],
                 base: vec![vec![]; hrg_core::bias::TERMS],
-                relative: vec![],
+                filters: Filters::default(),
                 happened: vec![],
             };
             // Each run has its own constant: the first one's is what the others' add up to, taken negative.
@@ -284,7 +260,7 @@ impl<'a> Data<'a> {
                 }
                 first += n;
             }
-            rows.relative = vec![1.0; rows.y.len()];
+            rows.filters = Filters::new(&vec![1.0; rows.y.len()], &rows.starts);
             rows
         });
         let growth = [Growth::default(); AXES];
@@ -443,6 +419,12 @@ impl<'a> Data<'a> {
         };
         let all: Vec<_> = self.runs.iter().zip(&self.blocks).flat_map(middles).collect();
         self.axes[a].keep.iter().map(|&k| all[k]).collect()
+    }
+
+    /// Relative deviation of the white noise in each kept block of an axis.
+    pub fn relative(&self, a: usize) -> Vec<f64> {
+        let at = |s: Option<(f64, f64)>| s.map_or(1.0, |(temperature_c, _)| self.growth[a].at(temperature_c));
+        self.states(a).into_iter().map(at).collect()
     }
 
     /// Number of axes that have data, at least 1.

@@ -7,7 +7,7 @@
 
 use super::data::AxisRows;
 use super::model::TEMPERATURE_TERMS;
-use super::noise::{Basis, NoiseModel, NOISE_MODELS};
+use super::noise::{Basis, NOISE_MODELS};
 use hrg_core::bias::TERMS;
 use hrg_data::numeric::stats::{dot, log_sum, std_dev};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
@@ -35,7 +35,8 @@ pub struct Share {
 /// One axis under one noise model: columns whitened and free of the baseline.
 #[derive(Debug)]
 struct View {
-    noise_model: NoiseModel,
+    /// Number of the noise model.
+    noise_model: usize,
     base: Basis,
     y: Vec<f64>,
     /// Sum of squares of the rates.
@@ -54,22 +55,22 @@ struct View {
 }
 
 impl View {
-    fn new(rows: &AxisRows, noise_model: NoiseModel) -> Self {
+    fn new(rows: &AxisRows, noise_model: usize) -> Self {
         let mut base = Basis::default();
         let mut information = 0.0;
         for column in rows.base[..TEMPERATURE_TERMS].iter().chain(&rows.base[TERMS..]) {
             let mut c = column.clone();
-            rows.whiten(&noise_model, &mut c);
+            rows.filters.whiten(noise_model, &mut c);
             let length = base.add_measured(c);
             if length > 0.0 {
                 information += length.ln();
             }
         }
         let mut y = rows.y.clone();
-        rows.whiten(&noise_model, &mut y);
+        rows.filters.whiten(noise_model, &mut y);
         base.reduce(&mut y);
         let free = y.len().saturating_sub(base.columns.len()).max(1) as f64;
-        let constant = noise_model.first_factor().ln() * rows.starts.len() as f64 - 0.5 * information;
+        let constant = rows.filters.log_determinant(noise_model) - 0.5 * information;
         let squares = dot(&y, &y);
         Self {
             noise_model,
@@ -87,7 +88,7 @@ impl View {
 
     /// A column whitened and free of the baseline.
     fn free_of_baseline(&self, rows: &AxisRows, mut c: Vec<f64>) -> Vec<f64> {
-        rows.whiten(&self.noise_model, &mut c);
+        rows.filters.whiten(self.noise_model, &mut c);
         self.take_off_baseline(&mut c);
         c
     }
@@ -169,7 +170,7 @@ pub struct Axis<'d> {
 impl<'d> Axis<'d> {
     /// Of the rows of an axis, with one group: the ramp terms of the baseline ([`RAMP`]).
     pub fn new(rows: &'d AxisRows) -> Self {
-        let views: Vec<View> = NOISE_MODELS.iter().map(|c| View::new(rows, *c)).collect();
+        let views: Vec<View> = (0..NOISE_MODELS.len()).map(|s| View::new(rows, s)).collect();
         let limit = views[0].squares / views[0].free;
         let mut axis = Self { rows, views, groups: vec![], scale: vec![], limit };
         axis.push(Some(rows.base[TEMPERATURE_TERMS..TERMS].to_vec()));
@@ -192,7 +193,7 @@ impl<'d> Axis<'d> {
         let from = self.scale.len();
         for mut c in columns {
             self.scale.push(to_unit_deviation(&mut c));
-            for (v, c) in self.views.iter_mut().zip(self.rows.whiten_by_all(c)) {
+            for (v, c) in self.views.iter_mut().zip(self.rows.filters.whiten_by_all(&c)) {
                 v.push(c);
             }
         }
@@ -442,11 +443,6 @@ impl<'d> Axis<'d> {
     /// The baseline's basis under a noise model.
     pub fn basis(&self, noise_model: usize) -> &Basis {
         &self.views[noise_model].base
-    }
-
-    /// A noise model by its number.
-    pub fn noise_model(&self, noise_model: usize) -> NoiseModel {
-        self.views[noise_model].noise_model
     }
 
     /// A whitened column, free of the baseline.

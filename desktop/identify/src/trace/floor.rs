@@ -7,7 +7,7 @@
 //! say how far such noise scatters over the whole run. The spread of their answers is the interval of the ratio.
 
 use super::means::Means;
-use super::noise::{Basis, NoiseModel, NOISE_MODELS};
+use super::noise::{Basis, Filters, NoiseModel, NOISE_MODELS};
 use hrg_data::numeric::stats::{dot, log_sum, mean};
 use serde::Serialize;
 
@@ -85,21 +85,20 @@ pub struct Noise {
 pub(super) struct Piece {
     /// Its values.
     y: Vec<f64>,
-    /// Relative deviation of the noise of each.
-    relative: Vec<f64>,
+    /// Their whitening.
+    filters: Filters,
 }
 
 impl Piece {
-    /// From values with the relative deviation of the noise of each.
+    /// From values with the relative deviation of the white noise of each.
     pub(super) fn new(values: &[(f64, f64)]) -> Self {
-        let (y, relative) = values.iter().copied().unzip();
-        Self { y, relative }
+        let (y, relative): (Vec<f64>, Vec<f64>) = values.iter().copied().unzip();
+        Self { y, filters: Filters::new(&relative, &[0]) }
     }
 
-    /// A column whitened: its rows by their deviation, then by a noise model.
-    fn whitened(&self, noise: &NoiseModel, mut x: Vec<f64>) -> Vec<f64> {
-        x.iter_mut().zip(&self.relative).for_each(|(v, r)| *v /= r);
-        noise.whiten(&mut x, &[0]);
+    /// A column whitened by a noise model.
+    fn whitened(&self, noise_model: usize, mut x: Vec<f64>) -> Vec<f64> {
+        self.filters.whiten(noise_model, &mut x);
         x
     }
 }
@@ -145,17 +144,16 @@ pub(super) struct Fast {
 
 impl Fast {
     /// `period`: values in the shortest period of a nuisance.
-    pub(super) fn new(noise: &NoiseModel, pieces: &[Piece], period: usize) -> Self {
+    pub(super) fn new(noise_model: usize, pieces: &[Piece], period: usize) -> Self {
         let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
         for piece in pieces {
             let mut basis = Basis::default();
             for column in nuisances(piece.y.len(), period) {
-                information += basis.add_measured(piece.whitened(noise, column)).max(1e-300).ln();
+                information += basis.add_measured(piece.whitened(noise_model, column)).max(1e-300).ln();
             }
-            let mut y = piece.whitened(noise, piece.y.clone());
+            let mut y = piece.whitened(noise_model, piece.y.clone());
             basis.reduce(&mut y);
-            information -= 2.0 * noise.first_factor().ln();
-            information += 2.0 * piece.relative.iter().map(|r| r.ln()).sum::<f64>();
+            information -= 2.0 * piece.filters.log_determinant(noise_model);
             free += (piece.y.len() - basis.columns.len()) as f64;
             left.extend(y);
         }
@@ -184,17 +182,20 @@ impl Noise {
         if all.is_empty() || n < 4 {
             return None;
         }
+        let white = |noise: &NoiseModel| 1.0 / noise.innovation();
         let mut each: Vec<(f64, Under)> = NOISE_MODELS
             .iter()
-            .filter(|noise| !noise.is_misfit())
-            .map(|noise| {
-                let fast = Fast::new(noise, &all, PERIOD_MEANS);
+            .enumerate()
+            .filter(|(_, noise)| !noise.is_misfit())
+            .map(|(noise_model, noise)| {
+                let fast = Fast::new(noise_model, &all, PERIOD_MEANS);
                 let innovation = fast.innovation();
                 let likelihood = noise.log_prior() + fast.log_likelihood();
                 let (variance, square) = noise.of_deviation(n);
-                let own = noise.of_mean(n) * here + if other > 0 { noise.of_mean(other) * there } else { 0.0 };
+                let of_mean = |n: usize, square: f64| noise.of_mean(n) + (square - 1.0) * white(noise) / n as f64;
+                let own = of_mean(n, here) + if other > 0 { of_mean(other, there) } else { 0.0 };
                 let spread = (2.0 * square / (variance * variance) + 2.0 / fast.free).sqrt();
-                let (variance, shift) = (innovation * variance * here, innovation * own);
+                let (variance, shift) = (innovation * (variance + (here - 1.0) * white(noise)), innovation * own);
                 let under = Under { weight: 0.0, variance, spread, shift };
                 (likelihood, under)
             })
@@ -363,6 +364,31 @@ mod tests {
             }
             assert!(seen >= least, "{floors} floors: {seen} of 100");
         }
+    }
+
+    #[test]
+    fn noise_that_grows_with_temperature_has_its_own_floor_in_each_run() {
+        // A cold run, and a hot one that is judged, four times as loud; a bit of the noise is slow and does not grow.
+        let mut rng = ChaCha8Rng::seed_from_u64(10);
+        let mut off = Vec::new();
+        for _ in 0..100 {
+            let mut loud = |by: f64| -> Vec<f64> {
+                let slow = noise(300, 0.1, &mut rng);
+                slow.iter().map(|s| 0.3 * s + by * drawn(&mut rng)).collect()
+            };
+            let (hot, cold) = (loud(2.0), loud(0.5));
+            let means = |v: &[f64], by: f64| Means::with_relative(&each(v), &each(&vec![by; v.len()]));
+            let (judged, other) = (means(&hot, 2.0), means(&cold, 0.5));
+            let of = Noise::new(&[other], &judged).expect("long enough");
+            off.push(of.ratio(std_dev(&hot), 0.0).ratio);
+        }
+        let middle = quantile(&off, 0.5);
+        assert!((0.95..1.06).contains(&middle), "{middle}");
+    }
+
+    /// A series of means on every step.
+    fn each(means: &[f64]) -> Vec<f64> {
+        means.iter().flat_map(|m| std::iter::repeat_n(*m, crate::fit::MEAN_S)).collect()
     }
 
     #[test]

@@ -43,9 +43,9 @@ fn of_axis(data: &Data<'_>, left: &[f64], a: usize) -> Growth {
         let values: Vec<(f64, f64)> = left.iter().zip(&temperatures).map(|(y, t)| (*y, growth.at(*t))).collect();
         let run = |k: usize| starts[k]..starts.get(k + 1).copied().unwrap_or(values.len());
         let pieces: Vec<_> = (0..starts.len()).flat_map(|k| chunks(&values[run(k)])).collect();
-        let models = NOISE_MODELS.iter().filter(|n| !n.is_misfit());
+        let models = NOISE_MODELS.iter().enumerate().filter(|(_, n)| !n.is_misfit());
         let each: Vec<f64> =
-            models.map(|n| n.log_prior() + Fast::new(n, &pieces, period).log_likelihood()).collect();
+            models.map(|(s, n)| n.log_prior() + Fast::new(s, &pieces, period).log_likelihood()).collect();
         (!pieces.is_empty()).then(|| log_sum(&each))
     };
     let Some(none) = evidence(0.0) else { return Growth::default() };
@@ -55,4 +55,36 @@ fn of_axis(data: &Data<'_>, left: &[f64], a: usize) -> Growth {
         return Growth::default();
     }
     growth(TRIED.iter().zip(&tried).map(|(by, e)| by * (e - all).exp()).sum())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::independence::Units;
+    use crate::fit::prepare_for;
+    use hrg_simulate::{Plan, Profile};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    #[test]
+    fn noise_that_grows_is_learnt_on_the_axis_that_has_it() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        let plan = Plan::of(Profile::parse("cycle").expect("named"), 1, 1);
+        let mut prepared = prepare_for(&[plan.simulate().recording], Units::default()).expect("usable");
+        let run = &mut prepared.runs[0];
+        let (low, high) = run.temperature_range(0);
+        for k in 0..run.steps.len() {
+            let Some((t, _)) = run.state(k, 0) else { continue };
+            // Ten times what the axis has: 3 deg/h in means of 100 s in the middle, threefold from cold to hot.
+            let level = 30.0 * 3f64.powf(f64::from((t - low) / (high - low)) - 0.5);
+            let drawn: f64 = StandardNormal.sample(&mut rng);
+            run.steps.rate_dph[0][k] += level * drawn;
+        }
+        let data = data(&prepared).expect("a baseline");
+        let [x, y, z] = data.growth.map(|g| g.by.exp());
+        assert!((2.2..4.1).contains(&x) && y == 1.0 && z == 1.0, "{x} {y} {z}");
+        let said = data.growth[0].sentence("x").expect("there");
+        assert!(said.starts_with("axis x: the white noise is") && data.growth[1].sentence("y").is_none(), "{said}");
+    }
 }

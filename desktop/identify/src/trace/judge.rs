@@ -92,7 +92,7 @@ impl Prediction {
                 .each
                 .iter()
                 .map(|u| {
-                    let of_joint = joint_posterior.each.iter().find(|j| j.noise == u.noise);
+                    let of_joint = joint_posterior.each.iter().find(|j| j.noise_model == u.noise_model);
                     (u.clone(), of_joint.map_or_else(|| joint_posterior.covariance.clone(), |j| j.covariance.clone()))
                 })
                 .collect();
@@ -146,7 +146,7 @@ impl OnAxis {
         let mut left: Vec<f64> = rows.y.iter().zip(&predicted).map(|(y, p)| y - p).collect();
         let sigma = u.variance_dph2.sqrt();
         let whitened = |x: &mut Vec<f64>| {
-            rows.whiten(&u.noise, x);
+            rows.filters.whiten(u.noise_model, x);
             x.iter_mut().for_each(|v| *v /= sigma);
         };
         let mut constant = vec![1.0; rows.y.len()];
@@ -179,7 +179,7 @@ impl OnAxis {
         let determinant = 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let squares = (dot(&left, &left) - b.dot(&factor.solve(&b))).max(0.0);
         let (freedom, n) = (u.free, n - (basis.columns.len() - 1) as f64);
-        u.noise.first_factor().ln() * rows.starts.len() as f64
+        rows.filters.log_determinant(u.noise_model)
             - (n - 1.0) * sigma.ln()
             - 0.5 * lengths
             - 0.5 * determinant
@@ -212,7 +212,7 @@ impl OnAxis {
         for (u, e) in self.each.iter().map(|(u, _)| u).zip(&each) {
             let mut basis = Basis::default();
             let whitened = |mut x: Vec<f64>, basis: &Basis| {
-                rows.whiten(&u.noise, &mut x);
+                rows.filters.whiten(u.noise_model, &mut x);
                 basis.reduce(&mut x);
                 x
             };

@@ -6,6 +6,7 @@
 
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension};
+use super::noise::NOISE_MODELS;
 use super::model::Fitted;
 use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
@@ -67,7 +68,7 @@ pub fn on_verify(data: &Data<'_>, left: &[Vec<f64>; AXES]) -> [Vec<String>; AXES
 pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
     [0, 1, 2].map(|a: usize| {
         let each = &fitted.axes[a].posterior.as_ref()?.each;
-        let misfit: f64 = each.iter().filter(|u| u.noise.is_misfit()).map(|u| u.weight).sum();
+        let misfit: f64 = each.iter().filter(|u| NOISE_MODELS[u.noise_model].is_misfit()).map(|u| u.weight).sum();
         let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
         (odds > THRESHOLD).then(|| "in time: it swings over tens of minutes as no noise of a gyro does".into())
     })

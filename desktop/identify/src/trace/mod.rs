@@ -895,6 +895,26 @@ mod tests {
     }
 
     #[test]
+    fn an_effect_whose_size_differs_from_day_to_day_is_said_and_uncertain() {
+        let sizes = |sizes: [f64; 3]| {
+            let run = |profile: &str, size: f64, seed| plan(profile, &[&format!("kink:size={size}")], 61, seed);
+            let train = [run("cycle", sizes[0], 1), run("stairs", sizes[1], 2)];
+            trace(&train, &run("verify", sizes[2], 4)).expect("traces")
+        };
+        let (differs, same) = (sizes([3.0, 4.5, 3.8]), sizes([3.0, 3.0, 3.0]));
+        for n in AXIS_NAMES {
+            let t = &differs.report.turn_on[n];
+            assert!(t.sizes["kink"] >= 0.15 && t.std_dph < 0.3, "{n}: {t:?}");
+            assert!(same.report.turn_on[n].sizes.is_empty());
+        }
+        // The constants of the days do not take what belongs to the sizes, and the uncertainty holds the next day's.
+        assert!(differs.report.advice.iter().any(|a| a.contains("the size of kink differs from day to day by")));
+        let gain_std = |t: &Trace| t.image.effects[0].gain_std[0][0] / t.image.effects[0].gains[0][0].abs();
+        assert!(gain_std(&differs) > 0.14 && gain_std(&same) < 0.05, "{} {}", gain_std(&differs), gain_std(&same));
+        assert!(differs.report.burn && differs.report.verdict_kind == VerdictKind::Confirmed, "{}", differs.report.verdict);
+    }
+
+    #[test]
     fn an_image_must_beat_the_one_in_use() {
         let effects = ["kink:size=3"];
         let (train, verify) = (plan("cycle", &effects, 37, 75), plan("verify", &effects, 37, 76));

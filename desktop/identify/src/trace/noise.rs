@@ -43,7 +43,7 @@ const MISFIT: f64 = 10.0;
 /// Autoregressive coefficient of the longest memory that is a part of a run.
 const WITHIN_A_RUN: f64 = 0.99;
 
-/// Noise whose deviation changes with temperature: its logarithm along the temperatures of the train runs. Beyond them it stays as it is at
+/// White noise whose deviation changes with temperature: its logarithm along the temperatures of the train runs. Beyond them it stays as it is at
 /// their ends.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Growth {
@@ -69,7 +69,7 @@ impl Growth {
         let (from, to) = if self.by > 0.0 { (low, high) } else { (high, low) };
         (self.by != 0.0).then(|| {
             format!(
-                "axis {axis}: the noise is {:.1} times as large at {to:.0} C as at {from:.0} C; quiet rows count for more in fit and judgement",
+                "axis {axis}: the white noise is {:.1} times as large at {to:.0} C as at {from:.0} C; quiet rows count for more in fit and judgement",
                 self.by.abs().exp()
             )
         })
@@ -96,45 +96,76 @@ impl NoiseModel {
         self.slow >= MISFIT && self.phi <= WITHIN_A_RUN
     }
 
-    /// Factor on the first value of a run, which has no past.
-    pub fn first_factor(&self) -> f64 {
-        ((1.0 - self.phi * self.phi) / (1.0 + self.theta * self.theta - 2.0 * self.phi * self.theta)).sqrt()
-    }
-
-    /// Whitens a column in place; `starts` are the indices at which a run begins.
-    pub fn whiten(&self, x: &mut [f64], starts: &[usize]) {
-        if self.phi == 0.0 && self.theta == 0.0 {
-            return;
+    /// Variance of the whitened noise of a long run over that of the white part.
+    pub fn innovation(&self) -> f64 {
+        if self.theta == 0.0 {
+            1.0
+        } else {
+            self.phi / self.theta
         }
-        for (k, &from) in starts.iter().enumerate() {
-            let to = starts.get(k + 1).copied().unwrap_or(x.len());
-            let (mut past, mut e) = (0.0, 0.0);
-            for (j, v) in x[from..to].iter_mut().enumerate() {
-                let now = *v;
-                e = if j == 0 { now * self.first_factor() } else { now - self.phi * past + self.theta * e };
-                past = now;
-                *v = e;
+    }
+}
+
+/// The recursions that whiten the rows of some runs, one for each noise model: the prediction of the next value from those before it
+/// (Kalman's, for a slow part beside a white part whose deviation may differ from row to row), and the deviation of what is new in it.
+#[derive(Debug, Clone, Default)]
+pub struct Filters {
+    /// Share of a prediction that stays in the next one; 0 before the first row of a run.
+    keep: Vec<[f64; NOISE_MODELS.len()]>,
+    /// Share of a value that goes into the next prediction.
+    take: Vec<[f64; NOISE_MODELS.len()]>,
+    /// Factor on what is new.
+    scale: Vec<[f64; NOISE_MODELS.len()]>,
+    /// Log determinant of each whitening.
+    log_determinant: [f64; NOISE_MODELS.len()],
+}
+
+impl Filters {
+    /// Of rows with a relative deviation of the white part; `starts` are the rows at which a run begins.
+    pub fn new(relative: &[f64], starts: &[usize]) -> Self {
+        let zeros = vec![[0.0; NOISE_MODELS.len()]; relative.len()];
+        let mut out = Self { keep: zeros.clone(), take: zeros.clone(), scale: zeros, ..Self::default() };
+        for (s, noise) in NOISE_MODELS.iter().enumerate() {
+            let NoiseModel { phi, slow, .. } = *noise;
+            for (k, &from) in starts.iter().enumerate() {
+                let to = starts.get(k + 1).copied().unwrap_or(relative.len());
+                // Variance of the predicted slow part, over that of the white part.
+                let mut known = slow;
+                for (row, r) in relative[from..to].iter().enumerate() {
+                    let (row, new) = (from + row, known + r * r);
+                    if row + 1 < to {
+                        out.take[row][s] = phi * known / new;
+                        out.keep[row][s] = phi - out.take[row][s];
+                    }
+                    out.scale[row][s] = (noise.innovation() / new).sqrt();
+                    out.log_determinant[s] += out.scale[row][s].ln();
+                    known = phi * phi * known * r * r / new + slow * (1.0 - phi * phi);
+                }
             }
         }
+        out
     }
 
-    /// A column whitened by every model of [`NOISE_MODELS`]: as [`whiten`](Self::whiten) does it, side by side.
-    pub fn whiten_by_all(x: &[f64], starts: &[usize]) -> [Vec<f64>; NOISE_MODELS.len()] {
-        let phi = NOISE_MODELS.map(|c| c.phi);
-        let theta = NOISE_MODELS.map(|c| c.theta);
-        let first = NOISE_MODELS.map(|c| if c == NOISE_MODELS[0] { 1.0 } else { c.first_factor() });
+    /// Whitens a column in place by a noise model, given by its number.
+    pub fn whiten(&self, s: usize, x: &mut [f64]) {
+        let mut predicted = 0.0;
+        for (k, v) in x.iter_mut().enumerate() {
+            let now = *v;
+            *v = (now - predicted) * self.scale[k][s];
+            predicted = self.keep[k][s] * predicted + self.take[k][s] * now;
+        }
+    }
+
+    /// A column whitened by every model: as [`whiten`](Self::whiten) does it, side by side.
+    pub fn whiten_by_all(&self, x: &[f64]) -> [Vec<f64>; NOISE_MODELS.len()] {
         let mut out = [(); NOISE_MODELS.len()].map(|()| Vec::with_capacity(x.len()));
-        for (k, &from) in starts.iter().enumerate() {
-            let to = starts.get(k + 1).copied().unwrap_or(x.len());
-            let (mut past, mut e) = (0.0, [0.0; NOISE_MODELS.len()]);
-            for (j, &now) in x[from..to].iter().enumerate() {
-                for s in 0..NOISE_MODELS.len() {
-                    e[s] = if j == 0 { now * first[s] } else { now - phi[s] * past + theta[s] * e[s] };
-                }
-                past = now;
-                for (o, e) in out.iter_mut().zip(e) {
-                    o.push(e);
-                }
+        let mut predicted = [0.0; NOISE_MODELS.len()];
+        for (k, &now) in x.iter().enumerate() {
+            for (s, o) in out.iter_mut().enumerate() {
+                o.push((now - predicted[s]) * self.scale[k][s]);
+            }
+            for (s, p) in predicted.iter_mut().enumerate() {
+                *p = self.keep[k][s] * *p + self.take[k][s] * now;
             }
         }
         out
@@ -142,19 +173,43 @@ impl NoiseModel {
 
     /// The adjoint of the recursion that [`whiten`](Self::whiten) undoes: the inner product of two results is that of the columns over the
     /// noise's covariance.
-    pub fn backwards(&self, x: &[f64], starts: &[usize]) -> Vec<f64> {
+    pub fn backwards(&self, s: usize, x: &[f64]) -> Vec<f64> {
+        let mut after = 0.0;
         let mut out = vec![0.0; x.len()];
-        for (k, &from) in starts.iter().enumerate() {
-            let to = starts.get(k + 1).copied().unwrap_or(x.len());
-            let mut after = 0.0;
-            for j in (from..to).rev() {
-                let now = x[j] + self.phi * after;
-                let now = if j == from { now / self.first_factor() } else { now };
-                out[j] = now - self.theta * after;
-                after = now;
-            }
+        for k in (0..x.len()).rev() {
+            let (keep, take) = (self.keep[k][s], self.take[k][s]);
+            out[k] = (x[k] + take * after) / self.scale[k][s];
+            after = x[k] + (keep + take) * after;
         }
         out
+    }
+
+    /// For each row, the product of a whitened column with a whitened step at that row, which lasts to row `to`.
+    pub fn steps(&self, s: usize, x: &[f64], from: usize, to: usize) -> Vec<f64> {
+        let (mut after, mut sum) = (0.0, 0.0);
+        let mut out = vec![0.0; to - from];
+        for k in (from..to).rev() {
+            let new = self.scale[k][s] * x[k];
+            sum += new + self.take[k][s] * after;
+            after = self.keep[k][s] * after - new;
+            out[k - from] = sum;
+        }
+        out
+    }
+
+    /// Square of a whitened step at row `at`, which lasts to row `to`.
+    pub fn square_of_step(&self, s: usize, at: usize, to: usize) -> f64 {
+        let (mut predicted, mut sum) = (0.0, 0.0);
+        for k in at..to {
+            sum += ((1.0 - predicted) * self.scale[k][s]).powi(2);
+            predicted = self.keep[k][s] * predicted + self.take[k][s];
+        }
+        sum
+    }
+
+    /// Log determinant of the whitening by a noise model: its part in the log density of rows.
+    pub fn log_determinant(&self, s: usize) -> f64 {
+        self.log_determinant[s]
     }
 }
 
@@ -226,16 +281,51 @@ mod tests {
     }
 
     #[test]
+    fn whitened_noise_is_that_of_the_covariance() {
+        // Rows of two runs whose white part is not the same everywhere: W' W is the inverse of the covariance, up to the innovation.
+        let (n, second) = (24, 10);
+        let relative: Vec<f64> = (0..n).map(|k| 0.5 + 0.1 * k as f64).collect();
+        let filters = Filters::new(&relative, &[0, second]);
+        for (s, noise) in NOISE_MODELS.iter().enumerate() {
+            let covariance = nalgebra::DMatrix::from_fn(n, n, |i, j| {
+                let together = (i < second) == (j < second);
+                let slow = if together { noise.slow * noise.phi.powi(i.abs_diff(j) as i32) } else { 0.0 };
+                slow + if i == j { relative[i] * relative[i] } else { 0.0 }
+            });
+            let mut w = nalgebra::DMatrix::zeros(n, n);
+            for j in 0..n {
+                let mut unit = vec![0.0; n];
+                unit[j] = 1.0;
+                filters.whiten(s, &mut unit);
+                w.set_column(j, &nalgebra::DVector::from_vec(unit));
+            }
+            let white = &w * &covariance * w.transpose();
+            let off = white - nalgebra::DMatrix::identity(n, n) * noise.innovation();
+            // (The moving average is known to five digits.)
+            assert!(off.amax() < 1e-4 * noise.innovation(), "{noise:?}: {off}");
+            let log = 0.5 * (n as f64 * noise.innovation().ln() - covariance.determinant().ln());
+            assert!((filters.log_determinant(s) - log).abs() < 1e-3, "{noise:?}");
+            let step: Vec<f64> = (0..n).map(|k| f64::from(u8::from((4..second).contains(&k)))).collect();
+            let (mut of_step, x) = (step.clone(), (0..n).map(|k| (k as f64 * 0.7).sin()).collect::<Vec<_>>());
+            filters.whiten(s, &mut of_step);
+            let product: f64 = of_step[..second].iter().zip(&x).map(|(a, b)| a * b).sum();
+            assert!((filters.steps(s, &x, 0, second)[4] - product).abs() < 1e-9, "{noise:?}");
+            assert!((filters.square_of_step(s, 4, second) - dot(&of_step[..second], &of_step[..second])).abs() < 1e-9);
+        }
+    }
+
+    #[test]
     fn the_adjoint_is_that_of_the_inverse() {
         // <W x, C' y> = <x, y>, if C is the inverse of the whitening W.
         let n = 40;
         let x: Vec<f64> = (0..n).map(|k| (k as f64 * 0.7).sin()).collect();
         let y: Vec<f64> = (0..n).map(|k| (k as f64 * 1.3).cos() + 0.1).collect();
-        for noise in NOISE_MODELS {
+        let filters = Filters::new(&vec![1.0; n], &[0, 15]);
+        for s in 0..NOISE_MODELS.len() {
             let mut w = x.clone();
-            noise.whiten(&mut w, &[0, 15]);
-            let (one, other) = (dot(&w, &noise.backwards(&y, &[0, 15])), dot(&x, &y));
-            assert!((one - other).abs() < 1e-9, "{noise:?}: {one} {other}");
+            filters.whiten(s, &mut w);
+            let (one, other) = (dot(&w, &filters.backwards(s, &y)), dot(&x, &y));
+            assert!((one - other).abs() < 1e-9, "{s}: {one} {other}");
         }
     }
 }

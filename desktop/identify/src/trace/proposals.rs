@@ -1,8 +1,8 @@
 //! Proposals by the data themselves: times at which the rates jump, and periods at which their spectrum has a peak. They are searched for
 //! in the residual of a model.
 
-use super::data::{Candidate, Data};
-use super::noise::{Basis, NoiseModel};
+use super::data::{AxisRows, Candidate, Data};
+use super::noise::Basis;
 use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
@@ -15,8 +15,8 @@ pub const RECOVERIES_S: [f32; 3] = [600.0, 2000.0, 6000.0];
 
 /// The rates of an axis whitened by a noise model, free of the baseline and of a model.
 pub struct Left<'b> {
-    /// The noise model.
-    pub noise_model: NoiseModel,
+    /// Number of the noise model.
+    pub noise_model: usize,
     /// The baseline's basis.
     pub baseline: &'b Basis,
     /// The rates.
@@ -92,7 +92,7 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
             let variance = dot(&view.y, &view.y) / n.max(1) as f64;
             let to = rows.starts.get(number + 1).copied().unwrap_or(n);
             let from = rows.starts[number];
-            for (k, s) in steps(view, &rows.relative[from..to], from).into_iter().enumerate() {
+            for (k, s) in steps(view, rows, from, to).into_iter().enumerate() {
                 let block = rows.keep[from + k] - first_block;
                 if block < blocks {
                     score[block] += s / variance;
@@ -112,40 +112,14 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
     out
 }
 
-/// Squares of the rates that a step at each row explains. A whitened step is the response h from its place on; its product with the rates,
-/// and with each column of the baseline, is found for all places at once by the recursion run backwards.
-/// `relative`: deviation of the noise in the rows of the run, which begins at row `from`.
-fn steps(view: &Left<'_>, relative: &[f64], from: usize) -> Vec<f64> {
-    let NoiseModel { phi, theta, .. } = view.noise_model;
-    let to = from + relative.len();
-    let response = |x: &[f64]| -> Vec<f64> {
-        let (mut back, mut sum) = (0.0, 0.0);
-        let mut out = vec![0.0; to - from];
-        for k in (from..to).rev() {
-            // Adjoint of e_t = x_t - phi x_(t-1) + theta e_(t-1), then of the step's running sum.
-            let adjoint = x[k] + theta * back;
-            sum += (adjoint - phi * back) / relative[k - from];
-            back = adjoint;
-            out[k - from] = sum;
-        }
-        out
-    };
-    let product = response(&view.y);
-    let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| response(q)).collect();
-    // Squares of the response to a step at a place.
-    let squares = |at: usize| {
-        let (mut past, mut e, mut sum) = (0.0, 0.0, 0.0);
-        for r in &relative[at..] {
-            let now = 1.0 / r;
-            e = now - phi * past + theta * e;
-            past = now;
-            sum += e * e;
-        }
-        sum
-    };
+/// Squares of the rates that a step at each row of a run explains: for all places at once by the whitening run backwards.
+fn steps(view: &Left<'_>, rows: &AxisRows, from: usize, to: usize) -> Vec<f64> {
+    let products = |x: &[f64]| rows.filters.steps(view.noise_model, x, from, to);
+    let product = products(&view.y);
+    let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| products(q)).collect();
     (0..to - from)
         .map(|k| {
-            let whole = squares(k);
+            let whole = rows.filters.square_of_step(view.noise_model, from + k, to);
             let left = whole - cuts.iter().map(|c| c[k] * c[k]).sum::<f64>();
             if left > 1e-3 * whole {
                 product[k] * product[k] / left

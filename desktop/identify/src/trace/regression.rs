@@ -3,7 +3,7 @@
 //! coefficients nor their covariance rest on one noise model.
 
 use super::data::AxisRows;
-use super::noise::{NoiseModel, NOISE_MODELS};
+use super::noise::NOISE_MODELS;
 use hrg_data::numeric::stats::{dot, log_sum};
 use nalgebra::{DMatrix, DVector};
 
@@ -13,8 +13,8 @@ const NEGLIGIBLE: f64 = 0.05;
 /// A fit under one noise model.
 #[derive(Debug, Clone)]
 pub struct Under {
-    /// The noise model.
-    pub noise: NoiseModel,
+    /// Number of the noise model in [`NOISE_MODELS`].
+    pub noise_model: usize,
     /// Its share of the posterior; the shares of all add up to 1.
     pub weight: f64,
     /// Variance of the whitened noise, (deg/h)^2.
@@ -51,17 +51,18 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
     let spread = prior.iter().flatten().map(|v| v.max(1e-300).ln()).sum::<f64>();
     let mut each: Vec<(f64, Under)> = NOISE_MODELS
         .iter()
-        .filter_map(|noise| {
+        .enumerate()
+        .filter_map(|(noise_model, noise)| {
             let x: Vec<Vec<f64>> = columns
                 .iter()
                 .map(|c| {
                     let mut c = c.clone();
-                    rows.whiten(noise, &mut c);
+                    rows.filters.whiten(noise_model, &mut c);
                     c
                 })
                 .collect();
             let mut y = rows.y.clone();
-            rows.whiten(noise, &mut y);
+            rows.filters.whiten(noise_model, &mut y);
             // Columns of unit length, so that the equations are as good as they can be.
             let scale: Vec<f64> = x.iter().map(|c| dot(c, c).sqrt().max(1e-100)).collect();
             let mut g =
@@ -77,14 +78,14 @@ pub fn posterior(rows: &AxisRows, columns: &[Vec<f64>], prior: &[Option<f64>]) -
             let variance_dph2 = ((dot(&y, &y) - b.dot(&solved)) / free).max(1e-300);
             let lengths = 2.0 * scale.iter().map(|s| s.ln()).sum::<f64>();
             let information = lengths + 2.0 * factor.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-            let likelihood = noise.log_prior() + noise.first_factor().ln() * rows.starts.len() as f64
+            let likelihood = noise.log_prior() + rows.filters.log_determinant(noise_model)
                 - 0.5 * free * variance_dph2.ln()
                 - 0.5 * (information + spread);
             let inverse = factor.inverse();
             let covariance = DMatrix::from_fn(p, p, |i, j| variance_dph2 * inverse[(i, j)] / (scale[i] * scale[j]));
             let coefficients = DVector::from_fn(p, |i, _| solved[i] / scale[i]);
             let finite = likelihood.is_finite() && coefficients.iter().all(|c| c.is_finite());
-            let under = Under { noise: *noise, weight: 0.0, variance_dph2, coefficients, covariance, free };
+            let under = Under { noise_model, weight: 0.0, variance_dph2, coefficients, covariance, free };
             finite.then_some((likelihood, under))
         })
         .collect();

@@ -282,7 +282,7 @@ pub struct Report {
     pub notes: Vec<String>,
     /// With several train runs, the constant of each against their mean, deg/h; else empty.
     pub turn_on: ByAxis<TurnOn>,
-    /// Deviation of the noise at the highest temperature of the train runs over that at the lowest; 1: the same everywhere.
+    /// Deviation of the white noise at the highest temperature of the train runs over that at the lowest; 1: the same everywhere.
     pub noise_growth: ByAxis<f64>,
     /// Counts of values taken out of the files.
     pub cleaned: CleanedCounts,

@@ -4,6 +4,7 @@
 
 use super::data::{begins_in_ramp, AxisRows, Candidate, Data};
 use super::model::Fitted;
+use super::noise::Filters;
 use super::odds::THRESHOLD;
 use super::regression::posterior;
 use hrg_core::effects::{span, Span};
@@ -65,7 +66,7 @@ impl Memory {
             starts: vec![0],
             y: left[from..to].to_vec(),
             base: vec![],
-            relative: rows.relative[from..to].to_vec(),
+            filters: Filters::new(&data.relative(a)[from..to], &[0]),
             happened: vec![],
         };
         let constant = vec![1.0; to - from];

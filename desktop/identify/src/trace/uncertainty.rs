@@ -137,7 +137,7 @@ pub fn of_plain(data: &Data<'_>, fitted: &Fitted) -> [Option<Stated>; AXES] {
         let inverse = DMatrix::from_fn(p, p, |i, j| dot(&columns.values[i], &columns.values[j])).try_inverse()?;
         let mut covariance = DMatrix::zeros(p, p);
         for u in &under.each {
-            let back: Vec<Vec<f64>> = columns.values.iter().map(|c| rows.backwards(&u.noise, c)).collect();
+            let back: Vec<Vec<f64>> = columns.values.iter().map(|c| rows.filters.backwards(u.noise_model, c)).collect();
             let m = DMatrix::from_fn(p, p, |i, j| u.variance_dph2 * dot(&back[i], &back[j]));
             covariance += (&inverse * m * &inverse) * u.weight;
         }

@@ -453,7 +453,7 @@ impl<'a> Search<'a> {
             let y = [0, 1, 2].map(|a: usize| self.axes[a].left(noise_models[a], &state.axes[a].shares));
             let mut y = y.into_iter();
             let left = [0, 1, 2].map(|a: usize| Left {
-                noise_model: self.axes[a].noise_model(noise_models[a]),
+                noise_model: noise_models[a],
                 baseline: self.axes[a].basis(noise_models[a]),
                 y: y.next().unwrap_or_default(),
             });
