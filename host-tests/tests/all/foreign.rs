@@ -46,3 +46,14 @@ fn a_run_that_begins_in_an_unknown_state_does_not_bend_the_lag() {
     assert!(report.notes.iter().any(|n| n.contains("are left out of fit and judgement")), "{:?}", report.notes);
     assert!(left(&made, &report) < 1.5, "{}", left(&made, &report));
 }
+
+#[test]
+fn a_run_that_begins_on_another_branch_is_judged_as_a_unit_that_does_not_know_it() {
+    // Three plays; the verify run starts on the other branch. A unit starts in the middle and learns its branch by sweeping it.
+    let (made, report) = traced("state-other-branch");
+    assert!(report.effects.iter().all(|e| e.confirmed == Some(true)) && report.burn, "{}", report.verdict);
+    let before = report.baseline.values().map(|b| b.verify_rms_dph).fold(0.0, f64::max);
+    let after = report.block.as_ref().expect("an image").values().map(|b| b.verify_rms_dph).fold(0.0, f64::max);
+    assert!(after < 0.6 * before, "{before} {after}");
+    println!("state-other-branch: {before:.3} -> {after:.3} deg/h, {:.2} floors", left(&made, &report));
+}

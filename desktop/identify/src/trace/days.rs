@@ -84,7 +84,11 @@ impl OfDays {
         for part in &self.0 {
             if part.gains.0.clone().all(|j| prior[j].is_some()) {
                 wholes.push((part, all.len()));
-                all.push(part.columns.iter().fold(vec![0.0; rows.y.len()], |w, c| w.iter().zip(c).map(|(w, c)| w + c).collect()));
+                all.push(
+                    part.columns
+                        .iter()
+                        .fold(vec![0.0; rows.y.len()], |w, c| w.iter().zip(c).map(|(w, c)| w + c).collect()),
+                );
                 variances.push(None);
             }
             all.extend(part.columns.iter().cloned());
@@ -135,6 +139,12 @@ impl Differs {
         };
         let columns = (0..rows.starts.len()).map(in_run).collect();
         let noise_dph2 = without.each.iter().map(|u| u.weight * u.variance_dph2).sum::<f64>();
-        Self { name, relative_std, gains: (numbers, values), columns, variance: relative_std * relative_std / noise_dph2 }
+        Self {
+            name,
+            relative_std,
+            gains: (numbers, values),
+            columns,
+            variance: relative_std * relative_std / noise_dph2,
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The search with train and verify exchanged: advice, as another greedy search may name the same thing otherwise.
 
-use super::growth;
 use super::data::Candidate;
+use super::growth;
 use super::report::{Exchanged, Found};
 use super::search::Search;
 use super::user_effects::{self, card_of, OwnEffect};

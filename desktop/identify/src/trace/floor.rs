@@ -12,7 +12,7 @@ use hrg_data::numeric::stats::{dot, log_sum, mean};
 use serde::Serialize;
 
 /// Means in a period of the fastest change that is taken for a nuisance: 20 minutes.
-pub(super) const PERIOD_MEANS: usize = 12;
+const PERIOD_MEANS: usize = 12;
 /// Means of a piece of a run that has its own nuisances.
 const PIECE: usize = 120;
 /// Fewest means of a piece.
@@ -48,7 +48,7 @@ impl std::fmt::Display for Ratio {
 }
 
 /// Mean square with values beyond [`JUMP`] deviations cut there.
-fn robust_square(d: &[f64]) -> f64 {
+pub(super) fn robust_square(d: &[f64]) -> f64 {
     let n = d.len().max(1) as f64;
     let mut s = d.iter().map(|x| x * x).sum::<f64>() / n;
     for _ in 0..20 {
@@ -82,7 +82,7 @@ pub struct Noise {
 }
 
 /// A part of a series that has its own nuisances.
-pub(super) struct Piece {
+struct Piece {
     /// Its values.
     y: Vec<f64>,
     /// Their whitening.
@@ -91,7 +91,7 @@ pub(super) struct Piece {
 
 impl Piece {
     /// From values with the relative deviation of the white noise of each.
-    pub(super) fn new(values: &[(f64, f64)]) -> Self {
+    fn new(values: &[(f64, f64)]) -> Self {
         let (y, relative): (Vec<f64>, Vec<f64>) = values.iter().copied().unzip();
         Self { y, filters: Filters::new(&relative, &[0]) }
     }
@@ -104,7 +104,7 @@ impl Piece {
 }
 
 /// Parts of a series of about [`PIECE`] values, each with the relative deviation of its noise; none is shorter than [`LEAST`].
-pub(super) fn chunks(part: &[(f64, f64)]) -> Vec<Piece> {
+fn chunks(part: &[(f64, f64)]) -> Vec<Piece> {
     let count = part.len().div_ceil(PIECE).max(1);
     part.chunks(part.len().div_ceil(count).max(1)).filter(|c| c.len() >= LEAST).map(Piece::new).collect()
 }
@@ -125,15 +125,15 @@ fn pieces(series: &Means) -> Vec<Piece> {
     parts.iter().flat_map(|p| chunks(p)).collect()
 }
 
-/// Cosines over a piece down to the shortest period of a nuisance, given in values, the constant first.
-fn nuisances(n: usize, period: usize) -> Vec<Vec<f64>> {
+/// Cosines over a piece down to the shortest period of a nuisance, the constant first.
+fn nuisances(n: usize) -> Vec<Vec<f64>> {
     let cosine =
         |k: usize| (0..n).map(|j| (std::f64::consts::PI * k as f64 * (j as f64 + 0.5) / n as f64).cos()).collect();
-    (0..=2 * n / period).map(cosine).collect()
+    (0..=2 * n / PERIOD_MEANS).map(cosine).collect()
 }
 
 /// What is left of some pieces under a noise model when everything slower than a period is taken out.
-pub(super) struct Fast {
+struct Fast {
     /// Whitened values.
     left: Vec<f64>,
     /// Values less nuisances.
@@ -143,12 +143,11 @@ pub(super) struct Fast {
 }
 
 impl Fast {
-    /// `period`: values in the shortest period of a nuisance.
-    pub(super) fn new(noise_model: usize, pieces: &[Piece], period: usize) -> Self {
+    fn new(noise_model: usize, pieces: &[Piece]) -> Self {
         let (mut left, mut free, mut information) = (Vec::new(), 0.0, 0.0);
         for piece in pieces {
             let mut basis = Basis::default();
-            for column in nuisances(piece.y.len(), period) {
+            for column in nuisances(piece.y.len()) {
                 information += basis.add_measured(piece.whitened(noise_model, column)).max(1e-300).ln();
             }
             let mut y = piece.whitened(noise_model, piece.y.clone());
@@ -166,7 +165,7 @@ impl Fast {
     }
 
     /// Restricted log-likelihood.
-    pub(super) fn log_likelihood(&self) -> f64 {
+    fn log_likelihood(&self) -> f64 {
         -0.5 * (self.free * self.innovation().max(1e-300).ln() + self.information)
     }
 }
@@ -177,7 +176,8 @@ impl Noise {
     pub fn new(others: &[Means], judged: &Means) -> Option<Self> {
         let all: Vec<Piece> = others.iter().chain([judged]).flat_map(pieces).collect();
         // Noise that grows with temperature: mean square of its relative deviation on the judged run, and on the others.
-        let (here, there) = (judged.relative_square(), mean(&others.iter().map(Means::relative_square).collect::<Vec<_>>()));
+        let (here, there) =
+            (judged.relative_square(), mean(&others.iter().map(Means::relative_square).collect::<Vec<_>>()));
         let (n, other) = (judged.count(), others.iter().map(Means::count).sum::<usize>());
         if all.is_empty() || n < 4 {
             return None;
@@ -188,7 +188,7 @@ impl Noise {
             .enumerate()
             .filter(|(_, noise)| !noise.is_misfit())
             .map(|(noise_model, noise)| {
-                let fast = Fast::new(noise_model, &all, PERIOD_MEANS);
+                let fast = Fast::new(noise_model, &all);
                 let innovation = fast.innovation();
                 let likelihood = noise.log_prior() + fast.log_likelihood();
                 let (variance, square) = noise.of_deviation(n);
@@ -373,8 +373,12 @@ mod tests {
         let mut off = Vec::new();
         for _ in 0..100 {
             let mut loud = |by: f64| -> Vec<f64> {
-                let slow = noise(300, 0.1, &mut rng);
-                slow.iter().map(|s| 0.3 * s + by * drawn(&mut rng)).collect()
+                let mut slow = 0.0;
+                let mut next = |_| {
+                    slow = 0.95 * slow + 0.1 * drawn(&mut rng);
+                    slow + by * drawn(&mut rng)
+                };
+                (0..300).map(&mut next).collect()
             };
             let (hot, cold) = (loud(2.0), loud(0.5));
             let means = |v: &[f64], by: f64| Means::with_relative(&each(v), &each(&vec![by; v.len()]));

@@ -1,17 +1,18 @@
-//! Noise that grows with temperature: learnt by axis from what the baseline leaves of the train runs, before anything is searched. The
-//! likelihood is that of the noise floor: all that is slower than 20 minutes is a nuisance, so physics that follows temperature is no noise.
+//! Noise that grows with temperature: learnt by axis from what the baseline leaves of the train runs, before anything is searched. It is
+//! measured by the second differences of neighbouring blocks, so neither physics that follows temperature nor slow noise is taken for it.
 
 use super::data::Data;
-use super::floor::{chunks, Fast, PERIOD_MEANS};
+use super::floor::robust_square;
 use super::model::Fitted;
-use super::noise::{Growth, NOISE_MODELS};
+use super::noise::Growth;
 use super::odds::{EFFECT, THRESHOLD};
-use crate::fit::{Prepared, MEAN_S};
+use crate::fit::Prepared;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{log_sum, mean};
 
 /// Logarithms that are tried: the deviation falls or grows twofold or fourfold from cold to hot.
-const TRIED: [f64; 4] = [-2.0 * std::f64::consts::LN_2, -std::f64::consts::LN_2, std::f64::consts::LN_2, 2.0 * std::f64::consts::LN_2];
+const TRIED: [f64; 4] =
+    [-2.0 * std::f64::consts::LN_2, -std::f64::consts::LN_2, std::f64::consts::LN_2, 2.0 * std::f64::consts::LN_2];
 
 /// The blocks of train runs, with the growth of their noise.
 ///
@@ -32,24 +33,20 @@ fn of_axis(data: &Data<'_>, left: &[f64], a: usize) -> Growth {
     if !(high_c > low_c) || temperatures.iter().any(|t| t.is_nan()) {
         return Growth::default();
     }
-    let period = (PERIOD_MEANS * MEAN_S).div_ceil(data.block_s);
     let growth = |by: f64| {
         let of = Growth { by, low_c, high_c, mean: 0.0 };
         Growth { mean: mean(&temperatures.iter().map(|t| of.log_from_middle(*t)).collect::<Vec<_>>()), ..of }
     };
-    let starts = &data.axes[a].starts;
-    let evidence = |by: f64| {
+    // Second differences of three neighbours: of physics that follows temperature they hold next to nothing.
+    let three = left.chunks_exact(3).zip(temperatures.chunks_exact(3));
+    let triples: Vec<(f64, f64)> = three.map(|(y, t)| ((y[0] - 2.0 * y[1] + y[2]) / 6f64.sqrt(), t[1])).collect();
+    let likelihood = |by: f64| {
         let growth = growth(by);
-        let values: Vec<(f64, f64)> = left.iter().zip(&temperatures).map(|(y, t)| (*y, growth.at(*t))).collect();
-        let run = |k: usize| starts[k]..starts.get(k + 1).copied().unwrap_or(values.len());
-        let pieces: Vec<_> = (0..starts.len()).flat_map(|k| chunks(&values[run(k)])).collect();
-        let models = NOISE_MODELS.iter().enumerate().filter(|(_, n)| !n.is_misfit());
-        let each: Vec<f64> =
-            models.map(|(s, n)| n.log_prior() + Fast::new(s, &pieces, period).log_likelihood()).collect();
-        (!pieces.is_empty()).then(|| log_sum(&each))
+        let logs: f64 = triples.iter().map(|(_, t)| growth.at(*t).ln()).sum();
+        let whitened: Vec<f64> = triples.iter().map(|(d, t)| d / growth.at(*t)).collect();
+        -0.5 * triples.len() as f64 * robust_square(&whitened).max(1e-300).ln() - logs
     };
-    let Some(none) = evidence(0.0) else { return Growth::default() };
-    let tried: Vec<f64> = TRIED.iter().filter_map(|by| evidence(*by)).collect();
+    let (none, tried) = (likelihood(0.0), TRIED.map(likelihood));
     let all = log_sum(&tried);
     if EFFECT - (TRIED.len() as f64).ln() + all - none < THRESHOLD {
         return Growth::default();

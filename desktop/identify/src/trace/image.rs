@@ -58,7 +58,7 @@ impl Fits<'_> {
         let unit = |c: &Candidate| c.on_unit();
         let predictions = |of: &Unseen<'_>| {
             (
-                Prediction::new(&of.data, self.extended, self.known, &unit),
+                Prediction::of_unit(&of.data, self.extended, self.known, &unit),
                 Prediction::new(&of.data, self.beside, self.beside_known, &unit),
             )
         };

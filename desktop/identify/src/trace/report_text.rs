@@ -192,7 +192,8 @@ fn turn_on(r: &Report) -> Option<String> {
     let each: Vec<String> = r.turn_on.values().map(|t| three_digits(t.std_dph)).collect();
     let parts: BTreeSet<&str> = r.turn_on.values().flat_map(|t| t.sizes.keys().copied()).collect();
     let of_part = |part: &&str| {
-        let on: Vec<(&String, &f64)> = r.turn_on.iter().filter_map(|(axis, t)| Some((axis, t.sizes.get(part)?))).collect();
+        let on: Vec<(&String, &f64)> =
+            r.turn_on.iter().filter_map(|(axis, t)| Some((axis, t.sizes.get(part)?))).collect();
         let shares: Vec<String> = on.iter().map(|(_, share)| format!("{:.0}", 100.0 * **share)).collect();
         let axes: Vec<&String> = on.iter().map(|o| o.0).collect();
         format!(
