@@ -189,8 +189,7 @@ fn judged(
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
-    notes.extend(there_after_steps(&fitted));
-    notes.extend(there.iter().filter_map(|a| data.growth[*a].sentence(AXIS_NAMES[*a])));
+    notes.extend(growing_noise(data, &there).into_iter().chain(there_after_steps(&fitted)));
 
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
@@ -209,17 +208,16 @@ fn judged(
     notes.extend(lacking(fitted.terms(), &known));
     let [before_verify, after_verify] = left_of(verify_run);
     let on_verify = Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?;
-    let on_judge = judge_run
-        .map(|run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1]))
-        .transpose()?;
+    let third = |run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1]);
+    let on_judge = judge_run.map(third).transpose()?;
 
     // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
     let whole = Prediction::new(&on_verify.data, &fitted, &uncertain, &known);
     let finder = OnVerify { data, verify: &on_verify.data, run: verify_run, known: &known };
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
-    let unseen = (&on_verify, on_judge.as_ref());
-    let written = written(&mut search, &learnt, &plain, unseen, &known, &calibration, &mut notes)?;
+    let written =
+        written(&mut search, &learnt, &plain, (&on_verify, on_judge.as_ref()), &known, &calibration, &mut notes)?;
     let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify));
     let exchanged = second(options, verify, verify_run, &effects);
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
@@ -411,6 +409,11 @@ fn keep_baseline<'r>(
             after[a].clone_from(&before[a]);
         }
     }
+}
+
+/// A sentence for each axis whose noise grows with temperature.
+fn growing_noise(data: &Data<'_>, there: &[usize]) -> Vec<String> {
+    there.iter().filter_map(|a| data.growth[*a].sentence(AXIS_NAMES[*a])).collect()
 }
 
 /// A sentence where a step of the train run holds on.
