@@ -256,12 +256,10 @@ fn judged(
     };
     report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
     (report.verdict, report.advice) = (report_text::verdict(&report), report_text::advice(&report));
-    let mut image = written.image;
-    state_reached(&mut image, &report, runs, &there);
     Ok(Trace {
+        image: state_reached(written.image, &report, runs, &there),
         report,
         baseline: plain.image(&calibration, &[None, None, None], &mut Vec::new()),
-        image,
         verify: verify_run.clone(),
         train_residuals: [before_train, after_train],
         verify_residuals: [before_verify, after_verify],
@@ -435,13 +433,14 @@ fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
     })
 }
 
-/// Writes into an image what it leaves on the train runs and on the verify run.
-fn state_reached(image: &mut Calibration, report: &Report, runs: &[Run], there: &[usize]) {
-    let train: Vec<_> = runs.iter().map(|r| fit::correct(image, &r.steps)).collect();
+/// An image with what it leaves on the train runs and on the verify run.
+fn state_reached(mut image: Calibration, report: &Report, runs: &[Run], there: &[usize]) -> Calibration {
+    let train: Vec<_> = runs.iter().map(|r| fit::correct(&image, &r.steps)).collect();
     for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
         image.axes[a].train_rms_dph = spread(train.iter().map(|r| &r[a])).0 as f32;
         image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
     }
+    image
 }
 
 /// Recordings that may be learnt from, verified on and judged on.
