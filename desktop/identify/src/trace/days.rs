@@ -24,13 +24,13 @@ pub struct Differs {
     pub relative_std: f64,
     /// The numbers of its coefficients, and their values.
     gains: (Range<usize>, Vec<f64>),
-    /// What it does in each run, zero in the others.
+    /// Its bias in each run, zero in the others.
     columns: Vec<Vec<f64>>,
     /// Variance of their coefficients before the data are seen, over that of the whitened noise.
     variance: f64,
 }
 
-/// What the days add to the sizes of the parts of a model, one axis.
+/// Contribution of the days to the sizes of the parts of a model, one axis.
 #[derive(Debug, Clone, Default)]
 pub struct OfDays(pub Vec<Differs>);
 

@@ -132,7 +132,7 @@ fn nuisances(n: usize) -> Vec<Vec<f64>> {
     (0..=2 * n / PERIOD_MEANS).map(cosine).collect()
 }
 
-/// What is left of some pieces under a noise model when everything slower than a period is taken out.
+/// Remainder of some pieces under a noise model when everything slower than a period is taken out.
 struct Fast {
     /// Whitened values.
     left: Vec<f64>,

@@ -81,7 +81,10 @@ mod tests {
         let data = data(&prepared).expect("a baseline");
         let [x, y, z] = data.growth.map(|g| g.by.exp());
         assert!((2.2..4.1).contains(&x) && y == 1.0 && z == 1.0, "{x} {y} {z}");
-        let said = data.growth[0].sentence("x").expect("there");
-        assert!(said.starts_with("axis x: the white noise is") && data.growth[1].sentence("y").is_none(), "{said}");
+        let sentence = data.growth[0].sentence("x").expect("there");
+        assert!(
+            sentence.starts_with("axis x: the white noise is") && data.growth[1].sentence("y").is_none(),
+            "{sentence}"
+        );
     }
 }

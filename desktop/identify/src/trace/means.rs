@@ -7,7 +7,7 @@ use hrg_data::numeric::stats::{block_means, mean, std_dev};
 #[derive(Debug, Clone)]
 pub struct Means {
     values: Vec<f64>,
-    /// Relative deviation of the noise of each; 1 where nothing is said of it.
+    /// Relative deviation of the noise of each; 1 where it is not known.
     relative: Vec<f64>,
 }
 

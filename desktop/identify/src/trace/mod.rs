@@ -895,7 +895,7 @@ mod tests {
     }
 
     #[test]
-    fn an_effect_whose_size_differs_from_day_to_day_is_said_and_uncertain() {
+    fn an_effect_whose_size_differs_from_day_to_day_is_stated_and_uncertain() {
         let sizes = |sizes: [f64; 3]| {
             let run = |profile: &str, size: f64, seed| plan(profile, &[&format!("kink:size={size}")], 61, seed);
             let train = [run("cycle", sizes[0], 1), run("stairs", sizes[1], 2)];

@@ -153,7 +153,7 @@ pub struct AxisFit {
     pub days: Vec<f64>,
     /// Covariance of the coefficients and the days.
     covariance: DMatrix<f64>,
-    /// What the days add to the sizes of the model's parts, with several train runs.
+    /// Contribution of the days to the sizes of the model's parts, with several train runs.
     pub of_days: OfDays,
     /// The fit under each noise model; `None` of a plain fit, and of an axis without data.
     pub posterior: Option<Posterior>,
