@@ -1,10 +1,10 @@
 //! `hrg compare`: every method on the same data.
 
+use crate::facts::FactsArguments;
 use crate::units;
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
-use hrg_data::load::load_recording;
 use hrg_papers::compare;
 use hrg_papers::compare::{Contender, Options};
 use hrg_papers::history;
@@ -38,6 +38,8 @@ pub struct Arguments {
     /// Allow recordings of different units.
     #[arg(long)]
     different_units: bool,
+    #[command(flatten)]
+    facts: FactsArguments,
 }
 
 /// Runs the command.
@@ -45,17 +47,17 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, verify, methods, seed, from, out, board, different_units } = arguments;
+    let Arguments { recordings, verify, methods, seed, from, out, board, different_units, facts } = arguments;
     let from_s = duration_s(&from).ok_or_else(|| {
         BadInput(format!("--from {from}: not a time; give hours, minutes or seconds, such as 5h, 90m or 600s"))
     })?;
     let options = Options { seed, units: units(different_units), from_s };
-    compare_methods(&recordings, &verify, &methods, &options, &out, board)
+    compare_methods((&recordings, &verify), &facts, &methods, &options, &out, board)
 }
 
 fn compare_methods(
-    recordings: &[PathBuf],
-    verify: &[PathBuf],
+    (recordings, verify): (&[PathBuf], &[PathBuf]),
+    facts: &FactsArguments,
     methods: &[String],
     options: &Options,
     out: &Path,
@@ -67,8 +69,7 @@ fn compare_methods(
         methods.iter().map(|m| Contender::by_name(m)).collect::<Result<_, _>>()?
     };
     std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
-    let train = recordings.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
-    let unseen = verify.iter().map(|p| load_recording(p)).collect::<Result<Vec<_>>>()?;
+    let (train, unseen) = (facts.load(recordings)?, facts.load(verify)?);
     let bar = indicatif::ProgressBar::new_spinner();
     let mut c = compare::compare(&train, &unseen, &contenders, options, out, |m| {
         bar.set_message(format!("identifying by {m}"));

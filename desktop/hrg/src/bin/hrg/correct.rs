@@ -1,8 +1,10 @@
 //! `hrg correct`.
 
+use crate::facts::FactsArguments;
 use anyhow::Result;
 use clap::Args;
 use hrg_core::status::AxisStatus;
+use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::recording::{facts, parquet, Recording};
@@ -23,19 +25,30 @@ pub struct Arguments {
     /// File for the corrected recording: text, or Parquet if it ends in .parquet
     #[arg(short, long)]
     out: PathBuf,
+    #[command(flatten)]
+    facts: FactsArguments,
 }
 
 /// Corrects a recording as a unit does.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { recording, calibration, different_units, out } = arguments;
+    let Arguments { recording, calibration, different_units, out, facts: given } = arguments;
     let c = image_file::load(calibration)?;
     let here = |e: BadInput| BadInput::new(format!("{}: {e}", recording.display()));
     let bytes = parquet::read_text(recording)?;
-    let r = Recording::parse(&bytes).map_err(here)?;
+    let mut r = Recording::parse(&bytes).map_err(here)?;
+    given.apply(&mut r)?;
     let mut notes = facts::fits(&c, &r, *different_units).map_err(|e| here(e.into()))?;
     let corrected = correct::recording(&c, &r).map_err(here)?;
     notes.extend(corrected.notes);
-    let seconds = corrected.seconds;
+    let mut seconds = corrected.seconds;
+    if let Some(parts) = given.earth_rate_dph()? {
+        for s in &mut seconds {
+            take_off(&mut s.corrected_dph, parts);
+            take_off(&mut s.raw_dph, parts);
+        }
+        r.earth_rate_dph = Some(parts);
+        notes.push("the earth's rate is taken off the rates, corrected and raw: a unit sends them with it".to_string());
+    }
     let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
     parquet::write_text(out, &text)?;
     for note in notes {
@@ -54,4 +67,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         c.checksum()
     );
     Ok(())
+}
+
+fn take_off(rates: &mut [f32; AXES], parts: [f64; AXES]) {
+    rates.iter_mut().zip(parts).for_each(|(rate, part)| *rate -= part as f32);
 }

@@ -67,6 +67,22 @@ impl FactsArguments {
         })
     }
 
+    /// Adds what the arguments give to a recording.
+    ///
+    /// # Errors
+    /// Facts that are none, or that the recording denies.
+    pub fn apply(&self, r: &mut Recording) -> Result<()> {
+        Ok(self.facts()?.apply(r)?)
+    }
+
+    /// Part of the earth's rate along the axes, deg/h, where latitude and axes are among the arguments.
+    ///
+    /// # Errors
+    /// A place or an attitude that is none.
+    pub fn earth_rate_dph(&self) -> Result<Option<[f64; AXES]>> {
+        Ok(self.place.attitude()?.map(|a| a.earth_rate_dph()))
+    }
+
     /// Reads recordings and adds what the arguments give.
     pub fn load(&self, paths: &[PathBuf]) -> Result<Vec<Recording>> {
         let facts = self.facts()?;
