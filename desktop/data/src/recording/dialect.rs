@@ -98,6 +98,22 @@ fn decimal(cell: &str) -> Option<bool> {
     (digits(whole) && digits(fraction) && !(whole.is_empty() && fraction.is_empty())).then_some(comma)
 }
 
+/// Texts that programs write for a missing value, in small letters.
+const MISSING: [&str; 10] = ["nan", "-", "--", "---", "n/a", "na", "#n/a", "#nv", "null", "none"];
+
+/// `true` if a cell is empty, or holds a text that stands for a missing value.
+#[must_use]
+pub fn is_missing(cell: &str) -> bool {
+    cell.is_empty() || MISSING.contains(&cell.to_lowercase().as_str())
+}
+
+/// A number with a decimal point or comma; `None` where a cell holds none.
+#[must_use]
+pub fn number(cell: &str) -> Option<f64> {
+    let value = cell.parse().or_else(|_| cell.replacen(',', ".", 1).parse());
+    value.ok().filter(|v: &f64| v.is_finite())
+}
+
 /// Cells of a line without their quotes. `None`: a quote is not closed at the end of its cell.
 pub fn cells(line: &str, separator: char) -> Option<Vec<Cow<'_, str>>> {
     let mut out = Vec::new();

@@ -6,15 +6,14 @@
 use crate::error::BadInput;
 use crate::numeric::stats::median;
 use crate::recording::dialect;
+use crate::recording::dialect::is_missing;
+use crate::recording::thermometer::Thermometer;
+use crate::recording::time_form::{Days, TimeForm, FORMS};
 use crate::recording::{columns, Recording};
-use chrono::{DateTime, NaiveDateTime, NaiveTime};
 use std::fmt::Write as _;
 
 /// Neighbouring rows of a log that are further apart than so many usual steps have a gap between them.
 const GAP_STEPS: f64 = 5.0;
-
-/// Seconds of a day.
-const DAY_S: f64 = 86_400.0;
 
 /// Why a log cannot be merged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -79,91 +78,13 @@ impl From<MergeError> for BadInput {
     }
 }
 
-/// Time format of a log.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Format {
-    /// A number, each of so many seconds.
-    Number(f64),
-    /// Seconds since 1970.
-    Unix,
-    /// `2026-11-21T10:15:00`, with or without fraction and zone (without: UTC), or a blank for the T.
-    Iso,
-    /// A pattern like `%d.%m.%Y %H:%M:%S`; without a date, days are counted where the time goes back to the morning.
-    Pattern(String),
-}
-
-impl Format {
-    /// By name: s, ms, min, h, unix, iso, or a pattern with %.
-    ///
-    /// # Errors
-    /// Anything else.
-    pub fn parse(text: &str) -> Result<Self, MergeError> {
-        Ok(match text {
-            "s" => Self::Number(1.0),
-            "ms" => Self::Number(1e-3),
-            "min" => Self::Number(60.0),
-            "h" => Self::Number(3600.0),
-            "unix" => Self::Unix,
-            "iso" => Self::Iso,
-            pattern if pattern.contains('%') => Self::Pattern(pattern.into()),
-            other => {
-                return Err(MergeError::Usage(format!(
-                    "--time: \"{other}\" is no form of a time; there are s, ms, min, h, unix, iso and patterns like %d.%m.%Y_%H:%M:%S"
-                )))
-            }
-        })
-    }
-
-    fn name(&self) -> String {
-        match self {
-            Self::Number(_) | Self::Unix => "of a number".into(),
-            Self::Iso => "2026-11-21T10:15:00".into(),
-            Self::Pattern(p) => p.clone(),
-        }
-    }
-
-    /// Seconds on the log's clock.
-    fn read(&self, text: &str) -> Option<f64> {
-        let seconds = |t: NaiveDateTime| t.and_utc().timestamp_micros() as f64 * 1e-6;
-        match self {
-            Self::Number(unit) => text.parse().ok().map(|t: f64| t * unit),
-            Self::Unix => text.parse().ok(),
-            Self::Iso => DateTime::parse_from_rfc3339(&text.replacen(' ', "T", 1))
-                .map(|t| seconds(t.naive_utc()))
-                .or_else(|_| {
-                    NaiveDateTime::parse_from_str(&text.replacen(' ', "T", 1), "%Y-%m-%dT%H:%M:%S%.f").map(seconds)
-                })
-                .ok(),
-            Self::Pattern(p) if p.contains("z") => {
-                DateTime::parse_from_str(text, p).map(|t| seconds(t.naive_utc())).ok()
-            }
-            Self::Pattern(p) => NaiveDateTime::parse_from_str(text, p)
-                .map(seconds)
-                .or_else(|_| {
-                    NaiveTime::parse_from_str(text, p).map(|t| (t - NaiveTime::MIN).num_milliseconds() as f64 * 1e-3)
-                })
-                .ok(),
-        }
-        .filter(|t: &f64| t.abs() < 1e13)
-    }
-
-    /// `true` if its seconds count from 1970.
-    fn absolute(&self) -> bool {
-        match self {
-            Self::Number(_) => false,
-            Self::Unix | Self::Iso => true,
-            Self::Pattern(p) => ["%Y", "%y", "%F", "%D", "%x", "%c", "%s", "%+"].iter().any(|d| p.contains(d)),
-        }
-    }
-}
-
 /// Options of a merge.
 #[derive(Debug, Clone)]
 pub struct Wanted {
-    /// Column of the log's times.
+    /// Column of the log's times; two with + between them, where date and time of day stand apart.
     pub time: String,
     /// Format of these times.
-    pub format: Format,
+    pub format: TimeForm,
     /// Time of the log's clock at the unit's power-on, written as its times are.
     pub power_on: Option<String>,
     /// Added to the log's times, s.
@@ -189,9 +110,9 @@ impl Wanted {
                 )));
             };
             let ours = columns::today(ours.trim());
-            if !columns::optional().any(|o| o == ours) {
+            if !(columns::optional().any(|o| o == ours) || is_thermometer(ours)) {
                 return Err(MergeError::Usage(format!(
-                    "--columns: a recording has no column {ours}; there are {}",
+                    "--columns: a recording has no column {ours}; there are temp_?_c, temp_c, {}",
                     columns::optional_names()
                 )));
             }
@@ -202,13 +123,20 @@ impl Wanted {
         }
         Ok(Self {
             time: column.trim().into(),
-            format: Format::parse(format.trim())?,
+            format: TimeForm::parse(format.trim()).ok_or_else(|| {
+                MergeError::Usage(format!("--time: \"{}\" is no form of a time; there are {FORMS}", format.trim()))
+            })?,
             power_on: None,
             offset_s: 0.0,
             columns: pairs,
             gap_s: None,
         })
     }
+}
+
+/// `true` for the readings of a thermometer, which a recording without one may get.
+fn is_thermometer(name: &str) -> bool {
+    columns::SENSOR.names.iter().chain(columns::ONE_SENSOR.names).any(|n| *n == name)
 }
 
 /// A log as it was read: time on its own clock, and the wanted columns.
@@ -231,7 +159,7 @@ impl Log {
         // The header is the first line in which the name of the time column is a cell.
         while let Some(line) = rest.split_inclusive('\n').next() {
             let cells = line.trim_end().split([',', ';', '\t']).map(|c| c.trim().trim_matches('"').trim());
-            if cells.into_iter().any(|c| c == wanted.time) {
+            if cells.into_iter().any(|c| c == wanted.time || wanted.time.split('+').any(|t| t == c)) {
                 break;
             }
             before += 1;
@@ -247,26 +175,29 @@ impl Log {
         let header = lines.next().map_or("", |(_, l)| l);
         let names = names(header);
         let at = |name: &str| names.iter().position(|n| *n == name).ok_or_else(|| none(name, header));
-        let time = at(&wanted.time)?;
+        let times = match at(&wanted.time) {
+            Ok(one) => vec![one],
+            Err(e) if !wanted.time.contains('+') => return Err(e.into()),
+            Err(_) => wanted.time.split('+').map(|t| at(t.trim())).collect::<Result<Vec<_>, _>>()?,
+        };
         let columns = wanted.columns.iter().map(|(_, theirs)| at(theirs)).collect::<Result<Vec<_>, _>>()?;
         let mut log = Self { time_s: vec![], columns: vec![vec![]; columns.len()], left_out: 0 };
-        let (mut last, mut days, mut previous) = (f64::NEG_INFINITY, 0.0, f64::NEG_INFINITY);
+        let (mut last, mut days) = (f64::NEG_INFINITY, Days::default());
         for (k, line) in lines {
             let number = before + k + 1;
             let cells: Vec<&str> = line.split(',').map(str::trim).collect();
             let cell = |at: usize| cells.get(at).copied().unwrap_or("");
-            let Some(mut t) = wanted.format.read(cell(time)) else {
-                if cell(time).is_empty() {
+            let time = times.iter().map(|at| cell(*at)).collect::<Vec<_>>().join(" ");
+            let Some(mut t) = wanted.format.read(&time) else {
+                if is_missing(time.trim()) {
                     log.left_out += 1;
                     continue;
                 }
-                let (text, format) = (cell(time).chars().take(32).collect(), wanted.format.name());
+                let (text, format) = (time.chars().take(32).collect(), wanted.format.name());
                 return Err(MergeError::Time { line: number, text, format }.into());
             };
-            if matches!(wanted.format, Format::Pattern(_)) && !wanted.format.absolute() {
-                days += if t < previous - 0.5 * DAY_S { DAY_S } else { 0.0 };
-                previous = t;
-                t += days;
+            if wanted.format.of_a_day() {
+                t = days.next(t);
             }
             let values = columns
                 .iter()
@@ -295,7 +226,7 @@ impl Log {
 
 /// A cell: NaN where it is empty, `None` where it is no number.
 fn value(cell: &str) -> Option<f64> {
-    if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
+    if is_missing(cell) {
         return Some(f64::NAN);
     }
     cell.parse().ok().filter(|v: &f64| v.is_finite())
@@ -342,10 +273,10 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
     let form = || MergeError::Usage(format!("--power-on: not of the form {}", wanted.format.name()));
     let power_on = match &wanted.power_on {
         Some(text) => Some(wanted.format.read(text).ok_or_else(form)?),
-        None if wanted.format.absolute() => {
+        None if wanted.format.counts_from_1970(table.time_s[0]) => {
             Some(r.meta("power_on_unix_s").and_then(|v| v.parse().ok()).ok_or(MergeError::NoPowerOn)?)
         }
-        None if matches!(wanted.format, Format::Pattern(_)) => return Err(MergeError::NoPowerOn.into()),
+        None if wanted.format.of_a_day() => return Err(MergeError::NoPowerOn.into()),
         None => None,
     };
     // On the recording's clock.
@@ -371,7 +302,8 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
     let mut added = Vec::new();
     let mut filled = Vec::new();
     for ((ours, _), values) in wanted.columns.iter().zip(&table.columns) {
-        if r.column(ours).is_some_and(|c| c.iter().any(|v| v.is_finite())) {
+        let taken = is_thermometer(ours) && r.thermometer != Thermometer::None;
+        if taken || r.column(ours).is_some_and(|c| c.iter().any(|v| v.is_finite())) {
             return Err(MergeError::Taken(ours.clone()).into());
         }
         let column = between(&table.time_s, values, gap_s, &r.time_s);
@@ -379,7 +311,17 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
         added.push((ours.as_str(), column));
     }
     let text = beside(&plain, source, &added);
+    let text = if added.iter().any(|(ours, _)| is_thermometer(ours)) {
+        text.lines().map(|l| if is_none(l) { "# thermometer: sensor\n".into() } else { format!("{l}\n") }).collect()
+    } else {
+        text
+    };
     Ok(Merged { text, rows: r.time_s.len(), filled, notes })
+}
+
+/// `true` for the line of metadata by which a recording has no thermometer.
+fn is_none(line: &str) -> bool {
+    line.strip_prefix('#').and_then(|l| l.split_once(':')).is_some_and(|(k, v)| k.trim() == "thermometer" && v.trim() == "none")
 }
 
 /// The text of a recording with columns added; one that is there and empty is filled.

@@ -20,11 +20,11 @@ pub mod resonators;
 mod rows;
 pub mod steps;
 pub mod thermometer;
+pub mod time_form;
 pub mod turns;
 mod writer;
 
 pub use cleaning::{Cleaned, Defect, Original};
-pub(crate) use reader::utf8;
 
 use crate::error::BadInput;
 use crate::numeric::side_by_side;

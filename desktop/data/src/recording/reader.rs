@@ -307,7 +307,7 @@ impl Recording {
 }
 
 /// The text of a file, without its byte-order mark.
-pub(crate) fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
+pub(super) fn utf8(bytes: &[u8]) -> Result<&str, BadInput> {
     std::str::from_utf8(bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes))
         .map_err(|e| not_text(1 + bytes[..e.valid_up_to()].iter().filter(|&&b| b == b'\n').count()))
 }

@@ -3,8 +3,11 @@
 use super::map::Map;
 use super::{choose, Table};
 use crate::error::BadInput;
+use crate::recording::dialect;
+use crate::recording::dialect::is_missing;
 use crate::recording::parquet;
 use crate::recording::parquet::Cells;
+use crate::recording::time_form::TimeForm;
 
 /// Reads the columns of a Parquet table that a map wants.
 ///
@@ -33,15 +36,20 @@ pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> 
     let mut table = Table::default();
     for (at, name) in wanted {
         let is_time = map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
-        let dates = is_time && map.time.unit.as_deref() == Some("iso");
+        let form = map.time.form()?;
+        let dates = (is_time && !form.is_number()).then_some(&form);
         let cells = &columns[at].1;
         let values = rows.iter().map(|k| number(cells, *k, dates)).collect::<Option<Vec<f64>>>();
         let values = values.ok_or_else(|| {
             let row = rows.iter().find(|k| number(cells, **k, dates).is_none()).map_or(0, |k| k + 1);
-            let wanted = if dates { "a date" } else { "a number" };
+            let wanted = dates.map_or("a number".to_string(), |f| format!("a time of the form {}", f.name()));
             BadInput(format!("row {row}, column \"{name}\": the cell is not {wanted}; correct or empty it"))
         })?;
-        table.columns.push((name, values));
+        if dates.is_some() {
+            table.time_s = Some(values);
+        } else {
+            table.columns.push((name, values));
+        }
     }
     let empty: usize = table.columns.iter().map(|(_, v)| v.iter().filter(|v| v.is_nan()).count()).sum();
     if empty > 0 {
@@ -70,16 +78,20 @@ fn kept(columns: &[(String, Cells)], map: &Map) -> Result<Vec<usize>, BadInput> 
     Ok(kept.split_off(map.table.drop_rows.min(kept.len())))
 }
 
-/// A cell as a number, or in seconds where it is a date; `None` where it is neither. Dates that are numbers count from the first of
-/// them: since 1970 they would lose digits.
-fn number(cells: &Cells, k: usize, dates: bool) -> Option<f64> {
+/// A cell as a number, or in seconds where it is a date; `None` where it is neither.
+fn number(cells: &Cells, k: usize, dates: Option<&TimeForm>) -> Option<f64> {
     match (cells, dates) {
-        (Cells::Numbers(v, Some(per_second)), true) => {
-            let first = v.iter().find(|v| v.is_finite()).unwrap_or(&0.0);
-            v.get(k).map(|v| (v - first) / per_second)
-        }
+        (Cells::Numbers(v, Some(per_second)), Some(_)) => v.get(k).map(|v| v / per_second),
         (Cells::Numbers(v, _), _) => v.get(k).copied(),
-        (Cells::Texts(v), _) => super::delimited::number(v.get(k)?.trim(), dates),
+        (Cells::Texts(v), Some(form)) => form.read(v.get(k)?.trim()),
+        (Cells::Texts(v), None) => {
+            let text = v.get(k)?.trim();
+            if is_missing(text) {
+                Some(f64::NAN)
+            } else {
+                dialect::number(text)
+            }
+        }
     }
 }
 

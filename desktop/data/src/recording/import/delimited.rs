@@ -1,8 +1,11 @@
 //! Tables as text: the columns that a map wants, as numbers.
 
+use super::decode::decode;
 use super::map::{Layout, Map};
 use super::{choose, Table};
 use crate::error::BadInput;
+use crate::recording::dialect::{is_missing, number};
+use crate::recording::time_form::{Days, TimeForm};
 use std::borrow::Cow;
 
 /// Separator of the cells.
@@ -52,28 +55,23 @@ impl Separator {
     }
 }
 
-/// A number with a decimal point or comma; NaN where there is none.
-pub(super) fn number(cell: &str, iso: bool) -> Option<f64> {
-    if cell.is_empty() || cell.eq_ignore_ascii_case("nan") {
-        return Some(f64::NAN);
-    }
-    if iso {
-        return seconds(cell);
-    }
-    let value = cell.parse().or_else(|_| cell.replacen(',', ".", 1).parse());
-    value.ok().filter(|v: &f64| v.is_finite())
-}
-
-/// Seconds since 1970 of a date like 2024-05-01T12:00:00.5, in UTC where it names no zone.
-fn seconds(cell: &str) -> Option<f64> {
-    let of = |t: chrono::DateTime<chrono::Utc>| t.timestamp_micros() as f64 * 1e-6;
-    if let Ok(t) = chrono::DateTime::parse_from_rfc3339(cell) {
-        return Some(of(t.to_utc()));
-    }
-    ["%Y-%m-%dT%H:%M:%S%.f", "%Y-%m-%d %H:%M:%S%.f"]
-        .iter()
-        .find_map(|f| chrono::NaiveDateTime::parse_from_str(cell, f).ok())
-        .map(|t| of(t.and_utc()))
+/// Cells of the lines of a text that hold data, with the number of each line; the header is the first.
+pub(super) fn lines<'t>(
+    text: &'t str,
+    layout: &'t Layout,
+) -> Result<impl Iterator<Item = Result<(usize, Vec<Cow<'t, str>>), BadInput>> + 't, BadInput> {
+    let data = |l: &str| !l.trim().is_empty() && (layout.comment.is_empty() || !l.starts_with(&layout.comment));
+    // (Old programs end lines by a carriage return alone.)
+    let by = if text.contains('\n') { '\n' } else { '\r' };
+    let all = text.split(by).map(|l| l.trim_end_matches('\r')).enumerate();
+    let mut lines = all.skip(layout.skip_lines).filter(move |(_, l)| data(l)).peekable();
+    let Some(&(_, first)) = lines.peek() else { return Err(BadInput::new("there is no header line")) };
+    let separator = Separator::of(layout, first)?;
+    Ok(lines.map(move |(line, l)| {
+        let cells = separator.cells(l);
+        let open = || BadInput(format!("line {}: a quote is not closed at the end of its cell", line + 1));
+        Ok((line + 1, cells.ok_or_else(open)?))
+    }))
 }
 
 /// Reads the columns of a table that a map wants.
@@ -81,20 +79,32 @@ fn seconds(cell: &str) -> Option<f64> {
 /// # Errors
 /// One sentence with line and column.
 pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
-    let text = crate::recording::utf8(bytes)?;
+    let (text, note) = decode(bytes, map.table.encoding.as_deref())?;
+    let mut table = fill(map, lines(&text, &map.table)?)?;
+    table.notes.extend(note);
+    Ok(table)
+}
+
+/// The columns that a map wants, of rows of cells with the number of the line of each; the header is the first, if the map says that there is
+/// one.
+///
+/// # Errors
+/// One sentence with line and column.
+pub(super) fn fill<'t>(
+    map: &Map,
+    rows: impl Iterator<Item = Result<(usize, Vec<Cow<'t, str>>), BadInput>>,
+) -> Result<Table, BadInput> {
     let layout = &map.table;
-    let data = |l: &str| !l.trim().is_empty() && (layout.comment.is_empty() || !l.starts_with(&layout.comment));
-    let mut lines = text.lines().enumerate().skip(layout.skip_lines).filter(|(_, l)| data(l)).peekable();
-    let Some(&(first_line, first)) = lines.peek() else { return Err(BadInput::new("there is no header line")) };
-    let separator = Separator::of(layout, first)?;
-    let open = |line: usize| BadInput(format!("line {}: a quote is not closed at the end of its cell", line + 1));
-    let head = separator.cells(first).ok_or_else(|| open(first_line))?;
-    let names: Vec<String> = if layout.header {
-        lines.next();
-        head.into_iter().map(Cow::into_owned).collect()
-    } else {
-        (1..=head.len()).map(|k| k.to_string()).collect()
+    let mut rows = rows.peekable();
+    let names: Vec<String> = match rows.peek() {
+        Some(Ok((_, head))) if layout.header => head.iter().map(|c| c.to_string()).collect(),
+        Some(Ok((_, head))) => (1..=head.len()).map(|k| k.to_string()).collect(),
+        Some(Err(e)) => return Err(e.clone()),
+        None => return Err(BadInput::new("there is no header line")),
     };
+    if layout.header {
+        rows.next();
+    }
     let wanted = choose(map, &names)?;
     let keep: Vec<(usize, &str)> = layout
         .keep
@@ -109,17 +119,12 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
             Ok((at, word.as_str()))
         })
         .collect::<Result<_, BadInput>>()?;
-    let iso: Vec<bool> = wanted
-        .iter()
-        .map(|(_, name)| {
-            let time = map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
-            time && map.time.unit.as_deref() == Some("iso")
-        })
-        .collect();
-    let mut table = Table { columns: wanted.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), notes: Vec::new() };
-    let (mut dropped, mut empty) = (0, 0usize);
-    for (line, row) in lines {
-        let cells = separator.cells(row).ok_or_else(|| open(line))?;
+    let mut clock = Clock::of(map, &names)?;
+    let numbers: Vec<_> = wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
+    let mut table = Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
+    let (mut dropped, mut empty, mut missing) = (0, 0usize, 0usize);
+    for row in rows {
+        let (line, cells) = row?;
         let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
         if keep.iter().any(|(at, word)| cell(*at) != *word) {
             continue;
@@ -128,20 +133,74 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
             dropped += 1;
             continue;
         }
-        for (((at, name), iso), (_, values)) in wanted.iter().zip(&iso).zip(&mut table.columns) {
-            let value = number(cell(*at), *iso).ok_or_else(|| {
-                let shown: String = cell(*at).chars().take(24).collect();
-                BadInput(format!(
-                    "line {}, column \"{name}\": \"{shown}\" is not a number; correct or empty the cell",
-                    line + 1
-                ))
-            })?;
-            empty += usize::from(value.is_nan());
-            values.push(value);
+        if let Some(clock) = &mut clock {
+            clock.take(line, cell)?;
+        }
+        for ((at, name), (_, values)) in numbers.iter().zip(&mut table.columns) {
+            let text = cell(*at);
+            let none = is_missing(text) || layout.missing.iter().any(|m| m == text);
+            let value = if none { Some(f64::NAN) } else { number(text) };
+            empty += usize::from(text.is_empty());
+            missing += usize::from(none && !text.is_empty());
+            values.push(value.ok_or_else(|| no_number(line, name, text))?);
         }
     }
     if empty > 0 {
         table.notes.push(format!("{empty} cells are empty"));
     }
+    if missing > 0 {
+        table.notes.push(format!("{missing} cells hold a text for a missing value"));
+    }
+    table.time_s = clock.map(|c| c.time_s);
     Ok(table)
+}
+
+fn no_number(line: usize, name: &str, cell: &str) -> BadInput {
+    let shown: String = cell.chars().take(24).collect();
+    let advice = if cell.contains([':', '/']) {
+        "it looks like a time: name its form as unit in [time]"
+    } else {
+        "correct or empty the cell, or add the text to missing in [table]"
+    };
+    BadInput(format!("line {line}, column \"{name}\": \"{shown}\" is not a number; {advice}"))
+}
+
+/// Times that are no numbers, or stand in two columns.
+struct Clock {
+    form: TimeForm,
+    /// Name of the column.
+    name: String,
+    /// Places of the column and of the second one.
+    places: Vec<usize>,
+    days: Days,
+    time_s: Vec<f64>,
+}
+
+impl Clock {
+    fn of(map: &Map, names: &[String]) -> Result<Option<Self>, BadInput> {
+        let (Some(column), form) = (&map.time.column, map.time.form()?) else { return Ok(None) };
+        if form.is_number() && map.time.second_column.is_none() {
+            return Ok(None);
+        }
+        let columns = std::iter::once(column).chain(&map.time.second_column);
+        let places: Vec<usize> =
+            columns.filter_map(|c| c.all().iter().find_map(|n| names.iter().position(|t| t == n))).collect();
+        let name = places.first().map_or_else(String::new, |at| names[*at].clone());
+        Ok(Some(Self { form, name, places, days: Days::default(), time_s: Vec::new() }))
+    }
+
+    fn take<'c>(&mut self, line: usize, cell: impl Fn(usize) -> &'c str) -> Result<(), BadInput> {
+        let text = self.places.iter().map(|at| cell(*at)).collect::<Vec<_>>().join(" ");
+        if text.trim().is_empty() {
+            self.time_s.push(f64::NAN);
+            return Ok(());
+        }
+        let time_s = self.form.read(text.trim()).ok_or_else(|| {
+            let shown: String = text.chars().take(32).collect();
+            let form = self.form.name();
+            BadInput(format!("line {line}, column \"{}\": \"{shown}\" is not a time of the form {form}", self.name))
+        })?;
+        self.time_s.push(if self.form.of_a_day() { self.days.next(time_s) } else { time_s });
+        Ok(())
+    }
 }

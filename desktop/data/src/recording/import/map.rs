@@ -3,6 +3,7 @@
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
 use crate::recording::columns;
+use crate::recording::time_form::{TimeForm, FORMS};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
@@ -41,6 +42,12 @@ pub struct Layout {
     pub drop_rows: usize,
     /// Rows that are kept: those with these words in these columns.
     pub keep: BTreeMap<String, String>,
+    /// Encoding of the text, as `windows-1252` or `utf-16le`; by default UTF-8, UTF-16 where the file begins so, else Windows-1252.
+    pub encoding: Option<String>,
+    /// Texts that stand for a missing value, beside an empty cell and those that programs write.
+    pub missing: Vec<String>,
+    /// Excel: the sheet; by default the first.
+    pub sheet: Option<String>,
     /// PX4: the topic. ArduPilot: the message.
     pub topic: Option<String>,
     /// PX4: which instance of the topic.
@@ -56,6 +63,9 @@ impl Default for Layout {
             comment: "#".into(),
             drop_rows: 0,
             keep: BTreeMap::new(),
+            encoding: None,
+            missing: Vec::new(),
+            sheet: None,
             topic: None,
             instance: 0,
         }
@@ -77,6 +87,9 @@ pub struct Column {
     /// Factor on the values, beside that of the unit: -1 for an axis that points the other way.
     #[serde(default = "one")]
     pub factor: f64,
+    /// Lowest and highest value, as they stand in the file, that is one; others are missing.
+    #[serde(default)]
+    pub valid: Option<[f64; 2]>,
 }
 
 fn one() -> f64 {
@@ -110,12 +123,29 @@ impl Names {
 pub struct Time {
     /// The column.
     pub column: Option<Names>,
-    /// `s`, `ms`, `us`, `ns`, or `iso` for dates like 2024-05-01T12:00:00.
+    /// Time of day, where [`column`](Self::column) is a date alone: its text follows after a blank.
+    pub second_column: Option<Names>,
+    /// Form of the times ([`TimeForm`]): `s`, `ms`, `us`, `ns`, `min`, `h`, `unix`, `iso` for dates like 2024-05-01T12:00:00, or a pattern
+    /// like `%d.%m.%Y %H:%M:%S,%f`.
     pub unit: Option<String>,
+    /// Added to the times, s: for a clock that is off, or local time.
+    pub offset_s: f64,
     /// In the place of a column: rows are so far apart, s.
     pub step_s: Option<f64>,
     /// Set if the column counts from power-on; else the first row is at time 0.
     pub since_power_on: bool,
+}
+
+impl Time {
+    /// Form of the times.
+    ///
+    /// # Errors
+    /// A unit that is none, with those that there are.
+    pub fn form(&self) -> Result<TimeForm, BadInput> {
+        let unit = self.unit.as_deref().unwrap_or("s");
+        TimeForm::parse(unit)
+            .ok_or_else(|| BadInput(format!("the map has the unit \"{unit}\" for a time; there are {FORMS}")))
+    }
 }
 
 /// A map.
@@ -169,7 +199,6 @@ fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
             &[("C", (1.0, 0.0)), ("K", (1.0, -273.15)), ("mC", (1e-3, 0.0)), ("F", (5.0 / 9.0, -160.0 / 9.0))]
         }
         "frequency" => &[("Hz", (1.0, 0.0)), ("kHz", (1e3, 0.0)), ("MHz", (1e6, 0.0))],
-        "time" => &[("s", (1.0, 0.0)), ("ms", (1e-3, 0.0)), ("us", (1e-6, 0.0)), ("ns", (1e-9, 0.0))],
         _ => &[("V", (1.0, 0.0)), ("mV", (1e-3, 0.0))],
     }
 }
@@ -244,8 +273,7 @@ impl Map {
         }
         match (&self.time.column, self.time.step_s) {
             (None, Some(step)) if step > 0.0 => Ok(()),
-            (Some(_), None) if self.time.unit.as_deref() == Some("iso") => Ok(()),
-            (Some(_), None) => conversion("time", self.time.unit.as_deref()).map(drop),
+            (Some(_), None) => self.time.form().map(drop),
             _ => bad("[time] has either a column, or step_s above zero".into()),
         }
     }
@@ -255,6 +283,7 @@ impl Map {
     pub fn wanted(&self) -> Vec<(String, &Names)> {
         let mut out: Vec<(String, &Names)> = Vec::new();
         out.extend(self.time.column.as_ref().map(|c| ("[time]".to_string(), c)));
+        out.extend(self.time.second_column.as_ref().map(|c| ("[time] second_column".to_string(), c)));
         let sections = [
             ("frequency", &self.frequency),
             ("temperature", &self.temperature),

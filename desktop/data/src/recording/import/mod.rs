@@ -4,7 +4,10 @@
 
 mod columnar;
 mod dataflash;
+pub mod decode;
 mod delimited;
+mod excel;
+pub mod guess;
 pub mod map;
 mod ulog;
 
@@ -20,6 +23,8 @@ use std::path::Path;
 pub struct Table {
     /// Names and values of the columns that a map asked for.
     columns: Vec<(String, Vec<f64>)>,
+    /// Times that are no numbers, s.
+    time_s: Option<Vec<f64>>,
     /// Notes of the import.
     notes: Vec<String>,
 }
@@ -30,7 +35,7 @@ impl Table {
     }
 
     fn rows(&self) -> usize {
-        self.columns.first().map_or(0, |(_, v)| v.len())
+        self.columns.iter().map(|(_, v)| v.len()).chain(self.time_s.as_ref().map(Vec::len)).max().unwrap_or(0)
     }
 }
 
@@ -56,6 +61,17 @@ fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput>
     Ok(out)
 }
 
+/// Name of the built-in map of a file that begins as a log of a known program.
+#[must_use]
+pub fn built_in(path: &Path) -> Option<&'static str> {
+    if dataflash::begins(path) {
+        return Some("ardupilot");
+    }
+    let mut begin = [0; 7];
+    let read = std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut begin));
+    (read.is_ok() && begin.starts_with(b"ULog")).then_some("px4")
+}
+
 /// Reads a file by a map.
 ///
 /// # Errors
@@ -68,6 +84,9 @@ pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
         }
         Format::Delimited if dataflash::begins(path) => {
             dataflash::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+        }
+        Format::Delimited if excel::is_named_so(path) => {
+            excel::read(crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
         }
         Format::Delimited => {
             let bytes = crate::files::read_file(path, crate::files::MOST_RECORDING, true)?;
@@ -87,27 +106,45 @@ pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
 fn converted(table: &Table, column: &Column, quantity: &str) -> Result<Vec<f64>, BadInput> {
     let (factor, offset) = conversion(quantity, column.unit.as_deref())?;
     let values = table.column(&column.column).ok_or_else(|| BadInput::new("a column got lost"))?;
-    Ok(values.iter().map(|v| ((v + column.offset) * factor + offset) * column.factor).collect())
+    let valid = |v: &f64| column.valid.is_none_or(|[low, high]| (low..=high).contains(v));
+    let value = |v: &f64| if valid(v) { ((v + column.offset) * factor + offset) * column.factor } else { f64::NAN };
+    Ok(values.iter().map(value).collect())
 }
 
-/// Times in s; `true` where they count from power-on.
-fn times(table: &Table, map: &Map) -> Result<Vec<f64>, BadInput> {
+/// A note where values of a column are outside its valid range.
+fn outside(table: &Table, column: &Column) -> Option<String> {
+    let [low, high] = column.valid?;
+    let count = table.column(&column.column)?.iter().filter(|v| v.is_finite() && !(low..=high).contains(*v)).count();
+    (count > 0).then(|| format!("column {}: {count} values outside {low} to {high} are missing", column.column.all()[0]))
+}
+
+/// Times in s from the first row (or from power-on), and the seconds since 1970 at time 0 where the file tells.
+fn times(table: &Table, map: &Map) -> Result<(Vec<f64>, Option<f64>), BadInput> {
     let Some(names) = &map.time.column else {
         let step = map.time.step_s.unwrap_or(1.0);
-        return Ok((0..table.rows()).map(|k| k as f64 * step).collect());
+        return Ok(((0..table.rows()).map(|k| k as f64 * step).collect(), None));
     };
-    let unit = map.time.unit.as_deref();
-    // Dates are seconds already.
-    let per_second = if unit == Some("iso") { 1.0 } else { (1.0 / conversion("time", unit)?.0).round() };
-    let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
-    let first = raw.iter().copied().find(|t| t.is_finite()).unwrap_or(0.0);
-    let origin = if map.time.since_power_on { 0.0 } else { first };
-    // (The first is taken off before the unit: nanoseconds since 1970 keep their microseconds.)
-    Ok(raw.iter().map(|t| (t - origin) / per_second).collect())
+    let form = map.time.form()?;
+    let clock: Vec<f64> = match &table.time_s {
+        Some(times) => times.clone(),
+        None => {
+            let raw = table.column(names).ok_or_else(|| BadInput::new("the times got lost"))?;
+            raw.iter().map(|t| form.of_number(*t)).collect()
+        }
+    };
+    let first = clock.iter().copied().find(|t| t.is_finite()).unwrap_or(0.0);
+    if map.time.since_power_on {
+        return Ok((clock.iter().map(|t| t + map.time.offset_s).collect(), None));
+    }
+    let since_1970 = form.counts_from_1970(first).then_some(first + map.time.offset_s);
+    Ok((clock.iter().map(|t| t - first).collect(), since_1970))
 }
 
 fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
-    let mut r = Recording { time_s: times(table, map)?, notes: table.notes.clone(), ..Recording::default() };
+    let (time_s, since_1970) = times(table, map)?;
+    let mut r = Recording { time_s, notes: table.notes.clone(), ..Recording::default() };
+    let columns = map.rate.values().chain(map.temperature.values()).chain(map.frequency.values()).chain(map.optional.values());
+    r.notes.extend(columns.filter_map(|c| outside(table, c)));
     r.set_meta("hrg-recording", "2");
     r.set_meta("rate_unit", "deg/h");
     let shared = map.temperature.get("all");
@@ -125,6 +162,9 @@ fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
     r.set_meta("thermometer", kind);
     if map.time.since_power_on {
         r.set_meta("power_on_s", "0");
+    }
+    if let Some(t) = since_1970 {
+        r.set_meta("power_on_unix_s", &format!("{t:.3}"));
     }
     map.meta.iter().for_each(|(k, v)| r.set_meta(k, v));
     for (a, axis) in AXIS_NAMES.iter().enumerate() {

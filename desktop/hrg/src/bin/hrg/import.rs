@@ -4,19 +4,20 @@ use crate::merge;
 use anyhow::Result;
 use hrg_data::error::BadInput;
 use hrg_data::recording::import;
+use hrg_data::recording::import::guess::{guess, Guess};
 use hrg_data::recording::import::map::{Map, BUILT_IN};
 use hrg_data::recording::resonators::named;
 use hrg_data::recording::thermometer::Thermometer;
-use hrg_data::recording::{dialect, parquet, Recording};
+use hrg_data::recording::{columns, dialect, parquet, Recording};
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub struct Arguments {
-    /// The file of another program.
+    /// The file of another program: a table as text (any separator and encoding) or Excel, Parquet, a log of PX4 or ArduPilot.
     file: PathBuf,
-    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch. Without it the file has the columns
-    /// of a recording
-    #[arg(long, conflicts_with = "with")]
+    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch. Without it the columns are guessed, and the
+    /// guess is printed as a map
+    #[arg(long)]
     map: Option<String>,
     #[command(flatten)]
     log: merge::Log,
@@ -37,52 +38,95 @@ fn map(name: &str) -> Result<Map> {
     Ok(Map::parse(&text).map_err(|e| BadInput(format!("{name}: {e}")))?)
 }
 
-/// Makes a recording of another program's file.
-pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, map: name, log, out } = arguments;
-    if let Some(with) = &log.with {
-        let Some(out) = out else {
-            return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
-        };
-        return merge::run(file, with, log, out);
+/// The text of a recording, as it is made of a file.
+struct Made {
+    text: String,
+    notes: Vec<String>,
+    /// The map that was guessed.
+    guessed: Option<Guess>,
+}
+
+impl Made {
+    /// By a map.
+    fn by(file: &Path, map: &Map) -> Result<Self> {
+        let r = import::read(file, map)?;
+        Ok(Self { text: r.to_csv(), notes: r.notes, guessed: None })
     }
-    let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
-    let (text, notes) = match name {
-        Some(name) => {
-            let r = import::read(file, &map(name)?)?;
-            (r.to_csv(), r.notes)
+
+    fn of(file: &Path, name: Option<&str>) -> Result<Self> {
+        if let Some(name) = name.or_else(|| import::built_in(file)) {
+            return Self::by(file, &map(name)?);
         }
-        // Every column is kept, those that a unit computed, too.
-        None => {
+        let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
+        if is_recording(file) {
+            // Every column is kept, those that a unit computed, too.
             let bytes = parquet::read_text(file)?;
-            Recording::parse(&bytes).map_err(|e| {
-                let other = e.0.contains("is missing");
-                let map = if other {
-                    "; where they have other names, --map FILE says what each is (docs/formats.md)"
-                } else {
-                    ""
-                };
-                here(BadInput(e.0 + map))
-            })?;
+            Recording::parse(&bytes).map_err(here)?;
             let text = String::from_utf8_lossy(&bytes);
-            let text = if dialect::is_plain(&text) {
+            let plain = if dialect::is_plain(&text) {
                 text.into_owned()
             } else {
                 dialect::plain(&text).map_err(|e| here(e.into()))?
             };
-            (text, Vec::new())
+            return Ok(Self { text: plain, notes: Vec::new(), guessed: None });
         }
+        let guess = guess(file).map_err(here)?;
+        if let Some(lacks) = guess.lacks() {
+            print!("{}", guess.map());
+            let next = "save what is printed above as map.toml, complete it, and give it by --map map.toml";
+            return Err(here(BadInput(format!("{lacks}; {next}"))).into());
+        }
+        let map = Map::parse(&guess.map()).map_err(here)?;
+        Ok(Self { guessed: Some(guess), ..Self::by(file, &map)? })
+    }
+}
+
+/// `true` if a file has the columns of a recording, or cannot be read as anything else.
+fn is_recording(file: &Path) -> bool {
+    let Ok((text, _)) = import::guess::text_of(file) else { return true };
+    let ours = |line: &str| {
+        let names: Vec<&str> = line.split([',', ';', '\t']).map(|c| c.trim().trim_matches('"')).collect();
+        columns::RATE.names.iter().chain(columns::TIME.names).any(|n| names.contains(n))
     };
+    text.starts_with("# hrg-recording") || text.lines().take(100).any(ours) || text.trim().is_empty()
+}
+
+/// Makes a recording of another program's file.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    let Arguments { file, map: name, log, out } = arguments;
+    if log.with.is_some() && out.is_none() {
+        return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
+    }
+    let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
+    let mut made = Made::of(file, name.as_deref())?;
+    if let Some(with) = &log.with {
+        made.text = merge::merged(file, &made.text, with, log)?;
+    }
     // Looked at as any recording is, before it is written.
-    let mut clean = Recording::parse(text.as_bytes()).map_err(here)?;
+    let mut clean = Recording::parse(made.text.as_bytes()).map_err(here)?;
     clean.clean().map_err(here)?;
-    for note in notes.iter().chain(&clean.notes) {
+    for note in made.notes.iter().chain(&clean.notes) {
         eprintln!("{}: {note}", file.display());
+    }
+    if let Some(guess) = &made.guessed {
+        print!("{}", guess.map());
+        eprintln!("the columns are guessed as the map above says: if one is wrong, save it as map.toml, correct it, and give it by --map map.toml");
     }
     let shown = out.as_ref().map_or_else(|| file.display().to_string(), |o| o.display().to_string());
     if let Some(out) = out {
-        parquet::write_text(out, &text)?;
+        parquet::write_text(out, &made.text)?;
     }
+    let summary = summary(&shown, &clean);
+    // (What is printed beside a guess is a map, and nothing else.)
+    if made.guessed.is_some() {
+        eprintln!("{summary}");
+    } else {
+        println!("{summary}");
+    }
+    Ok(())
+}
+
+fn summary(shown: &str, clean: &Recording) -> String {
     let range = |a: usize| {
         let v = clean.frequency_hz[a].iter().filter(|v| v.is_finite());
         v.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)))
@@ -93,11 +137,10 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Thermometer::None => "no thermometer".to_string(),
         t => format!("{} from {low:.2} to {high:.2} {}", t.column(first), if t.is_sensor() { "C" } else { "Hz" }),
     };
-    println!(
+    format!(
         "{shown}: {} rows, {:.3} s apart, axes {}; {readings}",
         clean.time_s.len(),
         clean.step_s(),
         named(clean.absent.map(|a| !a))
-    );
-    Ok(())
+    )
 }

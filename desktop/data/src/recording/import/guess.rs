@@ -1,0 +1,490 @@
+//! A map guessed from a table: which line is the header, which column is what, in which unit. A guess is shown before it is used, and what it
+//! rests on stands beside each column.
+
+use super::decode::decode;
+use super::delimited::lines;
+use super::excel;
+use super::map::Layout;
+use crate::axes::AXIS_NAMES;
+use crate::error::BadInput;
+use crate::numeric::stats::median;
+use crate::recording::columns;
+use crate::recording::dialect::{is_missing, number};
+use crate::recording::thermometer::Thermometer;
+use crate::recording::time_form::TimeForm;
+use crate::recording::Recording;
+use std::borrow::Cow;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Rows of data that a guess looks at.
+const ROWS: usize = 2000;
+/// Lines among which the header is sought.
+const BEFORE: usize = 100;
+
+/// Meaning of a column.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Meaning {
+    /// Times, in this form.
+    Time(String),
+    /// A date, whose time of day stands in another column.
+    Date(String),
+    /// A time of day beside a date, in this form.
+    TimeOfDay(String),
+    /// Rate of an axis, in this unit.
+    Rate(usize, &'static str),
+    /// Resonator of an axis, in this unit.
+    Frequency(usize, &'static str),
+    /// Thermometer of an axis (all: `None`), in this unit.
+    Temperature(Option<usize>, &'static str),
+    /// Another column of a recording, by its names there, in this unit.
+    Other(Vec<&'static str>, &'static str),
+    /// Not known.
+    Unknown,
+}
+
+/// A column with its meaning.
+#[derive(Debug, Clone)]
+pub struct Column {
+    /// Name in the header.
+    pub name: String,
+    /// First value that is there.
+    pub sample: String,
+    /// Meaning.
+    pub meaning: Meaning,
+    /// Ground on which it is guessed, where it is not the name with its unit.
+    pub because: Option<String>,
+}
+
+/// A guess at a table.
+#[derive(Debug, Clone)]
+pub struct Guess {
+    /// Its columns, in order.
+    pub columns: Vec<Column>,
+    /// Lines before the header.
+    pub skip_lines: usize,
+    /// `true` if a line names the columns.
+    pub header: bool,
+}
+
+/// The text of a table: that of a file in its encoding, or the first sheet of a spreadsheet with tabs between the cells. The encoding where
+/// it was guessed.
+///
+/// # Errors
+/// A file that cannot be read, or is no text.
+pub fn text_of(path: &Path) -> Result<(String, Option<String>), BadInput> {
+    let read =
+        |packed| crate::files::read_file(path, crate::files::MOST_RECORDING, packed).map_err(|e| BadInput(e.to_string()));
+    if excel::is_named_so(path) {
+        let rows: Vec<String> = excel::rows(read(false)?, None)?.iter().map(|r| r.join("\t")).collect();
+        return Ok((rows.join("\n"), None));
+    }
+    let bytes = read(true)?;
+    let (text, note) = decode(&bytes, None)?;
+    Ok((text.into_owned(), note))
+}
+
+/// The beginning of a table as cells, from a line on.
+fn beginning(text: &str, skip_lines: usize) -> Result<Vec<Vec<String>>, BadInput> {
+    let layout = Layout { skip_lines, ..Layout::default() };
+    let rows = lines(text, &layout)?.take(ROWS + 1);
+    rows.map(|r| r.map(|(_, cells)| cells.into_iter().map(Cow::into_owned).collect())).collect()
+}
+
+/// Guesses a map for a table.
+///
+/// # Errors
+/// A file that is no table.
+pub fn guess(path: &Path) -> Result<Guess, BadInput> {
+    let (text, _) = text_of(path)?;
+    // (The separator is that of the line that would be the header.)
+    let from = |skip: usize| {
+        let rows = beginning(&text, skip).ok()?;
+        is_table(&rows).map(|header| (skip, header, rows))
+    };
+    let (skip_lines, header, rows) = (0..BEFORE).find_map(from).ok_or_else(|| {
+        BadInput::new("no table is found in it: a line that names the columns, and rows of numbers below it with as many cells")
+    })?;
+    let width = rows[0].len();
+    let names: Vec<String> =
+        if header { rows[0].clone() } else { (1..=width).map(|k| k.to_string()).collect() };
+    let data: Vec<&Vec<String>> = rows.iter().skip(usize::from(header)).take(ROWS).collect();
+    let cells = |k: usize| -> Vec<&str> {
+        let all = data.iter().filter_map(|r| r.get(k).map(String::as_str));
+        all.filter(|c| !is_missing(c)).collect()
+    };
+    let mut columns: Vec<Column> = names.iter().enumerate().map(|(k, name)| column(name, &cells(k))).collect();
+    settle_times(&mut columns, &cells);
+    settle_thermometers(&mut columns);
+    Ok(Guess { columns, skip_lines, header })
+}
+
+/// `Some` if rows are a table: `true` with a header, `false` if the first row is of data already.
+fn is_table(rows: &[Vec<String>]) -> Option<bool> {
+    let [first, second, third, ..] = rows else { return None };
+    let is_value = |c: &&String| {
+        number(c).is_some() || TimeForm::guess(&[c]).is_some() || TimeForm::guess_date(&[c]).is_some()
+    };
+    let values = |r: &Vec<String>| r.iter().filter(|c| is_value(c) || is_missing(c)).count();
+    let same = first.len() >= 2 && second.len() == first.len() && third.len() == first.len();
+    let of_data = values(second) > 0 && 2 * values(second) + 2 >= second.len();
+    // (An index has no name in some tables.)
+    match (same && of_data, first.iter().filter(is_value).count()) {
+        (true, 0) => Some(true),
+        (true, n) if n >= second.iter().filter(is_value).count() => Some(false),
+        _ => None,
+    }
+}
+
+/// A name without its unit, in small letters and digits, and the unit.
+fn parted(name: &str) -> (String, Option<String>) {
+    let plain = |s: &str| s.to_lowercase().replace(['°', 'º'], "deg").replace(' ', "");
+    for (open, close) in [('[', ']'), ('(', ')')] {
+        if let Some((before, rest)) = name.split_once(open) {
+            if let Some((unit, after)) = rest.split_once(close) {
+                return (plain(&format!("{before}{after}")), Some(plain(unit)));
+            }
+        }
+    }
+    let lower = plain(&name.replace(' ', "_"));
+    for at in [lower.rfind('_'), lower.rfind("_deg_"), lower.rfind("_rad_"), lower.rfind("_mrad_"), lower.rfind('/')].into_iter().flatten() {
+        let unit = lower[at + 1..].replace('_', "/");
+        if ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some()) {
+            return (lower[..at].to_string(), Some(unit));
+        }
+    }
+    (lower, None)
+}
+
+/// A unit as maps name it.
+fn unit_of(quantity: &str, written: &str) -> Option<&'static str> {
+    let known: &[(&'static str, &[&str])] = match quantity {
+        "rate" => &[
+            ("deg/h", &["deg/h", "deg/hr", "deg/hour", "degh", "dph", "degperhour"]),
+            ("deg/s", &["deg/s", "deg/sec", "degs", "dps", "degpersecond"]),
+            ("mrad/s", &["mrad/s", "mrads", "mrad/sec"]),
+            ("rad/s", &["rad/s", "rads", "rad/sec"]),
+            ("ppb", &["ppb"]),
+            ("ppm", &["ppm"]),
+        ],
+        "temperature" => &[
+            ("C", &["c", "degc", "celsius"]),
+            ("K", &["k", "kelvin"]),
+            ("mC", &["mc", "mdegc"]),
+            ("F", &["f", "degf", "fahrenheit"]),
+        ],
+        "frequency" => &[("Hz", &["hz"]), ("kHz", &["khz"]), ("MHz", &["mhz"])],
+        "voltage" => &[("V", &["v", "volt", "volts"]), ("mV", &["mv"])],
+        _ => &[
+            ("s", &["s", "sec", "secs", "seconds", "second"]),
+            ("ms", &["ms", "msec", "milliseconds"]),
+            ("us", &["us", "µs", "usec", "microseconds"]),
+            ("ns", &["ns", "nanoseconds"]),
+            ("min", &["min", "minutes"]),
+            ("h", &["h", "hours"]),
+        ],
+    };
+    known.iter().find(|(_, all)| all.contains(&written)).map(|(unit, _)| *unit)
+}
+
+/// The axis that a stem names, and the stem without it.
+fn axis_of(stem: &str) -> (Option<usize>, String) {
+    let words: Vec<&str> = stem.split(|c: char| !c.is_alphanumeric()).filter(|w| !w.is_empty()).collect();
+    let axis = |w: &str| AXIS_NAMES.iter().position(|n| *n == w);
+    if let Some(at) = words.iter().position(|w| axis(w).is_some()) {
+        let rest: Vec<&str> = words.iter().enumerate().filter(|(k, _)| *k != at).map(|(_, w)| *w).collect();
+        return (axis(words[at]), rest.concat());
+    }
+    let whole = words.concat();
+    let last = whole.chars().last().map(String::from).unwrap_or_default();
+    let first = whole.chars().next().map(String::from).unwrap_or_default();
+    match (axis(&last), axis(&first)) {
+        (Some(a), _) if whole.len() > 1 => (Some(a), whole[..whole.len() - 1].to_string()),
+        (None, Some(a)) if whole.len() > 2 => (Some(a), whole[1..].to_string()),
+        _ => (None, whole),
+    }
+}
+
+fn is_any(stem: &str, words: &[&str]) -> bool {
+    words.contains(&stem)
+}
+
+fn holds_any(stem: &str, words: &[&str]) -> bool {
+    words.iter().any(|w| stem.contains(w))
+}
+
+const RATES: [&str; 13] =
+    ["gyr", "gyro", "rate", "omega", "angularrate", "angularvelocity", "angvel", "drehrate", "kreisel", "gyrorate", "w", "g", "gyroscope"];
+const TEMPERATURES: [&str; 6] = ["temp", "pt100", "pt1000", "ntc", "thermo", "sensort"];
+const TIMES: [&str; 14] = [
+    "time", "t", "zeit", "timestamp", "zeitstempel", "seconds", "sec", "epoch", "elapsed", "date", "datum", "datetime", "uhrzeit", "utc",
+];
+
+/// A column by its name, its unit and its values.
+fn column(name: &str, cells: &[&str]) -> Column {
+    let (stem, unit) = parted(name);
+    let (axis, bare) = axis_of(&stem);
+    let values: Vec<f64> = cells.iter().filter_map(|c| number(c)).collect();
+    let unit_in = |quantity: &str| unit.as_deref().and_then(|u| unit_of(quantity, u));
+    let whole: String = stem.chars().filter(|c| c.is_alphanumeric()).collect();
+    let rises = values.len() > 2 && values.windows(2).all(|w| w[1] >= w[0]) && values[values.len() - 1] > values[0];
+    let (mut because, mut meaning) = (None, Meaning::Unknown);
+    let mut by_size = |found: (&'static str, &str)| {
+        because = Some(format!("no unit is named: {}", found.1));
+        found.0
+    };
+    let as_it_is = columns::optional().find(|o| *o == name);
+    let hot = holds_any(&whole, &TEMPERATURES) || unit_in("temperature").is_some() && unit_in("rate").is_none();
+    if let Some(own) = as_it_is {
+        meaning = Meaning::Other(vec![own], if own.ends_with("_v") { "V" } else { "C" });
+    } else if values.is_empty() || is_any(&whole, &TIMES) && (rises || whole.len() > 1) && !hot {
+        if is_any(&whole, &TIMES) || TimeForm::guess(cells).is_some() || TimeForm::guess_date(cells).is_some() {
+            meaning = Meaning::Time(String::new());
+        }
+    } else if let (Some(a), Some(rate)) = (axis, unit_in("rate")) {
+        if !holds_any(&bare, &["acc", "mag", "bias", "raw"]) {
+            meaning = Meaning::Rate(a, rate);
+        }
+    } else if let (Some(a), true) = (axis, unit.is_none() && is_any(&bare, &RATES)) {
+        meaning = Meaning::Rate(a, by_size(size_of_rate(&values)));
+    } else if let (Some(a), Some(hz)) = (axis, unit_in("frequency")) {
+        meaning = Meaning::Frequency(a, hz);
+    } else if let (Some(a), true) = (axis, holds_any(&bare, &["freq", "reson"]) || bare == "f") {
+        meaning = Meaning::Frequency(a, by_size(("Hz", "taken for Hz")));
+    } else if hot || is_any(&whole, &["t", "tx", "ty", "tz"]) {
+        let c = unit_in("temperature").unwrap_or_else(|| by_size(size_of_temperature(&values)));
+        meaning = match axis {
+            a if holds_any(&whole, &["chamber", "kammer", "oven", "ofen", "ambient", "umgebung", "air"]) => {
+                let _ = a;
+                Meaning::Other(vec!["chamber_c"], c)
+            }
+            _ if holds_any(&whole, &["board", "pcb", "elektronik"]) => Meaning::Other(vec!["board_c"], c),
+            a if holds_any(&whole, &["case", "shell", "housing", "geh"]) => {
+                let names = ["case_x_c", "case_y_c", "case_z_c"];
+                Meaning::Other(a.map_or(names.to_vec(), |a| vec![names[a]]), c)
+            }
+            a => Meaning::Temperature(a, c),
+        };
+    }
+    let sample = cells.first().copied().unwrap_or_default().to_string();
+    Column { name: name.to_string(), sample, meaning, because }
+}
+
+/// The likeliest unit of a rate at rest: the earth turns by 15 deg/h, and a gyro's bias is not a thousand times that.
+fn size_of_rate(values: &[f64]) -> (&'static str, &'static str) {
+    let mut sizes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
+    match median(&mut sizes).unwrap_or(0.0) {
+        s if s < 2e-3 => ("rad/s", "by its size, rad/s"),
+        s if s < 0.5 => ("deg/s", "by its size, deg/s"),
+        _ => ("deg/h", "by its size, deg/h"),
+    }
+}
+
+fn size_of_temperature(values: &[f64]) -> (&'static str, &'static str) {
+    let mut all = values.to_vec();
+    match median(&mut all).unwrap_or(0.0) {
+        t if (180.0..430.0).contains(&t) => ("K", "by its size, K"),
+        t if t.abs() > 1000.0 => ("mC", "by its size, thousandths of a degree"),
+        _ => ("C", "taken for C"),
+    }
+}
+
+/// Forms of the columns of times; of several the first counts, or a date with its time of day.
+fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
+    let candidates: Vec<usize> = (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
+    for k in &candidates {
+        columns[*k].meaning = Meaning::Unknown;
+    }
+    let date = candidates.iter().find_map(|k| Some((*k, TimeForm::guess_date(&few(&cells(*k)))?)));
+    let of_day = |k: &usize| {
+        let (form, _) = TimeForm::guess(&few(&cells(*k)))?;
+        TimeForm::parse(&form).filter(TimeForm::of_a_day).map(|_| form)
+    };
+    if let Some((date, pattern)) = date {
+        if let Some((time, form)) = candidates.iter().filter(|k| **k != date).find_map(|k| Some((*k, of_day(k)?))) {
+            columns[date].meaning = Meaning::Date(pattern.to_string());
+            columns[time].meaning = Meaning::TimeOfDay(form);
+            return;
+        }
+    }
+    for k in candidates {
+        let texts = cells(k);
+        if let Some((form, changed)) = TimeForm::guess(&few(&texts)) {
+            columns[k].because = changed.then(|| "day and month could be changed about".to_string());
+            columns[k].meaning = Meaning::Time(form);
+            return;
+        }
+        let values: Vec<f64> = texts.iter().filter_map(|c| number(c)).collect();
+        if values.len() == texts.len() && !values.is_empty() {
+            let (_, unit) = parted(&columns[k].name);
+            let named = unit.and_then(|u| unit_of("time", &u));
+            let by_size = match values[0] {
+                t if t > 1e17 => ("ns", "by its size, ns since 1970"),
+                t if t > 1e14 => ("us", "by its size, us since 1970"),
+                t if t > 1e11 => ("ms", "by its size, ms since 1970"),
+                _ => ("s", "taken for s"),
+            };
+            columns[k].because = named.is_none().then(|| format!("no unit is named: {}", by_size.1));
+            columns[k].meaning = Meaning::Time(named.unwrap_or(by_size.0).to_string());
+            return;
+        }
+    }
+}
+
+/// The first, some, and the last of some texts: all of them decide between forms.
+fn few<'c>(cells: &[&'c str]) -> Vec<&'c str> {
+    let step = (cells.len() / 50).max(1);
+    cells.iter().copied().step_by(step).chain(cells.last().copied()).collect()
+}
+
+/// With resonators, a sensor is the case's; of several sensors for all axes the first counts.
+fn settle_thermometers(columns: &mut [Column]) {
+    let resonators = columns.iter().any(|c| matches!(c.meaning, Meaning::Frequency(..)));
+    let each = columns.iter().any(|c| matches!(c.meaning, Meaning::Temperature(Some(_), _)));
+    let mut one = false;
+    for c in columns {
+        if let Meaning::Temperature(a, unit) = c.meaning {
+            let names = ["case_x_c", "case_y_c", "case_z_c"];
+            if resonators {
+                c.meaning = Meaning::Other(a.map_or(names.to_vec(), |a| vec![names[a]]), unit);
+                c.because = Some("beside resonators, a sensor is taken for the case's".into());
+            } else if a.is_none() && (each || one) {
+                c.meaning = Meaning::Unknown;
+                c.because = Some("another thermometer is used".into());
+            } else {
+                one |= a.is_none();
+            }
+        }
+    }
+}
+
+impl Guess {
+    /// What is lacking for a recording, in a sentence; `None` if the guess is one.
+    #[must_use]
+    pub fn lacks(&self) -> Option<&'static str> {
+        let has = |what: &dyn Fn(&Meaning) -> bool| self.columns.iter().any(|c| what(&c.meaning));
+        match () {
+            () if !has(&|m| matches!(m, Meaning::Rate(..))) => {
+                Some("no column is known for a rate: put the names of yours into [rate]")
+            }
+            () if !has(&|m| matches!(m, Meaning::Time(_) | Meaning::Date(_))) => {
+                Some("no column is known for the time: put its name into [time], or step_s, the seconds between the rows")
+            }
+            () => None,
+        }
+    }
+
+    /// Column and form of the times, as `COLUMN=FORM` or `DATE+TIME=FORM`.
+    #[must_use]
+    pub fn time(&self) -> Option<String> {
+        let of = |what: &dyn Fn(&Meaning) -> Option<String>| {
+            self.columns.iter().find_map(|c| Some((c.name.as_str(), what(&c.meaning)?)))
+        };
+        let plain = |m: &Meaning| if let Meaning::Time(form) = m { Some(form.clone()) } else { None };
+        if let Some((name, form)) = of(&plain) {
+            return Some(format!("{name}={form}"));
+        }
+        let (date, day) = of(&|m| if let Meaning::Date(form) = m { Some(form.clone()) } else { None })?;
+        let (time, form) = of(&|m| if let Meaning::TimeOfDay(form) = m { Some(form.clone()) } else { None })?;
+        Some(format!("{date}+{time}={day} {form}"))
+    }
+
+    /// Columns that a recording lacks and this table has, as `name=column`: a thermometer, where there is none; else sensors on the cases, or of
+    /// the chamber.
+    #[must_use]
+    pub fn beside(&self, r: &Recording) -> Vec<String> {
+        let lacks = |name: &str| r.column(name).is_none_or(|c| c.iter().all(|v| v.is_nan()));
+        let mut out: Vec<String> = Vec::new();
+        for c in &self.columns {
+            let names: Vec<&str> = match &c.meaning {
+                Meaning::Temperature(None, "C") if r.thermometer == Thermometer::None => vec!["temp_c"],
+                Meaning::Temperature(Some(a), "C") if r.thermometer == Thermometer::None => vec![columns::SENSOR.names[*a]],
+                Meaning::Temperature(None, "C") => {
+                    let cases = columns::CASE.names.iter().enumerate();
+                    let own: Vec<&str> = cases.filter(|(a, _)| !r.absent[*a]).map(|(_, n)| *n).collect();
+                    if r.thermometer == Thermometer::Frequency { own } else { vec!["chamber_c"] }
+                }
+                Meaning::Temperature(Some(a), "C") => vec![columns::CASE.names[*a]],
+                Meaning::Other(names, _) => names.clone(),
+                _ => vec![],
+            };
+            out.extend(names.into_iter().filter(|n| lacks(n)).map(|n| format!("{n}={}", c.name)));
+        }
+        out
+    }
+
+    /// The map, with what each column is taken for as comments.
+    #[must_use]
+    pub fn map(&self) -> String {
+        let quoted = |name: &str| serde_json::to_string(name).unwrap_or_default();
+        let mut s = String::from("# A map guessed by hrg import: correct what is wrong. The forms are in docs/formats.md.\n");
+        let width = self.columns.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
+        for c in &self.columns {
+            let because = c.because.as_ref().map_or(String::new(), |b| format!(" ({b})"));
+            let pad = width - c.name.chars().count();
+            let sample: String = c.sample.chars().take(24).collect();
+            let _ = writeln!(s, "#   {}{} {sample:<24} {}{because}", c.name, " ".repeat(pad), c.meaning);
+        }
+        s.push_str("hrg-map = 1\n");
+        if self.skip_lines > 0 || !self.header {
+            s.push_str("\n[table]\n");
+            if self.skip_lines > 0 {
+                let _ = writeln!(s, "skip_lines = {}", self.skip_lines);
+            }
+            if !self.header {
+                s.push_str("header = false\n");
+            }
+        }
+        s.push_str("\n[meta]\n# unit = \"NAME\"            # name of the unit\n# latitude_deg = \"53.1\"    # with axes, the earth's rate is taken off\n# axes = \"x=north y=east z=down\"\n\n[time]\n");
+        let mut date = None;
+        for c in &self.columns {
+            match &c.meaning {
+                Meaning::Time(form) => {
+                    let _ = writeln!(s, "column = {}\nunit = {}", quoted(&c.name), quoted(form));
+                }
+                Meaning::Date(pattern) => {
+                    date = Some(pattern);
+                    let _ = writeln!(s, "column = {}", quoted(&c.name));
+                }
+                _ => {}
+            }
+        }
+        for c in &self.columns {
+            if let (Meaning::TimeOfDay(form), Some(date)) = (&c.meaning, date) {
+                let _ = writeln!(s, "second_column = {}\nunit = {}", quoted(&c.name), quoted(&format!("{date} {form}")));
+            }
+        }
+        let mut sections: [(&str, Vec<String>); 4] =
+            [("frequency", vec![]), ("temperature", vec![]), ("rate", vec![]), ("optional", vec![])];
+        for c in &self.columns {
+            let line = |key: &str, unit: &str| format!("{key} = {{ column = {}, unit = \"{unit}\" }}", quoted(&c.name));
+            match &c.meaning {
+                Meaning::Frequency(a, unit) => sections[0].1.push(line(AXIS_NAMES[*a], unit)),
+                Meaning::Temperature(a, unit) => sections[1].1.push(line(a.map_or("all", |a| AXIS_NAMES[a]), unit)),
+                Meaning::Rate(a, unit) => sections[2].1.push(line(AXIS_NAMES[*a], unit)),
+                Meaning::Other(names, unit) => sections[3].1.extend(names.iter().map(|n| line(n, unit))),
+                _ => {}
+            }
+        }
+        for (name, lines) in sections.iter().filter(|(name, lines)| !lines.is_empty() || *name == "rate") {
+            let _ = writeln!(s, "\n[{name}]\n{}", lines.join("\n"));
+        }
+        s
+    }
+}
+
+impl std::fmt::Display for Meaning {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Time(form) => write!(f, "time, {form}"),
+            Self::Date(form) => write!(f, "date, {form}"),
+            Self::TimeOfDay(form) => write!(f, "time of day, {form}"),
+            Self::Rate(a, unit) => write!(f, "rate {}, {unit}", AXIS_NAMES[*a]),
+            Self::Frequency(a, unit) => write!(f, "frequency {}, {unit}", AXIS_NAMES[*a]),
+            Self::Temperature(Some(a), unit) => write!(f, "temperature {}, {unit}", AXIS_NAMES[*a]),
+            Self::Temperature(None, unit) => write!(f, "temperature of all axes, {unit}"),
+            Self::Other(names, unit) => write!(f, "{}, {unit}", names.join(" ")),
+            Self::Unknown => f.write_str("left out"),
+        }
+    }
+}
