@@ -321,7 +321,9 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
 
 /// `true` for the line of metadata by which a recording has no thermometer.
 fn is_none(line: &str) -> bool {
-    line.strip_prefix('#').and_then(|l| l.split_once(':')).is_some_and(|(k, v)| k.trim() == "thermometer" && v.trim() == "none")
+    line.strip_prefix('#')
+        .and_then(|l| l.split_once(':'))
+        .is_some_and(|(k, v)| k.trim() == "thermometer" && v.trim() == "none")
 }
 
 /// The text of a recording with columns added; one that is there and empty is filled.
@@ -447,6 +449,21 @@ mod tests {
         let untold = run().replace("# power_on_unix_s: 1795255200\n", "");
         let log = "when,Temp,S1\n1795255205,1,2\n1795255206,1,2\n";
         assert!(merge(&untold, log, "log", &wanted("when=unix")).expect_err("refused").0.contains("--power-on"));
+    }
+
+    #[test]
+    fn a_thermometer_may_come_from_the_log() {
+        let run: String = (1..=20)
+            .fold("# thermometer: none\n# power_on_unix_s: 1795255200\ntime_s,rate_x_dph\n".into(), |s, k| {
+                s + &format!("{k},1\n")
+            });
+        let log = "Datum;Uhrzeit;Pt\n21.11.2026;10:00:01;20,5\n21.11.2026;10:00:11;#NV\n21.11.2026;10:00:20;40\n";
+        let w = Wanted::parse("Datum+Uhrzeit=%d.%m.%Y %H:%M:%S", &["temp_c=Pt".into()]).expect("fine");
+        let w = Wanted { gap_s: Some(60.0), ..w };
+        let r = Recording::parse(merge(&run, log, "log", &w).expect("merges").text.as_bytes()).expect("a recording");
+        assert_eq!((r.thermometer, r.frequency_hz[0][0], r.frequency_hz[0][19]), (Thermometer::OneSensor, 20.5, 40.0));
+        let with_resonators = merge(&self::run(), log, "log", &w).expect_err("it has a thermometer").0;
+        assert!(with_resonators.contains("temp_c already"), "{with_resonators}");
     }
 
     #[test]

@@ -20,9 +20,8 @@ pub enum TimeForm {
 pub const FORMS: &str = "s, ms, us, ns, min, h, unix, iso and patterns like %d.%m.%Y %H:%M:%S,%f";
 
 /// Patterns that programs write, the likeliest first; `;` parts those of a date from those of a time of day.
-const DATES: [&str; 8] =
-    ["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d"];
-const TIMES: [&str; 5] = ["%H:%M:%S.%f", "%H:%M:%S,%f", "%H:%M:%S", "%I:%M:%S %p", "%H:%M"];
+const DATES: [&str; 8] = ["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d"];
+const TIMES: [&str; 5] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M"];
 /// Between a date and a time of day.
 const BETWEEN: [&str; 4] = [" ", "T", "-", ", "];
 
@@ -139,10 +138,11 @@ impl TimeForm {
         if fits(&Self::Iso) {
             return Some(("iso".into(), false));
         }
-        let both = DATES.iter().flat_map(|d| {
-            BETWEEN.iter().flat_map(move |b| TIMES.iter().map(move |t| format!("{d}{b}{t}")))
-        });
-        let all: Vec<String> = both.chain(TIMES.map(String::from)).filter(|p| fits(&Self::Pattern(p.clone()))).collect();
+        let both = DATES
+            .iter()
+            .flat_map(|d| BETWEEN.iter().flat_map(move |b| TIMES.iter().map(move |t| format!("{d}{b}{t}"))));
+        let all: Vec<String> =
+            both.chain(TIMES.map(String::from)).filter(|p| fits(&Self::Pattern(p.clone()))).collect();
         let changed = |p: &String| p.replace("%d/%m", "%m/%d") != *p && all.contains(&p.replace("%d/%m", "%m/%d"));
         all.first().map(|p| (p.clone(), changed(p)))
     }
@@ -150,9 +150,7 @@ impl TimeForm {
     /// The pattern of dates without a time of day that fits all of some texts.
     #[must_use]
     pub fn guess_date(texts: &[&str]) -> Option<&'static str> {
-        DATES.into_iter().find(|p| {
-            !texts.is_empty() && texts.iter().all(|t| NaiveDate::parse_from_str(t, p).is_ok())
-        })
+        DATES.into_iter().find(|p| !texts.is_empty() && texts.iter().all(|t| NaiveDate::parse_from_str(t, p).is_ok()))
     }
 }
 

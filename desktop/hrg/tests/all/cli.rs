@@ -59,7 +59,7 @@ fn broken_recordings_are_refused_with_their_place() {
     assert!(refused(&d, &["simulate", "--profile", "fast", "--out", "no/such/run.csv"]).contains("no folder no/such;"));
     std::fs::write(d.join("lab.csv"), "minutes;T;w\n0,0;20,1;1,5\n").expect("written");
     let error = refused(&d, &["import", "lab.csv", "--out", "run.csv"]);
-    assert!(error.contains("time_s is missing") && error.contains("--map FILE"), "{error}");
+    assert!(error.contains("no column is known for a rate") && error.contains("--map map.toml"), "{error}");
     assert!(!d.join("cal.toml").exists(), "nothing is written for a refused input");
 }
 

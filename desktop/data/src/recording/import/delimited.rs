@@ -55,11 +55,11 @@ impl Separator {
     }
 }
 
+/// A row of cells with the number of its line.
+pub(super) type Row<'t> = Result<(usize, Vec<Cow<'t, str>>), BadInput>;
+
 /// Cells of the lines of a text that hold data, with the number of each line; the header is the first.
-pub(super) fn lines<'t>(
-    text: &'t str,
-    layout: &'t Layout,
-) -> Result<impl Iterator<Item = Result<(usize, Vec<Cow<'t, str>>), BadInput>> + 't, BadInput> {
+pub(super) fn lines<'t>(text: &'t str, layout: &'t Layout) -> Result<impl Iterator<Item = Row<'t>> + 't, BadInput> {
     let data = |l: &str| !l.trim().is_empty() && (layout.comment.is_empty() || !l.starts_with(&layout.comment));
     // (Old programs end lines by a carriage return alone.)
     let by = if text.contains('\n') { '\n' } else { '\r' };
@@ -90,14 +90,11 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
 ///
 /// # Errors
 /// One sentence with line and column.
-pub(super) fn fill<'t>(
-    map: &Map,
-    rows: impl Iterator<Item = Result<(usize, Vec<Cow<'t, str>>), BadInput>>,
-) -> Result<Table, BadInput> {
+pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result<Table, BadInput> {
     let layout = &map.table;
     let mut rows = rows.peekable();
     let names: Vec<String> = match rows.peek() {
-        Some(Ok((_, head))) if layout.header => head.iter().map(|c| c.to_string()).collect(),
+        Some(Ok((_, head))) if layout.header => head.iter().map(ToString::to_string).collect(),
         Some(Ok((_, head))) => (1..=head.len()).map(|k| k.to_string()).collect(),
         Some(Err(e)) => return Err(e.clone()),
         None => return Err(BadInput::new("there is no header line")),
@@ -120,8 +117,10 @@ pub(super) fn fill<'t>(
         })
         .collect::<Result<_, BadInput>>()?;
     let mut clock = Clock::of(map, &names)?;
-    let numbers: Vec<_> = wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
-    let mut table = Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
+    let numbers: Vec<_> =
+        wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
+    let mut table =
+        Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
     let (mut dropped, mut empty, mut missing) = (0, 0usize, 0usize);
     for row in rows {
         let (line, cells) = row?;

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// `true` if the name of a file is that of a spreadsheet.
 pub fn is_named_so(path: &Path) -> bool {
-    let ending = path.extension().map(|e| e.to_ascii_lowercase());
+    let ending = path.extension().map(std::ffi::OsStr::to_ascii_lowercase);
     ending.is_some_and(|e| ["xlsx", "xlsm", "xlsb", "xls", "ods"].iter().any(|x| e == *x))
 }
 
@@ -25,9 +25,9 @@ pub fn rows(bytes: Vec<u8>, name: Option<&str>) -> Result<Vec<Vec<String>>, BadI
     let sheets = book.sheet_names();
     let name = name.map(String::from).or_else(|| sheets.first().cloned());
     let name = name.ok_or_else(|| BadInput::new("the spreadsheet has no sheet"))?;
-    let sheet = book.worksheet_range(&name).map_err(|e| {
-        BadInput(format!("the sheet \"{name}\" cannot be read: {e}; there are {}", sheets.join(", ")))
-    })?;
+    let sheet = book
+        .worksheet_range(&name)
+        .map_err(|e| BadInput(format!("the sheet \"{name}\" cannot be read: {e}; there are {}", sheets.join(", "))))?;
     // (A range begins at its first cell that is used.)
     let above = sheet.start().map_or(0, |(row, _)| row as usize);
     let empty = std::iter::repeat_n(Vec::new(), above);

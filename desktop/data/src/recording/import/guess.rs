@@ -73,8 +73,9 @@ pub struct Guess {
 /// # Errors
 /// A file that cannot be read, or is no text.
 pub fn text_of(path: &Path) -> Result<(String, Option<String>), BadInput> {
-    let read =
-        |packed| crate::files::read_file(path, crate::files::MOST_RECORDING, packed).map_err(|e| BadInput(e.to_string()));
+    let read = |packed| {
+        crate::files::read_file(path, crate::files::MOST_RECORDING, packed).map_err(|e| BadInput(e.to_string()))
+    };
     if excel::is_named_so(path) {
         let rows: Vec<String> = excel::rows(read(false)?, None)?.iter().map(|r| r.join("\t")).collect();
         return Ok((rows.join("\n"), None));
@@ -103,11 +104,12 @@ pub fn guess(path: &Path) -> Result<Guess, BadInput> {
         is_table(&rows).map(|header| (skip, header, rows))
     };
     let (skip_lines, header, rows) = (0..BEFORE).find_map(from).ok_or_else(|| {
-        BadInput::new("no table is found in it: a line that names the columns, and rows of numbers below it with as many cells")
+        BadInput::new(
+            "no table is found in it: a line that names the columns, and rows of numbers below it with as many cells",
+        )
     })?;
     let width = rows[0].len();
-    let names: Vec<String> =
-        if header { rows[0].clone() } else { (1..=width).map(|k| k.to_string()).collect() };
+    let names: Vec<String> = if header { rows[0].clone() } else { (1..=width).map(|k| k.to_string()).collect() };
     let data: Vec<&Vec<String>> = rows.iter().skip(usize::from(header)).take(ROWS).collect();
     let cells = |k: usize| -> Vec<&str> {
         let all = data.iter().filter_map(|r| r.get(k).map(String::as_str));
@@ -121,12 +123,11 @@ pub fn guess(path: &Path) -> Result<Guess, BadInput> {
 
 /// `Some` if rows are a table: `true` with a header, `false` if the first row is of data already.
 fn is_table(rows: &[Vec<String>]) -> Option<bool> {
-    let [first, second, third, ..] = rows else { return None };
-    let is_value = |c: &&String| {
-        number(c).is_some() || TimeForm::guess(&[c]).is_some() || TimeForm::guess_date(&[c]).is_some()
-    };
+    let [first, second, rest @ ..] = rows else { return None };
+    let is_value =
+        |c: &&String| number(c).is_some() || TimeForm::guess(&[c]).is_some() || TimeForm::guess_date(&[c]).is_some();
     let values = |r: &Vec<String>| r.iter().filter(|c| is_value(c) || is_missing(c)).count();
-    let same = first.len() >= 2 && second.len() == first.len() && third.len() == first.len();
+    let same = first.len() >= 2 && second.len() == first.len() && rest.first().is_none_or(|r| r.len() == first.len());
     let of_data = values(second) > 0 && 2 * values(second) + 2 >= second.len();
     // (An index has no name in some tables.)
     match (same && of_data, first.iter().filter(is_value).count()) {
@@ -147,7 +148,9 @@ fn parted(name: &str) -> (String, Option<String>) {
         }
     }
     let lower = plain(&name.replace(' ', "_"));
-    for at in [lower.rfind('_'), lower.rfind("_deg_"), lower.rfind("_rad_"), lower.rfind("_mrad_"), lower.rfind('/')].into_iter().flatten() {
+    // (What has two words first: the s of deg_s is no second.)
+    let places = ["_deg_", "_rad_", "_mrad_", "_", "/"].map(|mark| lower.rfind(mark));
+    for at in places.into_iter().flatten() {
         let unit = lower[at + 1..].replace('_', "/");
         if ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some()) {
             return (lower[..at].to_string(), Some(unit));
@@ -213,11 +216,37 @@ fn holds_any(stem: &str, words: &[&str]) -> bool {
     words.iter().any(|w| stem.contains(w))
 }
 
-const RATES: [&str; 13] =
-    ["gyr", "gyro", "rate", "omega", "angularrate", "angularvelocity", "angvel", "drehrate", "kreisel", "gyrorate", "w", "g", "gyroscope"];
+const RATES: [&str; 13] = [
+    "gyr",
+    "gyro",
+    "rate",
+    "omega",
+    "angularrate",
+    "angularvelocity",
+    "angvel",
+    "drehrate",
+    "kreisel",
+    "gyrorate",
+    "w",
+    "g",
+    "gyroscope",
+];
 const TEMPERATURES: [&str; 6] = ["temp", "pt100", "pt1000", "ntc", "thermo", "sensort"];
 const TIMES: [&str; 14] = [
-    "time", "t", "zeit", "timestamp", "zeitstempel", "seconds", "sec", "epoch", "elapsed", "date", "datum", "datetime", "uhrzeit", "utc",
+    "time",
+    "t",
+    "zeit",
+    "timestamp",
+    "zeitstempel",
+    "seconds",
+    "sec",
+    "epoch",
+    "elapsed",
+    "date",
+    "datum",
+    "datetime",
+    "uhrzeit",
+    "utc",
 ];
 
 /// A column by its name, its unit and its values.
@@ -227,6 +256,8 @@ fn column(name: &str, cells: &[&str]) -> Column {
     let values: Vec<f64> = cells.iter().filter_map(|c| number(c)).collect();
     let unit_in = |quantity: &str| unit.as_deref().and_then(|u| unit_of(quantity, u));
     let whole: String = stem.chars().filter(|c| c.is_alphanumeric()).collect();
+    // (Some columns of times are named by their unit alone.)
+    let is_time = is_any(&whole, &TIMES) || whole.len() > 1 && unit_of("time", &whole).is_some();
     let rises = values.len() > 2 && values.windows(2).all(|w| w[1] >= w[0]) && values[values.len() - 1] > values[0];
     let (mut because, mut meaning) = (None, Meaning::Unknown);
     let mut by_size = |found: (&'static str, &str)| {
@@ -237,8 +268,8 @@ fn column(name: &str, cells: &[&str]) -> Column {
     let hot = holds_any(&whole, &TEMPERATURES) || unit_in("temperature").is_some() && unit_in("rate").is_none();
     if let Some(own) = as_it_is {
         meaning = Meaning::Other(vec![own], if own.ends_with("_v") { "V" } else { "C" });
-    } else if values.is_empty() || is_any(&whole, &TIMES) && (rises || whole.len() > 1) && !hot {
-        if is_any(&whole, &TIMES) || TimeForm::guess(cells).is_some() || TimeForm::guess_date(cells).is_some() {
+    } else if values.is_empty() || is_time && (rises || whole.len() > 1) && !hot {
+        if is_time || TimeForm::guess(cells).is_some() || TimeForm::guess_date(cells).is_some() {
             meaning = Meaning::Time(String::new());
         }
     } else if let (Some(a), Some(rate)) = (axis, unit_in("rate")) {
@@ -291,7 +322,8 @@ fn size_of_temperature(values: &[f64]) -> (&'static str, &'static str) {
 
 /// Forms of the columns of times; of several the first counts, or a date with its time of day.
 fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
-    let candidates: Vec<usize> = (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
+    let candidates: Vec<usize> =
+        (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
     for k in &candidates {
         columns[*k].meaning = Meaning::Unknown;
     }
@@ -317,7 +349,7 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
         let values: Vec<f64> = texts.iter().filter_map(|c| number(c)).collect();
         if values.len() == texts.len() && !values.is_empty() {
             let (_, unit) = parted(&columns[k].name);
-            let named = unit.and_then(|u| unit_of("time", &u));
+            let named = unit.or(Some(columns[k].name.to_lowercase())).and_then(|u| unit_of("time", &u));
             let by_size = match values[0] {
                 t if t > 1e17 => ("ns", "by its size, ns since 1970"),
                 t if t > 1e14 => ("us", "by its size, us since 1970"),
@@ -367,9 +399,9 @@ impl Guess {
             () if !has(&|m| matches!(m, Meaning::Rate(..))) => {
                 Some("no column is known for a rate: put the names of yours into [rate]")
             }
-            () if !has(&|m| matches!(m, Meaning::Time(_) | Meaning::Date(_))) => {
-                Some("no column is known for the time: put its name into [time], or step_s, the seconds between the rows")
-            }
+            () if !has(&|m| matches!(m, Meaning::Time(_) | Meaning::Date(_))) => Some(
+                "no column is known for the time: put its name into [time], or step_s, the seconds between the rows",
+            ),
             () => None,
         }
     }
@@ -398,11 +430,17 @@ impl Guess {
         for c in &self.columns {
             let names: Vec<&str> = match &c.meaning {
                 Meaning::Temperature(None, "C") if r.thermometer == Thermometer::None => vec!["temp_c"],
-                Meaning::Temperature(Some(a), "C") if r.thermometer == Thermometer::None => vec![columns::SENSOR.names[*a]],
+                Meaning::Temperature(Some(a), "C") if r.thermometer == Thermometer::None => {
+                    vec![columns::SENSOR.names[*a]]
+                }
                 Meaning::Temperature(None, "C") => {
                     let cases = columns::CASE.names.iter().enumerate();
                     let own: Vec<&str> = cases.filter(|(a, _)| !r.absent[*a]).map(|(_, n)| *n).collect();
-                    if r.thermometer == Thermometer::Frequency { own } else { vec!["chamber_c"] }
+                    if r.thermometer == Thermometer::Frequency {
+                        own
+                    } else {
+                        vec!["chamber_c"]
+                    }
                 }
                 Meaning::Temperature(Some(a), "C") => vec![columns::CASE.names[*a]],
                 Meaning::Other(names, _) => names.clone(),
@@ -417,7 +455,8 @@ impl Guess {
     #[must_use]
     pub fn map(&self) -> String {
         let quoted = |name: &str| serde_json::to_string(name).unwrap_or_default();
-        let mut s = String::from("# A map guessed by hrg import: correct what is wrong. The forms are in docs/formats.md.\n");
+        let mut s =
+            String::from("# A map guessed by hrg import: correct what is wrong. The forms are in docs/formats.md.\n");
         let width = self.columns.iter().map(|c| c.name.chars().count()).max().unwrap_or(0);
         for c in &self.columns {
             let because = c.because.as_ref().map_or(String::new(), |b| format!(" ({b})"));
@@ -451,7 +490,8 @@ impl Guess {
         }
         for c in &self.columns {
             if let (Meaning::TimeOfDay(form), Some(date)) = (&c.meaning, date) {
-                let _ = writeln!(s, "second_column = {}\nunit = {}", quoted(&c.name), quoted(&format!("{date} {form}")));
+                let _ =
+                    writeln!(s, "second_column = {}\nunit = {}", quoted(&c.name), quoted(&format!("{date} {form}")));
             }
         }
         let mut sections: [(&str, Vec<String>); 4] =
@@ -486,5 +526,60 @@ impl std::fmt::Display for Meaning {
             Self::Other(names, unit) => write!(f, "{}, {unit}", names.join(" ")),
             Self::Unknown => f.write_str("left out"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn meaning(name: &str, cells: &[&str]) -> Meaning {
+        column(name, cells).meaning
+    }
+
+    #[test]
+    fn columns_are_known_by_name_unit_and_size() {
+        let small = ["0.004", "0.0041", "0.0039"];
+        for (name, cells, wanted) in [
+            ("Gyr-X(dps)", &small, Meaning::Rate(0, "deg/s")),
+            ("gyro_y [°/h]", &["15.1", "15.0", "14"], Meaning::Rate(1, "deg/h")),
+            ("rate_z_deg_s", &small, Meaning::Rate(2, "deg/s")),
+            ("wx", &["7.2e-5", "7.3e-5", "7e-5"], Meaning::Rate(0, "rad/s")),
+            ("Kreisel Z [mrad/s]", &small, Meaning::Rate(2, "mrad/s")),
+            ("acc_x", &["9.8", "9.7", "9.8"], Meaning::Unknown),
+            ("freq_x [kHz]", &["4.9", "4.91", "4.9"], Meaning::Frequency(0, "kHz")),
+            ("fy", &["4900", "4901", "4900"], Meaning::Frequency(1, "Hz")),
+            ("Temperature [degC]", &["20", "21", "20"], Meaning::Temperature(None, "C")),
+            ("T_y", &["293.1", "293.2", "293"], Meaning::Temperature(Some(1), "K")),
+            ("Kammer [°C]", &["20", "21", "20"], Meaning::Other(vec!["chamber_c"], "C")),
+            ("supply_v", &["5.0", "5.1", "5.0"], Meaning::Other(vec!["supply_v"], "V")),
+            ("Status", &["1", "0", "1"], Meaning::Unknown),
+        ] {
+            assert_eq!(meaning(name, cells), wanted, "{name}");
+        }
+    }
+
+    fn guessed(text: &str) -> Guess {
+        let path = std::env::temp_dir().join(format!("hrg-guess-{}-{}.csv", std::process::id(), text.len()));
+        std::fs::write(&path, text).expect("written");
+        let guess = guess(&path).expect("a table");
+        std::fs::remove_file(&path).expect("removed");
+        guess
+    }
+
+    #[test]
+    fn headers_and_times_are_found() {
+        let g = guessed("Rig 4\n\nDatum;Uhrzeit;wz;Temp\n20.11.2026;07:30:00;0,1;20\n20.11.2026;07:30:01;0,2;20\n");
+        assert_eq!((g.skip_lines, g.header, g.lacks()), (1, true, None));
+        assert_eq!(g.time().as_deref(), Some("Datum+Uhrzeit=%d.%m.%Y %H:%M:%S"));
+        let g = guessed("t_ms,gx,T\n1000,1,20\n1010,2,20\n1020,3,20\n");
+        assert_eq!((g.skip_lines, g.time().as_deref()), (0, Some("t_ms=ms")));
+        let g = guessed("1,2,3\n4,5,6\n7,8,9\n");
+        assert!(!g.header && g.lacks().is_some_and(|l| l.contains("[rate]")));
+        // Two thermometers, and resonators beside a sensor.
+        let g = guessed("time,wx,temp_a,temp_b\n0,1,20,30\n1,1,20,30\n2,1,20,30\n");
+        assert_eq!(g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Temperature(..))).count(), 1);
+        let g = guessed("time,wx,fx,temp\n0,1,4900,30\n1,1,4900,30\n2,1,4900,30\n");
+        assert!(matches!(&g.columns[3].meaning, Meaning::Other(names, "C") if names[0] == "case_x_c"));
     }
 }

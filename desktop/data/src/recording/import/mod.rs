@@ -115,7 +115,8 @@ fn converted(table: &Table, column: &Column, quantity: &str) -> Result<Vec<f64>,
 fn outside(table: &Table, column: &Column) -> Option<String> {
     let [low, high] = column.valid?;
     let count = table.column(&column.column)?.iter().filter(|v| v.is_finite() && !(low..=high).contains(*v)).count();
-    (count > 0).then(|| format!("column {}: {count} values outside {low} to {high} are missing", column.column.all()[0]))
+    (count > 0)
+        .then(|| format!("column {}: {count} values outside {low} to {high} are missing", column.column.all()[0]))
 }
 
 /// Times in s from the first row (or from power-on), and the seconds since 1970 at time 0 where the file tells.
@@ -143,7 +144,8 @@ fn times(table: &Table, map: &Map) -> Result<(Vec<f64>, Option<f64>), BadInput> 
 fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
     let (time_s, since_1970) = times(table, map)?;
     let mut r = Recording { time_s, notes: table.notes.clone(), ..Recording::default() };
-    let columns = map.rate.values().chain(map.temperature.values()).chain(map.frequency.values()).chain(map.optional.values());
+    let columns =
+        map.rate.values().chain(map.temperature.values()).chain(map.frequency.values()).chain(map.optional.values());
     r.notes.extend(columns.filter_map(|c| outside(table, c)));
     r.set_meta("hrg-recording", "2");
     r.set_meta("rate_unit", "deg/h");
@@ -270,10 +272,40 @@ y = { column = \"3\", unit = \"deg/s\" }
         says(&MAP.replace("[rate]\nx", "[rate]\nw"), "", &["[rate] has \"w\""]);
         says(&MAP.replace("supply_v", "mass_kg"), "", &["mass_kg", "supply_v"]);
         says(&MAP.replace("hrg-map = 1", "hrg-map = 2"), "", &["version 2"]);
-        says(&MAP.replace("unit = \"ns\"", "unit = \"h\""), "", &["\"h\" for a time"]);
+        says(&MAP.replace("unit = \"ns\"", "unit = \"week\""), "", &["\"week\" for a time", "min, h, unix, iso"]);
         says(&MAP.replace("drop_rows", "droprows"), "", &["line 3", "droprows"]);
         says(&MAP.replace("unit = \"G-1\"", "axes = \"x=north\""), "t,u,T,wx\n0,0,0,0\n1,2,3,4\n", &["axes"]);
         says(MAP, "", &["no header"]);
+    }
+
+    #[test]
+    fn dates_in_two_columns_missing_texts_and_values_that_are_none() {
+        let map = "hrg-map = 1
+[table]
+missing = [\"OVL\"]
+[time]
+column = \"day\"
+second_column = \"clock\"
+unit = \"%d/%m/%Y %H:%M:%S,%f\"
+offset_s = -3600
+[temperature]
+all = { column = \"T\", valid = [-60, 100] }
+[rate]
+x = { column = \"w\" }
+";
+        let text =
+            "day;clock;T;w\n21/11/2026;10:00:00,0;20;1\n21/11/2026;10:00:00,5;1e38;OVL\n21/11/2026;10:00:01,0;21;---\n";
+        let r = import(map, text).expect("fits");
+        assert_eq!(r.time_s, [0.0, 0.5, 1.0]);
+        assert!(r.frequency_hz[0][1].is_nan() && r.rate_dph[0][1].is_nan() && r.rate_dph[0][2].is_nan());
+        assert_eq!(r.meta("power_on_unix_s"), Some("1795251600.000"), "10:00 less an hour");
+        for words in ["values outside -60 to 100", "2 cells hold a text"] {
+            assert!(r.notes.iter().any(|n| n.contains(words)), "{:?}", r.notes);
+        }
+        let e = import(map, &text.replace("21/11/2026;10:00:01", "soon;10:00:01")).expect_err("no time").0;
+        assert!(e.contains("line 4, column \"day\": \"soon 10:00:01,0\" is not a time of the form %d"), "{e}");
+        let e = import(&map.replace("%d/%m/%Y", "day"), text).map(|_| ()).expect_err("no form").0;
+        assert!(e.contains("is not a time"), "{e}");
     }
 
     #[test]

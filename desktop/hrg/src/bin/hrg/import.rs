@@ -1,8 +1,10 @@
 //! `hrg import`.
 
+use crate::facts::Place;
 use crate::merge;
 use anyhow::Result;
 use hrg_data::error::BadInput;
+use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import;
 use hrg_data::recording::import::guess::{guess, Guess};
 use hrg_data::recording::import::map::{Map, BUILT_IN};
@@ -21,6 +23,11 @@ pub struct Arguments {
     map: Option<String>,
     #[command(flatten)]
     log: merge::Log,
+    /// Name of the unit.
+    #[arg(long)]
+    unit: Option<String>,
+    #[command(flatten)]
+    place: Place,
     /// File for the recording: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -61,7 +68,14 @@ impl Made {
         if is_recording(file) {
             // Every column is kept, those that a unit computed, too.
             let bytes = parquet::read_text(file)?;
-            Recording::parse(&bytes).map_err(here)?;
+            Recording::parse(&bytes).map_err(|e| {
+                let other = if e.0.contains("is missing") {
+                    "; where they have other names, --map FILE says what each is (docs/formats.md)"
+                } else {
+                    ""
+                };
+                here(BadInput(e.0 + other))
+            })?;
             let text = String::from_utf8_lossy(&bytes);
             let plain = if dialect::is_plain(&text) {
                 text.into_owned()
@@ -93,12 +107,14 @@ fn is_recording(file: &Path) -> bool {
 
 /// Makes a recording of another program's file.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, map: name, log, out } = arguments;
+    let Arguments { file, map: name, log, unit, place, out } = arguments;
     if log.with.is_some() && out.is_none() {
         return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
     }
     let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
     let mut made = Made::of(file, name.as_deref())?;
+    let facts = Facts { unit: unit.clone(), attitude: place.attitude()?, ..Facts::default() };
+    made.text = stated(&made.text, &facts).map_err(here)?;
     if let Some(with) = &log.with {
         made.text = merge::merged(file, &made.text, with, log)?;
     }
@@ -124,6 +140,17 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         println!("{summary}");
     }
     Ok(())
+}
+
+/// The text of a recording with facts about the unit in its metadata.
+fn stated(text: &str, facts: &Facts) -> Result<String, BadInput> {
+    let mut r = Recording::parse(text.as_bytes())?;
+    let before = r.meta.clone();
+    facts.apply(&mut r)?;
+    let new = r.meta.iter().filter(|m| !before.contains(m));
+    let added: String = new.map(|(k, v)| format!("# {k}: {v}\n")).collect();
+    let at = if text.starts_with("# hrg-recording") { text.find('\n').map_or(0, |k| k + 1) } else { 0 };
+    Ok(format!("{}{added}{}", &text[..at], &text[at..]))
 }
 
 fn summary(shown: &str, clean: &Recording) -> String {

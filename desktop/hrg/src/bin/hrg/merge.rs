@@ -39,7 +39,8 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
     let Log { time, power_on, offset, columns, gap, .. } = log;
     let here = |path: &Path, e: BadInput| BadInput::new(format!("{}: {e}", path.display()));
     let r = Recording::parse(run.as_bytes()).map_err(|e| here(recording, e))?;
-    let guessed = if time.is_none() || columns.is_empty() { Some(guess(with).map_err(|e| here(with, e))?) } else { None };
+    let guessed =
+        if time.is_none() || columns.is_empty() { Some(guess(with).map_err(|e| here(with, e))?) } else { None };
     let (mut time, mut columns) = (time.clone(), columns.clone());
     if let Some(guess) = &guessed {
         time = time.or_else(|| guess.time());
@@ -48,10 +49,18 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
         }
         if time.is_none() || columns.is_empty() {
             let names: Vec<&str> = guess.columns.iter().map(|c| c.name.as_str()).collect();
-            let lacks = if time.is_none() { "time is known; give it by --time" } else { "temperature is known; give it by --columns temp_c=NAME" };
+            let lacks = if time.is_none() {
+                "time is known; give it by --time"
+            } else {
+                "temperature is known; give it by --columns temp_c=NAME"
+            };
             return Err(here(with, BadInput(format!("no column for a {lacks}; there are {}", names.join(", ")))).into());
         }
-        println!("note: as --time \"{}\" --columns \"{}\", guessed", time.as_deref().unwrap_or_default(), columns.join(","));
+        println!(
+            "note: as --time \"{}\" --columns \"{}\", guessed",
+            time.as_deref().unwrap_or_default(),
+            columns.join(",")
+        );
     }
     let wanted = Wanted::parse(time.as_deref().unwrap_or_default(), &columns).map_err(BadInput::from)?;
     let wanted = Wanted { power_on: power_on.clone(), offset_s: *offset, gap_s: *gap, ..wanted };
