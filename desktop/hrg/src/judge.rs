@@ -530,7 +530,7 @@ impl Judgement {
         }
         let _ = writeln!(
             s,
-            "deg/h: means of {} s at temperatures of the resonators, the constant included; +- holds 95 % of the noise of a mean; raw: largest before the correction",
+            "deg/h: means of {} s, the constant included; temperatures by the gyros' thermometers; +- holds 95 % of the noise of a mean; raw: largest before the correction",
             self.means_s
         );
         s

@@ -52,7 +52,7 @@ mod tests {
         let utf_16 = |order: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(order).collect::<Vec<u8>>();
         let latin: Vec<u8> = text.chars().map(|c| c as u8).collect();
         let marked: Vec<u8> = [0xFF, 0xFE].into_iter().chain(utf_16(u16::to_le_bytes)).collect();
-        for (bytes, said) in [
+        for (bytes, noted) in [
             (text.as_bytes().to_vec(), None),
             (["\u{feff}", text].concat().into_bytes(), None),
             (latin.clone(), Some("Windows-1252")),
@@ -62,8 +62,8 @@ mod tests {
         ] {
             let (read, note) = decode(&bytes, None).expect("a text");
             assert_eq!(read, text);
-            assert_eq!(note.is_some(), said.is_some(), "{note:?}");
-            assert!(said.is_none_or(|s| note.is_some_and(|n| n.contains(s))));
+            assert_eq!(note.is_some(), noted.is_some(), "{note:?}");
+            assert!(noted.is_none_or(|s| note.is_some_and(|n| n.contains(s))));
         }
         assert_eq!(decode(&latin, Some("latin1")).expect("a text"), (text.into(), None));
         assert!(decode(&latin, Some("utf-8")).is_err() && decode(&latin, Some("morse")).is_err());

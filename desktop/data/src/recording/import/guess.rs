@@ -148,7 +148,7 @@ fn parted(name: &str) -> (String, Option<String>) {
         }
     }
     let lower = plain(&name.replace(' ', "_"));
-    // (What has two words first: the s of deg_s is no second.)
+    // (Two words first: the s of deg_s is no second.)
     let places = ["_deg_", "_rad_", "_mrad_", "_", "/"].map(|mark| lower.rfind(mark));
     for at in places.into_iter().flatten() {
         let unit = lower[at + 1..].replace('_', "/");
@@ -391,7 +391,7 @@ fn settle_thermometers(columns: &mut [Column]) {
 }
 
 impl Guess {
-    /// What is lacking for a recording, in a sentence; `None` if the guess is one.
+    /// Lack of what a recording needs, in a sentence; `None` if the guess is one.
     #[must_use]
     pub fn lacks(&self) -> Option<&'static str> {
         let has = |what: &dyn Fn(&Meaning) -> bool| self.columns.iter().any(|c| what(&c.meaning));
