@@ -135,7 +135,7 @@ fn table_1(path: &Path, page: &mut String) -> Result<()> {
 fn measured_loop(folder: &Path, out: &Path, page: &mut String) -> Result<()> {
     say!(
         page,
-        "7. Measured data: the loop on a MEMS IMU (cargo xtask measured has every method, and two more recordings)"
+        "7. Measured data: the loop on a MEMS IMU (cargo xtask measured has every method, and three more recordings)"
     );
     let short = measured::imu_in_short(folder)?;
     short.caption.lines().for_each(|line| say!(page, "   {line}"));

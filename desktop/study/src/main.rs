@@ -303,7 +303,7 @@ fn bench(page: Option<&Path>) -> Result<()> {
 fn measured(folder: &Path, page: Option<PathBuf>, caption: Option<PathBuf>, picture: Option<PathBuf>) -> Result<()> {
     use hrg_study::measured;
     let mut all = String::new();
-    for part in [measured::imu, measured::gpsdo, measured::uberclock] {
+    for part in [measured::imu, measured::voltmeter, measured::gpsdo, measured::uberclock] {
         let text = part(folder)?;
         let gap = if all.is_empty() { "" } else { "\n" };
         print!("{gap}{text}");

@@ -32,6 +32,9 @@ pub const IMU_TRAIN_S: f64 = 6500.0;
 /// The same for the figures: no one cut of a log says what a method does, so each figure is a median with its range over these.
 pub const IMU_SPLITS_S: [f64; 7] = [6200.0, 6300.0, 6400.0, 6500.0, 6600.0, 6700.0, 6800.0];
 
+/// Ends of the parts of voltmeter-1v that are learnt from, s, of 38 h.
+pub const VOLTMETER_SPLITS_S: [f64; 5] = [60_000.0, 64_000.0, 68_000.0, 72_000.0, 76_000.0];
+
 /// Rows of each half of gpsdo.short.
 const GPSDO_HALF: usize = 10_000;
 
@@ -218,7 +221,7 @@ fn named(r: &trace::Report) -> String {
 /// If the file is not there.
 pub fn imu(folder: &Path) -> anyhow::Result<String> {
     let whole = load(folder, "imu_raw_data")?;
-    let all = imu_splits(&whole, &Method::ALL)?;
+    let all = splits(&whole, &IMU_SPLITS_S, &Method::ALL)?;
     let present: Vec<usize> = whole.present().collect();
     let [first, .., last] = IMU_SPLITS_S;
     let mut s = format!(
@@ -236,13 +239,13 @@ pub fn imu(folder: &Path) -> anyhow::Result<String> {
     Ok(s)
 }
 
-/// Methods and the trace on each split of the IMU's log.
-fn imu_splits(whole: &Recording, of: &[Method]) -> anyhow::Result<Vec<Compared>> {
+/// Methods and the trace on each split of a log.
+fn splits(whole: &Recording, at_s: &[f64], of: &[Method]) -> anyhow::Result<Vec<Compared>> {
     let one = |at_s: &f64| {
         let (train, verify) = whole.split(*at_s)?;
         Ok(compare(&train, &verify, of)?)
     };
-    IMU_SPLITS_S.iter().map(one).collect()
+    at_s.iter().map(one).collect()
 }
 
 /// The loop on the IMU in short: raw, eq 7 and the trace, as a table and as a picture of the whole log.
@@ -262,7 +265,7 @@ pub struct InShort {
 /// If the file is not there.
 pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
     let whole = load(folder, "imu_raw_data")?;
-    let all = imu_splits(&whole, &[Method::Lsq])?;
+    let all = splits(&whole, &IMU_SPLITS_S, &[Method::Lsq])?;
     let present: Vec<usize> = whole.present().collect();
     let names = ["raw", "eq 7", "trace"];
     let rows: Vec<Band> = Band::of(&all).into_iter().zip(names).map(|(r, n)| Band { method: n.into(), ..r }).collect();
@@ -358,6 +361,51 @@ fn picture(whole: &Recording, c: &Compared, names: [&str; 3]) -> anyhow::Result<
         })
         .collect();
     svg(&panels, 3, 460, 360)
+}
+
+/// Two voltmeters in an air bath, and a third outside it as control: the log parted at several times, states carried through; then what was
+/// learnt on one of the two, tried on the other.
+///
+/// # Errors
+/// If the file is not there.
+pub fn voltmeter(folder: &Path) -> anyhow::Result<String> {
+    let whole = load(folder, "voltmeter-1v")?;
+    let mut all = splits(&whole, &VOLTMETER_SPLITS_S, &Method::ALL)?;
+    for (c, at_s) in all.iter_mut().zip(VOLTMETER_SPLITS_S) {
+        let (_, verify) = whole.split(at_s)?;
+        let steps = Steps::new(&verify)?;
+        // (The first image is that of the first method, the last that of the trace.)
+        let tried = [("lsq, of the other", c.images.first()), ("trace, of the other", c.images.last())];
+        for (name, image) in tried.map(|(n, i)| (n, i.cloned())) {
+            let Some(image) = image else { continue };
+            let residual = fit::correct(&of_the_other(image), &steps);
+            // Each instrument has an offset of its own: the constant is the one that it was learnt with.
+            let figure = |a: usize| (a < 2).then(|| Figure::of(&residual[a], mean(&block_means(&residual[a], MEAN_S))));
+            c.rows.push(Row { method: name.into(), axes: [0, 1, 2].map(figure) });
+        }
+    }
+    let [first, .., last] = VOLTMETER_SPLITS_S;
+    let mut s = format!(
+        "voltmeter-1v: {} rows; learnt from the first {first:.0} to {last:.0} s ({} splits), judged on the rest, states carried through; ppb of one volt in the place of deg/h\n   x and y: in the air bath; z: the control outside; median [range] over the splits; raw less the mean of the train rows; of the other: the image of the other instrument, about its own mean\n",
+        whole.time_s.len(),
+        VOLTMETER_SPLITS_S.len()
+    );
+    s += &band_table(&Band::of(&all), "ppb", &[0, 1, 2], 0);
+    for (at_s, c) in VOLTMETER_SPLITS_S.iter().zip(&all) {
+        let burn = if c.report.burn { "burn" } else { "do not burn" };
+        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
+    }
+    Ok(s)
+}
+
+/// An image with what it knows of x and y changed about.
+fn of_the_other(mut image: Calibration) -> Calibration {
+    image.axes.swap(0, 1);
+    for term in &mut image.effects {
+        term.gains.swap(0, 1);
+        term.gain_std.swap(0, 1);
+    }
+    image
 }
 
 /// Halves of a recording as two of their own.
