@@ -289,7 +289,9 @@ fn column(name: &str, cells: &[&str]) -> Column {
                 let _ = a;
                 Meaning::Other(vec!["chamber_c"], c)
             }
-            _ if holds_any(&whole, &["board", "pcb", "elektronik"]) => Meaning::Other(vec!["board_c"], c),
+            _ if holds_any(&whole, &[columns::BOARD.names[0].trim_end_matches("_c"), "pcb", "elektronik"]) => {
+                Meaning::Other(columns::BOARD.names.to_vec(), c)
+            }
             a if holds_any(&whole, &["case", "shell", "housing", "geh"]) => {
                 let names = ["case_x_c", "case_y_c", "case_z_c"];
                 Meaning::Other(a.map_or(names.to_vec(), |a| vec![names[a]]), c)
