@@ -25,8 +25,8 @@ const TIMES: [&str; 5] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p
 /// Between a date and a time of day.
 const BETWEEN: [&str; 4] = [" ", "T", "-", ", "];
 
-/// Seconds since 1970 of some times from 2000 to 2100: a number among them counts from 1970.
-const OF_OUR_DAYS: std::ops::Range<f64> = 9.4e8..4.2e9;
+/// Seconds since 1970 of the times from 2000 to 2060: a number among them counts from 1970. (LabVIEW counts from 1904.)
+const OF_OUR_DAYS: std::ops::Range<f64> = 9.4e8..2.9e9;
 
 /// Seconds of a day.
 pub const DAY_S: f64 = 86_400.0;

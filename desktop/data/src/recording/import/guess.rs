@@ -19,6 +19,8 @@ use std::path::Path;
 
 /// Rows of data that a guess looks at.
 const ROWS: usize = 2000;
+/// Ground of a guess where a column names no unit.
+const UNNAMED: &str = "no unit is named";
 /// Lines among which the header is sought.
 const BEFORE: usize = 100;
 
@@ -116,6 +118,7 @@ pub fn guess(path: &Path) -> Result<Guess, BadInput> {
         all.filter(|c| !is_missing(c)).collect()
     };
     let mut columns: Vec<Column> = names.iter().enumerate().map(|(k, name)| column(name, &cells(k))).collect();
+    settle_rates(&mut columns, &cells);
     settle_times(&mut columns, &cells);
     settle_thermometers(&mut columns);
     Ok(Guess { columns, skip_lines, header })
@@ -152,7 +155,11 @@ fn parted(name: &str) -> (String, Option<String>) {
     let places = ["_deg_", "_rad_", "_mrad_", "_", "/"].map(|mark| lower.rfind(mark));
     for at in places.into_iter().flatten() {
         let unit = lower[at + 1..].replace('_', "/");
-        if ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some()) {
+        // (gyro_x_f is a filtered rate, and x_h no time.)
+        let letter = ["f", "k", "h"].contains(&unit.as_str());
+        if !letter
+            && ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some())
+        {
             return (lower[..at].to_string(), Some(unit));
         }
     }
@@ -201,9 +208,12 @@ fn axis_of(stem: &str) -> (Option<usize>, String) {
     let whole = words.concat();
     let last = whole.chars().last().map(String::from).unwrap_or_default();
     let first = whole.chars().next().map(String::from).unwrap_or_default();
+    // (A body has no axis y, and a box no x.)
+    let known = |rest: &str| is_any(rest, &RATES) || is_any(rest, &["f", "freq", "t", "temp", "temperature", "case"]);
+    let (before, after) = (whole.strip_suffix(&last).unwrap_or(""), whole.strip_prefix(&first).unwrap_or(""));
     match (axis(&last), axis(&first)) {
-        (Some(a), _) if whole.len() > 1 => (Some(a), whole[..whole.len() - 1].to_string()),
-        (None, Some(a)) if whole.len() > 2 => (Some(a), whole[1..].to_string()),
+        (Some(a), _) if known(before) => (Some(a), before.to_string()),
+        (_, Some(a)) if known(after) => (Some(a), after.to_string()),
         _ => (None, whole),
     }
 }
@@ -232,6 +242,7 @@ const RATES: [&str; 13] = [
     "gyroscope",
 ];
 const TEMPERATURES: [&str; 6] = ["temp", "pt100", "pt1000", "ntc", "thermo", "sensort"];
+const NOT_MEASURED: [&str; 9] = ["soll", "setpoint", "target", "table", "ref", "std", "sigma", "sample", "max"];
 const TIMES: [&str; 14] = [
     "time",
     "t",
@@ -261,7 +272,7 @@ fn column(name: &str, cells: &[&str]) -> Column {
     let rises = values.len() > 2 && values.windows(2).all(|w| w[1] >= w[0]) && values[values.len() - 1] > values[0];
     let (mut because, mut meaning) = (None, Meaning::Unknown);
     let mut by_size = |found: (&'static str, &str)| {
-        because = Some(format!("no unit is named: {}", found.1));
+        because = Some(format!("{UNNAMED}: {}", found.1));
         found.0
     };
     let as_it_is = columns::optional().find(|o| *o == name);
@@ -299,6 +310,15 @@ fn column(name: &str, cells: &[&str]) -> Column {
             a => Meaning::Temperature(a, c),
         };
     }
+    // A unit that is named and not known decides nothing, and what was wanted is not what was measured.
+    if let (Some(u), true) = (&unit, because.is_some()) {
+        (meaning, because) = (Meaning::Unknown, Some(format!("the unit {u} is not known here")));
+    }
+    if let Some(word) = NOT_MEASURED.iter().find(|w| holds_any(&whole, &[w])).filter(|_| as_it_is.is_none()) {
+        if !matches!(meaning, Meaning::Time(_)) {
+            (meaning, because) = (Meaning::Unknown, Some(format!("{word} is no measured value of the gyro")));
+        }
+    }
     let sample = cells.first().copied().unwrap_or_default().to_string();
     Column { name: name.to_string(), sample, meaning, because }
 }
@@ -322,12 +342,60 @@ fn size_of_temperature(values: &[f64]) -> (&'static str, &'static str) {
     }
 }
 
+/// Rates without a unit have one in common, by the size of all; what is gravity's size is no rate; of two for an axis, the first with a unit
+/// counts.
+fn settle_rates<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
+    let unnamed: Vec<usize> = (0..columns.len())
+        .filter(|k| matches!(columns[*k].meaning, Meaning::Rate(..)) && columns[*k].because.is_some())
+        .collect();
+    let values = |k: &usize| cells(*k).into_iter().filter_map(number).collect::<Vec<f64>>();
+    let all: Vec<Vec<f64>> = unnamed.iter().map(values).collect();
+    let rows = all.iter().map(Vec::len).min().unwrap_or(0);
+    let mut sizes: Vec<f64> = (0..rows).map(|r| all.iter().map(|v| v[r] * v[r]).sum::<f64>().sqrt()).collect();
+    let size = median(&mut sizes).unwrap_or(0.0);
+    let gravity = unnamed.len() > 1 && ((9.5..10.1).contains(&size) || (0.97..1.03).contains(&size));
+    let (unit, because) = size_of_rate(&all.concat());
+    for k in unnamed {
+        let c = &mut columns[k];
+        if let (Meaning::Rate(a, _), false) = (&c.meaning, gravity) {
+            c.because = Some(format!("{UNNAMED}: {because}"));
+            c.meaning = Meaning::Rate(*a, unit);
+        } else {
+            c.meaning = Meaning::Unknown;
+            c.because = Some("its size is that of gravity".into());
+        }
+    }
+    for a in 0..AXIS_NAMES.len() {
+        let is = |c: &Column| matches!(c.meaning, Meaning::Rate(of, _) if of == a);
+        let with_unit = columns.iter().position(|c| is(c) && c.because.is_none());
+        let chosen = with_unit.or_else(|| columns.iter().position(is));
+        for (k, c) in columns.iter_mut().enumerate() {
+            if is(c) && Some(k) != chosen {
+                c.meaning = Meaning::Unknown;
+                c.because = Some("another column is taken for this axis".into());
+            }
+        }
+    }
+}
+
 /// Forms of the columns of times; of several the first counts, or a date with its time of day.
 fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
     let candidates: Vec<usize> =
         (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
+    let candidates = {
+        // What increases from row to row comes first: t beside T.
+        let increases = |k: &usize| {
+            let v: Vec<f64> = cells(*k).into_iter().filter_map(number).collect();
+            v.len() > 1 && v.windows(2).all(|w| w[1] > w[0])
+        };
+        let (mut first, rest): (Vec<usize>, Vec<usize>) = candidates.into_iter().partition(increases);
+        first.extend(rest);
+        first
+    };
     for k in &candidates {
-        columns[*k].meaning = Meaning::Unknown;
+        // (A T beside another column of times is a temperature.)
+        let may_be = if columns[*k].name == "T" { Meaning::Temperature(None, "C") } else { Meaning::Unknown };
+        columns[*k].meaning = may_be;
     }
     let date = candidates.iter().find_map(|k| Some((*k, TimeForm::guess_date(&few(&cells(*k)))?)));
     let of_day = |k: &usize| {
@@ -352,13 +420,26 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
         if values.len() == texts.len() && !values.is_empty() {
             let (_, unit) = parted(&columns[k].name);
             let named = unit.or(Some(columns[k].name.to_lowercase())).and_then(|u| unit_of("time", &u));
+            let clock = texts.iter().all(|t| t.len() == 6 && t.bytes().all(|b| b.is_ascii_digit()));
+            let days =
+                (3e4..8e4).contains(&values[0]) && values[values.len() - 1] - values[0] < 0.01 * values.len() as f64;
+            if let (Some(u), None) = (&parted(&columns[k].name).1, named) {
+                columns[k].because = Some(format!("the unit {u} is not known here"));
+                continue;
+            }
+            if named.is_none() && (clock || days) {
+                let what =
+                    if clock { "hours, minutes and seconds in six digits" } else { "days, as Excel counts them" };
+                columns[k].because = Some(format!("looks like {what}"));
+                continue;
+            }
             let by_size = match values[0] {
                 t if t > 1e17 => ("ns", "by its size, ns since 1970"),
                 t if t > 1e14 => ("us", "by its size, us since 1970"),
                 t if t > 1e11 => ("ms", "by its size, ms since 1970"),
                 _ => ("s", "taken for s"),
             };
-            columns[k].because = named.is_none().then(|| format!("no unit is named: {}", by_size.1));
+            columns[k].because = named.is_none().then(|| format!("{UNNAMED}: {}", by_size.1));
             columns[k].meaning = Meaning::Time(named.unwrap_or(by_size.0).to_string());
             return;
         }
@@ -400,6 +481,9 @@ impl Guess {
         match () {
             () if !has(&|m| matches!(m, Meaning::Rate(..))) => {
                 Some("no column is known for a rate: put the names of yours into [rate]")
+            }
+            () if self.columns.iter().any(|c| matches!(c.meaning, Meaning::Rate(..)) && c.because.is_some()) => {
+                Some("no unit is named for a rate: look at the one that was guessed by its size")
             }
             () if !has(&|m| matches!(m, Meaning::Time(_) | Meaning::Date(_))) => Some(
                 "no column is known for the time: put its name into [time], or step_s, the seconds between the rows",
@@ -556,6 +640,11 @@ mod tests {
             ("Kammer [°C]", &["20", "21", "20"], Meaning::Other(vec!["chamber_c"], "C")),
             ("supply_v", &["5.0", "5.1", "5.0"], Meaning::Other(vec!["supply_v"], "V")),
             ("Status", &["1", "0", "1"], Meaning::Unknown),
+            ("Temp body [C]", &["20", "21", "20"], Meaning::Temperature(None, "C")),
+            ("Pt100 [Ohm]", &["107", "108", "107"], Meaning::Unknown),
+            ("T Soll [C]", &["20", "21", "20"], Meaning::Unknown),
+            ("std_x [deg/h]", &["0.1", "0.1", "0.1"], Meaning::Unknown),
+            ("fx [m/s2]", &["0.1", "0.1", "0.1"], Meaning::Unknown),
         ] {
             assert_eq!(meaning(name, cells), wanted, "{name}");
         }
@@ -571,17 +660,32 @@ mod tests {
 
     #[test]
     fn headers_and_times_are_found() {
-        let g = guessed("Rig 4\n\nDatum;Uhrzeit;wz;Temp\n20.11.2026;07:30:00;0,1;20\n20.11.2026;07:30:01;0,2;20\n");
+        let g =
+            guessed("Rig 4\n\nDatum;Uhrzeit;wz [deg/s];Temp\n20.11.2026;07:30:00;0,1;20\n20.11.2026;07:30:01;0,2;20\n");
         assert_eq!((g.skip_lines, g.header, g.lacks()), (1, true, None));
         assert_eq!(g.time().as_deref(), Some("Datum+Uhrzeit=%d.%m.%Y %H:%M:%S"));
-        let g = guessed("t_ms,gx,T\n1000,1,20\n1010,2,20\n1020,3,20\n");
-        assert_eq!((g.skip_lines, g.time().as_deref()), (0, Some("t_ms=ms")));
+        let g = guessed("t_ms,gx [deg/s],T\n1000,1,20\n1010,2,20\n1020,3,20\n");
+        assert_eq!((g.skip_lines, g.time().as_deref(), g.lacks()), (0, Some("t_ms=ms"), None));
+        // A time beside a temperature of the same letter; what looks like a clock or like days is no number of seconds.
+        let g = guessed("T;t;wx [deg/h]\n20;0;1\n20;1;1\n20;2;1\n");
+        assert_eq!((g.time().as_deref(), &g.columns[0].meaning), (Some("t=s"), &Meaning::Temperature(None, "C")));
+        for times in [["072959", "073000", "073001"], ["46346.3125", "46346.3126", "46346.3127"]] {
+            let [a, b, c] = times;
+            assert!(guessed(&format!("Time,wx [deg/h],T\n{a},1,20\n{b},1,20\n{c},1,20\n")).lacks().is_some(), "{a}");
+        }
         let g = guessed("1,2,3\n4,5,6\n7,8,9\n");
         assert!(!g.header && g.lacks().is_some_and(|l| l.contains("[rate]")));
+        // Rates without a unit are not taken, gravity is no rate, and one column is taken for an axis.
+        let g = guessed("time,gyro_x,gyro_z\n0,0.8,0.1\n1,0.8,0.1\n2,0.8,0.1\n");
+        assert!(g.lacks().is_some_and(|l| l.contains("no unit")) && g.columns[1].because == g.columns[2].because);
+        let g = guessed("time,gx,gy,gz,rate_x [deg/s],gyro_x_f\n0,0,0.1,9.8,2,1\n1,0,0.1,9.8,2,1\n2,0,0.1,9.8,2,1\n");
+        let rates: Vec<&str> =
+            g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Rate(..))).map(|c| c.name.as_str()).collect();
+        assert_eq!((rates, g.lacks()), (vec!["rate_x [deg/s]"], None));
         // Two thermometers, and resonators beside a sensor.
-        let g = guessed("time,wx,temp_a,temp_b\n0,1,20,30\n1,1,20,30\n2,1,20,30\n");
+        let g = guessed("time,wx [deg/h],temp_a,temp_b\n0,1,20,30\n1,1,20,30\n2,1,20,30\n");
         assert_eq!(g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Temperature(..))).count(), 1);
-        let g = guessed("time,wx,fx,temp\n0,1,4900,30\n1,1,4900,30\n2,1,4900,30\n");
+        let g = guessed("time,wx [deg/h],fx,temp\n0,1,4900,30\n1,1,4900,30\n2,1,4900,30\n");
         assert!(matches!(&g.columns[3].meaning, Meaning::Other(names, "C") if names[0] == "case_x_c"));
     }
 }
