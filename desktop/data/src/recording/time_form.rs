@@ -85,7 +85,7 @@ impl TimeForm {
                     .map(seconds)
                     .or_else(|_| {
                         NaiveTime::parse_from_str(&text, &pattern)
-                            .map(|t| (t - NaiveTime::MIN).num_milliseconds() as f64 * 1e-3)
+                            .map(|t| (t - NaiveTime::MIN).num_microseconds().map_or(f64::NAN, |us| us as f64 * 1e-6))
                     })
                     .ok()
             }

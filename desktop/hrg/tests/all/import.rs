@@ -73,6 +73,15 @@ fn a_table_that_tells_too_little_ends_in_a_map_to_complete() {
     let complete = map.replace("[rate]", "[rate]\nz = { column = \"alpha\", unit = \"deg/s\" }");
     std::fs::write(d.join("map.toml"), complete).expect("written");
     assert!(import(&d, &["odd.csv", "--map", "map.toml", "-o", "run.csv"]).status.success());
+    let o = import(&d, &["odd.csv", "--map", "map.toml", "-o", "odd.csv"]);
+    assert!(error(&o).contains("stays as it is") && o.status.code() == Some(2), "{}", error(&o));
+    let wide = format!("time [s],wz [deg/h],temp [C]\n{rows}");
+    std::fs::write(d.join("wide.csv"), wide.encode_utf16().flat_map(u16::to_le_bytes).collect::<Vec<u8>>())
+        .expect("written");
+    let o = import(&d, &["wide.csv", "-o", "run.csv"]);
+    assert!(o.status.success() && error(&o).contains("UTF-16"), "{}", error(&o));
+    std::fs::write(d.join("mixed.csv"), "t [s];wz [deg/h];T [C]\n0;1,200;20.5\n1;1,300;20.5\n").expect("written");
+    assert!(error(&import(&d, &["mixed.csv", "-o", "run.csv"])).contains("decimal commas"), "thousands or decimals");
     std::fs::write(d.join("words.txt"), "no table\nat all\n").expect("written");
     assert!(error(&import(&d, &["words.txt"])).contains("no table is found"));
 }

@@ -35,7 +35,7 @@ pub fn decode<'b>(bytes: &'b [u8], label: Option<&str>) -> Result<(Cow<'b, str>,
     if broken {
         return Err(BadInput(format!("the file is no text in {}", encoding.name())));
     }
-    if text.bytes().take(4000).any(|b| b == 0) {
+    if memchr::memchr(0, text.as_bytes()).is_some() {
         return Err(BadInput::new("the file is no text: it holds zero bytes"));
     }
     let note = name.map(|n| format!("the text is not UTF-8: read as {n}"));

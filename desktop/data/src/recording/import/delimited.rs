@@ -4,7 +4,7 @@ use super::decode::decode;
 use super::map::{Layout, Map};
 use super::{choose, Table};
 use crate::error::BadInput;
-use crate::recording::dialect::{is_missing, number};
+use crate::recording::dialect::{is_missing, number, DialectError};
 use crate::recording::time_form::{Days, TimeForm};
 use std::borrow::Cow;
 
@@ -122,6 +122,7 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result
     let mut table =
         Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
     let (mut dropped, mut empty, mut missing) = (0, 0usize, 0usize);
+    let (mut comma, mut point) = (None, None);
     for row in rows {
         let (line, cells) = row?;
         let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
@@ -142,6 +143,12 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result
             empty += usize::from(text.is_empty());
             missing += usize::from(none && !text.is_empty());
             values.push(value.ok_or_else(|| no_number(line, name, text))?);
+            // (Decimal commas beside decimal points: one of them parts thousands.)
+            comma = comma.or(text.contains(',').then_some(line));
+            point = point.or((!none && text.contains('.')).then_some(line));
+            if let (Some(comma), Some(point)) = (comma, point) {
+                return Err(DialectError::Mixed { comma, point }.into());
+            }
         }
     }
     if empty > 0 {

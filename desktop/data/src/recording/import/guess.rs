@@ -75,14 +75,13 @@ pub struct Guess {
 /// # Errors
 /// A file that cannot be read, or is no text.
 pub fn text_of(path: &Path) -> Result<(String, Option<String>), BadInput> {
-    let read = |packed| {
-        crate::files::read_file(path, crate::files::MOST_RECORDING, packed).map_err(|e| BadInput(e.to_string()))
-    };
+    let read =
+        || crate::files::read_file(path, crate::files::MOST_RECORDING, false).map_err(|e| BadInput(e.to_string()));
     if excel::is_named_so(path) {
-        let rows: Vec<String> = excel::rows(read(false)?, None)?.iter().map(|r| r.join("\t")).collect();
+        let rows: Vec<String> = excel::rows(read()?, None)?.iter().map(|r| r.join("\t")).collect();
         return Ok((rows.join("\n"), None));
     }
-    let bytes = read(true)?;
+    let bytes = read()?;
     let (text, note) = decode(&bytes, None)?;
     Ok((text.into_owned(), note))
 }
@@ -279,7 +278,7 @@ fn column(name: &str, cells: &[&str]) -> Column {
     let hot = holds_any(&whole, &TEMPERATURES) || unit_in("temperature").is_some() && unit_in("rate").is_none();
     if let Some(own) = as_it_is {
         meaning = Meaning::Other(vec![own], if own.ends_with("_v") { "V" } else { "C" });
-    } else if values.is_empty() || is_time && (rises || whole.len() > 1) && !hot {
+    } else if values.is_empty() || is_time && (rises || whole.len() > 1 || unit_in("time").is_some()) && !hot {
         if is_time || TimeForm::guess(cells).is_some() || TimeForm::guess_date(cells).is_some() {
             meaning = Meaning::Time(String::new());
         }
@@ -383,7 +382,7 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
     let candidates: Vec<usize> =
         (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
     let candidates = {
-        // What increases from row to row comes first: t beside T.
+        // Values that increase from row to row come first: t beside T.
         let increases = |k: &usize| {
             let v: Vec<f64> = cells(*k).into_iter().filter_map(number).collect();
             v.len() > 1 && v.windows(2).all(|w| w[1] > w[0])
@@ -529,7 +528,7 @@ impl Guess {
                     }
                 }
                 Meaning::Temperature(Some(a), "C") => vec![columns::CASE.names[*a]],
-                Meaning::Other(names, _) => names.clone(),
+                Meaning::Other(names, "C" | "V") => names.clone(),
                 _ => vec![],
             };
             out.extend(names.into_iter().filter(|n| lacks(n)).map(|n| format!("{n}={}", c.name)));

@@ -89,7 +89,8 @@ pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
             excel::read(crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
         }
         Format::Delimited => {
-            let bytes = crate::files::read_file(path, crate::files::MOST_RECORDING, true)?;
+            // (Zero bytes are found where the encoding is known.)
+            let bytes = crate::files::read_file(path, crate::files::MOST_RECORDING, false)?;
             delimited::read(&bytes, map).map_err(here)?
         }
         Format::Ulog => ulog::read(path, map).map_err(here)?,

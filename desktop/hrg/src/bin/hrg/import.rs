@@ -112,6 +112,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
     }
     let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
+    let same = |o: &PathBuf| o.canonicalize().is_ok_and(|o| file.canonicalize().is_ok_and(|f| f == o));
+    if out.as_ref().is_some_and(same) {
+        return Err(here(BadInput::new(
+            "-o is the file itself; give another name, so that the raw file stays as it is",
+        ))
+        .into());
+    }
     let mut made = Made::of(file, name.as_deref())?;
     let facts = Facts { unit: unit.clone(), attitude: place.attitude()?, ..Facts::default() };
     made.text = stated(&made.text, &facts).map_err(here)?;
