@@ -324,7 +324,8 @@ fn a_chambers_own_log_is_merged_by_time() {
     // With it the temperatures are those of the cases; without, of a curve that was shifted.
     assert!(ok(&d, "fit m.csv --out m.toml").contains("follow their cases"));
     assert!(ok(&d, "fit bare.csv --out b.toml").contains("no temperature sensor"));
-    assert!(refused(&d, &arguments.replace("bare.csv", "m.csv")).contains("values in chamber_c already"));
+    assert!(refused(&d, &arguments.replace("bare.csv", "m.csv").replace("--out m.csv", "--out n.csv"))
+        .contains("values in chamber_c already"));
     let e = refused(&d, &arguments.replace(" --offset -28800", ""));
     assert!(e.contains("do not overlap") && e.contains("--offset"), "{e}");
     assert!(refused(&d, &arguments.replace("Datum", "Zeit")).contains("no column Zeit"));
