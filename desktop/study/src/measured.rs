@@ -379,7 +379,7 @@ pub fn voltmeter(folder: &Path) -> anyhow::Result<String> {
         for (name, image) in tried.map(|(n, i)| (n, i.cloned())) {
             let Some(image) = image else { continue };
             let residual = fit::correct(&of_the_other(image), &steps);
-            // Each instrument has an offset of its own: the constant is the one that it was learnt with.
+            // Each instrument has an offset of its own: about the mean of what is left.
             let figure = |a: usize| (a < 2).then(|| Figure::of(&residual[a], mean(&block_means(&residual[a], MEAN_S))));
             c.rows.push(Row { method: name.into(), axes: [0, 1, 2].map(figure) });
         }

@@ -311,11 +311,6 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
         added.push((ours.as_str(), column));
     }
     let text = beside(&plain, source, &added);
-    let text = if added.iter().any(|(ours, _)| is_thermometer(ours)) {
-        text.lines().map(|l| if is_none(l) { "# thermometer: sensor\n".into() } else { format!("{l}\n") }).collect()
-    } else {
-        text
-    };
     Ok(Merged { text, rows: r.time_s.len(), filled, notes })
 }
 
@@ -332,9 +327,12 @@ fn beside(plain: &str, source: &str, added: &[(&str, Vec<f64>)]) -> String {
     // Of each column added: where it stands already.
     let mut there: Option<Vec<Option<usize>>> = None;
     let mut row = 0;
+    let thermometer = added.iter().any(|(ours, _)| is_thermometer(ours));
     for line in plain.lines() {
         let line = line.trim_end_matches('\r');
-        if line.trim_start().starts_with('#') || line.trim().is_empty() {
+        if thermometer && is_none(line) {
+            out.push_str("# thermometer: sensor");
+        } else if line.trim_start().starts_with('#') || line.trim().is_empty() {
             out.push_str(line);
         } else if let Some(there) = &there {
             let mut cells: Vec<String> = line.split(',').map(String::from).collect();

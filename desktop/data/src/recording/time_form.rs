@@ -19,8 +19,9 @@ pub enum TimeForm {
 /// The forms in a sentence.
 pub const FORMS: &str = "s, ms, us, ns, min, h, unix, iso and patterns like %d.%m.%Y %H:%M:%S,%f";
 
-/// Patterns that programs write, the likeliest first; `;` parts those of a date from those of a time of day.
+/// Patterns of dates that programs write, the likeliest first.
 const DATES: [&str; 8] = ["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d"];
+/// Patterns of times of day.
 const TIMES: [&str; 5] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M"];
 /// Between a date and a time of day.
 const BETWEEN: [&str; 4] = [" ", "T", "-", ", "];

@@ -8,6 +8,7 @@ use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
 use hrg_data::recording::steps::Run;
+use std::ops::Range;
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -142,6 +143,13 @@ pub struct AxisRows {
     pub filters: Filters,
     /// Columns of what happened in a run that judges and that nobody can predict: its size there is unknown, as its constant is.
     pub happened: Vec<Vec<f64>>,
+}
+
+impl AxisRows {
+    /// Rows of a run.
+    pub fn run(&self, number: usize) -> Range<usize> {
+        self.starts[number]..self.starts.get(number + 1).copied().unwrap_or(self.y.len())
+    }
 }
 
 /// All rows.

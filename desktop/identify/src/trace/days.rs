@@ -22,17 +22,22 @@ pub struct Differs {
     pub name: &'static str,
     /// Deviation of its size from day to day, over the size.
     pub relative_std: f64,
-    /// The numbers of its coefficients, and their values.
-    gains: (Range<usize>, Vec<f64>),
-    /// Its bias in each run, zero in the others.
-    columns: Vec<Vec<f64>>,
-    /// Variance of their coefficients before the data are seen, over that of the whitened noise.
-    variance: f64,
+    /// The numbers of its coefficients.
+    numbers: Range<usize>,
+    /// Their values.
+    values: Vec<f64>,
+    /// Its bias, deg/h.
+    bias: Vec<f64>,
 }
 
 /// Contribution of the days to the sizes of the parts of a model, one axis.
 #[derive(Debug, Clone, Default)]
-pub struct OfDays(pub Vec<Differs>);
+pub struct OfDays {
+    /// The parts that differ.
+    pub parts: Vec<Differs>,
+    /// Variance of the whitened noise, (deg/h)^2.
+    noise_dph2: f64,
+}
 
 impl OfDays {
     /// Learns it beside a fit without it: the part that differs most plainly, then the next beside it.
@@ -43,18 +48,18 @@ impl OfDays {
         mut parts: Vec<Part>,
         without: &Posterior,
     ) -> Self {
-        let mut found = Self::default();
+        let noise_dph2 = without.each.iter().map(|u| u.weight * u.variance_dph2).sum::<f64>();
+        let mut found = Self { parts: Vec::new(), noise_dph2 };
         let mut evidence = without.evidence;
         while rows.starts.len() > 1 && !parts.is_empty() {
             let tried = |part: &Part| {
-                let each: Vec<(f64, Self)> = TRIED
-                    .iter()
-                    .filter_map(|share| {
-                        let mut more = found.clone();
-                        more.0.push(Differs::new(rows, columns, part, *share, without));
-                        Some((more.posterior(rows, columns, prior)?.evidence, more))
-                    })
-                    .collect();
+                let part = Differs::new(rows, columns, part, without);
+                let with = |relative_std: &f64| {
+                    let mut more = found.clone();
+                    more.parts.push(Differs { relative_std: *relative_std, ..part.clone() });
+                    Some((more.posterior(rows, columns, prior)?.evidence, more))
+                };
+                let each: Vec<(f64, Self)> = TRIED.iter().filter_map(with).collect();
                 let all = log_sum(&each.iter().map(|e| e.0).collect::<Vec<_>>()) - (TRIED.len() as f64).ln();
                 let (at, more) = each.into_iter().max_by(|x, y| x.0.total_cmp(&y.0))?;
                 Some((EFFECT + all - evidence, at, more))
@@ -72,7 +77,7 @@ impl OfDays {
 
     /// `true` if the days add anything.
     pub fn there(&self) -> bool {
-        !self.0.is_empty()
+        !self.parts.is_empty()
     }
 
     /// The coefficients of some columns, of which the model's come first, for a day that nobody has seen.
@@ -81,22 +86,18 @@ impl OfDays {
         let (mut all, mut variances) = (columns.to_vec(), prior.to_vec());
         // The common size of a part is free, so that the shares do not take a part of it: coefficients that are shrunk get the whole beside them.
         let mut wholes = Vec::new();
-        for part in &self.0 {
-            if part.gains.0.clone().all(|j| prior[j].is_some()) {
+        for part in &self.parts {
+            if part.numbers.clone().all(|j| prior[j].is_some()) {
                 wholes.push((part, all.len()));
-                all.push(
-                    part.columns
-                        .iter()
-                        .fold(vec![0.0; rows.y.len()], |w, c| w.iter().zip(c).map(|(w, c)| w + c).collect()),
-                );
+                all.push(part.bias.clone());
                 variances.push(None);
             }
-            all.extend(part.columns.iter().cloned());
-            variances.resize(all.len(), Some(part.variance));
+            all.extend((0..rows.starts.len()).map(|run| part.in_run(rows, run)));
+            variances.resize(all.len(), Some(part.relative_std * part.relative_std / self.noise_dph2));
         }
         let mut common = DMatrix::identity(count, all.len());
         for (part, at) in wholes {
-            for (j, value) in part.gains.0.clone().zip(&part.gains.1) {
+            for (j, value) in part.numbers.clone().zip(&part.values) {
                 common[(j, at)] = *value;
             }
         }
@@ -112,7 +113,7 @@ impl OfDays {
 
     /// Covariance of the coefficients, with the share of another day.
     fn of_another_day(&self, mut out: DMatrix<f64>) -> DMatrix<f64> {
-        for Differs { gains: (numbers, values), relative_std, .. } in &self.0 {
+        for Differs { numbers, values, relative_std, .. } in &self.parts {
             for (i, u) in numbers.clone().zip(values) {
                 for (j, v) in numbers.clone().zip(values) {
                     out[(i, j)] += relative_std * relative_std * u * v;
@@ -124,27 +125,21 @@ impl OfDays {
 }
 
 impl Differs {
-    fn new(rows: &AxisRows, columns: &[Vec<f64>], part: &Part, relative_std: f64, without: &Posterior) -> Self {
-        let (name, numbers) = part.clone();
-        let values: Vec<f64> = numbers.clone().map(|j| without.coefficients[j]).collect();
-        let mut whole = vec![0.0; rows.y.len()];
-        for (j, gain) in numbers.clone().zip(&values) {
-            whole.iter_mut().zip(&columns[j]).for_each(|(w, x)| *w += gain * x);
+    /// A part of a fit, of which it is not known yet by how much it differs.
+    fn new(rows: &AxisRows, columns: &[Vec<f64>], (name, numbers): &Part, fit: &Posterior) -> Self {
+        let values: Vec<f64> = numbers.clone().map(|j| fit.coefficients[j]).collect();
+        let mut bias = vec![0.0; rows.y.len()];
+        for (column, gain) in columns[numbers.clone()].iter().zip(&values) {
+            bias.iter_mut().zip(column).for_each(|(b, x)| *b += gain * x);
         }
-        let run = |k: usize| rows.starts[k]..rows.starts.get(k + 1).copied().unwrap_or(rows.y.len());
-        let in_run = |k: usize| {
-            let mut column = vec![0.0; whole.len()];
-            column[run(k)].copy_from_slice(&whole[run(k)]);
-            column
-        };
-        let columns = (0..rows.starts.len()).map(in_run).collect();
-        let noise_dph2 = without.each.iter().map(|u| u.weight * u.variance_dph2).sum::<f64>();
-        Self {
-            name,
-            relative_std,
-            gains: (numbers, values),
-            columns,
-            variance: relative_std * relative_std / noise_dph2,
-        }
+        Self { name, relative_std: 0.0, numbers: numbers.clone(), values, bias }
+    }
+
+    /// Its bias in a run, zero in the others.
+    fn in_run(&self, rows: &AxisRows, number: usize) -> Vec<f64> {
+        let mut column = vec![0.0; self.bias.len()];
+        let run = rows.run(number);
+        column[run.clone()].copy_from_slice(&self.bias[run]);
+        column
     }
 }

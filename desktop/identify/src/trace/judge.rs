@@ -127,9 +127,9 @@ impl Prediction {
 
     /// The same of one axis.
     fn log_density_on(&self, a: usize, rows: &AxisRows) -> Option<f64> {
-        let own = self.axes[a].as_ref()?.log_density(rows);
+        let own = self.axes[a].as_ref()?;
         let each: Vec<f64> = self.starts.iter().filter_map(|s| Some(s[a].as_ref()?.log_density(rows))).collect();
-        Some(if each.is_empty() { own } else { log_sum(&each) - (each.len() as f64).ln() })
+        Some(if each.is_empty() { own.log_density(rows) } else { log_sum(&each) - (each.len() as f64).ln() })
     }
 
     /// This model against a smaller one on a run. `None` for an axis without data.

@@ -284,7 +284,7 @@ fn turn_on(fitted: &Fitted) -> ByAxis<TurnOn> {
         let squares = constants_dph.iter().map(|c| c * c).sum::<f64>();
         TurnOn {
             std_dph: (squares / (constants_dph.len() - 1).max(1) as f64).sqrt(),
-            sizes: fitted.axes[a].of_days.0.iter().map(|d| (d.name, d.relative_std)).collect(),
+            sizes: fitted.axes[a].of_days.parts.iter().map(|d| (d.name, d.relative_std)).collect(),
             constants_dph,
         }
     };

@@ -7,6 +7,7 @@ use hrg_core::effects::parameters::{Moment, Parameters, Period, Pulse};
 use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use hrg_data::numeric::stats::dot;
+use std::ops::Range;
 
 /// As many jumps, and as many periods, are proposed from one view.
 const EACH: usize = 6;
@@ -88,11 +89,10 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
         let margin = (blocks / 30).max(2);
         let mut score = vec![0.0; blocks];
         for (view, rows) in left.iter().zip(&data.axes).filter(|(v, _)| !v.y.is_empty()) {
-            let n = view.y.len();
-            let variance = dot(&view.y, &view.y) / n.max(1) as f64;
-            let to = rows.starts.get(number + 1).copied().unwrap_or(n);
-            let from = rows.starts[number];
-            for (k, s) in steps(view, rows, from, to).into_iter().enumerate() {
+            let variance = dot(&view.y, &view.y) / view.y.len().max(1) as f64;
+            let run = rows.run(number);
+            let from = run.start;
+            for (k, s) in steps(view, rows, run).into_iter().enumerate() {
                 let block = rows.keep[from + k] - first_block;
                 if block < blocks {
                     score[block] += s / variance;
@@ -113,7 +113,8 @@ pub fn jumps(data: &Data<'_>, left: &[Left<'_>; AXES]) -> Vec<Candidate> {
 }
 
 /// Squares of the rates that a step at each row of a run explains: for all places at once by the whitening run backwards.
-fn steps(view: &Left<'_>, rows: &AxisRows, from: usize, to: usize) -> Vec<f64> {
+fn steps(view: &Left<'_>, rows: &AxisRows, run: Range<usize>) -> Vec<f64> {
+    let Range { start: from, end: to } = run;
     let products = |x: &[f64]| rows.filters.steps(view.noise_model, x, from, to);
     let product = products(&view.y);
     let cuts: Vec<Vec<f64>> = view.baseline.columns.iter().map(|q| products(q)).collect();

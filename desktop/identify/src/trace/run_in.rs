@@ -54,8 +54,7 @@ impl Memory {
     /// Log evidence of a decay from the first block of a run on, in a residual of an axis: the mean over the noise models.
     fn decay(self, data: &Data<'_>, number: usize, left: &[f64], a: usize) -> f64 {
         let rows = &data.axes[a];
-        let from = rows.starts[number];
-        let to = rows.starts.get(number + 1).copied().unwrap_or(left.len());
+        let std::ops::Range { start: from, end: to } = rows.run(number);
         if to < from + 3 {
             return 0.0;
         }

@@ -93,15 +93,14 @@ fn beginning(text: &str, skip_lines: usize) -> Result<Vec<Vec<String>>, BadInput
     rows.map(|r| r.map(|(_, cells)| cells.into_iter().map(Cow::into_owned).collect())).collect()
 }
 
-/// Guesses a map for a table.
+/// Guesses a map for the text of a table ([`text_of`]).
 ///
 /// # Errors
-/// A file that is no table.
-pub fn guess(path: &Path) -> Result<Guess, BadInput> {
-    let (text, _) = text_of(path)?;
+/// A text that is no table.
+pub fn guess(text: &str) -> Result<Guess, BadInput> {
     // (The separator is that of the line that would be the header.)
     let from = |skip: usize| {
-        let rows = beginning(&text, skip).ok()?;
+        let rows = beginning(text, skip).ok()?;
         is_table(&rows).map(|header| (skip, header, rows))
     };
     let (skip_lines, header, rows) = (0..BEFORE).find_map(from).ok_or_else(|| {
@@ -295,17 +294,13 @@ fn column(name: &str, cells: &[&str]) -> Column {
     } else if hot || is_any(&whole, &["t", "tx", "ty", "tz"]) {
         let c = unit_in("temperature").unwrap_or_else(|| by_size(size_of_temperature(&values)));
         meaning = match axis {
-            a if holds_any(&whole, &["chamber", "kammer", "oven", "ofen", "ambient", "umgebung", "air"]) => {
-                let _ = a;
-                Meaning::Other(vec!["chamber_c"], c)
+            _ if holds_any(&whole, &["chamber", "kammer", "oven", "ofen", "ambient", "umgebung", "air"]) => {
+                Meaning::Other(columns::CHAMBER.names.to_vec(), c)
             }
             _ if holds_any(&whole, &[columns::BOARD.names[0].trim_end_matches("_c"), "pcb", "elektronik"]) => {
                 Meaning::Other(columns::BOARD.names.to_vec(), c)
             }
-            a if holds_any(&whole, &["case", "shell", "housing", "geh"]) => {
-                let names = ["case_x_c", "case_y_c", "case_z_c"];
-                Meaning::Other(a.map_or(names.to_vec(), |a| vec![names[a]]), c)
-            }
+            a if holds_any(&whole, &["case", "shell", "housing", "geh"]) => of_case(a, c),
             a => Meaning::Temperature(a, c),
         };
     }
@@ -320,6 +315,11 @@ fn column(name: &str, cells: &[&str]) -> Column {
     }
     let sample = cells.first().copied().unwrap_or_default().to_string();
     Column { name: name.to_string(), sample, meaning, because }
+}
+
+/// A sensor on the case of an axis (all: `None`).
+fn of_case(axis: Option<usize>, unit: &'static str) -> Meaning {
+    Meaning::Other(axis.map_or(columns::CASE.names.to_vec(), |a| vec![columns::CASE.name(a)]), unit)
 }
 
 /// The likeliest unit of a rate at rest: the earth turns by 15 deg/h, and a gyro's bias is not a thousand times that.
@@ -379,18 +379,14 @@ fn settle_rates<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
 
 /// Forms of the columns of times; of several the first counts, or a date with its time of day.
 fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
-    let candidates: Vec<usize> =
-        (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
-    let candidates = {
-        // Values that increase from row to row come first: t beside T.
-        let increases = |k: &usize| {
-            let v: Vec<f64> = cells(*k).into_iter().filter_map(number).collect();
-            v.len() > 1 && v.windows(2).all(|w| w[1] > w[0])
-        };
-        let (mut first, rest): (Vec<usize>, Vec<usize>) = candidates.into_iter().partition(increases);
-        first.extend(rest);
-        first
+    // Values that increase from row to row come first: t beside T.
+    let increases = |k: &usize| {
+        let v: Vec<f64> = cells(*k).into_iter().filter_map(number).collect();
+        v.len() > 1 && v.windows(2).all(|w| w[1] > w[0])
     };
+    let mut candidates: Vec<usize> =
+        (0..columns.len()).filter(|k| matches!(columns[*k].meaning, Meaning::Time(_))).collect();
+    candidates.sort_by_key(|k| !increases(k));
     for k in &candidates {
         // (A T beside another column of times is a temperature.)
         let may_be = if columns[*k].name == "T" { Meaning::Temperature(None, "C") } else { Meaning::Unknown };
@@ -418,11 +414,11 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
         let values: Vec<f64> = texts.iter().filter_map(|c| number(c)).collect();
         if values.len() == texts.len() && !values.is_empty() {
             let (_, unit) = parted(&columns[k].name);
-            let named = unit.or(Some(columns[k].name.to_lowercase())).and_then(|u| unit_of("time", &u));
+            let named = unit_of("time", unit.as_deref().unwrap_or(&columns[k].name.to_lowercase()));
             let clock = texts.iter().all(|t| t.len() == 6 && t.bytes().all(|b| b.is_ascii_digit()));
             let days =
                 (3e4..8e4).contains(&values[0]) && values[values.len() - 1] - values[0] < 0.01 * values.len() as f64;
-            if let (Some(u), None) = (&parted(&columns[k].name).1, named) {
+            if let (Some(u), None) = (&unit, named) {
                 columns[k].because = Some(format!("the unit {u} is not known here"));
                 continue;
             }
@@ -458,9 +454,8 @@ fn settle_thermometers(columns: &mut [Column]) {
     let mut one = false;
     for c in columns {
         if let Meaning::Temperature(a, unit) = c.meaning {
-            let names = ["case_x_c", "case_y_c", "case_z_c"];
             if resonators {
-                c.meaning = Meaning::Other(a.map_or(names.to_vec(), |a| vec![names[a]]), unit);
+                c.meaning = of_case(a, unit);
                 c.because = Some("beside resonators, a sensor is taken for the case's".into());
             } else if a.is_none() && (each || one) {
                 c.meaning = Meaning::Unknown;
@@ -616,6 +611,7 @@ impl std::fmt::Display for Meaning {
 
 #[cfg(test)]
 mod tests {
+    use super::super::map::conversion;
     use super::*;
 
     fn meaning(name: &str, cells: &[&str]) -> Meaning {
@@ -650,11 +646,24 @@ mod tests {
     }
 
     fn guessed(text: &str) -> Guess {
-        let path = std::env::temp_dir().join(format!("hrg-guess-{}-{}.csv", std::process::id(), text.len()));
-        std::fs::write(&path, text).expect("written");
-        let guess = guess(&path).expect("a table");
-        std::fs::remove_file(&path).expect("removed");
-        guess
+        guess(text).expect("a table")
+    }
+
+    #[test]
+    fn the_units_of_a_guess_are_those_of_a_map() {
+        for (quantity, written) in [
+            ("rate", &["dph", "dps", "mrads", "rads", "ppb", "ppm"][..]),
+            ("temperature", &["c", "k", "mc", "f"]),
+            ("frequency", &["hz", "khz", "mhz"]),
+            ("voltage", &["v", "mv"]),
+        ] {
+            for unit in written.iter().map(|w| unit_of(quantity, w).expect("known")) {
+                assert!(conversion(quantity, Some(unit)).is_ok(), "{unit}");
+            }
+        }
+        for unit in ["s", "ms", "us", "ns", "min", "h"].map(|w| unit_of("time", w).expect("known")) {
+            assert!(TimeForm::parse(unit).is_some(), "{unit}");
+        }
     }
 
     #[test]

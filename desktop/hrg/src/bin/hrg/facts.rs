@@ -40,14 +40,36 @@ impl Place {
     }
 }
 
-/// Facts that recordings may lack.
+/// Name of a unit, its place and its attitude.
 #[derive(Args, Clone, Debug, Default)]
-pub struct FactsArguments {
+pub struct Identity {
     /// Name of the unit, where the recordings name none.
     #[arg(long)]
     unit: Option<String>,
     #[command(flatten)]
     place: Place,
+}
+
+impl Identity {
+    /// As facts of recordings.
+    ///
+    /// # Errors
+    /// A name, a place or an attitude that is none.
+    pub fn facts(&self) -> Result<Facts, BadInput> {
+        let checked = |name: &String| names::check(name).map(String::from);
+        Ok(Facts {
+            unit: self.unit.as_ref().map(checked).transpose()?,
+            attitude: self.place.attitude()?,
+            ..Facts::default()
+        })
+    }
+}
+
+/// Facts that recordings may lack.
+#[derive(Args, Clone, Debug, Default)]
+pub struct FactsArguments {
+    #[command(flatten)]
+    identity: Identity,
     /// Scale factor of the rate channels, deg/h per code of the ADC. Rates made with another one are converted.
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     scale_factor: Option<String>,
@@ -58,12 +80,10 @@ pub struct FactsArguments {
 
 impl FactsArguments {
     fn facts(&self) -> Result<Facts> {
-        let checked = |name: &String| names::check(name).map(String::from);
         Ok(Facts {
-            unit: self.unit.as_ref().map(checked).transpose().map_err(BadInput::from)?,
-            attitude: self.place.attitude()?,
             scale_factor: self.scale_factor.as_deref().map(scale_factor).transpose().map_err(BadInput::from)?,
             base: self.base.as_deref().map(image_file::load).transpose()?,
+            ..self.identity.facts()?
         })
     }
 
@@ -80,7 +100,7 @@ impl FactsArguments {
     /// # Errors
     /// A place or an attitude that is none.
     pub fn earth_rate_dph(&self) -> Result<Option<[f64; AXES]>> {
-        Ok(self.place.attitude()?.map(|a| a.earth_rate_dph()))
+        Ok(self.identity.place.attitude()?.map(|a| a.earth_rate_dph()))
     }
 
     /// Reads recordings and adds what the arguments give.

@@ -1,12 +1,12 @@
 //! `hrg import`.
 
-use crate::facts::Place;
+use crate::facts::Identity;
 use crate::merge;
 use anyhow::Result;
 use hrg_data::error::BadInput;
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import;
-use hrg_data::recording::import::guess::{guess, Guess};
+use hrg_data::recording::import::guess::{guess, text_of, Guess};
 use hrg_data::recording::import::map::{Map, BUILT_IN};
 use hrg_data::recording::resonators::named;
 use hrg_data::recording::thermometer::Thermometer;
@@ -23,11 +23,8 @@ pub struct Arguments {
     map: Option<String>,
     #[command(flatten)]
     log: merge::Log,
-    /// Name of the unit.
-    #[arg(long)]
-    unit: Option<String>,
     #[command(flatten)]
-    place: Place,
+    identity: Identity,
     /// File for the recording: text, or Parquet if it ends in .parquet. Without it the file is only looked at.
     #[arg(short, long)]
     out: Option<PathBuf>,
@@ -65,7 +62,8 @@ impl Made {
             return Self::by(file, &map(name)?);
         }
         let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
-        if is_recording(file) {
+        let table = text_of(file).ok().map(|(text, _)| text).filter(|text| !is_recording(text));
+        let Some(table) = table else {
             // Every column is kept, those that a unit computed, too.
             let bytes = parquet::read_text(file)?;
             Recording::parse(&bytes).map_err(|e| {
@@ -83,8 +81,8 @@ impl Made {
                 dialect::plain(&text).map_err(|e| here(e.into()))?
             };
             return Ok(Self { text: plain, notes: Vec::new(), guessed: None });
-        }
-        let guess = guess(file).map_err(here)?;
+        };
+        let guess = guess(&table).map_err(here)?;
         if let Some(lacks) = guess.lacks() {
             print!("{}", guess.map());
             let next = "save what is printed above as map.toml, complete it, and give it by --map map.toml";
@@ -95,9 +93,8 @@ impl Made {
     }
 }
 
-/// `true` if a file has the columns of a recording, or cannot be read as anything else.
-fn is_recording(file: &Path) -> bool {
-    let Ok((text, _)) = import::guess::text_of(file) else { return true };
+/// `true` if a text has columns of a recording, or nothing in it.
+fn is_recording(text: &str) -> bool {
     let ours = |line: &str| {
         let names: Vec<&str> = line.split([',', ';', '\t']).map(|c| c.trim().trim_matches('"')).collect();
         columns::RATE.names.iter().chain(columns::TIME.names).any(|n| names.contains(n))
@@ -107,7 +104,7 @@ fn is_recording(file: &Path) -> bool {
 
 /// Makes a recording of another program's file.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, map: name, log, unit, place, out } = arguments;
+    let Arguments { file, map: name, log, identity, out } = arguments;
     if log.with.is_some() && out.is_none() {
         return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
     }
@@ -120,8 +117,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         .into());
     }
     let mut made = Made::of(file, name.as_deref())?;
-    let facts = Facts { unit: unit.clone(), attitude: place.attitude()?, ..Facts::default() };
-    made.text = stated(&made.text, &facts).map_err(here)?;
+    made.text = stated(&made.text, &identity.facts()?).map_err(here)?;
     if let Some(with) = &log.with {
         made.text = merge::merged(file, &made.text, with, log)?;
     }

@@ -39,8 +39,9 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
     let Log { time, power_on, offset, columns, gap, .. } = log;
     let here = |path: &Path, e: BadInput| BadInput::new(format!("{}: {e}", path.display()));
     let r = Recording::parse(run.as_bytes()).map_err(|e| here(recording, e))?;
-    let guessed =
-        if time.is_none() || columns.is_empty() { Some(guess(with).map_err(|e| here(with, e))?) } else { None };
+    let (text, note) = text_of(with).map_err(|e| here(with, e))?;
+    let lacking = time.is_none() || columns.is_empty();
+    let guessed = lacking.then(|| guess(&text).map_err(|e| here(with, e))).transpose()?;
     let (mut time, mut columns) = (time.clone(), columns.clone());
     if let Some(guess) = &guessed {
         time = time.or_else(|| guess.time());
@@ -67,7 +68,6 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
     if !(offset.is_finite() && gap.is_none_or(|g| g > 0.0)) {
         return Err(BadInput::new("--offset is a number of seconds, --gap a positive one").into());
     }
-    let (text, note) = text_of(with).map_err(|e| here(with, e))?;
     let source = with.file_name().unwrap_or_default().to_string_lossy();
     let run = run.trim_start_matches('\u{feff}');
     let merged = merge(run, text.trim_start_matches('\u{feff}'), &source, &wanted).map_err(|e| here(with, e))?;
