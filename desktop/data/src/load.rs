@@ -1,12 +1,13 @@
 //! Recordings as a program reads them: with notes on standard error.
 
+use crate::error::BadInput;
 use crate::recording::facts::Facts;
 use crate::recording::Recording;
 
-/// Reads and cleans a recording, and says on standard error what was found in it.
+/// Reads and cleans a recording of a unit at rest (or on a rate table), and says on standard error what was found in it.
 ///
 /// # Errors
-/// As [`Recording::load`].
+/// As [`Recording::load`] and [`Recording::rests`].
 pub fn load_recording(path: &std::path::Path) -> anyhow::Result<Recording> {
     load_recording_with(path, &Facts::default())
 }
@@ -14,11 +15,12 @@ pub fn load_recording(path: &std::path::Path) -> anyhow::Result<Recording> {
 /// The same, with what a user says of the unit.
 ///
 /// # Errors
-/// As [`Recording::load`], and where the recording says otherwise.
+/// As [`load_recording`], and where the recording says otherwise.
 pub fn load_recording_with(path: &std::path::Path, facts: &Facts) -> anyhow::Result<Recording> {
     let r = Recording::load_with(path, |r| facts.apply(r))?;
     for note in &r.notes {
         eprintln!("{}: {note}", path.display());
     }
+    r.rests().map_err(|e| BadInput(format!("{}: {e}", path.display())))?;
     Ok(r)
 }

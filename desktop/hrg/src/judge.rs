@@ -12,7 +12,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
 use hrg_data::plot::{escape, svg, Panel, Series};
 use hrg_data::recording::steps::Steps;
-use hrg_data::recording::Recording;
+use hrg_data::recording::{plausible, Recording};
 use hrg_identify::fit::correct;
 use hrg_simulate::profile::CHAMBERS_C;
 use serde::Serialize;
@@ -338,7 +338,7 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
                 });
             }
         }
-        if !r.without_earth_rate() {
+        if !r.without_earth_rate() && r.stands_for().is_none() {
             let note = "latitude and axes are not known: the earth's rate is in raw and corrected rates, unless the calibration holds it; give --latitude and --axes as hrg fit had them";
             notes.push(note.to_string());
         }
@@ -350,6 +350,8 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         .iter()
         .map(|&a| (AXIS_NAMES[a].to_string(), axis(&points[a], &cells[a], extremes[a], limit, &names)))
         .collect();
+    let constants = [0, 1, 2].map(|a| axes.get(AXIS_NAMES[a]).and_then(|axis| axis.constant_dph));
+    notes.extend(plausible::earth_rate_otherwise(&constants, first.earth_rate_dph.as_ref()));
     Ok(Judgement {
         version: VERSION,
         unit: first.unit().to_string(),

@@ -131,7 +131,7 @@ impl Recording {
     pub fn clean_keeping(&mut self) -> Result<Original, BadInput> {
         // Rows that go, and rates that change throughout, take a second recording to bring back.
         let same_rates = self.without_earth_rate() || self.attitude()?.is_none();
-        if !(self.in_order() && same_rates) || self.turned() {
+        if !(self.in_order() && same_rates) || self.turned() || self.reads_zero() {
             let before = self.copied();
             self.clean()?;
             return Ok(Original::Whole(Box::new(before)));
@@ -169,6 +169,7 @@ impl Recording {
             )));
         }
         self.remove_earth_rate()?;
+        self.note_unlikely()?;
         let mut values = vec![Vec::new(); self.columns_mut().count()];
         found.into_iter().for_each(|f| values[f.place] = f.taken);
         Ok(values)

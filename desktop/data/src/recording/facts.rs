@@ -158,7 +158,7 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
         return Err(Disagreement::Scales(scale_text(&a), scale_text(&b)));
     }
     let untold = all().filter(|r| r.scale_factor().is_none()).count();
-    if first.is_none() {
+    if first.is_none() && all().all(|r| r.stands_for().is_none()) {
         notes.push(format!(
             "no scale factor is known: the default of 20 deg/s at 2^23 codes ({DEFAULT_SCALE_FACTOR} deg/h per code) is assumed; give the unit's own with --scale-factor X,Y,Z or --base OLD.toml"
         ));
@@ -167,6 +167,8 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
     }
     match (all().any(Recording::without_earth_rate), all().all(Recording::without_earth_rate)) {
         (true, false) => return Err(Disagreement::EarthRate),
+        // (An oscillator does not turn with the earth.)
+        (false, _) if all().any(|r| r.stands_for().is_some()) => {}
         (false, _) => notes.push(format!(
             "latitude and axes are not known: each axis' constant k0 holds its part of the earth's rate, up to {EARTH_RATE_DPH:.2} deg/h, beside the gyro's own bias; give --latitude and --axes"
         )),

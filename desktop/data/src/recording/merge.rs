@@ -7,6 +7,7 @@ use crate::error::BadInput;
 use crate::numeric::stats::median;
 use crate::recording::dialect;
 use crate::recording::dialect::is_missing;
+use crate::recording::import::map::{conversion, quantity_of};
 use crate::recording::thermometer::Thermometer;
 use crate::recording::time_form::{Days, TimeForm, FORMS};
 use crate::recording::{columns, Recording};
@@ -91,18 +92,20 @@ pub struct Wanted {
     pub offset_s: f64,
     /// Columns: the recording's name, the log's name.
     pub columns: Vec<(String, String)>,
+    /// Units of these columns in the log; `None`: that of the recording, or what the name of the column says.
+    pub units: Vec<Option<String>>,
     /// Rows of the log that are further apart have a gap between them, s; `None`: five usual steps.
     pub gap_s: Option<f64>,
 }
 
 impl Wanted {
-    /// From `COLUMN[=FORMAT]` and `name=column` items.
+    /// From `COLUMN[=FORMAT]` and `name=column` or `name=column in UNIT` items.
     ///
     /// # Errors
-    /// Names that no recording has, and forms that no time has.
+    /// Names that no recording has, units that the quantity does not have, and forms that no time has.
     pub fn parse(time: &str, columns: &[String]) -> Result<Self, MergeError> {
         let (column, format) = time.split_once('=').unwrap_or((time, "s"));
-        let mut pairs: Vec<(String, String)> = Vec::new();
+        let (mut pairs, mut units): (Vec<(String, String)>, Vec<Option<String>>) = Default::default();
         for item in columns {
             let Some((ours, theirs)) = item.split_once('=') else {
                 return Err(MergeError::Usage(format!(
@@ -119,6 +122,12 @@ impl Wanted {
             if pairs.iter().any(|(o, _)| o == ours) {
                 return Err(MergeError::Usage(format!("--columns: {ours} is named twice")));
             }
+            let (theirs, unit) = match theirs.rsplit_once(" in ") {
+                Some((name, unit)) => (name, Some(unit.trim().to_string())),
+                None => (theirs, None),
+            };
+            conversion(quantity(ours), unit.as_deref()).map_err(|e| MergeError::Usage(format!("--columns: {e}")))?;
+            units.push(unit);
             pairs.push((ours.into(), theirs.trim().into()));
         }
         Ok(Self {
@@ -129,8 +138,33 @@ impl Wanted {
             power_on: None,
             offset_s: 0.0,
             columns: pairs,
+            units,
             gap_s: None,
         })
+    }
+
+    /// Takes the units that a log's own header names for columns whose unit was not given; gives a note on each that is converted.
+    pub fn take_units(&mut self, of: impl Fn(&str) -> Option<&'static str>) -> Vec<String> {
+        let mut notes = Vec::new();
+        for ((ours, theirs), unit) in self.columns.iter().zip(&mut self.units) {
+            let known = of(theirs).filter(|u| conversion(quantity(ours), Some(u)).is_ok_and(|c| c != (1.0, 0.0)));
+            if let (None, Some(known)) = (&unit, known) {
+                notes.push(format!(
+                    "column {theirs} is converted from {known}; \"{ours}={theirs} in UNIT\" says another one"
+                ));
+                *unit = Some(known.to_string());
+            }
+        }
+        notes
+    }
+}
+
+/// Physical quantity of a column that may come from a log.
+fn quantity(ours: &str) -> &'static str {
+    if is_thermometer(ours) {
+        "temperature"
+    } else {
+        quantity_of(ours)
     }
 }
 
@@ -197,7 +231,7 @@ impl Log {
                 return Err(MergeError::Time { line: number, text, format }.into());
             };
             if wanted.format.of_a_day() {
-                t = days.next(t);
+                t = days.next(t, &wanted.format);
             }
             let values = columns
                 .iter()
@@ -301,7 +335,9 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
     }
     let mut added = Vec::new();
     let mut filled = Vec::new();
-    for ((ours, _), values) in wanted.columns.iter().zip(&table.columns) {
+    for (((ours, _), unit), values) in wanted.columns.iter().zip(&wanted.units).zip(&mut table.columns) {
+        let (factor, offset) = conversion(quantity(ours), unit.as_deref())?;
+        values.iter_mut().for_each(|v| *v = *v * factor + offset);
         let taken = is_thermometer(ours) && r.thermometer != Thermometer::None;
         if taken || r.column(ours).is_some_and(|c| c.iter().any(|v| v.is_finite())) {
             return Err(MergeError::Taken(ours.clone()).into());
@@ -462,6 +498,19 @@ mod tests {
         assert_eq!((r.thermometer, r.frequency_hz[0][0], r.frequency_hz[0][19]), (Thermometer::OneSensor, 20.5, 40.0));
         let with_resonators = merge(&self::run(), log, "log", &w).expect_err("it has a thermometer").0;
         assert!(with_resonators.contains("temp_c already"), "{with_resonators}");
+    }
+
+    #[test]
+    fn units_of_a_log_are_converted() {
+        let log = "t,T_K [K],U\n1,293.15,5000\n20,303.15,5000\n";
+        let mut w = Wanted::parse("t", &["chamber_c=T_K [K]".into(), "supply_v=U in mV".into()]).expect("fine");
+        w.gap_s = Some(60.0);
+        assert_eq!(w.take_units(|name| name.ends_with("[K]").then_some("K")).len(), 1);
+        let m = merge(&run(), log, "log", &w).expect("merges");
+        assert!((column(&m.text, "chamber_c")[0] - 20.0).abs() < 1e-9, "{}", column(&m.text, "chamber_c")[0]);
+        assert_eq!(column(&m.text, "supply_v")[3], 5.0);
+        let e = Wanted::parse("t", &["chamber_c=T in Hz".into()]).expect_err("no unit of a temperature").to_string();
+        assert!(e.contains("\"Hz\" is no unit of a temperature; there are C, K, mC, F"), "{e}");
     }
 
     #[test]

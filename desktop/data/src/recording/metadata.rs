@@ -4,6 +4,7 @@
 //! earth's rate left in a constant, show nowhere else. Keys that this program does not know are kept and mean nothing.
 
 use super::columns;
+use super::plausible::AT_REST;
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
 use hrg_core::AXES;
@@ -12,7 +13,7 @@ use hrg_core::AXES;
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
 /// Keys with a meaning. Each may stand in a file once, or again with the same value.
-pub const KEYS: [&str; 15] = [
+pub const KEYS: [&str; 17] = [
     "hrg-recording",
     "unit",
     "run",
@@ -28,6 +29,8 @@ pub const KEYS: [&str; 15] = [
     "thermometer",
     TIME_STEP,
     TABLE_RATE,
+    AT_REST,
+    STANDS_FOR,
 ];
 
 /// Key of the scale factor.
@@ -38,6 +41,9 @@ pub const TIME_STEP: &str = "time_step_s";
 
 /// Key of the rate of a table that was the same in the whole recording; else it stands in columns.
 pub const TABLE_RATE: &str = "table_rate_dph";
+
+/// Key of the quantity that stands in the place of the rates, where it is not that of a gyro.
+pub const STANDS_FOR: &str = "rate_stands_for";
 
 /// Newest version of recordings that this program reads.
 const VERSION: u32 = 2;
@@ -187,6 +193,7 @@ pub fn check(entries: &[(String, String)]) -> Result<(), MetadataError> {
     }
     one_of("rates", &["raw", "corrected"], "raw or corrected, in small letters")?;
     one_of("earth_rate", &["removed"], "removed; leave the line out where the rates hold the earth's rate")?;
+    one_of(AT_REST, &["yes"], "yes; leave the line out where the rates may tell")?;
     one_of(
         "thermometer",
         &["frequency", "sensor", "none"],

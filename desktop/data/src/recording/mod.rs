@@ -15,6 +15,7 @@ pub mod metadata;
 pub mod names;
 pub mod own_columns;
 pub mod parquet;
+pub mod plausible;
 mod reader;
 pub mod resonators;
 mod rows;
@@ -154,6 +155,12 @@ impl Recording {
     #[must_use]
     pub fn scale_factor(&self) -> Option<[f32; 3]> {
         self.meta(metadata::SCALE_FACTOR).and_then(|v| metadata::scale_factor(v).ok())
+    }
+
+    /// Quantity that stands in the place of the rates, as ppb of an oscillator; `None` of a gyro.
+    #[must_use]
+    pub fn stands_for(&self) -> Option<&str> {
+        self.meta(metadata::STANDS_FOR)
     }
 
     /// `true` if the rates are free of the earth's rate.

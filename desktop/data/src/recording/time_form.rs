@@ -22,7 +22,7 @@ pub const FORMS: &str = "s, ms, us, ns, min, h, unix, iso and patterns like %d.%
 /// Patterns of dates that programs write, the likeliest first.
 const DATES: [&str; 8] = ["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d"];
 /// Patterns of times of day.
-const TIMES: [&str; 5] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M"];
+const TIMES: [&str; 6] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%M:%S"];
 /// Between a date and a time of day.
 const BETWEEN: [&str; 4] = [" ", "T", "-", ", "];
 
@@ -79,6 +79,12 @@ impl TimeForm {
                     (true, Some(at)) => format!("{}.{}", &text[..at], &text[at + 1..]),
                     _ => text.to_string(),
                 };
+                // (Minutes and seconds alone are those of an hour.)
+                let of_an_hour = !["%H", "%I", "%k", "%l", "%T", "%R"].iter().any(|h| p.contains(h));
+                let (text, pattern) = match of_an_hour && p.starts_with("%M") {
+                    true => (format!("0:{text}"), format!("%H:{pattern}")),
+                    false => (text, pattern),
+                };
                 if p.contains('z') {
                     return DateTime::parse_from_str(&text, &pattern).map(|t| seconds(t.naive_utc())).ok();
                 }
@@ -132,6 +138,14 @@ impl TimeForm {
         matches!(self, Self::Pattern(_)) && !self.absolute()
     }
 
+    /// Seconds after which a clock without a date begins again.
+    fn period_s(&self) -> f64 {
+        match self {
+            Self::Pattern(p) if p.starts_with("%M") => 3600.0,
+            _ => DAY_S,
+        }
+    }
+
     /// The name of a form that fits all of some texts which are no numbers; `true` if day and month might be changed about.
     #[must_use]
     pub fn guess(texts: &[&str]) -> Option<(String, bool)> {
@@ -163,10 +177,11 @@ pub struct Days {
 }
 
 impl Days {
-    /// The next time.
-    pub fn next(&mut self, time_s: f64) -> f64 {
-        if self.before_s.is_some_and(|b| time_s < b - 0.5 * DAY_S) {
-            self.days_s += DAY_S;
+    /// The next time, of a clock that begins again each day, or each hour.
+    pub fn next(&mut self, time_s: f64, form: &TimeForm) -> f64 {
+        let period_s = form.period_s();
+        if self.before_s.is_some_and(|b| time_s < b - 0.5 * period_s) {
+            self.days_s += period_s;
         }
         self.before_s = Some(time_s);
         time_s + self.days_s
@@ -198,7 +213,12 @@ mod tests {
         let ms = TimeForm::parse("ms").expect("a form");
         assert_eq!(ms.read("1732087800123"), Some(1_732_087_800.123));
         assert!(ms.counts_from_1970(1_732_087_800.0) && !ms.counts_from_1970(5000.0) && TimeForm::parse("x").is_none());
-        let mut days = Days::default();
-        assert_eq!([86_399.0, 1.0, 2.0].map(|t| days.next(t)), [86_399.0, 86_401.0, 86_402.0]);
+        let next = |form: &str, times: [&str; 3]| {
+            let (form, mut days) = (TimeForm::parse(form).expect("a form"), Days::default());
+            times.map(|t| days.next(form.read(t).expect("a time"), &form))
+        };
+        assert_eq!(next("%H:%M:%S", ["23:59:59", "00:00:01", "00:00:02"]), [86_399.0, 86_401.0, 86_402.0]);
+        assert_eq!(next("%M:%S", ["59:59", "00:01", "00:02"]), [3599.0, 3601.0, 3602.0]);
+        assert_eq!(TimeForm::guess(&["24:01", "59:59"]).map(|g| g.0), Some("%M:%S".to_string()));
     }
 }

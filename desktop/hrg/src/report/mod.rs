@@ -115,7 +115,7 @@ pub fn report(recordings: &[Recording]) -> Result<Report, BadInput> {
     if recordings.iter().any(Recording::corrected) {
         notes.push("corrected rates are among them: the figures are those of the compensated gyro".to_string());
     }
-    if !recordings.iter().all(Recording::without_earth_rate) {
+    if !recordings.iter().all(|r| r.without_earth_rate() || r.stands_for().is_some()) {
         notes.push(
             "the earth's rate is in the biases, as far as the axes see it: latitude and axes are not known".to_string(),
         );

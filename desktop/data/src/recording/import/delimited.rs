@@ -80,17 +80,17 @@ pub(super) fn lines<'t>(text: &'t str, layout: &'t Layout) -> Result<impl Iterat
 /// One sentence with line and column.
 pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     let (text, note) = decode(bytes, map.table.encoding.as_deref())?;
-    let mut table = fill(map, lines(&text, &map.table)?)?;
+    let mut table = fill(map, lines(&text, &map.table)?, !text.ends_with(['\n', '\r']))?;
     table.notes.extend(note);
     Ok(table)
 }
 
 /// The columns that a map wants, of rows of cells with the number of the line of each; the header is the first, if the map says that there is
-/// one.
+/// one. `open`: the last row may be cut off, as its line has no end.
 ///
 /// # Errors
 /// One sentence with line and column.
-pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result<Table, BadInput> {
+pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: bool) -> Result<Table, BadInput> {
     let layout = &map.table;
     let mut rows = rows.peekable();
     let names: Vec<String> = match rows.peek() {
@@ -122,8 +122,9 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result
     let mut table =
         Table { columns: numbers.iter().map(|(_, n)| (n.clone(), Vec::new())).collect(), ..Table::default() };
     let (mut dropped, mut empty, mut missing) = (0, 0usize, 0usize);
+    let (mut glued, mut cut) = (None::<(usize, usize)>, None);
     let (mut comma, mut point) = (None, None);
-    for row in rows {
+    while let Some(row) = rows.next() {
         let (line, cells) = row?;
         let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
         if keep.iter().any(|(at, word)| cell(*at) != *word) {
@@ -132,6 +133,15 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result
         if dropped < layout.drop_rows {
             dropped += 1;
             continue;
+        }
+        // (A trailing separator makes empty cells.)
+        if cells.iter().skip(names.len()).any(|c| !c.is_empty()) {
+            glued = Some(glued.map_or((1, line), |(n, first)| (n + 1, first)));
+            continue;
+        }
+        if open && cells.len() < names.len() && rows.peek().is_none() {
+            cut = Some(line);
+            break;
         }
         if let Some(clock) = &mut clock {
             clock.take(line, cell)?;
@@ -156,6 +166,12 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>) -> Result
     }
     if missing > 0 {
         table.notes.push(format!("{missing} cells hold a text for a missing value"));
+    }
+    if let Some((count, first)) = glued {
+        table.notes.push(format!("{count} rows have more cells than the header, the first in line {first}: left out"));
+    }
+    if let Some(line) = cut {
+        table.notes.push(format!("line {line}, the last, is cut off: left out"));
     }
     table.time_s = clock.map(|c| c.time_s);
     Ok(table)
@@ -206,7 +222,7 @@ impl Clock {
             let form = self.form.name();
             BadInput(format!("line {line}, column \"{}\": \"{shown}\" is not a time of the form {form}", self.name))
         })?;
-        self.time_s.push(if self.form.of_a_day() { self.days.next(time_s) } else { time_s });
+        self.time_s.push(if self.form.of_a_day() { self.days.next(time_s, &self.form) } else { time_s });
         Ok(())
     }
 }

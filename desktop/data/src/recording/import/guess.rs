@@ -21,6 +21,8 @@ use std::path::Path;
 const ROWS: usize = 2000;
 /// Ground of a guess where a column names no unit.
 const UNNAMED: &str = "no unit is named";
+/// Ground for leaving a thermometer out.
+const ANOTHER_THERMOMETER: &str = "another thermometer is used";
 /// Lines among which the header is sought.
 const BEFORE: usize = 100;
 
@@ -45,11 +47,26 @@ pub enum Meaning {
     Unknown,
 }
 
+impl Meaning {
+    /// Unit of its values, where they are a quantity.
+    #[must_use]
+    pub fn unit(&self) -> Option<&'static str> {
+        match self {
+            Self::Rate(_, unit) | Self::Frequency(_, unit) | Self::Temperature(_, unit) | Self::Other(_, unit) => {
+                Some(unit)
+            }
+            _ => None,
+        }
+    }
+}
+
 /// A column with its meaning.
 #[derive(Debug, Clone)]
 pub struct Column {
     /// Name in the header.
     pub name: String,
+    /// The same with the unit that stands below it, where one does.
+    pub with_unit: String,
     /// First value that is there.
     pub sample: String,
     /// Meaning.
@@ -67,6 +84,8 @@ pub struct Guess {
     pub skip_lines: usize,
     /// `true` if a line names the columns.
     pub header: bool,
+    /// Rows between the header and the data: one of units.
+    pub drop_rows: usize,
 }
 
 /// The text of a table: that of a file in its encoding, or the first sheet of a spreadsheet with tabs between the cells. The encoding where
@@ -101,30 +120,74 @@ pub fn guess(text: &str) -> Result<Guess, BadInput> {
     // (The separator is that of the line that would be the header.)
     let from = |skip: usize| {
         let rows = beginning(text, skip).ok()?;
-        is_table(&rows).map(|header| (skip, header, rows))
+        is_table(&rows).map(|head| (skip, head, rows))
     };
-    let (skip_lines, header, rows) = (0..BEFORE).find_map(from).ok_or_else(|| {
+    let (skip_lines, head, rows) = (0..BEFORE).find_map(from).ok_or_else(|| {
         BadInput::new(
             "no table is found in it: a line that names the columns, and rows of numbers below it with as many cells",
         )
     })?;
     let width = rows[0].len();
+    let header = head != Head::None;
     let names: Vec<String> = if header { rows[0].clone() } else { (1..=width).map(|k| k.to_string()).collect() };
-    let data: Vec<&Vec<String>> = rows.iter().skip(usize::from(header)).take(ROWS).collect();
+    let data: Vec<&Vec<String>> = rows.iter().skip(head.rows()).take(ROWS).collect();
+    let with_unit = |k: usize| match &rows[1][k] {
+        unit if head == Head::NamesAndUnits && !unit.is_empty() => {
+            format!("{} [{}]", names[k], unit.trim_matches(['[', ']', '(', ')', ' ']))
+        }
+        _ => names[k].clone(),
+    };
     let cells = |k: usize| -> Vec<&str> {
         let all = data.iter().filter_map(|r| r.get(k).map(String::as_str));
         all.filter(|c| !is_missing(c)).collect()
     };
-    let mut columns: Vec<Column> = names.iter().enumerate().map(|(k, name)| column(name, &cells(k))).collect();
+    let mut columns: Vec<Column> = (0..width).map(|k| column(&with_unit(k), &cells(k))).collect();
+    columns.iter_mut().zip(&names).for_each(|(c, name)| c.name.clone_from(name));
     settle_rates(&mut columns, &cells);
     settle_times(&mut columns, &cells);
     settle_thermometers(&mut columns);
-    Ok(Guess { columns, skip_lines, header })
+    Ok(Guess { columns, skip_lines, header, drop_rows: head.rows().saturating_sub(1) })
 }
 
-/// `Some` if rows are a table: `true` with a header, `false` if the first row is of data already.
-fn is_table(rows: &[Vec<String>]) -> Option<bool> {
+/// The head of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Head {
+    /// The first row is of data already.
+    None,
+    /// A row of names.
+    Names,
+    /// A row of names, and one of units below it.
+    NamesAndUnits,
+}
+
+impl Head {
+    fn rows(self) -> usize {
+        match self {
+            Self::None => 0,
+            Self::Names => 1,
+            Self::NamesAndUnits => 2,
+        }
+    }
+}
+
+/// `true` if a cell names a unit.
+fn names_a_unit(cell: &str) -> bool {
+    let unit = parted(&format!("[{}]", cell.trim_matches(['[', ']', '(', ')', ' ']))).1.unwrap_or_default();
+    ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some())
+}
+
+/// The head of rows that are a table.
+fn is_table(rows: &[Vec<String>]) -> Option<Head> {
     let [first, second, rest @ ..] = rows else { return None };
+    // (Instruments whose units are not known here stand among the others.)
+    let units = second.iter().filter(|c| names_a_unit(c)).count();
+    let no_number = second.iter().all(|c| number(c).is_none());
+    if units >= 2 && no_number && first.len() == second.len() && !first.iter().any(|c| names_a_unit(c)) {
+        let without: Vec<Vec<String>> = std::iter::once(first).chain(rest.iter().take(3)).cloned().collect();
+        if is_table(&without) == Some(Head::Names) {
+            return Some(Head::NamesAndUnits);
+        }
+    }
     let is_value =
         |c: &&String| number(c).is_some() || TimeForm::guess(&[c]).is_some() || TimeForm::guess_date(&[c]).is_some();
     let values = |r: &Vec<String>| r.iter().filter(|c| is_value(c) || is_missing(c)).count();
@@ -132,8 +195,8 @@ fn is_table(rows: &[Vec<String>]) -> Option<bool> {
     let of_data = values(second) > 0 && 2 * values(second) + 2 >= second.len();
     // (An index has no name in some tables.)
     match (same && of_data, first.iter().filter(is_value).count()) {
-        (true, 0) => Some(true),
-        (true, n) if n >= second.iter().filter(is_value).count() => Some(false),
+        (true, 0) => Some(Head::Names),
+        (true, n) if n >= second.iter().filter(is_value).count() => Some(Head::None),
         _ => None,
     }
 }
@@ -141,14 +204,15 @@ fn is_table(rows: &[Vec<String>]) -> Option<bool> {
 /// A name without its unit, in small letters and digits, and the unit.
 fn parted(name: &str) -> (String, Option<String>) {
     let plain = |s: &str| s.to_lowercase().replace(['°', 'º'], "deg").replace(' ', "");
+    let stem = |s: &str| plain(&s.trim().replace(' ', "_"));
     for (open, close) in [('[', ']'), ('(', ')')] {
         if let Some((before, rest)) = name.split_once(open) {
             if let Some((unit, after)) = rest.split_once(close) {
-                return (plain(&format!("{before}{after}")), Some(plain(unit)));
+                return (stem(&format!("{before}{after}")), Some(plain(unit)));
             }
         }
     }
-    let lower = plain(&name.replace(' ', "_"));
+    let lower = stem(name);
     // (Two words first: the s of deg_s is no second.)
     let places = ["_deg_", "_rad_", "_mrad_", "_", "/"].map(|mark| lower.rfind(mark));
     for at in places.into_iter().flatten() {
@@ -240,7 +304,10 @@ const RATES: [&str; 13] = [
     "gyroscope",
 ];
 const TEMPERATURES: [&str; 6] = ["temp", "pt100", "pt1000", "ntc", "thermo", "sensort"];
-const NOT_MEASURED: [&str; 9] = ["soll", "setpoint", "target", "table", "ref", "std", "sigma", "sample", "max"];
+const NOT_MEASURED: [&str; 14] = [
+    "soll", "setpoint", "target", "table", "ref", "std", "sigma", "sample", "max", "dew", "taupunkt", "junction",
+    "cjc", "humid",
+];
 const TIMES: [&str; 14] = [
     "time",
     "t",
@@ -314,7 +381,7 @@ fn column(name: &str, cells: &[&str]) -> Column {
         }
     }
     let sample = cells.first().copied().unwrap_or_default().to_string();
-    Column { name: name.to_string(), sample, meaning, because }
+    Column { name: name.to_string(), with_unit: name.to_string(), sample, meaning, because }
 }
 
 /// A sensor on the case of an axis (all: `None`).
@@ -407,13 +474,16 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
     for k in candidates {
         let texts = cells(k);
         if let Some((form, changed)) = TimeForm::guess(&few(&texts)) {
-            columns[k].because = changed.then(|| "day and month could be changed about".to_string());
+            columns[k].because = match form.as_str() {
+                "%H:%M" => Some("hours and minutes; if minutes and seconds, its form is %M:%S".to_string()),
+                _ => changed.then(|| "day and month could be changed about".to_string()),
+            };
             columns[k].meaning = Meaning::Time(form);
             return;
         }
         let values: Vec<f64> = texts.iter().filter_map(|c| number(c)).collect();
         if values.len() == texts.len() && !values.is_empty() {
-            let (_, unit) = parted(&columns[k].name);
+            let (_, unit) = parted(&columns[k].with_unit);
             let named = unit_of("time", unit.as_deref().unwrap_or(&columns[k].name.to_lowercase()));
             let clock = texts.iter().all(|t| t.len() == 6 && t.bytes().all(|b| b.is_ascii_digit()));
             let days =
@@ -459,7 +529,7 @@ fn settle_thermometers(columns: &mut [Column]) {
                 c.because = Some("beside resonators, a sensor is taken for the case's".into());
             } else if a.is_none() && (each || one) {
                 c.meaning = Meaning::Unknown;
-                c.because = Some("another thermometer is used".into());
+                c.because = Some(ANOTHER_THERMOMETER.into());
             } else {
                 one |= a.is_none();
             }
@@ -509,11 +579,11 @@ impl Guess {
         let mut out: Vec<String> = Vec::new();
         for c in &self.columns {
             let names: Vec<&str> = match &c.meaning {
-                Meaning::Temperature(None, "C") if r.thermometer == Thermometer::None => vec!["temp_c"],
-                Meaning::Temperature(Some(a), "C") if r.thermometer == Thermometer::None => {
+                Meaning::Temperature(None, _) if r.thermometer == Thermometer::None => vec!["temp_c"],
+                Meaning::Temperature(Some(a), _) if r.thermometer == Thermometer::None => {
                     vec![columns::SENSOR.names[*a]]
                 }
-                Meaning::Temperature(None, "C") => {
+                Meaning::Temperature(None, _) => {
                     let cases = columns::CASE.names.iter().enumerate();
                     let own: Vec<&str> = cases.filter(|(a, _)| !r.absent[*a]).map(|(_, n)| *n).collect();
                     if r.thermometer == Thermometer::Frequency {
@@ -522,13 +592,28 @@ impl Guess {
                         vec!["chamber_c"]
                     }
                 }
-                Meaning::Temperature(Some(a), "C") => vec![columns::CASE.names[*a]],
-                Meaning::Other(names, "C" | "V") => names.clone(),
+                Meaning::Temperature(Some(a), _) => vec![columns::CASE.names[*a]],
+                Meaning::Other(names, _) => names.clone(),
                 _ => vec![],
             };
-            out.extend(names.into_iter().filter(|n| lacks(n)).map(|n| format!("{n}={}", c.name)));
+            let unit =
+                c.meaning.unit().filter(|u| !["C", "V"].contains(u)).map_or(String::new(), |u| format!(" in {u}"));
+            out.extend(names.into_iter().filter(|n| lacks(n)).map(|n| format!("{n}={}{unit}", c.name)));
         }
         out
+    }
+
+    /// Unit of a column, by its name.
+    #[must_use]
+    pub fn unit_of(&self, column: &str) -> Option<&'static str> {
+        self.columns.iter().find(|c| c.name == column)?.meaning.unit()
+    }
+
+    /// Thermometers that are left out because another one is used.
+    #[must_use]
+    pub fn other_thermometers(&self) -> Vec<&str> {
+        let other = |c: &&Column| c.because.as_deref() == Some(ANOTHER_THERMOMETER);
+        self.columns.iter().filter(other).map(|c| c.name.as_str()).collect()
     }
 
     /// The map, with what each column is taken for as comments.
@@ -545,13 +630,16 @@ impl Guess {
             let _ = writeln!(s, "#   {}{} {sample:<24} {}{because}", c.name, " ".repeat(pad), c.meaning);
         }
         s.push_str("hrg-map = 1\n");
-        if self.skip_lines > 0 || !self.header {
+        if self.skip_lines > 0 || !self.header || self.drop_rows > 0 {
             s.push_str("\n[table]\n");
             if self.skip_lines > 0 {
                 let _ = writeln!(s, "skip_lines = {}", self.skip_lines);
             }
             if !self.header {
                 s.push_str("header = false\n");
+            }
+            if self.drop_rows > 0 {
+                let _ = writeln!(s, "drop_rows = {}    # units", self.drop_rows);
             }
         }
         s.push_str("\n[meta]\n# unit = \"NAME\"            # name of the unit\n# latitude_deg = \"53.1\"    # with axes, the earth's rate is taken off\n# axes = \"x=north y=east z=down\"\n\n[time]\n");
@@ -690,6 +778,13 @@ mod tests {
         let rates: Vec<&str> =
             g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Rate(..))).map(|c| c.name.as_str()).collect();
         assert_eq!((rates, g.lacks()), (vec!["rate_x [deg/s]"], None));
+        // Words around the axis, and units in a line of their own.
+        let g = guessed("Time (s),Gyro X rate (deg/h),T\n0,1,20\n1,2,20\n2,1,20\n");
+        assert_eq!((g.lacks(), &g.columns[1].meaning), (None, &Meaning::Rate(0, "deg/h")));
+        let g = guessed("Time,Gyro X,Temp\ns,deg/s,K\n0,1,290\n1,2,291\n2,1,292\n");
+        let of: Vec<&Meaning> = g.columns.iter().map(|c| &c.meaning).collect();
+        assert_eq!(of, [&Meaning::Time("s".into()), &Meaning::Rate(0, "deg/s"), &Meaning::Temperature(None, "K")]);
+        assert!(g.map().contains("drop_rows = 1") && g.map().contains("\"Gyro X\""), "{}", g.map());
         // Two thermometers, and resonators beside a sensor.
         let g = guessed("time,wx [deg/h],temp_a,temp_b\n0,1,20,30\n1,1,20,30\n2,1,20,30\n");
         assert_eq!(g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Temperature(..))).count(), 1);

@@ -212,7 +212,7 @@ pub fn conversion(quantity: &str, unit: Option<&str>) -> Result<Conversion, BadI
     let unit = unit.unwrap_or(known[0].0);
     known.iter().find(|(n, _)| *n == unit).map(|(_, c)| *c).ok_or_else(|| {
         let names: Vec<&str> = known.iter().map(|(n, _)| *n).collect();
-        BadInput(format!("the map has the unit \"{unit}\" for a {quantity}; there are {}", names.join(", ")))
+        BadInput(format!("\"{unit}\" is no unit of a {quantity}; there are {}", names.join(", ")))
     })
 }
 

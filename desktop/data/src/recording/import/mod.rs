@@ -178,7 +178,10 @@ fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {
         };
         r.rate_dph[a] = converted(table, rate, "rate")?;
         if let Some(unit @ ("ppb" | "ppm")) = rate.unit.as_deref() {
-            r.set_meta("rate_stands_for", if unit == "ppm" { "ppb, converted from ppm" } else { "ppb" });
+            r.set_meta(
+                crate::recording::metadata::STANDS_FOR,
+                if unit == "ppm" { "ppb, converted from ppm" } else { "ppb" },
+            );
         }
         if r.thermometer == Thermometer::None {
             r.frequency_hz[a] = vec![f64::NAN; table.rows()];
@@ -258,6 +261,16 @@ y = { column = \"3\", unit = \"deg/s\" }
         let r = import(map, "IMU 1000000  0.5 20\nGPS 1 2 3 4\n  IMU 2000000  0.25\n").expect("fits");
         assert_eq!((r.time_s.as_slice(), r.rate_dph[1].as_slice()), (&[1.0, 2.0][..], &[1800.0, 900.0][..]));
         assert!(r.frequency_hz[1][1].is_nan() && r.meta("power_on_s") == Some("0"));
+    }
+
+    #[test]
+    fn rows_that_are_glued_or_cut_off_are_left_out() {
+        let text = "t;u;T;wx\n0;0;0;0\n1;2;300;4\n2;2;301;43;2;301;4\n4;2;301;4;;\n5;2;30";
+        let r = import(MAP, text).expect("fits");
+        assert_eq!(r.time_s.len(), 2);
+        let notes = r.notes.join("; ");
+        assert!(notes.contains("1 rows have more cells than the header, the first in line 4"), "{notes}");
+        assert!(notes.contains("line 6, the last, is cut off"), "{notes}");
     }
 
     #[test]

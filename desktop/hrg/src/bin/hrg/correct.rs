@@ -7,7 +7,8 @@ use hrg_core::status::AxisStatus;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
-use hrg_data::recording::{facts, parquet, Recording};
+use hrg_data::numeric::stats::median;
+use hrg_data::recording::{facts, parquet, plausible, Recording};
 use hrg_identify::fit::correct;
 use std::path::PathBuf;
 
@@ -49,6 +50,11 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         r.earth_rate_dph = Some(parts);
         notes.push("the earth's rate is taken off the rates, corrected and raw: a unit sends them with it".to_string());
     }
+    let constants = [0, 1, 2].map(|a| {
+        let seen = seconds.iter().skip(1).map(|s| f64::from(s.corrected_dph[a])).filter(|v| v.is_finite());
+        median(&mut seen.collect::<Vec<_>>())
+    });
+    notes.extend(plausible::earth_rate_otherwise(&constants, r.earth_rate_dph.as_ref()));
     let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
     parquet::write_text(out, &text)?;
     for note in notes {

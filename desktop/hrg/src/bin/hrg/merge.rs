@@ -25,8 +25,8 @@ pub struct Log {
     /// With --with: added to the log's times, s: for a clock that is off, or a log in local time.
     #[arg(long, value_name = "SECONDS", default_value_t = 0.0, allow_hyphen_values = true)]
     offset: f64,
-    /// With --with: columns, chamber_c=Temperature,case_x_c=Sensor1; temp_c or temp_x_c where the recording has no thermometer. Without it they
-    /// are guessed
+    /// With --with: columns, chamber_c=Temperature,case_x_c=Sensor1; temp_c or temp_x_c where the recording has no thermometer; "chamber_c=T in K"
+    /// converts (K, F, mC; mV). Without it they are guessed
     #[arg(long, value_name = "NAME=COLUMN,...", value_delimiter = ',', requires = "with")]
     columns: Vec<String>,
     /// With --with: rows of the log that are further apart have a gap between them, s; by default five usual steps.
@@ -41,9 +41,13 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
     let r = Recording::parse(run.as_bytes()).map_err(|e| here(recording, e))?;
     let (text, note) = text_of(with).map_err(|e| here(with, e))?;
     let lacking = time.is_none() || columns.is_empty();
-    let guessed = lacking.then(|| guess(&text).map_err(|e| here(with, e))).transpose()?;
+    // (Units that the header names count for columns that are given, too.)
+    let guessed = match guess(&text) {
+        Err(e) if lacking => return Err(here(with, e).into()),
+        guessed => guessed.ok(),
+    };
     let (mut time, mut columns) = (time.clone(), columns.clone());
-    if let Some(guess) = &guessed {
+    if let Some(guess) = guessed.as_ref().filter(|_| lacking) {
         time = time.or_else(|| guess.time());
         if columns.is_empty() {
             columns = guess.beside(&r);
@@ -57,6 +61,10 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
             };
             return Err(here(with, BadInput(format!("no column for a {lacks}; there are {}", names.join(", ")))).into());
         }
+        let other = guess.other_thermometers();
+        if !other.is_empty() {
+            println!("note: of several thermometers the first is taken; the others are {}", other.join(", "));
+        }
         println!(
             "note: as --time \"{}\" --columns \"{}\", guessed",
             time.as_deref().unwrap_or_default(),
@@ -64,6 +72,12 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
         );
     }
     let wanted = Wanted::parse(time.as_deref().unwrap_or_default(), &columns).map_err(BadInput::from)?;
+    let mut wanted = wanted;
+    if let Some(guess) = &guessed {
+        for note in wanted.take_units(|column| guess.unit_of(column)) {
+            println!("note: {note}");
+        }
+    }
     let wanted = Wanted { power_on: power_on.clone(), offset_s: *offset, gap_s: *gap, ..wanted };
     if !(offset.is_finite() && gap.is_none_or(|g| g > 0.0)) {
         return Err(BadInput::new("--offset is a number of seconds, --gap a positive one").into());

@@ -1,0 +1,296 @@
+//! Values that cannot be what their column says: kelvin called C, deg/s called deg/h, an axis with the wrong sign, a unit that moves.
+//!
+//! A finding is a note, and says what the values look like. It is a refusal only where no figure of the recording could be right.
+
+use super::metadata::EARTH_RATE_DPH;
+use super::thermometer::Thermometer;
+use super::{columns, Recording};
+use crate::axes::AXIS_NAMES;
+use crate::error::BadInput;
+use crate::numeric::stats::{median, quantile};
+use hrg_core::AXES;
+
+/// Key of the metadata by which a user states that the unit was at rest, whatever its rates look like.
+pub const AT_REST: &str = "at_rest";
+/// Share of recordings of units without any fault that may look like one of a wrong unit or attitude by accident.
+const BY_ACCIDENT: f64 = 1e-3;
+/// Angle random walk below which no gyro is known, deg/sqrt(h).
+const LEAST_WALK: f64 = 1e-5;
+/// Scatter of one-second means that no gyro at rest is known to exceed, deg/h: an angle random walk of 17 deg/sqrt(h).
+const MOST_SCATTER_DPH: f64 = 1000.0;
+/// Ratio of the scatter of one-second means to the one that the scatter from row to row explains: a gyro's own filters make it 5 or so.
+const MOST_RATIO: f64 = 20.0;
+/// Scatter below which nothing is a movement, deg/h: a hand or a ship turns faster, and warming gyros drift less in seconds.
+const LEAST_MOVEMENT_DPH: f64 = 30.0;
+/// Share by which the length of three constants may differ from the earth's rate and still look like it: constants change from day to day.
+const LIKE_THE_EARTH: f64 = 0.05;
+/// Rows that a finding needs.
+const FEWEST: usize = 30;
+/// Values that a finding rests on, of a long recording evenly chosen.
+const ENOUGH: usize = 50_000;
+
+/// Kelvin, in C: below the lowest temperature of a chamber nothing is recorded, and above the highest not all along.
+const KELVIN: std::ops::Range<f64> = 173.15..473.15;
+
+impl Recording {
+    /// Notes on values that look like something else; a thermometer of zeros is none from then on.
+    ///
+    /// # Errors
+    /// Temperatures in kelvin: nothing that is fitted to them would fly.
+    pub(super) fn note_unlikely(&mut self) -> Result<(), BadInput> {
+        if self.thermometer.is_sensor() {
+            let axes: Vec<usize> = self.present().collect();
+            let all = || axes.iter().flat_map(|a| &self.frequency_hz[*a]).copied().filter(|v| v.is_finite());
+            let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            if KELVIN.contains(&low) && KELVIN.contains(&high) {
+                return Err(BadInput(format!(
+                    "column {}: temperatures from {low:.1} to {high:.1} C look like kelvin; give them in C (hrg import with unit = \"K\" in the map converts them)",
+                    self.thermometer.column(axes[0])
+                )));
+            }
+            if self.reads_zero() {
+                self.thermometer = Thermometer::None;
+                self.frequency_hz.iter_mut().flatten().for_each(|v| *v = f64::NAN);
+                self.notes.push(
+                    "the thermometer reads 0.00 C in all rows: the recording is taken for one without a thermometer"
+                        .into(),
+                );
+            }
+        }
+        if let Some(what) = self.stands_for() {
+            self.notes.push(format!("the rates stand for {what}: read that where a text or a picture says deg/h"));
+            return Ok(());
+        }
+        if self.turned() || self.corrected() {
+            return Ok(());
+        }
+        let constants: [Option<f64>; AXES] = std::array::from_fn(|a| median(&mut self.finite_rates(a)));
+        let walks: Vec<(usize, f64)> = self.present().filter_map(|a| Some((a, self.angle_random_walk(a)?))).collect();
+        let mut notes: Vec<String> = Vec::new();
+        if let Some((a, walk)) = walks.iter().find(|(_, w)| *w > 0.0 && *w < LEAST_WALK) {
+            notes.push(format!(
+                "column {}: its noise is {walk:.1e} deg/sqrt(h), less than that of any gyro known: are the rates deg/s or rad/s, called deg/h?",
+                columns::RATE.name(*a)
+            ));
+        }
+        if let Some(parts) = self.earth_rate_dph {
+            if without(&constants, &parts) {
+                notes.push("the constants of the rates are minus the earth's rate that was taken off: the rates held none. Are they deg/s called deg/h, or free of the earth's rate already (then say earth_rate: removed, and leave latitude and axes out)?".into());
+            } else if let Some(a) = turned_round(&constants, &parts) {
+                notes.push(format!(
+                    "axis {}: its constant is minus twice its part of the earth's rate: does the axis point the other way than axes says?",
+                    AXIS_NAMES[a]
+                ));
+            }
+        }
+        self.notes.extend(notes);
+        Ok(())
+    }
+
+    /// `true` if its thermometer reads 0.00 C in all rows, as those do that are not there.
+    pub(super) fn reads_zero(&self) -> bool {
+        let all = || self.present().flat_map(|a| &self.frequency_hz[a]).filter(|v| v.is_finite());
+        self.thermometer.is_sensor() && all().count() > FEWEST && all().all(|v| *v == 0.0)
+    }
+
+    fn finite_rates(&self, axis: usize) -> Vec<f64> {
+        let every = 1 + self.time_s.len() / ENOUGH;
+        self.rate_dph[axis].iter().step_by(every).copied().filter(|v| v.is_finite()).collect()
+    }
+
+    /// Angle random walk by the differences of neighbouring rows, deg/sqrt(h); `None` of too few rows.
+    fn angle_random_walk(&self, axis: usize) -> Option<f64> {
+        Some(scatter(&self.rate_dph[axis])? * self.step_s().sqrt() / 60.0)
+    }
+
+    /// Tests that the unit was at rest while its rates were recorded, as every figure of a gyro's bias takes for granted.
+    ///
+    /// # Errors
+    /// A sentence with the axis and its scatter, where the rates are those of a unit that moves.
+    pub fn rests(&self) -> Result<(), BadInput> {
+        let stated = self.meta(AT_REST) == Some("yes") || self.stands_for().is_some();
+        if self.turned() || stated || self.time_s.len() < 2 {
+            return Ok(());
+        }
+        for a in self.present() {
+            if let Some(how) = self.movement(a) {
+                return Err(BadInput(format!(
+                    "axis {}: the unit moves: {how}; a bias is seen at rest only (if it was at rest, are the rates deg/h? Else say \"# {AT_REST}: yes\" in the recording)",
+                    AXIS_NAMES[a]
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    /// Sign of a movement on an axis.
+    fn movement(&self, axis: usize) -> Option<String> {
+        let step_s = self.step_s();
+        if !(step_s > 0.0 && step_s < 1.5) {
+            return None;
+        }
+        let per_second = (1.0 / step_s).round().max(1.0) as usize;
+        let mean = |length: usize| -> Vec<f64> {
+            self.rate_dph[axis].chunks_exact(length).map(crate::numeric::stats::mean).collect()
+        };
+        let (one, four) = (mean(per_second), mean(4 * per_second));
+        let of_means = scatter(&one)?;
+        if of_means > MOST_SCATTER_DPH {
+            return Some(format!("means of 1 s scatter by {of_means:.0} deg/h"));
+        }
+        let explained = scatter(&self.rate_dph[axis])? / (per_second as f64).sqrt();
+        if per_second > 1 && of_means > LEAST_MOVEMENT_DPH.max(MOST_RATIO * explained) {
+            return Some(format!(
+                "means of 1 s scatter by {of_means:.3} deg/h, {:.0} times what the noise of its samples explains",
+                of_means / explained
+            ));
+        }
+        // White noise halves from 1 s to 4 s, flicker stays, a random walk of the rate doubles.
+        let later = scatter(&four)?;
+        let pairs = four.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()).count() as f64;
+        let most = of_means * 2f64.sqrt() * (1.0 + 3.0 / (2.0 * pairs).sqrt());
+        (later > LEAST_MOVEMENT_DPH.max(most))
+            .then(|| format!("its Allan deviation rises from {of_means:.3} deg/h at 1 s to {later:.3} at 4 s"))
+    }
+}
+
+/// Standard deviation of values by the differences of neighbours, of which the largest tenth does not count; `None` of too few.
+fn scatter(values: &[f64]) -> Option<f64> {
+    let pairs = values.windows(2).step_by(1 + values.len() / ENOUGH);
+    let all: Vec<f64> = pairs.map(|w| (w[1] - w[0]).powi(2)).filter(|d| d.is_finite()).collect();
+    if all.len() < FEWEST {
+        return None;
+    }
+    let most = quantile(&all, 0.9);
+    let kept: Vec<f64> = all.into_iter().filter(|d| *d <= most).collect();
+    // (Of a normal distribution the lower nine tenths have 0.5326 of the mean square.)
+    Some((kept.iter().sum::<f64>() / kept.len() as f64 / (2.0 * 0.5326)).sqrt())
+}
+
+/// Largest distance, in parts of the earth's rate, at which so many axes agree by accident with a vector.
+fn near(axes: usize) -> f64 {
+    BY_ACCIDENT.powf(1.0 / axes.max(1) as f64)
+}
+
+/// `true` if constants from which the earth's rate was taken off are minus that rate: it had not been in them.
+#[must_use]
+pub fn without(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]) -> bool {
+    let seen: Vec<(f64, f64)> = constants_dph.iter().zip(parts_dph).filter_map(|(c, p)| Some(((*c)?, *p))).collect();
+    let length = |v: &dyn Fn(&(f64, f64)) -> f64| seen.iter().map(|s| v(s).powi(2)).sum::<f64>().sqrt();
+    let whole = length(&|s| s.1);
+    whole > 1.0 && length(&|s| s.0 + s.1) < near(seen.len()) * whole
+}
+
+/// A note on rates that a calibration has corrected: it was fitted with the earth's rate in them and they are without it, or the other way.
+/// `parts_dph`: the earth's rate that was taken off them; `None` where none was.
+#[must_use]
+pub fn earth_rate_otherwise(constants_dph: &[Option<f64>; AXES], parts_dph: Option<&[f64; AXES]>) -> Option<String> {
+    let all: Option<Vec<f64>> = constants_dph.iter().copied().collect();
+    let length = all.map(|all| all.iter().map(|c| c * c).sum::<f64>().sqrt());
+    match parts_dph {
+        Some(parts) if without(constants_dph, parts) => Some(
+            "the constants of the corrected rates are minus the earth's rate: the calibration holds it already, as it was fitted without latitude and axes; fit it anew with them, or leave them out here".into(),
+        ),
+        None if length.is_some_and(|l| (l / EARTH_RATE_DPH - 1.0).abs() < LIKE_THE_EARTH) => Some(format!(
+            "the constants of the corrected rates have the length of the earth's rate, {EARTH_RATE_DPH:.2} deg/h: the calibration was fitted with latitude and axes, it seems; give --latitude and --axes here, too"
+        )),
+        _ => None,
+    }
+}
+
+/// The axis whose constant is minus twice its part of the earth's rate, while those of the others are small beside that.
+#[must_use]
+pub fn turned_round(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]) -> Option<usize> {
+    let left = |a: usize, sign: f64| constants_dph[a].map(|c| c + (1.0 - sign) * parts_dph[a]);
+    // Of the signs of all axes, the one axis that turned leaves constants a tenth as large.
+    let length = |flipped: Option<usize>| -> f64 {
+        let all = (0..AXES).filter_map(|a| left(a, if flipped == Some(a) { -1.0 } else { 1.0 }));
+        all.map(|v| v * v).sum::<f64>().sqrt()
+    };
+    let seen = constants_dph.iter().flatten().count();
+    (0..AXES)
+        .filter(|a| constants_dph[*a].is_some() && parts_dph[*a].abs() > 1.0)
+        .find(|a| length(Some(*a)) < near(seen).max(near(AXES)) * length(None))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten rows a second for ten minutes; noise of 20 deg/h by a generator that is no generator, and what is given on top.
+    fn recording(meta: &[(&str, &str)], temperature_c: f64, rate: impl Fn(usize, f64) -> f64) -> Recording {
+        let mut r = Recording { thermometer: Thermometer::OneSensor, ..Recording::default() };
+        r.time_s = (0..6000).map(|k| 0.1 * f64::from(k)).collect();
+        let noise = |k: usize, a: usize| 20.0 * ((k * 7919 + a * 104_729) % 1009) as f64 / 1009.0 - 10.0;
+        for a in 0..AXES {
+            r.frequency_hz[a] = r.time_s.iter().map(|t| temperature_c * (1.0 + 1e-5 * t)).collect();
+            r.rate_dph[a] = r.time_s.iter().enumerate().map(|(k, t)| noise(k, a) + rate(a, *t)).collect();
+        }
+        meta.iter().for_each(|(k, v)| r.set_meta(k, v));
+        r
+    }
+
+    const PLACE: [(&str, &str); 2] = [("latitude_deg", "45"), ("axes", "x=north y=east z=down")];
+    const EARTH: [f64; AXES] = [10.636, 0.0, -10.636];
+
+    fn notes(mut r: Recording) -> String {
+        r.clean().expect("fine");
+        r.notes.join("; ")
+    }
+
+    #[test]
+    fn temperatures_that_are_none() {
+        let e = recording(&[], 293.0, |_, _| 0.0).clean().expect_err("kelvin").0;
+        assert!(e.contains("look like kelvin") && e.contains("unit = \"K\""), "{e}");
+        let mut r = recording(&[], 0.0, |_, _| 0.0);
+        r.clean().expect("fine");
+        assert_eq!(r.thermometer, Thermometer::None);
+        assert!(notes(recording(&[], 60.0, |_, _| 0.0)).is_empty());
+    }
+
+    #[test]
+    fn units_and_signs_that_are_wrong() {
+        let right = |a: usize, _: f64| EARTH[a] + [0.3, -0.2, 0.4][a];
+        assert_eq!(notes(recording(&PLACE, 20.0, right)), "");
+        let mut r = recording(&PLACE, 20.0, right);
+        r.rate_dph.iter_mut().flatten().for_each(|v| *v /= 3600.0);
+        assert!(notes(r).contains("the rates held none"));
+        assert!(notes(recording(&PLACE, 20.0, |_, _| 0.1)).contains("earth_rate: removed"));
+        let wrong = |a: usize, t: f64| if a == 2 { -right(a, t) } else { right(a, t) };
+        assert!(notes(recording(&PLACE, 20.0, wrong)).contains("axis z: its constant is minus twice"));
+        let mut quiet = recording(&[], 20.0, |_, _| 0.0);
+        quiet.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1e-5);
+        assert!(notes(quiet).contains("less than that of any gyro known"));
+        // Gyros of large biases show nothing of the earth.
+        assert_eq!(notes(recording(&PLACE, 20.0, |a, _| [300.0, -150.0, 90.0][a])), "");
+    }
+
+    #[test]
+    fn calibrations_that_hold_the_earths_rate_or_not() {
+        let says =
+            |c: [f64; AXES], parts: Option<&[f64; AXES]>| earth_rate_otherwise(&c.map(Some), parts).unwrap_or_default();
+        assert!(says([-10.5, 0.1, 10.6], Some(&EARTH)).contains("holds it already"));
+        assert!(says([10.5, 0.1, -10.6], None).contains("give --latitude"));
+        assert_eq!(
+            (says([0.3, 0.1, -0.6], None), says([0.3, 0.1, -0.6], Some(&EARTH))),
+            (String::new(), String::new())
+        );
+        assert_eq!(earth_rate_otherwise(&[Some(15.0), None, Some(0.0)], None), None);
+    }
+
+    #[test]
+    fn a_unit_that_moves() {
+        assert_eq!(recording(&[], 20.0, |_, t| 0.02 * t).rests(), Ok(()));
+        for (by, moving) in [
+            ("scatter by", recording(&[], 20.0, |_, t| 9000.0 * (2.1 * t).sin())),
+            ("Allan deviation rises", recording(&[], 20.0, |_, t| 80.0 * (0.25 * t).sin())),
+            ("samples explains", recording(&[], 20.0, |_, t| 600.0 * (1.9 * t).sin())),
+        ] {
+            let e = moving.rests().expect_err("moves").0;
+            assert!(e.contains("the unit moves") && e.contains(by), "{e}");
+            let mut stated = moving.copied();
+            stated.set_meta(AT_REST, "yes");
+            assert_eq!(stated.rests(), Ok(()));
+        }
+    }
+}
