@@ -17,10 +17,24 @@ pub fn load_recording(path: &std::path::Path) -> anyhow::Result<Recording> {
 /// # Errors
 /// As [`load_recording`], and where the recording says otherwise.
 pub fn load_recording_with(path: &std::path::Path, facts: &Facts) -> anyhow::Result<Recording> {
+    let r = read_with(path, facts)?;
+    print_notes(path, &r);
+    Ok(r)
+}
+
+/// The same without a word.
+///
+/// # Errors
+/// As [`load_recording_with`].
+pub fn read_with(path: &std::path::Path, facts: &Facts) -> anyhow::Result<Recording> {
     let r = Recording::load_with(path, |r| facts.apply(r))?;
+    r.rests().map_err(|e| BadInput(format!("{}: {e}", path.display())))?;
+    Ok(r)
+}
+
+/// Prints what was found in a recording to standard error.
+pub fn print_notes(path: &std::path::Path, r: &Recording) {
     for note in &r.notes {
         eprintln!("{}: {note}", path.display());
     }
-    r.rests().map_err(|e| BadInput(format!("{}: {e}", path.display())))?;
-    Ok(r)
 }

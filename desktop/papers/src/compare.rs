@@ -13,6 +13,7 @@ use hrg_data::cost::Cost;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::numeric::allan;
+use hrg_data::numeric::progress;
 use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
@@ -266,7 +267,7 @@ pub fn compare(
     methods: &[Contender],
     options: &Options,
     out: &Path,
-    mut progress: impl FnMut(&str),
+    mut tell: impl FnMut(&str),
 ) -> anyhow::Result<Comparison> {
     let &Options { seed, units, from_s } = options;
     let prepared = fit::prepare_for(train, units)?;
@@ -284,13 +285,14 @@ pub fn compare(
     let bench = Bench::new(&prepared, steps, from_s);
     let mut rows = Vec::new();
     let mut left_out = Vec::new();
-    for contender in methods {
+    for (k, contender) in methods.iter().enumerate() {
         let method = contender.name();
-        progress(method);
-        let found = match contender {
+        tell(method);
+        let part = |k: usize| k as f64 / methods.len() as f64;
+        let found = progress::part(part(k), part(k + 1), || match contender {
             Contender::Trace => traced(train, first, units),
             Contender::Method(m) => identify(&prepared, *m, seed).map_err(BadInput::from),
-        };
+        });
         let found = match found {
             Ok(f) => f,
             Err(e) => {

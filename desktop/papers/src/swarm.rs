@@ -65,6 +65,7 @@ pub fn minimise(
     let [w_first, w_last] = constants.inertia;
     for iteration in 0..constants.iterations {
         hrg_data::numeric::progress::step();
+        hrg_data::numeric::progress::reached(iteration as f64 / constants.iterations as f64);
         let w = w_first - (w_first - w_last) * iteration as f64 / constants.iterations as f64;
         for k in 0..position.len() {
             for (d, ([low, high], most)) in limits.iter().enumerate() {

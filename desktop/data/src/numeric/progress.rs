@@ -9,12 +9,17 @@ use std::sync::Arc;
 #[derive(Debug, Default)]
 struct Shared {
     tried: AtomicU64,
+    thousandths: AtomicU64,
     stop: AtomicBool,
 }
 
 /// A piece of work, with all threads that it starts by [`inherit`].
 #[derive(Debug, Clone, Default)]
-pub struct Work(Arc<Shared>);
+pub struct Work {
+    shared: Arc<Shared>,
+    /// Part of the whole that is done now, from and to, in thousandths.
+    part: Option<(f64, f64)>,
+}
 
 thread_local! {
     static CURRENT: RefCell<Option<Work>> = const { RefCell::new(None) };
@@ -33,12 +38,18 @@ impl Work {
     /// Models that were tried so far.
     #[must_use]
     pub fn done(&self) -> u64 {
-        self.0.tried.load(Ordering::Relaxed)
+        self.shared.tried.load(Ordering::Relaxed)
+    }
+
+    /// Share that is done by the work's own estimate, 0 to 1: it never falls, and its steps are not of equal length.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.shared.thousandths.load(Ordering::Relaxed) as f64 / 1000.0
     }
 
     /// Stops it at the next model.
     pub fn stop(&self) {
-        self.0.stop.store(true, Ordering::Relaxed);
+        self.shared.stop.store(true, Ordering::Relaxed);
     }
 
     /// Runs a job as this work; `None` where it was stopped, or panicked.
@@ -67,12 +78,37 @@ pub fn continued<T>(work: Option<Work>, job: impl FnOnce() -> T) -> T {
 /// Another model is to be tried: counts it, and unwinds where the work is to stop.
 pub fn step() {
     CURRENT.with_borrow(|work| {
-        let Some(Work(shared)) = work else { return };
+        let Some(Work { shared, .. }) = work else { return };
         shared.tried.fetch_add(1, Ordering::Relaxed);
         if shared.stop.load(Ordering::Relaxed) {
             std::panic::resume_unwind(Box::new(Stopped));
         }
     });
+}
+
+/// This share of the work, or of the part that is done now ([`part`]), is done, 0 to 1; a smaller one than before changes nothing.
+pub fn reached(share: f64) {
+    CURRENT.with_borrow(|work| {
+        if let Some(Work { shared, part }) = work {
+            let (from, to) = part.unwrap_or((0.0, 1000.0));
+            let thousandths = from + share.clamp(0.0, 1.0) * (to - from);
+            shared.thousandths.fetch_max(thousandths as u64, Ordering::Relaxed);
+        }
+    });
+}
+
+/// Runs a job that is a part of the work: its shares count from `from` to `to`, 0 to 1.
+pub fn part<T>(from: f64, to: f64, job: impl FnOnce() -> T) -> T {
+    let narrower = CURRENT.with_borrow(|work| {
+        work.as_ref().map(|w| {
+            let (low, high) = w.part.unwrap_or((0.0, 1000.0));
+            let at = |share: f64| low + share * (high - low);
+            Work { shared: w.shared.clone(), part: Some((at(from), at(to))) }
+        })
+    });
+    let result = continued(narrower, job);
+    reached(to);
+    result
 }
 
 #[cfg(test)]
@@ -83,8 +119,15 @@ mod tests {
     fn work_is_counted_and_stops_with_its_threads() {
         step();
         let work = Work::new();
-        assert_eq!(work.run(|| (0..5).for_each(|_| step())), Some(()));
-        assert_eq!(work.done(), 5);
+        reached(0.7);
+        let counted = || {
+            reached(0.25);
+            reached(0.1);
+            part(0.2, 0.4, || reached(0.5));
+            (0..5).for_each(|_| step());
+        };
+        assert_eq!(work.run(counted), Some(()));
+        assert_eq!((work.done(), work.share()), (5, 0.4));
         let ended = work.run(|| {
             let own = inherit();
             std::thread::scope(|s| {

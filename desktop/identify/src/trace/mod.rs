@@ -52,6 +52,7 @@ use hrg_core::effects::Reach;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
+use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
@@ -146,8 +147,11 @@ fn closed(
     loop {
         let mut data = growth::data(&prepared)?;
         data.goes_on = goes_on(train, verify);
+        progress::reached(0.1);
         let mut search = Search::new(&data);
+        progress::reached(0.3);
         let learnt = Learnt::new(&mut search);
+        progress::reached(0.8);
         let fitted = Fitted::new(&data, &learnt.model.specification())?;
         let memory = Memory::of(learnt.model.effects()).filter(|_| !settled);
         let unknown = memory.and_then(|m| Some((m, run_in::unknown(&data, &fitted, &verify_run, m)?)));

@@ -1,5 +1,6 @@
 //! `hrg allan`: Allan deviation of the rates.
 
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
@@ -30,7 +31,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     // Rates on an even grid of the recording's own step.
     let (rates, step_s) = r.even_rates();
     let rates: Vec<(usize, &[f64])> = r.present().map(|a| (a, rates[a].as_slice())).collect();
-    let axes = allan::report(&rates, step_s).map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
+    let axes = with_a_bar("taking the deviations", || allan::report(&rates, step_s))
+        .map_err(|e| BadInput::new(format!("{}: {e}", recording.display())))?;
     println!(
         "{:<5} {:>24} {:>22} {:>12} {:>26}",
         "axis", "angle random walk", "bias instability", "at", "rate random walk"

@@ -2,6 +2,7 @@
 
 use crate::facts::FactsArguments;
 use crate::units;
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
@@ -70,11 +71,7 @@ fn compare_methods(
     };
     std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
     let (train, unseen) = (facts.load(recordings)?, facts.load(verify)?);
-    let bar = indicatif::ProgressBar::new_spinner();
-    let mut c = compare::compare(&train, &unseen, &contenders, options, out, |m| {
-        bar.set_message(format!("identifying by {m}"));
-        bar.tick();
-    })?;
+    let mut c = with_a_bar("comparing", || compare::compare(&train, &unseen, &contenders, options, out, |_| ()))?;
     let beside = std::env::current_exe()
         .ok()
         .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
@@ -84,15 +81,14 @@ fn compare_methods(
             "the firmware reads three resonators and this recording has none: what the images cost on the unit is not counted"
         ),
         Some(board) => {
-            bar.set_message("counting what the images cost on the virtual board");
-            bar.tick();
-            compare::count_costs(&mut c, &board, out, &verify[0], 120)?;
+            with_a_bar("counting what the images cost on the virtual board", || {
+                compare::count_costs(&mut c, &board, out, &verify[0], 120)
+            })?;
         }
         None => eprintln!(
             "hrg-board is not beside this program: what the images cost on the unit is not counted (--board PATH)"
         ),
     }
-    bar.finish_and_clear();
     hrg_data::output::write_file(&out.join("compare.json"), serde_json::to_string_pretty(&c)?.as_bytes())?;
     hrg_data::output::write_file(&out.join("compare.md"), compare::table(&c, true, None).as_bytes())?;
     hrg_data::output::write_file(&out.join("compare.svg"), compare::picture(&c)?.as_bytes())?;

@@ -1,6 +1,7 @@
 //! `hrg correct`.
 
 use crate::facts::FactsArguments;
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg_core::status::AxisStatus;
@@ -18,7 +19,7 @@ pub struct Arguments {
     /// Recording of raw rates.
     recording: PathBuf,
     /// Calibration.
-    #[arg(long)]
+    #[arg(short, long)]
     calibration: PathBuf,
     /// Use a calibration of another unit.
     #[arg(long)]
@@ -39,7 +40,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let mut r = Recording::parse(&bytes).map_err(here)?;
     given.apply(&mut r)?;
     let mut notes = facts::fits(&c, &r, *different_units).map_err(|e| here(e.into()))?;
-    let corrected = correct::recording(&c, &r).map_err(here)?;
+    let corrected = with_a_bar("correcting", || correct::recording(&c, &r)).map_err(here)?;
     notes.extend(corrected.notes);
     let mut seconds = corrected.seconds;
     if let Some(parts) = given.earth_rate_dph()? {

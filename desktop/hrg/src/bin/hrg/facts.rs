@@ -1,11 +1,12 @@
 //! Options that say of a unit what its recordings may not tell.
 
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
-use hrg_data::load::load_recording_with;
+use hrg_data::load::{print_notes, read_with};
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::metadata::{scale_factor, Attitude};
 use hrg_data::recording::names;
@@ -106,6 +107,11 @@ impl FactsArguments {
     /// Reads recordings and adds what the arguments give.
     pub fn load(&self, paths: &[PathBuf]) -> Result<Vec<Recording>> {
         let facts = self.facts()?;
-        paths.iter().map(|p| load_recording_with(p, &facts)).collect()
+        let load = |path: &PathBuf| {
+            let r = with_a_bar(&format!("reading {}", path.display()), || read_with(path, &facts))?;
+            print_notes(path, &r);
+            Ok(r)
+        };
+        paths.iter().map(load).collect()
     }
 }

@@ -1,6 +1,7 @@
 //! `hrg fit`: coefficients of a bias model.
 
 use crate::facts::FactsArguments;
+use crate::wait::with_a_bar;
 use crate::{now, units};
 use anyhow::Result;
 use clap::Args;
@@ -78,7 +79,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
     let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint };
-    let mut found = methods::identify_with(&prepared, method, &options)?;
+    let mut found =
+        with_a_bar(&format!("fitting by {method}"), || methods::identify_with(&prepared, method, &options))?;
     if let Some(history) = history {
         if found.history.is_empty() {
             return Err(BadInput(format!(

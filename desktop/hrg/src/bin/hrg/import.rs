@@ -19,7 +19,7 @@ pub struct Arguments {
     file: PathBuf,
     /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, adis, bosch. Without it the columns are guessed, and the
     /// guess is printed as a map
-    #[arg(long)]
+    #[arg(short, long)]
     map: Option<String>,
     #[command(flatten)]
     log: merge::Log,

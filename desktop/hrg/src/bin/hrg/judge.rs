@@ -1,6 +1,8 @@
 //! `hrg judge`: does the unit pass?
 
+use crate::colour::painted;
 use crate::facts::FactsArguments;
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg::judge::{judge, Limit, Verdict};
@@ -16,10 +18,10 @@ pub struct Arguments {
     #[arg(value_name = "RUN", required = true)]
     runs: Vec<PathBuf>,
     /// Calibration that the unit has, or is to get.
-    #[arg(long)]
+    #[arg(short, long)]
     calibration: PathBuf,
     /// Largest error of the corrected rates that passes, deg/h, the constant included.
-    #[arg(long, value_name = "DEG/H", allow_hyphen_values = true)]
+    #[arg(short, long, value_name = "DEG/H", allow_hyphen_values = true)]
     limit: f64,
     /// Lowest temperature of the range, C (of the resonators).
     #[arg(long, value_name = "C", allow_hyphen_values = true)]
@@ -62,12 +64,12 @@ pub fn run(arguments: &Arguments) -> Result<Verdict> {
     for r in &runs {
         notes.extend(facts::fits(&c, r, *different_units).map_err(BadInput::from)?);
     }
-    let mut judgement = judge(&runs, &c, &limit)?;
+    let mut judgement = with_a_bar("judging", || judge(&runs, &c, &limit))?;
     notes.dedup();
     judgement.notes.splice(0..0, notes);
-    println!("{}", judgement.line());
+    println!("{}", painted(&judgement.line()));
     println!();
-    print!("{}", judgement.table());
+    print!("{}", painted(&judgement.table()));
     for note in &judgement.notes {
         println!("note: {note}");
     }

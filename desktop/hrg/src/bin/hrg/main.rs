@@ -14,6 +14,7 @@ mod accelerometers;
 mod align;
 mod allan;
 mod chamber;
+mod colour;
 mod compare;
 mod correct;
 mod effects;
@@ -34,7 +35,9 @@ mod simulate;
 mod simulate_alignment;
 mod soaks;
 mod trace;
+mod wait;
 
+use anstyle::Style;
 use anyhow::Result;
 use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
@@ -49,7 +52,7 @@ use std::process::ExitCode;
 
 /// Calibration of hemispherical resonator gyros over temperature.
 #[derive(Parser)]
-#[command(name = "hrg", version, about, max_term_width = 100)]
+#[command(name = "hrg", version, about, max_term_width = MOST_COLUMNS)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
@@ -154,6 +157,20 @@ enum Command {
     ///
     /// Example: hrg compare train.csv --verify verify.csv --out out/compare
     Compare(compare::Arguments),
+    /// Write the completions of a shell to standard output: bash, zsh, fish, elvish, powershell.
+    ///
+    /// Example: hrg completions bash > ~/.local/share/bash-completion/completions/hrg
+    Completions {
+        /// The shell.
+        shell: clap_complete::Shell,
+    },
+    /// Write a manual page for each command into a folder.
+    ///
+    /// Example: hrg man ~/.local/share/man/man1
+    Man {
+        /// The folder.
+        folder: PathBuf,
+    },
     // Former places of commands, for scripts that call them there.
     #[command(hide = true)]
     Merge(import::Arguments),
@@ -238,28 +255,52 @@ enum AlignCommand {
 const NOT_REACHED: u8 = 3;
 
 /// Commands by purpose, as the help lists them.
-const GROUPS: [(&str, &[&str]); 6] = [
+const GROUPS: [(&str, &[&str]); 7] = [
     ("Get data", &["import", "record", "monitor", "simulate"]),
     ("Judge", &["judge", "report", "allan", "correct", "profile"]),
     ("Calibrate", &["fit", "trace", "compare-images"]),
     ("The unit", &["unit"]),
     ("Alignment", &["align"]),
     ("Study", &["effects", "compare"]),
+    ("This program", &["completions", "man"]),
 ];
+
+/// Help is no wider than this.
+const MOST_COLUMNS: usize = 100;
+
+/// A text in lines of at most `columns` characters, parted between words.
+fn wrapped(text: &str, columns: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= columns => {
+                line.push(' ');
+                line.push_str(word);
+            }
+            _ => lines.push(word.to_string()),
+        }
+    }
+    lines
+}
 
 /// The program with its commands grouped in its help.
 fn program() -> clap::Command {
     let command = Arguments::command();
     let width = GROUPS.iter().flat_map(|(_, names)| names.iter()).map(|n| n.len()).max().unwrap_or(0);
     let mut listed = String::new();
+    let head = Style::new().bold().underline();
+    let name_style = Style::new().bold();
+    let columns = terminal_size::terminal_size().map_or(MOST_COLUMNS, |(w, _)| usize::from(w.0)).min(MOST_COLUMNS);
     for (group, names) in GROUPS {
-        listed += &format!("\n{group}:\n");
+        listed += &format!("\n{head}{group}:{head:#}\n");
         for name in names {
             let about = command.find_subcommand(name).and_then(|c| c.get_about()).map(ToString::to_string);
-            listed += &format!("  {name:<width$}  {}\n", about.unwrap_or_default());
+            let lines = wrapped(&about.unwrap_or_default(), columns.saturating_sub(width + 4).max(20));
+            let indent = format!("\n{}", " ".repeat(width + 4));
+            listed += &format!("  {name_style}{name:<width$}{name_style:#}  {}\n", lines.join(&indent));
         }
     }
-    let template = format!("{{about}}\n\n{{usage-heading}} {{usage}}\n{listed}\nOptions:\n{{options}}");
+    let template = format!("{{about}}\n\n{{usage-heading}} {{usage}}\n{listed}\n{head}Options:{head:#}\n{{options}}");
     command.help_template(template)
 }
 
@@ -348,6 +389,19 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         }
         Command::Align { of: None, arguments } => align::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
+        Command::Completions { shell } => {
+            let mut text = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "hrg", &mut text);
+            print!("{}", String::from_utf8_lossy(&text));
+            Ok(())
+        }
+        Command::Man { folder } => {
+            std::fs::create_dir_all(&folder)
+                .and_then(|()| clap_mangen::generate_to(Arguments::command(), &folder))
+                .map_err(|e| BadInput(format!("{}: {e}", folder.display())))?;
+            println!("{}: a page for each command, as man -l {}", folder.display(), folder.join("hrg.1").display());
+            Ok(())
+        }
     }
 }
 
@@ -389,5 +443,6 @@ mod tests {
         assert_eq!(grouped.len(), visible.len(), "{visible:?}");
         assert!(visible.iter().all(|v| grouped.contains(v)), "{visible:?}");
         program().debug_assert();
+        assert_eq!(wrapped("a bb ccc dddd", 6), ["a bb", "ccc", "dddd"]);
     }
 }

@@ -1,6 +1,7 @@
 //! `hrg report`: figures of a data sheet from recordings alone.
 
 use crate::facts::FactsArguments;
+use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use std::path::PathBuf;
@@ -27,7 +28,8 @@ pub struct Arguments {
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments { recordings, json, html, facts } = arguments;
-    let report = hrg::report::report(&facts.load(&recordings)?)?;
+    let runs = facts.load(&recordings)?;
+    let report = with_a_bar("taking the figures", || hrg::report::report(&runs))?;
     print!("{}", hrg::report::text(&report));
     if let Some(path) = json {
         hrg_data::output::write_file(&path, serde_json::to_string_pretty(&report)?.as_bytes())?;

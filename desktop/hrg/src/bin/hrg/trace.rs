@@ -1,7 +1,8 @@
 //! `hrg trace`: what the baseline model lacks.
 
+use crate::colour::painted;
 use crate::facts::FactsArguments;
-use crate::{now, units};
+use crate::{now, units, wait};
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
@@ -38,7 +39,7 @@ pub struct Arguments {
     html: Option<PathBuf>,
     /// File for the calibration image: the extended one where the verify run bears it out, else the baseline; nothing is
     /// written where neither beats the raw rates.
-    #[arg(long)]
+    #[arg(short, long)]
     calibration: Option<PathBuf>,
     /// The image that the unit has in use: the new one must beat it before it is recommended.
     #[arg(long)]
@@ -114,7 +115,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
     let judge = judge.map(|path| facts.load(&[path])).transpose()?.and_then(|mut runs| runs.pop());
     let options =
         trace::Options { units: units(different_units), in_use, repeat_is_enough, judge, exchange, own: Vec::new() };
-    let mut t = trace::trace_with(&train, &verify, &options)?;
+    let mut t = wait::with_a_bar("tracing", || trace::trace_with(&train, &verify, &options))?;
     if rates.is_some() {
         t.report.notes.push(RATES.into());
     }
@@ -166,7 +167,7 @@ fn runs_of_trace(
 }
 
 fn print_trace(r: &trace::Report) {
-    println!("{}", r.verdict);
+    println!("{}", painted(&r.verdict));
     println!();
     let judged = if r.judged_by == "judge" { "judging run" } else { "the same" };
     println!("{:<5} {:^21} {:^52} {:>12}", "", "train", "verify", judged);
