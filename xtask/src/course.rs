@@ -113,6 +113,7 @@ fn first(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
 /// Other chips, other features, the wheel, the pages, and the tests that the first command ignores.
 fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
     let mut no_python = None;
+    course.step("the browser", setup::browser)?;
     side_by_side(
         || {
             course.step("the firmware", size)?;

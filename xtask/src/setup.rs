@@ -148,6 +148,14 @@ fn has_libclang() -> bool {
         .any(|p| has(&p))
 }
 
+/// Installs the browser that looks at the pages.
+pub fn browser() -> Result<(), Failure> {
+    if output(Command::new("chromium").arg("--version")).is_none() {
+        apt(&["chromium"], "looking at the pages in a browser")?;
+    }
+    Ok(())
+}
+
 /// Installs the packages that the virtual board needs to compile, and rustup's own components.
 pub fn host() -> Result<(), Failure> {
     let works = |program: &str| output(Command::new(program).arg("--version")).is_some();

@@ -25,5 +25,6 @@ pub mod load;
 pub mod log;
 pub mod numeric;
 pub mod output;
+pub mod page;
 pub mod plot;
 pub mod recording;

@@ -52,7 +52,68 @@ pub fn svg(panels: &[Panel], columns: usize, width: u32, height: u32) -> anyhow:
         }
         root.present()?;
     }
-    Ok(out)
+    Ok(with_dots_together(&out))
+}
+
+/// The same picture with neighbouring circles of one kind as one path: a tenth of the length.
+fn with_dots_together(svg: &str) -> String {
+    let mut out = String::with_capacity(svg.len());
+    // The dots that are gathered: what they have in common, and their places.
+    let mut dots: Option<(&str, String)> = None;
+    let end = |dots: &mut Option<(&str, String)>, out: &mut String| {
+        let Some((kind, places)) = dots.take() else { return };
+        let of = |name: &str| attribute(kind, name).unwrap_or_default();
+        let width = 2.0 * of("r").parse().unwrap_or(2.0);
+        let (opacity, colour) = (of("opacity"), of("fill"));
+        *out += &format!(
+            "<path d=\"{places}\" fill=\"none\" stroke=\"{colour}\" opacity=\"{opacity}\" stroke-width=\"{width}\" stroke-linecap=\"round\"/>\n"
+        );
+    };
+    for line in svg.lines() {
+        let place = line.strip_prefix("<circle ").and_then(|_| Some((attribute(line, "cx")?, attribute(line, "cy")?)));
+        let kind = line.find(" r=").map(|at| &line[at..]);
+        let (Some((x, y)), Some(kind)) = (place, kind) else {
+            end(&mut dots, &mut out);
+            out.push_str(line);
+            out.push('\n');
+            continue;
+        };
+        if dots.as_ref().is_some_and(|(k, _)| *k != kind) {
+            end(&mut dots, &mut out);
+        }
+        let (_, places) = dots.get_or_insert_with(|| (kind, String::new()));
+        let dot = format!("M{x} {y}h0");
+        // (A dot on the one before adds nothing.)
+        if !places.ends_with(&dot) {
+            places.push_str(&dot);
+        }
+    }
+    end(&mut dots, &mut out);
+    out
+}
+
+/// Value of an attribute of an element in a line.
+fn attribute<'t>(line: &'t str, name: &str) -> Option<&'t str> {
+    let from = line.find(&format!(" {name}=\""))? + name.len() + 3;
+    line[from..].split('"').next()
+}
+
+/// Points of a line, of those that share one of so many columns the first, the lowest, the highest and the last.
+fn thinned(points: &[(f64, f64)], (from, to): (f64, f64), columns: usize, log: bool) -> Vec<(f64, f64)> {
+    if points.len() <= 4 * columns {
+        return points.to_vec();
+    }
+    let at = |x: f64| if log { x.ln() } else { x };
+    let column = |p: &(f64, f64)| ((at(p.0) - at(from)) / (at(to) - at(from)) * columns as f64).floor();
+    let mut out = Vec::new();
+    for part in points.chunk_by(|a, b| column(a) == column(b)) {
+        let order = |k: &usize, l: &usize| part[*k].1.total_cmp(&part[*l].1);
+        let all = || 0..part.len();
+        let mut kept = [0, all().min_by(order).unwrap_or(0), all().max_by(order).unwrap_or(0), part.len() - 1];
+        kept.sort_unstable();
+        out.extend(kept.iter().enumerate().filter(|(n, k)| *n == 0 || kept[n - 1] != **k).map(|(_, k)| part[*k]));
+    }
+    out
 }
 
 /// A text as it stands in a page (HTML).
@@ -108,7 +169,7 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                 .axis_desc_style(("sans-serif", 14))
                 .x_label_formatter(&|v| short(*v))
                 .y_label_formatter(&|v| short(*v))
-                .light_line_style(RGBColor(245, 245, 245))
+                .max_light_lines(0)
                 .bold_line_style(RGBColor(225, 225, 225))
                 .draw()?;
             for s in &panel.series {
@@ -123,7 +184,8 @@ fn draw(area: &DrawingArea<SVGBackend<'_>, plotters::coord::Shift>, panel: &Pane
                     for (part, run) in
                         s.points.split(|p| !(p.0.is_finite() && p.1.is_finite())).filter(|r| !r.is_empty()).enumerate()
                     {
-                        let drawn = chart.draw_series(LineSeries::new(run.iter().copied(), colour.stroke_width(2)))?;
+                        let run = thinned(run, (x0, x1), 600, panel.log);
+                        let drawn = chart.draw_series(LineSeries::new(run, colour.stroke_width(2)))?;
                         if part == 0 && !s.label.is_empty() {
                             drawn
                                 .label(&s.label)
@@ -208,4 +270,24 @@ pub fn bars(b: &Bars, width: u32) -> anyhow::Result<String> {
         root.present()?;
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dots_are_one_path_and_long_lines_are_short() {
+        let dots: Vec<(f64, f64)> = (0..500).map(|k| (f64::from(k), f64::from(k % 7))).collect();
+        let line: Vec<(f64, f64)> = (0..100_000).map(|k| (f64::from(k) / 200.0, f64::from(k % 7))).collect();
+        let of =
+            |points: &[(f64, f64)], dots: bool| Series { points: points.to_vec(), dots, label: "l".into(), colour: 1 };
+        let panel = Panel { series: vec![of(&dots, true), of(&line, false)], ..Panel::default() };
+        let picture = svg(&[panel], 1, 400, 300).expect("drawn");
+        assert!(!picture.contains("<circle") && picture.matches("h0M").count() > 400, "{}", picture.len());
+        assert!(picture.len() < 60_000, "{}", picture.len());
+        let thin = thinned(&line, (0.0, 500.0), 600, false);
+        assert!(thin.len() <= 4 * 600 && thin[0] == line[0] && thin.last() == line.last());
+        assert_eq!(thin.iter().map(|p| p.1).fold(0.0, f64::max), 6.0);
+    }
 }

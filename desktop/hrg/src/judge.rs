@@ -10,7 +10,9 @@ use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
-use hrg_data::plot::{escape, svg, Panel, Series};
+use hrg_data::page;
+use hrg_data::page::Tone;
+use hrg_data::plot::{escape, Panel, Series};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::{plausible, Recording};
 use hrg_identify::fit::correct;
@@ -544,23 +546,22 @@ impl Judgement {
     /// If a picture cannot be drawn.
     pub fn html(&self) -> anyhow::Result<String> {
         let panels: Vec<Panel> = self.points.iter().map(|(n, points)| self.panel(n, points)).collect();
-        let colour = match self.verdict {
-            Verdict::Pass => "#2e7d32",
-            Verdict::Fail => "#c62828",
-            Verdict::NotCovered => "#ef6c00",
+        let tone = match self.verdict {
+            Verdict::Pass => Tone::Good,
+            Verdict::Fail => Tone::Bad,
+            Verdict::NotCovered => Tone::Open,
         };
-        let notes: String = self.notes.iter().map(|n| format!("<li>{}</li>", escape(n))).collect();
-        Ok(format!(
-            "<!doctype html><html lang=en><meta charset=utf-8><title>hrg judge: {unit}</title><style>\
-             body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1420px;padding:0 16px;color:#222}}\
-             h1{{font-size:22px}}.verdict{{border-left:6px solid {colour};padding:10px 16px;font-size:18px;background:#f6f6f6}}\
-             pre{{overflow-x:auto;font-size:13px}}svg{{max-width:100%;height:auto}}</style>\
-             <h1>Does {unit} pass?</h1><p class=verdict>{line}</p><pre>{table}</pre>{picture}<ul>{notes}</ul></html>\n",
-            unit = escape(&self.unit),
-            line = escape(&self.line()),
-            table = escape(&self.table()),
-            picture = svg(&panels, panels.len().clamp(1, 3), 460, 340)?
-        ))
+        let line = escape(&self.line()).replacen(self.verdict.word(), &format!("<b>{}</b>", self.verdict.word()), 1);
+        let body = format!(
+            "<h1>Does {} pass?</h1>{}{}{}<pre>{}</pre>{}",
+            escape(&self.unit),
+            page::pictures(&panels)?,
+            page::legend(&[("heating", 2), ("cooling", 3), ("soak", 4), ("limit", 1)]),
+            page::boxed(&line, tone),
+            escape(&self.table()),
+            page::list(&self.notes)
+        );
+        Ok(page::page(&format!("hrg judge: {}", escape(&self.unit)), &body))
     }
 
     /// Errors of one axis over temperature, with the limit as lines.
@@ -569,19 +570,19 @@ impl Judgement {
             let these = points.iter().filter(|p| Direction::of(p.c_per_min) == wanted);
             these.map(|p| (p.temperature_c, p.error_dph)).collect()
         };
-        let series = |label: &str, points, colour, dots| Series { label: label.into(), points, colour, dots };
+        let series = |points, colour, dots| Series { label: String::new(), points, colour, dots };
         let line = |y: f64| vec![(self.from_c, y), (self.to_c, y)];
         Panel {
             title: format!("{name}: corrected rates, means of {} s", self.means_s),
-            x: "resonator temperature [C]".into(),
+            x: "temperature [C]".into(),
             y: "error [deg/h]".into(),
             log: false,
             series: vec![
-                series("heating", of(Direction::Heating), 2, true),
-                series("cooling", of(Direction::Cooling), 3, true),
-                series("soak", of(Direction::Soak), 0, true),
-                series("limit", line(self.limit_dph), 4, false),
-                series("", line(-self.limit_dph), 4, false),
+                series(of(Direction::Heating), 2, true),
+                series(of(Direction::Cooling), 3, true),
+                series(of(Direction::Soak), 4, true),
+                series(line(self.limit_dph), 1, false),
+                series(line(-self.limit_dph), 1, false),
             ],
         }
     }

@@ -3,6 +3,7 @@
 mod believes;
 mod bench;
 mod bring_up;
+mod browser;
 mod by_choice;
 mod chamber;
 mod chip;

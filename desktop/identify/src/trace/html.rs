@@ -1,11 +1,14 @@
 //! The report as one self-contained page.
 
 use super::data::Data;
-use super::{shapes, Report, Trace};
+use super::{shapes, Image, Report, Trace};
+use crate::fit;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::numeric::allan;
 use hrg_data::numeric::stats::block_means;
-use hrg_data::plot::{escape, svg, Panel, Series};
+use hrg_data::page;
+use hrg_data::page::Tone;
+use hrg_data::plot::{escape, Panel, Series};
 use std::fmt::Write as _;
 
 /// 100 s means of a series, with their times in hours.
@@ -48,14 +51,85 @@ fn panel(title: String, x: &str, y: &str, log: bool, series: Vec<Series>) -> Pan
     Panel { title, x: x.into(), y: y.into(), log, series }
 }
 
-fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
+/// Ramps that are slower are a soak, C per minute.
+const SOAK_C_PER_MIN: f64 = 0.02;
+
+/// 100 s means of the temperature of an axis on the verify run, and of its ramp.
+fn states(t: &Trace, a: usize) -> (Vec<f64>, Vec<f64>) {
     let run = &t.verify;
+    let each: Vec<(f64, f64)> = (0..run.steps.len())
+        .map(|k| run.state(k, a).map_or((f64::NAN, f64::NAN), |s| (f64::from(s.0), f64::from(s.1))))
+        .collect();
+    let (temperature, ramp): (Vec<f64>, Vec<f64>) = each.into_iter().unzip();
+    (block_means(&temperature, 100), block_means(&ramp, 100))
+}
+
+/// What the unit would send on the verify run with the baseline, and with the image that is written: over temperature, heating and cooling
+/// apart, about the constant of that day.
+fn first_pictures(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
+    let about_mean = |values: &[f64]| {
+        let means = block_means(values, 100);
+        let mean = hrg_data::numeric::stats::mean(&means);
+        means.into_iter().map(|m| m - mean).collect::<Vec<f64>>()
+    };
+    let [before, after] = [&t.baseline, &t.image].map(|c| fit::correct(c, &t.verify.steps));
+    let panels: Vec<Panel> = t
+        .verify
+        .steps
+        .present()
+        .map(|a| {
+            let (temperature, ramp) = states(t, a);
+            let (before, after) = (about_mean(&before[a]), about_mean(&after[a]));
+            let of = |values: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
+                let all = temperature.iter().zip(&ramp).zip(values);
+                all.filter(|((_, r), _)| keep(**r)).map(|((t, _), v)| (*t, *v)).collect()
+            };
+            let heating = |r: f64| r > SOAK_C_PER_MIN;
+            let cooling = |r: f64| r < -SOAK_C_PER_MIN;
+            let mut all = vec![
+                series("", of(&before, &|_| true), 0, true),
+                series("", of(&after, &heating), 2, true),
+                series("", of(&after, &cooling), 3, true),
+                series("", of(&after, &|r| r.abs() <= SOAK_C_PER_MIN), 4, true),
+            ];
+            if t.report.image != Image::Extended {
+                all[0].points.clear();
+            }
+            if let Some(limit) = limit_dph {
+                let ends = temperature.iter().filter(|v| v.is_finite());
+                let (low, high) = ends.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+                all.push(series("", vec![(low, limit), (high, limit)], 1, false));
+                all.push(series("", vec![(low, -limit), (high, -limit)], 1, false));
+            }
+            panel(
+                format!("{}: residual of the verify run", AXIS_NAMES[a]),
+                "temperature [C]",
+                "100 s mean [deg/h]",
+                false,
+                all,
+            )
+        })
+        .collect();
+    let of_image = match t.report.image {
+        Image::Extended => ["image, heating", "image, cooling", "image, soak"],
+        Image::Baseline | Image::None => ["baseline, heating", "baseline, cooling", "baseline, soak"],
+    };
+    let mut meanings = vec![(of_image[0], 2), (of_image[1], 3), (of_image[2], 4)];
+    if t.report.image == Image::Extended {
+        meanings.insert(0, ("baseline", 0));
+    }
+    if limit_dph.is_some() {
+        meanings.push(("limit", 1));
+    }
+    Ok(page::pictures(&panels)?
+        + &page::legend(&meanings)
+        + "<p class=small>Corrected rates, 100 s means about the constant of that day.</p>")
+}
+
+fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
     let name = AXIS_NAMES[a];
     let [before, after] = &t.verify_residuals;
-    let temperature: Vec<f64> =
-        (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
-    let ramp: Vec<f64> = (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.1))).collect();
-    let (mt, mr) = (block_means(&temperature, 100), block_means(&ramp, 100));
+    let (mt, mr) = states(t, a);
     let pair =
         |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect() };
     let direction = |y: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
@@ -64,7 +138,7 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
     let panels = [
         panel(
             format!("{name}: residual against temperature, verify run"),
-            "resonator temperature [C]",
+            "temperature [C]",
             "100 s mean [deg/h]",
             false,
             vec![series("before", pair(&mt, &before[a]), 0, true), series("after", pair(&mt, &after[a]), 1, true)],
@@ -75,9 +149,9 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
             "100 s mean [deg/h]",
             false,
             vec![
-                series("heating", direction(&after[a], &|r| r > 0.02), 2, true),
-                series("cooling", direction(&after[a], &|r| r < -0.02), 3, true),
-                series("soak", direction(&after[a], &|r| r.abs() <= 0.02), 0, true),
+                series("heating", direction(&after[a], &|r| r > SOAK_C_PER_MIN), 2, true),
+                series("cooling", direction(&after[a], &|r| r < -SOAK_C_PER_MIN), 3, true),
+                series("soak", direction(&after[a], &|r| r.abs() <= SOAK_C_PER_MIN), 0, true),
             ],
         ),
         panel(
@@ -115,13 +189,13 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
             ],
         ),
     ];
-    svg(&panels, 3, 460, 300)
+    page::pictures(&panels)
 }
 
 fn figures(r: &Report) -> String {
     let judged = if r.judged_by == "judge" { "on the judging run" } else { "" };
     let mut s = format!(
-        "<table><tr><th></th><th colspan=2>train runs</th><th colspan=2>verify run</th><th colspan=4>the image on the verify run</th><th></th><th></th><th></th></tr>\
+        "<div class=wide><table><tr><th></th><th colspan=2>train runs</th><th colspan=2>verify run</th><th colspan=4>the image on the verify run</th><th></th><th></th><th></th></tr>\
          <tr><th>axis</th><th>baseline</th><th>with effects</th><th>baseline</th><th>with effects</th><th>model</th><th>deviation</th><th>constant of that day</th><th>RMS {judged}</th><th>noise</th><th>left, in noise floors</th><th>structure left</th></tr>"
     );
     for n in r.axes() {
@@ -153,7 +227,7 @@ fn figures(r: &Report) -> String {
     }
     let (train, verify) = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
     s + &format!(
-        "</table><p class=small>deg/h: standard deviation of 100 s means, {train} of the train runs and {verify} of the verify run; RMS: with the constant of that day. The noise comes from what neighbouring means differ by; the brackets hold 95 %.</p>"
+        "</table></div><p class=small>deg/h: standard deviation of 100 s means, {train} of the train runs and {verify} of the verify run; RMS: with the constant of that day. The noise comes from what neighbouring means differ by; the brackets hold 95 %.</p>"
     )
 }
 
@@ -175,7 +249,9 @@ fn cleaned(r: &Report) -> String {
     if rows.is_empty() {
         return "<p>Nothing was taken out of the files.</p>".into();
     }
-    format!("<table><tr><th>file</th><th>column</th><th>kind</th><th>values</th></tr>{rows}</table>")
+    format!(
+        "<div class=wide><table><tr><th>file</th><th>column</th><th>kind</th><th>values</th></tr>{rows}</table></div>"
+    )
 }
 
 fn ranking(t: &Trace) -> anyhow::Result<String> {
@@ -196,14 +272,14 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
             },
             if e.reach == "unit" { "compensated by the unit".to_string() } else { escape(&e.reach) }
         );
-        s += &svg(&shapes, 2, 460, 300)?;
-        s += "<br><table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
+        s += &page::pictures(&shapes)?;
+        s += "<div class=wide><table><tr><th>axis</th><th>gain</th><th>&plusmn;</th><th>share of it on the verify run</th></tr>";
         for (n, g) in &e.axes {
             let share =
                 e.on_verify.get(n).map_or("-".to_string(), |v| format!("{:.2} &plusmn; {:.2}", v.share, v.share_std));
             let _ = write!(s, "<tr><td>{n}</td><td>{:.4}</td><td>{:.4}</td><td>{share}</td></tr>", g.gain, g.gain_std);
         }
-        s += "</table><table><tr><th>candidate for this place</th><th>log prior odds</th><th>log evidence</th><th>score</th><th>less cross-validated error</th></tr>";
+        s += "</table></div><div class=wide><table><tr><th>candidate for this place</th><th>log prior odds</th><th>log evidence</th><th>score</th><th>less cross-validated error</th></tr>";
         for k in &e.rank {
             let _ = write!(
                 s,
@@ -215,7 +291,7 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
                 100.0 * k.gain_in_cv
             );
         }
-        s += "</table>";
+        s += "</table></div>";
         if !e.indistinguishable_from.is_empty() {
             let _ =
                 write!(s, "<p>This profile cannot tell it from: {}.</p>", escape(&e.indistinguishable_from.join(", ")));
@@ -232,42 +308,39 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
 /// # Errors
 /// If a picture cannot be drawn.
 pub fn html(t: &Trace) -> anyhow::Result<String> {
+    html_with(t, None)
+}
+
+/// The page, with a limit in its first pictures, deg/h.
+///
+/// # Errors
+/// If a picture cannot be drawn.
+pub fn html_with(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
     let r = &t.report;
-    let mut s = format!(
-        "<!doctype html><html lang=en><meta charset=utf-8><title>hrg trace: {unit}</title><style>\
-         body{{font:15px/1.45 system-ui,sans-serif;margin:24px auto;max-width:1420px;padding:0 16px;color:#222}}\
-         h1{{font-size:22px}}h2{{font-size:18px;margin-top:28px}}h3{{font-size:16px;margin-bottom:4px}}\
-         table{{border-collapse:collapse;margin:6px 24px 6px 0;display:inline-table;vertical-align:top}}\
-         td,th{{border-bottom:1px solid #ddd;padding:3px 12px;text-align:right}}td:first-child,th:first-child{{text-align:left}}\
-         th{{font-weight:600;background:#f6f6f6}}.small{{color:#666;font-size:13px;font-weight:400}}\
-         .verdict{{background:#eef4fb;border-left:4px solid #1e88e5;padding:10px 16px;font-size:17px}}svg{{max-width:100%;height:auto}}\
-         </style><h1>What the model of {unit} lacks</h1><p class=verdict>{verdict}</p><h2>Before and after</h2>{figures}<h2>Effects</h2>{ranking}",
-        unit = escape(&r.unit),
-        verdict = escape(&r.verdict).replace('\n', "<br>"),
-        figures = figures(r),
-        ranking = ranking(t)?
-    );
+    let tone = if r.burn { Tone::Good } else { Tone::Open };
+    let verdict: Vec<String> = r
+        .verdict
+        .lines()
+        .map(|line| match line.split_once(':') {
+            Some((head, rest)) if head.len() < 60 => format!("<b>{}:</b>{}", escape(head), escape(rest)),
+            _ => escape(line),
+        })
+        .collect();
+    let mut s = format!("<h1>What the model of {} lacks</h1>", escape(&r.unit));
+    s += &first_pictures(t, limit_dph)?;
+    s += &page::boxed(&verdict.join("<br>"), tone);
     if !r.advice.is_empty() {
-        s += "<h2>Advice</h2><ul>";
-        for a in &r.advice {
-            let _ = write!(s, "<li>{}</li>", escape(a));
-        }
-        s += "</ul>";
+        s += &page::folded("Advice", &page::list(&r.advice));
     }
+    s += &page::folded("Before and after, in figures", &figures(r));
+    s += &page::folded("Effects: what they add, and what else was tried", &ranking(t)?);
+    let each: anyhow::Result<Vec<String>> = t.verify.steps.present().map(|a| pictures(t, a)).collect();
+    s += &page::folded("Residuals over ramp and time, spectrum, Allan deviation", &each?.concat());
     if !r.notes.is_empty() {
-        s += "<h2>Notes on the data</h2><ul>";
-        for a in &r.notes {
-            let _ = write!(s, "<li>{}</li>", escape(a));
-        }
-        s += "</ul>";
+        s += &page::folded("Notes on the data", &page::list(&r.notes));
     }
-    s += "<h2>Taken out of the files</h2>";
-    s += &cleaned(r);
-    s += "<h2>Residuals</h2>";
-    for a in t.verify.steps.present() {
-        s += &pictures(t, a)?;
-    }
-    Ok(s + "</html>\n")
+    s += &page::folded("Taken out of the files", &cleaned(r));
+    Ok(page::page(&format!("hrg trace: {}", escape(&r.unit)), &s))
 }
 
 /// An Allan deviation as points of a picture.

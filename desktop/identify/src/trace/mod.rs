@@ -34,7 +34,7 @@ mod uncertainty;
 mod unseen;
 pub mod user_effects;
 
-pub use html::html;
+pub use html::{html, html_with};
 
 pub use report::{json, Found, Image, Report, Rms, VerdictKind};
 

@@ -37,6 +37,9 @@ pub struct Arguments {
     /// File for the report as a page (HTML).
     #[arg(long)]
     html: Option<PathBuf>,
+    /// A limit to draw into the page's first pictures, deg/h (hrg judge says whether it holds).
+    #[arg(short, long, value_name = "DEG/H", requires = "html")]
+    limit: Option<f64>,
     /// File for the calibration image: the extended one where the verify run bears it out, else the baseline; nothing is
     /// written where neither beats the raw rates.
     #[arg(short, long)]
@@ -89,6 +92,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
         split,
         out,
         html,
+        limit,
         calibration,
         in_use,
         repeat_is_enough,
@@ -121,7 +125,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
     }
     hrg_data::output::write_file(&out, serde_json::to_string_pretty(&t.report)?.as_bytes())?;
     if let Some(path) = html {
-        hrg_data::output::write_file(&path, trace::html(&t)?.as_bytes())?;
+        hrg_data::output::write_file(&path, trace::html_with(&t, limit)?.as_bytes())?;
     }
     print_trace(&t.report);
     match calibration {
