@@ -1,8 +1,9 @@
 //! Calibrations, how they are fitted, and what they lack.
 
 use crate::recording::{Corrected, Recording};
-use crate::values::{bytes, framed, of_json};
+use crate::values::{bytes, framed, names, of_json};
 use crate::{bad, refused, user_effects, work};
+use hrg::images::bias_on_ramp;
 use hrg_core::calibration::Calibration as Inner;
 use hrg_core::effects::by_id;
 use hrg_data::axes::AXIS_NAMES;
@@ -16,6 +17,7 @@ use hrg_identify::trace as tracing;
 use hrg_identify::trace::Trace;
 use hrg_papers::method::Method;
 use hrg_papers::methods as identify;
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use std::path::PathBuf;
@@ -119,6 +121,39 @@ impl Calibration {
         Ok(out)
     }
 
+    /// Bias and standard uncertainty on a ramp after a soak, of each temperature, the axes one after the other.
+    #[allow(clippy::type_complexity)] // Two arrays.
+    fn _bias<'py>(
+        &self,
+        py: Python<'py>,
+        states: Vec<(f64, f64)>,
+    ) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let each: Vec<(f64, f64)> = work::run(py, None, || {
+            Ok(states.iter().flat_map(|(t, ramp)| bias_on_ramp(&self.inner, *t, *ramp)).collect())
+        })?;
+        let (bias, std): (Vec<f64>, Vec<f64>) = each.into_iter().unzip();
+        Ok((PyArray1::from_vec(py, bias), PyArray1::from_vec(py, std)))
+    }
+
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
+    #[staticmethod]
+    fn _restored(toml: &str, notes: Vec<String>) -> PyResult<Self> {
+        let inner = image_file::from_text(toml).map_err(|e| refused(BadInput::from(e)))?;
+        Ok(Self { inner, notes })
+    }
+
+    #[allow(clippy::type_complexity)] // It is the tuple that `_restored` takes.
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, (String, Vec<String>))> {
+        Ok((slf.get_type().getattr("_restored")?, (slf.get().to_toml(), slf.get().notes.clone())))
+    }
+
     fn __eq__(&self, other: &Bound<'_, PyAny>) -> bool {
         other.cast::<Self>().is_ok_and(|o| o.get().inner == self.inner)
     }
@@ -130,13 +165,13 @@ impl Calibration {
     }
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 pub fn methods() -> Vec<&'static str> {
     Method::ALL.into_iter().map(Method::name).collect()
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (recordings, method = "lsq", *, seed = 1, uniform = false, breakpoint_c = None, curve = None, different_units = false, progress = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -153,7 +188,7 @@ pub fn fit(
 ) -> PyResult<Calibration> {
     let method = Method::by_name(method)
         .ok_or_else(|| bad(format!("there is no method \"{method}\"; there are {}", methods().join(", "))))?;
-    let runs: Vec<_> = recordings.iter().map(|r| r.get().clean.clone()).collect();
+    let runs = recordings.iter().map(|r| r.get().at_rest()).collect::<PyResult<Vec<_>>>()?;
     let known = curve.map(|c| c.get().inner.axes.clone().map(|a| a.curve));
     work::run(py, progress.as_ref(), move || {
         let prepared = fits::prepare_with(&runs, units(different_units), known)?;
@@ -207,6 +242,30 @@ impl Report {
             pyo3::exceptions::PyAttributeError::new_err(format!("a report has no \"{name}\"; see to_dict()"))
         })
     }
+    /// Names for the key Tab: the keys of the file, too.
+    fn __dir__<'py>(slf: &Bound<'py, Self>) -> PyResult<Vec<String>> {
+        names(slf.as_any(), &slf.get().to_dict(slf.py())?)
+    }
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+    #[staticmethod]
+    fn _restored(json: String, html: String, verdict: String, image: Option<String>, baseline: &str) -> PyResult<Self> {
+        let of = |toml: &str| image_file::from_text(toml).map_err(|e| refused(BadInput::from(e)));
+        Ok(Self { json, html, verdict, image: image.as_deref().map(of).transpose()?, baseline: of(baseline)? })
+    }
+    #[allow(clippy::type_complexity)] // It is the tuple that `_restored` takes.
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, (String, String, String, Option<String>, String))> {
+        let r = slf.get();
+        let image = r.image.as_ref().map(image_file::to_text);
+        let content = (r.json.clone(), r.html.clone(), r.verdict.clone(), image, image_file::to_text(&r.baseline));
+        Ok((slf.get_type().getattr("_restored")?, content))
+    }
     fn _repr_html_(&self) -> String {
         framed(&self.html)
     }
@@ -221,9 +280,9 @@ impl Report {
     }
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
-#[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new()))]
+#[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new(), limit_dph = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn trace(
     py: Python<'_>,
@@ -237,11 +296,12 @@ pub fn trace(
     jobs: Option<usize>,
     progress: Option<Py<PyAny>>,
     own_effects: Vec<Bound<'_, PyAny>>,
+    limit_dph: Option<f64>,
 ) -> PyResult<Report> {
-    let train: Vec<_> = train.iter().map(|r| r.get().clean.clone()).collect();
-    let verify = verify.get().clean.clone();
+    let train = train.iter().map(|r| r.get().at_rest()).collect::<PyResult<Vec<_>>>()?;
+    let verify = verify.get().at_rest()?;
     let in_use = in_use.map(|c| c.get().inner.clone());
-    let judge = judge.map(|r| r.get().clean.clone());
+    let judge = judge.map(|r| r.get().at_rest()).transpose()?;
     // (A trace uses one processor; scripts of before give a number.)
     let _ = jobs;
     if let Some(c) = &in_use {
@@ -258,7 +318,7 @@ pub fn trace(
         }
         Ok(Report {
             json: serde_json::to_string_pretty(&t.report)?,
-            html: tracing::html(&t)?,
+            html: tracing::html_with(&t, limit_dph)?,
             verdict: t.report.verdict.clone(),
             image,
             baseline: t.baseline,
@@ -267,7 +327,7 @@ pub fn trace(
     traced.inspect_err(|e| raised.cause(py, e))
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (recording, calibration, *, different_units = false))]
 pub fn correct(

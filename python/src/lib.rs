@@ -48,6 +48,7 @@ fn _hrg(m: &Bound<'_, PyModule>) -> PyResult<()> {
         wrap_pyfunction!(calibration::trace, m)?,
         wrap_pyfunction!(pages::compare, m)?,
         wrap_pyfunction!(pages::data_sheet, m)?,
+        wrap_pyfunction!(pages::judge, m)?,
         wrap_pyfunction!(pages::soaks, m)?,
         wrap_pyfunction!(pages::identify_accelerometers, m)?,
         wrap_pyfunction!(calibration::correct, m)?,

@@ -6,7 +6,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import::map::{Map, BUILT_IN};
-use hrg_data::recording::metadata::{scale_text, Attitude};
+use hrg_data::recording::metadata::{scale_text, Attitude, KEYS};
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, import, names, parquet, Original, Recording as Inner};
 use hrg_identify::fit::correct as corrections;
@@ -57,6 +57,17 @@ impl Recording {
         stated.facts()?.apply(&mut read)?;
         let original = read.clean_keeping()?;
         Ok(Self { clean: read, original })
+    }
+
+    /// The recording itself, for a work that needs a unit at rest.
+    ///
+    /// # Errors
+    /// Where the rates are those of a unit that moves.
+    pub fn at_rest(&self) -> PyResult<Inner> {
+        let r = &self.clean;
+        let name = if r.source.is_empty() { String::new() } else { format!("{}: ", r.source) };
+        r.rests().map_err(|e| bad(format!("{name}{e}")))?;
+        Ok(r.clone())
     }
 
     /// As it was read: a unit sees spikes, too.
@@ -133,16 +144,75 @@ impl Recording {
     }
 
     #[staticmethod]
-    #[pyo3(signature = (columns, meta, stated))]
+    #[pyo3(signature = (columns, meta, stated, source = String::new(), judged_from_s = None))]
     fn _of_columns(
         py: Python<'_>,
         columns: Vec<(String, PyReadonlyArray1<'_, f64>)>,
         meta: Vec<(String, String)>,
         stated: Stated,
+        source: String,
+        judged_from_s: Option<f64>,
     ) -> PyResult<Self> {
         let columns: Vec<(String, Vec<f64>)> =
             columns.into_iter().map(|(name, values)| (name, values.as_array().to_vec())).collect();
-        py.detach(|| Self::new(Inner::from_columns(&meta, columns)?, &stated)).map_err(refused)
+        py.detach(|| {
+            let mut read = Inner { source, judged_from_s, ..Inner::from_columns(&meta, columns)? };
+            if judged_from_s.is_none() {
+                return Self::new(read, &stated);
+            }
+            // A part of a run comes back as it was cleaned: by itself it has too few rates to be cleaned anew.
+            read.earth_rate_dph =
+                Attitude::of(read.meta("latitude_deg"), read.meta("axes"))?.map(|a| a.earth_rate_dph());
+            read.notes.clear();
+            Ok(Self { original: Original::Whole(Box::new(read.copied())), clean: read })
+        })
+        .map_err(refused)
+    }
+
+    /// Keys of metadata with a meaning.
+    #[staticmethod]
+    fn _keys() -> Vec<&'static str> {
+        KEYS.to_vec()
+    }
+
+    /// Content for a copy: columns as they were read, metadata, source, and the time from which it is judged.
+    #[allow(clippy::type_complexity)] // It is the tuple that `_of_columns` takes.
+    fn _content<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> (Vec<(String, Bound<'py, PyArray1<f64>>)>, Vec<(String, String)>, String, Option<f64>) {
+        let r = if self.clean.judged_from_s.is_some() { self.clean.copied() } else { self.raw() };
+        let present: Vec<usize> = r.present().collect();
+        let mut columns: Vec<(String, Vec<f64>)> = vec![(columns::TIME.name(0).into(), r.time_s.clone())];
+        for a in present.iter().copied() {
+            columns.push((columns::RATE.name(a).into(), r.rate_dph[a].clone()));
+        }
+        if let Some(readings) = r.thermometer.columns() {
+            // (One sensor for all axes is one column.)
+            let of = readings.of(&present);
+            columns.extend(of.iter().map(|a| (readings.name(*a).into(), r.frequency_hz[*a].clone())));
+        }
+        columns.extend(r.optional.iter().map(|(name, values)| ((*name).to_string(), values.clone())));
+        if !r.status.is_empty() {
+            let of = |k: usize| r.status.iter().map(|s| f64::from(s[k])).collect::<Vec<f64>>();
+            columns.extend(present.iter().map(|a| (columns::STATUS.name(*a).into(), of(*a))));
+            columns.push((columns::UNIT_STATUS.name(0).into(), of(AXES)));
+        }
+        let arrays = columns.into_iter().map(|(n, v)| (n, PyArray1::from_vec(py, v))).collect();
+        (arrays, r.meta.clone(), self.clean.source.clone(), r.judged_from_s)
+    }
+
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
+        let restore = slf.py().import("hrg")?.getattr("_restored_recording")?;
+        Ok((restore, slf.call_method0("_content")?.cast_into::<pyo3::types::PyTuple>()?.into_any()))
     }
 
     fn __len__(&self) -> usize {
@@ -278,6 +348,30 @@ impl Corrected {
     fn notes(&self) -> Vec<String> {
         self.notes.clone()
     }
+    /// Its columns by the names of a recording, axes apart.
+    fn to_dict<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let d = PyDict::new(py);
+        d.set_item("time_s", self.time_s(py))?;
+        let each = |name: &dyn Fn(&str) -> String, of: &dyn Fn(&corrections::Second) -> [f32; AXES]| {
+            AXIS_NAMES.iter().enumerate().try_for_each(|(a, axis)| {
+                d.set_item(name(axis), PyArray1::from_vec(py, self.seconds.iter().map(|s| of(s)[a]).collect()))
+            })
+        };
+        each(&|a| format!("temp_{a}_c"), &|s| s.temperature_c)?;
+        each(&|a| format!("raw_{a}_dph"), &|s| s.raw_dph)?;
+        each(&|a| format!("rate_{a}_dph"), &|s| s.corrected_dph)?;
+        each(&|a| format!("bias_{a}_dph"), &|s| s.bias_dph)?;
+        each(&|a| format!("bias_std_{a}_dph"), &|s| s.bias_std_dph)?;
+        for (k, name) in ["status_x", "status_y", "status_z", "status_unit"].iter().enumerate() {
+            d.set_item(name, PyArray1::from_vec(py, self.seconds.iter().map(|s| s.status[k]).collect()))?;
+        }
+        Ok(d)
+    }
+    fn __repr__(&self) -> String {
+        let (from, to) =
+            (self.seconds.first().map_or(0.0, |s| s.time_s), self.seconds.last().map_or(0.0, |s| s.time_s));
+        format!("<hrg.Corrected: {} seconds, {from} to {to} s>", self.seconds.len())
+    }
     fn to_csv(&self) -> &str {
         &self.text
     }
@@ -286,7 +380,7 @@ impl Corrected {
     }
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Recording> {
     let built_in = BUILT_IN.iter().find(|(name, _)| *name == map).map(|(_, text)| (*text).to_string());
@@ -306,7 +400,7 @@ pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Record
     py.detach(cleaned).map_err(refused)
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (profile = "dong", *, effects = Vec::new(), unit = 1, seed = 1, kind = "hrg", thermometer = "frequency", white_100s_dph = None, defects = false))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.

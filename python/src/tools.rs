@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::path::PathBuf;
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (source, step_s = None))]
 pub fn allan<'py>(py: Python<'py>, source: &Bound<'py, PyAny>, step_s: Option<f64>) -> PyResult<Bound<'py, PyDict>> {
@@ -70,7 +70,7 @@ fn accelerometers_of(source: &Bound<'_, PyAny>) -> PyResult<Accelerometers> {
     Accelerometers::load(&source.extract::<PathBuf>()?).map_err(refused)
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 #[pyo3(signature = (path, filter = "linear", *, drift_dph = None, tilt_arcmin = None, accelerometers = None, first_azimuth_deg = 0.0, seed = 1))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -101,7 +101,7 @@ pub fn align<'py>(
     of_json(py, &report)
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work::run(py, None, move || {
@@ -112,7 +112,7 @@ pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>
     of_json(py, &report)
 }
 
-/// See `_hrg.pyi`.
+/// See `__init__.pyi`.
 #[pyfunction]
 pub fn effects(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     let out = PyList::empty(py);

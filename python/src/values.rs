@@ -32,3 +32,12 @@ pub fn table(path: &Path) -> Result<String, BadInput> {
     let bytes = hrg_data::files::read_file(path, MOST_RECORDING, true)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
+
+/// Names of an object's own attributes, and of the keys of its file.
+pub fn names(of: &Bound<'_, PyAny>, keys: &Bound<'_, PyAny>) -> PyResult<Vec<String>> {
+    let own: Vec<String> = of.get_type().dir()?.iter().map(|n| n.extract()).collect::<PyResult<_>>()?;
+    let keys = keys.call_method0("keys")?.try_iter()?.map(|k| k?.extract()).collect::<PyResult<Vec<String>>>()?;
+    // (A word that Python keeps for itself has _ behind it.)
+    let keys = keys.into_iter().map(|k| if k == "final" { "final_".to_string() } else { k });
+    Ok(own.into_iter().chain(keys).collect())
+}

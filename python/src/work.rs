@@ -10,8 +10,8 @@ use std::time::Duration;
 /// Signals are looked at, and progress is told, so often.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Runs `job` without the interpreter's lock. `tell`: called with the number of models that were tried so far; what it raises
-/// stops the job, as Ctrl-C does.
+/// Runs `job` without the interpreter's lock. `tell`: called with the number of models that were tried so far, and the thousandths of the
+/// work that are done; what it raises stops the job, as Ctrl-C does.
 pub fn run<T: Send>(
     py: Python<'_>,
     tell: Option<&Py<PyAny>>,
@@ -29,7 +29,7 @@ pub fn run<T: Send>(
             result
         });
         // (Once at its beginning, and once at its end, however short it is.)
-        let report = || tell.map_or(Ok(()), |f| f.call1(py, (own.done(),)).map(drop));
+        let report = || tell.map_or(Ok(()), |f| f.call1(py, (own.done(), (own.share() * 1000.0) as u64)).map(drop));
         let mut raised = report().err();
         while raised.is_none() {
             match py.detach(|| finished.lock().map_or(Ok(()), |f| f.recv_timeout(LOOK))) {

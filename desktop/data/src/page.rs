@@ -60,7 +60,7 @@ svg [stroke=\"#00796B\"]{stroke:#4db6ac}svg [fill=\"#00796B\"]{fill:#4db6ac}";
 #[must_use]
 pub fn page(title: &str, body: &str) -> String {
     let colours =
-        |pick: &dyn Fn(&(&str, &str, &'static str)) -> String| -> String { COLOURS.iter().map(|c| pick(c)).collect() };
+        |pick: &dyn Fn(&(&str, &str, &'static str)) -> String| -> String { COLOURS.iter().map(pick).collect() };
     let light = colours(&|(name, light, _)| format!("--{name}:{light};"));
     let dark = colours(&|(name, _, dark)| format!("--{name}:{dark};"));
     format!(

@@ -172,21 +172,57 @@ fn bias_std_dph(c: &Calibration, a: usize, output: &Output) -> f64 {
     }
 }
 
+/// Steps of a soak.
+fn soak_steps() -> u32 {
+    (f64::from(SOAK_S) / f64::from(MODEL_STEP_S)) as u32
+}
+
+/// Output of the unit after so many steps with the given readings, and one more.
+fn output_after(c: &Calibration, reading: &dyn Fn(u32) -> [f64; AXES], steps: u32) -> Output {
+    let mut model = Model::new(c.clone(), AGE_S);
+    let mut step = |step: u32| {
+        let Stepped { output, .. } = model.step(&StepFrequencies {
+            step,
+            end_ticks: u64::from(step + 1),
+            frequency_hz: reading(step).map(Some),
+            rejected: [0; AXES],
+            missing: [0; AXES],
+        });
+        output
+    };
+    (0..steps).for_each(|k| {
+        step(k);
+    });
+    step(steps)
+}
+
+/// Longest ramp of [`bias_on_ramp`], s.
+const RAMP_S: f64 = 3600.0;
+
+/// Bias that a unit states at a temperature (C) to which a ramp (C per minute) has brought it after a soak, and its standard uncertainty,
+/// deg/h (NaN where the image does not state it). The ramp lasts an hour, or from the edge of the calibrated range if that is nearer;
+/// without a ramp it is the bias of the soak.
+#[must_use]
+pub fn bias_on_ramp(c: &Calibration, temperature_c: f64, c_per_min: f64) -> [(f64, f64); AXES] {
+    let edge = |low: bool| {
+        let all = c.axes.iter().map(|a| f64::from(if low { a.curve.valid_from_c } else { a.curve.valid_to_c }));
+        all.fold(if low { f64::NEG_INFINITY } else { f64::INFINITY }, |e, v| if low { e.max(v) } else { e.min(v) })
+    };
+    let room_c = if c_per_min > 0.0 { temperature_c - edge(true) } else { edge(false) - temperature_c };
+    let ramp_s = if c_per_min == 0.0 { 0.0 } else { (60.0 * room_c.max(0.0) / c_per_min.abs()).min(RAMP_S) };
+    let ramp_steps = (ramp_s / f64::from(MODEL_STEP_S)).round() as u32;
+    let (soak, per_step) = (soak_steps(), c_per_min / 60.0 * f64::from(MODEL_STEP_S));
+    let reading = |step: u32| {
+        let before = f64::from(soak + ramp_steps - step.max(soak));
+        c.axes.each_ref().map(|a| reading_of(&a.curve, temperature_c - before * per_step))
+    };
+    let output = output_after(c, &reading, soak + ramp_steps);
+    [0, 1, 2].map(|a| (f64::from(output.bias_dph[a]), bias_std_dph(c, a, &output)))
+}
+
 /// Values of an image for the readings of a soak: each quantity, with its standard deviation.
 fn on_soak(c: &Calibration, reading: [f64; AXES], quantities: &[Quantity]) -> Vec<(f64, f64)> {
-    let mut model = Model::new(c.clone(), AGE_S);
-    let step = |step: u32| StepFrequencies {
-        step,
-        end_ticks: u64::from(step + 1),
-        frequency_hz: reading.map(Some),
-        rejected: [0; AXES],
-        missing: [0; AXES],
-    };
-    let steps = (f64::from(SOAK_S) / f64::from(MODEL_STEP_S)) as u32;
-    (0..steps).for_each(|k| {
-        model.step(&step(k));
-    });
-    let Stepped { output, .. } = model.step(&step(steps));
+    let output = output_after(c, &|_| reading, soak_steps());
     let stated = |std: f32, is: bool| if is { f64::from(std) } else { f64::NAN };
     quantities
         .iter()

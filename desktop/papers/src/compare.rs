@@ -106,6 +106,76 @@ pub struct Row {
     /// Course of each search.
     #[serde(skip)]
     pub history: Vec<History>,
+    /// Of a method of a user's own: corrected rates of the verify runs, a value each step. It has no image.
+    #[serde(skip)]
+    pub own: Option<Vec<[Vec<f64>; AXES]>>,
+}
+
+/// A method of a user's own: what it made of the runs.
+#[derive(Debug, Clone)]
+pub struct Own {
+    /// Its name.
+    pub name: String,
+    /// Its corrected rates for each verify run, as recordings.
+    pub verify: Vec<Recording>,
+    /// The same for each train run, where it tells.
+    pub train: Option<Vec<Recording>>,
+    /// Duration of the identification, s; 0 where it is not known.
+    pub seconds: f64,
+}
+
+impl Own {
+    /// Corrected rates on the steps of a run.
+    fn rates(&self, corrected: &Recording, of: &Steps) -> Result<[Vec<f64>; AXES], BadInput> {
+        let own = Steps::new(corrected)?;
+        let skip = (of.start_s - own.start_s).round();
+        if !(skip >= 0.0 && skip as usize + of.len() <= own.len()) {
+            let end = |s: &Steps| s.start_s + s.len() as f64 - 1.0;
+            return Err(BadInput(format!(
+                "{}: its rates run from {:.0} to {:.0} s, those of the run from {:.0} to {:.0} s; give a row for each second of the run",
+                self.name,
+                own.start_s,
+                end(&own),
+                of.start_s,
+                end(of)
+            )));
+        }
+        let lacks = of.present().find(|a| own.rate_dph[*a].iter().all(|v| v.is_nan()));
+        if let Some(a) = lacks {
+            return Err(BadInput(format!("{}: it has no rates of axis {}", self.name, AXIS_NAMES[a])));
+        }
+        Ok(own.rate_dph.map(|v| v[skip as usize..skip as usize + of.len()].to_vec()))
+    }
+
+    /// Its row.
+    fn row(&self, bench: &Bench) -> Result<Row, BadInput> {
+        let all = |runs: &[Recording], steps: &[Steps]| -> Result<Vec<_>, BadInput> {
+            if runs.len() != steps.len() {
+                return Err(BadInput(format!(
+                    "{}: corrected rates of {} runs for {}",
+                    self.name,
+                    runs.len(),
+                    steps.len()
+                )));
+            }
+            runs.iter().zip(steps).map(|(r, s)| self.rates(r, s)).collect()
+        };
+        let verify = all(&self.verify, &bench.verify)?;
+        let train = match &self.train {
+            Some(runs) => all(runs, &bench.train)?,
+            None => bench.train.iter().map(|s| [0, 1, 2].map(|_| vec![f64::NAN; s.len()])).collect(),
+        };
+        Ok(Row {
+            method: self.name.clone(),
+            parameters: 0,
+            judged: bench.judged(train, verify.clone()),
+            identification_s: self.seconds,
+            cost: None,
+            notes: vec!["a method of your own".into()],
+            history: Vec::new(),
+            own: Some(verify),
+        })
+    }
 }
 
 /// The comparison.
@@ -182,13 +252,14 @@ impl Bench {
 
     /// Errors of rates after a given correction.
     fn judge(&self, correct: impl Fn(&Steps) -> [Vec<f64>; AXES]) -> Judged {
-        let judged = |steps: &Steps| {
-            let mut rates = correct(steps);
-            rates.iter_mut().for_each(|r| r.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN));
-            rates
-        };
-        let train: Vec<_> = self.train.iter().map(judged).collect();
-        let verify: Vec<_> = self.verify.iter().map(judged).collect();
+        self.judged(self.train.iter().map(&correct).collect(), self.verify.iter().map(&correct).collect())
+    }
+
+    /// Errors of corrected rates of the train runs and of the verify runs.
+    fn judged(&self, mut train: Vec<[Vec<f64>; AXES]>, mut verify: Vec<[Vec<f64>; AXES]>) -> Judged {
+        for rates in train.iter_mut().chain(&mut verify).flatten() {
+            rates.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN);
+        }
         let of_stage = |stage| -> Vec<[Vec<f64>; AXES]> {
             let both = train.iter().zip(&self.stages);
             both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect()
@@ -257,14 +328,14 @@ pub struct Options {
     pub from_s: f64,
 }
 
-/// Compares methods, the traced model among them. Calibrations go to `out` as `METHOD.toml`.
+/// Compares methods, the traced model and a user's own among them. Calibrations go to `out` as `METHOD.toml`.
 ///
 /// # Errors
 /// Recordings that cannot be used; a method that cannot is listed in [`Comparison::left_out`].
 pub fn compare(
     train: &[Recording],
     verify: &[Recording],
-    methods: &[Contender],
+    (methods, own): (&[Contender], &[Own]),
     options: &Options,
     out: &Path,
     mut tell: impl FnMut(&str),
@@ -317,7 +388,14 @@ pub fn compare(
             cost: None,
             notes: found.notes,
             history: found.history,
+            own: None,
         });
+    }
+    for method in own {
+        if rows.iter().any(|r| r.method == method.name) || method.name == "raw" {
+            return Err(BadInput(format!("there is a method {} already; give yours another name", method.name)).into());
+        }
+        rows.push(method.row(&bench)?);
     }
     Ok(Comparison {
         unit: first.unit().to_string(),
@@ -360,7 +438,9 @@ fn unseen_steps(
 /// # Errors
 /// If it cannot be started, or fails.
 pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Path, seconds: u64) -> anyhow::Result<()> {
-    let files: Vec<PathBuf> = c.rows.iter().map(|r| out.join(format!("{}.toml", r.method))).collect();
+    let with_image = |r: &&mut Row| r.own.is_none();
+    let names = c.rows.iter_mut().filter(with_image).map(|r| out.join(format!("{}.toml", r.method)));
+    let files: Vec<PathBuf> = names.collect();
     let output = Command::new(board)
         .args(["cost", "--json", "--seconds", &seconds.to_string(), "--recording"])
         .arg(recording)
@@ -377,7 +457,7 @@ pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Pat
     let costs: Vec<Cost> = serde_json::from_slice(&output.stdout).map_err(|_| {
         BadInput::new(format!("{} does not answer as hrg-board does; give the right one", board.display()))
     })?;
-    for (row, w) in c.rows.iter_mut().zip(costs) {
+    for (row, w) in c.rows.iter_mut().filter(with_image).zip(costs) {
         row.cost = Some(w);
     }
     Ok(())
@@ -424,14 +504,18 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
     for r in &c.rows {
         let w = r.cost.as_ref();
         let costs = [
-            format!("{:.2}", r.identification_s),
+            if r.identification_s > 0.0 { format!("{:.2}", r.identification_s) } else { dash() },
             w.map_or_else(dash, |w| format!("{:.0}", w.bias_instructions + w.curve_instructions)),
             w.map_or_else(dash, |w| format!("{:.0}", w.update_instructions)),
             w.map_or_else(dash, |w| w.bytes.to_string()),
             w.map_or_else(dash, |w| format!("{} of {}", w.differing, w.frames)),
         ];
         lines.push(
-            [r.method.clone(), r.parameters.to_string()].into_iter().chain(judged(&r.judged)).chain(costs).collect(),
+            [r.method.clone(), if r.own.is_some() { dash() } else { r.parameters.to_string() }]
+                .into_iter()
+                .chain(judged(&r.judged))
+                .chain(costs)
+                .collect(),
         );
     }
     if let Some((heading, cell)) = last {
@@ -517,8 +601,10 @@ pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Resu
     };
     let mut panels = Vec::new();
     for r in &c.rows {
-        let calibration = image_file::load(&out.join(format!("{}.toml", r.method)))?;
-        let corrected = fit::correct(&calibration, &steps);
+        let corrected = match &r.own {
+            Some(own) => own.first().cloned().unwrap_or_default(),
+            None => fit::correct(&image_file::load(&out.join(format!("{}.toml", r.method)))?, &steps),
+        };
         panels.push(Panel {
             title: r.method.clone(),
             x: "time [h]".into(),

@@ -190,7 +190,7 @@ fn side_by_side(
     }
     hrg_data::output::write_file(&folder.join("repeat.csv"), repeat.to_csv().as_bytes())?;
     let options = compare::Options { seed, units: Units::Same, from_s: case.from_s };
-    let mut c = compare::compare(&[train], &verify, &Contender::all(), &options, &folder, |_| {})?;
+    let mut c = compare::compare(&[train], &verify, (&Contender::all(), &[]), &options, &folder, |_| {})?;
     summarise(&c);
     let steps = Steps::new(&verify[0])?;
     let images: Vec<_> = c.rows.iter().map(|r| folder.join(format!("{}.toml", r.method))).collect();

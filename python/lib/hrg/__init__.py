@@ -10,7 +10,12 @@ Rates are in deg/h, temperatures in degrees Celsius, frequencies in Hz, times in
 from __future__ import annotations
 
 import dataclasses
+import difflib
+import inspect
+import os
 import tempfile
+import time
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,14 +32,15 @@ from ._hrg import (
     Report,
     __version__,
     align,
-    allan,
+    allan as _allan,
     compare as _compare,
-    correct,
+    correct as _correct,
     data_sheet as _data_sheet,
     effects,
     fit as _fit,
     identify_accelerometers as accelerometers,
     import_table,
+    judge as _judge,
     methods,
     points,
     simulate,
@@ -66,6 +72,7 @@ __all__ = [
     "fit",
     "from_table",
     "import_table",
+    "judge",
     "methods",
     "points",
     "read",
@@ -94,50 +101,162 @@ def read(source, **said):
     return Recording._read(source, _said(said))
 
 
-def from_table(table, meta=None, **said):
+def from_table(table, meta=None, *, name="", **said):
     """Makes a recording of columns in memory: a mapping of names to arrays, a pandas or a polars frame.
 
     Names are those of a recording's columns: ``time_s`` (s), ``rate_x_dph`` (deg/h), ``fx_hz`` (Hz) or ``temp_x_c`` (C), and
-    so on; each is one-dimensional, all are of one length, NaN where a value is missing. ``meta``: metadata; a pandas frame's
-    ``attrs`` are taken as well.
+    so on; each is one-dimensional, all are of one length, NaN where a value is missing. ``time_s`` may be datetimes, and so may be the index
+    of a pandas frame without that column: time then begins at 0, and ``power_on_unix_s`` says when that was. ``meta``: metadata; a pandas
+    frame's ``attrs`` are taken as well. ``name``: of the recording in sentences and reports.
     """
     names = list(table.keys()) if isinstance(table, Mapping) else list(table.columns)
-    columns = [(str(n), _np.ascontiguousarray(_np.asarray(table[n]), dtype=_np.float64)) for n in names]
     entries = {**getattr(table, "attrs", {}), **(meta or {})}
-    return Recording._of_columns(columns, [(str(k), str(v)) for k, v in entries.items()], _said(said))
+    _known_keys(entries)
+    values = {str(n): table[n] for n in names}
+    index = getattr(table, "index", None)
+    if "time_s" not in values and _is_datetime(index):
+        values = {"time_s": index, **values}
+    columns = []
+    for n, column in values.items():
+        if n == "time_s" and _is_datetime(column):
+            column, since_1970 = _seconds(column)
+            entries.setdefault("power_on_unix_s", f"{since_1970:.3f}")
+        columns.append((n, _numbers(n, column)))
+    return Recording._of_columns(columns, [(str(k), str(v)) for k, v in entries.items()], _said(said), str(name))
+
+
+def _known_keys(entries):
+    """Refuses a key that is nearly one with a meaning: a slip would be ignored in silence."""
+    known = Recording._keys()
+    for key in entries:
+        near = difflib.get_close_matches(str(key), known, 1, 0.85)
+        if near and str(key) not in known:
+            raise HrgError(f'metadata "{key}" means nothing; is {near[0]} meant?')
+
+
+def _is_datetime(column):
+    kind = getattr(_np.asarray(column) if column is not None else None, "dtype", None)
+    return kind is not None and kind.kind == "M" or "datetime" in str(getattr(column, "dtype", "")).lower()
+
+
+def _seconds(column):
+    """Seconds from the first of some datetimes, and the seconds since 1970 at it."""
+    # (A pandas series has its time zone under dt, an index itself.)
+    zoned = getattr(column, "dt", column)
+    if getattr(zoned, "tz", None) is not None:
+        column = zoned.tz_convert("UTC")
+        column = getattr(column, "dt", column).tz_localize(None)
+    times = _np.asarray(column).astype("datetime64[ns]")
+    first = times[~_np.isnat(times)][0] if (~_np.isnat(times)).any() else _np.datetime64(0, "ns")
+    seconds = (times - first) / _np.timedelta64(1, "s")
+    return seconds, (first - _np.datetime64(0, "ns")) / _np.timedelta64(1, "s")
+
+
+def _numbers(name, column):
+    try:
+        values = _np.ascontiguousarray(_np.asarray(column), dtype=_np.float64)
+    except (TypeError, ValueError) as e:
+        raise HrgError(f"column {name}: {e}; give numbers, NaN where a value is missing") from None
+    if values.ndim != 1:
+        raise HrgError(f"column {name} has {values.ndim} dimensions; give one value a row")
+    return values
+
+
+def _is_table(source):
+    return isinstance(source, Mapping) or (hasattr(source, "columns") and hasattr(source, "__getitem__"))
+
+
+def _recording(source):
+    """A recording of whatever is one: itself, a path, an open file, a frame, or a mapping of columns."""
+    if isinstance(source, Recording):
+        return source
+    if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
+        return read(source)
+    if _is_table(source):
+        return from_table(source)
+    raise HrgError(f"a recording, a path, an open file or a frame is needed, not {type(source).__name__}")
+
+
+def _several(sources):
+    one = isinstance(sources, (Recording, str, os.PathLike)) or hasattr(sources, "read") or _is_table(sources)
+    one = one or not hasattr(sources, "__iter__")
+    return [_recording(s) for s in ([sources] if one else sources)]
+
+
+def _restored_recording(columns, meta, source, judged_from_s):
+    return Recording._of_columns(columns, meta, _said({}), source, judged_from_s)
+
+
+def _with_progress(options):
+    """Options with a progress that the library calls: with what is done and of how much, or with one number, as functions of before take it."""
+    tell = options.get("progress")
+    if tell is None:
+        return options
+    try:
+        inspect.signature(tell).bind(0, 1000)
+        both = True
+    except (TypeError, ValueError):
+        both = False
+    call = (lambda tried, share: tell(share, 1000)) if both else (lambda tried, share: tell(tried))
+    return {**options, "progress": call}
 
 
 def to_pandas(recording):
-    """The recording as a pandas frame: a column each, metadata in ``attrs``."""
+    """A recording, or what :func:`correct` gave, as a pandas frame: a column each; of a recording the metadata in ``attrs``."""
     import pandas
 
     frame = pandas.DataFrame(recording.to_dict())
-    frame.attrs = dict(recording.meta)
+    frame.attrs = dict(getattr(recording, "meta", {}))
     return frame
 
 
 def fit(recordings, method="lsq", **options):
     """Coefficients of a bias model from one recording or several, by a method of :func:`methods`.
 
-    Options: ``seed`` (of methods that draw), ``uniform``, ``breakpoint_c``, ``curve`` (a calibration of temperatures), ``different_units``,
-    ``progress``. Gives a :class:`Calibration`.
+    A recording may be a :class:`Recording`, a path, an open file or a frame. Options: ``seed`` (of methods that draw), ``uniform``,
+    ``breakpoint_c``, ``curve`` (a calibration of temperatures), ``different_units``, ``progress`` (called with what is done and of how
+    much). Gives a :class:`Calibration`.
     """
-    return _fit(_several(recordings), method, **options)
+    return _fit(_several(recordings), method, **_with_progress(options))
 
 
 def trace(train, verify, **options):
     """Finds what the baseline model lacks: learns from ``train`` (one recording or several), judges on ``verify``.
 
-    Options: ``in_use`` (the calibration that a new one must beat), ``judge`` (a third recording, which chooses nothing and judges alone),
-    ``exchange`` (search on ``verify``, too: advice), ``repeat_is_enough`` (recommend a burn also where ``verify`` only repeats the profile of
-    ``train``), ``different_units``, ``jobs`` (accepted and not used: a trace takes one processor), ``progress`` (called
-    with the number of models tried so far), ``own_effects`` (effects that you have written, :class:`OwnEffect`). Ctrl-C stops it.
+    A recording may be a :class:`Recording`, a path, an open file or a frame. Options: ``in_use`` (the calibration that a new one must beat),
+    ``judge`` (a third recording, which chooses nothing and judges alone), ``exchange`` (search on ``verify``, too: advice),
+    ``repeat_is_enough`` (recommend a burn also where ``verify`` only repeats the profile of ``train``), ``different_units``, ``limit_dph``
+    (drawn into the first pictures), ``jobs`` (accepted and not used: a trace takes one processor), ``progress`` (called with what is done
+    and of how much), ``own_effects`` (effects that you have written, :class:`OwnEffect`). Ctrl-C stops it.
     """
-    return _trace(_several(train), verify, **options)
+    if options.get("judge") is not None:
+        options["judge"] = _recording(options["judge"])
+    return _trace(_several(train), _recording(verify), **_with_progress(options))
 
 
-def _several(recordings):
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+def correct(recording, calibration, **options):
+    """What a unit with this calibration would have sent for a recording (or a path, an open file, a frame), to the last bit."""
+    return _correct(_recording(recording), calibration, **options)
+
+
+def judge(runs, calibration, limit_dph, from_c, to_c, **options):
+    """Does the unit pass? The largest error of the corrected rates over a range of temperatures, axis by axis, against a limit.
+
+    ``runs``: recordings of raw rates that the calibration was not fitted to. ``limit_dph``: deg/h, the constant of the day included;
+    ``from_c`` and ``to_c``: the range, C. Options: ``means_s`` (length of the means, 100), ``different_units``. The
+    :class:`Figures` that it gives have ``verdict`` ("PASS", "FAIL" or "NOT COVERED") and ``axes``.
+    """
+    return _judge(_several(runs), calibration, float(limit_dph), float(from_c), float(to_c), **options)
+
+
+def allan(source, step_s=None):
+    """Overlapping Allan deviation by axis, of a recording (or a path, a frame) or of rates in deg/h that are ``step_s`` apart."""
+    recording = isinstance(source, (Recording, str, os.PathLike)) or hasattr(source, "read") or _is_table(source)
+    if recording:
+        return _allan(_recording(source))
+    if step_s is None:
+        raise HrgError("give the time between the values with step_s")
+    return _allan(_numbers("of rates", source), float(step_s))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -203,17 +322,41 @@ class OwnEffect:
         return _np.ascontiguousarray(columns.reshape(seconds, -1).T)
 
 
-def compare(train, verify, *, out=None, **options):
+def compare(train, verify, *, out=None, own=None, **options):
     """Every method on the same data: learns from ``train``, judges on ``verify`` (one recording or several each).
 
     Options: ``methods`` (names of :func:`methods`, and ``trace``; all by default), ``seed``, ``from_s`` (judged from this time of each run
     on, s), ``different_units``, ``progress``. ``out``: a folder for the calibrations, one a method. Ctrl-C stops it.
+    ``own``: methods of your own, ``{"mine": function}``. The function is called as ``function(train, run)`` with the list of train
+    recordings and one recording to correct, and gives the bias in deg/h for each row of that run, shape (rows, axes); it gets the train
+    runs as well as the verify runs, one by one, and must learn from ``train`` alone.
     Gives :class:`Figures` whose ``rows`` hold a method each, and whose ``calibrations`` are what was fitted.
     """
+    train, verify = _several(train), _several(verify)
+    methods_of_own = []
+    for name, function in (own or {}).items():
+        begun = time.perf_counter()
+        first = _bias_of(name, function, train, train[0])
+        seconds = time.perf_counter() - begun
+        on_train = [first] + [_bias_of(name, function, train, r) for r in train[1:]]
+        on_verify = [_bias_of(name, function, train, r) for r in verify]
+        methods_of_own.append((str(name), seconds, on_train, on_verify))
+    options = _with_progress(options)
     if out is not None:
-        return _compare(_several(train), _several(verify), out, **options)
+        return _compare(train, verify, out, own=methods_of_own, **options)
     with tempfile.TemporaryDirectory(prefix="hrg-compare-") as folder:
-        return _compare(_several(train), _several(verify), folder, **options)
+        return _compare(train, verify, folder, own=methods_of_own, **options)
+
+
+def _bias_of(name, function, train, run):
+    bias = _np.asarray(function(list(train), run), dtype=_np.float64)
+    if bias.ndim == 1:
+        bias = bias[:, None]
+    if bias.shape != (len(run), len(run.axes)):
+        raise HrgError(
+            f"{name}: it gave an array of shape {bias.shape} where ({len(run)}, {len(run.axes)}) is asked: a bias for each row and axis, deg/h"
+        )
+    return _np.ascontiguousarray(bias)
 
 
 def data_sheet(recordings):
@@ -252,3 +395,53 @@ def decode_log(lines, elf=None):
         second = LogDecoder.second(line)
         if second is not None:
             yield second
+
+
+def _bias(self, temp_c, ramp_c_per_min=0.0, *, std=False):
+    """The bias that the unit would subtract at temperatures (C), deg/h, shape (temperatures, 3): on a soak, or where a ramp of
+    ``ramp_c_per_min`` has led to them after a soak (an hour of it, or less at the edge of the calibrated range). With ``std=True`` its
+    standard uncertainty comes beside it, NaN where the calibration does not state it."""
+    temperatures, ramps = _np.broadcast_arrays(_np.atleast_1d(temp_c), _np.atleast_1d(ramp_c_per_min))
+    bias, uncertainty = self._bias([(float(t), float(r)) for t, r in zip(temperatures, ramps)])
+    bias, uncertainty = bias.reshape(-1, 3), uncertainty.reshape(-1, 3)
+    return (bias, uncertainty) if std else bias
+
+
+def _predict(self, recording):
+    """The bias that the unit would have subtracted in each second of a recording (or a path, a frame), deg/h, shape (seconds, 3)."""
+    return correct(recording, self).bias_dph
+
+
+def _score(self, recording):
+    """Share of the variance of the raw rates' 100 s means that this calibration removes from a recording, mean of its axes: 1 leaves
+    nothing, 0 is no better than no calibration."""
+    recording = _recording(recording)
+    corrected = correct(recording, self)
+    means = len(corrected) // 100
+    if means < 2:
+        raise HrgError("a score needs two means of 100 s at the least")
+
+    there = ["xyz".index(a) for a in recording.axes]
+
+    def variance(rates):
+        each = rates[: 100 * means, there].astype(float).reshape(means, 100, len(there))
+        return _np.nanvar(_np.nanmean(each, axis=1), axis=0)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # A mean of nothing is NaN.
+        left = variance(corrected.corrected_dph) / variance(corrected.raw_dph)
+    return float(1.0 - _np.mean(left))
+
+
+Calibration.bias = _bias
+Calibration.predict = _predict
+Calibration.score = _score
+
+
+def __getattr__(name):
+    # (matplotlib is loaded where it is used.)
+    if name == "plot":
+        import importlib
+
+        return importlib.import_module(".plot", __name__)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -11,6 +11,9 @@ __version__: str
 class HrgError(ValueError):
     """An input that cannot be used: one sentence that says what, where and what to do."""
 
+# Whatever is a recording: itself, a path, an open file, a frame, a mapping of columns.
+Source = Any
+
 class Recording:
     """One power-on of a unit in the chamber. It never changes; its arrays look into it and cannot be written to."""
 
@@ -70,6 +73,8 @@ class Corrected:
     @property
     def notes(self) -> list[str]: ...
     def __len__(self) -> int: ...
+    def to_dict(self) -> dict[str, NDArray[Any]]:
+        """A column for each axis: temp_?_c, raw_?_dph, rate_?_dph (corrected), bias_?_dph, bias_std_?_dph, status_?."""
     def to_csv(self) -> str:
         """The file that `hrg correct` writes."""
     def write(self, path: str | PathLike[str]) -> None: ...
@@ -103,6 +108,13 @@ class Calibration:
     @property
     def effects(self) -> list[dict[str, Any]]:
         """Effects beyond the baseline: name, parameters, gains_dph of each axis (deg/h per unit of the regressor)."""
+    def bias(self, temp_c: ArrayLike, ramp_c_per_min: ArrayLike = 0.0, *, std: bool = False) -> Any:
+        """Bias that the unit would subtract at temperatures (C), deg/h, shape (temperatures, 3): on a soak, or where a ramp has led to them
+        after a soak (an hour of it, or less at the edge of the calibrated range). With std=True its standard uncertainty beside it."""
+    def predict(self, recording: Source) -> NDArray[np.float32]:
+        """Bias of each second of a recording, deg/h, shape (seconds, 3)."""
+    def score(self, recording: Source) -> float:
+        """Share of the variance of the raw rates' 100 s means that it removes from a recording, mean of the axes."""
 
 class Report:
     """What a trace found. Every key of `to_dict()` is an attribute, too (`final` as `final_`). In a notebook it shows itself."""
@@ -196,12 +208,13 @@ def from_table(
     table: Mapping[str, ArrayLike] | Any,
     meta: Mapping[str, object] | None = None,
     *,
+    name: str = "",
     unit: str | None = None,
     latitude_deg: float | None = None,
     axes: str | None = None,
     scale_factor_dph_per_code: Sequence[float] | None = None,
 ) -> Recording: ...
-def to_pandas(recording: Recording) -> Any: ...
+def to_pandas(recording: Recording | Corrected) -> Any: ...
 def import_table(path: str | PathLike[str], map: str) -> Recording:
     """Another program's file by a map: the path of one, or px4, ardupilot, adis, bosch."""
 
@@ -220,7 +233,7 @@ def simulate(
     and gains_dph of the effects. Effects are written as for `hrg simulate --effect`."""
 
 def fit(
-    recordings: Recording | Sequence[Recording],
+    recordings: Source | Sequence[Source],
     method: str = "lsq",
     *,
     seed: int = 1,
@@ -228,42 +241,56 @@ def fit(
     breakpoint_c: float | None = None,
     curve: Calibration | None = None,
     different_units: bool = False,
-    progress: Callable[[int], object] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Calibration:
     """Coefficients of a bias model by a method of `methods()`."""
 
 def methods() -> list[str]: ...
 def trace(
-    train: Recording | Sequence[Recording],
-    verify: Recording,
+    train: Source | Sequence[Source],
+    verify: Source,
     *,
     in_use: Calibration | None = None,
-    judge: Recording | None = None,
+    judge: Source | None = None,
     exchange: bool = False,
     repeat_is_enough: bool = False,
     different_units: bool = False,
     jobs: int | None = None,
-    progress: Callable[[int], object] | None = None,
+    progress: Callable[[int, int], object] | None = None,
     own_effects: Sequence[OwnEffect] = (),
+    limit_dph: float | None = None,
 ) -> Report: ...
 def compare(
-    train: Recording | Sequence[Recording],
-    verify: Recording | Sequence[Recording],
+    train: Source | Sequence[Source],
+    verify: Source | Sequence[Source],
     *,
     out: str | PathLike[str] | None = None,
+    own: Mapping[str, Callable[[list[Recording], Recording], ArrayLike]] | None = None,
     methods: Sequence[str] | None = None,
     seed: int = 1,
     from_s: float = 0.0,
     different_units: bool = False,
-    progress: Callable[[int], object] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> Figures:
     """Every method on the same data."""
 
-def data_sheet(recordings: Recording | Sequence[Recording]) -> Figures:
+def judge(
+    runs: Source | Sequence[Source],
+    calibration: Calibration,
+    limit_dph: float,
+    from_c: float,
+    to_c: float,
+    *,
+    means_s: int = 100,
+    different_units: bool = False,
+) -> Figures:
+    """Does the unit pass? `verdict` is "PASS", "FAIL" or "NOT COVERED"; `axes` has the figures."""
+
+def data_sheet(recordings: Source | Sequence[Source]) -> Figures:
     """Figures of a data sheet from recordings alone, with intervals."""
 
 def soaks(
-    recordings: Recording | Sequence[Recording], *, settled_c_per_min: float = 0.01, hold_s: float = 600.0
+    recordings: Source | Sequence[Source], *, settled_c_per_min: float = 0.01, hold_s: float = 600.0
 ) -> dict[str, NDArray[np.float64]]:
     """The soaks of recordings as a table of static points, shape (soaks,) each."""
 
@@ -272,10 +299,10 @@ def accelerometers(
 ) -> dict[str, Any]:
     """Bias, scale and cross-axis of a platform's accelerometers, from a table of tilts (a1_mps2, a2_mps2, tilt1_arcmin, tilt2_arcmin): for `align`."""
 
-def correct(recording: Recording, calibration: Calibration, *, different_units: bool = False) -> Corrected:
+def correct(recording: Source, calibration: Calibration, *, different_units: bool = False) -> Corrected:
     """What a unit with this calibration would have sent, to the last bit."""
 
-def allan(source: Recording | NDArray[np.float64], step_s: float | None = None) -> dict[str, dict[str, Any]]:
+def allan(source: Source | ArrayLike, step_s: float | None = None) -> dict[str, dict[str, Any]]:
     """Overlapping Allan deviation by axis ("x" for a plain array of rates in deg/h, `step_s` apart): tau_s, deviation_dph, low_dph and
     high_dph (one sigma), shape (points,); angle_random_walk_deg_per_root_h, bias_instability_dph, rate_random_walk_dph_per_root_h (None: does not show)."""
 

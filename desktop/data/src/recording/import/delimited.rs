@@ -167,14 +167,18 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
     if missing > 0 {
         table.notes.push(format!("{missing} cells hold a text for a missing value"));
     }
-    if let Some((count, first)) = glued {
-        table.notes.push(format!("{count} rows have more cells than the header, the first in line {first}: left out"));
-    }
-    if let Some(line) = cut {
-        table.notes.push(format!("line {line}, the last, is cut off: left out"));
-    }
+    table.notes.extend(left_out(glued, cut));
     table.time_s = clock.map(|c| c.time_s);
     Ok(table)
+}
+
+/// Notes on rows that were left out: how many are two rows glued together and where the first is, and the line that is cut off.
+fn left_out(glued: Option<(usize, usize)>, cut: Option<usize>) -> Vec<String> {
+    let glued = glued.map(|(count, first)| {
+        format!("{count} rows have more cells than the header, the first in line {first}: left out")
+    });
+    let cut = cut.map(|line| format!("line {line}, the last, is cut off: left out"));
+    glued.into_iter().chain(cut).collect()
 }
 
 fn no_number(line: usize, name: &str, cell: &str) -> BadInput {

@@ -6,8 +6,9 @@ use crate::wait::with_a_bar;
 use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
+use hrg_data::recording::{parquet, Recording};
 use hrg_papers::compare;
-use hrg_papers::compare::{Contender, Options};
+use hrg_papers::compare::{Contender, Options, Own};
 use hrg_papers::history;
 use hrg_simulate::profile::duration_s;
 use std::path::{Path, PathBuf};
@@ -24,6 +25,10 @@ pub struct Arguments {
     /// Methods, separated by commas; by default all, and trace.
     #[arg(long, value_delimiter = ',')]
     methods: Vec<String>,
+    /// A method of your own beside them: NAME=FILE, a recording with its corrected rates of the verify run (time_s, rate_?_dph); files with
+    /// + between them for several verify runs. Several may be given.
+    #[arg(long, value_name = "NAME=FILE")]
+    also: Vec<String>,
     /// Seed of swarms and genetic searches.
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -48,18 +53,41 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { recordings, verify, methods, seed, from, out, board, different_units, facts } = arguments;
+    let Arguments { recordings, verify, methods, also, seed, from, out, board, different_units, facts } = arguments;
     let from_s = duration_s(&from).ok_or_else(|| {
         BadInput(format!("--from {from}: not a time; give hours, minutes or seconds, such as 5h, 90m or 600s"))
     })?;
     let options = Options { seed, units: units(different_units), from_s };
-    compare_methods((&recordings, &verify), &facts, &methods, &options, &out, board)
+    let own = also.iter().map(|a| own_method(a)).collect::<Result<Vec<_>>>()?;
+    compare_methods((&recordings, &verify), &facts, (&methods, &own), &options, &out, board)
+}
+
+/// A method of a user's own, by `NAME=FILE[+FILE...]`.
+fn own_method(text: &str) -> Result<Own> {
+    let Some((name, files)) = text.split_once('=').filter(|(name, _)| !name.is_empty()) else {
+        return Err(BadInput(format!("--also {text}: not of the form NAME=FILE")).into());
+    };
+    if !name.chars().all(|c| c.is_alphanumeric() || "-_.".contains(c)) {
+        return Err(BadInput(format!("--also {text}: a name has letters, digits, - and _")).into());
+    }
+    let verify = files.split('+').map(|f| corrected_rates(Path::new(f))).collect::<Result<_>>()?;
+    Ok(Own { name: name.to_string(), verify, train: None, seconds: 0.0 })
+}
+
+/// A recording of corrected rates; it may do without a thermometer.
+fn corrected_rates(path: &Path) -> Result<Recording> {
+    let here = |e: BadInput| BadInput(format!("{}: {e}", path.display()));
+    let bytes = parquet::read_text(path)?;
+    let without = [b"# thermometer: none\n".as_slice(), &bytes].concat();
+    let mut r = Recording::parse(&bytes).or_else(|e| Recording::parse(&without).map_err(|_| here(e)))?;
+    r.order().map_err(here)?;
+    Ok(r)
 }
 
 fn compare_methods(
     (recordings, verify): (&[PathBuf], &[PathBuf]),
     facts: &FactsArguments,
-    methods: &[String],
+    (methods, own): (&[String], &[Own]),
     options: &Options,
     out: &Path,
     board: Option<PathBuf>,
@@ -71,7 +99,8 @@ fn compare_methods(
     };
     std::fs::create_dir_all(out).map_err(|e| BadInput::new(format!("cannot make {}: {e}", out.display())))?;
     let (train, unseen) = (facts.load(recordings)?, facts.load(verify)?);
-    let mut c = with_a_bar("comparing", || compare::compare(&train, &unseen, &contenders, options, out, |_| ()))?;
+    let mut c =
+        with_a_bar("comparing", || compare::compare(&train, &unseen, (&contenders, own), options, out, |_| ()))?;
     let beside = std::env::current_exe()
         .ok()
         .and_then(|p| p.parent().map(|d| d.join("hrg-board")))
