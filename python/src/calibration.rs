@@ -121,6 +121,14 @@ impl Calibration {
         Ok(out)
     }
 
+    /// Lowest and highest temperature that every axis was fitted on, C.
+    #[getter]
+    fn temperature_range_c(&self) -> (f32, f32) {
+        let curves = || self.inner.axes.iter().map(|a| a.curve);
+        let low = curves().map(|c| c.valid_from_c).fold(f32::NEG_INFINITY, f32::max);
+        (low, curves().map(|c| c.valid_to_c).fold(f32::INFINITY, f32::min))
+    }
+
     /// Bias and standard uncertainty on a ramp after a soak, of each temperature, the axes one after the other.
     #[allow(clippy::type_complexity)] // Two arrays.
     fn _bias<'py>(

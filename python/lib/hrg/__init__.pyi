@@ -108,6 +108,9 @@ class Calibration:
     @property
     def effects(self) -> list[dict[str, Any]]:
         """Effects beyond the baseline: name, parameters, gains_dph of each axis (deg/h per unit of the regressor)."""
+    @property
+    def temperature_range_c(self) -> tuple[float, float]:
+        """Lowest and highest temperature that every axis was fitted on, C."""
     def bias(self, temp_c: ArrayLike, ramp_c_per_min: ArrayLike = 0.0, *, std: bool = False) -> Any:
         """Bias that the unit would subtract at temperatures (C), deg/h, shape (temperatures, 3): on a soak, or where a ramp has led to them
         after a soak (an hour of it, or less at the edge of the calibrated range). With std=True its standard uncertainty beside it."""

@@ -57,10 +57,11 @@ def run(recording):
 
 
 def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
-    """Corrected rates of a recording over temperature, heating and cooling apart, the constant of the day included: means of ``means_s``
-    seconds. ``before``: another calibration, drawn in grey; ``limit_dph``: drawn as lines."""
+    """Corrected rates of a recording over temperature, heating and cooling apart, the constant of the day included and the earth's rate taken
+    off where the attitude is known: means of ``means_s`` seconds. ``before``: another calibration, drawn in grey; ``limit_dph``: drawn as lines."""
     recording = _recording(recording)
     after = correct(recording, calibration)
+    earth = np.asarray(recording.earth_rate_dph or (0.0, 0.0, 0.0))
     temperatures = after.temperature_c.astype(float)
     figure, axes = _figure(len(recording.axes))
     for axis, name in zip(axes[0], recording.axes):
@@ -68,9 +69,9 @@ def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
         celsius = _means(temperatures[:, a], means_s)
         ramp = np.gradient(celsius) * 60.0 / means_s if len(celsius) > 1 else np.zeros(len(celsius))
         if before is not None:
-            grey = _means(correct(recording, before).corrected_dph[1:, a], means_s)
+            grey = _means(correct(recording, before).corrected_dph[1:, a] - earth[a], means_s)
             axis.plot(celsius[: len(grey)], grey, ".", color=_GREY, markersize=4, label="before")
-        means = _means(np.r_[np.nan, after.corrected_dph[1:, a]], means_s)
+        means = _means(np.r_[np.nan, after.corrected_dph[1:, a] - earth[a]], means_s)
         for label, colour, those in (
             ("heating", _ORANGE, ramp > _SOAK_C_PER_MIN),
             ("cooling", _TEAL, ramp < -_SOAK_C_PER_MIN),
@@ -89,9 +90,11 @@ def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
 
 
 def bias(calibrations, temperatures_c=None, ramp_c_per_min=1.0):
-    """Bias over temperature of a calibration, or of several by name (a mapping): on soaks, and on ramps up and down after a soak."""
+    """Bias over temperature of a calibration, or of several by name (a mapping): on soaks, and on ramps up and down after a soak (see
+    :meth:`Calibration.bias`); by default over the temperatures that all of them were fitted on."""
     named = {"": calibrations} if isinstance(calibrations, Calibration) else dict(calibrations)
-    t = np.linspace(-40.0, 60.0, 41) if temperatures_c is None else np.asarray(temperatures_c, float)
+    low, high = max(c.temperature_range_c[0] for c in named.values()), min(c.temperature_range_c[1] for c in named.values())
+    t = np.linspace(low, high, 41) if temperatures_c is None else np.asarray(temperatures_c, float)
     figure, axes = _figure(3)
     styles = ("-", "--", ":", "-.")
     for (label, c), style in zip(named.items(), styles):
