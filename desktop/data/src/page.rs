@@ -70,7 +70,7 @@ pub fn page(title: &str, body: &str) -> String {
     )
 }
 
-/// A box of text (HTML), coloured by its meaning; what is bold in it has the colour, too.
+/// A box of text (HTML) in the colour of its meaning; what is bold in it has the colour, too.
 #[must_use]
 pub fn boxed(html: &str, tone: Tone) -> String {
     format!("<div class=\"box {}\">{html}</div>", tone.name())

@@ -126,7 +126,7 @@ def from_table(table, meta=None, *, name="", **said):
 
 
 def _known_keys(entries):
-    """Refuses a key that is nearly one with a meaning: a slip would be ignored in silence."""
+    """Refuses a key that is nearly one with a meaning: a slip would otherwise change nothing, and say nothing."""
     known = Recording._keys()
     for key in entries:
         near = difflib.get_close_matches(str(key), known, 1, 0.85)

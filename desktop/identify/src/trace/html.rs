@@ -64,7 +64,7 @@ fn states(t: &Trace, a: usize) -> (Vec<f64>, Vec<f64>) {
     (block_means(&temperature, 100), block_means(&ramp, 100))
 }
 
-/// What the unit would send on the verify run with the baseline, and with the image that is written: over temperature, heating and cooling
+/// Rates that the unit would send on the verify run with the baseline, and with the image that is written: over temperature, heating and cooling
 /// apart, about the constant of that day.
 fn first_pictures(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
     let about_mean = |values: &[f64]| {

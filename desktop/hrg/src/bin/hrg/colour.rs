@@ -1,4 +1,4 @@
-//! Colours by meaning, where standard output is a terminal and the user has not said no (`NO_COLOR`, `CLICOLOR=0`, `TERM=dumb`).
+//! Colours by meaning, where standard output is a terminal and the user has not switched them off (`NO_COLOR`, `CLICOLOR=0`, `TERM=dumb`).
 
 use anstream::{AutoStream, ColorChoice};
 use anstyle::{AnsiColor, Style};

@@ -157,12 +157,13 @@ enum Command {
     ///
     /// Example: hrg compare train.csv --verify verify.csv --out out/compare
     Compare(compare::Arguments),
-    /// Write the completions of a shell to standard output: bash, zsh, fish, elvish, powershell.
+    /// Write the tab completions for bash, zsh, fish, elvish or powershell to standard output.
     ///
     /// Example: hrg completions bash > ~/.local/share/bash-completion/completions/hrg
     Completions {
-        /// The shell.
-        shell: clap_complete::Shell,
+        /// Program that completes.
+        #[arg(value_name = "FOR")]
+        program: clap_complete::Shell,
     },
     /// Write a manual page for each command into a folder.
     ///
@@ -389,9 +390,9 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         }
         Command::Align { of: None, arguments } => align::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
-        Command::Completions { shell } => {
+        Command::Completions { program } => {
             let mut text = Vec::new();
-            clap_complete::generate(shell, &mut Arguments::command(), "hrg", &mut text);
+            clap_complete::generate(program, &mut Arguments::command(), "hrg", &mut text);
             print!("{}", String::from_utf8_lossy(&text));
             Ok(())
         }
