@@ -48,7 +48,7 @@ pub fn probe() -> Result<(), Failure> {
         )
     })?;
     if list.contains("No debug probes were found") || list.trim().is_empty() {
-        return Err(Failure("no debug probe is connected: plug a NUCLEO-F446RE in by its USB port CN1".into()));
+        return Err(Failure("no debug probe is seen: plug a NUCLEO-F446RE in by its USB port CN1; if it is plugged in, Linux needs the udev rules of https://probe.rs/docs/getting-started/probe-setup (docs/bring-up.md, step 0)".into()));
     }
     Ok(())
 }
