@@ -245,6 +245,10 @@ impl Recording {
     fn meta<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let d = PyDict::new(py);
         self.clean.meta.iter().try_for_each(|(k, v)| d.set_item(k, v))?;
+        // (The columns are without it, so what is made of columns and metadata must not lose it again.)
+        if self.clean.earth_rate_dph.is_some() {
+            d.set_item("earth_rate", "removed")?;
+        }
         Ok(d)
     }
 

@@ -39,5 +39,8 @@ pub fn names(of: &Bound<'_, PyAny>, keys: &Bound<'_, PyAny>) -> PyResult<Vec<Str
     let keys = keys.call_method0("keys")?.try_iter()?.map(|k| k?.extract()).collect::<PyResult<Vec<String>>>()?;
     // (A word that Python keeps for itself has _ behind it.)
     let keys = keys.into_iter().map(|k| if k == "final" { "final_".to_string() } else { k });
-    Ok(own.into_iter().chain(keys).collect())
+    let mut all: Vec<String> = own.into_iter().chain(keys).collect();
+    all.sort();
+    all.dedup();
+    Ok(all)
 }

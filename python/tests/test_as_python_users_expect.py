@@ -29,8 +29,17 @@ def traced(runs):
 def frame_of(recording):
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame({k: np.array(v) for k, v in recording.to_dict().items()})
-    frame.attrs = {**recording.meta, "earth_rate": "removed"}
+    frame.attrs = dict(recording.meta)
     return frame
+
+
+def test_a_frame_of_a_recording_is_that_recording(runs):
+    pytest.importorskip("pandas")
+    recording = runs[1][1]
+    for again in (hrg.from_table(hrg.to_pandas(recording)), hrg.from_table(recording.to_dict(), recording.meta)):
+        for name in recording.columns:
+            np.testing.assert_array_equal(again[name], recording[name], err_msg=name)
+        assert again.meta == recording.meta
 
 
 def test_paths_and_frames_are_taken_wherever_a_recording_is(runs, traced):
@@ -68,6 +77,8 @@ def test_copies_are_the_same(runs, traced):
 
 
 def test_tab_lists_the_keys(traced, runs):
+    assert {"plot", "judge"} <= set(dir(hrg)) and "os" not in dir(hrg)
+    assert len(dir(traced)) == len(set(dir(traced)))
     assert {"verdict", "burn", "effects", "verdict_kind", "notes", "final_", "to_html"} <= set(dir(traced))
     assert {"axes", "to_dict"} <= set(dir(hrg.data_sheet(runs[0])))
 

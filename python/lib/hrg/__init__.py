@@ -74,6 +74,7 @@ __all__ = [
     "import_table",
     "judge",
     "methods",
+    "plot",
     "points",
     "read",
     "simulate",
@@ -436,6 +437,10 @@ def _score(self, recording):
 Calibration.bias = _bias
 Calibration.predict = _predict
 Calibration.score = _score
+
+
+def __dir__():
+    return sorted(__all__)
 
 
 def __getattr__(name):

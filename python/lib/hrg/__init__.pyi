@@ -3,6 +3,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from os import PathLike
 from typing import IO, Any
 
+from . import plot as plot
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -21,7 +23,8 @@ class Recording:
     def columns(self) -> list[str]:
         """Names of the columns that are there."""
     @property
-    def meta(self) -> dict[str, str]: ...
+    def meta(self) -> dict[str, str]:
+        """Metadata of the columns as they are here: `earth_rate` is "removed" where the earth's rate was taken off them."""
     @property
     def unit(self) -> str:
         """Name of the unit; "unnamed" where nobody has told it."""
@@ -37,7 +40,8 @@ class Recording:
     def __len__(self) -> int: ...
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """A column, cleaned; NaN where a value is missing. Shape (rows,), no copy."""
-    def to_dict(self) -> dict[str, NDArray[np.float64]]: ...
+    def to_dict(self) -> dict[str, NDArray[np.float64]]:
+        """All columns, cleaned, the earth's rate taken off where the attitude is known; with `meta` they make the same recording again."""
     def to_csv(self) -> str:
         """The recording as it was read, as text."""
     def write(self, path: str | PathLike[str]) -> None:

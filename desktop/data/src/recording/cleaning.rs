@@ -84,7 +84,13 @@ impl Recording {
                 count: bad_times,
             });
             self.notes.push(format!(
-                "{bad_times} rows have a time that is missing, repeats, goes back or is far ahead ({ahead}), the first is row {first} of the data: left out"
+                "{bad_times} rows have a time that is missing, repeats or goes back{}, the first is row {first} of the data: left out{}",
+                if ahead > 0 { format!(", or is far ahead of the next ({ahead} of them)") } else { String::new() },
+                if bad_times * 4 > rows {
+                    "; where the clock is coarser than the rows, give the seconds between rows in its place (step_s in a map, time_step_s in the metadata)"
+                } else {
+                    ""
+                }
             ));
         }
         if bad_times * 2 > rows || rows - bad_times < 2 {
@@ -144,7 +150,8 @@ impl Recording {
     /// Cleans, and gives the values that were taken out of each of [`Self::columns_mut`].
     fn cleaned_values(&mut self) -> Result<Vec<Vec<(usize, f64)>>, BadInput> {
         self.order()?;
-        let (found, step) = self.defects_taken_out();
+        let (mut found, step) = self.defects_taken_out();
+        self.movement_taken_out(&mut found);
         let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
         if gaps > 0 {
             let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
@@ -173,6 +180,25 @@ impl Recording {
         let mut values = vec![Vec::new(); self.columns_mut().count()];
         found.into_iter().for_each(|f| values[f.place] = f.taken);
         Ok(values)
+    }
+
+    /// Takes the rates of the rows in which the unit moved out, and notes it.
+    fn movement_taken_out(&mut self, found: &mut [Found]) {
+        let moving = self.moving_rows();
+        let Some(first) = moving.first() else { return };
+        let seconds: f64 = moving.iter().map(|rows| rows.len() as f64 * self.step_s()).sum();
+        self.notes.push(format!(
+            "the unit moves in {seconds:.0} s, the first at {:.0} s: the rates of these stretches are left out",
+            self.time_s[first.start]
+        ));
+        for f in found.iter_mut().filter(|f| (AXES..2 * AXES).contains(&f.place)) {
+            let values = &mut self.rate_dph[f.place - AXES];
+            for row in moving.iter().cloned().flatten().filter(|row| values[*row].is_finite()).collect::<Vec<_>>() {
+                f.taken.push((row, values[row]));
+                values[row] = f64::NAN;
+                f.finite -= 1;
+            }
+        }
     }
 
     /// Takes stuck values and spikes out of all columns, side by side; gives the step, too.
@@ -225,8 +251,11 @@ impl Recording {
                 Cells::Rate => {
                     (remove_stuck(values, repeats, &step, taken), remove_spikes(values, 6.5, least_dph, taken))
                 }
-                // Coarse sensors stand still for long by nature: spikes only.
-                Cells::Sensor => (0, remove_spikes(values, 12.0, 0.01, taken)),
+                // Coarse sensors stand still for long by nature: spikes, and zeros of a sensor that is gone.
+                Cells::Sensor => {
+                    let spikes = remove_spikes(values, 12.0, 0.01, taken);
+                    (remove_zeros(values, *step, taken), spikes)
+                }
             };
             found.finite = finite - found.taken.iter().filter(|(_, v)| v.is_finite()).count();
             found
@@ -331,6 +360,9 @@ fn remove_stuck(
     taken: &mut Vec<(usize, f64)>,
 ) -> usize {
     let pairs = values.len().saturating_sub(1).max(1);
+    if is_coarse(values, repeats) {
+        return 0;
+    }
     // With a share p of natural repeats a run of n has odds p^n; ask for one in 1e9, and for 8 rows at least.
     let share = (repeats as f64 / pairs as f64).clamp(0.01, 0.999);
     let natural = (1e-9f64.ln() / share.ln()).ceil();
@@ -356,6 +388,42 @@ fn remove_stuck(
             removed += end - start - 1;
         }
         k = end.next_multiple_of(longest);
+    }
+    removed
+}
+
+/// `true` for a channel whose steps are far above its noise: then it stands still by nature, as a coarse sensor does, also without the
+/// longest of its runs of equal values (which may be a stuck one).
+fn is_coarse(values: &[f64], repeats: usize) -> bool {
+    const SHARE: f64 = 0.9;
+    if repeats * 2 < values.len() {
+        return false;
+    }
+    let longest = values.chunk_by(|a, b| a == b).map(<[f64]>::len).max().unwrap_or(0);
+    let others = values.len() - longest;
+    others * 4 > values.len() && (repeats + 1 - longest) as f64 > SHARE * others as f64
+}
+
+/// Shortest time that a sensor reads zero once it is gone, s.
+const GONE_S: f64 = 60.0;
+/// A sensor that falls to zero from so far away at once is gone (C, V).
+const FALL: f64 = 2.0;
+
+/// Removes long runs of exact zeros into which, or out of which, a sensor leaps: it was not there.
+fn remove_zeros(values: &mut [f64], step_s: f64, taken: &mut Vec<(usize, f64)>) -> usize {
+    let least = (GONE_S / step_s.max(1e-3)).ceil().max(3.0) as usize;
+    let (mut k, mut removed) = (0, 0);
+    while let Some(start) = values[k..].iter().position(|v| *v == 0.0).map(|n| k + n) {
+        let end = values[start..].iter().position(|v| *v != 0.0).map_or(values.len(), |n| start + n);
+        let far = |v: Option<&f64>| v.is_some_and(|v| v.abs() > FALL);
+        let before = values[..start].iter().rfind(|v| v.is_finite());
+        let after = values[end..].iter().find(|v| v.is_finite());
+        if end - start >= least && (far(before) || far(after)) {
+            taken.extend((start..end).map(|row| (row, 0.0)));
+            values[start..end].fill(f64::NAN);
+            removed += end - start;
+        }
+        k = end;
     }
     removed
 }
@@ -560,6 +628,24 @@ fn is_spike(values: &[f64], k: usize, near: f64) -> bool {
 mod tests {
     use super::super::samples::{rows, HEAD};
     use super::*;
+
+    #[test]
+    fn coarse_channels_stand_still_by_nature() {
+        let of = |v: &[f64]| is_coarse(v, v.windows(2).filter(|w| w[0] == w[1]).count());
+        let steps: Vec<f64> = (0..3000).map(|k| 220.0 * f64::from(k / 400)).collect();
+        let stuck: Vec<f64> = (0..3000).map(|k| if k > 600 { 1.5 } else { f64::from(k % 7) }).collect();
+        assert!(of(&steps) && !of(&stuck) && !of(&[1.0; 100]));
+    }
+
+    #[test]
+    fn a_sensor_that_is_gone_reads_zeros() {
+        let of = |low: f64, jump: f64| -> (usize, usize) {
+            let mut v: Vec<f64> = (0..600).map(|k| if (100..300).contains(&k) { 0.0 } else { low + jump }).collect();
+            let mut taken = Vec::new();
+            (remove_zeros(&mut v, 1.0, &mut taken), v.iter().filter(|v| v.is_nan()).count())
+        };
+        assert_eq!((of(0.0, 21.5), of(0.0, 0.5), of(-20.0, 0.0)), ((200, 200), (0, 0), (200, 200)));
+    }
 
     #[test]
     fn defects_are_counted_and_taken_out() {

@@ -2,18 +2,20 @@
 //!
 //! A finding is a note, and says what the values look like. It is a refusal only where no figure of the recording could be right.
 
-use super::metadata::EARTH_RATE_DPH;
+use super::metadata::{Attitude, EARTH_RATE_DPH};
 use super::thermometer::Thermometer;
 use super::{columns, Recording};
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
-use crate::numeric::stats::{median, quantile};
+use crate::numeric::stats::{mean, median, quantile};
 use hrg_core::AXES;
+use std::ops::Range;
 
 /// Key of the metadata by which a user states that the unit was at rest, whatever its rates look like.
 pub const AT_REST: &str = "at_rest";
-/// Share of recordings of units without any fault that may look like one of a wrong unit or attitude by accident.
-const BY_ACCIDENT: f64 = 1e-3;
+/// Odds that a user has stated a wrong unit or attitude of one kind. Biases of a size that is not known have a density that falls with the
+/// power of the number of axes: so much smaller must they be under the other attitude.
+const WRONG: f64 = 0.01;
 /// Angle random walk below which no gyro is known, deg/sqrt(h).
 const LEAST_WALK: f64 = 1e-5;
 /// Scatter of one-second means that no gyro at rest is known to exceed, deg/h: an angle random walk of 17 deg/sqrt(h).
@@ -30,7 +32,12 @@ const FEWEST: usize = 30;
 const ENOUGH: usize = 50_000;
 
 /// Kelvin, in C: below the lowest temperature of a chamber nothing is recorded, and above the highest not all along.
-const KELVIN: std::ops::Range<f64> = 173.15..473.15;
+const KELVIN: Range<f64> = 173.15..473.15;
+
+/// Temperatures that a sensor on a gyro can have, C.
+const SENSORS: Range<f64> = -273.15..500.0;
+/// Length of a stretch that is looked at for movement, s.
+const STRETCH_S: usize = 64;
 
 impl Recording {
     /// Notes on values that look like something else; a thermometer of zeros is none from then on.
@@ -42,6 +49,12 @@ impl Recording {
             let axes: Vec<usize> = self.present().collect();
             let all = || axes.iter().flat_map(|a| &self.frequency_hz[*a]).copied().filter(|v| v.is_finite());
             let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            if !(SENSORS.contains(&low) && SENSORS.contains(&high)) && low <= high {
+                return Err(BadInput(format!(
+                    "column {}: temperatures from {low:.1} to {high:.1} C are those of no gyro; give the unit of the column (hrg import with unit = \"mC\" in the map, say)",
+                    self.thermometer.column(axes[0])
+                )));
+            }
             if KELVIN.contains(&low) && KELVIN.contains(&high) {
                 return Err(BadInput(format!(
                     "column {}: temperatures from {low:.1} to {high:.1} C look like kelvin; give them in C (hrg import with unit = \"K\" in the map converts them)",
@@ -65,7 +78,7 @@ impl Recording {
             return Ok(());
         }
         let constants: [Option<f64>; AXES] = std::array::from_fn(|a| median(&mut self.finite_rates(a)));
-        let walks: Vec<(usize, f64)> = self.present().filter_map(|a| Some((a, self.angle_random_walk(a)?))).collect();
+        let walks: Vec<(usize, f64)> = self.present().filter_map(|a| Some((a, self.largest_walk(a)?))).collect();
         let mut notes: Vec<String> = Vec::new();
         if let Some((a, walk)) = walks.iter().find(|(_, w)| *w > 0.0 && *w < LEAST_WALK) {
             notes.push(format!(
@@ -73,15 +86,8 @@ impl Recording {
                 columns::RATE.name(*a)
             ));
         }
-        if let Some(parts) = self.earth_rate_dph {
-            if without(&constants, &parts) {
-                notes.push("the constants of the rates are minus the earth's rate that was taken off: the rates held none. Are they deg/s called deg/h, or free of the earth's rate already (then say earth_rate: removed, and leave latitude and axes out)?".into());
-            } else if let Some(a) = turned_round(&constants, &parts) {
-                notes.push(format!(
-                    "axis {}: its constant is minus twice its part of the earth's rate: does the axis point the other way than axes says?",
-                    AXIS_NAMES[a]
-                ));
-            }
+        if let (Some(parts), Some(attitude)) = (self.earth_rate_dph, self.attitude()?) {
+            notes.extend(another_attitude(&constants, &parts, &attitude));
         }
         self.notes.extend(notes);
         Ok(())
@@ -98,9 +104,14 @@ impl Recording {
         self.rate_dph[axis].iter().step_by(every).copied().filter(|v| v.is_finite()).collect()
     }
 
-    /// Angle random walk by the differences of neighbouring rows, deg/sqrt(h); `None` of too few rows.
-    fn angle_random_walk(&self, axis: usize) -> Option<f64> {
-        Some(scatter(&self.rate_dph[axis])? * self.step_s().sqrt() / 60.0)
+    /// Angle random walk by the differences of neighbouring rows, or of means of 100 s where that is larger (rates may be filtered),
+    /// deg/sqrt(h); `None` of too few rows.
+    fn largest_walk(&self, axis: usize) -> Option<f64> {
+        let step_s = self.step_s();
+        let rows = ((100.0 / step_s).round() as usize).max(1);
+        let means: Vec<f64> = self.rate_dph[axis].chunks_exact(rows).map(mean).collect();
+        let of_means = scatter(&means).map_or(0.0, |s| s * (rows as f64).sqrt());
+        Some(scatter(&self.rate_dph[axis])?.max(of_means) * step_s.sqrt() / 60.0)
     }
 
     /// Tests that the unit was at rest while its rates were recorded, as every figure of a gyro's bias takes for granted.
@@ -123,6 +134,32 @@ impl Recording {
         Ok(())
     }
 
+    /// Rows in which the unit moved while it was at rest for most of the time.
+    pub(super) fn moving_rows(&self) -> Vec<Range<usize>> {
+        let step_s = self.step_s();
+        let stated = self.meta(AT_REST) == Some("yes") || self.stands_for().is_some();
+        if self.turned() || stated || !(step_s > 0.0 && step_s < 1.5) {
+            return Vec::new();
+        }
+        let per_second = (1.0 / step_s).round().max(1.0) as usize;
+        let length = STRETCH_S * per_second;
+        let mut moving = vec![false; self.time_s.len() / length];
+        for a in self.present() {
+            let scatters: Vec<Option<f64>> = self.rate_dph[a]
+                .chunks_exact(length)
+                .map(|stretch| scatter(&stretch.chunks_exact(per_second).map(mean).collect::<Vec<f64>>()))
+                .collect();
+            let Some(usual) = median(&mut scatters.iter().copied().flatten().collect::<Vec<f64>>()) else { continue };
+            let most = LEAST_MOVEMENT_DPH.max(MOST_RATIO * usual);
+            moving.iter_mut().zip(scatters).for_each(|(m, s)| *m |= s.is_some_and(|s| s > most));
+        }
+        if 2 * moving.iter().filter(|m| **m).count() > moving.len() {
+            return Vec::new();
+        }
+        let ends = |k: usize| if k + 1 == moving.len() { self.time_s.len() } else { (k + 1) * length };
+        (0..moving.len()).filter(|k| moving[*k]).map(|k| k * length..ends(k)).collect()
+    }
+
     /// Sign of a movement on an axis.
     fn movement(&self, axis: usize) -> Option<String> {
         let step_s = self.step_s();
@@ -130,10 +167,8 @@ impl Recording {
             return None;
         }
         let per_second = (1.0 / step_s).round().max(1.0) as usize;
-        let mean = |length: usize| -> Vec<f64> {
-            self.rate_dph[axis].chunks_exact(length).map(crate::numeric::stats::mean).collect()
-        };
-        let (one, four) = (mean(per_second), mean(4 * per_second));
+        let means = |length: usize| -> Vec<f64> { self.rate_dph[axis].chunks_exact(length).map(mean).collect() };
+        let (one, four) = (means(per_second), means(4 * per_second));
         let of_means = scatter(&one)?;
         if of_means > MOST_SCATTER_DPH {
             return Some(format!("means of 1 s scatter by {of_means:.0} deg/h"));
@@ -167,9 +202,9 @@ fn scatter(values: &[f64]) -> Option<f64> {
     Some((kept.iter().sum::<f64>() / kept.len() as f64 / (2.0 * 0.5326)).sqrt())
 }
 
-/// Largest distance, in parts of the earth's rate, at which so many axes agree by accident with a vector.
+/// Ratio of the constants of so many axes under another attitude to those under the stated one, at which the other one is as likely.
 fn near(axes: usize) -> f64 {
-    BY_ACCIDENT.powf(1.0 / axes.max(1) as f64)
+    WRONG.powf(1.0 / axes.max(1) as f64)
 }
 
 /// `true` if constants from which the earth's rate was taken off are minus that rate: it had not been in them.
@@ -198,19 +233,36 @@ pub fn earth_rate_otherwise(constants_dph: &[Option<f64>; AXES], parts_dph: Opti
     }
 }
 
-/// The axis whose constant is minus twice its part of the earth's rate, while those of the others are small beside that.
-#[must_use]
-pub fn turned_round(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]) -> Option<usize> {
-    let left = |a: usize, sign: f64| constants_dph[a].map(|c| c + (1.0 - sign) * parts_dph[a]);
-    // Of the signs of all axes, the one axis that turned leaves constants a tenth as large.
-    let length = |flipped: Option<usize>| -> f64 {
-        let all = (0..AXES).filter_map(|a| left(a, if flipped == Some(a) { -1.0 } else { 1.0 }));
+/// A note on rates whose constants would be far smaller under another attitude than the stated one, or without the earth's rate at all.
+fn another_attitude(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES], stated: &Attitude) -> Option<String> {
+    let flipped = |a: usize| {
+        let parts = [0, 1, 2].map(|k| if k == a { -parts_dph[k] } else { parts_dph[k] });
+        (parts, format!("axis {0} points the other way than axes says: its constant is minus twice its part of the earth's rate", AXIS_NAMES[a]))
+    };
+    let exchanged = |a: usize, b: usize| {
+        let mut parts = *parts_dph;
+        parts.swap(a, b);
+        (parts, format!("axes {} and {} are exchanged in axes", AXIS_NAMES[a], AXIS_NAMES[b]))
+    };
+    let south = Attitude { latitude_deg: -stated.latitude_deg, ..stated.clone() };
+    let others = [
+        ([0.0; AXES], "the rates held none of the earth's rate that was taken off: they are deg/s called deg/h, or free of it already (then say earth_rate: removed, and leave latitude and axes out)".to_string()),
+        flipped(0),
+        flipped(1),
+        flipped(2),
+        exchanged(0, 1),
+        exchanged(0, 2),
+        exchanged(1, 2),
+        (south.earth_rate_dph(), "the latitude has the wrong sign".to_string()),
+    ];
+    let length = |parts: &[f64; AXES]| -> f64 {
+        let all = (0..AXES).filter_map(|a| Some(constants_dph[a]? + parts_dph[a] - parts[a]));
         all.map(|v| v * v).sum::<f64>().sqrt()
     };
     let seen = constants_dph.iter().flatten().count();
-    (0..AXES)
-        .filter(|a| constants_dph[*a].is_some() && parts_dph[*a].abs() > 1.0)
-        .find(|a| length(Some(*a)) < near(seen).max(near(AXES)) * length(None))
+    let (left, cause) =
+        others.into_iter().map(|(parts, cause)| (length(&parts), cause)).min_by(|x, y| x.0.total_cmp(&y.0))?;
+    (left < near(seen) * length(parts_dph)).then(|| format!("it looks as if {cause}"))
 }
 
 #[cfg(test)]
@@ -242,6 +294,8 @@ mod tests {
     fn temperatures_that_are_none() {
         let e = recording(&[], 293.0, |_, _| 0.0).clean().expect_err("kelvin").0;
         assert!(e.contains("look like kelvin") && e.contains("unit = \"K\""), "{e}");
+        let e = recording(&[], 20_000.0, |_, _| 0.0).clean().expect_err("thousandths").0;
+        assert!(e.contains("are those of no gyro") && e.contains("mC"), "{e}");
         let mut r = recording(&[], 0.0, |_, _| 0.0);
         r.clean().expect("fine");
         assert_eq!(r.thermometer, Thermometer::None);
@@ -256,8 +310,15 @@ mod tests {
         r.rate_dph.iter_mut().flatten().for_each(|v| *v /= 3600.0);
         assert!(notes(r).contains("the rates held none"));
         assert!(notes(recording(&PLACE, 20.0, |_, _| 0.1)).contains("earth_rate: removed"));
-        let wrong = |a: usize, t: f64| if a == 2 { -right(a, t) } else { right(a, t) };
-        assert!(notes(recording(&PLACE, 20.0, wrong)).contains("axis z: its constant is minus twice"));
+        let as_if = |of: &dyn Fn([f64; AXES]) -> [f64; AXES]| {
+            let parts = of(EARTH);
+            notes(recording(&PLACE, 20.0, |a, _| parts[a] + [0.9, -1.2, 1.4][a]))
+        };
+        assert!(as_if(&|e| [e[0], e[1], -e[2]]).contains("axis z points the other way"));
+        assert!(as_if(&|e| [e[1], e[0], e[2]]).contains("axes x and y are exchanged"));
+        let other = as_if(&|e| [-e[0], e[1], e[2]]);
+        assert!(other.contains("axis x points the other way"), "{other}");
+        assert_eq!(as_if(&|e| e), "");
         let mut quiet = recording(&[], 20.0, |_, _| 0.0);
         quiet.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1e-5);
         assert!(notes(quiet).contains("less than that of any gyro known"));
@@ -292,5 +353,21 @@ mod tests {
             stated.set_meta(AT_REST, "yes");
             assert_eq!(stated.rests(), Ok(()));
         }
+    }
+
+    #[test]
+    fn stretches_in_which_the_unit_moves_are_left_out() {
+        let moved = |t: f64| (200.0..300.0).contains(&t);
+        let mut r = recording(&[], 20.0, |_, t| if moved(t) { 5000.0 * (0.8 * t).sin() } else { 0.0 });
+        let before = r.clone();
+        let original = r.clean_keeping().expect("fine");
+        assert!(r.notes.iter().any(|n| n.contains("the unit moves in 128 s, the first at 192 s")), "{:?}", r.notes);
+        let gone = |t: f64| (192.0..320.0).contains(&t);
+        assert!(r.time_s.iter().zip(&r.rate_dph[1]).all(|(t, v)| v.is_nan() == gone(*t)));
+        assert!(original.of(&r).rate_dph == before.rate_dph && r.rests().is_ok());
+        // Bias steps and noise that grows are no movement.
+        let mut r = recording(&[], 20.0, |_, t| if moved(t) { 300.0 } else { 0.0 });
+        r.clean().expect("fine");
+        assert!(r.notes.is_empty(), "{:?}", r.notes);
     }
 }

@@ -20,9 +20,22 @@ pub enum TimeForm {
 pub const FORMS: &str = "s, ms, us, ns, min, h, unix, iso and patterns like %d.%m.%Y %H:%M:%S,%f";
 
 /// Patterns of dates that programs write, the likeliest first.
-const DATES: [&str; 8] = ["%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d"];
+const DATES: [&str; 10] = [
+    "%Y-%m-%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%Y/%m/%d", "%d-%m-%Y", "%d.%m.%y", "%Y%m%d", "%d-%b-%Y",
+    "%d %b %Y",
+];
 /// Patterns of times of day.
-const TIMES: [&str; 6] = ["%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%H:%M", "%M:%S"];
+const TIMES: [&str; 9] = [
+    "%H:%M:%S",
+    "%H:%M:%S.%f",
+    "%H:%M:%S,%f",
+    "%H:%M:%S:%f",
+    "%I:%M:%S %p",
+    "%I:%M:%S.%f %p",
+    "%I:%M:%S,%f %p",
+    "%H:%M",
+    "%M:%S",
+];
 /// Between a date and a time of day.
 const BETWEEN: [&str; 4] = [" ", "T", "-", ", "];
 
@@ -73,17 +86,12 @@ impl TimeForm {
                 })
                 .ok(),
             Self::Pattern(p) => {
-                // (A fraction is %f after a point or a comma, as Python writes it.)
-                let pattern = p.replace(",%f", "%.f").replace(".%f", "%.f");
-                let text = match (p.contains(",%f"), text.rfind(',')) {
-                    (true, Some(at)) => format!("{}.{}", &text[..at], &text[at + 1..]),
-                    _ => text.to_string(),
-                };
-                // (Minutes and seconds alone are those of an hour.)
-                let of_an_hour = !["%H", "%I", "%k", "%l", "%T", "%R"].iter().any(|h| p.contains(h));
-                let (text, pattern) = match of_an_hour && p.starts_with("%M") {
-                    true => (format!("0:{text}"), format!("%H:{pattern}")),
-                    false => (text, pattern),
+                // (A fraction is %f after a point, as Python writes it, or after a comma or a colon.)
+                let mark = [",%f", ":%f"].into_iter().find(|f| p.contains(f));
+                let pattern = p.replace(",%f", "%.f").replace(":%f", "%.f").replace(".%f", "%.f");
+                let text = match mark.and_then(|m| text.rfind(&m[..1])) {
+                    Some(at) => format!("{}.{}", &text[..at], &text[at + 1..]),
+                    None => text.to_string(),
                 };
                 if p.contains('z') {
                     return DateTime::parse_from_str(&text, &pattern).map(|t| seconds(t.naive_utc())).ok();
@@ -95,6 +103,7 @@ impl TimeForm {
                             .map(|t| (t - NaiveTime::MIN).num_microseconds().map_or(f64::NAN, |us| us as f64 * 1e-6))
                     })
                     .ok()
+                    .or_else(|| counted(p, &text))
             }
         }
         .filter(|t: &f64| t.abs() < 1e13)
@@ -158,15 +167,45 @@ impl TimeForm {
             .flat_map(|d| BETWEEN.iter().flat_map(move |b| TIMES.iter().map(move |t| format!("{d}{b}{t}"))));
         let all: Vec<String> =
             both.chain(TIMES.map(String::from)).filter(|p| fits(&Self::Pattern(p.clone()))).collect();
-        let changed = |p: &String| p.replace("%d/%m", "%m/%d") != *p && all.contains(&p.replace("%d/%m", "%m/%d"));
-        all.first().map(|p| (p.clone(), changed(p)))
+        let first = all.first()?;
+        let other = first.replace("%d/%m", "%m/%d");
+        if other == *first || !all.contains(&other) {
+            return Some((first.clone(), false));
+        }
+        // Day and month might be changed about: a run lasts hours or days, and no month.
+        let span = |p: &String| {
+            let form = Self::Pattern(p.clone());
+            let times: Vec<f64> = texts.iter().filter_map(|t| form.read(t)).collect();
+            let steps = times.windows(2).map(|w| (w[1] - w[0]).abs());
+            steps.fold(0.0, f64::max)
+        };
+        let (own, others) = (span(first), span(&other));
+        Some(if others < own { (other, false) } else { (first.clone(), own == others) })
     }
 
     /// The pattern of dates without a time of day that fits all of some texts.
     #[must_use]
     pub fn guess_date(texts: &[&str]) -> Option<&'static str> {
-        DATES.into_iter().find(|p| !texts.is_empty() && texts.iter().all(|t| NaiveDate::parse_from_str(t, p).is_ok()))
+        let fits = |p: &&str| !texts.is_empty() && texts.iter().all(|t| NaiveDate::parse_from_str(t, p).is_ok());
+        // (Of two orders of day and month the one in which the days follow each other.)
+        let span = |p: &&str| {
+            let days: Vec<NaiveDate> = texts.iter().filter_map(|t| NaiveDate::parse_from_str(t, p).ok()).collect();
+            days.windows(2).map(|w| (w[1] - w[0]).num_days().abs()).max().unwrap_or(0)
+        };
+        DATES.into_iter().filter(fits).min_by_key(span)
     }
+}
+
+/// Hours, minutes and seconds that count on past a day, or minutes and seconds past an hour: no clock's, but elapsed.
+fn counted(pattern: &str, text: &str) -> Option<f64> {
+    let places = match pattern {
+        "%H:%M:%S" | "%H:%M:%S.%f" | "%H:%M:%S,%f" => 3,
+        "%M:%S" | "%M:%S.%f" => 2,
+        _ => return None,
+    };
+    let parts: Vec<f64> = text.split(':').map(|p| p.parse().ok().filter(|v: &f64| *v >= 0.0)).collect::<Option<_>>()?;
+    let in_range = parts.iter().skip(1).all(|p| *p < 60.0) && parts[0].fract() == 0.0;
+    (parts.len() == places && in_range).then(|| parts.iter().fold(0.0, |s, p| 60.0 * s + p))
 }
 
 /// Times of day made to go on after midnight.
@@ -219,6 +258,19 @@ mod tests {
         };
         assert_eq!(next("%H:%M:%S", ["23:59:59", "00:00:01", "00:00:02"]), [86_399.0, 86_401.0, 86_402.0]);
         assert_eq!(next("%M:%S", ["59:59", "00:01", "00:02"]), [3599.0, 3601.0, 3602.0]);
+        for (texts, form) in [
+            (["03/04/2026 08:15:00.500 AM", "03/04/2026 08:15:01.000 AM"], "%d/%m/%Y %I:%M:%S.%f %p"),
+            (["03/04/2026 23:59:59", "03/05/2026 00:00:00"], "%m/%d/%Y %H:%M:%S"),
+            (["17-Mar-2026 10:20:01", "17-Mar-2026 10:20:02"], "%d-%b-%Y %H:%M:%S"),
+            (["2026/03/17 10:20:01:000", "2026/03/17 10:20:01:500"], "%Y/%m/%d %H:%M:%S:%f"),
+            (["59:59", "60:00"], "%M:%S"),
+            (["23:59:59", "24:00:00"], "%H:%M:%S"),
+        ] {
+            assert_eq!(TimeForm::guess(&texts).map(|g| g.0), Some(form.to_string()), "{texts:?}");
+            let read = |k: usize| TimeForm::parse(form).and_then(|f| f.read(texts[k])).expect("a time");
+            assert!((0.4..1.1).contains(&(read(1) - read(0))), "{texts:?}");
+        }
+        assert_eq!(TimeForm::guess_date(&["03/04/2026", "03/05/2026"]), Some("%m/%d/%Y"));
         assert_eq!(TimeForm::guess(&["24:01", "59:59"]).map(|g| g.0), Some("%M:%S".to_string()));
     }
 }

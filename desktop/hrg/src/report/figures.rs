@@ -252,6 +252,12 @@ pub(super) fn stretch(a: usize, recordings: &[Recording], steps: &[Steps], runs:
     let best = runs.unwrap_or_default().iter().enumerate().map(soak_of).max_by_key(|(_, from, to, _)| to - from);
     if let Some((number, from, to, t)) = best.filter(|b| b.2 - b.1 >= STRETCH_S) {
         let text = format!("soak of {:.1} h at {t:.1} C, recording {}", (to - from) as f64 / 3600.0, number + 1);
+        // (Rows that are further apart than a second are taken as they are: between them there are straight lines.)
+        let (rates, step_s) = recordings[number].even_rates();
+        if step_s > 1.5 {
+            let at = |second: usize| ((second as f64 / step_s).round() as usize).min(rates[a].len());
+            return ((rates[a][at(from)..at(to)].to_vec(), step_s), text);
+        }
         return ((steps[number].rate_dph[a][from..to].to_vec(), 1.0), text);
     }
     let longest = (0..recordings.len()).max_by_key(|k| steps[*k].len()).unwrap_or(0);
@@ -259,6 +265,8 @@ pub(super) fn stretch(a: usize, recordings: &[Recording], steps: &[Steps], runs:
     let hours = rates[a].len() as f64 * step_s / 3600.0;
     let text = if runs.is_some() {
         format!("recording {} of {hours:.1} h; there is no soak of half an hour, so temperature is in it", longest + 1)
+    } else if recordings[longest].thermometer.is_sensor() {
+        format!("recording {} of {hours:.1} h at {:.1} C", longest + 1, mean(&recordings[longest].frequency_hz[a]))
     } else {
         format!("recording {} of {hours:.1} h, temperature unknown", longest + 1)
     };

@@ -166,6 +166,17 @@ struct Scale {
 const SCALES: [Scale; 2] =
     [Scale { mean_s: 1, stretch: STRETCH_S, same: SAME_NOISE }, Scale { mean_s: 10, stretch: 100, same: 0.7 }];
 
+/// The scales on which recordings with rows so far apart have noise of their own: between rows there are straight lines, alike in all.
+fn scales(step_s: f64) -> Vec<Scale> {
+    let slow = Scale { mean_s: step_s.ceil() as usize, stretch: 100, same: 0.7 };
+    let own = SCALES.into_iter().filter(|s| s.mean_s as f64 > step_s - 0.5);
+    if step_s > 10.5 {
+        vec![slow]
+    } else {
+        own.collect()
+    }
+}
+
 /// Second differences of the means of the rates of one axis, zero where one is missing; scaled to unit variance.
 fn noise(steps: &Steps, a: usize, mean_s: usize) -> Vec<f64> {
     let v = &hrg_data::numeric::stats::block_means(&steps.rate_dph[a], mean_s);
@@ -180,7 +191,7 @@ fn noise(steps: &Steps, a: usize, mean_s: usize) -> Vec<f64> {
 /// The same noise at some shift: the shift by correlation of the whole, then stretch by stretch.
 fn shared_noise(a: &Recording, b: &Recording) -> Option<Shared> {
     let (sa, sb) = (Steps::new(a).ok()?, Steps::new(b).ok()?);
-    SCALES.iter().find_map(|scale| {
+    scales(a.step_s().max(b.step_s())).iter().find_map(|scale| {
         (0..sa.rate_dph.len()).find_map(|axis| {
             let (x, y) = (noise(&sa, axis, scale.mean_s), noise(&sb, axis, scale.mean_s));
             best_shifts(&x, &y).into_iter().find_map(|shift| {
@@ -237,7 +248,9 @@ fn stretches(x: &[f64], y: &[f64], shift: i64, scale: &Scale) -> Option<usize> {
             let dot = |p: &[f64], q: &[f64]| p.iter().zip(q).map(|(p, q)| p * q).sum::<f64>();
             let power = (dot(u, u) * dot(v, v)).sqrt();
             let active = u.iter().filter(|x| **x != 0.0).count();
-            2 * active > n && dot(u, v).abs() > scale.same * power
+            // Differences of noise change their sign from one to the next; those of a smooth course go on, and are alike in many runs.
+            let smooth = dot(&u[1..], &u[..n - 1]) > 0.5 * dot(u, u);
+            2 * active > n && !smooth && dot(u, v).abs() > scale.same * power
         })
         .collect();
     (same.len() >= 2).then(|| same[0])

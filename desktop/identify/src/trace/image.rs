@@ -79,21 +79,27 @@ impl Fits<'_> {
             .filter_map(|a| Some((a, self.score(of_image, of_beside, verify, a)?)))
             .collect();
         let won = borne_out(&scores);
+        // An axis without effects has the baseline; a baseline that leaves more than the raw rates is none.
+        let without_effects = |image: &mut Calibration, a: usize| {
+            take_axis(image, &baseline, a);
+            let raw = Means::of(&verify.run.steps.rate_dph[a]);
+            if of_base[a].deviation() < raw.deviation() {
+                return AxisModel::Baseline;
+            }
+            make_constant(&mut image.axes[a], constants[a], &raw);
+            AxisModel::Constant
+        };
         for a in verify.run.steps.present() {
             let wins = won.contains(&a);
             chosen_on_verify |= has_effect[a] && !wins;
-            let raw = Means::of(&verify.run.steps.rate_dph[a]);
-            // A baseline that leaves more than the raw rates is none.
-            models[a] = match (wins, of_base[a].deviation() < raw.deviation()) {
-                (true, _) => AxisModel::Extended,
-                (false, true) => AxisModel::Baseline,
-                (false, false) => AxisModel::Constant,
-            };
-            if models[a] != AxisModel::Extended {
-                take_axis(&mut image, &baseline, a);
-            }
-            if models[a] == AxisModel::Constant {
-                make_constant(&mut image.axes[a], constants[a], &raw);
+            models[a] = if wins { AxisModel::Extended } else { without_effects(&mut image, a) };
+        }
+        drop_idle_effects(&mut image);
+        // An image holds fewer effects than a model may have: what is written is looked at once more.
+        let of_written = corrected(&image);
+        for a in verify.run.steps.present() {
+            if models[a] == AxisModel::Extended && of_written[a].deviation() > of_base[a].deviation() {
+                (models[a], chosen_on_verify) = (without_effects(&mut image, a), true);
             }
         }
         drop_idle_effects(&mut image);
@@ -117,6 +123,12 @@ impl Fits<'_> {
             let fitted = if models[a] == AxisModel::Extended { self.extended } else { self.beside };
             fitted.predicted_variance(verify.run, scaling, a, &unit)
         });
+        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
+            state_left(&mut image.axes[a].uncertainty, &chosen[a], &verify.noise[a], predicted[a]);
+        }
+        self.state_unvisited(&mut image, scaling, models);
+        // (A number that no image can hold, as the uncertainty of a gyro that leaves thousands of deg/h.)
+        let kind = if can_be_read(&image) { kind } else { Image::None };
         let figures = (kind != Image::None).then(|| {
             by_axis(|a| OnVerify {
                 verify_rms_dph: chosen[a].deviation(),
@@ -126,10 +138,6 @@ impl Fits<'_> {
                 model: models[a],
             })
         });
-        for a in verify.run.steps.present().filter(|a| models[*a] != AxisModel::Constant) {
-            state_left(&mut image.axes[a].uncertainty, &chosen[a], &verify.noise[a], predicted[a]);
-        }
-        self.state_unvisited(&mut image, scaling, models);
         if kind == Image::None {
             image = baseline;
         }
@@ -309,4 +317,9 @@ pub(super) fn fitted(data: &Data<'_>, model: &Specification) -> Result<(Fitted, 
     let fitted = Fitted::new(data, model)?;
     let known = uncertainty::of(data, &fitted);
     Ok((fitted, known))
+}
+
+/// `true` if a unit accepts the image.
+fn can_be_read(image: &Calibration) -> bool {
+    image.to_bytes().is_some_and(|bytes| Calibration::from_bytes(&bytes).is_ok())
 }

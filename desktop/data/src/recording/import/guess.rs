@@ -109,7 +109,17 @@ pub fn text_of(path: &Path) -> Result<(String, Option<String>), BadInput> {
 fn beginning(text: &str, skip_lines: usize) -> Result<Vec<Vec<String>>, BadInput> {
     let layout = Layout { skip_lines, ..Layout::default() };
     let rows = lines(text, &layout)?.take(ROWS + 1);
-    rows.map(|r| r.map(|(_, cells)| cells.into_iter().map(Cow::into_owned).collect())).collect()
+    let rows: Result<Vec<Vec<String>>, BadInput> =
+        rows.map(|r| r.map(|(_, cells)| cells.into_iter().map(Cow::into_owned).collect())).collect();
+    let mut rows = rows?;
+    // (Trailing separators make empty cells, in some files in the rows alone.)
+    let width = rows.first().map_or(0, |r| r.iter().rposition(|c| !c.is_empty()).map_or(0, |k| k + 1));
+    for row in &mut rows {
+        while row.len() > width && row.last().is_some_and(String::is_empty) {
+            row.pop();
+        }
+    }
+    Ok(rows)
 }
 
 /// Guesses a map for the text of a table ([`text_of`]).
@@ -217,8 +227,9 @@ fn parted(name: &str) -> (String, Option<String>) {
     let places = ["_deg_", "_rad_", "_mrad_", "_", "/"].map(|mark| lower.rfind(mark));
     for at in places.into_iter().flatten() {
         let unit = lower[at + 1..].replace('_', "/");
-        // (gyro_x_f is a filtered rate, and x_h no time.)
-        let letter = ["f", "k", "h"].contains(&unit.as_str());
+        // (gyro_x_f is a filtered rate, and x_h no time; T_K is a temperature.)
+        let of_temperature = ["t", "temp", "temperature"].contains(&&lower[..at]);
+        let letter = ["f", "k", "h"].contains(&unit.as_str()) && !(of_temperature && unit != "h");
         if !letter
             && ["rate", "temperature", "frequency", "time", "voltage"].iter().any(|q| unit_of(q, &unit).is_some())
         {
@@ -235,6 +246,7 @@ fn unit_of(quantity: &str, written: &str) -> Option<&'static str> {
             ("deg/h", &["deg/h", "deg/hr", "deg/hour", "degh", "dph", "degperhour"]),
             ("deg/s", &["deg/s", "deg/sec", "degs", "dps", "degpersecond"]),
             ("mrad/s", &["mrad/s", "mrads", "mrad/sec"]),
+            ("mdeg/s", &["mdeg/s", "mdegs", "mdps"]),
             ("rad/s", &["rad/s", "rads", "rad/sec"]),
             ("ppb", &["ppb"]),
             ("ppm", &["ppm"]),
@@ -308,8 +320,11 @@ const NOT_MEASURED: [&str; 14] = [
     "soll", "setpoint", "target", "table", "ref", "std", "sigma", "sample", "max", "dew", "taupunkt", "junction",
     "cjc", "humid",
 ];
-const TIMES: [&str; 14] = [
+const TIMES: [&str; 17] = [
     "time",
+    "temps",
+    "tiempo",
+    "tempo",
     "t",
     "zeit",
     "timestamp",
@@ -333,15 +348,19 @@ fn column(name: &str, cells: &[&str]) -> Column {
     let unit_in = |quantity: &str| unit.as_deref().and_then(|u| unit_of(quantity, u));
     let whole: String = stem.chars().filter(|c| c.is_alphanumeric()).collect();
     // (Some columns of times are named by their unit alone.)
-    let is_time = is_any(&whole, &TIMES) || whole.len() > 1 && unit_of("time", &whole).is_some();
+    // (And one that rises in a unit of time is one, whatever its name.)
     let rises = values.len() > 2 && values.windows(2).all(|w| w[1] >= w[0]) && values[values.len() - 1] > values[0];
+    let is_time = is_any(&whole, &TIMES)
+        || whole.len() > 1 && unit_of("time", &whole).is_some()
+        || rises && unit_in("time").is_some();
     let (mut because, mut meaning) = (None, Meaning::Unknown);
     let mut by_size = |found: (&'static str, &str)| {
         because = Some(format!("{UNNAMED}: {}", found.1));
         found.0
     };
     let as_it_is = columns::optional().find(|o| *o == name);
-    let hot = holds_any(&whole, &TEMPERATURES) || unit_in("temperature").is_some() && unit_in("rate").is_none();
+    let hot = holds_any(&whole, &TEMPERATURES) && unit_in("time").is_none()
+        || unit_in("temperature").is_some() && unit_in("rate").is_none();
     if let Some(own) = as_it_is {
         meaning = Meaning::Other(vec![own], if own.ends_with("_v") { "V" } else { "C" });
     } else if values.is_empty() || is_time && (rises || whole.len() > 1 || unit_in("time").is_some()) && !hot {

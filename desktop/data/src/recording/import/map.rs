@@ -191,6 +191,7 @@ fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
             ("deg/s", (3600.0, 0.0)),
             ("rad/s", (3600.0 * DEGREE_PER_RAD, 0.0)),
             ("mrad/s", (3.6 * DEGREE_PER_RAD, 0.0)),
+            ("mdeg/s", (3.6, 0.0)),
             // Not a rate: a quantity that stands in its place, its values as they are.
             ("ppb", (1.0, 0.0)),
             ("ppm", (1000.0, 0.0)),

@@ -9,6 +9,7 @@ use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::numeric::stats::median;
+use hrg_data::recording::metadata::Attitude;
 use hrg_data::recording::{facts, parquet, plausible, Recording};
 use hrg_identify::fit::correct;
 use std::path::PathBuf;
@@ -55,7 +56,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         let seen = seconds.iter().skip(1).map(|s| f64::from(s.corrected_dph[a])).filter(|v| v.is_finite());
         median(&mut seen.collect::<Vec<_>>())
     });
-    notes.extend(plausible::earth_rate_otherwise(&constants, r.earth_rate_dph.as_ref()));
+    // (A file that tells the attitude holds the earth's rate: what a unit sends has it, too.)
+    let of_file = Attitude::of(r.meta("latitude_deg"), r.meta("axes")).map_err(BadInput::from)?;
+    let of_file = of_file.filter(|_| !r.without_earth_rate()).map(|a| a.earth_rate_dph());
+    let constants = [0, 1, 2].map(|a| constants[a].map(|c| c - of_file.map_or(0.0, |parts| parts[a])));
+    if r.meta("earth_rate").is_none() {
+        notes.extend(plausible::earth_rate_otherwise(&constants, r.earth_rate_dph.or(of_file).as_ref()));
+    }
     let text = correct::to_csv(&r, "corrected on the desktop", r.power_on_s(), Some(&c), &seconds);
     parquet::write_text(out, &text)?;
     for note in notes {
