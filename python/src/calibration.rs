@@ -173,13 +173,13 @@ impl Calibration {
     }
 }
 
-/// See `__init__.pyi`.
+/// Names of the methods of :func:`fit` and :func:`compare`.
 #[pyfunction]
 pub fn methods() -> Vec<&'static str> {
     Method::ALL.into_iter().map(Method::name).collect()
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.fit`.
 #[pyfunction]
 #[pyo3(signature = (recordings, method = "lsq", *, seed = 1, uniform = false, breakpoint_c = None, curve = None, different_units = false, progress = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -288,7 +288,7 @@ impl Report {
     }
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.trace`.
 #[pyfunction]
 #[pyo3(signature = (train, verify, *, in_use = None, judge = None, exchange = false, repeat_is_enough = false, different_units = false, jobs = None, progress = None, own_effects = Vec::new(), limit_dph = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -335,7 +335,7 @@ pub fn trace(
     traced.inspect_err(|e| raised.cause(py, e))
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.correct`.
 #[pyfunction]
 #[pyo3(signature = (recording, calibration, *, different_units = false))]
 pub fn correct(

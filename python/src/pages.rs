@@ -101,7 +101,7 @@ fn corrected(
     Ok(r)
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.compare`.
 #[pyfunction]
 #[pyo3(signature = (train, verify, out, *, methods = None, seed = 1, from_s = 0.0, different_units = false, progress = None, own = Vec::new()))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -156,7 +156,7 @@ pub fn compare(
 /// Name, seconds, and biases for each row and axis of the train runs and of the verify runs, deg/h.
 type OwnMethod<'py> = (String, f64, Vec<PyReadonlyArray2<'py, f64>>, Vec<PyReadonlyArray2<'py, f64>>);
 
-/// See `__init__.pyi`.
+/// See `hrg.judge`.
 #[pyfunction]
 #[pyo3(signature = (runs, calibration, limit_dph, from_c, to_c, *, means_s = 100, different_units = false))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -190,7 +190,7 @@ pub fn judge(
     })
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.data_sheet`.
 #[pyfunction]
 pub fn data_sheet(py: Python<'_>, recordings: Vec<Bound<'_, Recording>>) -> PyResult<Figures> {
     let all = clean(&recordings)?;
@@ -206,7 +206,7 @@ pub fn data_sheet(py: Python<'_>, recordings: Vec<Bound<'_, Recording>>) -> PyRe
     })
 }
 
-/// See `__init__.pyi`.
+/// See `hrg.soaks`.
 #[pyfunction]
 #[pyo3(signature = (recordings, *, settled_c_per_min = 0.01, hold_s = 600.0))]
 pub fn soaks(
@@ -231,7 +231,8 @@ pub fn soaks(
     })
 }
 
-/// See `__init__.pyi`.
+/// Bias, scale and cross-axis of a platform's accelerometers, from the path of a table of tilts (a1_mps2, a2_mps2, tilt1_arcmin,
+/// tilt2_arcmin) at a latitude in degrees: a dictionary for :func:`align`.
 #[pyfunction]
 #[pyo3(signature = (path, *, latitude_deg, gravity_mps2 = None))]
 pub fn identify_accelerometers<'py>(

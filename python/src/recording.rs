@@ -164,7 +164,9 @@ impl Recording {
             read.earth_rate_dph =
                 Attitude::of(read.meta("latitude_deg"), read.meta("axes"))?.map(|a| a.earth_rate_dph());
             read.notes.clear();
-            Ok(Self { original: Original::Whole(Box::new(read.copied())), clean: read })
+            let mut raw = read.copied();
+            raw.restore_earth_rate();
+            Ok(Self { original: Original::Whole(Box::new(raw)), clean: read })
         })
         .map_err(refused)
     }
@@ -384,7 +386,7 @@ impl Corrected {
     }
 }
 
-/// See `__init__.pyi`.
+/// A recording of another program's file (a path) by a map: the path of one, or px4, ardupilot, adis, bosch.
 #[pyfunction]
 pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Recording> {
     let built_in = BUILT_IN.iter().find(|(name, _)| *name == map).map(|(_, text)| (*text).to_string());
@@ -404,7 +406,8 @@ pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Record
     py.detach(cleaned).map_err(refused)
 }
 
-/// See `__init__.pyi`.
+/// A simulated chamber run, and a dictionary of what it does not tell: floor_dph (deg/h, standard deviation of 100 s means of the
+/// noise) and gains_dph of the effects. Effects are written as for `hrg simulate --effect`: effects=["hysteresis:width_c=10"].
 #[pyfunction]
 #[pyo3(signature = (profile = "dong", *, effects = Vec::new(), unit = 1, seed = 1, kind = "hrg", thermometer = "frequency", white_100s_dph = None, defects = false))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.

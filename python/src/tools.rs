@@ -22,7 +22,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 use std::path::PathBuf;
 
-/// See `__init__.pyi`.
+/// See `hrg.allan`.
 #[pyfunction]
 #[pyo3(signature = (source, step_s = None))]
 pub fn allan<'py>(py: Python<'py>, source: &Bound<'py, PyAny>, step_s: Option<f64>) -> PyResult<Bound<'py, PyDict>> {
@@ -70,7 +70,8 @@ fn accelerometers_of(source: &Bound<'_, PyAny>) -> PyResult<Accelerometers> {
     Accelerometers::load(&source.extract::<PathBuf>()?).map_err(refused)
 }
 
-/// See `__init__.pyi`.
+/// Azimuth, tilts and drifts of a platform at rest, from the path of a recording in two positions; filters are linear, ekf and others
+/// (`hrg align --help`). A dictionary.
 #[pyfunction]
 #[pyo3(signature = (path, filter = "linear", *, drift_dph = None, tilt_arcmin = None, accelerometers = None, first_azimuth_deg = 0.0, seed = 1))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
@@ -101,7 +102,7 @@ pub fn align<'py>(
     of_json(py, &report)
 }
 
-/// See `__init__.pyi`.
+/// Fits of frequency over temperature from the path of a table of static points. A dictionary.
 #[pyfunction]
 pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work::run(py, None, move || {
@@ -112,7 +113,7 @@ pub fn points<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>
     of_json(py, &report)
 }
 
-/// See `__init__.pyi`.
+/// The effects of the library, a dictionary each: name, id, class, equation, parameters, outputs, reach, needs, remembers_path.
 #[pyfunction]
 pub fn effects(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     let out = PyList::empty(py);

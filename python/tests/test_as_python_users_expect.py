@@ -185,3 +185,63 @@ def test_four_pictures(runs, traced, tmp_path):
         figure.savefig(tmp_path / f"{name}.png", dpi=60)
         assert (tmp_path / f"{name}.png").stat().st_size > 5000
         assert figure.axes[0].lines and figure.axes[0].get_ylabel()
+
+
+def test_durations_lists_of_dates_and_masks(runs):
+    pandas = pytest.importorskip("pandas")
+    recording = runs[1][0]
+    frame = frame_of(recording)
+    seconds = frame["time_s"] - frame["time_s"].iloc[0]
+    start = pandas.Timestamp("2026-11-20 07:30:00")
+    dates = [t.to_pydatetime() for t in start + pandas.to_timedelta(seconds, unit="s")]
+    for times in (pandas.to_timedelta(seconds, unit="s"), dates, pandas.Series(dates, dtype=object)):
+        columns = {**recording.to_dict(), "time_s": times}
+        np.testing.assert_allclose(hrg.from_table(columns, recording.meta)["time_s"], seconds, atol=1e-6)
+    masked = np.ma.masked_array(recording["rate_x_dph"].copy(), mask=np.arange(len(recording)) % 50 == 0)
+    rates = hrg.from_table({**recording.to_dict(), "rate_x_dph": masked}, recording.meta)["rate_x_dph"]
+    assert np.isnan(rates[::50]).all() and np.isfinite(rates[1:50]).all()
+    nullable = frame.assign(rate_x_dph=frame["rate_x_dph"].astype("Float64"))
+    np.testing.assert_array_equal(hrg.from_table(nullable)["rate_x_dph"], recording["rate_x_dph"])
+
+
+def test_calibrations_may_be_reports_and_paths(runs, traced, tmp_path):
+    traced.calibration.write(tmp_path / "cal.toml")
+    for calibration in (traced, tmp_path / "cal.toml", str(tmp_path / "cal.toml")):
+        assert hrg.judge(runs[0][1], calibration, 1.0, -20, 50).verdict == "PASS"
+    with pytest.raises(hrg.HrgError, match="a recording is needed here, not a Calibration; are two arguments exchanged"):
+        hrg.judge(traced.calibration, runs[0][1], 1.0, -20, 50)
+    with pytest.raises(hrg.HrgError, match="holds corrected rates"):
+        hrg.fit(hrg.to_pandas(hrg.correct(runs[0][0], traced)))
+
+
+def test_wrong_things_are_one_sentence(runs, traced):
+    for wrong, words in (
+        (lambda: hrg.from_table(None), "takes a frame or a mapping"),
+        (lambda: hrg.from_table([1, 2]), "takes a frame or a mapping"),
+        (lambda: hrg.read(frame_of(runs[1][0])), "hrg.from_table"),
+        (lambda: hrg.read("time_s,rate_x_dph\n1,2\n"), "io.StringIO"),
+        (lambda: hrg.read(runs[0][0], latitude_deg="north", axes="x=north"), "is no number"),
+        (lambda: hrg.read(runs[0][0], scale_factor_dph_per_code=[1, 2]), "three numbers"),
+        (lambda: hrg.allan([1.0] * 400, -1), "above zero"),
+        (lambda: hrg.points(runs[0][0]), "hrg.soaks"),
+        (lambda: hrg.compare(*runs[0], own=[len]), "a mapping of names to functions"),
+        (lambda: hrg.compare(*runs[0], methods=["lsq"], own={"dare": lambda t, r: np.full((len(r), 3), np.nan)}), "nine of ten"),
+        (lambda: hrg.plot.bias([]), "no calibration"),
+    ):
+        with pytest.raises(hrg.HrgError, match=words):
+            wrong()
+
+
+def test_bias_at_the_ends_and_beyond(traced):
+    lsq = traced.baseline_calibration
+    low, high = lsq.temperature_range_c
+    inside, edge = lsq.bias([low + 3.0, high - 3.0], [1.0, -1.0]), lsq.bias([low, high], [1.0, -1.0])
+    assert np.abs(inside - edge).max() < 0.5, "no cliff"
+    assert np.isnan(lsq.bias([np.nan, high + 100.0])).all() and np.isnan(lsq.bias(20.0, np.inf)).all()
+
+
+def test_a_part_of_a_run_is_corrected_the_same_after_a_copy(runs, traced):
+    _, part = runs[1][0].split(20000.0)
+    again = pickle.loads(pickle.dumps(part))
+    ours, theirs = hrg.correct(part, traced), hrg.correct(again, traced)
+    np.testing.assert_allclose(ours.corrected_dph, theirs.corrected_dph, atol=1e-4)

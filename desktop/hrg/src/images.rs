@@ -14,6 +14,7 @@
 use hrg_core::bias::{self, Coefficients};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
+use hrg_core::effects::{span, Span};
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::rate_factors::OTHERS;
 use hrg_core::temperature::TemperatureCurve;
@@ -196,6 +197,9 @@ fn output_after(c: &Calibration, reading: &dyn Fn(u32) -> [f64; AXES], steps: u3
     step(steps)
 }
 
+/// Part of half the calibrated range by which a ramp may begin outside it.
+const BEYOND: f64 = 0.18;
+
 /// Longest ramp of [`bias_on_ramp`], s.
 const RAMP_S: f64 = 3600.0;
 
@@ -204,14 +208,25 @@ const RAMP_S: f64 = 3600.0;
 /// without a ramp it is the bias of the soak.
 #[must_use]
 pub fn bias_on_ramp(c: &Calibration, temperature_c: f64, c_per_min: f64) -> [(f64, f64); AXES] {
+    // (Beyond a fifth outside, the curve of the thermometer is not inverted.)
     let edge = |low: bool| {
         let all = c.axes.iter().map(|a| f64::from(if low { a.curve.valid_from_c } else { a.curve.valid_to_c }));
         all.fold(if low { f64::NEG_INFINITY } else { f64::INFINITY }, |e, v| if low { e.max(v) } else { e.min(v) })
     };
-    let room_c = if c_per_min > 0.0 { temperature_c - edge(true) } else { edge(false) - temperature_c };
+    let beyond = BEYOND * 0.5 * (edge(false) - edge(true));
+    let (lowest, highest) = (edge(true) - beyond, edge(false) + beyond);
+    if !((lowest..=highest).contains(&temperature_c) && c_per_min.is_finite()) {
+        return [(f64::NAN, f64::NAN); AXES];
+    }
+    let room_c = if c_per_min > 0.0 { temperature_c - lowest } else { highest - temperature_c };
     let ramp_s = if c_per_min == 0.0 { 0.0 } else { (60.0 * room_c.max(0.0) / c_per_min.abs()).min(RAMP_S) };
     let ramp_steps = (ramp_s / f64::from(MODEL_STEP_S)).round() as u32;
-    let (soak, per_step) = (soak_steps(), c_per_min / 60.0 * f64::from(MODEL_STEP_S));
+    let slowest = c.effects.iter().map(|e| match span(e.id, &e.parameters) {
+        Span::Time(tau_s) => 5.0 * tau_s,
+        _ => 0.0,
+    });
+    let soak_s = slowest.fold(SOAK_S as f32, f32::max).min(AGE_S);
+    let (soak, per_step) = ((soak_s / MODEL_STEP_S) as u32, c_per_min / 60.0 * f64::from(MODEL_STEP_S));
     let reading = |step: u32| {
         let before = f64::from(soak + ramp_steps - step.max(soak));
         c.axes.each_ref().map(|a| reading_of(&a.curve, temperature_c - before * per_step))

@@ -204,6 +204,10 @@ pub struct Judgement {
     pub to_c: f64,
     /// Duration of a mean, s.
     pub means_s: usize,
+    /// Files of the runs.
+    pub runs: Vec<String>,
+    /// Checksum of the calibration image, hexadecimal.
+    pub calibration: String,
     /// By axis.
     pub axes: BTreeMap<String, Axis>,
     /// Remarks for the user.
@@ -299,7 +303,15 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         if r.corrected() {
             return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));
         }
-        let steps = Steps::new(r)?;
+        if let Some((a, at_s, _)) = r.rate_spikes.first() {
+            notes.push(format!(
+                "{}: {} spikes of the rates count here, as a unit sends them, the first on {} at {at_s:.0} s; if the logger made them, delete them from the file",
+                r.source,
+                r.rate_spikes.len(),
+                AXIS_NAMES[*a]
+            ));
+        }
+        let steps = Steps::new(&r.with_spikes())?;
         if steps.len() < limit.means_s {
             return Err(BadInput::new(format!(
                 "{}: {} s are too short for a mean of {} s",
@@ -315,7 +327,12 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
             // (The first second has no bias yet.)
             let error = of(&|k| if k == 0 { f64::NAN } else { f64::from(seconds[k].corrected_dph[a]) });
             let raw = of(&|k| f64::from(seconds[k].raw_dph[a]));
-            let celsius: Vec<f64> = seconds.iter().map(|s| f64::from(s.temperature_c[a])).collect();
+            // (A temperature that is held while the thermometer is lost is none that was visited.)
+            let lost = AxisStatus::UNTRUSTED_TEMPERATURE.bits();
+            let celsius: Vec<f64> = seconds
+                .iter()
+                .map(|s| if s.status[a] & lost == 0 { f64::from(s.temperature_c[a]) } else { f64::NAN })
+                .collect();
             let temperature = block_means(&celsius, limit.means_s);
             let beyond = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE | AxisStatus::EXTRAPOLATED).bits();
             let flagged = of(&|k| f64::from(u8::from(seconds[k].status[a] & beyond != 0)));
@@ -345,6 +362,9 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
             notes.push(note.to_string());
         }
     }
+    if let Some(a) = (0..AXES).find(|a| first.absent[*a]) {
+        notes.push(format!("axis {} is not judged: the runs have no rates of it", AXIS_NAMES[a]));
+    }
     notes.dedup();
     let names: Vec<String> = runs.iter().map(|r| r.source.clone()).collect();
     let there: Vec<usize> = first.present().collect();
@@ -362,6 +382,8 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
         from_c: limit.from_c,
         to_c: limit.to_c,
         means_s: limit.means_s,
+        calibration: format!("{:08x}", calibration.checksum()),
+        runs: names,
         axes,
         notes,
         points: there.iter().map(|&a| (AXIS_NAMES[a].to_string(), points[a].clone())).collect(),
@@ -553,8 +575,10 @@ impl Judgement {
         };
         let line = escape(&self.line()).replacen(self.verdict.word(), &format!("<b>{}</b>", self.verdict.word()), 1);
         let body = format!(
-            "<h1>Does {} pass?</h1>{}{}{}<pre>{}</pre>{}",
+            "<h1>Does {} pass?</h1><p class=small>Calibration image {}; runs: {}</p>{}{}{}<pre>{}</pre>{}",
             escape(&self.unit),
+            self.calibration,
+            escape(&self.runs.join(", ")),
             page::pictures(&panels)?,
             page::legend(&[("heating", 2), ("cooling", 3), ("soak", 4), ("limit", 1)]),
             page::boxed(&line, tone),

@@ -10,8 +10,12 @@ Rates are in deg/h, temperatures in degrees Celsius, frequencies in Hz, times in
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import difflib
+import gzip
 import inspect
+import io
+import itertools
 import os
 import tempfile
 import time
@@ -90,7 +94,27 @@ def _said(given: dict[str, Any]) -> dict[str, Any]:
     unknown = [name for name in given if name not in _SAID]
     if unknown:
         raise TypeError(f"{unknown[0]} is not known; there are {', '.join(_SAID)}")
-    return {name: given.get(name) for name in _SAID}
+    said = {name: given.get(name) for name in _SAID}
+    for name, make in (("unit", str), ("latitude_deg", float), ("axes", str)):
+        try:
+            said[name] = None if said[name] is None else make(said[name])
+        except (TypeError, ValueError):
+            raise HrgError(f"{name}: {said[name]!r} is no {'number' if make is float else 'text'}") from None
+    if said["scale_factor_dph_per_code"] is not None:
+        said["scale_factor_dph_per_code"] = _three(said["scale_factor_dph_per_code"])
+    return said
+
+
+def _three(values):
+    if isinstance(values, str):
+        values = values.replace(",", " ").split()
+    try:
+        three = [float(v) for v in values]
+    except (TypeError, ValueError):
+        three = []
+    if len(three) != 3:
+        raise HrgError("scale_factor_dph_per_code: give three numbers, deg/h per code of x, y and z")
+    return three
 
 
 def read(source, **said):
@@ -99,6 +123,19 @@ def read(source, **said):
     ``unit``, ``latitude_deg`` with ``axes``, and ``scale_factor_dph_per_code`` (three numbers) say what the recording does not.
     Rows that cannot be used are taken out of what fits take; :attr:`Recording.notes` says which.
     """
+    if _is_table(source) or isinstance(source, Recording):
+        raise HrgError(f"hrg.read takes a path or an open file; a {type(source).__name__} goes to hrg.from_table, or is a recording already")
+    if isinstance(source, (bytes, bytearray)) or isinstance(source, str) and "\n" in source:
+        raise HrgError("hrg.read takes a path or an open file; for text give io.StringIO(text), for bytes io.BytesIO(bytes)")
+    if not (isinstance(source, (str, os.PathLike)) or hasattr(source, "read")):
+        raise HrgError(f"hrg.read takes a path or an open file, not {type(source).__name__}")
+    if hasattr(source, "read"):
+        content = source.read()
+        if isinstance(content, bytes) and content.startswith(b"\x1f\x8b"):
+            content = gzip.decompress(content)
+        if not isinstance(content, (str, bytes)):
+            raise HrgError(f"the open file gave {type(content).__name__} where text or bytes are needed")
+        source = io.StringIO(content) if isinstance(content, str) else io.BytesIO(content)
     return Recording._read(source, _said(said))
 
 
@@ -110,9 +147,14 @@ def from_table(table, meta=None, *, name="", **said):
     of a pandas frame without that column: time then begins at 0, and ``power_on_unix_s`` says when that was. ``meta``: metadata; a pandas
     frame's ``attrs`` are taken as well. ``name``: of the recording in sentences and reports.
     """
+    if not _is_table(table):
+        raise HrgError(f"hrg.from_table takes a frame or a mapping of names to columns, not {type(table).__name__}")
+    if hasattr(table, "collect"):
+        table = table.collect()
+    if not (meta is None or isinstance(meta, Mapping)):
+        raise HrgError(f"meta is a mapping of keys to values, not {type(meta).__name__}")
     names = list(table.keys()) if isinstance(table, Mapping) else list(table.columns)
-    entries = {**getattr(table, "attrs", {}), **(meta or {})}
-    _known_keys(entries)
+    entries = _entries({**getattr(table, "attrs", {}), **(meta or {})})
     values = {str(n): table[n] for n in names}
     index = getattr(table, "index", None)
     if "time_s" not in values and _is_datetime(index):
@@ -122,42 +164,79 @@ def from_table(table, meta=None, *, name="", **said):
         if n == "time_s" and _is_datetime(column):
             column, since_1970 = _seconds(column)
             entries.setdefault("power_on_unix_s", f"{since_1970:.3f}")
+        elif _is_duration(column):
+            column = _np.asarray(column).astype("timedelta64[us]") / _np.timedelta64(1, "s")
         columns.append((n, _numbers(n, column)))
     return Recording._of_columns(columns, [(str(k), str(v)) for k, v in entries.items()], _said(said), str(name))
 
 
-def _known_keys(entries):
-    """Refuses a key that is nearly one with a meaning: a slip would otherwise change nothing, and say nothing."""
+def _entries(given):
+    """Metadata as texts, without what is None or NaN. Refuses a key that is nearly one with a meaning: a slip would otherwise change nothing,
+    and say nothing."""
     known = Recording._keys()
-    for key in entries:
-        near = difflib.get_close_matches(str(key), known, 1, 0.85)
-        if near and str(key) not in known:
-            raise HrgError(f'metadata "{key}" means nothing; is {near[0]} meant?')
+    plain = {k.replace("-", "_"): k for k in known}
+    entries = {}
+    for key, value in given.items():
+        if value is None or isinstance(value, float) and value != value:
+            continue
+        key = str(key)
+        # (Keys may be written with capitals, blanks or hyphens, as in a file.)
+        written = key.lower().replace(" ", "_").replace("-", "_")
+        near = difflib.get_close_matches(written, list(plain), 1, 0.85)
+        if written in plain:
+            key = plain[written]
+        elif near:
+            raise HrgError(f'metadata "{key}" means nothing; is {plain[near[0]]} meant?')
+        several = isinstance(value, (list, tuple, _np.ndarray))
+        entries[key] = " ".join(str(v) for v in value) if several else str(value)
+    return entries
 
 
 def _is_datetime(column):
-    kind = getattr(_np.asarray(column) if column is not None else None, "dtype", None)
-    return kind is not None and kind.kind == "M" or "datetime" in str(getattr(column, "dtype", "")).lower()
+    if column is None or isinstance(column, str):
+        return False
+    kind = getattr(column, "dtype", None)
+    if kind is None or kind == object:
+        first = next((v for v in column if v is not None), None) if hasattr(column, "__iter__") and hasattr(column, "__len__") else None
+        return isinstance(first, (datetime.datetime, _np.datetime64))
+    return getattr(kind, "kind", "") == "M" or "datetime" in str(kind).lower()
+
+
+def _is_duration(column):
+    kind = getattr(column, "dtype", None)
+    return kind is not None and (getattr(kind, "kind", "") == "m" or str(kind).lower().startswith(("timedelta", "duration")))
 
 
 def _seconds(column):
     """Seconds from the first of some datetimes, and the seconds since 1970 at it."""
+    if getattr(column, "dtype", object) == object:
+        naive = [v.astimezone(datetime.timezone.utc).replace(tzinfo=None) if getattr(v, "tzinfo", None) else v for v in column]
+        column = _np.array(naive, dtype="datetime64[us]")
     # (A pandas series has its time zone under dt, an index itself.)
     zoned = getattr(column, "dt", column)
     if getattr(zoned, "tz", None) is not None:
         column = zoned.tz_convert("UTC")
         column = getattr(column, "dt", column).tz_localize(None)
-    times = _np.asarray(column).astype("datetime64[ns]")
-    first = times[~_np.isnat(times)][0] if (~_np.isnat(times)).any() else _np.datetime64(0, "ns")
+    # (Microseconds reach over all years; nanoseconds do not.)
+    times = _np.asarray(column).astype("datetime64[us]")
+    first = times[~_np.isnat(times)][0] if (~_np.isnat(times)).any() else _np.datetime64(0, "us")
     seconds = (times - first) / _np.timedelta64(1, "s")
-    return seconds, (first - _np.datetime64(0, "ns")) / _np.timedelta64(1, "s")
+    return seconds, (first - _np.datetime64(0, "us")) / _np.timedelta64(1, "s")
 
 
 def _numbers(name, column):
     try:
-        values = _np.ascontiguousarray(_np.asarray(column), dtype=_np.float64)
+        if isinstance(column, _np.ma.MaskedArray):
+            column = _np.ma.filled(column.astype(_np.float64), _np.nan)
+        if type(column).__module__.startswith("pandas") and str(getattr(column, "dtype", "")) in ("Int64", "Float64", "Int32", "Float32"):
+            column = column.to_numpy(dtype=_np.float64, na_value=_np.nan)
+        values = _np.asarray(column)
+        if values.dtype.kind == "c":
+            raise TypeError("complex numbers are no measured values")
+        values = _np.ascontiguousarray(values, dtype=_np.float64)
     except (TypeError, ValueError) as e:
-        raise HrgError(f"column {name}: {e}; give numbers, NaN where a value is missing") from None
+        dates = "; dates as text become times by pandas.to_datetime" if name == "time_s" and "convert string" in str(e) else ""
+        raise HrgError(f"column {name}: {e}; give numbers, NaN where a value is missing{dates}") from None
     if values.ndim != 1:
         raise HrgError(f"column {name} has {values.ndim} dimensions; give one value a row")
     return values
@@ -171,6 +250,8 @@ def _recording(source):
     """A recording of whatever is one: itself, a path, an open file, a frame, or a mapping of columns."""
     if isinstance(source, Recording):
         return source
+    if isinstance(source, (Calibration, Report, Corrected, Figures)):
+        raise HrgError(f"a recording is needed here, not a {type(source).__name__}; are two arguments exchanged?")
     if isinstance(source, (str, os.PathLike)) or hasattr(source, "read"):
         return read(source)
     if _is_table(source):
@@ -180,8 +261,21 @@ def _recording(source):
 
 def _several(sources):
     one = isinstance(sources, (Recording, str, os.PathLike)) or hasattr(sources, "read") or _is_table(sources)
-    one = one or not hasattr(sources, "__iter__")
+    one = one or not hasattr(sources, "__iter__") or isinstance(sources, (Calibration, Report, Corrected, Figures))
     return [_recording(s) for s in ([sources] if one else sources)]
+
+
+def _calibration(source):
+    """A calibration of whatever is one: itself, a report, a path."""
+    if isinstance(source, Calibration):
+        return source
+    if isinstance(source, Report):
+        if source.calibration is None:
+            raise HrgError("the trace wrote no calibration: no image beats the raw rates")
+        return source.calibration
+    if isinstance(source, (str, os.PathLike)):
+        return Calibration.read(source)
+    raise HrgError(f"a calibration, a report or the path of a calibration is needed, not {type(source).__name__}")
 
 
 def _restored_recording(columns, meta, source, judged_from_s):
@@ -203,11 +297,16 @@ def _with_progress(options):
 
 
 def to_pandas(recording):
-    """A recording, or what :func:`correct` gave, as a pandas frame: a column each; of a recording the metadata in ``attrs``."""
+    """A recording, or what :func:`correct` gave, as a pandas frame: a column each, metadata in ``attrs``."""
     import pandas
 
+    recording = recording if isinstance(recording, Corrected) else _recording(recording)
     frame = pandas.DataFrame(recording.to_dict())
-    frame.attrs = dict(getattr(recording, "meta", {}))
+    if isinstance(recording, Corrected):
+        lines = itertools.takewhile(lambda line: line.startswith("#"), recording.to_csv().splitlines())
+        frame.attrs = {k.strip("# "): v.strip() for k, _, v in (line.partition(":") for line in lines)}
+    else:
+        frame.attrs = dict(recording.meta)
     return frame
 
 
@@ -218,6 +317,8 @@ def fit(recordings, method="lsq", **options):
     ``breakpoint_c``, ``curve`` (a calibration of temperatures), ``different_units``, ``progress`` (called with what is done and of how
     much). Gives a :class:`Calibration`.
     """
+    if options.get("curve") is not None:
+        options["curve"] = _calibration(options["curve"])
     return _fit(_several(recordings), method, **_with_progress(options))
 
 
@@ -232,12 +333,15 @@ def trace(train, verify, **options):
     """
     if options.get("judge") is not None:
         options["judge"] = _recording(options["judge"])
+    if options.get("in_use") is not None:
+        options["in_use"] = _calibration(options["in_use"])
     return _trace(_several(train), _recording(verify), **_with_progress(options))
 
 
 def correct(recording, calibration, **options):
-    """What a unit with this calibration would have sent for a recording (or a path, an open file, a frame), to the last bit."""
-    return _correct(_recording(recording), calibration, **options)
+    """What a unit with this calibration would have sent for a recording (or a path, an open file, a frame), to the last bit: with the earth's
+    rate, which a unit cannot know."""
+    return _correct(_recording(recording), _calibration(calibration), **options)
 
 
 def judge(runs, calibration, limit_dph, from_c, to_c, **options):
@@ -247,7 +351,7 @@ def judge(runs, calibration, limit_dph, from_c, to_c, **options):
     ``from_c`` and ``to_c``: the range, C. Options: ``means_s`` (length of the means, 100), ``different_units``. The
     :class:`Figures` that it gives have ``verdict`` ("PASS", "FAIL" or "NOT COVERED") and ``axes``.
     """
-    return _judge(_several(runs), calibration, float(limit_dph), float(from_c), float(to_c), **options)
+    return _judge(_several(runs), _calibration(calibration), float(limit_dph), float(from_c), float(to_c), **options)
 
 
 def allan(source, step_s=None):
@@ -255,8 +359,8 @@ def allan(source, step_s=None):
     recording = isinstance(source, (Recording, str, os.PathLike)) or hasattr(source, "read") or _is_table(source)
     if recording:
         return _allan(_recording(source))
-    if step_s is None:
-        raise HrgError("give the time between the values with step_s")
+    if step_s is None or not float(step_s) > 0.0:
+        raise HrgError("give the time between the values with step_s, in seconds above zero")
     return _allan(_numbers("of rates", source), float(step_s))
 
 
@@ -334,6 +438,12 @@ def compare(train, verify, *, out=None, own=None, **options):
     Gives :class:`Figures` whose ``rows`` hold a method each, and whose ``calibrations`` are what was fitted.
     """
     train, verify = _several(train), _several(verify)
+    if isinstance(options.get("methods"), str):
+        options["methods"] = [options["methods"]]
+    if not (own is None or isinstance(own, Mapping) and all(callable(f) for f in own.values())):
+        raise HrgError('own is a mapping of names to functions: own={"mine": function}')
+    if not (train and verify):
+        raise HrgError("a comparison needs a train run and a verify run at the least")
     methods_of_own = []
     for name, function in (own or {}).items():
         begun = time.perf_counter()
@@ -357,6 +467,10 @@ def _bias_of(name, function, train, run):
         raise HrgError(
             f"{name}: it gave an array of shape {bias.shape} where ({len(run)}, {len(run.axes)}) is asked: a bias for each row and axis, deg/h"
         )
+    rates = _np.stack([run[f"rate_{a}_dph"] for a in run.axes], axis=1)
+    lacking = _np.isfinite(rates) & ~_np.isfinite(bias)
+    if lacking.mean() > 0.1:
+        raise HrgError(f"{name}: no bias in {100 * lacking.mean():.0f} % of the rows that have a rate; a method must answer in nine of ten")
     return _np.ascontiguousarray(bias)
 
 
@@ -400,9 +514,12 @@ def decode_log(lines, elf=None):
 
 def _bias(self, temp_c, ramp_c_per_min=0.0, *, std=False):
     """The bias that the unit would subtract at temperatures (C), deg/h, shape (temperatures, 3): on a soak, or where a ramp of
-    ``ramp_c_per_min`` has led to them after a soak (an hour of it, or less at the edge of the calibrated range). With ``std=True`` its
+    ``ramp_c_per_min`` has led to them after a soak (an hour of it, or less where it would begin far outside the calibrated range). NaN
+    beyond a fifth of half that range outside it. With ``std=True`` its
     standard uncertainty comes beside it, NaN where the calibration does not state it."""
     temperatures, ramps = _np.broadcast_arrays(_np.atleast_1d(temp_c), _np.atleast_1d(ramp_c_per_min))
+    if temperatures.ndim != 1:
+        raise HrgError("temperatures are one number or one row of them")
     bias, uncertainty = self._bias([(float(t), float(r)) for t, r in zip(temperatures, ramps)])
     bias, uncertainty = bias.reshape(-1, 3), uncertainty.reshape(-1, 3)
     return (bias, uncertainty) if std else bias

@@ -9,7 +9,7 @@ import warnings
 
 import numpy as np
 
-from . import Calibration, Recording, _recording, allan as _allan, correct
+from . import Calibration, HrgError, Recording, _calibration, _recording, allan as _allan, correct
 
 __all__ = ["allan", "bias", "residual", "run"]
 
@@ -33,7 +33,11 @@ def _means(values, length):
     count = len(values) // length
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # A mean of nothing is NaN.
-        return np.nanmean(np.asarray(values, float)[: count * length].reshape(count, length), axis=1)
+        each = np.asarray(values, float)[: count * length].reshape(count, length)
+        means = np.nanmean(each, axis=1)
+    # (A mean of a few values beside others is none.)
+    means[np.isfinite(each).mean(axis=1) < 0.5] = np.nan
+    return means
 
 
 def run(recording):
@@ -59,7 +63,9 @@ def run(recording):
 def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
     """Corrected rates of a recording over temperature, heating and cooling apart, the constant of the day included and the earth's rate taken
     off where the attitude is known: means of ``means_s`` seconds. ``before``: another calibration, drawn in grey; ``limit_dph``: drawn as lines."""
-    recording = _recording(recording)
+    recording, calibration = _recording(recording), _calibration(calibration)
+    if int(means_s) < 1 or len(recording) < means_s:
+        raise HrgError(f"means of {means_s} s: give a duration from 1 s to that of the recording")
     after = correct(recording, calibration)
     earth = np.asarray(recording.earth_rate_dph or (0.0, 0.0, 0.0))
     temperatures = after.temperature_c.astype(float)
@@ -69,7 +75,7 @@ def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
         celsius = _means(temperatures[:, a], means_s)
         ramp = np.gradient(celsius) * 60.0 / means_s if len(celsius) > 1 else np.zeros(len(celsius))
         if before is not None:
-            grey = _means(correct(recording, before).corrected_dph[1:, a] - earth[a], means_s)
+            grey = _means(np.r_[np.nan, correct(recording, before).corrected_dph[1:, a]] - earth[a], means_s)
             axis.plot(celsius[: len(grey)], grey, ".", color=_GREY, markersize=4, label="before")
         means = _means(np.r_[np.nan, after.corrected_dph[1:, a] - earth[a]], means_s)
         for label, colour, those in (
@@ -92,12 +98,18 @@ def residual(recording, calibration, before=None, limit_dph=None, means_s=100):
 def bias(calibrations, temperatures_c=None, ramp_c_per_min=1.0):
     """Bias over temperature of a calibration, or of several by name (a mapping): on soaks, and on ramps up and down after a soak (see
     :meth:`Calibration.bias`); by default over the temperatures that all of them were fitted on."""
-    named = {"": calibrations} if isinstance(calibrations, Calibration) else dict(calibrations)
+    if isinstance(calibrations, (list, tuple)):
+        calibrations = {f"{c.unit} {c.checksum:08x}": c for c in map(_calibration, calibrations)}
+    named = dict(calibrations) if hasattr(calibrations, "keys") else {"": calibrations}
+    named = {label: _calibration(c) for label, c in named.items()}
+    if not named:
+        raise HrgError("no calibration was given")
     low, high = max(c.temperature_range_c[0] for c in named.values()), min(c.temperature_range_c[1] for c in named.values())
     t = np.linspace(low, high, 41) if temperatures_c is None else np.asarray(temperatures_c, float)
     figure, axes = _figure(3)
     styles = ("-", "--", ":", "-.")
-    for (label, c), style in zip(named.items(), styles):
+    for k, (label, c) in enumerate(named.items()):
+        style = styles[k % len(styles)]
         for ramp, colour, word in (
             (0.0, _PURPLE, "soak"),
             (ramp_c_per_min, _ORANGE, f"+{ramp_c_per_min:g} C/min"),

@@ -1,5 +1,6 @@
 //! Takes out what cannot be true: rows out of order, stuck values, spikes. Each kind is found, counted and noted.
 
+use super::steps::BRIDGE_S;
 use super::thermometer::Thermometer;
 use super::{columns, step_of, Recording};
 use crate::error::BadInput;
@@ -155,7 +156,12 @@ impl Recording {
         let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
         if gaps > 0 {
             let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
-            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s"));
+            let after = if longest > BRIDGE_S {
+                format!("; rates of the {BRIDGE_S:.0} s behind a gap of more than {BRIDGE_S:.0} s are left out of fits and judgements: the states of the unit are not known there")
+            } else {
+                String::new()
+            };
+            self.notes.push(format!("{gaps} gaps in time, the longest {longest:.1} s{after}"));
         }
         let rows = self.time_s.len();
         for Found { column, stuck, spikes, .. } in &found {
@@ -175,7 +181,16 @@ impl Recording {
                 bad.column, bad.finite
             )));
         }
+        // (Taken before the stretches of movement, whose rows hold no spikes.)
+        let parts_before = self.earth_rate_dph;
         self.remove_earth_rate()?;
+        let parts = if parts_before.is_none() { self.earth_rate_dph.unwrap_or_default() } else { [0.0; AXES] };
+        let turned = self.turned();
+        for f in found.iter().filter(|f| f.spikes > 0 && !turned && (AXES..2 * AXES).contains(&f.place)) {
+            let a = f.place - AXES;
+            let spikes = f.taken[f.stuck..f.stuck + f.spikes].iter();
+            self.rate_spikes.extend(spikes.map(|(row, v)| (a, self.time_s[*row], v - parts[a])));
+        }
         self.note_unlikely()?;
         let mut values = vec![Vec::new(); self.columns_mut().count()];
         found.into_iter().for_each(|f| values[f.place] = f.taken);
@@ -315,6 +330,7 @@ impl Original {
             Self::Changes { values, notes, cleaned } => {
                 let mut before = clean.copied();
                 (before.notes, before.cleaned) = (notes.clone(), cleaned.clone());
+                before.rate_spikes.clear();
                 for (column, values) in before.columns_mut().zip(values) {
                     // (The last first: a value that was taken out twice was NaN the second time.)
                     values.iter().rev().for_each(|(row, value)| column[*row] = *value);

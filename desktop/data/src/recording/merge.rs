@@ -9,7 +9,7 @@ use crate::recording::dialect;
 use crate::recording::dialect::is_missing;
 use crate::recording::import::map::{conversion, quantity_of};
 use crate::recording::thermometer::Thermometer;
-use crate::recording::time_form::{Days, TimeForm, FORMS};
+use crate::recording::time_form::{Days, TimeForm, DAY_S, FORMS};
 use crate::recording::{columns, Recording};
 use std::fmt::Write as _;
 
@@ -143,6 +143,18 @@ impl Wanted {
         })
     }
 
+    /// The same with day and month changed about in its dates, where they have both in numbers.
+    #[must_use]
+    pub fn other_order(&self) -> Option<Self> {
+        let TimeForm::Pattern(p) = &self.format else { return None };
+        let other = match p {
+            p if p.contains("%d/%m") => p.replace("%d/%m", "%m/%d"),
+            p if p.contains("%m/%d/") => p.replace("%m/%d", "%d/%m"),
+            _ => return None,
+        };
+        Some(Self { format: TimeForm::Pattern(other), ..self.clone() })
+    }
+
     /// Takes the units that a log's own header names for columns whose unit was not given; gives a note on each that is converted.
     pub fn take_units(&mut self, of: impl Fn(&str) -> Option<&'static str>) -> Vec<String> {
         let mut notes = Vec::new();
@@ -178,6 +190,8 @@ struct Log {
     time_s: Vec<f64>,
     columns: Vec<Vec<f64>>,
     left_out: usize,
+    /// Cells that hold neither a number nor a known text for none: the column, and the text.
+    texts: Vec<(usize, String)>,
 }
 
 /// Names of the columns in a line.
@@ -215,7 +229,8 @@ impl Log {
             Err(_) => wanted.time.split('+').map(|t| at(t.trim())).collect::<Result<Vec<_>, _>>()?,
         };
         let columns = wanted.columns.iter().map(|(_, theirs)| at(theirs)).collect::<Result<Vec<_>, _>>()?;
-        let mut log = Self { time_s: vec![], columns: vec![vec![]; columns.len()], left_out: 0 };
+        let mut log = Self { time_s: vec![], columns: vec![vec![]; columns.len()], left_out: 0, texts: vec![] };
+        let mut first_text: Vec<Option<MergeError>> = columns.iter().map(|_| None).collect();
         let (mut last, mut days) = (f64::NEG_INFINITY, Days::default());
         for (k, line) in lines {
             let number = before + k + 1;
@@ -233,16 +248,20 @@ impl Log {
             if wanted.format.of_a_day() {
                 t = days.next(t, &wanted.format);
             }
-            let values = columns
-                .iter()
-                .zip(&wanted.columns)
-                .map(|(c, (_, theirs))| value(cell(*c)).ok_or((theirs, *c)))
-                .collect::<Result<Vec<_>, _>>()
-                .map_err(|(column, c)| MergeError::Value {
-                    line: number,
-                    column: column.clone(),
-                    text: cell(c).chars().take(24).collect(),
-                })?;
+            let mut values = Vec::new();
+            for (n, (c, (_, theirs))) in columns.iter().zip(&wanted.columns).enumerate() {
+                let text = || cell(*c).chars().take(24).collect::<String>();
+                let v = value(cell(*c));
+                if v.is_none() {
+                    log.texts.push((n, text()));
+                    first_text[n].get_or_insert_with(|| MergeError::Value {
+                        line: number,
+                        column: theirs.clone(),
+                        text: text(),
+                    });
+                }
+                values.push(v.unwrap_or(f64::NAN));
+            }
             if t <= last {
                 log.left_out += 1;
                 continue;
@@ -250,6 +269,11 @@ impl Log {
             last = t;
             log.time_s.push(t);
             log.columns.iter_mut().zip(values).for_each(|(to, v)| to.push(v));
+        }
+        // Some texts are readings that failed; a column of texts is another column than was meant.
+        let most = |n: usize| 2 * log.texts.iter().filter(|t| t.0 == n).count() > log.time_s.len();
+        if let Some(e) = first_text.into_iter().enumerate().find_map(|(n, e)| e.filter(|_| most(n))) {
+            return Err(e.into());
         }
         if log.time_s.len() < 2 {
             return Err(MergeError::Short(log.time_s.len()).into());
@@ -310,12 +334,21 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
         None if wanted.format.counts_from_1970(table.time_s[0]) => {
             Some(r.meta("power_on_unix_s").and_then(|v| v.parse().ok()).ok_or(MergeError::NoPowerOn)?)
         }
-        None if wanted.format.of_a_day() => return Err(MergeError::NoPowerOn.into()),
+        // A time of day belongs to the day of the recording.
+        None if wanted.format.of_a_day() => {
+            let unix = r.meta("power_on_unix_s").and_then(|v| v.parse::<f64>().ok()).ok_or(MergeError::NoPowerOn)?;
+            Some(unix.rem_euclid(DAY_S))
+        }
         None => None,
     };
     // On the recording's clock.
     let shift_s = wanted.offset_s + power_on.map_or(0.0, |p: f64| r.power_on_s() - p);
     table.time_s.iter_mut().for_each(|t| *t += shift_s);
+    if wanted.power_on.is_none() && wanted.format.of_a_day() {
+        let middle = |t: &[f64]| 0.5 * (t.first().unwrap_or(&0.0) + t.last().unwrap_or(&0.0));
+        let days = ((middle(&r.time_s) - middle(&table.time_s)) / DAY_S).round();
+        table.time_s.iter_mut().for_each(|t| *t += days * DAY_S);
+    }
     let finite = || r.time_s.iter().copied().filter(|t| t.is_finite());
     let (run_from, run_to) = (finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max));
     let (log_from, log_to) = (table.time_s[0], table.time_s[table.time_s.len() - 1]);
@@ -333,11 +366,34 @@ pub fn merge(run: &str, log: &str, source: &str, wanted: &Wanted) -> Result<Merg
     if gaps > 0 {
         notes.push(format!("the log has {gaps} gaps of more than {gap_s:.0} s: left empty"));
     }
+    // A clock in another time zone is off by hours at both ends.
+    let (ahead, behind) = (log_from - run_from, log_to - run_to);
+    let hours = (0.5 * (ahead + behind) / 3600.0).round();
+    let near = |t: f64| (t - 3600.0 * hours).abs() < 0.05 * (run_to - run_from).min(3600.0 * 4.0);
+    if hours != 0.0 && near(ahead) && near(behind) && wanted.offset_s == 0.0 {
+        notes.push(format!(
+            "the log begins and ends {hours} h after the recording: if its clock is in another time zone, give --offset {}",
+            -3600.0 * hours
+        ));
+    }
+    if !table.texts.is_empty() {
+        notes.push(format!("{} cells hold no number, as \"{}\": left empty", table.texts.len(), table.texts[0].1));
+    }
     let mut added = Vec::new();
     let mut filled = Vec::new();
     for (((ours, _), unit), values) in wanted.columns.iter().zip(&wanted.units).zip(&mut table.columns) {
         let (factor, offset) = conversion(quantity(ours), unit.as_deref())?;
         values.iter_mut().for_each(|v| *v = *v * factor + offset);
+        let none = |v: &&mut f64| quantity(ours) == "temperature" && !(-273.15..500.0).contains(*v) && v.is_finite();
+        let outside: Vec<&mut f64> = values.iter_mut().filter(none).collect();
+        if !outside.is_empty() {
+            notes.push(format!(
+                "{ours}: {} values, as {:.1} C, are no temperatures of a gyro: left empty",
+                outside.len(),
+                outside[0]
+            ));
+        }
+        outside.into_iter().for_each(|v| *v = f64::NAN);
         let taken = is_thermometer(ours) && r.thermometer != Thermometer::None;
         if taken || r.column(ours).is_some_and(|c| c.iter().any(|v| v.is_finite())) {
             return Err(MergeError::Taken(ours.clone()).into());
@@ -461,6 +517,7 @@ mod tests {
             ("when=%d.%m.%Y %H:%M:%S", None, 0.0, ["21.11.2026 10:00:05", "21.11.2026 10:00:15"]),
             ("when=%d.%m.%Y %H:%M:%S %z", None, 0.0, ["21.11.2026 18:00:05 +0800", "21.11.2026 11:00:15 +0100"]),
             ("when=%H:%M:%S", Some("23:59:50"), 0.0, ["23:59:55", "00:00:05"]),
+            ("when=%H:%M:%S", None, 0.0, ["10:00:05", "10:00:15"]),
         ] {
             let v = of(time, power_on, offset, stamps).unwrap_or_else(|e| panic!("{time}: {e}"));
             assert!((v - 20.0).abs() < 1e-3, "{time} {power_on:?}: {v}");
@@ -474,7 +531,6 @@ mod tests {
                 "recording runs from 1 to 20 s, the log, on the recording's clock, from 500 to 600 s",
             ),
             ("when", ["5", "5"], "1 rows"),
-            ("when=%H:%M:%S", ["10:00:05", "10:00:15"], "--power-on"),
         ] {
             let e = of(time, None, 0.0, stamps).expect_err(says).0;
             assert!(e.contains(says), "{time}: {e}");
@@ -528,7 +584,10 @@ mod tests {
         let e = |log: &str| merge(&run(), log, "log", &wanted("t")).expect_err("refused").0;
         assert!(e("x,Temp,S1\n1,2,3\n").contains("no column t; its columns are x,Temp,S1"));
         assert!(e("t,Temp\n1,2\n").contains("no column S1"));
-        assert!(e("t,Temp,S1\n1,2,3\n2,warm,3\n").contains("line 3: \"warm\" in column Temp"));
+        assert!(e("t,Temp,S1\n1,cold,none\n2,warm,3\n").contains("line 2: \"cold\" in column Temp"));
+        let some = merge(&run(), "t,Temp,S1\n1,2,3\n2,OPEN,3\n5,850,3\n20,2,3\n", "log", &wanted("t")).expect("merges");
+        assert!(some.notes.iter().any(|n| n.contains("1 cells hold no number, as \"OPEN\"")), "{:?}", some.notes);
+        assert!(some.notes.iter().any(|n| n.contains("chamber_c: 1 values, as 850.0 C")), "{:?}", some.notes);
         assert!(e("").contains("no column t"));
     }
 }

@@ -58,6 +58,8 @@ pub struct Recording {
     pub notes: Vec<String>,
     /// Counts of values taken out, by column and kind.
     pub cleaned: Vec<Cleaned>,
+    /// Spikes of the rates that were taken out: axis, time (s) and rate (deg/h) of each. A fit does without them; a judgement must not.
+    pub rate_spikes: Vec<(usize, f64, f64)>,
     /// Time from which on it is judged, s: rates before are left out, and readings there only bring the states of the model up to
     /// date. `None`: from its beginning.
     pub judged_from_s: Option<f64>,
@@ -231,6 +233,7 @@ impl Recording {
             status: self.status.clone(),
             notes: self.notes.clone(),
             cleaned: self.cleaned.clone(),
+            rate_spikes: self.rate_spikes.clone(),
             judged_from_s: self.judged_from_s,
             source: self.source.clone(),
             earth_rate_dph: self.earth_rate_dph,
@@ -239,6 +242,19 @@ impl Recording {
 
     pub(super) fn columns_mut(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
         self.frequency_hz.iter_mut().chain(&mut self.rate_dph).chain(self.optional.iter_mut().map(|(_, v)| v))
+    }
+
+    /// The same with the spikes of its rates in their places again: a unit sends them.
+    #[must_use]
+    pub fn with_spikes(&self) -> Self {
+        let mut out = self.copied();
+        for (a, time_s, rate_dph) in &self.rate_spikes {
+            let row = out.time_s.partition_point(|t| t < time_s);
+            if out.time_s.get(row) == Some(time_s) {
+                out.rate_dph[*a][row] = *rate_dph;
+            }
+        }
+        out
     }
 
     /// Usual time between rows, s.

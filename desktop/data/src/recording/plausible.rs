@@ -170,10 +170,13 @@ impl Recording {
         let means = |length: usize| -> Vec<f64> { self.rate_dph[axis].chunks_exact(length).map(mean).collect() };
         let (one, four) = (means(per_second), means(4 * per_second));
         let of_means = scatter(&one)?;
-        if of_means > MOST_SCATTER_DPH {
+        let explained = scatter(&self.rate_dph[axis])? / (per_second as f64).sqrt();
+        let later = scatter(&four);
+        // (White noise, as of rows that were picked and not averaged, halves from 1 s to 4 s, and is as its samples explain.)
+        let white = later.is_some_and(|l| l < 0.7 * of_means) && of_means < 3.0 * explained;
+        if of_means > MOST_SCATTER_DPH && !white {
             return Some(format!("means of 1 s scatter by {of_means:.0} deg/h"));
         }
-        let explained = scatter(&self.rate_dph[axis])? / (per_second as f64).sqrt();
         if per_second > 1 && of_means > LEAST_MOVEMENT_DPH.max(MOST_RATIO * explained) {
             return Some(format!(
                 "means of 1 s scatter by {of_means:.3} deg/h, {:.0} times what the noise of its samples explains",
@@ -181,7 +184,7 @@ impl Recording {
             ));
         }
         // White noise halves from 1 s to 4 s, flicker stays, a random walk of the rate doubles.
-        let later = scatter(&four)?;
+        let later = later?;
         let pairs = four.windows(2).filter(|w| w[0].is_finite() && w[1].is_finite()).count() as f64;
         let most = of_means * 2f64.sqrt() * (1.0 + 3.0 / (2.0 * pairs).sqrt());
         (later > LEAST_MOVEMENT_DPH.max(most))
@@ -342,6 +345,9 @@ mod tests {
     #[test]
     fn a_unit_that_moves() {
         assert_eq!(recording(&[], 20.0, |_, t| 0.02 * t).rests(), Ok(()));
+        let mut loud = recording(&[], 20.0, |_, _| 0.0);
+        loud.rate_dph.iter_mut().flatten().for_each(|v| *v *= 1000.0);
+        assert_eq!(loud.rests(), Ok(()), "white noise");
         for (by, moving) in [
             ("scatter by", recording(&[], 20.0, |_, t| 9000.0 * (2.1 * t).sin())),
             ("Allan deviation rises", recording(&[], 20.0, |_, t| 80.0 * (0.25 * t).sin())),

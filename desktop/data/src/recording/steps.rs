@@ -59,7 +59,13 @@ impl Steps {
     /// # Errors
     /// If it is too short for any statement (less than three minutes).
     pub fn new(r: &Recording) -> Result<Self, BadInput> {
-        let steps = Self::on_grid(r)?.0;
+        let mut steps = Self::on_grid(r)?.0;
+        // Behind a gap that is not bridged the temperature leaps, and so does its rate of change: the unit saw no such thing.
+        for w in r.time_s.windows(2).filter(|w| w[1] - w[0] > BRIDGE_S) {
+            let from = ((w[1] - steps.start_s) / f64::from(MODEL_STEP_S)).round() as usize;
+            let to = (from + BRIDGE_S as usize).min(steps.len());
+            steps.rate_dph.iter_mut().for_each(|rates| rates[from.min(to)..to].fill(f64::NAN));
+        }
         if steps.len() < 180 {
             return Err(BadInput::new(format!(
                 "the recording lasts {} s; a fit needs three minutes at the least, and soaks and ramps of hours",

@@ -226,8 +226,14 @@ impl Fits<'_> {
             };
             let raw = Means::of(&judge.run.steps.rate_dph[a]);
             let worse = judge.run.steps.present().any(|p| p == a)
-                && models[a] != AxisModel::Constant
-                && is_worse(&means, &raw, constants[a], judge.noise[a].shift());
+                && match models[a] {
+                    // (The constant of the train runs against none.)
+                    AxisModel::Constant => {
+                        is_worse(&means, &raw, 0.0, judge.noise[a].shift())
+                            && means.mean().abs() > 2.0 * raw.mean().abs() + raw.deviation()
+                    }
+                    _ => is_worse(&means, &raw, constants[a], judge.noise[a].shift()),
+                };
             Judged {
                 agreement,
                 rms_dph: (means.deviation().powi(2) + means.mean().powi(2)).sqrt(),

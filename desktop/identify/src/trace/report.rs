@@ -90,7 +90,8 @@ pub struct Judged {
     pub rms_dph: f64,
     /// Their mean, deg/h: the constant of that day against the train runs.
     pub constant_dph: f64,
-    /// Set where a constant alone leaves less than that, by more than the uncertainty of the day's constant.
+    /// Set where a constant alone leaves less than that, by more than the uncertainty of the day's constant; on an axis that holds a
+    /// constant, where the raw rates are far better.
     pub worse_than_a_constant: bool,
 }
 

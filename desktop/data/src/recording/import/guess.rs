@@ -153,6 +153,7 @@ pub fn guess(text: &str) -> Result<Guess, BadInput> {
     };
     let mut columns: Vec<Column> = (0..width).map(|k| column(&with_unit(k), &cells(k))).collect();
     columns.iter_mut().zip(&names).for_each(|(c, name)| c.name.clone_from(name));
+    settle_single_axis(&mut columns);
     settle_rates(&mut columns, &cells);
     settle_times(&mut columns, &cells);
     settle_thermometers(&mut columns);
@@ -244,9 +245,12 @@ fn unit_of(quantity: &str, written: &str) -> Option<&'static str> {
     let known: &[(&'static str, &[&str])] = match quantity {
         "rate" => &[
             ("deg/h", &["deg/h", "deg/hr", "deg/hour", "degh", "dph", "degperhour"]),
-            ("deg/s", &["deg/s", "deg/sec", "degs", "dps", "degpersecond"]),
+            ("deg/s", &["deg/s", "deg/sec", "degs", "dps", "degpersecond", "degreespersecond", "degs-1", "grad/s"]),
             ("mrad/s", &["mrad/s", "mrads", "mrad/sec"]),
             ("mdeg/s", &["mdeg/s", "mdegs", "mdps"]),
+            ("urad/s", &["urad/s", "µrad/s", "μrad/s", "urads"]),
+            ("arcsec/s", &["arcsec/s", "as/s"]),
+            ("deg/min", &["deg/min", "degpermin", "degperminute"]),
             ("rad/s", &["rad/s", "rads", "rad/sec"]),
             ("ppb", &["ppb"]),
             ("ppm", &["ppm"]),
@@ -320,6 +324,11 @@ const NOT_MEASURED: [&str; 14] = [
     "soll", "setpoint", "target", "table", "ref", "std", "sigma", "sample", "max", "dew", "taupunkt", "junction",
     "cjc", "humid",
 ];
+/// The same as words of their own.
+const NOT_MEASURED_WORDS: [&str; 4] = ["set", "sp", "cmd", "sv"];
+/// Words by which a thermometer is the gyro's, and others by which it is not.
+const OF_GYRO: [&str; 7] = ["gyr", "imu", "dut", "kreisel", "pt100", "pt1000", "unit"];
+const OF_OTHERS: [&str; 6] = ["acc", "mag", "baro", "cpu", "mcu", "press"];
 const TIMES: [&str; 17] = [
     "time",
     "temps",
@@ -394,7 +403,11 @@ fn column(name: &str, cells: &[&str]) -> Column {
     if let (Some(u), true) = (&unit, because.is_some()) {
         (meaning, because) = (Meaning::Unknown, Some(format!("the unit {u} is not known here")));
     }
-    if let Some(word) = NOT_MEASURED.iter().find(|w| holds_any(&whole, &[w])).filter(|_| as_it_is.is_none()) {
+    let words: Vec<&str> = stem.split(|c: char| !c.is_alphanumeric()).collect();
+    let wanted = NOT_MEASURED_WORDS.iter().find(|w| words.contains(*w));
+    if let Some(word) =
+        wanted.or_else(|| NOT_MEASURED.iter().find(|w| holds_any(&whole, &[w]))).filter(|_| as_it_is.is_none())
+    {
         if !matches!(meaning, Meaning::Time(_)) {
             (meaning, because) = (Meaning::Unknown, Some(format!("{word} is no measured value of the gyro")));
         }
@@ -424,6 +437,24 @@ fn size_of_temperature(values: &[f64]) -> (&'static str, &'static str) {
         t if (180.0..430.0).contains(&t) => ("K", "by its size, K"),
         t if t.abs() > 1000.0 => ("mC", "by its size, thousandths of a degree"),
         _ => ("C", "taken for C"),
+    }
+}
+
+/// A gyro of one axis names none: the only column with the unit of a rate is x.
+fn settle_single_axis(columns: &mut [Column]) {
+    let rate_of = |c: &Column| {
+        let (stem, unit) = parted(&c.with_unit);
+        let unit = unit.as_deref().and_then(|u| unit_of("rate", u)).filter(|_| c.meaning == Meaning::Unknown);
+        unit.filter(|_| c.because.is_none() && holds_any(&stem, &["rate", "gyr", "omega", "kreisel", "angvel"]))
+    };
+    if columns.iter().any(|c| matches!(c.meaning, Meaning::Rate(..))) {
+        return;
+    }
+    let of_unit: Vec<(usize, &'static str)> =
+        columns.iter().enumerate().filter_map(|(k, c)| Some((k, rate_of(c)?))).collect();
+    if let [(k, unit)] = of_unit[..] {
+        columns[k].meaning = Meaning::Rate(0, unit);
+        columns[k].because = None;
     }
 }
 
@@ -540,13 +571,20 @@ fn few<'c>(cells: &[&'c str]) -> Vec<&'c str> {
 fn settle_thermometers(columns: &mut [Column]) {
     let resonators = columns.iter().any(|c| matches!(c.meaning, Meaning::Frequency(..)));
     let each = columns.iter().any(|c| matches!(c.meaning, Meaning::Temperature(Some(_), _)));
+    // (Of several for all axes the one counts whose name is the gyro's, and not that of another part.)
+    let rank = |c: &Column| {
+        let name = c.name.to_lowercase();
+        (!holds_any(&name, &OF_GYRO), holds_any(&name, &OF_OTHERS))
+    };
+    let shared = |c: &&Column| matches!(c.meaning, Meaning::Temperature(None, _));
+    let best = columns.iter().filter(shared).map(rank).min();
     let mut one = false;
     for c in columns {
         if let Meaning::Temperature(a, unit) = c.meaning {
             if resonators {
                 c.meaning = of_case(a, unit);
                 c.because = Some("beside resonators, a sensor is taken for the case's".into());
-            } else if a.is_none() && (each || one) {
+            } else if a.is_none() && (each || one || Some(rank(c)) != best) {
                 c.meaning = Meaning::Unknown;
                 c.because = Some(ANOTHER_THERMOMETER.into());
             } else {
@@ -804,6 +842,12 @@ mod tests {
         let of: Vec<&Meaning> = g.columns.iter().map(|c| &c.meaning).collect();
         assert_eq!(of, [&Meaning::Time("s".into()), &Meaning::Rate(0, "deg/s"), &Meaning::Temperature(None, "K")]);
         assert!(g.map().contains("drop_rows = 1") && g.map().contains("\"Gyro X\""), "{}", g.map());
+        // One axis without a name; set and actual temperatures; whose thermometer it is.
+        let g = guessed("Zeit;Drehrate [°/h];Temp Set (C);Temp Act (C)\n0;1;20;21\n1;2;20;22\n2;1;20;23\n");
+        let of: Vec<&Meaning> = g.columns.iter().skip(1).map(|c| &c.meaning).collect();
+        assert_eq!(of, [&Meaning::Rate(0, "deg/h"), &Meaning::Unknown, &Meaning::Temperature(None, "C")]);
+        let g = guessed("t [s],wx [urad/s],Acc Temp (C),Gyr Temp (C)\n0,1,20,21\n1,2,20,22\n2,1,20,23\n");
+        assert!(g.columns[2].meaning == Meaning::Unknown && g.columns[3].meaning == Meaning::Temperature(None, "C"));
         // Two thermometers, and resonators beside a sensor.
         let g = guessed("time,wx [deg/h],temp_a,temp_b\n0,1,20,30\n1,1,20,30\n2,1,20,30\n");
         assert_eq!(g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Temperature(..))).count(), 1);

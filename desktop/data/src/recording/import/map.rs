@@ -192,6 +192,10 @@ fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
             ("rad/s", (3600.0 * DEGREE_PER_RAD, 0.0)),
             ("mrad/s", (3.6 * DEGREE_PER_RAD, 0.0)),
             ("mdeg/s", (3.6, 0.0)),
+            ("urad/s", (3.6e-3 * DEGREE_PER_RAD, 0.0)),
+            // (An arc second a second is a degree an hour.)
+            ("arcsec/s", (1.0, 0.0)),
+            ("deg/min", (60.0, 0.0)),
             // Not a rate: a quantity that stands in its place, its values as they are.
             ("ppb", (1.0, 0.0)),
             ("ppm", (1000.0, 0.0)),

@@ -124,8 +124,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     // Looked at as any recording is, before it is written.
     let mut clean = Recording::parse(made.text.as_bytes()).map_err(here)?;
     clean.clean().map_err(here)?;
-    for note in made.notes.iter().chain(&clean.notes) {
+    for note in &made.notes {
         eprintln!("{}: {note}", file.display());
+    }
+    // (Lines and columns of the recording are those of the file that is written.)
+    let written = out.as_ref().unwrap_or(file).display();
+    for note in &clean.notes {
+        eprintln!("{written}: {note}");
     }
     if let Some(guess) = &made.guessed {
         print!("{}", guess.map());

@@ -46,6 +46,7 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
         Err(e) if lacking => return Err(here(with, e).into()),
         guessed => guessed.ok(),
     };
+    let time_is_guessed = time.is_none();
     let (mut time, mut columns) = (time.clone(), columns.clone());
     if let Some(guess) = guessed.as_ref().filter(|_| lacking) {
         time = time.or_else(|| guess.time());
@@ -62,7 +63,7 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
             return Err(here(with, BadInput(format!("no column for a {lacks}; there are {}", names.join(", ")))).into());
         }
         let other = guess.other_thermometers();
-        if !other.is_empty() {
+        if !other.is_empty() && log.columns.is_empty() {
             println!("note: of several thermometers the first is taken; the others are {}", other.join(", "));
         }
         println!(
@@ -84,7 +85,21 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
     }
     let source = with.file_name().unwrap_or_default().to_string_lossy();
     let run = run.trim_start_matches('\u{feff}');
-    let merged = merge(run, text.trim_start_matches('\u{feff}'), &source, &wanted).map_err(|e| here(with, e))?;
+    let text = text.trim_start_matches('\u{feff}');
+    let merged = merge(run, text, &source, &wanted).or_else(|e| {
+        // (Day and month may be changed about in a guess: the order that overlaps is the right one.)
+        let other = guessed.as_ref().filter(|_| time_is_guessed).and_then(|_| wanted.other_order());
+        let found = other.and_then(|w| Some((merge(run, text, &source, &w).ok()?, w)));
+        found
+            .map(|(m, w)| {
+                println!(
+                    "note: its dates are read as {}: in the other order they do not overlap the recording",
+                    w.format.name()
+                );
+                m
+            })
+            .ok_or_else(|| here(with, e))
+    })?;
     for note in note.iter().chain(&merged.notes) {
         println!("note: {note}");
     }

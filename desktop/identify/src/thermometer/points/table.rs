@@ -5,6 +5,8 @@ use hrg_data::recording::columns;
 
 /// Fewest soaks of a table, or of one axis of it.
 pub(super) const LEAST_SOAKS: usize = 6;
+/// More rows are those of a recording.
+const MOST_SOAKS: usize = 1000;
 
 /// Quantity in a column of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,6 +32,9 @@ pub enum TableError {
     /// Too few rows.
     #[error("the table has {0} soaks; a cubic with a leave-one-out check needs six at the least")]
     TooFew(usize),
+    /// A recording in the place of a table.
+    #[error("the table has {0} rows; one of soaks has some ten: this is a recording, and hrg fit soaks (hrg.soaks) takes the soaks out of it")]
+    TooMany(usize),
     /// A column that is there twice.
     #[error("line {line}, column {column}: {name} is there twice; remove one")]
     Twice {
@@ -115,6 +120,9 @@ impl Points {
         }
         if out.rows < LEAST_SOAKS {
             return Err(TableError::TooFew(out.rows));
+        }
+        if out.rows > MOST_SOAKS {
+            return Err(TableError::TooMany(out.rows));
         }
         Ok(out)
     }
