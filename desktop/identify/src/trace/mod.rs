@@ -247,6 +247,8 @@ fn judged(
         floor_ratio,
         unexplained: by_axis(|a| !left[a].is_empty()),
         left_over: by_axis(|a| left[a].clone()),
+        // (Of a part of a log the beginning is the part that was learnt from.)
+        verify_left_out_s: if verify.judged_from_s.is_none() { verify_run.steps.run_in } else { 0 },
         outside_fit: outside_fit(verify_run, &calibration),
         visited: visited(verify_run, &calibration),
         judged_by: if judge_run.is_some() { "judge" } else { "verify" },

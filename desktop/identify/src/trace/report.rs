@@ -266,6 +266,8 @@ pub struct Report {
     pub unexplained: ByAxis<bool>,
     /// Variables along which structure is left, in words.
     pub left_over: ByAxis<Vec<String>>,
+    /// Seconds at the beginning of the verify run that are left out of fit and judgement, as it does not tell the state of an effect there.
+    pub verify_left_out_s: usize,
     /// Share of the verify run outside the fitted temperatures and ramps (the worst axis).
     pub outside_fit: f64,
     /// Share of the verify run whose temperatures and ramps were visited together in training (the worst axis): elsewhere the unit flags

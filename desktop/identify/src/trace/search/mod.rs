@@ -380,10 +380,19 @@ impl<'a> Search<'a> {
         state.axes[a].evidence + (0..state.groups.len()).filter(|k| has(state, state.groups[*k])).map(of).sum::<f64>()
     }
 
+    /// `true` if an image can hold a group beside the effects of a model.
+    fn has_room(&self, state: &State, group: usize) -> bool {
+        self.parts(state.groups.iter().copied().chain([group])) <= MAX_EFFECTS
+    }
+
+    /// Number of effects of some groups that a unit computes.
+    fn parts(&self, groups: impl Iterator<Item = usize>) -> usize {
+        groups.map(|g| self.candidates[g].iter().filter(|c| c.on_unit()).count()).sum()
+    }
+
     /// `true` if an image can hold the effects of a model.
     fn fits_an_image(&self, state: &State) -> bool {
-        let parts = |g: &usize| self.candidates[*g].iter().filter(|c| c.on_unit()).count();
-        state.groups.iter().map(parts).sum::<usize>() <= MAX_EFFECTS
+        self.parts(state.groups.iter().copied()) <= MAX_EFFECTS
     }
 
     /// Score of a model: its log evidence, and the log prior odds of all of its effects.
@@ -509,7 +518,8 @@ impl<'a> Search<'a> {
             if score <= least || out.len() >= TRIED {
                 break;
             }
-            if of_effect.iter().filter(|e| **e == own).count() < most {
+            // (A model that no image holds would be cut when it is written.)
+            if of_effect.iter().filter(|e| **e == own).count() < most && self.has_room(state, group) {
                 of_effect.push(own);
                 out.push(self.with_refined(state, group, &on));
             }
