@@ -15,7 +15,7 @@ use hrg_data::page::Tone;
 use hrg_data::plot::{escape, Panel, Series};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::{plausible, Recording};
-use hrg_identify::fit::correct;
+use hrg_identify::fit::{correct, data_crc32};
 use hrg_simulate::profile::CHAMBERS_C;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -299,6 +299,12 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
     let mut points: [Vec<Point>; AXES] = Default::default();
     let mut cells = [0; AXES].map(|_| Cells::new(limit));
     let mut extremes = [(f64::INFINITY, f64::NEG_INFINITY); AXES];
+    let learnt = |runs: &[Recording]| data_crc32(runs) == calibration.data_crc32;
+    if learnt(runs) || runs.iter().any(|r| learnt(std::slice::from_ref(r))) {
+        notes.push(
+            "the calibration was learnt from a run that is judged here: that says nothing of another power-on; judge a run that it has not seen".to_string(),
+        );
+    }
     for (number, r) in runs.iter().enumerate() {
         if r.corrected() {
             return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));

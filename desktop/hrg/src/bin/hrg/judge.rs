@@ -73,6 +73,9 @@ pub fn run(arguments: &Arguments) -> Result<Verdict> {
     for note in &judgement.notes {
         println!("note: {note}");
     }
+    // (On the terminal they stand above, as the runs were read.)
+    let of_runs = runs.iter().flat_map(|r| r.notes.iter().map(|n| format!("{}: {n}", r.source)));
+    judgement.notes.extend(of_runs);
     if let Some(path) = out {
         hrg_data::output::write_file(path, serde_json::to_string_pretty(&judgement)?.as_bytes())?;
     }
