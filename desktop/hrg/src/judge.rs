@@ -333,19 +333,15 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
             // (The first second has no bias yet.)
             let error = of(&|k| if k == 0 { f64::NAN } else { f64::from(seconds[k].corrected_dph[a]) });
             let raw = of(&|k| f64::from(seconds[k].raw_dph[a]));
-            // (A temperature that is held while the thermometer is lost is none that was visited.)
-            let lost = AxisStatus::UNTRUSTED_TEMPERATURE.bits();
-            let celsius: Vec<f64> = seconds
-                .iter()
-                .map(|s| if s.status[a] & lost == 0 { f64::from(s.temperature_c[a]) } else { f64::NAN })
-                .collect();
+            let celsius: Vec<f64> = seconds.iter().map(|s| f64::from(s.temperature_c[a])).collect();
             let temperature = block_means(&celsius, limit.means_s);
             let beyond = (AxisStatus::TEMPERATURE_RANGE | AxisStatus::RAMP_RANGE | AxisStatus::EXTRAPOLATED).bits();
             let flagged = of(&|k| f64::from(u8::from(seconds[k].status[a] & beyond != 0)));
             let ramp = ramps(&celsius, limit.means_s);
-            // (A temperature is covered where there was a rate.)
+            // (A temperature is covered where there was a rate, and where it was not held for want of a thermometer.)
+            let lost = (AxisStatus::FREQUENCY_LOST | AxisStatus::TEMPERATURE_STALE).bits();
             for (k, (t, r)) in celsius.iter().zip(&ramp).enumerate() {
-                if seconds[k].corrected_dph[a].is_finite() {
+                if seconds[k].corrected_dph[a].is_finite() && seconds[k].status[a] & lost == 0 {
                     extremes[a] = (extremes[a].0.min(*t), extremes[a].1.max(*t));
                     cells[a].visit(*t, *r);
                 }

@@ -185,3 +185,52 @@ fn a_trace_ends_with_3_where_it_does_not_say_burn() {
     assert_eq!(status(&d, trace).0, Some(0));
     assert_eq!(status(&d, &format!("{trace} --fail-unless burn")).0, Some(3));
 }
+
+/// A recording of which some rows are changed: `row` gets the number of the row, from 0, and its cells.
+fn changed(file: &Path, row: impl Fn(usize, &mut Vec<String>) -> bool) -> String {
+    let text = std::fs::read_to_string(file).expect("there");
+    let (mut out, mut n) = (String::new(), None);
+    for line in text.lines() {
+        let mut cells: Vec<String> = line.split(',').map(String::from).collect();
+        let kept = match n {
+            Some(k) => row(k, &mut cells),
+            None => true,
+        };
+        n = if line.starts_with('#') { n } else { Some(n.map_or(0, |k: usize| k + 1)) };
+        if kept {
+            out += &(cells.join(",") + "\n");
+        }
+    }
+    out
+}
+
+#[test]
+fn spikes_count_gaps_do_not_and_a_run_that_was_learnt_from_is_named() {
+    let d = folder("spikes");
+    for (seed, profile, name) in [(1, "cycle", "a"), (2, "verify", "b")] {
+        let made = format!("simulate --profile {profile} --seed {seed} --out {name}.csv");
+        assert_eq!(status(&d, &made).0, Some(0));
+    }
+    assert_eq!(status(&d, "fit a.csv -o cal.toml").0, Some(0));
+    let judged = |run: &str| status(&d, &format!("judge {run}.csv -c cal.toml -l 5 --from -20 --to 50"));
+    let (code, text) = judged("b");
+    assert!(code == Some(0) && !text.contains("spikes"), "{text}");
+    // One sample in a hundred is 2000 deg/h off: each mean by 20.
+    let spiked = changed(&d.join("b.csv"), |k, cells| {
+        if k > 0 && k % 100 == 50 {
+            cells[4] = (cells[4].parse::<f64>().expect("a rate") + 2000.0).to_string();
+        }
+        true
+    });
+    std::fs::write(d.join("spiked.csv"), spiked).expect("written");
+    let (code, text) = judged("spiked");
+    assert!(code == Some(3) && text.contains("spikes of the rates count here"), "{text}");
+    // The logger stopped for an hour on a ramp; the unit did not.
+    let gap = changed(&d.join("b.csv"), |k, _| !(9000..12_600).contains(&k));
+    std::fs::write(d.join("gap.csv"), gap).expect("written");
+    let (code, text) = judged("gap");
+    assert!(code == Some(0) && text.contains("behind a gap of more than 900 s"), "{text}");
+    let (code, text) = judged("a");
+    assert!(code == Some(0) && text.contains("was learnt from a run that is judged here"), "{text}");
+    let _ = std::fs::remove_dir_all(&d);
+}
