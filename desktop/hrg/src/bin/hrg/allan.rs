@@ -21,6 +21,9 @@ pub struct Arguments {
     json: Option<PathBuf>,
 }
 
+/// Beyond this range of temperatures an Allan deviation shows the bias over temperature, C.
+const MOST_C: f64 = 5.0;
+
 /// Runs the command.
 ///
 /// # Errors
@@ -49,6 +52,16 @@ pub fn run(arguments: Arguments) -> Result<()> {
             r.bias_instability_at_s.map_or(String::new(), |t| format!("{t:.0}")),
             show(r.rate_random_walk_dph_per_root_h)
         );
+    }
+    let readings = if r.thermometer.is_sensor() {
+        r.present().next().map(|a| &r.frequency_hz[a][..])
+    } else {
+        r.column("case_x_c")
+    };
+    let finite = readings.unwrap_or_default().iter().filter(|v| v.is_finite());
+    let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    if high - low > MOST_C {
+        println!("note: the temperature goes from {low:.0} to {high:.0} C: figures of long times hold the bias over temperature; take a soak");
     }
     if let Some(missing) = axes.iter().map(|a| a.missing).max().filter(|m| *m > 0) {
         println!("up to {missing} missing values an axis, bridged with the mean");
