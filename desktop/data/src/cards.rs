@@ -396,7 +396,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(
                 Hysteresis,
                 Simple,
-                "heating and cooling follow different curves, apart by a width of temperature",
+                "heating and cooling follow different curves, shifted against each other by a width in temperature",
             )
         },
         E::PlayLadder => Card {

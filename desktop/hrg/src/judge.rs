@@ -288,27 +288,16 @@ impl Cells {
     }
 }
 
-/// Judges runs of a unit under a calibration.
-///
-/// # Errors
-/// A run that holds corrected rates, or rates in turns; a limit that is none; no run.
-pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Result<Judgement, BadInput> {
-    limit.check()?;
-    let first = runs.first().ok_or_else(|| BadInput::new("no run was given"))?;
+/// Notes on runs that are judged: learnt from, spikes, an axis that is not there.
+fn about_runs(runs: &[Recording], calibration: &Calibration) -> Vec<String> {
     let mut notes = Vec::new();
-    let mut points: [Vec<Point>; AXES] = Default::default();
-    let mut cells = [0; AXES].map(|_| Cells::new(limit));
-    let mut extremes = [(f64::INFINITY, f64::NEG_INFINITY); AXES];
     let learnt = |runs: &[Recording]| data_crc32(runs) == calibration.data_crc32;
     if learnt(runs) || runs.iter().any(|r| learnt(std::slice::from_ref(r))) {
         notes.push(
             "the calibration was learnt from a run that is judged here: that says nothing of another power-on; judge a run that it has not seen".to_string(),
         );
     }
-    for (number, r) in runs.iter().enumerate() {
-        if r.corrected() {
-            return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));
-        }
+    for r in runs {
         if let Some((a, at_s, _)) = r.rate_spikes.first() {
             notes.push(format!(
                 "{}: {} spikes of the rates count here, as a unit sends them, the first on {} at {at_s:.0} s; if the logger made them, delete them from the file",
@@ -316,6 +305,28 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
                 r.rate_spikes.len(),
                 AXIS_NAMES[*a]
             ));
+        }
+    }
+    if let Some(a) = (0..AXES).find(|a| runs.iter().any(|r| r.absent[*a])) {
+        notes.push(format!("axis {} is not judged: the runs have no rates of it", AXIS_NAMES[a]));
+    }
+    notes
+}
+
+/// Judges runs of a unit under a calibration.
+///
+/// # Errors
+/// A run that holds corrected rates, or rates in turns; a limit that is none; no run.
+pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Result<Judgement, BadInput> {
+    limit.check()?;
+    let first = runs.first().ok_or_else(|| BadInput::new("no run was given"))?;
+    let mut points: [Vec<Point>; AXES] = Default::default();
+    let mut cells = [0; AXES].map(|_| Cells::new(limit));
+    let mut extremes = [(f64::INFINITY, f64::NEG_INFINITY); AXES];
+    let mut notes = about_runs(runs, calibration);
+    for (number, r) in runs.iter().enumerate() {
+        if r.corrected() {
+            return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));
         }
         let steps = Steps::new(&r.with_spikes())?;
         if steps.len() < limit.means_s {
@@ -363,9 +374,6 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
             let note = "latitude and axes are not known: the earth's rate is in raw and corrected rates, unless the calibration holds it; give --latitude and --axes as hrg fit had them";
             notes.push(note.to_string());
         }
-    }
-    if let Some(a) = (0..AXES).find(|a| first.absent[*a]) {
-        notes.push(format!("axis {} is not judged: the runs have no rates of it", AXIS_NAMES[a]));
     }
     notes.dedup();
     let names: Vec<String> = runs.iter().map(|r| r.source.clone()).collect();
@@ -558,7 +566,7 @@ impl Judgement {
         }
         let _ = writeln!(
             s,
-            "deg/h: means of {} s, the constant included; temperatures by the gyros' thermometers; +- holds 95 % of the noise of a mean; raw: largest before the correction",
+            "deg/h, means of {} s. largest: largest error, with the constant; +-: 95 % half-width of the noise of one mean; about it: largest error after the constant is subtracted; raw: largest raw rate. Temperatures: from the gyros' thermometers",
             self.means_s
         );
         s

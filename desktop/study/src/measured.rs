@@ -283,12 +283,15 @@ pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
     let plain = if plain.is_empty() {
         String::new()
     } else {
-        format!(" On {} none of its effects holds there, and its image is eq 7.", hrg_data::error::list(&plain))
+        format!(
+            " On {} the remaining rows confirm no effect, so the calibration image of that axis is eq 7.",
+            hrg_data::error::list(&plain)
+        )
     };
     let [first, .., last] = IMU_SPLITS_S;
     let caption = format!(
-        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). Learnt from the first \
-         {first:.0} to {last:.0} rows ({} splits), judged on the rest, the last cooling. Standard deviation of 100-row means there, x / y / z, \
+        "Measured: a MEMS IMU through a temperature cycle ({} rows; its source states neither origin nor time scale). The models are fitted to the first \
+         {first:.0} to {last:.0} rows ({} splits) and judged on the remaining rows, the last cooling. Standard deviation of 100-row means there, x / y / z, \
          deg/h, median [range] over the splits: {}. Root mean square, the constant included: {}. The picture, and the trace at \
          {IMU_TRAIN_S:.0}: {}.{plain}",
         whole.time_s.len(),

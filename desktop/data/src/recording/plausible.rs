@@ -247,7 +247,7 @@ fn another_attitude(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]
         parts.swap(a, b);
         (parts, format!("axes {} and {} are exchanged in axes", AXIS_NAMES[a], AXIS_NAMES[b]))
     };
-    let south = Attitude { latitude_deg: -stated.latitude_deg, ..stated.clone() };
+    let south = Attitude { latitude_deg: -stated.latitude_deg, ..*stated };
     let others = [
         ([0.0; AXES], "the rates held none of the earth's rate that was taken off: they are deg/s called deg/h, or free of it already (then say earth_rate: removed, and leave latitude and axes out)".to_string()),
         flipped(0),

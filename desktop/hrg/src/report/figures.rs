@@ -79,7 +79,7 @@ pub(super) fn span_of_bias(bins: &[Bin]) -> Quantity {
     };
     let (v, w) = (high.mean_dph - low.mean_dph, low.half_width_dph.hypot(high.half_width_dph));
     let conditions = format!(
-        "means of {BIN_C:.0} C wide ranges, {:.1} to {:.1} C; least at {:.1} C, largest at {:.1} C",
+        "means over ranges {BIN_C:.0} C wide, from {:.1} to {:.1} C; lowest at {:.1} C, highest at {:.1} C",
         bins[0].from_c,
         bins[bins.len() - 1].to_c,
         low.temperature_c,
@@ -126,7 +126,7 @@ pub(super) fn thermal_lag(a: usize, runs: Option<&[Run]>) -> Quantity {
     let own = (widths.iter().map(|w| w * w).sum::<f64>() / n).sqrt() / n.sqrt();
     let (v, w) = (mean(&taus), scatter.max(own));
     let conditions = format!(
-        "first order, thermometer behind the {body}, in {} of {} runs; hrg fit lag has gain and second lag",
+        "first order, thermometer behind the {body}, in {} of {} runs; hrg fit lag prints the gain and the second lag",
         taus.len(),
         runs.len()
     );
@@ -200,7 +200,7 @@ pub(super) fn loop_width(means: &[Mean]) -> Quantity {
         "deg/h",
         Some((v.abs(), (v.abs() - w).max(0.0), v.abs() + w)),
         format!(
-            "heating {} cooling, at {at:.0} C (2 C wide), recording {}; the largest of {count} places, so the interval is that of this place alone",
+            "heating {} cooling, at {at:.0} C (2 C wide), recording {}; the largest of {count} temperatures; the interval is for this temperature alone",
             if v > 0.0 { "above" } else { "below" },
             run + 1
         ),
@@ -217,7 +217,7 @@ pub(super) fn turn_on(a: usize, steps: &[Steps], runs: Option<&[Run]>) -> Quanti
             name,
             "deg/h",
             None,
-            format!("{} recording(s); three power-ons at the least are needed", starts.len()),
+            format!("{} recording(s); at least three power-ons are needed", starts.len()),
         );
     }
     let temperatures: Vec<f64> = runs.map_or_else(Vec::new, |r| {
@@ -327,9 +327,9 @@ pub(super) fn instability(curve: &[allan::Point], conditions: &str) -> Quantity 
         return quantity(name, "deg/h", None, conditions.into());
     };
     let reached = allan::read(curve).bias_instability_reached;
-    let bound = if reached { "" } else { "; the curve has not turned up: an upper bound" };
+    let bound = if reached { "" } else { "; the curve has no minimum yet, so this is an upper bound" };
     let conditions =
-        format!("least Allan deviation over {}, at {:.0} s{bound}; {conditions}", allan::FLICKER, least.tau_s);
+        format!("lowest Allan deviation divided by {}, at {:.0} s{bound}; {conditions}", allan::FLICKER, least.tau_s);
     quantity(name, "deg/h", Some(widened(least, 1.0 / allan::FLICKER)), conditions)
 }
 
@@ -364,7 +364,9 @@ pub(super) fn ramp_sensitivity(means: &[Mean]) -> Quantity {
     let mut columns = lsq::powers(&u, 3);
     columns.push(m.iter().map(|m| m.ramp).collect());
     let y: Vec<f64> = m.iter().map(|m| m.rate).collect();
-    let conditions =
-        format!("beside a cubic of temperature; ramps of {:.2} to {:.2} C per minute", fastest.0, fastest.1);
+    let conditions = format!(
+        "fitted together with a cubic of temperature; ramps from {:.2} to {:.2} C per minute",
+        fastest.0, fastest.1
+    );
     quantity(name, unit, coefficient(&columns, &y, 4), conditions)
 }

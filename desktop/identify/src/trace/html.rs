@@ -322,7 +322,7 @@ pub fn html_with(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
         .verdict
         .lines()
         .map(|line| match line.split_once(':') {
-            Some((head, rest)) if head.len() < 60 => format!("<b>{}:</b>{}", escape(head), escape(rest)),
+            Some((head, rest)) if head.len() < 80 => format!("<b>{}:</b>{}", escape(head), escape(rest)),
             _ => escape(line),
         })
         .collect();

@@ -129,15 +129,7 @@ impl Fits<'_> {
         self.state_unvisited(&mut image, scaling, models);
         // (A number that no image can hold, as the uncertainty of a gyro that leaves thousands of deg/h.)
         let kind = if can_be_read(&image) { kind } else { Image::None };
-        let figures = (kind != Image::None).then(|| {
-            by_axis(|a| OnVerify {
-                verify_rms_dph: chosen[a].deviation(),
-                mean_dph: chosen[a].mean(),
-                mean_std_dph: (verify.noise[a].shift().powi(2) + predicted[a].1).sqrt(),
-                used_means: chosen[a].count(),
-                model: models[a],
-            })
-        });
+        let figures = (kind != Image::None).then(|| on_verify(verify, &chosen, &predicted, models));
         if kind == Image::None {
             image = baseline;
         }
@@ -323,6 +315,23 @@ pub(super) fn fitted(data: &Data<'_>, model: &Specification) -> Result<(Fitted, 
     let fitted = Fitted::new(data, model)?;
     let known = uncertainty::of(data, &fitted);
     Ok((fitted, known))
+}
+
+/// Figures of the written image on the verify run. `chosen`: the means that it leaves; `predicted`: variances of its bias, about the mean and of
+/// the mean.
+fn on_verify(
+    verify: &Unseen<'_>,
+    chosen: &[Means; AXES],
+    predicted: &[(f64, f64); AXES],
+    models: [AxisModel; AXES],
+) -> ByAxis<OnVerify> {
+    by_axis(|a| OnVerify {
+        verify_rms_dph: chosen[a].deviation(),
+        mean_dph: chosen[a].mean(),
+        mean_std_dph: (verify.noise[a].shift().powi(2) + predicted[a].1).sqrt(),
+        used_means: chosen[a].count(),
+        model: models[a],
+    })
 }
 
 /// `true` if a unit accepts the image.

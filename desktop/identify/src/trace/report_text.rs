@@ -46,7 +46,7 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
     let axes = r.axes();
     let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
     let mut s = format!(
-        "it leaves {} deg/h on {} of the verify run{}, the baseline {} (standard deviation of {means} means of 100 s)",
+        "it leaves {} deg/h on {} of the verify run{}; the baseline leaves {} (standard deviation of {means} means of 100 s)",
         figures(&axes, |n| block[n].verify_rms_dph),
         list(&axes),
         if r.verify_left_out_s > 0 { format!(" without its first {} s", r.verify_left_out_s) } else { String::new() },
@@ -127,7 +127,7 @@ fn why(r: &Report) -> String {
     if !scores.is_empty() {
         let (axes, values): (Vec<String>, Vec<String>) = scores.into_iter().unzip();
         s += &format!(
-            "; the log score of the image is {} on {} ({} in all are needed)",
+            "; the log score of the image is {} on {} (their sum must be above {})",
             list(&values),
             list(&axes),
             three_digits(THRESHOLD)
@@ -168,7 +168,7 @@ fn left(r: &Report) -> String {
         format!("{n} {ratio}: {word}")
     };
     let mut s = format!(
-        "Left on the verify run, in noise floors with 95 %: {}.",
+        "Residual on the verify run, in noise floors, with 95 % intervals: {}.",
         r.axes().into_iter().map(one).collect::<Vec<_>>().join("; ")
     );
     if r.outside_fit >= 0.005 {
@@ -179,7 +179,7 @@ fn left(r: &Report) -> String {
     }
     if r.visited < 0.995 {
         s += &format!(
-            " {:.0} % of it has temperatures and ramps that the train runs never had together; the unit flags them.",
+            " {:.0} % of the verify run combines temperatures and ramps that never occurred together in the train runs; the unit flags those rows.",
             100.0 * (1.0 - r.visited)
         );
     }
@@ -214,7 +214,7 @@ fn turn_on(r: &Report) -> Option<String> {
 /// Fourth line: the next step.
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
-        "nothing; check the constants on a run of another day".to_string()
+        "the calibration needs no further run; check the constants on a run of another day".to_string()
     } else {
         r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
             VerdictKind::NothingLacks => "nothing; the baseline is all that these data warrant".into(),

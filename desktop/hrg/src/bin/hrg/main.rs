@@ -60,8 +60,8 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Make a recording of another program's file (any delimited table, Parquet, or a log of PX4 or ArduPilot, by a map of its columns), or
-    /// put columns of a chamber's own log into a recording, by time.
+    /// Make a recording from another program's file: any delimited table, Parquet, or a log of PX4 or ArduPilot. Or add columns of a chamber's
+    /// own log to a recording, matched by time.
     ///
     /// Example: hrg import flight.ulg --map px4 -o run.csv
     Import(import::Arguments),
@@ -104,7 +104,7 @@ enum Command {
     ///
     /// Example: hrg report a.csv b.csv c.csv --html report.html
     Report(report::Arguments),
-    /// Allan deviation of the rates, with confidence bars, and what is read off it.
+    /// Allan deviation of the rates, with confidence bars, and the noise figures that it shows.
     ///
     /// Example: hrg allan run.csv --out allan.svg
     Allan(allan::Arguments),

@@ -29,7 +29,7 @@ pub struct Log {
     /// converts (K, F, mC; mV). Without it they are guessed
     #[arg(long, value_name = "NAME=COLUMN,...", value_delimiter = ',', requires = "with")]
     columns: Vec<String>,
-    /// With --with: rows of the log that are further apart have a gap between them, s; by default five usual steps.
+    /// With --with: longest step between two rows of the log, s; a longer step is a gap. Default: five usual steps.
     #[arg(long, value_name = "SECONDS", requires = "with")]
     gap: Option<f64>,
 }

@@ -23,8 +23,8 @@ pub struct Arguments {
     /// Recording that is only evaluated.
     #[arg(long, required_unless_present = "split")]
     verify: Option<PathBuf>,
-    /// A third run, which chooses nothing and judges alone. Without it the verify run judges, and the report says where it has also
-    /// chosen.
+    /// A third run, used only to judge. Without it the verify run judges. The report then names the axes whose model the verify run has
+    /// also chosen.
     #[arg(long, value_name = "RUN", conflicts_with = "split")]
     judge: Option<PathBuf>,
     /// Instead of a verify run: learn from the one train recording before this time, evaluate on the rest, with lags and
@@ -50,8 +50,8 @@ pub struct Arguments {
     /// Recommend a burn also where the verify run only repeats the profile of a train run.
     #[arg(long)]
     repeat_is_enough: bool,
-    /// Trace what the scale factors lack under this calibration, on runs on a rate table (hrg profile --rates), in the place of what
-    /// the biases lack. Every deg/h of the report is then a ppm.
+    /// Find the effects that the scale factors of this calibration lack, instead of effects of the bias. The runs must be from a rate table
+    /// (hrg profile --rates). Every figure in deg/h in the report is then in ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
     rates: Option<PathBuf>,
     /// Search on the verify run, too, and say whether it names the same classes: advice.
@@ -173,7 +173,7 @@ fn runs_of_trace(
 fn print_trace(r: &trace::Report) {
     println!("{}", painted(&r.verdict));
     println!();
-    let judged = if r.judged_by == "judge" { "judging run" } else { "the same" };
+    let judged = if r.judged_by == "judge" { "judging run" } else { "verify" };
     println!("{:<5} {:^21} {:^52} {:>12}", "", "train", "verify", judged);
     println!(
         "{:<5} {:>10} {:>10} {:>10} {:>10} {:>10} {:>19} {:>12} {:>9}",
@@ -197,7 +197,7 @@ fn print_trace(r: &trace::Report) {
     }
     let means = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
     println!(
-        "deg/h: standard deviation of 100 s means ({} of train, {} of verify); the RMS holds the mean, the constant of that day",
+        "deg/h: standard deviation of 100 s means ({} of train, {} of verify); the image RMS also contains the image's mean (the constant bias of that day); +- is its standard deviation",
         means.0, means.1
     );
     for e in &r.effects {
@@ -218,7 +218,10 @@ fn print_effect(e: &trace::report::Found) {
     println!("{}{gap}{parameters} ({}; {})", e.name, e.class.name(), e.reach);
     for (n, gain) in &e.axes {
         let share = e.on_verify.get(n).map_or(String::new(), |v| {
-            format!("; the verify run shows {:.2} +- {:.2} of it, log score {:.1}", v.share, v.share_std, v.log_score)
+            format!(
+                "; on the verify run {:.2} +- {:.2} times this gain, log score {:.1}",
+                v.share, v.share_std, v.log_score
+            )
         });
         println!("  {n}  gain {:.4} +- {:.4}{share}", gain.gain, gain.gain_std);
     }
@@ -234,6 +237,6 @@ fn print_effect(e: &trace::report::Found) {
         );
     }
     if !e.indistinguishable_from.is_empty() {
-        println!("  not told apart on this profile: {}", e.indistinguishable_from.join(", "));
+        println!("  this profile cannot distinguish it from: {}", e.indistinguishable_from.join(", "));
     }
 }
