@@ -210,7 +210,8 @@ fn named(r: &trace::Report) -> String {
         VerdictKind::NotConfirmed => "not-confirmed",
         VerdictKind::Unexplained => "unexplained",
     };
-    let names: Vec<&str> = r.effects.iter().map(|e| e.name.as_str()).collect();
+    let confirmed = |e: &trace::report::Found| if e.confirmed == Some(true) { " (confirmed)" } else { "" };
+    let names: Vec<String> = r.effects.iter().map(|e| format!("{}{}", e.name, confirmed(e))).collect();
     let left: Vec<String> = r.floor_ratio.iter().map(|(n, f)| format!("{n} {f}")).collect();
     format!("verdict {kind}; named: {}; left: {}", hrg_data::error::list(&names), left.join("; "))
 }

@@ -50,7 +50,7 @@ use hrg_papers::methods::MethodError;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Calibration of hemispherical resonator gyros over temperature.
+/// Temperature calibration for gyros: from a thermal-chamber run to the coefficients, the error that is left, and its cause.
 #[derive(Parser)]
 #[command(name = "hrg", version, about, max_term_width = MOST_COLUMNS)]
 struct Arguments {
