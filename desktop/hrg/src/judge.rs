@@ -313,6 +313,20 @@ fn about_runs(runs: &[Recording], calibration: &Calibration) -> Vec<String> {
     notes
 }
 
+/// A note on the answer that runs would have without the spikes of their rates; `None` where they have none.
+///
+/// # Errors
+/// As [`judge`].
+fn without_spikes(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Result<Option<String>, BadInput> {
+    if runs.iter().all(|r| r.rate_spikes.is_empty()) {
+        return Ok(None);
+    }
+    let clean: Vec<Recording> = runs.iter().map(|r| Recording { rate_spikes: Vec::new(), ..r.copied() }).collect();
+    let judgement = judge(&clean, calibration, limit)?;
+    let largest = judgement.axes.values().filter_map(|a| a.largest_dph).fold(0.0, f64::max);
+    Ok(Some(format!("without the spikes: {}, the largest error is {largest:.3} deg/h", judgement.verdict.word())))
+}
+
 /// Judges runs of a unit under a calibration.
 ///
 /// # Errors
@@ -324,6 +338,7 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
     let mut cells = [0; AXES].map(|_| Cells::new(limit));
     let mut extremes = [(f64::INFINITY, f64::NEG_INFINITY); AXES];
     let mut notes = about_runs(runs, calibration);
+    notes.extend(without_spikes(runs, calibration, limit)?);
     for (number, r) in runs.iter().enumerate() {
         if r.corrected() {
             return Err(BadInput::new(format!("{}: holds corrected rates; give the raw ones", r.source)));

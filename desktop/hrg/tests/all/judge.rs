@@ -225,6 +225,7 @@ fn spikes_count_gaps_do_not_and_a_run_that_was_learnt_from_is_named() {
     std::fs::write(d.join("spiked.csv"), spiked).expect("written");
     let (code, text) = judged("spiked");
     assert!(code == Some(3) && text.contains("spikes of the rates count here"), "{text}");
+    assert!(text.contains("without the spikes: PASS, the largest error is"), "{text}");
     // The logger stopped for an hour on a ramp; the unit did not.
     let gap = changed(&d.join("b.csv"), |k, _| !(9000..12_600).contains(&k));
     std::fs::write(d.join("gap.csv"), gap).expect("written");
