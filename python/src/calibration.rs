@@ -143,14 +143,6 @@ impl Calibration {
         Ok((PyArray1::from_vec(py, bias), PyArray1::from_vec(py, std)))
     }
 
-    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        slf
-    }
-
-    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
-        slf
-    }
-
     #[staticmethod]
     fn _restored(toml: &str, notes: Vec<String>) -> PyResult<Self> {
         let inner = image_file::from_text(toml).map_err(|e| refused(BadInput::from(e)))?;
@@ -253,12 +245,6 @@ impl Report {
     /// Names for the key Tab: the keys of the file, too.
     fn __dir__<'py>(slf: &Bound<'py, Self>) -> PyResult<Vec<String>> {
         names(slf.as_any(), &slf.get().to_dict(slf.py())?)
-    }
-    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        slf
-    }
-    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
-        slf
     }
     #[staticmethod]
     fn _restored(json: String, html: String, verdict: String, image: Option<String>, baseline: &str) -> PyResult<Self> {

@@ -60,12 +60,6 @@ impl Figures {
     fn __dir__<'py>(slf: &Bound<'py, Self>) -> PyResult<Vec<String>> {
         names(slf.as_any(), &slf.get().to_dict(slf.py())?)
     }
-    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        slf
-    }
-    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
-        slf
-    }
     fn _repr_html_(&self) -> String {
         framed(&self.html)
     }

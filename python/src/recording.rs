@@ -204,14 +204,6 @@ impl Recording {
         (arrays, r.meta.clone(), self.clean.source.clone(), r.judged_from_s)
     }
 
-    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
-        slf
-    }
-
-    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
-        slf
-    }
-
     fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyAny>)> {
         let restore = slf.py().import("hrg")?.getattr("_restored_recording")?;
         Ok((restore, slf.call_method0("_content")?.cast_into::<pyo3::types::PyTuple>()?.into_any()))

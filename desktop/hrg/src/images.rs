@@ -204,8 +204,9 @@ const BEYOND: f64 = 0.18;
 const RAMP_S: f64 = 3600.0;
 
 /// Bias that a unit states at a temperature (C) to which a ramp (C per minute) has brought it after a soak, and its standard uncertainty,
-/// deg/h (NaN where the image does not state it). The ramp lasts an hour, or from the edge of the calibrated range if that is nearer;
-/// without a ramp it is the bias of the soak.
+/// deg/h (NaN where the image does not state it). The ramp lasts an hour, or less where it would begin more than a fifth of half the
+/// calibrated range outside it; without a ramp it is the bias of the soak. The soak lasts five times the slowest time constant of the image.
+/// NaN at temperatures further outside.
 #[must_use]
 pub fn bias_on_ramp(c: &Calibration, temperature_c: f64, c_per_min: f64) -> [(f64, f64); AXES] {
     // (Beyond a fifth outside, the curve of the thermometer is not inverted.)

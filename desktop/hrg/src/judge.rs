@@ -292,7 +292,7 @@ impl Cells {
 fn about_runs(runs: &[Recording], calibration: &Calibration) -> Vec<String> {
     let mut notes = Vec::new();
     let learnt = |runs: &[Recording]| data_crc32(runs) == calibration.data_crc32;
-    if learnt(runs) || runs.iter().any(|r| learnt(std::slice::from_ref(r))) {
+    if runs.iter().any(|r| learnt(std::slice::from_ref(r))) || runs.len() > 1 && learnt(runs) {
         notes.push(
             "the calibration was learnt from a run that is judged here: that says nothing of another power-on; judge a run that it has not seen".to_string(),
         );

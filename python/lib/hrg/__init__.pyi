@@ -117,7 +117,8 @@ class Calibration:
         """Lowest and highest temperature that every axis was fitted on, C."""
     def bias(self, temp_c: ArrayLike, ramp_c_per_min: ArrayLike = 0.0, *, std: bool = False) -> Any:
         """Bias that the unit would subtract at temperatures (C), deg/h, shape (temperatures, 3): on a soak, or where a ramp has led to them
-        after a soak (an hour of it, or less at the edge of the calibrated range). With std=True its standard uncertainty beside it."""
+        after a soak (an hour of it, or less where it would begin far outside the calibrated range). NaN far outside. With std=True its
+        standard uncertainty beside it."""
     def predict(self, recording: Source) -> NDArray[np.float32]:
         """Bias of each second of a recording, deg/h, shape (seconds, 3)."""
     def score(self, recording: Source) -> float:

@@ -152,7 +152,7 @@ impl Recording {
     fn cleaned_values(&mut self) -> Result<Vec<Vec<(usize, f64)>>, BadInput> {
         self.order()?;
         let (mut found, step) = self.defects_taken_out();
-        self.movement_taken_out(&mut found);
+        self.movement_taken_out(&mut found, step);
         let gaps = self.time_s.windows(2).filter(|w| w[1] - w[0] > 1.5 * step + 1e-9).count();
         if gaps > 0 {
             let longest = self.time_s.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
@@ -181,37 +181,36 @@ impl Recording {
                 bad.column, bad.finite
             )));
         }
-        // (Taken before the stretches of movement, whose rows hold no spikes.)
-        let parts_before = self.earth_rate_dph;
-        self.remove_earth_rate()?;
-        let parts = if parts_before.is_none() { self.earth_rate_dph.unwrap_or_default() } else { [0.0; AXES] };
         let turned = self.turned();
         for f in found.iter().filter(|f| f.spikes > 0 && !turned && (AXES..2 * AXES).contains(&f.place)) {
-            let a = f.place - AXES;
+            // (What was taken: stuck values, then spikes, then stretches of movement.)
             let spikes = f.taken[f.stuck..f.stuck + f.spikes].iter();
-            self.rate_spikes.extend(spikes.map(|(row, v)| (a, self.time_s[*row], v - parts[a])));
+            self.rate_spikes.extend(spikes.map(|(row, v)| (f.place - AXES, self.time_s[*row], *v)));
         }
-        self.note_unlikely()?;
+        self.remove_earth_rate()?;
+        self.note_unlikely(step)?;
         let mut values = vec![Vec::new(); self.columns_mut().count()];
         found.into_iter().for_each(|f| values[f.place] = f.taken);
         Ok(values)
     }
 
     /// Takes the rates of the rows in which the unit moved out, and notes it.
-    fn movement_taken_out(&mut self, found: &mut [Found]) {
-        let moving = self.moving_rows();
+    fn movement_taken_out(&mut self, found: &mut [Found], step_s: f64) {
+        let moving = self.moving_rows(step_s);
         let Some(first) = moving.first() else { return };
-        let seconds: f64 = moving.iter().map(|rows| rows.len() as f64 * self.step_s()).sum();
+        let seconds: f64 = moving.iter().map(|rows| rows.len() as f64 * step_s).sum();
         self.notes.push(format!(
             "the unit moves in {seconds:.0} s, the first at {:.0} s: the rates of these stretches are left out",
             self.time_s[first.start]
         ));
         for f in found.iter_mut().filter(|f| (AXES..2 * AXES).contains(&f.place)) {
             let values = &mut self.rate_dph[f.place - AXES];
-            for row in moving.iter().cloned().flatten().filter(|row| values[*row].is_finite()).collect::<Vec<_>>() {
-                f.taken.push((row, values[row]));
-                values[row] = f64::NAN;
-                f.finite -= 1;
+            for row in moving.iter().cloned().flatten() {
+                if values[row].is_finite() {
+                    f.taken.push((row, values[row]));
+                    values[row] = f64::NAN;
+                    f.finite -= 1;
+                }
             }
         }
     }

@@ -276,19 +276,23 @@ impl Recording {
         let Some(attitude) = self.attitude()? else { return Ok(()) };
         attitude.names(self.present())?;
         let parts = attitude.earth_rate_dph();
-        for (column, part) in self.rate_dph.iter_mut().zip(parts) {
-            column.iter_mut().for_each(|v| *v -= part);
-        }
+        self.add_to_rates(parts.map(|part| -part));
         self.earth_rate_dph = Some(parts);
         Ok(())
+    }
+
+    /// Adds a constant to the rates of each axis, those that were taken out as spikes among them.
+    fn add_to_rates(&mut self, parts_dph: [f64; AXES]) {
+        for (column, part) in self.rate_dph.iter_mut().zip(parts_dph) {
+            column.iter_mut().for_each(|v| *v += part);
+        }
+        self.rate_spikes.iter_mut().for_each(|(a, _, v)| *v += parts_dph[*a]);
     }
 
     /// Puts the earth rate back: what a unit measures has it.
     pub fn restore_earth_rate(&mut self) {
         let parts = self.earth_rate_dph.take().unwrap_or_default();
-        for (column, part) in self.rate_dph.iter_mut().zip(parts) {
-            column.iter_mut().for_each(|v| *v += part);
-        }
+        self.add_to_rates(parts);
     }
 
     /// Parts a recording in two at a time: to learn from the rows before, and to judge on those after, with the states of the model (lags,

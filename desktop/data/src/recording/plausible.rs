@@ -40,11 +40,11 @@ const SENSORS: Range<f64> = -273.15..500.0;
 const STRETCH_S: usize = 64;
 
 impl Recording {
-    /// Notes on values that look like something else; a thermometer of zeros is none from then on.
+    /// Notes on values that look like something else; a thermometer of zeros is none from then on. `step_s`: usual time between rows.
     ///
     /// # Errors
     /// Temperatures in kelvin: nothing that is fitted to them would fly.
-    pub(super) fn note_unlikely(&mut self) -> Result<(), BadInput> {
+    pub(super) fn note_unlikely(&mut self, step_s: f64) -> Result<(), BadInput> {
         if self.thermometer.is_sensor() {
             let axes: Vec<usize> = self.present().collect();
             let all = || axes.iter().flat_map(|a| &self.frequency_hz[*a]).copied().filter(|v| v.is_finite());
@@ -78,7 +78,8 @@ impl Recording {
             return Ok(());
         }
         let constants: [Option<f64>; AXES] = std::array::from_fn(|a| median(&mut self.finite_rates(a)));
-        let walks: Vec<(usize, f64)> = self.present().filter_map(|a| Some((a, self.largest_walk(a)?))).collect();
+        let walks: Vec<(usize, f64)> =
+            self.present().filter_map(|a| Some((a, self.largest_walk(a, step_s)?))).collect();
         let mut notes: Vec<String> = Vec::new();
         if let Some((a, walk)) = walks.iter().find(|(_, w)| *w > 0.0 && *w < LEAST_WALK) {
             notes.push(format!(
@@ -106,12 +107,16 @@ impl Recording {
 
     /// Angle random walk by the differences of neighbouring rows, or of means of 100 s where that is larger (rates may be filtered),
     /// deg/sqrt(h); `None` of too few rows.
-    fn largest_walk(&self, axis: usize) -> Option<f64> {
-        let step_s = self.step_s();
+    fn largest_walk(&self, axis: usize, step_s: f64) -> Option<f64> {
         let rows = ((100.0 / step_s).round() as usize).max(1);
         let means: Vec<f64> = self.rate_dph[axis].chunks_exact(rows).map(mean).collect();
         let of_means = scatter(&means).map_or(0.0, |s| s * (rows as f64).sqrt());
         Some(scatter(&self.rate_dph[axis])?.max(of_means) * step_s.sqrt() / 60.0)
+    }
+
+    /// `false` where its rates say nothing of a movement: on a rate table, of an oscillator, or where a user states that it was at rest.
+    fn may_move(&self) -> bool {
+        !self.turned() && self.meta(AT_REST) != Some("yes") && self.stands_for().is_none()
     }
 
     /// Tests that the unit was at rest while its rates were recorded, as every figure of a gyro's bias takes for granted.
@@ -119,12 +124,12 @@ impl Recording {
     /// # Errors
     /// A sentence with the axis and its scatter, where the rates are those of a unit that moves.
     pub fn rests(&self) -> Result<(), BadInput> {
-        let stated = self.meta(AT_REST) == Some("yes") || self.stands_for().is_some();
-        if self.turned() || stated || self.time_s.len() < 2 {
+        if !self.may_move() {
             return Ok(());
         }
+        let Some(per_second) = rows_per_second(self.step_s()) else { return Ok(()) };
         for a in self.present() {
-            if let Some(how) = self.movement(a) {
+            if let Some(how) = self.movement(a, per_second) {
                 return Err(BadInput(format!(
                     "axis {}: the unit moves: {how}; a bias is seen at rest only (if it was at rest, are the rates deg/h? Else say \"# {AT_REST}: yes\" in the recording)",
                     AXIS_NAMES[a]
@@ -135,13 +140,8 @@ impl Recording {
     }
 
     /// Rows in which the unit moved while it was at rest for most of the time.
-    pub(super) fn moving_rows(&self) -> Vec<Range<usize>> {
-        let step_s = self.step_s();
-        let stated = self.meta(AT_REST) == Some("yes") || self.stands_for().is_some();
-        if self.turned() || stated || !(step_s > 0.0 && step_s < 1.5) {
-            return Vec::new();
-        }
-        let per_second = (1.0 / step_s).round().max(1.0) as usize;
+    pub(super) fn moving_rows(&self, step_s: f64) -> Vec<Range<usize>> {
+        let Some(per_second) = rows_per_second(step_s).filter(|_| self.may_move()) else { return Vec::new() };
         let length = STRETCH_S * per_second;
         let mut moving = vec![false; self.time_s.len() / length];
         for a in self.present() {
@@ -161,12 +161,7 @@ impl Recording {
     }
 
     /// Sign of a movement on an axis.
-    fn movement(&self, axis: usize) -> Option<String> {
-        let step_s = self.step_s();
-        if !(step_s > 0.0 && step_s < 1.5) {
-            return None;
-        }
-        let per_second = (1.0 / step_s).round().max(1.0) as usize;
+    fn movement(&self, axis: usize, per_second: usize) -> Option<String> {
         let means = |length: usize| -> Vec<f64> { self.rate_dph[axis].chunks_exact(length).map(mean).collect() };
         let (one, four) = (means(per_second), means(4 * per_second));
         let of_means = scatter(&one)?;
@@ -192,6 +187,11 @@ impl Recording {
     }
 }
 
+/// Rows in a second; `None` of rows that are too far apart to show a movement.
+fn rows_per_second(step_s: f64) -> Option<usize> {
+    (step_s > 0.0 && step_s < 1.5).then(|| (1.0 / step_s).round().max(1.0) as usize)
+}
+
 /// Standard deviation of values by the differences of neighbours, of which the largest tenth does not count; `None` of too few.
 fn scatter(values: &[f64]) -> Option<f64> {
     let pairs = values.windows(2).step_by(1 + values.len() / ENOUGH);
@@ -210,26 +210,29 @@ fn near(axes: usize) -> f64 {
     WRONG.powf(1.0 / axes.max(1) as f64)
 }
 
+/// Length of the constants of the axes that are there, with something added to each.
+fn length(constants_dph: &[Option<f64>; AXES], added_dph: &[f64; AXES]) -> f64 {
+    let all = constants_dph.iter().zip(added_dph).filter_map(|(c, added)| Some((*c)? + added));
+    all.map(|v| v * v).sum::<f64>().sqrt()
+}
+
 /// `true` if constants from which the earth's rate was taken off are minus that rate: it had not been in them.
-#[must_use]
-pub fn without(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]) -> bool {
-    let seen: Vec<(f64, f64)> = constants_dph.iter().zip(parts_dph).filter_map(|(c, p)| Some(((*c)?, *p))).collect();
-    let length = |v: &dyn Fn(&(f64, f64)) -> f64| seen.iter().map(|s| v(s).powi(2)).sum::<f64>().sqrt();
-    let whole = length(&|s| s.1);
-    whole > 1.0 && length(&|s| s.0 + s.1) < near(seen.len()) * whole
+fn without(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]) -> bool {
+    let whole = length(&constants_dph.map(|c| c.map(|_| 0.0)), parts_dph);
+    let seen = constants_dph.iter().flatten().count();
+    whole > 1.0 && length(constants_dph, parts_dph) < near(seen) * whole
 }
 
 /// A note on rates that a calibration has corrected: it was fitted with the earth's rate in them and they are without it, or the other way.
 /// `parts_dph`: the earth's rate that was taken off them; `None` where none was.
 #[must_use]
 pub fn earth_rate_otherwise(constants_dph: &[Option<f64>; AXES], parts_dph: Option<&[f64; AXES]>) -> Option<String> {
-    let all: Option<Vec<f64>> = constants_dph.iter().copied().collect();
-    let length = all.map(|all| all.iter().map(|c| c * c).sum::<f64>().sqrt());
+    let of_three = constants_dph.iter().all(Option::is_some).then(|| length(constants_dph, &[0.0; AXES]));
     match parts_dph {
         Some(parts) if without(constants_dph, parts) => Some(
             "the constants of the corrected rates are minus the earth's rate: the calibration holds it already, as it was fitted without latitude and axes; fit it anew with them, or leave them out here".into(),
         ),
-        None if length.is_some_and(|l| (l / EARTH_RATE_DPH - 1.0).abs() < LIKE_THE_EARTH) => Some(format!(
+        None if of_three.is_some_and(|l| (l / EARTH_RATE_DPH - 1.0).abs() < LIKE_THE_EARTH) => Some(format!(
             "the constants of the corrected rates have the length of the earth's rate, {EARTH_RATE_DPH:.2} deg/h: the calibration was fitted with latitude and axes, it seems; give --latitude and --axes here, too"
         )),
         _ => None,
@@ -258,14 +261,11 @@ fn another_attitude(constants_dph: &[Option<f64>; AXES], parts_dph: &[f64; AXES]
         exchanged(1, 2),
         (south.earth_rate_dph(), "the latitude has the wrong sign".to_string()),
     ];
-    let length = |parts: &[f64; AXES]| -> f64 {
-        let all = (0..AXES).filter_map(|a| Some(constants_dph[a]? + parts_dph[a] - parts[a]));
-        all.map(|v| v * v).sum::<f64>().sqrt()
-    };
+    let left_under = |parts: &[f64; AXES]| length(constants_dph, &[0, 1, 2].map(|a: usize| parts_dph[a] - parts[a]));
     let seen = constants_dph.iter().flatten().count();
     let (left, cause) =
-        others.into_iter().map(|(parts, cause)| (length(&parts), cause)).min_by(|x, y| x.0.total_cmp(&y.0))?;
-    (left < near(seen) * length(parts_dph)).then(|| format!("it looks as if {cause}"))
+        others.into_iter().map(|(parts, cause)| (left_under(&parts), cause)).min_by(|x, y| x.0.total_cmp(&y.0))?;
+    (left < near(seen) * left_under(parts_dph)).then(|| format!("it looks as if {cause}"))
 }
 
 #[cfg(test)]
@@ -359,6 +359,16 @@ mod tests {
             stated.set_meta(AT_REST, "yes");
             assert_eq!(stated.rests(), Ok(()));
         }
+    }
+
+    #[test]
+    fn spikes_go_with_the_rates_that_they_were_taken_from() {
+        let mut r = recording(&PLACE, 20.0, |a, t| EARTH[a] + if t == 50.0 && a == 0 { 900.0 } else { 0.0 });
+        let before = r.rate_dph[0][500];
+        r.clean().expect("fine");
+        assert!(r.rate_dph[0][500].is_nan() && (r.with_spikes().rate_dph[0][500] - (before - EARTH[0])).abs() < 0.01);
+        r.restore_earth_rate();
+        assert!((r.with_spikes().rate_dph[0][500] - before).abs() < 1e-9);
     }
 
     #[test]
