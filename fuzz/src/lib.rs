@@ -1,4 +1,4 @@
-//! Fuzz targets, a module each. `cargo xtask fuzz` drives them by their coverage; `host-tests/tests/corpus.rs` runs the kept inputs and
+//! Fuzz targets, a module each. `cargo xtask fuzz` drives them by their coverage; `host-tests/tests/all/corpus.rs` runs the kept inputs and
 //! others like them with every test run.
 
 pub mod calibration;

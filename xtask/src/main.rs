@@ -167,7 +167,9 @@ fn elf_path() -> PathBuf {
 fn build(t: &Toolchain) -> Result<(), Failure> {
     println!("building the firmware");
     run(t.cargo("build").args(["--profile", "firmware", "-p", "firmware", "--locked"]))?;
-    add_integrity_word(&elf_path())
+    add_integrity_word(&elf_path())?;
+    println!("the firmware is {}, an ELF with its checksum written in", elf_path().display());
+    Ok(())
 }
 
 /// The programs that count instructions on the virtual board, beside the firmware.

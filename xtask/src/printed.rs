@@ -1,5 +1,5 @@
 //! The last line of each page that a command prints: which command, at which commit, and the short form of what the program computed then
-//! (`hrg-study short-form`). A test compares the short form with today's program (host-tests/tests/docs.rs): a page whose figures are those
+//! (`hrg-study short-form`). A test compares the short form with today's program (host-tests/tests/all/docs.rs): a page whose figures are those
 //! of another program fails it.
 
 use crate::{output, root, Failure};

@@ -1,4 +1,4 @@
-//! Results of the core as checksums: the same on a desktop (`host-tests/tests/chip.rs`) and on the chip
+//! Results of the core as checksums: the same on a desktop (`host-tests/tests/all/chip.rs`) and on the chip
 //! (`firmware/tests/chip.rs`). Nothing here needs wires, clocks or an allocator.
 
 use hrg_core::bytes::Digest;

@@ -61,7 +61,8 @@ impl Calibration {
         Vec::from_slice(&buffer[..length]).ok()
     }
 
-    /// Reads an image; `bytes` may be longer than the image (a flash sector).
+    /// Reads an image; `bytes` may be longer than the image (a flash sector). The name of the unit is not compared:
+    /// [`Calibration::unit`] has it, and the program must know its own.
     ///
     /// # Errors
     /// Each defect has its own [`ImageError`].

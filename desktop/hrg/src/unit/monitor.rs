@@ -3,6 +3,7 @@
 use hrg_core::link::{mode, Housekeeping, Identity, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
 use hrg_simulate::Profile;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -235,6 +236,21 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
         text.insert(0, Line::from(Span::styled(e.clone(), bad)));
     }
     text
+}
+
+/// The terminal, for a screen that is drawn anew.
+///
+/// # Errors
+/// A sentence where the output is no terminal.
+pub fn terminal() -> anyhow::Result<ratatui::DefaultTerminal> {
+    use std::io::IsTerminal;
+    if !std::io::stdout().is_terminal() {
+        return Err(BadInput::new(
+            "the output is no terminal, so no screen can be drawn; --snapshot SECONDS prints one screen and ends",
+        )
+        .into());
+    }
+    Ok(ratatui::try_init()?)
 }
 
 /// The screen as text, 80 by 24.

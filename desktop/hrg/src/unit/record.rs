@@ -199,6 +199,8 @@ pub struct Recorder {
     pub rows: u64,
     /// Gaps marked since the start.
     pub gaps: u64,
+    /// Each file written, with its rows and gaps.
+    files: Vec<(PathBuf, u64, u64)>,
 }
 
 impl Recorder {
@@ -218,6 +220,7 @@ impl Recorder {
             power_ons: 0,
             rows: 0,
             gaps: 0,
+            files: Vec::new(),
         }
     }
 
@@ -227,6 +230,20 @@ impl Recorder {
         } else {
             &COLUMNS
         }
+    }
+
+    /// A line for each file: its rows, and the gaps that are marked in it.
+    #[must_use]
+    pub fn summary(&self) -> String {
+        let each = self.files.iter().map(|(path, rows, gaps)| {
+            let plural = |n: u64| if n == 1 { "" } else { "s" };
+            format!("{}: {rows} row{}, {gaps} gap{} marked", path.display(), plural(*rows), plural(*gaps))
+        });
+        let mut lines: Vec<String> = each.collect();
+        if lines.len() > 1 {
+            lines.push("the unit started again: each power-on has a file of its own".into());
+        }
+        lines.join("\n")
     }
 
     /// The file being written.
@@ -260,6 +277,7 @@ impl Recorder {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
         head.push('\n');
+        self.files.push((path.clone(), 0, 0));
         self.file = Some((file, path));
         self.length = 0;
         self.append(&head)
@@ -316,6 +334,10 @@ impl Recorder {
         row.push('\n');
         self.append(&row)?;
         self.rows += 1;
+        if let Some(file) = self.files.last_mut() {
+            file.1 += 1;
+            file.2 += row.starts_with("# gap") as u64;
+        }
         self.last = Some(*second);
         Ok(())
     }
@@ -398,6 +420,8 @@ mod tests {
             r.push(&second(k * 1000)).expect("written");
         }
         assert_eq!((r.rows, r.gaps), (199 + 140 + 199, 1));
+        let summary = r.summary();
+        assert!(summary.contains("run.csv: 339 rows, 1 gap marked") && summary.contains("run-2.csv: 199 rows, 0 gaps marked"), "{summary}");
         let text = std::fs::read_to_string(&path).expect("there");
         assert!(text.contains("# gap: no data from 199 to 260 s"));
         let again = hrg_data::recording::Recording::parse(text.as_bytes()).expect("a recording");

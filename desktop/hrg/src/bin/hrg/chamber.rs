@@ -211,12 +211,12 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
         }
     }
     bar.finish_and_clear();
-    report(&recording.recorder, out);
+    report(&recording.recorder);
     Ok(())
 }
 
-pub(crate) fn report(recorder: &Recorder, out: &Path) {
-    println!("{}: {} rows, {} gaps marked", recorder.path().unwrap_or(out).display(), recorder.rows, recorder.gaps);
+pub(crate) fn report(recorder: &Recorder) {
+    println!("{}", recorder.summary());
     if let Some(sensors) = &recorder.sensors {
         println!("{}", sensors.summary());
     }
@@ -536,11 +536,11 @@ pub fn monitor(arguments: &MonitorArguments) -> Result<()> {
         return Ok(());
     }
     let mut recording = out.as_deref().map(|out| Recording::start(&mut unit, port, out, record)).transpose()?;
-    let mut terminal = ratatui::try_init()?;
+    let mut terminal = monitor::terminal()?;
     let result = watch(&mut terminal, &mut unit, &mut state, port, &mut recording);
     ratatui::restore();
-    if let (Some(recording), Some(out)) = (&recording, out) {
-        report(&recording.recorder, out);
+    if let Some(recording) = &recording {
+        report(&recording.recorder);
     }
     result
 }

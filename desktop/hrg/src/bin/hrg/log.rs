@@ -88,7 +88,7 @@ pub fn record(log: &Path, elf: Option<&Path>, out: &Path, arguments: &RecordArgu
     if recorder.rows == 0 {
         return Err(no_second(log).into());
     }
-    report(&recorder, out);
+    report(&recorder);
     Ok(())
 }
 
@@ -127,7 +127,7 @@ pub fn monitor(log: &Path, elf: Option<&Path>, mut state: State, snapshot: Optio
     let (path, firmware): (PathBuf, Option<PathBuf>) = (log.into(), elf.map(Into::into));
     let reader =
         std::thread::spawn(move || lines(&path, firmware.as_deref(), |l| Ok(send.send(l.to_string()).is_ok())));
-    let mut terminal = ratatui::try_init()?;
+    let mut terminal = monitor::terminal()?;
     let result = watch(&mut terminal, &receive, &mut state);
     ratatui::restore();
     result?;
