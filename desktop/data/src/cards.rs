@@ -451,8 +451,9 @@ pub fn card(effect: EffectId) -> Card {
         E::RampByShape => Card::of(Rate, Family, "the effect of the ramp changes along the temperature"),
         E::HeatingByShape => Card::of(Rate, Family, "the effect of heating changes along the temperature"),
         E::WarmUp => Card {
+            repeats: true,
             refine: &[SCALE],
-            grid: |x| rows(log(150.0, x.longest_s / 3.0, 12).map(|tau_s| Tau { tau_s })),
+            grid: |x| rows(log(30.0, x.longest_s / 3.0, 16).map(|tau_s| Tau { tau_s })),
             generator: drawn(1800.0, 700.0, 4000.0),
             parted_by_profile: true,
             ..Card::of(PowerOn, Simple, "the bias settles after power-on")

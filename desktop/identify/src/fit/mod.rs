@@ -30,7 +30,7 @@ const NARROW_C: f32 = 20.0;
 pub const NAMES: [&str; TERMS] = ["1", "T", "T^2", "dT/dt", "(dT/dt)^2", "T dT/dt"];
 
 /// Runs made ready for a fit.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Prepared {
     /// The runs through the unit's thermometer.
     pub runs: Vec<Run>,

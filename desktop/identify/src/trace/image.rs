@@ -111,7 +111,7 @@ impl Fits<'_> {
         let of_judge = judge.map(predictions);
         let (judge, of_judge) = (judge.unwrap_or(verify), of_judge.unwrap_or(of_verify));
         let chosen = corrected(&image);
-        let judged = self.judged(&image, &of_judge, judge, models, constants);
+        let judged = self.judged((&image, &baseline), &of_judge, judge, models, constants);
         let names = hrg_data::axes::AXIS_NAMES;
         let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
         let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
@@ -202,13 +202,13 @@ impl Fits<'_> {
     /// The written image on the run that judges, by axis, against the baseline and against a constant.
     fn judged(
         &self,
-        image: &Calibration,
+        (image, baseline): (&Calibration, &Calibration),
         (of_image, of_beside): &(Prediction, Prediction),
         judge: &Unseen<'_>,
         models: [AxisModel; AXES],
         constants: [f64; AXES],
     ) -> ByAxis<Judged> {
-        let left = fit::correct(image, &judge.run.steps);
+        let [left, base] = [image, baseline].map(|c| fit::correct(c, &judge.run.steps));
         by_axis(|a| {
             let means = Means::of(&left[a]);
             let agreement = if models[a] == AxisModel::Extended {
@@ -217,14 +217,15 @@ impl Fits<'_> {
                 Agreement::default()
             };
             let raw = Means::of(&judge.run.steps.rate_dph[a]);
+            let worse_than = |other: &Means, constant: f64| is_worse(&means, other, constant, judge.noise[a].shift());
             let worse = judge.run.steps.present().any(|p| p == a)
                 && match models[a] {
                     // (The constant of the train runs against none.)
                     AxisModel::Constant => {
-                        is_worse(&means, &raw, 0.0, judge.noise[a].shift())
-                            && means.mean().abs() > 2.0 * raw.mean().abs() + raw.deviation()
+                        worse_than(&raw, 0.0) && means.mean().abs() > 2.0 * raw.mean().abs() + raw.deviation()
                     }
-                    _ => is_worse(&means, &raw, constants[a], judge.noise[a].shift()),
+                    AxisModel::Baseline => worse_than(&raw, constants[a]),
+                    AxisModel::Extended => worse_than(&raw, constants[a]) || worse_than(&Means::of(&base[a]), 0.0),
                 };
             Judged {
                 agreement,
@@ -249,13 +250,13 @@ impl Fits<'_> {
     }
 }
 
-/// `true` if the root mean square of an image's residual, its constant included, is larger than that of the raw rates less a constant, by
+/// `true` if the root mean square of an image's residual, its constant included, is larger than that of other rates less a constant, by
 /// more than what the constant of a run is uncertain by (`shift`, its standard deviation).
-fn is_worse(left: &Means, raw: &Means, constant: f64, shift: f64) -> bool {
+fn is_worse(left: &Means, other: &Means, constant: f64, shift: f64) -> bool {
     let square = |deviation: f64, mean: f64| deviation * deviation + mean * mean;
-    let (ours, theirs) = (left.mean().abs(), (raw.mean() - constant).abs());
+    let (ours, theirs) = (left.mean().abs(), other.mean() - constant);
     let least = (ours - super::judge::DEVIATIONS * shift).max(0.0);
-    square(left.deviation(), least) > square(raw.deviation(), theirs)
+    square(left.deviation(), least) > square(other.deviation(), theirs)
 }
 
 /// Adds to the stated uncertainty what the verify run shows the model to leave beyond the noise, and how far the constant moves from day to

@@ -76,7 +76,7 @@ fn burn(r: &Report) -> String {
         Image::Baseline if r.effects.is_empty() => return format!("Nothing beyond the baseline to burn: {figures}."),
         Image::Baseline => "no effect that a unit can compute was borne out, and the image is the baseline alone",
         _ if r.verify_repeats_train => "the verify run repeats the profile of a train run and shows nothing of other temperatures and ramps (--repeat-is-enough if the unit will never meet another)",
-        _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error, the day's constant included, is larger than that of a constant alone or of no correction",
+        _ if r.judge.values().any(|j| j.worse_than_a_constant) => "on an axis its error, the day's constant included, is larger than that of a constant alone, of no correction or of the baseline",
         _ if !judged_good(r) => "the run that judges does not bear it out",
         _ => "it does not beat the image in use by more than its uncertainty",
     };

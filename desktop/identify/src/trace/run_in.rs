@@ -2,12 +2,13 @@
 //! does not tell. If the rates show a memory, its first three time constants of such a run are left out of fit and judgement: by then a
 //! twentieth of that state is left.
 
-use super::data::{begins_in_ramp, AxisRows, Candidate, Data};
+use super::data::{AxisRows, Candidate, Data};
 use super::model::Fitted;
 use super::noise::Filters;
 use super::odds::THRESHOLD;
 use super::regression::posterior;
-use hrg_core::effects::{span, Span};
+use super::search::{Model, Search};
+use hrg_core::effects::{span, EffectId, Span};
 use hrg_core::AXES;
 use hrg_data::cards::{card, Class};
 use hrg_data::recording::steps::Run;
@@ -29,6 +30,7 @@ const WIDE: f64 = 100.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Memory {
     name: &'static str,
+    id: EffectId,
     tau_s: f64,
 }
 
@@ -37,18 +39,25 @@ impl Memory {
     pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
         let slowest = |c: &Candidate| match span(c.facts.id, &c.parameters) {
             Span::Time(tau_s) if card(c.facts.effect).class == Class::Memory => {
-                Some(Self { name: c.facts.name, tau_s: f64::from(tau_s) })
+                Some(Self { name: c.facts.name, id: c.facts.effect, tau_s: f64::from(tau_s) })
             }
             _ => None,
         };
         effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
     }
 
-    /// `true` if a run begins in an unknown state: in a ramp, or with a decay of this time constant in what a prediction leaves of it.
-    /// `number`: the run's among those of the rows.
-    fn begins_unknown(self, run: &Run, data: &Data<'_>, number: usize, left: &[Vec<f64>; AXES]) -> bool {
-        let decays: f64 = run.steps.present().map(|a| self.decay(data, number, &left[a], a)).sum();
-        run.steps.run_in == 0 && (begins_in_ramp(run) || decays > THRESHOLD)
+    /// The effect that has it.
+    pub(super) fn effect(self) -> EffectId {
+        self.id
+    }
+
+    /// A decay from the first block of a run on, on the rows of an axis.
+    fn decay_of_run(self, data: &Data<'_>, number: usize, a: usize) -> Vec<f64> {
+        let rows = &data.axes[a];
+        let of_run = rows.run(number);
+        let first = rows.keep.get(of_run.start).copied().unwrap_or(0);
+        let decay = |at: usize| (-(((rows.keep[at] - first) * data.block_s) as f64) / self.tau_s).exp();
+        (0..rows.y.len()).map(|at| if of_run.contains(&at) { decay(at) } else { 0.0 }).collect()
     }
 
     /// Log evidence of a decay from the first block of a run on, in a residual of an axis: the mean over the noise models.
@@ -58,8 +67,6 @@ impl Memory {
         if to < from + 3 {
             return 0.0;
         }
-        let first = rows.keep[from];
-        let decay = |k: &usize| (-(((k - first) * data.block_s) as f64) / self.tau_s).exp();
         let of_run = AxisRows {
             keep: rows.keep[from..to].to_vec(),
             starts: vec![0],
@@ -69,7 +76,7 @@ impl Memory {
             happened: vec![],
         };
         let constant = vec![1.0; to - from];
-        let column: Vec<f64> = of_run.keep.iter().map(decay).collect();
+        let column = self.decay_of_run(data, number, a)[from..to].to_vec();
         let with = posterior(&of_run, &[constant.clone(), column], &[None, Some(WIDE)]);
         let without = posterior(&of_run, &[constant], &[None]);
         with.zip(without).map_or(0.0, |(w, o)| w.evidence - o.evidence)
@@ -106,13 +113,28 @@ fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
     run.steps.present().flat_map(of).collect()
 }
 
-/// Marks the runs that begin in an unknown state: each train run, then the verify run. `None` if none does.
-pub(super) fn unknown(data: &Data<'_>, fitted: &Fitted, verify: &Run, memory: Memory) -> Option<Vec<bool>> {
+/// Marks the runs that begin in an unknown state: each train run, then the verify run. `None` if none does. Such a run shows a decay of the
+/// memory's time constant: a train run beside all else that the model has, the verify run in what the model's prediction leaves of it.
+pub(super) fn unknown(
+    search: &mut Search<'_>,
+    model: &Model,
+    fitted: &Fitted,
+    verify: &Run,
+    memory: Memory,
+) -> Option<Vec<bool>> {
+    let data = search.data();
+    let runs = data.runs.len();
+    let mut evidence = vec![0.0; runs + 1];
+    for a in 0..AXES {
+        let decays = (0..runs).map(|n| vec![memory.decay_of_run(data, n, a)]).collect();
+        let more = search.evidence_of(model, a, decays);
+        evidence.iter_mut().zip(more).for_each(|(e, more)| *e += more);
+    }
     let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
     let on_verify = data.unseen(verify);
-    let left = fitted.left(data, &|_| true);
-    let mut out: Vec<bool> =
-        data.runs.iter().enumerate().map(|(n, r)| memory.begins_unknown(r, data, n, &left)).collect();
-    out.push(memory.begins_unknown(verify, &on_verify, 0, &fitted.left(&on_verify, &known)));
+    let left = fitted.left(&on_verify, &known);
+    evidence[runs] = verify.steps.present().map(|a| memory.decay(&on_verify, 0, &left[a], a)).sum();
+    let each = data.runs.iter().chain([verify]).zip(evidence);
+    let out: Vec<bool> = each.map(|(run, e)| run.steps.run_in == 0 && e > THRESHOLD).collect();
     out.contains(&true).then_some(out)
 }

@@ -128,11 +128,18 @@ pub struct Search<'a> {
     active: [bool; AXES],
     /// Set to search among effects that a unit can compute, and events.
     unit_only: bool,
+    /// Set to search among named forms alone.
+    no_families: bool,
 }
 
 impl<'a> Search<'a> {
     /// Prepares the candidates.
     pub fn new(data: &'a Data<'a>) -> Self {
+        Self::without_effects(data, &[])
+    }
+
+    /// The same, without some effects of the library.
+    pub fn without_effects(data: &'a Data<'a>, barred: &[EffectId]) -> Self {
         let axes = data.axes.each_ref().map(Axis::new);
         // (The first group of each axis is no candidate: the ramp terms of the baseline.)
         let mut s = Self {
@@ -143,14 +150,16 @@ impl<'a> Search<'a> {
             offered: vec![false],
             active: [true; AXES],
             unit_only: false,
+            no_families: false,
         };
         let starts = s.starts();
+        let offered = |c: &Candidate| !barred.contains(&c.facts.effect);
         for (c, tries) in data.library(starts) {
-            if s.alone(&c).is_none() {
+            if offered(&c) && s.alone(&c).is_none() {
                 s.push(vec![c], tries);
             }
         }
-        for bundle in data.bundles(starts) {
+        for bundle in data.bundles(starts).into_iter().filter(|b| b.iter().all(offered)) {
             s.push(bundle, 1.0);
         }
         s
@@ -251,8 +260,12 @@ impl<'a> Search<'a> {
         hrg_data::numeric::progress::step();
         let active = self.active;
         let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
-        let offered: Vec<bool> =
-            (0..self.candidates.len()).map(|k| self.offered[k] && self.candidates[k].iter().all(within)).collect();
+        let offered: Vec<bool> = (0..self.candidates.len())
+            .map(|k| {
+                let kind = self.no_families && k > RAMP && self.card(k).kind == Kind::Family;
+                self.offered[k] && !kind && self.candidates[k].iter().all(within)
+            })
+            .collect();
         let each: Vec<_> = (0..AXES)
             .map(|a| if active[a] { self.axes[a].extensions(&state.axes[a], &offered) } else { vec![] })
             .collect();
@@ -407,26 +420,67 @@ impl<'a> Search<'a> {
     /// Adds effects until none raises the score by the threshold, and exchanges them until no other one is better in the place of one.
     fn grow(&mut self, mut state: State) -> State {
         for _ in 0..MOST {
-            while state.groups.len() < MOST {
-                self.propose(&state);
-                // (Most models have one effect or two.)
-                hrg_data::numeric::progress::reached(0.8 - 0.5 * 0.7f64.powi(1 + state.groups.len() as i32));
-                let Some(next) = self.step(&state) else { break };
-                state = self.prune(next);
-            }
-            // (A model that needs as many effects as there may be is called unexplained, and not polished.)
-            let better = if state.groups.len() < MOST { self.exchange(&state) } else { None };
+            state = self.extended(state);
+            let better = self.fewer(&state).or_else(|| self.exchange(&state)).or_else(|| self.named(&state));
             let Some(better) = better else { return state };
             state = self.prune(better);
         }
         state
     }
 
-    /// A model with another effect in the place of one, if its score is higher.
+    /// Adds effects until none raises the score by the threshold.
+    fn extended(&mut self, mut state: State) -> State {
+        while state.groups.len() < MOST {
+            self.propose(&state);
+            // (Most models have one effect or two.)
+            hrg_data::numeric::progress::reached(0.8 - 0.5 * 0.7f64.powi(1 + state.groups.len() as i32));
+            let Some(next) = self.step(&state) else { break };
+            state = self.prune(next);
+        }
+        state
+    }
+
+    /// A model in which named forms stand in the place of a family, if its score is higher: a family may stand for several effects at once,
+    /// and no single one of them is better in its place.
+    fn named(&mut self, state: &State) -> Option<State> {
+        let now = self.score(state);
+        let family = |s: &Self, k: &usize| s.card(state.groups[*k]).kind == Kind::Family;
+        let families: Vec<usize> = (0..state.groups.len()).filter(|k| family(self, k)).collect();
+        self.no_families = true;
+        let others = families.into_iter().map(|k| {
+            let others = self.without(state, k);
+            let others = self.refine_all(others);
+            let mut next = self.extended(others);
+            while let Some(fewer) = self.fewer(&next) {
+                next = self.extended(fewer);
+            }
+            next
+        });
+        let others: Vec<State> = others.collect();
+        self.no_families = false;
+        let scored = others.into_iter().map(|s| (self.score(&s), s)).filter(|(score, _)| *score > now);
+        scored.max_by(|x, y| x.0.total_cmp(&y.0)).map(|(_, s)| s)
+    }
+
+    /// A model without one of its effects, if its score is higher once the others have moved: the first ones were refined beside what
+    /// they had to stand for.
+    fn fewer(&mut self, state: &State) -> Option<State> {
+        let now = self.score(state);
+        (0..state.groups.len()).find_map(|k| {
+            let fewer = self.without(state, k);
+            let near = self.score(&fewer) > now - THRESHOLD * state.groups.len() as f64;
+            let fewer = near.then(|| self.refine_all(fewer))?;
+            (self.score(&fewer) > now).then_some(fewer)
+        })
+    }
+
+    /// A model with another effect in the place of one, if its score is higher. (A model that needs as many effects as there may be is
+    /// called unexplained; a family in it may stand for what a simple effect and another one are.)
     fn exchange(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
+        let full = state.groups.len() >= MOST;
         let mut best: Option<(f64, State)> = None;
-        for k in 0..state.groups.len() {
+        for k in (0..state.groups.len()).filter(|k| !full || self.card(state.groups[*k]).kind == Kind::Family).collect::<Vec<_>>() {
             let others = self.without(state, k);
             let own = now - self.score(&others);
             self.propose(&others);
