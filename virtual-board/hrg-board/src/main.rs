@@ -226,14 +226,17 @@ fn play(arguments: RunArguments) -> Result<()> {
             println!("{:>12.0} {share:>5.1}%  {}", *count as f64 / outcome.seconds, name);
         }
     }
-    match replay::three_sigma(&rows) {
-        Some((raw, corrected)) => {
-            println!("{:<5} {:>14} {:>14}   three sigma of 100 s means [deg/h], from the frames", "axis", "raw", "corrected");
-            for a in 0..3 {
-                println!("{:<5} {:>14.3} {:>14.3}", AXIS_NAMES[a], raw[a], corrected[a]);
-            }
+    let (raw, corrected) = replay::three_sigma(&rows);
+    if raw[0].is_nan() {
+        println!("three sigma of 100 s means needs a run of 201 s; this one has {} s", rows.len());
+    } else {
+        println!(
+            "{:<5} {:>14} {:>14}   three sigma of 100 s means [deg/h], from the frames",
+            "axis", "raw", "corrected"
+        );
+        for a in 0..3 {
+            println!("{:<5} {:>14.3} {:>14.3}", AXIS_NAMES[a], raw[a], corrected[a]);
         }
-        None => println!("three sigma of 100 s means needs a run of 201 s; this one has {} s", rows.len()),
     }
     let r = &outcome.received;
     println!(

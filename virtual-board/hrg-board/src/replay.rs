@@ -222,17 +222,17 @@ impl Outcome {
 }
 
 /// Three sigma of 100 s means of each axis, deg/h: raw and corrected. The first second, which ran without a bias, is
-/// left out. `None` where fewer than two means are left.
+/// left out. NaN where fewer than two means are left.
 #[must_use]
-pub fn three_sigma(seconds: &[Second]) -> Option<([f64; 3], [f64; 3])> {
+pub fn three_sigma(seconds: &[Second]) -> ([f64; 3], [f64; 3]) {
     if seconds.len() < 201 {
-        return None;
+        return ([f64::NAN; 3], [f64::NAN; 3]);
     }
     let of = |pick: &dyn Fn(&Second) -> f64| {
         let series: Vec<f64> = seconds.iter().skip(1).map(pick).collect();
         3.0 * std_dev(&block_means(&series, 100))
     };
-    Some(([0, 1, 2].map(|a| of(&|s| f64::from(s.unit.raw_dph[a]))), [0, 1, 2].map(|a| of(&|s| s.frames_dph[a]))))
+    ([0, 1, 2].map(|a| of(&|s| f64::from(s.unit.raw_dph[a]))), [0, 1, 2].map(|a| of(&|s| s.frames_dph[a])))
 }
 
 /// The run as a recording of corrected rates, with raw rates and the rest beside them.

@@ -421,7 +421,11 @@ mod tests {
         }
         assert_eq!((r.rows, r.gaps), (199 + 140 + 199, 1));
         let summary = r.summary();
-        assert!(summary.contains("run.csv: 339 rows, 1 gap marked") && summary.contains("run-2.csv: 199 rows, 0 gaps marked"), "{summary}");
+        assert!(
+            summary.contains("run.csv: 339 rows, 1 gap marked")
+                && summary.contains("run-2.csv: 199 rows, 0 gaps marked"),
+            "{summary}"
+        );
         let text = std::fs::read_to_string(&path).expect("there");
         assert!(text.contains("# gap: no data from 199 to 260 s"));
         let again = hrg_data::recording::Recording::parse(text.as_bytes()).expect("a recording");

@@ -163,7 +163,8 @@ fn closed(
         }
         let fitted = Fitted::new(&data, &learnt.model.specification())?;
         let memory = Memory::of(learnt.model.effects()).filter(|_| left_out.is_none());
-        let unknown = memory.and_then(|m| Some((m, run_in::unknown(&mut search, &learnt.model, &fitted, &verify_run, m)?)));
+        let unknown =
+            memory.and_then(|m| Some((m, run_in::unknown(&mut search, &learnt.model, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
             return judged(train, verify, options, &prepared, (&verify_run, judge_run), (search, learnt, fitted));
         };

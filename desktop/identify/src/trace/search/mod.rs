@@ -480,7 +480,10 @@ impl<'a> Search<'a> {
         let now = self.score(state);
         let full = state.groups.len() >= MOST;
         let mut best: Option<(f64, State)> = None;
-        for k in (0..state.groups.len()).filter(|k| !full || self.card(state.groups[*k]).kind == Kind::Family).collect::<Vec<_>>() {
+        for k in (0..state.groups.len())
+            .filter(|k| !full || self.card(state.groups[*k]).kind == Kind::Family)
+            .collect::<Vec<_>>()
+        {
             let others = self.without(state, k);
             let own = now - self.score(&others);
             self.propose(&others);
