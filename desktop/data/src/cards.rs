@@ -521,7 +521,7 @@ pub fn card(effect: EffectId) -> Card {
             generator: drawn(9000.0, 4000.0, 20_000.0),
             repair: Some(|p| {
                 format!(
-                    "something changed at {:.0} s on the recording's clock: look what was switched, bumped or came loose then; the step is taken out of the fit and not compensated",
+                    "something changed at {:.0} s on the recording's clock: check what happened then (a shock, a switch, a loose part); the fit excludes the step, and the unit does not correct it",
                     p(E::Step.facts().parameters[0])
                 )
             }),
@@ -538,7 +538,7 @@ pub fn card(effect: EffectId) -> Card {
             repair: Some(|p| {
                 let [time, tau] = [0, 1].map(|k| p(E::Shock.facts().parameters[k]));
                 format!(
-                    "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: look what was bumped or switched then; the shock is taken out of the fit and not compensated"
+                    "something changed at {time:.0} s on the recording's clock and recovered with a time constant of {tau:.0} s: check what happened then (a shock, a switch, a loose part); the fit excludes it, and the unit does not correct it"
                 )
             }),
             ..Card::of(Event, Proposed, "the bias jumps and recovers")

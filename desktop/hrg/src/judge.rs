@@ -509,18 +509,34 @@ impl Judgement {
                 format!("FAIL: {}; the limit is {range}", hrg_data::error::list(&each))
             }
             Verdict::NotCovered => {
-                let each: Vec<String> = of(Verdict::NotCovered)
-                    .map(|(n, a)| match (a.covered_from_c, a.covered_to_c) {
+                // (Axes that were seen alike are named together.)
+                let mut each: Vec<(String, Vec<&String>)> = Vec::new();
+                for (n, a) in of(Verdict::NotCovered) {
+                    let seen = match (a.covered_from_c, a.covered_to_c) {
                         _ if a.covered_from_c.is_some() && a.means == 0 => {
-                            format!("{n} has no mean of {} s in that range", self.means_s)
+                            format!("no mean of {} s in that range", self.means_s)
                         }
-                        (Some(low), Some(high)) => format!("{n} was seen from {low:.1} to {high:.1} C only"),
-                        _ => format!("{n} was never seen in that range"),
+                        (Some(low), Some(high)) => format!("data from {low:.1} to {high:.1} C only"),
+                        _ => "no data in that range".to_string(),
+                    };
+                    match each.iter_mut().find(|(s, _)| *s == seen) {
+                        Some((_, axes)) => axes.push(n),
+                        None => each.push((seen, vec![n])),
+                    }
+                }
+                let each: Vec<String> = each
+                    .iter()
+                    .map(|(seen, axes)| {
+                        format!(
+                            "{} {} {seen}",
+                            hrg_data::error::list(axes),
+                            if axes.len() == 1 { "has" } else { "have" }
+                        )
                     })
                     .collect();
                 format!(
-                    "NOT COVERED: {}; nothing is known of the rest of {} to {} C",
-                    hrg_data::error::list(&each),
+                    "NOT COVERED: {}; the rest of {} to {} C is not tested",
+                    each.join("; "),
                     self.from_c,
                     self.to_c
                 )
@@ -548,7 +564,7 @@ impl Judgement {
         let show = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.3}"));
         let mut s = format!(
             "{:<5} {:<12} {:>18} {:>18} {:>10} {:>10} {:>10} {:>10}   {}\n",
-            "axis", "", "largest", "at", "constant", "about it", "RMS", "raw", "covered"
+            "axis", "", "largest", "at", "constant", "moving", "RMS", "raw", "covered"
         );
         for (n, a) in &self.axes {
             let largest = match (a.largest_dph, a.noise_dph) {
@@ -581,7 +597,7 @@ impl Judgement {
         }
         let _ = writeln!(
             s,
-            "deg/h, means of {} s. largest: largest error, with the constant; +-: 95 % half-width of the noise of one mean; about it: largest error after the constant is subtracted; raw: largest raw rate. Temperatures: from the gyros' thermometers",
+            "deg/h, means of {} s. largest: largest error, with the constant; +-: 95 % half-width of the noise of one mean; moving: largest error after the constant is subtracted; raw: largest raw rate. Temperatures: from the gyros' thermometers",
             self.means_s
         );
         s

@@ -128,7 +128,7 @@ pub fn serve(
         let _ = std::fs::remove_file(options.folder.join(name));
     }
     println!(
-        "off after {:.0} s of target time; {} holds its flash",
+        "stopped after {:.0} s of the unit's time; the contents of its flash are in {}",
         board.now() as f64 / CPU_HZ as f64,
         flash.display()
     );

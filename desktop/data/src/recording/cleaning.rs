@@ -171,7 +171,8 @@ impl Recording {
                 self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Stuck, count: *stuck });
             }
             if *spikes > 0 {
-                self.notes.push(format!("column {column}: {spikes} spikes: left out"));
+                self.notes
+                    .push(format!("column {column}: {spikes} spike{} left out", if *spikes == 1 { "" } else { "s" }));
                 self.cleaned.push(Cleaned { column: column.clone(), defect: Defect::Spike, count: *spikes });
             }
         }

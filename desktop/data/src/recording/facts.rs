@@ -216,7 +216,7 @@ pub fn fits(c: &Calibration, r: &Recording, different_units: bool) -> Result<Vec
             })
         }
         Some(_) => {}
-        None => notes.push("the recording does not tell its scale factor: that of the calibration is assumed".into()),
+        None => notes.push("the recording has no scale factor: that of the calibration is used".into()),
     }
     Ok(notes)
 }

@@ -200,7 +200,7 @@ pub(super) fn loop_width(means: &[Mean]) -> Quantity {
         "deg/h",
         Some((v.abs(), (v.abs() - w).max(0.0), v.abs() + w)),
         format!(
-            "heating {} cooling, at {at:.0} C (2 C wide), recording {}; the largest of {count} temperatures; the interval is for this temperature alone",
+            "heating {} cooling, at {at:.0} C (bin of 2 C), recording {}; the largest of {count} temperatures; the interval is for this temperature alone",
             if v > 0.0 { "above" } else { "below" },
             run + 1
         ),
@@ -217,7 +217,7 @@ pub(super) fn turn_on(a: usize, steps: &[Steps], runs: Option<&[Run]>) -> Quanti
             name,
             "deg/h",
             None,
-            format!("{} recording(s); at least three power-ons are needed", starts.len()),
+            format!("at least three power-ons are needed, one recording each; here are {}", starts.len()),
         );
     }
     let temperatures: Vec<f64> = runs.map_or_else(Vec::new, |r| {

@@ -135,7 +135,7 @@ fn a_unit_passes_fails_or_is_not_covered() {
     assert!(page.contains("<svg") && page.contains("limit") && page.contains("FAIL"), "one page");
     let (code, text, json) = judged("50", "--from -30 --to 95");
     assert_eq!((code, &json["verdict"]), (Some(4), &"NOT COVERED".into()), "{text}");
-    assert!(text.contains("was seen from -30.0 to"), "{text}");
+    assert!(text.contains("data from -30.0 to"), "{text}");
     // Beyond the limit is beyond it, wherever else the run has not been.
     assert_eq!(judged("0.05", "--from -30 --to 95").0, Some(3));
     let (code, text, json) = judged("50", "--from 20 --to 20.3");

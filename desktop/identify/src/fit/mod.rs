@@ -187,7 +187,7 @@ fn about_reference(reference: curve::Reference, first: &Recording, lag_s: [f64; 
             "temperatures are those of the sensors temp_?_c".into()
         }
         curve::Reference::Sensor => {
-            "temperatures are those of one sensor, temp_c, for all axes: gradients between them are not offered".into()
+            "one thermometer, temp_c, serves all axes: effects of gradients between the axes are not tested".into()
         }
         curve::Reference::Narrow => "too little temperature for a frequency-temperature curve: temperatures follow the frequency by the curve of dong2023's Table 1, shifted to this run".into(),
         curve::Reference::Case => format!(

@@ -27,13 +27,13 @@ pub fn judge(data: &Data<'_>, search: &mut Search<'_>, model: &Model) -> [Vec<St
         let on_axis = || model.members.iter().filter(|m| !m.prior[a].is_empty());
         let here = |effect: EffectId| on_axis().filter(|m| m.parts[0].facts.effect == effect).count();
         if here(EffectId::Step) + here(EffectId::Shock) > 1 {
-            left.push("in time: the rates jump more than once, so something switches".into());
+            left.push("in time (the rates jump more than once, so something switches)".into());
         }
         if here(EffectId::Periodic) > 1 {
-            left.push("in time: more than one period is needed, so it is not one that repeats".into());
+            left.push("in time (more than one period is needed, so it is not one that repeats)".into());
         }
         if on_axis().count() >= MOST {
-            left.push("in nothing simple: as many effects are needed as the search allows".into());
+            left.push("in nothing simple (as many effects are needed as the search allows)".into());
         }
         left
     })
@@ -70,7 +70,7 @@ pub fn swings(fitted: &Fitted) -> [Option<String>; AXES] {
         let each = &fitted.axes[a].posterior.as_ref()?.each;
         let misfit: f64 = each.iter().filter(|u| NOISE_MODELS[u.noise_model].is_misfit()).map(|u| u.weight).sum();
         let odds = (misfit / (1.0 - misfit).max(1e-12)).ln();
-        (odds > THRESHOLD).then(|| "in time: it swings over tens of minutes as no noise of a gyro does".into())
+        (odds > THRESHOLD).then(|| "in time (it swings over tens of minutes as no noise of a gyro does)".into())
     })
 }
 

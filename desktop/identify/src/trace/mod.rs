@@ -131,7 +131,7 @@ pub fn trace(train: &[Recording], verify: &Recording) -> Result<Trace, BadInput>
 /// the baseline down.
 pub fn trace_with(train: &[Recording], verify: &Recording, options: &Options) -> Result<Trace, BadInput> {
     let (prepared, verify_run, judge_run) = ready(train, verify, options)?;
-    closed(train, verify, options, prepared, verify_run, judge_run.as_ref())
+    closed(train, verify, options, &prepared, &verify_run, judge_run.as_ref())
 }
 
 /// The loop on recordings that may be used.
@@ -139,8 +139,8 @@ fn closed(
     train: &[Recording],
     verify: &Recording,
     options: &Options,
-    whole: Prepared,
-    whole_verify: Run,
+    whole: &Prepared,
+    whole_verify: &Run,
     judge_run: Option<&Run>,
 ) -> Result<Trace, BadInput> {
     // Effects that were only in models of whole runs: they stood for what happens at power-on.
@@ -435,7 +435,7 @@ fn there_after_steps(fitted: &Fitted) -> Option<String> {
     let axes: Vec<&str> = (0..AXES).filter(|a| !fitted.lasting(*a).is_empty()).map(|a| AXIS_NAMES[a]).collect();
     (!axes.is_empty()).then(|| {
         format!(
-            "the log goes on after the train part without a break: on {} the constant is the one after the step, in the image, too",
+            "the log goes on after the train part without a break, and a step was found there: on {} the image has the constant from after the step",
             hrg_data::error::list(&axes)
         )
     })

@@ -55,10 +55,10 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
     let of = |model: AxisModel| -> Vec<&str> { axes.iter().copied().filter(|n| block[*n].model == model).collect() };
     let (plain, constant) = (of(AxisModel::Baseline), of(AxisModel::Constant));
     if !plain.is_empty() && r.image == Image::Extended {
-        s += &format!("; on {} it holds the baseline", list(&plain));
+        s += &format!("; on {} the image holds the baseline alone", list(&plain));
     }
     if !constant.is_empty() {
-        s += &format!("; on {} it holds a constant", list(&constant));
+        s += &format!("; on {} the image holds a constant alone", list(&constant));
     }
     s
 }
@@ -127,7 +127,7 @@ fn why(r: &Report) -> String {
     if !scores.is_empty() {
         let (axes, values): (Vec<String>, Vec<String>) = scores.into_iter().unzip();
         s += &format!(
-            "; the log score of the image is {} on {} (their sum must be above {})",
+            "; the evidence for the image is {} on {} (log score; the sum must be above {})",
             list(&values),
             list(&axes),
             three_digits(THRESHOLD)
@@ -162,7 +162,7 @@ fn left(r: &Report) -> String {
         let ratio = r.floor_ratio[n];
         let word = match (ratio.is_noise(), r.unexplained[n]) {
             (true, false) => "may be noise",
-            (true, true) => "with structure",
+            (true, true) => "the size of noise, but with structure (listed below)",
             (false, _) => "more than noise",
         };
         format!("{n} {ratio}: {word}")
@@ -214,11 +214,11 @@ fn turn_on(r: &Report) -> Option<String> {
 /// Fourth line: the next step.
 fn next(r: &Report) -> String {
     let step = if r.burn && r.unexplained.values().all(|u| !u) {
-        "the calibration needs no further run; check the constants on a run of another day".to_string()
+        "no further run is needed for the calibration; check the constants with a run of another day".to_string()
     } else {
         r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
             VerdictKind::NothingLacks => "nothing; the baseline is all that these data warrant".into(),
-            _ => "a second train run on another profile tells what belongs to the unit and what to that day".into(),
+            _ => "record a second train run with another profile: it separates the properties of the unit from those of one day".into(),
         })
     };
     format!("Next: {step}.")
@@ -245,7 +245,7 @@ pub fn advice(r: &Report) -> Vec<String> {
     let mut out = Vec::new();
     for (e, times) in merged(&r.effects) {
         if times > 1 {
-            out.push("the rates drift: repeat the run, and look for what is loose or switches".to_string());
+            out.push("the rates drift: repeat the run, and check the mounting and the electronics".to_string());
             continue;
         }
         if let Some(what) = e.reach.strip_prefix("needs ") {
@@ -258,15 +258,15 @@ pub fn advice(r: &Report) -> Vec<String> {
         out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|repair| repair(&parameter)));
         if e.confirmed == Some(false) {
             out.push(format!(
-                "{} is named on the train run, and the verify run does not bear it out on every axis: take another run before you rely on the name",
+                "the train run shows {}, and the verify run does not confirm it on every axis: take another run before you rely on the name",
                 e.name
             ));
         }
     }
     for (n, left) in r.left_over.iter().filter(|(_, l)| !l.is_empty()) {
         out.push(format!(
-            "axis {n}: structure is left {}; a repeat of the same run tells whether it belongs to the unit or to that day",
-            list(left)
+            "axis {n}: structure is left {}. A repeat of the same run shows if it belongs to the unit or to that day",
+            left.join("; ")
         ));
     }
     for (n, b) in r.block.iter().flatten() {
@@ -307,7 +307,7 @@ pub fn advice(r: &Report) -> Vec<String> {
     }
     out.extend(turn_on(r));
     if r.verdict_kind == VerdictKind::NotConfirmed {
-        out.push("a longer verify run, or a second train run, makes the uncertainty smaller".into());
+        out.push("a longer verify run, or a second train run, reduces the uncertainty".into());
     }
     out
 }

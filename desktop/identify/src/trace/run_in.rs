@@ -90,7 +90,7 @@ impl Memory {
             let (all, later) = (passed(run, 0), passed(run, seconds));
             if (later.len() as f64) < LEAST_PASSED * all.len() as f64 {
                 return format!(
-                    "{what} begins in a state of {} (time constant {:.0} s) that it does not tell; its beginning is kept, as nothing later passes those temperatures in that direction: record a run that begins at rest",
+                    "{what} begins in a state of {} (time constant {:.0} s) that it does not tell; its beginning is kept, as nothing later passes those temperatures in that direction: record a run that begins with a soak",
                     self.name, self.tau_s
                 );
             }

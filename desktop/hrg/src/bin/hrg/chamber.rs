@@ -287,7 +287,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     );
     let length = c.to_bytes().map_or(MAX_BYTES, |b| b.len());
     println!(
-        "this was burn {} of the unit; {} images of this length fit a sector, which is erased (the unit stands still for 2 s) when the other one is full, and endures 10000 erases",
+        "burn {} of the unit. A sector holds {} images of this length. When one sector is full, the other is erased (2 s without output); a sector endures 10000 erases",
         after.sequence,
         SECTOR_BYTES / room(length)
     );
@@ -358,7 +358,7 @@ pub fn image(arguments: &ImageArguments) -> Result<()> {
         bytes.len(),
         if key.is_some() { ", signed" } else { "" }
     );
-    println!("into an erased calibration sector by the debug port, for one: probe-rs download --chip STM32F446RETx --binary-format bin --base-address {SECTOR_A:#010x} {}", out.display());
+    println!("to write it over the debug port into an erased calibration sector: probe-rs download --chip STM32F446RETx --binary-format bin --base-address {SECTOR_A:#010x} {}", out.display());
     Ok(())
 }
 

@@ -47,7 +47,7 @@ pub struct Arguments {
 
 fn seconds(text: &str) -> Result<usize, String> {
     let number = text.strip_suffix('s').unwrap_or(text);
-    number.parse().map_err(|_| format!("{text} is no duration in whole seconds, as 100s"))
+    number.parse().map_err(|_| format!("{text} is no duration in whole seconds; write 100 or 100s"))
 }
 
 /// Runs the command; gives the verdict, whose exit status is the program's.

@@ -67,7 +67,7 @@ pub fn merged(recording: &Path, run: &str, with: &Path, log: &Log) -> Result<Str
             println!("note: of several thermometers the first is taken; the others are {}", other.join(", "));
         }
         println!(
-            "note: as --time \"{}\" --columns \"{}\", guessed",
+            "note: guessed: --time \"{}\" --columns \"{}\"",
             time.as_deref().unwrap_or_default(),
             columns.join(",")
         );

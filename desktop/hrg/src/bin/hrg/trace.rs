@@ -20,15 +20,14 @@ pub struct Arguments {
     /// The same.
     #[arg(long, hide = true)]
     train: Vec<PathBuf>,
-    /// Recording that is only evaluated.
+    /// Recording to test the result on. It is not used in the fit.
     #[arg(long, required_unless_present = "split")]
     verify: Option<PathBuf>,
-    /// A third run, used only to judge. Without it the verify run judges. The report then names the axes whose model the verify run has
-    /// also chosen.
+    /// A third run, used only to judge. Without --judge the verify run judges, and the report names the axes for which it has also selected
+    /// the model.
     #[arg(long, value_name = "RUN", conflicts_with = "split")]
     judge: Option<PathBuf>,
-    /// Instead of a verify run: learn from the one train recording before this time, evaluate on the rest, with lags and
-    /// hysteresis carried on from its beginning.
+    /// Use one recording: fit to the part before SECONDS, test on the part after it. Lags and hysteresis continue over the split.
     #[arg(long, value_name = "SECONDS", conflicts_with = "verify")]
     split: Option<f64>,
     /// File for the report (JSON).
@@ -37,24 +36,24 @@ pub struct Arguments {
     /// File for the report as a page (HTML).
     #[arg(long)]
     html: Option<PathBuf>,
-    /// A limit to draw into the page's first pictures, deg/h (hrg judge says whether it holds).
+    /// Draw this limit into the page's first pictures, deg/h. (`hrg judge` tests it.)
     #[arg(short, long, value_name = "DEG/H", requires = "html")]
     limit: Option<f64>,
-    /// File for the calibration image: the extended one where the verify run bears it out, else the baseline; nothing is
-    /// written where neither beats the raw rates.
+    /// File for the calibration image: the extended one if the verify run confirms it, else the baseline. No file is written if both are worse
+    /// than the raw rates.
     #[arg(short, long)]
     calibration: Option<PathBuf>,
     /// The image that the unit has in use: the new one must beat it before it is recommended.
     #[arg(long)]
     in_use: Option<PathBuf>,
-    /// Recommend a burn also where the verify run only repeats the profile of a train run.
+    /// Recommend the burn even if the verify run only repeats the profile of a train run.
     #[arg(long)]
     repeat_is_enough: bool,
     /// Find the effects that the scale factors of this calibration lack, instead of effects of the bias. The runs must be from a rate table
     /// (hrg profile --rates). Every figure in deg/h in the report is then in ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
     rates: Option<PathBuf>,
-    /// Search on the verify run, too, and say whether it names the same classes: advice.
+    /// Also search the verify run, and report if it finds the same classes. Information only.
     #[arg(long)]
     exchange: bool,
     /// End with exit status 3 unless the image should be burnt, or the verdict is confirmed.
