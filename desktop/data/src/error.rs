@@ -25,6 +25,18 @@ pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     }
 }
 
+/// What a library gives, or its panic, of which nothing is printed: for readers of other people's formats that fail on defective files.
+///
+/// # Errors
+/// The panic.
+pub fn caught<T>(job: impl FnOnce() -> T) -> std::thread::Result<T> {
+    let printed = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|_| {}));
+    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(job));
+    std::panic::set_hook(printed);
+    result
+}
+
 /// Exit code of a program: 0 done, 2 bad input, 1 internal; the error is one line on standard error. `bad_input`: `true` for the error
 /// types of other crates that are bad input, too.
 #[must_use]

@@ -32,8 +32,8 @@ pub fn read(bytes: Vec<u8>, map: &Map) -> Result<Table, BadInput> {
 pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> {
     let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
     let wanted = choose(map, &names)?;
-    let rows = kept(columns, map)?;
     let mut table = Table::default();
+    let rows = kept(columns, map, &mut table.notes)?;
     for (at, name) in wanted {
         let is_time = map.time.column.as_ref().is_some_and(|c| c.all().contains(&name.as_str()));
         let form = map.time.form()?;
@@ -59,7 +59,7 @@ pub fn table(columns: &[(String, Cells)], map: &Map) -> Result<Table, BadInput> 
 }
 
 /// The rows that the map keeps, in order.
-fn kept(columns: &[(String, Cells)], map: &Map) -> Result<Vec<usize>, BadInput> {
+fn kept(columns: &[(String, Cells)], map: &Map, notes: &mut Vec<String>) -> Result<Vec<usize>, BadInput> {
     let rows = columns.iter().map(|(_, c)| c.len()).max().unwrap_or(0);
     let mut kept: Vec<usize> = (0..rows).collect();
     for (name, word) in &map.table.keep {
@@ -74,6 +74,18 @@ fn kept(columns: &[(String, Cells)], map: &Map) -> Result<Vec<usize>, BadInput> 
             Cells::Texts(v) => v.get(*k).is_some_and(|t| t == word),
             Cells::Numbers(v, _) => v.get(*k).is_some_and(|n| word.parse() == Ok(*n)),
         });
+    }
+    let numbers = map.table.instance_column.as_ref().and_then(|name| columns.iter().find(|(n, _)| n == name));
+    if let Some((_, cells)) = numbers {
+        let number = |k: usize| number(cells, k, None).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
+        let imus = kept.iter().filter_map(|k| number(*k)).collect();
+        let taken = map.table.instance;
+        kept.retain(|k| number(*k) == Some(taken));
+        if kept.is_empty() {
+            let there: Vec<String> = std::collections::BTreeSet::iter(&imus).map(u8::to_string).collect();
+            return Err(BadInput(format!("the file has no IMU {taken}; it has {}", crate::error::list(&there))));
+        }
+        notes.extend(super::others(&imus, taken));
     }
     Ok(kept.split_off(map.table.drop_rows.min(kept.len())))
 }

@@ -109,12 +109,13 @@ pub fn begins(path: &Path) -> bool {
 /// # Errors
 /// One sentence: no such message, with those that are there; no such column.
 pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
-    let wanted = map.table.topic.as_deref().ok_or_else(|| {
+    let topic = map.topics().first().copied().ok_or_else(|| {
         BadInput::new("the file is an ArduPilot log, and the map names no message: add topic to [table]")
     })?;
+    let (taken, by_column) = (map.table.instance, map.table.instance_column.as_deref());
     let mut described: BTreeMap<u8, Described> = BTreeMap::new();
     let mut columns: Vec<(String, Cells)> = Vec::new();
-    let mut seen = BTreeSet::new();
+    let (mut seen, mut imus) = (BTreeSet::new(), BTreeSet::new());
     let (mut at, mut skipped, mut cut) = (0, 0usize, false);
     while at + 3 <= bytes.len() {
         let kind = bytes[at + 2];
@@ -134,9 +135,24 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
             continue;
         }
         let Some(d) = described.get(&kind) else { continue };
-        if d.name != wanted || d.fields.is_empty() {
+        // (Before 4.0 each IMU had a message of its own, without a column for its number.)
+        let has_number = |d: &Described| by_column.is_some_and(|c| d.fields.iter().any(|(label, _)| label == c));
+        let imu = match d.name.strip_prefix(topic) {
+            _ if d.fields.is_empty() => None,
+            Some("") => Some(0),
+            Some("2") if by_column.is_some() && !has_number(d) => Some(1),
+            Some("3") if by_column.is_some() && !has_number(d) => Some(2),
+            _ => None,
+        };
+        let Some(imu) = imu else {
             seen.insert(d.name.clone());
             continue;
+        };
+        if !has_number(d) {
+            imus.insert(imu);
+            if imu != taken {
+                continue;
+            }
         }
         if columns.is_empty() {
             columns = d.columns();
@@ -153,9 +169,15 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     }
     if columns.is_empty() {
         let seen: Vec<String> = seen.into_iter().collect();
-        return Err(BadInput(format!("the log has no message {wanted}; it has {}", crate::error::list(&seen))));
+        let others: Vec<String> = imus.iter().map(u8::to_string).collect();
+        return Err(BadInput(if others.is_empty() {
+            format!("the log has no message {topic}; it has {}", crate::error::list(&seen))
+        } else {
+            format!("the log has no IMU {taken}; it has {}", crate::error::list(&others))
+        }));
     }
     let mut table = columnar::table(&columns, map)?;
+    table.notes.extend(super::others(&imus, taken));
     if skipped > 0 {
         table.notes.push(format!("{skipped} bytes belong to no message that the log describes: they are left out"));
     }
@@ -215,7 +237,14 @@ mod tests {
         let r = import(&log(), "good").expect("fits");
         assert_eq!((r.time_s.len(), r.time_s[1], r.frequency_hz[0][2]), (40, 65.04, 42.0));
         assert!((r.rate_dph[1][7] + f64::from(0.002f32) * 206_264.806_247).abs() < 1e-6);
-        assert!(r.notes.is_empty(), "{:?}", r.notes);
+        assert_eq!(r.notes, ["IMU 0 is taken; the file also has 1: --imu 1 takes that one"]);
+        let mut second = map();
+        second.table.instance = 1;
+        let t = read(&log(), &second).expect("fits");
+        assert!(t.column(&second.rate["y"].column).is_some_and(|y| (y[7] + 0.2).abs() < 1e-6));
+        second.table.instance = 2;
+        let e = read(&log(), &second).expect_err("no third").0;
+        assert!(e.contains("no IMU 2; it has 0 and 1"), "{e}");
         // Bytes that were lost in the middle, and a power loss at the end.
         let mut bytes = log();
         bytes.drain(1000..1010);
@@ -229,11 +258,36 @@ mod tests {
     #[test]
     fn missing_columns_are_reported_with_those_present() {
         let mut other = map();
-        other.table.topic = Some("IMT".into());
+        other.table.topic = Some(crate::recording::import::map::Names::One("IMT".into()));
         let e = read(&log(), &other).expect_err("no IMT").0;
         assert!(e.contains("no message IMT; it has ATT and IMU"), "{e}");
-        other.table.topic = Some("ATT".into());
+        other.table.topic = Some(crate::recording::import::map::Names::One("ATT".into()));
         let e = read(&log(), &other).expect_err("no gyro").0;
-        assert!(e.contains("\"T\" or \"Temp\"") && e.contains("\"Pitch\""), "{e}");
+        assert!(e.contains("[rate] x, \"GyrX\"") && e.contains("\"Pitch\""), "{e}");
+    }
+
+    /// A log as before ArduPilot 4.0: a message for each IMU, and no column for its number.
+    #[test]
+    fn imus_with_messages_of_their_own() {
+        let mut b = Vec::new();
+        for (kind, name) in [(60u8, "IMU"), (61, "IMU2")] {
+            let padded = |t: &str, n: usize| [t.as_bytes(), &vec![0; n - t.len()]].concat();
+            b.extend([HEAD[0], HEAD[1], FMT, kind, 27]);
+            b.extend([padded(name, 4), padded("Qffff", 16), padded("TimeUS,GyrX,GyrY,GyrZ,Temp", 64)].concat());
+        }
+        for k in 0..30u64 {
+            for (kind, rate) in [(60u8, 0.5f32), (61, 0.25)] {
+                b.extend([HEAD[0], HEAD[1], kind]);
+                b.extend((1_000_000 + 20_000 * k).to_le_bytes());
+                [rate, rate, rate, 30.0].iter().for_each(|v| b.extend(v.to_le_bytes()));
+            }
+        }
+        for (instance, rate) in [(0, 0.5), (1, 0.25)] {
+            let mut map = map();
+            map.table.instance = instance;
+            let t = read(&b, &map).expect("fits");
+            assert!(t.rows() == 30 && t.column(&map.rate["x"].column).is_some_and(|v| v[3] == rate));
+            assert!(t.notes[0].contains(&format!("IMU {instance} is taken")), "{:?}", t.notes);
+        }
     }
 }

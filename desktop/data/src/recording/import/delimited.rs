@@ -116,6 +116,8 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
             Ok((at, word.as_str()))
         })
         .collect::<Result<_, BadInput>>()?;
+    let number_at = layout.instance_column.as_ref().and_then(|name| names.iter().position(|n| n == name));
+    let mut imus = std::collections::BTreeSet::new();
     let mut clock = Clock::of(map, &names)?;
     let numbers: Vec<_> =
         wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
@@ -129,6 +131,13 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
         let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
         if keep.iter().any(|(at, word)| cell(*at) != *word) {
             continue;
+        }
+        if let Some(at) = number_at {
+            let number = number(cell(at)).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
+            imus.extend(number);
+            if number != Some(layout.instance) {
+                continue;
+            }
         }
         if dropped < layout.drop_rows {
             dropped += 1;
@@ -168,6 +177,7 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
         table.notes.push(format!("{missing} cells hold a text for a missing value"));
     }
     table.notes.extend(left_out(glued, cut));
+    table.notes.extend(super::others(&imus, layout.instance));
     table.time_s = clock.map(|c| c.time_s);
     Ok(table)
 }

@@ -8,9 +8,11 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 /// Maps that come with the program: name, text.
-pub const BUILT_IN: [(&str, &str); 4] = [
+pub const BUILT_IN: [(&str, &str); 6] = [
     ("px4", include_str!("../../../maps/px4.toml")),
     ("ardupilot", include_str!("../../../maps/ardupilot.toml")),
+    ("ros", include_str!("../../../maps/ros.toml")),
+    ("betaflight", include_str!("../../../maps/betaflight.toml")),
     ("adis", include_str!("../../../maps/adis.toml")),
     ("bosch", include_str!("../../../maps/bosch.toml")),
 ];
@@ -24,6 +26,10 @@ pub enum Format {
     Delimited,
     /// PX4's binary log.
     Ulog,
+    /// Betaflight's log.
+    Blackbox,
+    /// A ROS bag as MCAP.
+    Mcap,
 }
 
 /// Layout of the text of a table.
@@ -48,10 +54,13 @@ pub struct Layout {
     pub missing: Vec<String>,
     /// Excel: the sheet; by default the first.
     pub sheet: Option<String>,
-    /// PX4: the topic. ArduPilot: the message.
-    pub topic: Option<String>,
-    /// PX4: which instance of the topic.
+    /// PX4, ROS: the topic; ArduPilot: the message. Or several, of which the first that is there counts.
+    pub topic: Option<Names>,
+    /// Number of the IMU, from 0: the instance of a PX4 topic, the rows with this number in [`instance_column`](Self::instance_column), or (in
+    /// ArduPilot logs without that column) the message `IMU`, `IMU2` or `IMU3`.
     pub instance: u8,
+    /// The column with the number of the IMU.
+    pub instance_column: Option<String>,
 }
 
 impl Default for Layout {
@@ -68,6 +77,7 @@ impl Default for Layout {
             sheet: None,
             topic: None,
             instance: 0,
+            instance_column: None,
         }
     }
 }
@@ -90,6 +100,9 @@ pub struct Column {
     /// Lowest and highest value, as they stand in the file, that is one; others are missing.
     #[serde(default)]
     pub valid: Option<[f64; 2]>,
+    /// A thermometer that a file may be without.
+    #[serde(default)]
+    pub may_be_missing: bool,
 }
 
 fn one() -> f64 {
@@ -283,12 +296,26 @@ impl Map {
         }
     }
 
-    /// All columns that the map wants, by the place where they stand in it.
+    /// Topics that the rates may be of, the likeliest first.
     #[must_use]
-    pub fn wanted(&self) -> Vec<(String, &Names)> {
-        let mut out: Vec<(String, &Names)> = Vec::new();
-        out.extend(self.time.column.as_ref().map(|c| ("[time]".to_string(), c)));
-        out.extend(self.time.second_column.as_ref().map(|c| ("[time] second_column".to_string(), c)));
+    pub fn topics(&self) -> Vec<&str> {
+        self.table.topic.as_ref().map_or_else(Vec::new, Names::all)
+    }
+
+    /// The map for a file that may lack thermometers: without those.
+    #[must_use]
+    pub fn without_missing(&self, has: impl Fn(&Names) -> bool) -> Self {
+        let mut map = self.clone();
+        map.temperature.retain(|_, c| !c.may_be_missing || has(&c.column));
+        map
+    }
+
+    /// All columns that the map wants, by the place where they stand in it, and those that a file must have.
+    #[must_use]
+    pub fn wanted(&self) -> Vec<(String, &Names, bool)> {
+        let mut out: Vec<(String, &Names, bool)> = Vec::new();
+        out.extend(self.time.column.as_ref().map(|c| ("[time]".to_string(), c, true)));
+        out.extend(self.time.second_column.as_ref().map(|c| ("[time] second_column".to_string(), c, true)));
         let sections = [
             ("frequency", &self.frequency),
             ("temperature", &self.temperature),
@@ -296,7 +323,7 @@ impl Map {
             ("optional", &self.optional),
         ];
         for (section, columns) in sections {
-            out.extend(columns.iter().map(|(k, c)| (format!("[{section}] {k}"), &c.column)));
+            out.extend(columns.iter().map(|(k, c)| (format!("[{section}] {k}"), &c.column, !c.may_be_missing)));
         }
         out
     }

@@ -2,6 +2,7 @@
 //!
 //! A map that does not fit ends with one sentence: the column that is missing, and those that are there.
 
+mod blackbox;
 mod columnar;
 mod dataflash;
 pub mod decode;
@@ -9,6 +10,7 @@ mod delimited;
 mod excel;
 pub mod guess;
 pub mod map;
+mod mcap;
 mod ulog;
 
 use crate::axes::AXIS_NAMES;
@@ -45,9 +47,12 @@ impl Table {
 /// The first that is missing, with all that there are.
 fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput> {
     let mut out: Vec<(usize, String)> = Vec::new();
-    for (place, names) in map.wanted() {
+    for (place, names, must) in map.wanted() {
         let found = names.all().iter().find_map(|n| there.iter().position(|t| t == n));
         let Some(at) = found else {
+            if !must {
+                continue;
+            }
             return Err(BadInput(format!(
                 "the map's column for {place}, {}, is not in the file; there are {}",
                 names.all().iter().map(|n| format!("\"{n}\"")).collect::<Vec<_>>().join(" or "),
@@ -61,15 +66,50 @@ fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput>
     Ok(out)
 }
 
+/// A note where a file holds several IMUs.
+fn others(imus: &std::collections::BTreeSet<u8>, taken: u8) -> Option<String> {
+    let others: Vec<String> = imus.iter().filter(|n| **n != taken).map(u8::to_string).collect();
+    (!others.is_empty()).then(|| {
+        format!(
+            "IMU {taken} is taken; the file also has {}: --imu {} takes that one",
+            crate::error::list(&others),
+            others[0]
+        )
+    })
+}
+
+/// Values of another series at these times: straight lines between its rows, which go on as they end. NaN without any.
+fn at_times(times: &[f64], own_times: &[f64], values: &[f64]) -> Vec<f64> {
+    let rows: Vec<(f64, f64)> =
+        own_times.iter().copied().zip(values.iter().copied()).filter(|(t, v)| t.is_finite() && v.is_finite()).collect();
+    let at = |t: f64| {
+        let after = rows.partition_point(|r| r.0 <= t);
+        match (after.checked_sub(1).map(|k| rows[k]), rows.get(after)) {
+            (Some((t0, v0)), Some(&(t1, v1))) => v0 + (v1 - v0) * (t - t0) / (t1 - t0),
+            (Some((_, v)), None) => v,
+            (None, Some(&(_, v))) => v,
+            (None, None) => f64::NAN,
+        }
+    };
+    times.iter().map(|t| at(*t)).collect()
+}
+
 /// Name of the built-in map of a file that begins as a log of a known program.
 #[must_use]
 pub fn built_in(path: &Path) -> Option<&'static str> {
     if dataflash::begins(path) {
         return Some("ardupilot");
     }
-    let mut begin = [0; 7];
-    let read = std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut begin));
-    (read.is_ok() && begin.starts_with(b"ULog")).then_some("px4")
+    if blackbox::begins(path) {
+        return Some("betaflight");
+    }
+    let mut begin = [0; 8];
+    std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut begin)).ok()?;
+    match begin {
+        _ if begin.starts_with(b"ULog") => Some("px4"),
+        _ if begin == mcap::HEAD => Some("ros"),
+        _ => None,
+    }
 }
 
 /// Reads a file by a map.
@@ -94,7 +134,14 @@ pub fn read(path: &Path, map: &Map) -> anyhow::Result<Recording> {
             delimited::read(&bytes, map).map_err(here)?
         }
         Format::Ulog => ulog::read(path, map).map_err(here)?,
+        Format::Blackbox => {
+            blackbox::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+        }
+        Format::Mcap => {
+            mcap::read(&crate::files::read_file(path, crate::files::MOST_RECORDING, false)?, map).map_err(here)?
+        }
     };
+    let map = &map.without_missing(|names| table.column(names).is_some());
     if table.rows() < 2 {
         return Err(
             here(BadInput(format!("the map leaves {} rows of data; check drop_rows and keep", table.rows()))).into()

@@ -1,11 +1,11 @@
 //! PX4's logs: one instance of one topic. The file is read by the crate px4-ulog, message by message.
 
 use super::map::Map;
-use super::{choose, Table};
+use super::{at_times, choose, Table};
 use crate::error::BadInput;
 use px4_ulog::stream_parser::model::{Completeness, DataMessage, FlattenedField, FlattenedFieldType};
 use px4_ulog::stream_parser::{read_file_with_simple_callback, Message, SimpleCallbackResult};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// The value of a field; `None` where the message is too short for it.
@@ -28,73 +28,108 @@ fn value(m: &DataMessage<'_>, f: &FlattenedField) -> Option<f64> {
     })
 }
 
-/// Reads the topic that a map names.
+/// Columns of one topic that a map may want.
+struct Topic {
+    /// Names of all of its fields.
+    names: Vec<String>,
+    /// The wanted fields, with their values; first its time.
+    fields: Vec<FlattenedField>,
+    columns: Vec<(String, Vec<f64>)>,
+    /// Rows that are still to be dropped.
+    to_drop: usize,
+}
+
+impl Topic {
+    fn new(m: &DataMessage<'_>, map: &Map) -> Self {
+        let format = &m.flattened_format;
+        let names: Vec<String> = format.fields.iter().map(|f| f.flattened_field_name.clone()).collect();
+        let of_other = |n: &str| n.strip_prefix(&format.message_name)?.strip_prefix('.').map(str::to_string);
+        let wanted: BTreeSet<String> = map
+            .wanted()
+            .iter()
+            .flat_map(|(_, n, _)| n.all())
+            .flat_map(|n| [Some(n.to_string()), of_other(n)])
+            .flatten()
+            .collect();
+        let fields: Vec<FlattenedField> =
+            format.fields.iter().filter(|f| wanted.contains(&f.flattened_field_name)).cloned().collect();
+        let columns = fields.iter().map(|f| (f.flattened_field_name.clone(), Vec::new())).collect();
+        Self { names, fields, columns, to_drop: map.table.drop_rows }
+    }
+
+    fn take(&mut self, m: &DataMessage<'_>) {
+        if self.to_drop > 0 {
+            self.to_drop -= 1;
+            return;
+        }
+        for (f, (_, values)) in self.fields.iter().zip(&mut self.columns) {
+            values.push(value(m, f).filter(|v| v.is_finite()).unwrap_or(f64::NAN));
+        }
+    }
+
+    fn column(&self, name: &str) -> Option<&[f64]> {
+        self.columns.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_slice())
+    }
+}
+
+/// The columns that a map wants of the first of its topics that is there, and of others (`topic.field`) at its times.
+fn joined(topics: &BTreeMap<String, Topic>, seen: &BTreeSet<String>, map: &Map) -> Result<Table, BadInput> {
+    let instance = map.table.instance;
+    let Some((name, main)) = map.topics().into_iter().find_map(|t| topics.get_key_value(t)) else {
+        let seen: Vec<String> = seen.iter().cloned().collect();
+        return Err(BadInput(format!(
+            "the log has no {} {instance}; it has {} (topic, instance)",
+            map.topics().join(" or "),
+            if seen.is_empty() { "no data".into() } else { seen.join(", ") }
+        )));
+    };
+    let mut table = Table::default();
+    let mut there = main.names.clone();
+    let time = map.time.column.as_ref().and_then(|c| c.all().into_iter().find_map(|n| Some((n, main.column(n)?))));
+    for (other, topic) in topics.iter().filter(|(t, _)| *t != name) {
+        let own = time.and_then(|(n, times)| Some((times, topic.column(n)?)));
+        for (field, values) in &topic.columns {
+            let (Some((times, own)), full) = (own, format!("{other}.{field}")) else { continue };
+            if map.wanted().iter().any(|(_, n, _)| n.all().contains(&full.as_str())) {
+                table.columns.push((full.clone(), at_times(times, own, values)));
+                there.push(full);
+            }
+        }
+    }
+    let wanted = choose(map, &there)?;
+    table.columns.retain(|(n, _)| wanted.iter().any(|(_, w)| w == n));
+    table.columns.extend(main.columns.iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).cloned());
+    if map.topics().first() != Some(&name.as_str()) {
+        let thermometer = map.temperature.values().find(|c| table.column(&c.column).is_some());
+        let from = thermometer.and_then(|c| c.column.all().into_iter().find(|n| there.iter().any(|t| t == n)));
+        table.notes.push(format!(
+            "the log has no {}; the rates are those of {name}{}",
+            map.topics()[0],
+            from.map_or_else(|| ", and there is no temperature".into(), |f| format!(", the temperatures those of {f}"))
+        ));
+    }
+    Ok(table)
+}
+
+/// Reads the topic that a map names, and what it wants of others.
 ///
 /// # Errors
 /// One sentence: no such topic, with those that are there; no such field; not a log.
 pub fn read(path: &Path, map: &Map) -> Result<Table, BadInput> {
-    let topic = map
-        .table
-        .topic
-        .as_deref()
-        .ok_or_else(|| BadInput::new("the map is for PX4 logs and names no topic in [table]"))?;
-    let name = path.to_str().ok_or_else(|| BadInput::new("the path is not UTF-8; rename the file"))?;
-    let mut seen: BTreeSet<String> = BTreeSet::new();
-    let mut table = Table::default();
-    let mut fields: Vec<FlattenedField> = Vec::new();
-    let (mut problem, mut dropouts, mut to_drop) = (None, 0usize, map.table.drop_rows);
-    let mut take = |m: &Message<'_>| {
-        match m {
-            Message::Data(m) => {
-                let format = &m.flattened_format;
-                let (this, instance) = (&format.message_name, m.multi_id.value());
-                if this != topic || instance != map.table.instance {
-                    if seen.len() < 400 {
-                        seen.insert(format!("{this} {instance}"));
-                    }
-                    return SimpleCallbackResult::KeepReading;
-                }
-                if fields.is_empty() {
-                    let there: Vec<String> = format.fields.iter().map(|f| f.flattened_field_name.clone()).collect();
-                    match choose(map, &there) {
-                        Ok(wanted) => {
-                            fields = wanted.iter().map(|(at, _)| format.fields[*at].clone()).collect();
-                            table.columns = wanted.into_iter().map(|(_, n)| (n, Vec::new())).collect();
-                        }
-                        Err(e) => {
-                            problem = Some(e);
-                            return SimpleCallbackResult::Stop;
-                        }
-                    }
-                }
-                if to_drop > 0 {
-                    to_drop -= 1;
-                } else {
-                    for (f, (_, values)) in fields.iter().zip(&mut table.columns) {
-                        values.push(value(m, f).filter(|v| v.is_finite()).unwrap_or(f64::NAN));
-                    }
-                }
-            }
-            Message::DropoutMessage(_) => dropouts += 1,
-            _ => {}
-        }
-        SimpleCallbackResult::KeepReading
-    };
-    let end = read_file_with_simple_callback(name, &mut take)
-        .map_err(|e| BadInput(format!("cannot be read as a PX4 log: {e}; check that it is the right file")))?;
-    if let Some(e) = problem {
-        return Err(e);
+    if map.topics().is_empty() {
+        return Err(BadInput::new("the map is for PX4 logs and names no topic in [table]"));
     }
-    if fields.is_empty() {
-        let seen: Vec<String> = seen.into_iter().collect();
-        return Err(BadInput(format!(
-            "the log has no {topic} {}; it has {} (topic, instance)",
-            map.table.instance,
-            if seen.is_empty() { "no data".into() } else { seen.join(", ") }
-        )));
-    }
+    let name = path.to_str().ok_or_else(|| BadInput::new("the path is not UTF-8; rename the file"))?.to_string();
+    // (The crate panics on some defective logs: an index beyond a slice.)
+    let read = crate::error::caught(|| gathered(&name, map));
+    let Gathered { topics, seen, imus, dropouts, end } = read.unwrap_or_else(|_| {
+        Err(BadInput::new("the log is defective: its reader fails on it; copy it from the card again"))
+    })?;
+    let mut table = joined(&topics, &seen, map)?;
+    table.notes.extend(super::others(&imus, map.table.instance));
     if dropouts > 0 {
-        table.notes.push(format!("{dropouts} dropouts: the logger could not write fast enough"));
+        let s = if dropouts == 1 { "" } else { "s" };
+        table.notes.push(format!("{dropouts} dropout{s}: the logger could not write fast enough"));
     }
     match end {
         Completeness::Complete => {}
@@ -104,6 +139,54 @@ pub fn read(path: &Path, map: &Map) -> Result<Table, BadInput> {
         }
     }
     Ok(table)
+}
+
+/// Contents of a log that a map may want.
+struct Gathered {
+    topics: BTreeMap<String, Topic>,
+    /// Topics and instances that no map asked for.
+    seen: BTreeSet<String>,
+    /// Instances of the topics with rates.
+    imus: BTreeSet<u8>,
+    dropouts: usize,
+    end: Completeness,
+}
+
+fn gathered(name: &str, map: &Map) -> Result<Gathered, BadInput> {
+    let wanted: Vec<&str> = {
+        let others = map.wanted();
+        let others = others.iter().flat_map(|(_, n, _)| n.all()).filter_map(|n| n.split_once('.').map(|(t, _)| t));
+        map.topics().into_iter().chain(others).collect()
+    };
+    let (mut topics, mut seen, mut imus) = (BTreeMap::<String, Topic>::new(), BTreeSet::new(), BTreeSet::new());
+    let mut dropouts = 0;
+    let mut take = |m: &Message<'_>| {
+        match m {
+            Message::Data(m) => {
+                let (this, instance) = (&m.flattened_format.message_name, m.multi_id.value());
+                if map.topics().contains(&this.as_str()) {
+                    imus.insert(instance);
+                }
+                if !wanted.contains(&this.as_str()) || instance != map.table.instance {
+                    if seen.len() < 400 {
+                        seen.insert(format!("{this} {instance}"));
+                    }
+                } else if let Some(topic) = topics.get_mut(this) {
+                    topic.take(m);
+                } else {
+                    let mut topic = Topic::new(m, map);
+                    topic.take(m);
+                    topics.insert(this.clone(), topic);
+                }
+            }
+            Message::DropoutMessage(_) => dropouts += 1,
+            _ => {}
+        }
+        SimpleCallbackResult::KeepReading
+    };
+    let end = read_file_with_simple_callback(name, &mut take)
+        .map_err(|_| BadInput::new("it does not begin as a PX4 log (ULog); check that it is the right file"))?;
+    Ok(Gathered { topics, seen, imus, dropouts, end })
 }
 
 #[cfg(test)]
@@ -123,6 +206,8 @@ mod tests {
             log.message(b'B', &[0; 40]);
             log.message(b'F', b"sensor_gyro:uint64_t timestamp;uint32_t device_id;float x;float y;float z;float temperature;uint8_t[4] _padding0;");
             log.message(b'F', b"battery:uint64_t timestamp;float voltage;");
+            log.message(b'F', b"sensor_combined:uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;");
+            log.message(b'F', b"vehicle_imu_status:uint64_t timestamp;float temperature_gyro;");
             for (instance, id, name) in [(0u8, 3u16, "sensor_gyro"), (1, 4, "sensor_gyro"), (0, 7, "battery")] {
                 let mut m = vec![instance];
                 m.extend(id.to_le_bytes());
@@ -170,7 +255,7 @@ mod tests {
         let r = crate::recording::import::read(&path, &map()).expect("fits");
         assert_eq!((r.time_s.len(), r.time_s[1], r.frequency_hz[0][2]), (50, 2.004, 41.0));
         assert!((r.rate_dph[1][7] + 0.5 * 206_264.806_247).abs() < 1e-3);
-        assert!(r.notes.iter().any(|n| n.contains("1 dropouts")), "{:?}", r.notes);
+        assert!(r.notes.iter().any(|n| n.contains("1 dropout:")), "{:?}", r.notes);
         // Cut off in the middle of a message, as by a power loss.
         log.0.truncate(log.0.len() - 60);
         let cut = crate::recording::import::read(&log.save("cut"), &map()).expect("the beginning is there");
@@ -189,9 +274,10 @@ mod tests {
         m.extend(12f32.to_le_bytes());
         log.message(b'D', &m);
         let e = read(&log.save("other"), &map()).expect_err("no gyro").0;
-        assert!(e.contains("no sensor_gyro 0") && e.contains("battery 0"), "{e}");
+        assert!(e.contains("no sensor_gyro or sensor_combined 0") && e.contains("battery 0"), "{e}");
         log.gyro(3, 1, [0.0; 3], 20.0);
         let mut other = map();
+        other.table.topic = Some(crate::recording::import::map::Names::One("sensor_gyro".into()));
         other.rate.get_mut("x").expect("there").column =
             crate::recording::import::map::Names::One("gyro_rad[0]".into());
         let e = read(&log.save("field"), &other).expect_err("no field").0;
@@ -199,5 +285,48 @@ mod tests {
         let junk = Log(b"time_s,fx_hz\n1,2\n".to_vec());
         let e = read(&junk.save("junk"), &map()).expect_err("no log").0;
         assert!(e.contains("PX4 log"), "{e}");
+    }
+
+    /// As PX4 logs by default: the combined rates, and the temperature of the IMU once a second.
+    #[test]
+    fn a_log_without_the_raw_gyro_has_the_combined_rates() {
+        let mut log = Log::new();
+        for (id, name) in [(8u16, "sensor_combined"), (9, "vehicle_imu_status")] {
+            let mut m = vec![0];
+            m.extend(id.to_le_bytes());
+            m.extend(name.as_bytes());
+            log.message(b'A', &m);
+        }
+        for k in 0..500u64 {
+            let time = (5_000_000 + 10_000 * k).to_le_bytes();
+            let mut m = [8u16.to_le_bytes().to_vec(), time.to_vec()].concat();
+            [0.01f32, -0.02, 0.03, 0.0, 0.0, -9.8].iter().for_each(|v| m.extend(v.to_le_bytes()));
+            log.message(b'D', &m);
+            if k % 100 == 0 {
+                let mut m = [9u16.to_le_bytes().to_vec(), time.to_vec()].concat();
+                m.extend((30.0 + k as f32 / 100.0).to_le_bytes());
+                log.message(b'D', &m);
+            }
+        }
+        let r = crate::recording::import::read(&log.save("combined"), &map()).expect("fits");
+        assert_eq!((r.time_s.len(), r.frequency_hz[1][150]), (500, 31.5));
+        assert!((r.rate_dph[2][9] - f64::from(0.03f32) * 206_264.806_247).abs() < 1e-3);
+        assert!(r.notes.iter().any(|n| n.contains("no sensor_gyro; the rates are those of sensor_combined, the temperatures those of vehicle_imu_status.temperature_gyro")), "{:?}", r.notes);
+    }
+
+    /// What the crate panics on, or might: each byte of a log changed.
+    #[test]
+    fn defective_logs_are_refused_or_read() {
+        let mut log = Log::new();
+        (0..20).for_each(|k| log.gyro(3, 2_000_000 + k * 4000, [0.0; 3], 40.0));
+        let path = log.save("defective");
+        for at in 8..log.0.len() {
+            for value in [0x00, 0xFF, 0x80, log.0[at] ^ 1] {
+                let mut bytes = log.0.clone();
+                bytes[at] = value;
+                std::fs::write(&path, &bytes).expect("written");
+                let _ = read(&path, &map());
+            }
+        }
     }
 }

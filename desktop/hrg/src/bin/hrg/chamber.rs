@@ -440,10 +440,10 @@ pub fn read(arguments: &ReadArguments) -> Result<()> {
     println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
     let tell = |(place, image): &At, what: &str| match image {
         Ok(c) => println!(
-            "{place}: image {:08x}, number {}, made {} (seconds since 1970), {what}",
+            "{place}: image {:08x}, number {}, made on {}, {what}",
             c.checksum(),
             c.sequence,
-            c.created_unix_s
+            monitor::date(c.created_unix_s)
         ),
         Err(e) => println!("{place}: {e}; {what}"),
     };

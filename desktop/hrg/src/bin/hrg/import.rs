@@ -21,6 +21,9 @@ pub struct Arguments {
     /// guess is printed as a map
     #[arg(short, long)]
     map: Option<String>,
+    /// Number of the IMU, from 0, where the file has several.
+    #[arg(long, value_name = "N")]
+    imu: Option<u8>,
     #[command(flatten)]
     log: merge::Log,
     #[command(flatten)]
@@ -57,9 +60,17 @@ impl Made {
         Ok(Self { text: r.to_csv(), notes: r.notes, guessed: None })
     }
 
-    fn of(file: &Path, name: Option<&str>) -> Result<Self> {
+    fn of(file: &Path, name: Option<&str>, imu: Option<u8>) -> Result<Self> {
         if let Some(name) = name.or_else(|| import::built_in(file)) {
-            return Self::by(file, &map(name)?);
+            let mut map = map(name)?;
+            map.table.instance = imu.unwrap_or(map.table.instance);
+            return Self::by(file, &map);
+        }
+        if imu.is_some() {
+            return Err(BadInput::new(
+                "--imu is for files with several IMUs: logs of PX4, ArduPilot, Betaflight or ROS, or a --map with instance_column",
+            )
+            .into());
         }
         let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
         let table = text_of(file).ok().map(|(text, _)| text).filter(|text| !is_recording(text));
@@ -104,7 +115,7 @@ fn is_recording(text: &str) -> bool {
 
 /// Makes a recording of another program's file.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let Arguments { file, map: name, log, identity, out } = arguments;
+    let Arguments { file, map: name, imu, log, identity, out } = arguments;
     if log.with.is_some() && out.is_none() {
         return Err(BadInput::new("--with needs --out, for the recording with the columns of the log").into());
     }
@@ -116,7 +127,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         ))
         .into());
     }
-    let mut made = Made::of(file, name.as_deref())?;
+    let mut made = Made::of(file, name.as_deref(), *imu)?;
     made.text = stated(&made.text, &identity.facts()?).map_err(here)?;
     if let Some(with) = &log.with {
         made.text = merge::merged(file, &made.text, with, log)?;

@@ -128,7 +128,7 @@ pub struct Search<'a> {
     active: [bool; AXES],
     /// Set to search among effects that a unit can compute, and events.
     unit_only: bool,
-    /// Set to search among named forms alone.
+    /// Set to search without the families that have a state.
     no_families: bool,
 }
 
@@ -262,8 +262,8 @@ impl<'a> Search<'a> {
         let within = |c: &Candidate| !self.unit_only || c.on_unit() || c.facts.reach == Reach::Unpredictable;
         let offered: Vec<bool> = (0..self.candidates.len())
             .map(|k| {
-                let kind = self.no_families && k > RAMP && self.card(k).kind == Kind::Family;
-                self.offered[k] && !kind && self.candidates[k].iter().all(within)
+                let barred = self.no_families && k > RAMP && self.is_family_with_state(k);
+                self.offered[k] && !barred && self.candidates[k].iter().all(within)
             })
             .collect();
         let each: Vec<_> = (0..AXES)
@@ -440,12 +440,18 @@ impl<'a> Search<'a> {
         state
     }
 
-    /// A model in which named forms stand in the place of a family, if its score is higher: a family may stand for several effects at once,
-    /// and no single one of them is better in its place.
+    /// `true` for a family of lags, plays or decays.
+    fn is_family_with_state(&self, group: usize) -> bool {
+        let card = self.card(group);
+        card.kind == Kind::Family && matches!(card.class, Class::Memory | Class::Hysteresis | Class::PowerOn)
+    }
+
+    /// A model in which named forms stand in the place of a family of lags, plays or decays, if its score is higher: such a family may stand for
+    /// several effects at once, and no single one of them is better in its place.
     fn named(&mut self, state: &State) -> Option<State> {
         let now = self.score(state);
-        let family = |s: &Self, k: &usize| s.card(state.groups[*k]).kind == Kind::Family;
-        let families: Vec<usize> = (0..state.groups.len()).filter(|k| family(self, k)).collect();
+        let families: Vec<usize> =
+            (0..state.groups.len()).filter(|k| self.is_family_with_state(state.groups[*k])).collect();
         self.no_families = true;
         let others = families.into_iter().map(|k| {
             let others = self.without(state, k);

@@ -1,0 +1,71 @@
+//! Betaflight's blackbox logs (`.bbl`, `.bfl`), read by the crate blackbox-log: times and `gyroADC`, which has no thermometer.
+
+use super::map::Map;
+use super::{choose, Table};
+use crate::error::BadInput;
+use blackbox_log::prelude::*;
+use blackbox_log::units::si::angular_velocity::radian_per_second;
+use blackbox_log::Value;
+use std::path::Path;
+
+/// First line of each log in such a file.
+const HEAD: &[u8] = b"H Product:Blackbox";
+
+/// `true` if a file begins as such a log does.
+#[must_use]
+pub fn begins(path: &Path) -> bool {
+    use std::io::Read;
+    let mut first = [0; HEAD.len()];
+    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
+    read.is_ok() && first == HEAD
+}
+
+/// Reads the columns that a map wants: `time` in us since power-on, and the fields of the main frames that are rates, in rad/s.
+///
+/// # Errors
+/// One sentence: no log, or none with rates; no such field.
+pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
+    let read = crate::error::caught(|| columns(bytes));
+    let (columns, logs) = read.unwrap_or_else(|_| {
+        Err(BadInput::new("the log is defective: its reader fails on it; copy it from the flight controller again"))
+    })?;
+    let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
+    let wanted = choose(map, &names)?;
+    let mut table = Table::default();
+    table.columns = columns.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+    if logs > 1 {
+        table.notes.push(format!("the file holds {logs} logs, one after another in this recording"));
+    }
+    Ok(table)
+}
+
+/// The columns of all logs of a file, and the number of logs.
+fn columns(bytes: &[u8]) -> Result<(Vec<(String, Vec<f64>)>, usize), BadInput> {
+    let mut out: Vec<(String, Vec<f64>)> = Vec::new();
+    let mut logs = 0;
+    for headers in blackbox_log::File::new(bytes).iter() {
+        let headers = headers.map_err(|e| BadInput(format!("it is no blackbox log that can be read: {e}")))?;
+        let names: Vec<String> = headers.main_frame_def().iter().map(|f| f.name.to_string()).collect();
+        let mut parser = headers.data_parser();
+        let mut frames = 0usize;
+        while let Some(event) = parser.next() {
+            let ParserEvent::Main(frame) = event else { continue };
+            frames += 1;
+            let rates = names.iter().zip(frame.iter()).filter_map(|(n, v)| match v.into() {
+                Value::Rotation(rate) => Some((n.as_str(), rate.get::<radian_per_second>())),
+                _ => None,
+            });
+            for (name, value) in std::iter::once(("time", frame.time_raw() as f64)).chain(rates) {
+                match out.iter_mut().find(|(n, _)| n == name) {
+                    Some((_, values)) => values.push(value),
+                    None => out.push((name.to_string(), vec![value])),
+                }
+            }
+        }
+        logs += usize::from(frames > 0);
+    }
+    if out.is_empty() {
+        return Err(BadInput::new("the blackbox log holds no frame"));
+    }
+    Ok((out, logs))
+}

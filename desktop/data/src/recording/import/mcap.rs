@@ -1,0 +1,272 @@
+//! ROS bags as MCAP, read by the crate mcap: `sensor_msgs/Imu` with `sensor_msgs/Temperature`, as ROS 2 (CDR) and ROS 1 encode them.
+
+use super::map::Map;
+use super::{at_times, choose, Table};
+use crate::error::BadInput;
+use std::collections::BTreeMap;
+
+/// First bytes of a file.
+pub const HEAD: &[u8] = b"\x89MCAP0\r\n";
+
+/// The bytes of a message, read in order.
+struct Cursor<'m> {
+    bytes: &'m [u8],
+    at: usize,
+    /// CDR aligns each value to its length and ends texts by a zero; ROS 1 does neither.
+    aligned: bool,
+    little: bool,
+}
+
+impl<'m> Cursor<'m> {
+    fn new(encoding: &str, data: &'m [u8]) -> Option<Self> {
+        match encoding {
+            "ros1" => Some(Self { bytes: data, at: 0, aligned: false, little: true }),
+            // (Four bytes of encapsulation: 0, and 1 for little-endian. Alignment counts from behind them.)
+            "cdr" => Some(Self { bytes: data.get(4..)?, at: 0, aligned: true, little: data[1] & 1 == 1 }),
+            _ => None,
+        }
+    }
+
+    fn take<const N: usize>(&mut self) -> Option<[u8; N]> {
+        if self.aligned {
+            self.at = self.at.next_multiple_of(N);
+        }
+        let mut bytes: [u8; N] = self.bytes.get(self.at..self.at + N)?.try_into().ok()?;
+        self.at += N;
+        if !self.little {
+            bytes.reverse();
+        }
+        Some(bytes)
+    }
+
+    fn u32(&mut self) -> Option<u32> {
+        self.take().map(u32::from_le_bytes)
+    }
+
+    fn f64(&mut self) -> Option<f64> {
+        self.take().map(f64::from_le_bytes)
+    }
+
+    /// Passes a `std_msgs/Header`; gives its stamp, s.
+    fn header(&mut self) -> Option<f64> {
+        if !self.aligned {
+            self.u32()?; // Sequence number.
+        }
+        let (seconds, nanoseconds) = (self.u32()?, self.u32()?);
+        let length = self.u32()? as usize;
+        self.at = self.at.checked_add(length)?;
+        Some(f64::from(seconds) + 1e-9 * f64::from(nanoseconds))
+    }
+}
+
+/// Time and values of a message.
+fn imu(c: &mut Cursor<'_>) -> Option<[f64; 4]> {
+    let time = c.header()?;
+    // Orientation, and its covariance.
+    for _ in 0..4 + 9 {
+        c.f64()?;
+    }
+    Some([time, c.f64()?, c.f64()?, c.f64()?])
+}
+
+fn temperature(c: &mut Cursor<'_>) -> Option<[f64; 2]> {
+    Some([c.header()?, c.f64()?])
+}
+
+/// Rows of each topic.
+#[derive(Default)]
+struct Bag {
+    imus: BTreeMap<String, Vec<[f64; 4]>>,
+    temperatures: BTreeMap<String, Vec<[f64; 2]>>,
+    others: BTreeMap<String, String>,
+    /// Messages of these kinds that could not be read.
+    unread: usize,
+    cut: bool,
+}
+
+fn bag(bytes: &[u8]) -> Result<Bag, BadInput> {
+    let mut bag = Bag::default();
+    let no_bag = |e: mcap::McapError| BadInput(format!("it cannot be read as MCAP: {e}"));
+    for message in mcap::MessageStream::new(bytes).map_err(no_bag)? {
+        // (A recorder that was stopped by force leaves no end.)
+        let Ok(message) = message else {
+            bag.cut = true;
+            break;
+        };
+        let (topic, encoding) = (&message.channel.topic, &message.channel.message_encoding);
+        let schema = message.channel.schema.as_ref().map_or("", |s| s.name.as_str());
+        let cursor = Cursor::new(encoding, &message.data);
+        match schema.rsplit('/').next() {
+            Some("Imu") if schema.starts_with("sensor_msgs") => match cursor.and_then(|mut c| imu(&mut c)) {
+                Some(row) => bag.imus.entry(topic.clone()).or_default().push(row),
+                None => bag.unread += 1,
+            },
+            Some("Temperature") if schema.starts_with("sensor_msgs") => {
+                match cursor.and_then(|mut c| temperature(&mut c)) {
+                    Some(row) => bag.temperatures.entry(topic.clone()).or_default().push(row),
+                    None => bag.unread += 1,
+                }
+            }
+            _ => drop(bag.others.entry(topic.clone()).or_insert_with(|| schema.to_string())),
+        }
+    }
+    Ok(bag)
+}
+
+/// The topic of the temperatures that are an IMU's: the one whose name has most of its parts in common.
+fn nearest<'t>(imu: &str, topics: impl Iterator<Item = &'t String>) -> Option<&'t String> {
+    let common = |t: &str| imu.split('/').zip(t.split('/')).take_while(|(a, b)| a == b).count();
+    topics.max_by_key(|t| common(t))
+}
+
+/// Reads the columns that a map wants: `time` (seconds since 1970), `x`, `y`, `z` (rad/s), `temperature` (C).
+///
+/// # Errors
+/// One sentence: no bag, or none with an IMU, with the topics that it has.
+pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
+    let read = crate::error::caught(|| bag(bytes));
+    let bag =
+        read.unwrap_or_else(|_| Err(BadInput::new("the bag is defective: its reader fails on it; record it again")))?;
+    let named = map.topics().first().copied();
+    let found = match named {
+        Some(topic) => bag.imus.get_key_value(topic),
+        None => bag.imus.iter().nth(usize::from(map.table.instance)),
+    };
+    let Some((topic, rows)) = found else {
+        let imus: Vec<&String> = bag.imus.keys().collect();
+        let others: Vec<String> = bag.others.iter().map(|(t, s)| format!("{t} ({s})")).collect();
+        return Err(BadInput(if imus.is_empty() {
+            format!("the bag has no sensor_msgs/Imu; it has {}", crate::error::list(&others))
+        } else {
+            let wanted = named.map_or_else(|| format!("IMU {}", map.table.instance), ToString::to_string);
+            format!("the bag has no {wanted}; its IMUs, from 0, are {}", crate::error::list(&imus))
+        }));
+    };
+    let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
+    let mut all = vec![("time".to_string(), times.clone())];
+    all.extend(["x", "y", "z"].iter().zip(1..).map(|(n, k)| (n.to_string(), rows.iter().map(|r| r[k]).collect())));
+    let mut table = Table::default();
+    if let Some(thermometer) = nearest(topic, bag.temperatures.keys()) {
+        let rows = &bag.temperatures[thermometer];
+        let (own, values): (Vec<f64>, Vec<f64>) = rows.iter().map(|r| (r[0], r[1])).unzip();
+        all.push(("temperature".into(), at_times(&times, &own, &values)));
+        table.notes.push(format!("rates of {topic}, temperatures of {thermometer}"));
+    } else {
+        table
+            .notes
+            .push(format!("rates of {topic}; the bag has no sensor_msgs/Temperature, so there is no temperature"));
+    }
+    let names: Vec<String> = all.iter().map(|(n, _)| n.clone()).collect();
+    let wanted = choose(map, &names)?;
+    table.columns = all.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+    let others: Vec<String> =
+        bag.imus.keys().enumerate().filter(|(_, t)| *t != topic).map(|(n, t)| format!("{n} ({t})")).collect();
+    if !others.is_empty() {
+        table.notes.push(format!("the bag has other IMUs: {}; --imu N takes one", crate::error::list(&others)));
+    }
+    if bag.unread > 0 {
+        table.notes.push(format!("{} messages have another layout than their schema's: left out", bag.unread));
+    }
+    if bag.cut {
+        table.notes.push("the bag ends within a chunk: what is before it is used".into());
+    }
+    Ok(table)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recording::import::map::BUILT_IN;
+    use std::collections::BTreeMap;
+
+    /// A message in CDR, little-endian.
+    struct Cdr(Vec<u8>);
+
+    impl Cdr {
+        fn new() -> Self {
+            Self(vec![0, 1, 0, 0])
+        }
+
+        fn put(mut self, bytes: &[u8]) -> Self {
+            while (self.0.len() - 4) % bytes.len() != 0 {
+                self.0.push(0);
+            }
+            self.0.extend(bytes);
+            self
+        }
+
+        fn header(self, time_ms: u32) -> Self {
+            let mut c = self.put(&(1_700_000_000 + time_ms / 1000).to_le_bytes());
+            c = c.put(&(time_ms % 1000 * 1_000_000).to_le_bytes()).put(&5u32.to_le_bytes());
+            c.0.extend(b"imu0\0");
+            c
+        }
+
+        fn numbers(self, values: &[f64]) -> Self {
+            values.iter().fold(self, |c, v| c.put(&v.to_le_bytes()))
+        }
+    }
+
+    fn written(compression: Option<mcap::Compression>) -> Vec<u8> {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let options = mcap::WriteOptions::new().compression(compression).profile("ros2");
+        let mut w = options.create(&mut file).expect("opens");
+        let none = BTreeMap::new();
+        let imu = w.add_schema("sensor_msgs/msg/Imu", "ros2msg", b"").expect("added");
+        let warm = w.add_schema("sensor_msgs/msg/Temperature", "ros2msg", b"").expect("added");
+        let channels = [(imu, "/a/imu"), (imu, "/b/imu"), (warm, "/b/temperature")];
+        let ids = channels.map(|(schema, topic)| w.add_channel(schema, topic, "cdr", &none).expect("added"));
+        for k in 0..300u32 {
+            let (ms, rate) = (k * 10, 0.001 * f64::from(k));
+            for (n, id) in ids.iter().enumerate().filter(|(n, _)| *n < 2 || k % 100 == 0) {
+                let c = Cdr::new().header(ms);
+                let c = match n {
+                    2 => c.numbers(&[20.0 + f64::from(k), 0.0]),
+                    _ => c.numbers(&[[0.0; 13].as_slice(), &[rate, -rate, n as f64], &[0.0; 21]].concat()),
+                };
+                let header = mcap::records::MessageHeader {
+                    channel_id: *id,
+                    sequence: k,
+                    log_time: u64::from(ms),
+                    publish_time: u64::from(ms),
+                };
+                w.write_to_known_channel(&header, &c.0).expect("written");
+            }
+        }
+        w.finish().expect("finishes");
+        drop(w);
+        file.into_inner()
+    }
+
+    fn map(instance: u8) -> Map {
+        let text = BUILT_IN.iter().find(|(n, _)| *n == "ros").expect("there").1;
+        let mut map = Map::parse(text).expect("a map");
+        map.table.instance = instance;
+        map
+    }
+
+    #[test]
+    fn an_imu_with_the_temperature_of_its_neighbour() {
+        for compression in [None, Some(mcap::Compression::Zstd), Some(mcap::Compression::Lz4)] {
+            let path = std::env::temp_dir().join(format!("hrg-mcap-{}.mcap", std::process::id()));
+            std::fs::write(&path, written(compression)).expect("written");
+            assert_eq!(crate::recording::import::built_in(&path), Some("ros"));
+            let r = crate::recording::import::read(&path, &map(1)).expect("fits");
+            assert_eq!((r.time_s.len(), r.frequency_hz[0][50]), (300, 70.0));
+            assert!((r.time_s[1] - 0.01).abs() < 1e-6 && (r.rate_dph[2][0] - 206_264.806_247).abs() < 1e-3);
+            assert!((r.rate_dph[1][100] + 0.1 * 206_264.806_247).abs() < 1e-3);
+            assert!(r.notes.iter().any(|n| n.contains("other IMUs: 0 (/a/imu)")), "{:?}", r.notes);
+        }
+    }
+
+    #[test]
+    fn what_is_cut_or_missing_is_reported() {
+        let whole = written(None);
+        let cut = read(&whole[..whole.len() / 2], &map(0)).expect("the beginning");
+        assert!(cut.notes.iter().any(|n| n.contains("ends within")) && cut.rows() > 50, "{:?}", cut.notes);
+        let e = read(&whole, &map(7)).expect_err("no such").0;
+        assert!(e.contains("no IMU 7; its IMUs, from 0, are /a/imu and /b/imu"), "{e}");
+        let e = read(b"\x89MCAP0\r\nnonsense, and more of it", &map(0)).expect_err("none").0;
+        assert!(e.contains("no sensor_msgs/Imu") || e.contains("cannot be read"), "{e}");
+    }
+}
