@@ -2,6 +2,7 @@
 //! others like them with every test run.
 
 pub mod calibration;
+pub mod import;
 pub mod link;
 pub mod log;
 pub mod recording;

@@ -378,9 +378,11 @@ impl Corrected {
     }
 }
 
-/// A recording of another program's file (a path) by a map: the path of one, or px4, ardupilot, adis, bosch.
+/// A recording of another program's file (a path) by a map: the path of one, or px4, ardupilot, ros, betaflight, adis, bosch. `imu`: its number,
+/// from 0, where the file has several.
 #[pyfunction]
-pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Recording> {
+#[pyo3(signature = (path, map, *, imu = None))]
+pub fn import_table(py: Python<'_>, path: PathBuf, map: &str, imu: Option<u8>) -> PyResult<Recording> {
     let built_in = BUILT_IN.iter().find(|(name, _)| *name == map).map(|(_, text)| (*text).to_string());
     let text = match built_in {
         Some(text) => text,
@@ -389,7 +391,8 @@ pub fn import_table(py: Python<'_>, path: PathBuf, map: &str) -> PyResult<Record
             bad(format!("cannot read the map {map}: {e}; built in are {}", known.join(", ")))
         })?,
     };
-    let map = Map::parse(&text).map_err(|e| bad(format!("{map}: {e}")))?;
+    let mut map = Map::parse(&text).map_err(|e| bad(format!("{map}: {e}")))?;
+    map.table.instance = imu.unwrap_or(map.table.instance);
     let cleaned = || -> anyhow::Result<Recording> {
         let mut clean = import::read(&path, &map)?;
         let original = clean.clean_keeping()?;

@@ -59,10 +59,14 @@ fn made(kept: &[Vec<u8>], draw: &mut ChaCha8Rng) -> Vec<u8> {
 }
 
 fn hold(target: &str, run: fn(&[u8])) {
+    hold_made(target, run, MADE);
+}
+
+fn hold_made(target: &str, run: fn(&[u8]), number: usize) {
     let kept = corpus(target);
     assert!(kept.len() > 5, "{target}: {} kept inputs", kept.len());
     let mut draw = ChaCha8Rng::seed_from_u64(1);
-    let more = std::iter::repeat_with(|| made(&kept, &mut draw)).take(MADE);
+    let more = std::iter::repeat_with(|| made(&kept, &mut draw)).take(number);
     for input in kept.iter().cloned().chain(more) {
         if catch_unwind(AssertUnwindSafe(|| run(&input))).is_err() {
             let at = Path::new(env!("CARGO_TARGET_TMPDIR")).join(format!("{target}-input"));
@@ -75,6 +79,12 @@ fn hold(target: &str, run: fn(&[u8])) {
 #[test]
 fn recordings_are_read_or_refused() {
     hold("recording", targets::recording::run);
+}
+
+#[test]
+fn files_of_other_programs_are_read_or_refused() {
+    // (Each is written to a file.)
+    hold_made("import", targets::import::run, MADE / 5);
 }
 
 #[test]

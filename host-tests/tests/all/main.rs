@@ -15,6 +15,7 @@ mod faults;
 mod foreign;
 mod layout;
 mod library;
+mod logs;
 mod measured;
 mod ocxo;
 mod panics;

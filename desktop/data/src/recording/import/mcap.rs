@@ -3,6 +3,8 @@
 use super::map::Map;
 use super::{at_times, choose, Table};
 use crate::error::BadInput;
+use mcap::records::{Channel, Record};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 
 /// First bytes of a file.
@@ -84,33 +86,66 @@ struct Bag {
     cut: bool,
 }
 
-fn bag(bytes: &[u8]) -> Result<Bag, BadInput> {
-    let mut bag = Bag::default();
-    let no_bag = |e: mcap::McapError| BadInput(format!("it cannot be read as MCAP: {e}"));
-    for message in mcap::MessageStream::new(bytes).map_err(no_bag)? {
-        // (A recorder that was stopped by force leaves no end.)
-        let Ok(message) = message else {
-            bag.cut = true;
-            break;
-        };
-        let (topic, encoding) = (&message.channel.topic, &message.channel.message_encoding);
-        let schema = message.channel.schema.as_ref().map_or("", |s| s.name.as_str());
-        let cursor = Cursor::new(encoding, &message.data);
+impl Bag {
+    fn take(&mut self, topic: &str, encoding: &str, schema: &str, data: &[u8]) {
+        let cursor = Cursor::new(encoding, data);
         match schema.rsplit('/').next() {
             Some("Imu") if schema.starts_with("sensor_msgs") => match cursor.and_then(|mut c| imu(&mut c)) {
-                Some(row) => bag.imus.entry(topic.clone()).or_default().push(row),
-                None => bag.unread += 1,
+                Some(row) => self.imus.entry(topic.to_string()).or_default().push(row),
+                None => self.unread += 1,
             },
             Some("Temperature") if schema.starts_with("sensor_msgs") => {
                 match cursor.and_then(|mut c| temperature(&mut c)) {
-                    Some(row) => bag.temperatures.entry(topic.clone()).or_default().push(row),
-                    None => bag.unread += 1,
+                    Some(row) => self.temperatures.entry(topic.to_string()).or_default().push(row),
+                    None => self.unread += 1,
                 }
             }
-            _ => drop(bag.others.entry(topic.clone()).or_insert_with(|| schema.to_string())),
+            _ => drop(self.others.entry(topic.to_string()).or_insert_with(|| schema.to_string())),
         }
     }
-    Ok(bag)
+}
+
+/// Longest record of a bag that is read, bytes: a larger length is a defect.
+const LONGEST_RECORD: usize = 64 << 20;
+
+/// The rows of a bag, as far as it can be read.
+fn bag(bytes: &[u8]) -> Bag {
+    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_skip_end_magic(true);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut bag = Bag::default();
+    let (mut schemas, mut channels) = (BTreeMap::<u16, String>::new(), BTreeMap::<u16, Channel>::new());
+    let mut rest = bytes;
+    while let Some(event) = reader.next_event() {
+        match event {
+            Ok(LinearReadEvent::ReadRequest(wanted)) => {
+                let given = wanted.min(rest.len());
+                // (A recorder that was stopped by force leaves no end.)
+                if given == 0 {
+                    bag.cut = true;
+                    break;
+                }
+                reader.insert(given).copy_from_slice(&rest[..given]);
+                reader.notify_read(given);
+                rest = &rest[given..];
+            }
+            Ok(LinearReadEvent::Record { data, opcode }) => match mcap::parse_record(opcode, data) {
+                Ok(Record::Schema { header, .. }) => drop(schemas.insert(header.id, header.name)),
+                Ok(Record::Channel(channel)) => drop(channels.insert(channel.id, channel)),
+                Ok(Record::Message { header, data }) => {
+                    if let Some(c) = channels.get(&header.channel_id) {
+                        let schema = schemas.get(&c.schema_id).map_or("", String::as_str);
+                        bag.take(&c.topic, &c.message_encoding, schema, &data);
+                    }
+                }
+                _ => {}
+            },
+            Err(_) => {
+                bag.cut = true;
+                break;
+            }
+        }
+    }
+    bag
 }
 
 /// The topic of the temperatures that are an IMU's: the one whose name has most of its parts in common.
@@ -125,8 +160,7 @@ fn nearest<'t>(imu: &str, topics: impl Iterator<Item = &'t String>) -> Option<&'
 /// One sentence: no bag, or none with an IMU, with the topics that it has.
 pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     let read = crate::error::caught(|| bag(bytes));
-    let bag =
-        read.unwrap_or_else(|_| Err(BadInput::new("the bag is defective: its reader fails on it; record it again")))?;
+    let bag = read.map_err(|_| BadInput::new("the bag is defective: its reader fails on it; record it again"))?;
     let named = map.topics().first().copied();
     let found = match named {
         Some(topic) => bag.imus.get_key_value(topic),
@@ -168,7 +202,7 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
         table.notes.push(format!("{} messages have another layout than their schema's: left out", bag.unread));
     }
     if bag.cut {
-        table.notes.push("the bag ends within a chunk: what is before it is used".into());
+        table.notes.push("the bag ends within a record, or one is defective: what is before it is used".into());
     }
     Ok(table)
 }
@@ -263,7 +297,7 @@ mod tests {
     fn what_is_cut_or_missing_is_reported() {
         let whole = written(None);
         let cut = read(&whole[..whole.len() / 2], &map(0)).expect("the beginning");
-        assert!(cut.notes.iter().any(|n| n.contains("ends within")) && cut.rows() > 50, "{:?}", cut.notes);
+        assert!(cut.notes.iter().any(|n| n.contains("ends within a record")) && cut.rows() > 50, "{:?}", cut.notes);
         let e = read(&whole, &map(7)).expect_err("no such").0;
         assert!(e.contains("no IMU 7; its IMUs, from 0, are /a/imu and /b/imu"), "{e}");
         let e = read(b"\x89MCAP0\r\nnonsense, and more of it", &map(0)).expect_err("none").0;

@@ -99,6 +99,16 @@ fn joined(topics: &BTreeMap<String, Topic>, seen: &BTreeSet<String>, map: &Map) 
     let wanted = choose(map, &there)?;
     table.columns.retain(|(n, _)| wanted.iter().any(|(_, w)| w == n));
     table.columns.extend(main.columns.iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).cloned());
+    // (By default PX4 logs a single sample of the raw gyro a second.)
+    let rows = |t: &Topic| t.columns.first().map_or(0, |(_, v)| v.len());
+    let fuller = map.topics().into_iter().filter(|t| *t != name).filter_map(|t| topics.get_key_value(t));
+    if let Some((other, more)) = fuller.max_by_key(|(_, t)| rows(t)).filter(|(_, t)| rows(t) > 10 * rows(main)) {
+        table.notes.push(format!(
+            "{name} has {} rows, each a single sample, where {other} has {}; log the gyro at full rate (SDLOG_PROFILE), or take {other} by a map with its topic",
+            rows(main),
+            rows(more)
+        ));
+    }
     if map.topics().first() != Some(&name.as_str()) {
         let thermometer = map.temperature.values().find(|c| table.column(&c.column).is_some());
         let from = thermometer.and_then(|c| c.column.all().into_iter().find(|n| there.iter().any(|t| t == n)));
