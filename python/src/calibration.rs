@@ -197,7 +197,7 @@ pub fn fit(
         found.calibration.created_unix_s = now();
         found.calibration.sequence = 1;
         let corrected: Vec<_> = prepared.runs.iter().map(|r| fits::correct(&found.calibration, &r.steps)).collect();
-        let fitted = fits::spread(&corrected);
+        let fitted = fits::spread(&corrected, prepared.runs.first().map_or(fits::MEAN_S, |r| r.steps.mean_s));
         for a in prepared.runs.first().into_iter().flat_map(|r| r.steps.present()) {
             found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
         }

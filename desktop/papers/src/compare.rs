@@ -18,13 +18,12 @@ use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
 use hrg_data::recording::facts;
-use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::steps::{Run, Steps, MEAN_S};
 use hrg_data::recording::Recording;
 use hrg_identify::fit;
 use hrg_identify::fit::enough_data;
 use hrg_identify::fit::independence;
 use hrg_identify::fit::independence::Units;
-use hrg_identify::fit::MEAN_S;
 use hrg_identify::trace;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -185,12 +184,19 @@ pub struct Comparison {
     pub unit: String,
     /// The raw rate, as a method that does nothing.
     pub raw: Judged,
+    /// Seconds of a mean: 100, or 30 or 10 where a run is too short for that.
+    #[serde(default = "usual_mean_s")]
+    pub mean_s: usize,
     /// The methods.
     pub rows: Vec<Row>,
     /// Sentence on the unseen runs that repeat a training profile, and those that do not.
     pub about_verify: String,
     /// Methods that could not be used, and why.
     pub left_out: Vec<String>,
+}
+
+fn usual_mean_s() -> usize {
+    MEAN_S
 }
 
 /// Root mean square over the axes that are there.
@@ -214,8 +220,8 @@ fn over_runs(runs: &[[Vec<f64>; AXES]], figure: impl Fn(&[f64]) -> f64) -> [f64;
     })
 }
 
-fn three_sigma(v: &[f64]) -> f64 {
-    3.0 * std_dev(&block_means(v, MEAN_S))
+fn three_sigma(v: &[f64], mean_s: usize) -> f64 {
+    3.0 * std_dev(&block_means(v, mean_s))
 }
 
 /// Least Allan deviation over 0.664: the level of flicker that would give it.
@@ -234,6 +240,8 @@ struct Bench {
     repeats: Vec<bool>,
     /// Steps at the start of each run that are not judged.
     skip: usize,
+    /// Seconds of a mean.
+    mean_s: usize,
 }
 
 impl Bench {
@@ -245,6 +253,7 @@ impl Bench {
             train: prepared.runs.iter().map(|r| r.steps.clone()).collect(),
             stages: prepared.runs.iter().map(|r| [0, 1, 2].map(|a| stages::of_run(r, scaling, a))).collect(),
             repeats: verify.iter().map(again).collect(),
+            mean_s: verify.first().map_or(MEAN_S, |s| s.mean_s),
             verify,
             skip: from_s as usize,
         }
@@ -260,6 +269,7 @@ impl Bench {
         for rates in train.iter_mut().chain(&mut verify).flatten() {
             rates.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN);
         }
+        let three_sigma = |v: &[f64]| three_sigma(v, self.mean_s);
         let of_stage = |stage| -> Vec<[Vec<f64>; AXES]> {
             let both = train.iter().zip(&self.stages);
             both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect()
@@ -401,6 +411,7 @@ pub fn compare(
         unit: first.unit().to_string(),
         raw: bench.judge(|s| s.rate_dph.clone()),
         about_verify: bench.about(),
+        mean_s: bench.mean_s,
         rows,
         left_out,
     })
@@ -417,7 +428,7 @@ fn unseen_steps(
     independence::same_unit(&all, units)?;
     facts::agree(&all).map_err(BadInput::from)?;
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
-    verify
+    let steps = verify
         .iter()
         .map(|r| {
             if r.corrected() {
@@ -426,11 +437,16 @@ fn unseen_steps(
             for t in train {
                 independence::require(&[(t, "train"), (r, "verify")])?;
             }
-            let run = Run::new(Steps::new(r)?, curves);
-            enough_data::require(&run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
-            Ok(run.steps)
+            Steps::new(r)
         })
-        .collect()
+        .collect::<Result<Vec<_>, BadInput>>()?;
+    let mut runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
+    let mut learnt = prepared.runs.clone();
+    enough_data::agree_on_means(&mut learnt.iter_mut().chain(&mut runs).collect::<Vec<_>>());
+    for (run, r) in runs.iter().zip(verify) {
+        enough_data::require(run, if r.source.is_empty() { "the verify run" } else { &r.source })?;
+    }
+    Ok(runs.into_iter().map(|r| r.steps).collect())
 }
 
 /// Has `hrg-board cost` count what each image costs. A program of its own, because it brings the emulator with it.
@@ -565,7 +581,7 @@ pub fn picture(c: &Comparison) -> anyhow::Result<String> {
         ["on the training runs", "on runs never seen"]
     };
     let bars = plot::Bars {
-        title: format!("{}: three sigma of 100 s means, RMS of the axes", c.unit),
+        title: format!("{}: three sigma of means over {} s, RMS of the axes", c.unit, c.mean_s),
         unit: "deg/h".to_string(),
         labels: labels.map(String::from),
         rows: [("raw".to_string(), pair(&c.raw))]
@@ -586,17 +602,17 @@ pub fn searches(c: &Comparison) -> anyhow::Result<String> {
     history::picture(&all)
 }
 
-/// One line per axis and method: corrected 100 s means over time, for looking closer.
+/// One line per axis and method: means of the corrected rates over time, for looking closer.
 ///
 /// # Errors
 /// If a calibration or the drawing fails.
 pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Result<String> {
     let steps = Steps::new(verify)?;
     let means = |v: &[f64]| -> Vec<(f64, f64)> {
-        block_means(v, MEAN_S)
+        block_means(v, c.mean_s)
             .into_iter()
             .enumerate()
-            .map(|(k, m)| ((k as f64 + 0.5) * MEAN_S as f64 / 3600.0, m))
+            .map(|(k, m)| ((k as f64 + 0.5) * c.mean_s as f64 / 3600.0, m))
             .collect()
     };
     let mut panels = Vec::new();

@@ -94,6 +94,7 @@ pub fn align(elf: &[u8], recording: &Recording, calibration: Option<&Calibration
         start_s: 1.0,
         power_on_s: 0.0,
         run_in: 0,
+        mean_s: hrg_data::recording::steps::MEAN_S,
         thermometer: Default::default(),
         in_turns: false,
         absent: Default::default(),

@@ -24,6 +24,8 @@ pub struct Steps {
     pub power_on_s: f64,
     /// Steps before the first that is judged.
     pub run_in: usize,
+    /// Seconds of a mean in figures: the field's 100, or less where runs that are used together are short.
+    pub mean_s: usize,
     /// Source of the temperatures.
     pub thermometer: crate::recording::thermometer::Thermometer,
     /// Set if the axes have rates in turns (recordings of the errors of a scale factor): each a quarter of the time at most.
@@ -47,6 +49,9 @@ pub struct Steps {
     /// Quadrature; empty where not recorded.
     pub quad_v: [Vec<f32>; AXES],
 }
+
+/// Seconds of a mean: the field's figure is three sigma of 100 s means.
+pub const MEAN_S: usize = 100;
 
 /// Longest gap that is bridged by a straight line, s. The unit kept running during a gap in its recording: its lags and
 /// plays went on, and a straight line is nearer to what they saw than a temperature that stands still. (Rates are not
@@ -137,6 +142,7 @@ impl Steps {
         let steps = Self {
             start_s: first,
             power_on_s: r.power_on_s(),
+            mean_s: MEAN_S,
             run_in: r.judged_from_s.map_or(0, |t| ((t - first) / step).round().clamp(0.0, n as f64) as usize),
             thermometer: r.thermometer,
             in_turns: r.meta("rates") == Some(crate::recording::metadata::LACKING),

@@ -6,7 +6,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::block_means;
 use hrg_data::recording::steps::Run;
 
-/// Least number of 100 s means behind a figure: a standard deviation of twenty is known to 16 %.
+/// Least number of means behind a figure: a standard deviation of twenty is known to 16 %.
 pub const LEAST_MEANS: usize = 20;
 
 /// The same for the end of a run that was split (`--split`), which may be all that there is; a warning goes with it.
@@ -20,7 +20,24 @@ fn least(run: &Run) -> usize {
     }
 }
 
-/// Finite 100 s means of an axis, and how many the run's length allows.
+/// Seconds of a mean, in the order in which they are tried.
+const MEANS_S: [usize; 3] = [MEAN_S, 30, 10];
+
+/// Gives runs that are used together the longest means of which each of them holds enough ([`Steps::mean_s`]
+/// (hrg_data::recording::steps::Steps::mean_s)): 100 s, or 30 or 10. A note where they are shorter than the field's.
+pub fn agree_on_means(runs: &mut [&mut Run]) -> Option<String> {
+    let enough = |mean_s: usize| runs.iter().all(|r| (r.steps.len() - r.steps.run_in) / mean_s >= least(r));
+    let mean_s = MEANS_S.into_iter().find(|m| enough(*m)).unwrap_or(MEAN_S);
+    let before = runs.first().map_or(MEAN_S, |r| r.steps.mean_s);
+    runs.iter_mut().for_each(|r| r.steps.mean_s = mean_s);
+    (mean_s != before && mean_s < MEAN_S).then(|| {
+        format!(
+            "the runs are short: figures are of means of {mean_s} s, not of the usual {MEAN_S} s, and hold more noise"
+        )
+    })
+}
+
+/// Finite means of an axis, and how many the run's length allows.
 #[must_use]
 pub fn means(run: &Run, a: usize) -> (usize, usize) {
     let usable: Vec<f64> = run.steps.rate_dph[a]
@@ -28,8 +45,8 @@ pub fn means(run: &Run, a: usize) -> (usize, usize) {
         .enumerate()
         .map(|(k, r)| if run.state(k, a).is_some() { *r } else { f64::NAN })
         .collect();
-    let m = block_means(&usable, MEAN_S);
-    (m.iter().filter(|v| v.is_finite()).count(), m.len() - run.steps.run_in / MEAN_S)
+    let m = block_means(&usable, run.steps.mean_s);
+    (m.iter().filter(|v| v.is_finite()).count(), m.len() - run.steps.run_in / run.steps.mean_s)
 }
 
 /// A warning where the end of a split run has fewer than [`LEAST_MEANS`].
@@ -38,7 +55,8 @@ pub fn few(run: &Run, what: &str) -> Option<String> {
     let fewest = run.steps.present().map(|a| means(run, a).0).min()?;
     (fewest < LEAST_MEANS).then(|| {
         format!(
-            "{what} has only {fewest} means of 100 s: a standard deviation of so few is known to {:.0} %",
+            "{what} has only {fewest} means of {} s: a standard deviation of so few is known to {:.0} %",
+            run.steps.mean_s,
             100.0 / (2.0 * (fewest as f64 - 1.0)).sqrt()
         )
     })
@@ -63,7 +81,8 @@ pub fn require(run: &Run, what: &str) -> Result<(), BadInput> {
             continue;
         }
         return Err(BadInput::new(format!(
-            "{what}: axis {name} has {good} usable means of 100 s of {all}; a figure needs at least {least}, and {share} of the run: {}",
+            "{what}: axis {name} has {good} usable means of {} s of {all}; a figure needs at least {least}, and {share} of the run: {}",
+            run.steps.mean_s,
             reason(run, a, name)
         )));
     }
@@ -73,7 +92,7 @@ pub fn require(run: &Run, what: &str) -> Result<(), BadInput> {
 /// The likeliest reason, in words.
 fn reason(run: &Run, a: usize, name: &str) -> String {
     let steps = run.steps.len();
-    if steps < LEAST_MEANS * MEAN_S {
+    if steps < LEAST_MEANS * run.steps.mean_s {
         return format!("the run lasts {steps} s; record an hour or more");
     }
     let mut frequencies: Vec<f64> = run.steps.frequency_hz[a].iter().copied().filter(|f| f.is_finite()).collect();

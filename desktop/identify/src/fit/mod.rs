@@ -20,8 +20,7 @@ use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use independence::Units;
 
-/// Seconds of a mean: the field's figure is three sigma of 100 s means.
-pub const MEAN_S: usize = 100;
+pub use hrg_data::recording::steps::MEAN_S;
 
 /// Temperatures that span less are called narrow, C.
 const NARROW_C: f32 = 20.0;
@@ -131,7 +130,8 @@ pub fn prepare_with(
         linear_beyond_c_per_min: 10.0,
         blend_band_c_per_min: 0.1,
     };
-    let runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
+    let mut runs: Vec<Run> = steps.into_iter().map(|s| Run::new(s, curves)).collect();
+    notes.extend(enough_data::agree_on_means(&mut runs.iter_mut().collect::<Vec<_>>()));
     for (run, r) in runs.iter().zip(recordings) {
         let name = if r.source.is_empty() { "the run" } else { &r.source };
         enough_data::require(run, name)?;
@@ -280,12 +280,12 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> [Vec<f64>; AXES] {
     })
 }
 
-/// Standard deviation of the 100 s means of several runs together, per axis, deg/h.
+/// Standard deviation of the means over `mean_s` seconds of several runs together, per axis, deg/h.
 #[must_use]
-pub fn spread<'a>(rates_dph: impl IntoIterator<Item = &'a [Vec<f64>; AXES]>) -> [f64; AXES] {
+pub fn spread<'a>(rates_dph: impl IntoIterator<Item = &'a [Vec<f64>; AXES]>, mean_s: usize) -> [f64; AXES] {
     let mut means: [Vec<f64>; AXES] = Default::default();
     for rates in rates_dph {
-        means.iter_mut().zip(rates).for_each(|(m, r)| m.extend(block_means(r, MEAN_S)));
+        means.iter_mut().zip(rates).for_each(|(m, r)| m.extend(block_means(r, mean_s)));
     }
     means.map(|m| std_dev(&m))
 }

@@ -5,7 +5,6 @@ use super::data::Candidate;
 use super::means::Means;
 use super::model::Term;
 use super::report::Refitted;
-use crate::fit::MEAN_S;
 use hrg_core::bias::Scaling;
 use hrg_core::effects::parameters::{Moment, Parameters};
 use hrg_core::effects::{EffectId, Facts, Reach};
@@ -78,12 +77,13 @@ type Gains = [Vec<f64>; AXES];
 fn best(t: &Term, run: &Run, scaling: &Scaling, rest: &[Vec<f64>; AXES]) -> Option<(ParameterRow, Gains)> {
     let c = t.lead();
     let tries: Vec<ParameterRow> = if c.facts.effect == EffectId::Step {
-        let means = run.thermal.len() / MEAN_S;
-        (2..means.saturating_sub(2)).map(|k| Moment { time_s: run.thermal[k * MEAN_S].time_s }.row()).collect()
+        let mean_s = run.steps.mean_s;
+        let means = run.thermal.len() / mean_s;
+        (2..means.saturating_sub(2)).map(|k| Moment { time_s: run.thermal[k * mean_s].time_s }.row()).collect()
     } else {
         vec![c.parameters]
     };
-    let means: Vec<Means> = rest.iter().map(|r| Means::of(r)).collect();
+    let means: Vec<Means> = rest.iter().map(|r| Means::of(r, run.steps.mean_s)).collect();
     tries
         .into_iter()
         .filter_map(|p| {
@@ -110,13 +110,14 @@ fn gains_of(
     let mut columns = vec![vec![1.0; y.len()]];
     if c.facts.effect == EffectId::Step {
         let moment = Moment::of(parameters);
-        let t = |k: usize| run.thermal[(k * MEAN_S + MEAN_S / 2).min(run.thermal.len() - 1)].time_s;
+        let mean_s = run.steps.mean_s;
+        let t = |k: usize| run.thermal[(k * mean_s + mean_s / 2).min(run.thermal.len() - 1)].time_s;
         columns.push((0..y.len()).map(|k| if t(k) < moment.time_s { 0.0 } else { 1.0 }).collect());
     } else {
         let x = run.effect(c.facts.id, parameters, 0.0, scaling, a);
         for j in 0..c.facts.outputs {
             let column: Vec<f64> = x.iter().map(|v| f64::from(v[j])).collect();
-            columns.push(Means::of(&column).series().to_vec());
+            columns.push(Means::of(&column, run.steps.mean_s).series().to_vec());
         }
     }
     let before = Means::of_means(y).deviation().powi(2).max(1e-300);

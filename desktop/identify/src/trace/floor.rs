@@ -381,7 +381,8 @@ mod tests {
                 (0..300).map(&mut next).collect()
             };
             let (hot, cold) = (loud(2.0), loud(0.5));
-            let means = |v: &[f64], by: f64| Means::with_relative(&each(v), &each(&vec![by; v.len()]));
+            let means =
+                |v: &[f64], by: f64| Means::with_relative(&each(v), &each(&vec![by; v.len()]), crate::fit::MEAN_S);
             let (judged, other) = (means(&hot, 2.0), means(&cold, 0.5));
             let of = Noise::new(&[other], &judged).expect("long enough");
             off.push(of.ratio(std_dev(&hot), 0.0).ratio);

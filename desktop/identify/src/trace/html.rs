@@ -11,9 +11,10 @@ use hrg_data::page::Tone;
 use hrg_data::plot::{escape, Panel, Series};
 use std::fmt::Write as _;
 
-/// 100 s means of a series, with their times in hours.
-fn against_time(values: &[f64]) -> Vec<(f64, f64)> {
-    block_means(values, 100).iter().enumerate().map(|(k, v)| ((k as f64 + 0.5) / 36.0, *v)).collect()
+/// Means of a series, with their times in hours.
+fn against_time(values: &[f64], mean_s: usize) -> Vec<(f64, f64)> {
+    let hours = |k: usize| (k as f64 + 0.5) * mean_s as f64 / 3600.0;
+    block_means(values, mean_s).iter().enumerate().map(|(k, v)| (hours(k), *v)).collect()
 }
 
 /// Amplitude spectral density of 100 s means by direct Fourier sums, at 60 frequencies.
@@ -54,21 +55,21 @@ fn panel(title: String, x: &str, y: &str, log: bool, series: Vec<Series>) -> Pan
 /// Ramps that are slower are a soak, C per minute.
 const SOAK_C_PER_MIN: f64 = 0.02;
 
-/// 100 s means of the temperature of an axis on the verify run, and of its ramp.
+/// Means of the temperature of an axis on the verify run, and of its ramp.
 fn states(t: &Trace, a: usize) -> (Vec<f64>, Vec<f64>) {
-    let run = &t.verify;
+    let (run, mean_s) = (&t.verify, t.verify.steps.mean_s);
     let each: Vec<(f64, f64)> = (0..run.steps.len())
         .map(|k| run.state(k, a).map_or((f64::NAN, f64::NAN), |s| (f64::from(s.0), f64::from(s.1))))
         .collect();
     let (temperature, ramp): (Vec<f64>, Vec<f64>) = each.into_iter().unzip();
-    (block_means(&temperature, 100), block_means(&ramp, 100))
+    (block_means(&temperature, mean_s), block_means(&ramp, mean_s))
 }
 
 /// Rates that the unit would send on the verify run with the baseline, and with the image that is written: over temperature, heating and cooling
 /// apart, about the constant of that day.
 fn first_pictures(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
     let about_mean = |values: &[f64]| {
-        let means = block_means(values, 100);
+        let means = block_means(values, t.verify.steps.mean_s);
         let mean = hrg_data::numeric::stats::mean(&means);
         means.into_iter().map(|m| m - mean).collect::<Vec<f64>>()
     };
@@ -104,7 +105,7 @@ fn first_pictures(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
             panel(
                 format!("{}: residual of the verify run", AXIS_NAMES[a]),
                 "temperature [C]",
-                "100 s mean [deg/h]",
+                "mean [deg/h]",
                 false,
                 all,
             )
@@ -123,30 +124,31 @@ fn first_pictures(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
     }
     Ok(page::pictures(&panels)?
         + &page::legend(&meanings)
-        + "<p class=small>Corrected rates, 100 s means about the constant of that day.</p>")
+        + "<p class=small>Corrected rates, means about the constant of that day.</p>")
 }
 
 fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
-    let name = AXIS_NAMES[a];
+    let (name, mean_s) = (AXIS_NAMES[a], t.verify.steps.mean_s);
     let [before, after] = &t.verify_residuals;
     let (mt, mr) = states(t, a);
-    let pair =
-        |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> { x.iter().zip(block_means(y, 100)).map(|(x, y)| (*x, y)).collect() };
+    let pair = |x: &[f64], y: &[f64]| -> Vec<(f64, f64)> {
+        x.iter().zip(block_means(y, mean_s)).map(|(x, y)| (*x, y)).collect()
+    };
     let direction = |y: &[f64], keep: &dyn Fn(f64) -> bool| -> Vec<(f64, f64)> {
-        mr.iter().zip(block_means(y, 100)).filter(|(r, _)| keep(**r)).map(|(r, y)| (*r, y)).collect()
+        mr.iter().zip(block_means(y, mean_s)).filter(|(r, _)| keep(**r)).map(|(r, y)| (*r, y)).collect()
     };
     let panels = [
         panel(
             format!("{name}: residual against temperature, verify run"),
             "temperature [C]",
-            "100 s mean [deg/h]",
+            "mean [deg/h]",
             false,
             vec![series("before", pair(&mt, &before[a]), 0, true), series("after", pair(&mt, &after[a]), 1, true)],
         ),
         panel(
             format!("{name}: residual after, against dT/dt"),
             "dT/dt [C/min]",
-            "100 s mean [deg/h]",
+            "mean [deg/h]",
             false,
             vec![
                 series("heating", direction(&after[a], &|r| r > SOAK_C_PER_MIN), 2, true),
@@ -157,11 +159,11 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
         panel(
             format!("{name}: residual against time, verify run"),
             "time [h]",
-            "100 s mean [deg/h]",
+            "mean [deg/h]",
             false,
             vec![
-                series("before", against_time(&before[a]), 0, false),
-                series("after", against_time(&after[a]), 1, false),
+                series("before", against_time(&before[a], mean_s), 0, false),
+                series("after", against_time(&after[a], mean_s), 1, false),
             ],
         ),
         panel(
@@ -181,11 +183,11 @@ fn pictures(t: &Trace, a: usize) -> anyhow::Result<String> {
         panel(
             format!("{name}: residual against time, train run"),
             "time [h]",
-            "100 s mean [deg/h]",
+            "mean [deg/h]",
             false,
             vec![
-                series("before", against_time(&t.train_residuals[0][0][a]), 0, false),
-                series("after", against_time(&t.train_residuals[1][0][a]), 1, false),
+                series("before", against_time(&t.train_residuals[0][0][a], mean_s), 0, false),
+                series("after", against_time(&t.train_residuals[1][0][a], mean_s), 1, false),
             ],
         ),
     ];
@@ -227,7 +229,8 @@ fn figures(r: &Report) -> String {
     }
     let (train, verify) = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
     s + &format!(
-        "</table></div><p class=small>deg/h: standard deviation of 100 s means, {train} of the train runs and {verify} of the verify run; RMS: with the constant of that day. The noise comes from what neighbouring means differ by; the brackets hold 95 %.</p>"
+        "</table></div><p class=small>deg/h: standard deviation of means over {} s, {train} of the train runs and {verify} of the verify run; RMS: with the constant of that day. The noise comes from what neighbouring means differ by; the brackets hold 95 %.</p>",
+        r.mean_s
     )
 }
 

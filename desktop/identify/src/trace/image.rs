@@ -71,7 +71,7 @@ impl Fits<'_> {
         let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, of_beside, verify);
         let mut models = [AxisModel::Constant; AXES];
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
-        let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| Means::of(&r));
+        let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| verify.means(&r));
         let of_base = corrected(&baseline);
         let has_effect = [0, 1, 2].map(|a: usize| image.effects.iter().any(|t| t.gains[a].iter().any(|g| *g != 0.0)));
         let scores: Vec<(usize, Agreement)> = (0..AXES)
@@ -82,7 +82,7 @@ impl Fits<'_> {
         // An axis without effects has the baseline; a baseline that leaves more than the raw rates is none.
         let without_effects = |image: &mut Calibration, a: usize| {
             take_axis(image, &baseline, a);
-            let raw = Means::of(&verify.run.steps.rate_dph[a]);
+            let raw = verify.means(&verify.run.steps.rate_dph[a]);
             if of_base[a].deviation() < raw.deviation() {
                 return AxisModel::Baseline;
             }
@@ -137,7 +137,9 @@ impl Fits<'_> {
     }
 
     /// The baseline to be written: an axis whose events are columns of its fit keeps them there, unless the verify run shows the same
-    /// without. `true` if the verify run has chosen that.
+    /// without. An axis without events has the one by least squares, unless the verify run shows less error with the one whose ramp terms
+    /// have a prior: where temperature and ramp went together in the train runs, least squares parts them by chance. `true` if the verify run has
+    /// chosen that.
     fn baseline(
         &self,
         mut plain: Calibration,
@@ -146,10 +148,11 @@ impl Fits<'_> {
         verify: &Unseen<'_>,
     ) -> (Calibration, bool) {
         let mut chosen = false;
-        for a in (0..AXES).filter(|a| self.beside.terms().iter().any(|t| t.on(*a))) {
-            let plainly = self.plain_on(&verify.data, a);
-            let better = of_beside.fall_against(&plainly, &verify.data, a).is_none_or(|f| !f.loses());
-            chosen |= !better;
+        for a in 0..AXES {
+            let events = self.beside.terms().iter().any(|t| t.on(a));
+            let fall = of_beside.fall_against(&self.plain_on(&verify.data, a), &verify.data, a);
+            let better = if events { fall.is_none_or(|f| !f.loses()) } else { fall.is_some_and(|f| f.wins()) };
+            chosen |= events != better;
             if better {
                 take_axis(&mut plain, beside, a);
             }
@@ -210,13 +213,13 @@ impl Fits<'_> {
     ) -> ByAxis<Judged> {
         let [left, base] = [image, baseline].map(|c| fit::correct(c, &judge.run.steps));
         by_axis(|a| {
-            let means = Means::of(&left[a]);
+            let means = judge.means(&left[a]);
             let agreement = if models[a] == AxisModel::Extended {
                 self.score(of_image, of_beside, judge, a).unwrap_or_default()
             } else {
                 Agreement::default()
             };
-            let raw = Means::of(&judge.run.steps.rate_dph[a]);
+            let raw = judge.means(&judge.run.steps.rate_dph[a]);
             let worse_than = |other: &Means, constant: f64| is_worse(&means, other, constant, judge.noise[a].shift());
             let worse = judge.run.steps.present().any(|p| p == a)
                 && match models[a] {
@@ -225,7 +228,7 @@ impl Fits<'_> {
                         worse_than(&raw, 0.0) && means.mean().abs() > 2.0 * raw.mean().abs() + raw.deviation()
                     }
                     AxisModel::Baseline => worse_than(&raw, constants[a]),
-                    AxisModel::Extended => worse_than(&raw, constants[a]) || worse_than(&Means::of(&base[a]), 0.0),
+                    AxisModel::Extended => worse_than(&raw, constants[a]) || worse_than(&judge.means(&base[a]), 0.0),
                 };
             Judged {
                 agreement,

@@ -39,7 +39,13 @@ pub struct Agreement {
 impl Agreement {
     /// `true` where the run is more probable under the larger model, and the error falls by more than chance.
     fn speaks_for(&self) -> bool {
-        self.log_score > 0.0 && self.mse_fall > DEVIATIONS * self.mse_fall_std
+        self.log_score > 0.0 && self.wins()
+    }
+
+    /// `true` where the error falls by more than chance.
+    #[must_use]
+    pub fn wins(&self) -> bool {
+        self.mse_fall > DEVIATIONS * self.mse_fall_std
     }
 
     /// `true` where the error rises by more than chance.

@@ -1,9 +1,8 @@
-//! 100 s means of a residual.
+//! Means of a residual, over the seconds that the runs of a trace have agreed on: 100, or less where they are short.
 
-use crate::fit::MEAN_S;
 use hrg_data::numeric::stats::{block_means, mean, std_dev};
 
-/// 100 s means of a residual.
+/// Means of a residual.
 #[derive(Debug, Clone)]
 pub struct Means {
     values: Vec<f64>,
@@ -13,14 +12,14 @@ pub struct Means {
 
 impl Means {
     /// Of a residual on every step.
-    pub fn of(residual: &[f64]) -> Self {
-        Self::of_means(&block_means(residual, MEAN_S))
+    pub fn of(residual: &[f64], mean_s: usize) -> Self {
+        Self::of_means(&block_means(residual, mean_s))
     }
 
     /// Of a residual on every step, whose noise has a relative deviation there.
-    pub fn with_relative(residual: &[f64], relative: &[f64]) -> Self {
-        let relative = block_means(relative, MEAN_S).iter().map(|r| if r.is_finite() { *r } else { 1.0 }).collect();
-        Self { values: block_means(residual, MEAN_S), relative }
+    pub fn with_relative(residual: &[f64], relative: &[f64], mean_s: usize) -> Self {
+        let relative = block_means(relative, mean_s).iter().map(|r| if r.is_finite() { *r } else { 1.0 }).collect();
+        Self { values: block_means(residual, mean_s), relative }
     }
 
     /// A series that already is one of means.
@@ -60,11 +59,11 @@ impl Means {
     }
 }
 
-/// Standard deviation of 100 s means of several runs together, each about its own mean, and how many means there are.
-pub fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>) -> (f64, usize) {
+/// Standard deviation of the means of several runs together, each about its own mean, and how many means there are.
+pub fn spread<'s>(series: impl IntoIterator<Item = &'s Vec<f64>>, mean_s: usize) -> (f64, usize) {
     let (mut squares, mut count, mut runs) = (0.0, 0usize, 0usize);
     for s in series {
-        let m = Means::of(s);
+        let m = Means::of(s, mean_s);
         let n = m.count();
         if n > 1 {
             squares += m.deviation().powi(2) * (n - 1) as f64;
@@ -94,7 +93,7 @@ mod tests {
     fn runs_are_judged_about_their_own_mean() {
         let (a, mut b) = (vec![1.0; 3000], vec![5.0; 3000]);
         b[..1500].fill(5.5);
-        let (s, n) = spread([&a, &b]);
+        let (s, n) = spread([&a, &b], 100);
         assert!(s < 0.3 && n == 60, "{s} {n}");
     }
 }

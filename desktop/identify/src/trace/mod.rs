@@ -58,7 +58,7 @@ use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
-use means::{spread, Means};
+use means::spread;
 use model::{Fitted, Specification, Term};
 use odds::THRESHOLD;
 use report::{by_axis, ByAxis, ChosenOn, Exchanged, TurnOn};
@@ -233,9 +233,10 @@ fn judged(
     let written =
         written(&mut search, &learnt, &plain, (&on_verify, on_judge.as_ref()), &known, &calibration, &mut notes)?;
     let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify));
-    let exchanged = second(options, verify, verify_run, &effects);
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
+        exchanged: second(options, verify, verify_run, &effects),
+        mean_s: verify_run.steps.mean_s,
         version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
         verdict_kind: conclude(&effects, &left, written.good),
@@ -245,10 +246,10 @@ fn judged(
             && (options.repeat_is_enough || !verify_repeats_train),
         image: written.kind,
         verdict: String::new(),
-        baseline: table(&before_train, &before_verify),
+        baseline: table(&before_train, &before_verify, verify_run),
         effects,
-        r#final: table(&after_train, &after_verify),
-        judged_rms_dph: by_axis(|a| Means::of(&on_verify.happened.left[a]).deviation()),
+        r#final: table(&after_train, &after_verify, verify_run),
+        judged_rms_dph: by_axis(|a| on_verify.means(&on_verify.happened.left[a]).deviation()),
         noise_floor_dph: by_axis(|a| on_verify.noise[a].floor()),
         refitted_on_verify: on_verify.happened.refitted,
         judge: written.judged,
@@ -263,7 +264,6 @@ fn judged(
         visited: visited(verify_run, &calibration),
         judged_by: if judge_run.is_some() { "judge" } else { "verify" },
         verify_repeats_train,
-        exchanged,
         turn_on: turn_on(&fitted),
         noise_growth: by_axis(|a| data.growth[a].by.exp()),
         advice: Vec::new(),
@@ -325,7 +325,7 @@ fn structure(
     left.iter_mut().zip(leftover::swings(fitted)).for_each(|(left, more)| left.extend(more));
     let floor_ratio = by_axis(|a| {
         let (more, _) = fitted.predicted_variance(verify.run, &data.scaling, a, known);
-        verify.noise[a].ratio(Means::of(&verify.happened.left[a]).deviation(), more)
+        verify.noise[a].ratio(verify.means(&verify.happened.left[a]).deviation(), more)
     });
     for (left, ratio) in left.iter_mut().zip(floor_ratio.values()).filter(|(_, r)| r.ratio.is_finite() && !r.is_noise())
     {
@@ -396,7 +396,7 @@ fn start_as_a_unit(fitted: &mut Fitted) {
 /// `true` if the written image leaves less on the verify run than another one on an axis, and on none more.
 fn beats(written: &image::Written, other: &Calibration, verify: &Unseen<'_>) -> bool {
     let (run, noise) = (verify.run, &verify.noise);
-    let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| Means::of(&r));
+    let of = |c: &Calibration| fit::correct(c, &run.steps).map(|r| verify.means(&r));
     let (ours, theirs) = (of(&written.image), of(other));
     let fall = |a: usize| means::fall(&theirs[a], &ours[a], noise[a].floor());
     let each: Vec<(f64, f64)> = run.steps.present().map(fall).collect();
@@ -441,10 +441,11 @@ fn there_after_steps(fitted: &Fitted) -> Option<String> {
     })
 }
 
-/// Scatter of the residuals (RMS of 100 s means, deg/h) by axis.
-fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
+/// Scatter of the residuals (standard deviation of their means, deg/h) by axis.
+fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES], run: &Run) -> ByAxis<Rms> {
     by_axis(|a| {
-        let (t, v) = (spread(train.iter().map(|r| &r[a])), spread([&verify[a]]));
+        let mean_s = run.steps.mean_s;
+        let (t, v) = (spread(train.iter().map(|r| &r[a]), mean_s), spread([&verify[a]], mean_s));
         Rms { train_rms_dph: t.0, verify_rms_dph: v.0, train_means: t.1, verify_means: v.1 }
     })
 }
@@ -453,7 +454,7 @@ fn table(train: &[[Vec<f64>; AXES]], verify: &[Vec<f64>; AXES]) -> ByAxis<Rms> {
 fn state_reached(mut image: Calibration, report: &Report, runs: &[Run], there: &[usize]) -> Calibration {
     let train: Vec<_> = runs.iter().map(|r| fit::correct(&image, &r.steps)).collect();
     for (a, n) in there.iter().map(|a| (*a, AXIS_NAMES[*a])) {
-        image.axes[a].train_rms_dph = spread(train.iter().map(|r| &r[a])).0 as f32;
+        image.axes[a].train_rms_dph = spread(train.iter().map(|r| &r[a]), report.mean_s).0 as f32;
         image.axes[a].verify_rms_dph = report.block.as_ref().map_or(0.0, |b| b[n].verify_rms_dph) as f32;
     }
     image
@@ -487,14 +488,17 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
     let mut runs = Vec::new();
     for (r, role) in &unseen {
-        let mut run = Run::new(Steps::new(r)?, curves);
-        let name = if r.source.is_empty() { String::new() } else { format!(" {}", r.source) };
-        enough_data::require(&run, &format!("the {role} run{name}"))?;
-        prepared.notes.extend(enough_data::few(&run, &format!("the {role} run")));
-        user_effects::attach(&options.own, &mut run)?;
-        runs.push(run);
+        let run = Run::new(Steps::new(r)?, curves);
+        runs.push((run, role, if r.source.is_empty() { String::new() } else { format!(" {}", r.source) }));
     }
-    let mut runs = runs.into_iter();
+    let all = prepared.runs.iter_mut().chain(runs.iter_mut().map(|(run, ..)| run));
+    prepared.notes.extend(enough_data::agree_on_means(&mut all.collect::<Vec<_>>()));
+    for (run, role, name) in &mut runs {
+        enough_data::require(run, &format!("the {role} run{name}"))?;
+        prepared.notes.extend(enough_data::few(run, &format!("the {role} run")));
+        user_effects::attach(&options.own, run)?;
+    }
+    let mut runs = runs.into_iter().map(|(run, ..)| run);
     let verify_run = runs.next().ok_or_else(|| BadInput::new("no verify recording was given"))?;
     Ok((prepared, verify_run, runs.next()))
 }
@@ -586,6 +590,7 @@ mod tests {
     use super::*;
     use hrg_data::cards::Class;
     use hrg_simulate::{inject_defects, EffectSpec, Plan, Profile};
+    use means::Means;
 
     fn plan(profile: &str, effects: &[&str], unit: u64, seed: u64) -> Recording {
         let plan = Plan {
@@ -669,6 +674,33 @@ mod tests {
         assert!(r.floor_ratio.values().all(floor::Ratio::is_noise), "{:?}", r.floor_ratio);
     }
 
+    /// A flight controller's calibration: it warms up once, and cools a little. Temperature and ramp go together while it is learnt from.
+    #[test]
+    fn a_log_of_minutes_is_learnt_from() {
+        let mut text = String::from("time_s,temp_c,rate_x_dph\n");
+        let mut draw = 1u32;
+        for k in 0..2160u32 {
+            let t = f64::from(k);
+            let cooled = if t > 1400.0 { 6.0 * (1.0 - (-(t - 1400.0) / 500.0).exp()) } else { 0.0 };
+            let temp_c = 24.0 + 22.0 * (1.0 - (-t / 700.0).exp()) - cooled;
+            let noise: f64 = (0..12)
+                .map(|_| {
+                    draw = draw.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                    f64::from(draw) / 4_294_967_296.0 - 0.5
+                })
+                .sum();
+            let x = (temp_c - 35.0) / 10.0;
+            text += &format!("{t},{temp_c:.4},{}\n", 400.0 + 300.0 * x - 80.0 * x * x + 20.0 * noise);
+        }
+        let log = Recording::parse(text.as_bytes()).expect("a recording");
+        let (train, verify) = log.split(1000.0).expect("splits");
+        let t = trace(&[train], &verify).expect("traces");
+        let (r, left) = (&t.report, &t.report.block.as_ref().expect("written")["x"]);
+        assert_eq!(r.mean_s, 30);
+        assert!(left.verify_rms_dph < 12.0 && left.used_means == 39, "{} {}", left.verify_rms_dph, left.used_means);
+        assert!(r.notes.iter().any(|n| n.contains("means of 30 s")), "{:?}", r.notes);
+    }
+
     #[test]
     fn the_chance_of_noise_falls_with_the_score() {
         let [large, small] = ["kink:size=5", "kink:size=0.5"].map(|e| traced(&[e], 44).effects.swap_remove(0));
@@ -688,7 +720,10 @@ mod tests {
         let by_unit = crate::fit::correct(&t.image, &t.verify.steps);
         for (a, n) in AXIS_NAMES.iter().enumerate() {
             let written = r.block.as_ref().expect("an image")[*n].verify_rms_dph;
-            assert!((written - Means::of(&by_unit[a]).deviation()).abs() < 1e-9, "what is written is what is judged");
+            assert!(
+                (written - Means::of(&by_unit[a], 100).deviation()).abs() < 1e-9,
+                "what is written is what is judged"
+            );
         }
     }
 

@@ -5,7 +5,7 @@ use super::days::{OfDays, Part};
 use super::regression::{posterior, Posterior};
 use super::stated::Stated;
 use crate::fit;
-use crate::fit::{baseline_columns, MEAN_S};
+use crate::fit::baseline_columns;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
 use hrg_core::effects::{EffectId, MAX_OUTPUTS};
@@ -353,7 +353,7 @@ impl Fitted {
         })
     }
 
-    /// Variance that the uncertainty of the coefficients adds to the 100 s means of a run: about their mean, and of their mean.
+    /// Variance that the uncertainty of the coefficients adds to the means of a run: about their mean, and of their mean.
     pub fn predicted_variance(
         &self,
         run: &Run,
@@ -362,13 +362,13 @@ impl Fitted {
         which: &dyn Fn(&Candidate) -> bool,
     ) -> (f64, f64) {
         let mut columns: Vec<(usize, Vec<f64>)> =
-            baseline_columns(run, scaling, a).iter().map(|c| block_means(c, MEAN_S)).enumerate().collect();
+            baseline_columns(run, scaling, a).iter().map(|c| block_means(c, run.steps.mean_s)).enumerate().collect();
         let count = columns[0].1.len();
         columns.extend(self.lasting(a).into_iter().map(|at| (at, vec![1.0; count])));
         for (e, t) in self.terms().iter().enumerate().filter(|(_, t)| which(t.lead())) {
             let Some(range) = self.gains(e, a) else { continue };
             for (column, at) in t.on_run(run, None, scaling, a).iter().zip(range) {
-                columns.push((at, block_means(column, MEAN_S)));
+                columns.push((at, block_means(column, run.steps.mean_s)));
             }
         }
         let p = columns.len();

@@ -234,6 +234,8 @@ pub struct Report {
     pub version: u32,
     /// Unit.
     pub unit: String,
+    /// Seconds of a mean in all figures: 100, or 30 or 10 where a run is too short for that.
+    pub mean_s: usize,
     /// Conclusion.
     pub verdict_kind: VerdictKind,
     /// Set if the image is to be burnt: it beats the baseline, and the image in use if one was given, on the verify run.

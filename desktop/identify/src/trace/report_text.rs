@@ -46,11 +46,12 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
     let axes = r.axes();
     let means = r.baseline.values().map(|b| b.verify_means).min().unwrap_or(0);
     let mut s = format!(
-        "it leaves {} deg/h on {} of the verify run{}; the baseline leaves {} (standard deviation of {means} means of 100 s)",
+        "it leaves {} deg/h on {} of the verify run{}; the baseline leaves {} (standard deviation of {means} means of {} s)",
         figures(&axes, |n| block[n].verify_rms_dph),
         list(&axes),
         if r.verify_left_out_s > 0 { format!(" without its first {} s", r.verify_left_out_s) } else { String::new() },
-        figures(&axes, |n| r.baseline[n].verify_rms_dph)
+        figures(&axes, |n| r.baseline[n].verify_rms_dph),
+        r.mean_s
     );
     let of = |model: AxisModel| -> Vec<&str> { axes.iter().copied().filter(|n| block[*n].model == model).collect() };
     let (plain, constant) = (of(AxisModel::Baseline), of(AxisModel::Constant));

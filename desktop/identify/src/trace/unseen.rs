@@ -39,7 +39,8 @@ impl<'v> Unseen<'v> {
         let there: Vec<usize> = run.steps.present().collect();
         let noise_of = |a: usize| {
             let a = if there.contains(&a) { a } else { there[0] };
-            let means = |left: &[f64], run: &Run| Means::with_relative(left, &along(&data.growth[a], run, a));
+            let means =
+                |left: &[f64], run: &Run| Means::with_relative(left, &along(&data.growth[a], run, a), run.steps.mean_s);
             let others: Vec<Means> = train.0.iter().zip(train.1).map(|(run, left)| means(&left[a], run)).collect();
             Noise::new(&others, &means(&happened.left[a], run)).ok_or_else(|| {
                 BadInput::new(format!("axis {}: too few neighbouring means to tell its noise", AXIS_NAMES[a]))
@@ -47,6 +48,11 @@ impl<'v> Unseen<'v> {
         };
         let noise = (0..AXES).map(noise_of).collect::<Result<_, _>>()?;
         Ok(Self { run, data: data.with_happened(&happened.effects), happened, noise })
+    }
+
+    /// Means of a series on the steps of the run.
+    pub fn means(&self, series: &[f64]) -> Means {
+        Means::of(series, self.run.steps.mean_s)
     }
 }
 

@@ -31,17 +31,19 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     })?;
     let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
     let wanted = choose(map, &names)?;
-    let mut table = Table::default();
-    table.columns = columns.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+    let columns = columns.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+    let mut table = Table { columns, ..Table::default() };
     if logs > 1 {
         table.notes.push(format!("the file holds {logs} logs, one after another in this recording"));
     }
     Ok(table)
 }
 
+type Columns = Vec<(String, Vec<f64>)>;
+
 /// The columns of all logs of a file, and the number of logs.
-fn columns(bytes: &[u8]) -> Result<(Vec<(String, Vec<f64>)>, usize), BadInput> {
-    let mut out: Vec<(String, Vec<f64>)> = Vec::new();
+fn columns(bytes: &[u8]) -> Result<(Columns, usize), BadInput> {
+    let mut out = Columns::new();
     let mut logs = 0;
     for headers in blackbox_log::File::new(bytes).iter() {
         let headers = headers.map_err(|e| BadInput(format!("it is no blackbox log that can be read: {e}")))?;

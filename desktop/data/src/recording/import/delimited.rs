@@ -7,6 +7,7 @@ use crate::error::BadInput;
 use crate::recording::dialect::{is_missing, number, DialectError};
 use crate::recording::time_form::{Days, TimeForm};
 use std::borrow::Cow;
+use std::collections::BTreeSet;
 
 /// Separator of the cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,21 +104,7 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
         rows.next();
     }
     let wanted = choose(map, &names)?;
-    let keep: Vec<(usize, &str)> = layout
-        .keep
-        .iter()
-        .map(|(name, word)| {
-            let at = names.iter().position(|n| n == name).ok_or_else(|| {
-                BadInput(format!(
-                    "the map keeps rows by the column \"{name}\", which is not there; there are {}",
-                    names.join(", ")
-                ))
-            })?;
-            Ok((at, word.as_str()))
-        })
-        .collect::<Result<_, BadInput>>()?;
-    let number_at = layout.instance_column.as_ref().and_then(|name| names.iter().position(|n| n == name));
-    let mut imus = std::collections::BTreeSet::new();
+    let mut kept = Kept::new(layout, &names)?;
     let mut clock = Clock::of(map, &names)?;
     let numbers: Vec<_> =
         wanted.iter().filter(|(at, _)| clock.as_ref().is_none_or(|c| !c.places.contains(at))).collect();
@@ -129,15 +116,8 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
     while let Some(row) = rows.next() {
         let (line, cells) = row?;
         let cell = |at: usize| cells.get(at).map_or("", |c| c.as_ref());
-        if keep.iter().any(|(at, word)| cell(*at) != *word) {
+        if !kept.has(cell) {
             continue;
-        }
-        if let Some(at) = number_at {
-            let number = number(cell(at)).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
-            imus.extend(number);
-            if number != Some(layout.instance) {
-                continue;
-            }
         }
         if dropped < layout.drop_rows {
             dropped += 1;
@@ -177,9 +157,47 @@ pub(super) fn fill<'t>(map: &Map, rows: impl Iterator<Item = Row<'t>>, open: boo
         table.notes.push(format!("{missing} cells hold a text for a missing value"));
     }
     table.notes.extend(left_out(glued, cut));
-    table.notes.extend(super::others(&imus, layout.instance));
+    table.notes.extend(super::others(&kept.imus, layout.instance));
     table.time_s = clock.map(|c| c.time_s);
     Ok(table)
+}
+
+/// The rows that a map keeps.
+struct Kept<'l> {
+    /// Columns that must hold these words.
+    words: Vec<(usize, &'l str)>,
+    /// The column with the number of the IMU, and the number.
+    number: Option<(usize, u8)>,
+    /// The numbers that were seen.
+    imus: BTreeSet<u8>,
+}
+
+impl<'l> Kept<'l> {
+    fn new(layout: &'l Layout, names: &[String]) -> Result<Self, BadInput> {
+        let place = |name: &String| names.iter().position(|n| n == name);
+        let word = |(name, word): (&String, &'l String)| {
+            let at = place(name).ok_or_else(|| {
+                BadInput(format!(
+                    "the map keeps rows by the column \"{name}\", which is not there; there are {}",
+                    names.join(", ")
+                ))
+            })?;
+            Ok((at, word.as_str()))
+        };
+        let words = layout.keep.iter().map(word).collect::<Result<_, BadInput>>()?;
+        let number = layout.instance_column.as_ref().and_then(place).map(|at| (at, layout.instance));
+        Ok(Self { words, number, imus: BTreeSet::new() })
+    }
+
+    fn has<'c>(&mut self, cell: impl Fn(usize) -> &'c str) -> bool {
+        if self.words.iter().any(|(at, word)| cell(*at) != *word) {
+            return false;
+        }
+        let Some((at, wanted)) = self.number else { return true };
+        let number = number(cell(at)).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
+        self.imus.extend(number);
+        number == Some(wanted)
+    }
 }
 
 /// Notes on rows that were left out: how many are two rows glued together and where the first is, and the line that is cut off.

@@ -92,9 +92,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     found.calibration.created_unix_s = now();
     found.calibration.sequence = 1;
-    let raw = fit::spread(prepared.runs.iter().map(|r| &r.steps.rate_dph));
+    let mean_s = prepared.runs.first().map_or(fit::MEAN_S, |r| r.steps.mean_s);
+    let raw = fit::spread(prepared.runs.iter().map(|r| &r.steps.rate_dph), mean_s);
     let corrected: Vec<_> = prepared.runs.iter().map(|r| fit::correct(&found.calibration, &r.steps)).collect();
-    let fitted = fit::spread(&corrected);
+    let fitted = fit::spread(&corrected, mean_s);
     let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
     for &a in &present {
         found.calibration.axes[a].train_rms_dph = fitted[a] as f32;
@@ -108,7 +109,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         let means: usize = prepared.runs.iter().map(|r| enough_data::means(r, a).0).sum();
         println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);
     }
-    println!("three sigma of 100 s means, on the data of the fit, as the unit corrects them");
+    println!("three sigma of means over {mean_s} s, on the data of the fit, as the unit corrects them");
     for n in found.notes.iter().chain(&prepared.notes) {
         println!("note: {n}");
     }

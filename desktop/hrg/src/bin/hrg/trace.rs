@@ -196,8 +196,8 @@ fn print_trace(r: &trace::Report) {
     }
     let means = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
     println!(
-        "deg/h: standard deviation of 100 s means ({} of train, {} of verify); the image RMS also contains the image's mean (the constant bias of that day); +- is its standard deviation",
-        means.0, means.1
+        "deg/h: standard deviation of means over {} s ({} of train, {} of verify); the image RMS also contains the image's mean (the constant bias of that day); +- is its standard deviation",
+        r.mean_s, means.0, means.1
     );
     for e in &r.effects {
         print_effect(e);
