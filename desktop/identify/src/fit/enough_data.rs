@@ -23,8 +23,8 @@ fn least(run: &Run) -> usize {
 /// Seconds of a mean, in the order in which they are tried.
 const MEANS_S: [usize; 3] = [MEAN_S, 30, 10];
 
-/// Gives runs that are used together the longest means of which each of them holds enough ([`Steps::mean_s`]
-/// (hrg_data::recording::steps::Steps::mean_s)): 100 s, or 30 or 10. A note where they are shorter than the field's.
+/// Gives runs that are used together the longest means of which each of them holds enough (`mean_s` of their steps): 100 s, or 30
+/// or 10. A note where they are shorter than the field's.
 pub fn agree_on_means(runs: &mut [&mut Run]) -> Option<String> {
     let enough = |mean_s: usize| runs.iter().all(|r| (r.steps.len() - r.steps.run_in) / mean_s >= least(r));
     let mean_s = MEANS_S.into_iter().find(|m| enough(*m)).unwrap_or(MEAN_S);

@@ -1,6 +1,7 @@
 //! Begin and end of every fit: recordings made ready ([`prepare`]), and a run corrected by the unit's code ([`correct()`]). Between the two
 //! are a method of identification and [`crate::trace`].
 
+pub mod autopilot;
 pub mod correct;
 pub mod enough_data;
 pub mod independence;

@@ -18,6 +18,7 @@ mod colour;
 mod compare;
 mod correct;
 mod effects;
+mod export;
 mod facts;
 mod fit;
 mod heading;
@@ -108,6 +109,10 @@ enum Command {
     ///
     /// Example: hrg allan run.csv --out allan.svg
     Allan(allan::Arguments),
+    /// Fit the cubic of temperature that ArduPilot or PX4 compensates by, and write their parameters.
+    ///
+    /// Example: hrg export warming.csv --verify flight.csv --for ardupilot -o imu0.param
+    Export(export::Arguments),
     /// Correct a recording as the unit does, on the desktop: row for row what it would send.
     ///
     /// Example: hrg correct run.csv --calibration cal.toml --out corrected.csv
@@ -259,7 +264,7 @@ const NOT_REACHED: u8 = 3;
 const GROUPS: [(&str, &[&str]); 7] = [
     ("Get data", &["import", "record", "monitor", "simulate"]),
     ("Judge", &["judge", "report", "allan", "correct", "profile"]),
-    ("Calibrate", &["fit", "trace", "compare-images"]),
+    ("Calibrate", &["fit", "trace", "compare-images", "export"]),
     ("The unit", &["unit"]),
     ("Alignment", &["align"]),
     ("Study", &["effects", "compare"]),
@@ -357,6 +362,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
             Ok(())
         }
         Command::Report(arguments) => report::run(arguments),
+        Command::Export(arguments) => export::run(arguments),
         Command::Allan(arguments) => allan::run(arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Profile(arguments) => profile::run(arguments),
