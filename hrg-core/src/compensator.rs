@@ -184,7 +184,7 @@ impl<P: Past> Model<P> {
     }
 
     /// One model step, for a unit with a frequency counter of its own: the mean frequency of the last second in Hz, `None` where it is lost.
-    /// To be called once in each second ([`MODEL_STEP_S`](crate::MODEL_STEP_S)), also in seconds where all are lost: the model counts time by
+    /// To be called once in each second ([`MODEL_STEP_S`]), also in seconds where all are lost: the model counts time by
     /// its steps.
     pub fn step(&mut self, frequency_hz: &[Option<f64>; AXES]) -> Output {
         self.advance(frequency_hz, |_| false)
