@@ -25,7 +25,7 @@ pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     }
 }
 
-/// What a library gives, or its panic, of which nothing is printed: for readers of other people's formats that fail on defective files.
+/// The result of a library, or its panic, of which nothing is printed: for readers of other people's formats that fail on defective files.
 ///
 /// # Errors
 /// The panic.

@@ -13,6 +13,7 @@ use hrg_data::numeric::stats::{block_means, mean, quantile, std_dev};
 use hrg_data::page;
 use hrg_data::page::Tone;
 use hrg_data::plot::{escape, Panel, Series};
+use hrg_data::recording::metadata::in_unit;
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::{plausible, Recording};
 use hrg_identify::fit::{correct, data_crc32};
@@ -194,6 +195,8 @@ pub struct Judgement {
     pub version: u32,
     /// Name of the unit.
     pub unit: String,
+    /// Unit of the figures of rates: deg/h, or that of the quantity in the place of the rates.
+    pub rate_unit: String,
     /// Answer: the worst axis.
     pub verdict: Verdict,
     /// Limit, deg/h.
@@ -402,6 +405,7 @@ pub fn judge(runs: &[Recording], calibration: &Calibration, limit: &Limit) -> Re
     Ok(Judgement {
         version: VERSION,
         unit: first.unit().to_string(),
+        rate_unit: first.rate_unit().to_string(),
         verdict: axes.values().map(|a| a.verdict).max().unwrap_or(Verdict::NotCovered),
         limit_dph: limit.limit_dph,
         from_c: limit.from_c,
@@ -488,6 +492,10 @@ impl Judgement {
     /// The answer in a line, with the worst axis.
     #[must_use]
     pub fn line(&self) -> String {
+        in_unit(&self.line_in_dph(), &self.rate_unit)
+    }
+
+    fn line_in_dph(&self) -> String {
         let range = format!("{} deg/h from {} to {} C", self.limit_dph, self.from_c, self.to_c);
         let of = |verdict: Verdict| self.axes.iter().filter(move |(_, a)| a.verdict == verdict);
         match self.verdict {
@@ -561,6 +569,10 @@ impl Judgement {
     /// The table under the line.
     #[must_use]
     pub fn table(&self) -> String {
+        in_unit(&self.table_in_dph(), &self.rate_unit)
+    }
+
+    fn table_in_dph(&self) -> String {
         let show = |v: Option<f64>| v.map_or("-".to_string(), |v| format!("{v:.3}"));
         let mut s = format!(
             "{:<5} {:<12} {:>18} {:>18} {:>10} {:>10} {:>10} {:>10}   {}\n",
@@ -626,7 +638,7 @@ impl Judgement {
             escape(&self.table()),
             page::list(&self.notes)
         );
-        Ok(page::page(&format!("hrg judge: {}", escape(&self.unit)), &body))
+        Ok(in_unit(&page::page(&format!("hrg judge: {}", escape(&self.unit)), &body), &self.rate_unit))
     }
 
     /// Errors of one axis over temperature, with the limit as lines.

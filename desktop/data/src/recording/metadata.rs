@@ -45,6 +45,18 @@ pub const TABLE_RATE: &str = "table_rate_dph";
 /// Key of the quantity that stands in the place of the rates, where it is not that of a gyro.
 pub const STANDS_FOR: &str = "rate_stands_for";
 
+/// Unit of rates.
+pub const DEG_PER_H: &str = "deg/h";
+
+/// A text about rates for a quantity of another unit: deg/h becomes that unit, and deg/sqrt(h) that unit times sqrt(h).
+#[must_use]
+pub fn in_unit(text: &str, unit: &str) -> String {
+    if unit == DEG_PER_H {
+        return text.to_string();
+    }
+    text.replace("deg/sqrt(h)", &format!("{unit} sqrt(h)")).replace(DEG_PER_H, unit)
+}
+
 /// Newest version of recordings that this program reads.
 const VERSION: u32 = 2;
 

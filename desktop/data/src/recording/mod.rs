@@ -4,6 +4,7 @@
 //! lenient about content: missing values, gaps, times that repeat or go back, spikes and stuck values are found,
 //! counted, reported in [`Recording::notes`], and taken out; never silently used.
 
+pub mod anonymise;
 mod cleaning;
 pub mod columns;
 pub mod dialect;
@@ -17,6 +18,7 @@ pub mod own_columns;
 pub mod parquet;
 pub mod plausible;
 mod reader;
+mod reduced;
 pub mod resonators;
 mod rows;
 pub mod steps;
@@ -163,6 +165,12 @@ impl Recording {
     #[must_use]
     pub fn stands_for(&self) -> Option<&str> {
         self.meta(metadata::STANDS_FOR)
+    }
+
+    /// Unit of the rates in texts and pictures: deg/h, or that of the quantity in their place.
+    #[must_use]
+    pub fn rate_unit(&self) -> &str {
+        self.stands_for().and_then(|s| s.split([',', ' ']).next()).unwrap_or(metadata::DEG_PER_H)
     }
 
     /// `true` if the rates are free of the earth's rate.

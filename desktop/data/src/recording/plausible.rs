@@ -71,7 +71,7 @@ impl Recording {
             }
         }
         if let Some(what) = self.stands_for() {
-            self.notes.push(format!("the rates stand for {what}: read that where a text or a picture says deg/h"));
+            self.notes.push(format!("the rates stand for {what}; names of columns and keys still say dph"));
             return Ok(());
         }
         if self.turned() || self.corrected() {

@@ -23,6 +23,9 @@ impl Recording {
     /// # Errors
     /// A sentence with the file, line and column.
     pub fn read(path: &Path) -> Result<Self, BadInput> {
+        if let Some(read) = Self::read_reduced(path) {
+            return read.map_err(|e| BadInput::new(format!("{}: {e}", path.display())));
+        }
         if let Some(read) = Self::read_large(path) {
             return Ok(read);
         }

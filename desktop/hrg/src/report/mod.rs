@@ -77,6 +77,8 @@ pub struct Report {
     pub version: u32,
     /// Unit.
     pub unit: String,
+    /// Unit of the figures of rates: deg/h, or that of the quantity in the place of the rates.
+    pub rate_unit: String,
     /// Recordings.
     pub recordings: Vec<String>,
     /// The axes.
@@ -132,6 +134,7 @@ pub fn report(recordings: &[Recording]) -> Result<Report, BadInput> {
     Ok(Report {
         version: 1,
         unit: first.unit().to_string(),
+        rate_unit: first.rate_unit().to_string(),
         recordings: recordings.iter().map(|r| r.source.clone()).collect(),
         axes,
         notes,

@@ -4,6 +4,7 @@ use super::{AxisReport, Bin, Quantity, Report};
 use hrg_data::numeric::allan;
 use hrg_data::page;
 use hrg_data::plot::{escape, Panel, Series};
+use hrg_data::recording::metadata::in_unit;
 use std::fmt::Write as _;
 
 /// A value with few digits.
@@ -25,6 +26,10 @@ fn cells(q: &Quantity) -> (String, String) {
 /// As text.
 #[must_use]
 pub fn text(r: &Report) -> String {
+    in_unit(&text_in_dph(r), &r.rate_unit)
+}
+
+fn text_in_dph(r: &Report) -> String {
     let mut s = format!("{}: {}\n", r.unit, r.recordings.join(", "));
     for axis in &r.axes {
         let _ =
@@ -45,6 +50,10 @@ pub fn text(r: &Report) -> String {
 /// # Errors
 /// If a picture cannot be drawn.
 pub fn html(r: &Report) -> anyhow::Result<String> {
+    Ok(in_unit(&html_in_dph(r)?, &r.rate_unit))
+}
+
+fn html_in_dph(r: &Report) -> anyhow::Result<String> {
     let panels: Vec<Panel> = r.axes.iter().filter_map(over_temperature).collect();
     let mut s = format!("<h1>Figures of {}</h1>", escape(&r.unit));
     s += &page::pictures(&panels)?;

@@ -9,6 +9,7 @@ use hrg_data::numeric::stats::block_means;
 use hrg_data::page;
 use hrg_data::page::Tone;
 use hrg_data::plot::{escape, Panel, Series};
+use hrg_data::recording::metadata::in_unit;
 use std::fmt::Write as _;
 
 /// Means of a series, with their times in hours.
@@ -343,7 +344,7 @@ pub fn html_with(t: &Trace, limit_dph: Option<f64>) -> anyhow::Result<String> {
         s += &page::folded("Notes on the data", &page::list(&r.notes));
     }
     s += &page::folded("Taken out of the files", &cleaned(r));
-    Ok(page::page(&format!("hrg trace: {}", escape(&r.unit)), &s))
+    Ok(in_unit(&page::page(&format!("hrg trace: {}", escape(&r.unit)), &s), &r.rate_unit))
 }
 
 /// An Allan deviation as points of a picture.

@@ -236,6 +236,7 @@ fn judged(
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
         exchanged: second(options, verify, verify_run, &effects),
+        rate_unit: verify.rate_unit().to_string(),
         mean_s: verify_run.steps.mean_s,
         version: report::VERSION,
         unit: train.first().map_or("unnamed", Recording::unit).to_string(),
@@ -270,8 +271,7 @@ fn judged(
         notes,
         cleaned: report::cleaned(named_files(train, verify)),
     };
-    report.keep_axes(|n| there.iter().any(|a| AXIS_NAMES[*a] == n));
-    (report.verdict, report.advice) = (report_text::verdict(&report), report_text::advice(&report));
+    report_text::write(&mut report, &there.iter().map(|a| AXIS_NAMES[*a]).collect::<Vec<_>>());
     Ok(Trace {
         image: state_reached(written.image, &report, runs, &there),
         report,
@@ -758,7 +758,7 @@ mod tests {
         assert_eq!(found, ["step", "thermal-lag"], "{}", r.verdict);
         assert!(r.burn && r.image == Image::Extended, "{}", r.verdict);
         assert!(
-            r.verdict.starts_with("Burn") && r.advice.iter().any(|a| a.contains("look what was switched")),
+            r.verdict.starts_with("Burn") && r.advice.iter().any(|a| a.contains("check what happened then")),
             "{}",
             r.verdict
         );
@@ -903,7 +903,11 @@ mod tests {
         let (before, rest) = whole.split(20_000.0).expect("within");
         let r = trace(std::slice::from_ref(&before), &rest).expect("traces").report;
         assert!(names(&r).contains(&"step"), "{}", r.verdict);
-        assert!(r.notes.iter().any(|n| n.contains("on y the constant is the one after the step")), "{:?}", r.notes);
+        assert!(
+            r.notes.iter().any(|n| n.contains("on y the image has the constant from after the step")),
+            "{:?}",
+            r.notes
+        );
         let b = &r.block.as_ref().expect("an image")["y"];
         assert!(b.mean_dph.abs() < 3.0 * b.mean_std_dph && b.mean_std_dph < 0.7, "{b:?}");
         // As runs of their own the second one has a constant that the first does not promise.

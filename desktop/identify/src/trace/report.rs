@@ -234,6 +234,8 @@ pub struct Report {
     pub version: u32,
     /// Unit.
     pub unit: String,
+    /// Unit of all figures of rates: deg/h, or that of the quantity in the place of the rates (`rate_stands_for`).
+    pub rate_unit: String,
     /// Seconds of a mean in all figures: 100, or 30 or 10 where a run is too short for that.
     pub mean_s: usize,
     /// Conclusion.

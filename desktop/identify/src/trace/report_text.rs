@@ -8,6 +8,7 @@ use hrg_core::effects::EffectId;
 use hrg_data::cards::Class;
 use hrg_data::cards::{card, parting};
 use hrg_data::error::list;
+use hrg_data::recording::metadata::in_unit;
 use std::collections::BTreeSet;
 
 /// Meaning of a parameter with its value, for those that a reader can use.
@@ -223,6 +224,16 @@ fn next(r: &Report) -> String {
         })
     };
     format!("Next: {step}.")
+}
+
+/// Keeps the axes that are there, writes verdict and advice, and names the unit of the figures in all texts.
+pub fn write(r: &mut Report, there: &[&str]) {
+    r.keep_axes(|n| there.contains(&n));
+    let named = |text: String| in_unit(&text, &r.rate_unit);
+    let verdict = named(verdict(r));
+    let advice = advice(r).into_iter().map(named).collect();
+    let notes = r.notes.iter().map(|n| in_unit(n, &r.rate_unit)).collect();
+    (r.verdict, r.advice, r.notes) = (verdict, advice, notes);
 }
 
 /// The verdict.

@@ -324,7 +324,7 @@ mod tests {
         assert!(r.notes.iter().any(|n| n.contains("no sensor_gyro; the rates are those of sensor_combined, the temperatures those of vehicle_imu_status.temperature_gyro")), "{:?}", r.notes);
     }
 
-    /// What the crate panics on, or might: each byte of a log changed.
+    /// Logs on which the crate panics, or might: each byte changed.
     #[test]
     fn defective_logs_are_refused_or_read() {
         let mut log = Log::new();

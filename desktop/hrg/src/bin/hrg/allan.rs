@@ -6,6 +6,7 @@ use clap::Args;
 use hrg_data::error::BadInput;
 use hrg_data::load::load_recording;
 use hrg_data::numeric::allan;
+use hrg_data::recording::metadata::in_unit;
 use std::path::PathBuf;
 
 /// Arguments of `hrg allan`.
@@ -40,17 +41,18 @@ pub fn run(arguments: Arguments) -> Result<()> {
         "{:<5} {:>24} {:>22} {:>12} {:>26}",
         "axis", "angle random walk", "bias instability", "at", "rate random walk"
     );
-    println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", "deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)");
+    let units = ["deg/sqrt(h)", "deg/h", "s", "deg/h/sqrt(h)"].map(|u| in_unit(u, r.rate_unit()));
+    println!("{:<5} {:>24} {:>22} {:>12} {:>26}", "", units[0], units[1], units[2], units[3]);
     for a in &axes {
-        let (n, r) = (a.axis, &a.readings);
+        let (n, readings) = (a.axis, &a.readings);
         let show = |v: Option<f64>| v.map_or("does not show".to_string(), |v| format!("{v:.5}"));
-        let least = if r.bias_instability_reached { "" } else { "under " };
+        let least = if readings.bias_instability_reached { "" } else { "under " };
         println!(
             "{n:<5} {:>24} {:>22} {:>12} {:>26}",
-            show(r.angle_random_walk_deg_per_root_h),
-            format!("{least}{}", show(r.bias_instability_dph)),
-            r.bias_instability_at_s.map_or(String::new(), |t| format!("{t:.0}")),
-            show(r.rate_random_walk_dph_per_root_h)
+            show(readings.angle_random_walk_deg_per_root_h),
+            format!("{least}{}", show(readings.bias_instability_dph)),
+            readings.bias_instability_at_s.map_or(String::new(), |t| format!("{t:.0}")),
+            show(readings.rate_random_walk_dph_per_root_h)
         );
     }
     let readings = if r.thermometer.is_sensor() {
@@ -68,7 +70,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     if let Some(out) = out {
         let title = format!("{}, {}: overlapping Allan deviation, bars of one sigma", r.unit(), recording.display());
-        hrg_data::output::write_file(&out, allan::picture(&axes, &title)?.as_bytes())?;
+        hrg_data::output::write_file(&out, in_unit(&allan::picture(&axes, &title)?, r.rate_unit()).as_bytes())?;
     }
     if let Some(json) = json {
         hrg_data::output::write_file(&json, serde_json::to_string_pretty(&axes)?.as_bytes())?;

@@ -13,6 +13,7 @@ macro_rules! println {
 mod accelerometers;
 mod align;
 mod allan;
+mod anonymise;
 mod chamber;
 mod colour;
 mod compare;
@@ -109,6 +110,10 @@ enum Command {
     ///
     /// Example: hrg allan run.csv --out allan.svg
     Allan(allan::Arguments),
+    /// Make a copy of a recording that you can give away: without names, dates and place.
+    ///
+    /// Example: hrg anonymise run.csv --latitude 48.1 --axes "x=north y=east z=down" -o for-others.csv
+    Anonymise(anonymise::Arguments),
     /// Fit the cubic of temperature that ArduPilot or PX4 compensates by, and write their parameters.
     ///
     /// Example: hrg export warming.csv --verify flight.csv --for ardupilot -o imu0.param
@@ -262,7 +267,7 @@ const NOT_REACHED: u8 = 3;
 
 /// Commands by purpose, as the help lists them.
 const GROUPS: [(&str, &[&str]); 7] = [
-    ("Get data", &["import", "record", "monitor", "simulate"]),
+    ("Get data", &["import", "record", "monitor", "simulate", "anonymise"]),
     ("Judge", &["judge", "report", "allan", "correct", "profile"]),
     ("Calibrate", &["fit", "trace", "compare-images", "export"]),
     ("The unit", &["unit"]),
@@ -363,6 +368,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         }
         Command::Report(arguments) => report::run(arguments),
         Command::Export(arguments) => export::run(arguments),
+        Command::Anonymise(arguments) => anonymise::run(&arguments),
         Command::Allan(arguments) => allan::run(arguments),
         Command::Correct(arguments) => correct::run(&arguments),
         Command::Profile(arguments) => profile::run(arguments),

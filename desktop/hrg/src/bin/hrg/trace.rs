@@ -7,6 +7,7 @@ use anyhow::Result;
 use clap::Args;
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
+use hrg_data::recording::metadata::in_unit;
 use hrg_data::recording::Recording;
 use hrg_identify::trace;
 use std::path::PathBuf;
@@ -195,10 +196,11 @@ fn print_trace(r: &trace::Report) {
         );
     }
     let means = r.baseline.values().next().map_or((0, 0), |b| (b.train_means, b.verify_means));
-    println!(
+    let legend = format!(
         "deg/h: standard deviation of means over {} s ({} of train, {} of verify); the image RMS also contains the image's mean (the constant bias of that day); +- is its standard deviation",
         r.mean_s, means.0, means.1
     );
+    println!("{}", in_unit(&legend, &r.rate_unit));
     for e in &r.effects {
         print_effect(e);
     }

@@ -1,0 +1,231 @@
+//! Recordings of hundreds of millions of values: read part by part, each part brought to means of [`MEAN_S`] before the next one is read. What fits,
+//! traces and judgements use are means of a second and more; what is lost is noise faster than these means.
+
+use super::{parquet, step_of, Recording};
+use crate::error::BadInput;
+use crate::numeric::side_by_side;
+use crate::numeric::stats::median;
+use std::io::{BufRead, Read};
+use std::path::Path;
+
+/// Duration of a mean, s.
+pub const MEAN_S: f64 = 0.1;
+
+/// Bytes of text from which on a recording is reduced, unless its rows are further apart than half a mean.
+const MOST_WHOLE: u64 = 768 << 20;
+
+/// Bytes of text of a part.
+const PART: usize = 64 << 20;
+
+/// Deviations (by the median of the distances from the median) beyond which a sample is a spike, and not in its mean.
+const SPIKE: f64 = 10.0;
+
+/// Least samples of a mean among which spikes are looked for.
+const LEAST: usize = 8;
+
+/// First bytes of a gzip file.
+const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+impl Recording {
+    /// Reads a file of text that is too large to be in memory as it is. `None` where it is not that large, and for whatever
+    /// else [`Recording::read`] is for.
+    pub(super) fn read_reduced(path: &Path) -> Option<Result<Self, BadInput>> {
+        let size = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?.len();
+        let mut file = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
+        let packed = file.fill_buf().ok()?.starts_with(&GZIP);
+        // (Text of numbers is packed to a third at the most, and to a thousandth where it repeats.)
+        if parquet::begins_as_parquet(path) || size < if packed { MOST_WHOLE / 1000 } else { MOST_WHOLE } {
+            return None;
+        }
+        if packed {
+            let unpacked = |read| flate2::bufread::MultiGzDecoder::new(read);
+            let (mut counted, most) = (unpacked(file), MOST_WHOLE);
+            let large = std::io::copy(&mut (&mut counted).take(most), &mut std::io::sink()).ok()? == most;
+            let again = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
+            return large.then(|| Self::in_parts(unpacked(again), PART));
+        }
+        Some(Self::in_parts(file, PART))
+    }
+
+    /// Reads parts of so many bytes, and joins what they are reduced to.
+    fn in_parts(mut text: impl Read, part: usize) -> Result<Self, BadInput> {
+        let cannot = |e: std::io::Error| BadInput(format!("it cannot be read: {e}"));
+        let (mut head, mut rest) = (Vec::new(), Vec::new());
+        let mut whole: Option<Self> = None;
+        let (mut rows, mut spikes, mut lines, mut missing) = (0usize, 0usize, 0usize, 0usize);
+        loop {
+            let from = rest.len();
+            let n = text.by_ref().take(part as u64).read_to_end(&mut rest).map_err(cannot)?;
+            let end = if n == 0 { rest.len() } else { memchr::memrchr(b'\n', &rest).map_or(0, |at| at + 1) };
+            if end == 0 && n > 0 {
+                continue;
+            }
+            if rest[..end].iter().all(u8::is_ascii_whitespace) && n == 0 {
+                break;
+            }
+            let after = rest.split_off(end);
+            let piece = std::mem::replace(&mut rest, after);
+            crate::files::no_zero(&piece, from)?;
+            let bytes = if head.is_empty() {
+                head = header(&piece).to_vec();
+                piece
+            } else {
+                [head.as_slice(), &piece].concat()
+            };
+            let r = Self::parse(&bytes).map_err(|e| match lines {
+                0 => e,
+                _ => BadInput(format!("in the part that begins at line {}, lines counted from there: {e}", lines + 1)),
+            })?;
+            lines += super::lines::count(&bytes);
+            rows += r.time_s.len();
+            missing += r.cleaned.iter().map(|c| c.count).sum::<usize>();
+            let (r, taken) = r.reduced();
+            spikes += taken;
+            match &mut whole {
+                None => whole = Some(r),
+                Some(whole) => whole.append(r),
+            }
+            if n == 0 {
+                break;
+            }
+        }
+        let mut whole = whole.ok_or_else(|| BadInput::new("the file is empty: there is no header line"))?;
+        whole.notes.retain(|n| !n.contains("values are missing"));
+        whole.notes.push(format!(
+            "{rows} rows are too many to be in memory: read as means of {MEAN_S} s, {} of them; figures of shorter times are not theirs",
+            whole.time_s.len()
+        ));
+        if spikes > 0 {
+            whole.notes.push(format!("{spikes} samples of rates are spikes within their mean: not in it"));
+        }
+        if missing > 0 {
+            whole.notes.push(format!("{missing} values are missing"));
+        }
+        Ok(whole)
+    }
+
+    /// Means over [`MEAN_S`], and how many samples of rates are in none, as spikes. Rows that are further apart than half of it stay.
+    fn reduced(self) -> (Self, usize) {
+        let step = step_of(&self.time_s);
+        if !(step < 0.5 * MEAN_S) {
+            return (self, 0);
+        }
+        let bin = |t: f64| (t / MEAN_S).floor();
+        let mut ends = Vec::new();
+        for (k, w) in self.time_s.windows(2).enumerate() {
+            if bin(w[0]) != bin(w[1]) {
+                ends.push(k + 1);
+            }
+        }
+        ends.push(self.time_s.len());
+        let mean = |column: &Vec<f64>| -> Vec<f64> { groups(&ends).map(|g| mean_of(&column[g])).collect() };
+        let robust = |column: &Vec<f64>| -> Vec<(f64, usize)> {
+            let mut buffer = Vec::new();
+            groups(&ends).map(|g| without_spikes(&column[g], &mut buffer)).collect()
+        };
+        let plain = [&self.time_s].into_iter().chain(&self.frequency_hz).chain(self.optional.iter().map(|(_, v)| v));
+        let mut plain = side_by_side::each(plain.collect(), mean).into_iter();
+        let rates = side_by_side::each(self.rate_dph.iter().collect(), robust);
+        let mut next = || plain.next().unwrap_or_default();
+        let (time_s, frequency_hz) = (next(), std::array::from_fn(|_| next()));
+        let optional = self.optional.iter().map(|(name, _)| (*name, next())).collect();
+        // (The status of a mean is all that its rows were flagged with.)
+        let status = if self.status.is_empty() {
+            Vec::new()
+        } else {
+            let all = |g: std::ops::Range<usize>| {
+                self.status[g].iter().fold([0u16; 4], |s, row| std::array::from_fn(|k| s[k] | row[k]))
+            };
+            groups(&ends).map(all).collect()
+        };
+        let spikes = rates.iter().flatten().map(|(_, n)| n).sum();
+        let mut rates = rates.into_iter().map(|v| v.into_iter().map(|(mean, _)| mean).collect());
+        let rate_dph = std::array::from_fn(|_| rates.next().unwrap_or_default());
+        (Self { time_s, frequency_hz, rate_dph, optional, status, ..self }, spikes)
+    }
+
+    fn append(&mut self, other: Self) {
+        self.time_s.extend(other.time_s);
+        self.frequency_hz.iter_mut().zip(other.frequency_hz).for_each(|(a, b)| a.extend(b));
+        self.rate_dph.iter_mut().zip(other.rate_dph).for_each(|(a, b)| a.extend(b));
+        self.optional.iter_mut().zip(other.optional).for_each(|((_, a), (_, b))| a.extend(b));
+        self.status.extend(other.status);
+    }
+}
+
+/// The lines up to the names of the columns.
+fn header(text: &[u8]) -> &[u8] {
+    let mut at = 0;
+    for line in text.split_inclusive(|b| *b == b'\n') {
+        at += line.len();
+        let trimmed = line.trim_ascii();
+        if !trimmed.is_empty() && !trimmed.starts_with(b"#") && !trimmed.starts_with(b"\xEF\xBB\xBF#") {
+            break;
+        }
+    }
+    &text[..at]
+}
+
+fn groups(ends: &[usize]) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
+    let from = std::iter::once(0).chain(ends.iter().copied());
+    from.zip(ends.iter().copied()).map(|(from, to)| from..to)
+}
+
+/// Mean of the finite values; NaN where less than half of them are.
+fn mean_of(values: &[f64]) -> f64 {
+    let (sum, n) = values.iter().filter(|v| v.is_finite()).fold((0.0, 0usize), |(s, n), v| (s + v, n + 1));
+    if 2 * n >= values.len() && n > 0 {
+        sum / n as f64
+    } else {
+        f64::NAN
+    }
+}
+
+/// The mean without spikes, and how many there were.
+fn without_spikes(values: &[f64], buffer: &mut Vec<f64>) -> (f64, usize) {
+    buffer.clear();
+    buffer.extend(values.iter().copied().filter(|v| v.is_finite()));
+    if buffer.len() < LEAST {
+        return (mean_of(values), 0);
+    }
+    let Some(middle) = median(buffer) else { return (f64::NAN, 0) };
+    buffer.iter_mut().for_each(|v| *v = (*v - middle).abs());
+    let Some(distance) = median(buffer) else { return (f64::NAN, 0) };
+    let limit = SPIKE * 1.4826 * distance;
+    // (Values of coarse steps may have no distance at all.)
+    if limit == 0.0 {
+        return (mean_of(values), 0);
+    }
+    let kept = |v: &f64| v.is_finite() && (*v - middle).abs() <= limit;
+    let (sum, n) = values.iter().filter(|v| kept(v)).fold((0.0, 0usize), |(s, n), v| (s + v, n + 1));
+    let finite = values.iter().filter(|v| v.is_finite()).count();
+    (if 2 * n >= values.len() { sum / n as f64 } else { f64::NAN }, finite - n)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_means_whatever_their_length() {
+        let mut text = String::from("# hrg-recording: 2\n# unit: G-1\ntime_s,temp_c,rate_x_dph,chamber_c\n");
+        for k in 0..20_000u32 {
+            let t = f64::from(k) / 1000.0;
+            let noise = f64::from(k * 7919 % 101) / 50.0 - 1.0;
+            let rate = if k == 7777 { 1e6 } else { 10.0 + t + noise };
+            text += &format!("{t},{},{rate},{}\n", 20.0 + t, if k % 50 == 0 { String::new() } else { "5".into() });
+        }
+        let of = |part: usize| Recording::in_parts(text.as_bytes(), part).expect("reads");
+        let r = of(1 << 16);
+        assert!((200..=230).contains(&r.time_s.len()), "{}", r.time_s.len());
+        assert_eq!(r.unit(), "G-1");
+        for (k, t) in r.time_s.iter().enumerate() {
+            assert!((r.frequency_hz[0][k] - 20.0 - t).abs() < 1e-6 && (r.rate_dph[0][k] - 10.0 - t).abs() < 0.5, "{k}");
+        }
+        assert!(r.notes.iter().any(|n| n.contains("20000 rows are too many")), "{:?}", r.notes);
+        assert!(r.notes.iter().any(|n| n.starts_with("1 samples of rates are spikes")), "{:?}", r.notes);
+        assert_eq!(of(1 << 30).time_s.len(), 200);
+        let e = Recording::in_parts(text.replace("15,35,", "15,hot,").as_bytes(), 1 << 16).expect_err("no number").0;
+        assert!(e.contains("in the part that begins at line") && e.contains("hot"), "{e}");
+    }
+}
