@@ -165,7 +165,6 @@ class Sparse:
 
 
 def peers():
-    from pyoperon.sklearn import SymbolicRegressor
     from sklearn.ensemble import HistGradientBoostingRegressor
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -174,6 +173,8 @@ def peers():
         return GaussianProcessRegressor(ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(0.1), n_restarts_optimizer=0, random_state=SEED)
 
     def symbols():
+        from pyoperon.sklearn import SymbolicRegressor
+
         return SymbolicRegressor(max_evaluations=50_000, max_length=40, population_size=500, n_threads=1, random_state=SEED, max_time=5)
 
     return {

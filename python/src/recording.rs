@@ -378,7 +378,7 @@ impl Corrected {
     }
 }
 
-/// A recording of another program's file (a path) by a map: the path of one, or px4, ardupilot, ros, betaflight, adis, bosch. `imu`: its number,
+/// A recording of another program's file (a path) by a map: the path of one, or px4, ardupilot, ardupilot-tcal, ros, betaflight, adis, bosch. `imu`: its number,
 /// from 0, where the file has several.
 #[pyfunction]
 #[pyo3(signature = (path, map, *, imu = None))]

@@ -245,3 +245,20 @@ def test_a_part_of_a_run_is_corrected_the_same_after_a_copy(runs, traced):
     again = pickle.loads(pickle.dumps(part))
     ours, theirs = hrg.correct(part, traced), hrg.correct(again, traced)
     np.testing.assert_allclose(ours.corrected_dph, theirs.corrected_dph, atol=1e-4)
+
+
+def test_hdf5_and_matlab_as_the_page_says(tmp_path):
+    import h5py
+    import scipy.io
+
+    t = np.arange(600.0)
+    gyro = np.radians(np.stack([1.0 + 0.01 * t, 0.0 * t, 0.0 * t], axis=1)) / 3600.0
+    with h5py.File(tmp_path / "run.h5", "w") as f:
+        f["t"], f["imu/temperature"], f["imu/gyro"] = t, 20.0 + 0.01 * t, gyro
+    with h5py.File(tmp_path / "run.h5") as f:
+        run = hrg.from_table({"time_s": f["t"][:], "temp_c": f["imu/temperature"][:], "rate_x_dph": np.degrees(f["imu/gyro"][:, 0]) * 3600})
+    np.testing.assert_allclose(np.asarray(run["rate_x_dph"]), 1.0 + 0.01 * t, atol=1e-9)
+    scipy.io.savemat(tmp_path / "run.mat", {"t": t, "T": 20.0 + 0.01 * t, "wz": np.full(600, 0.001) + 1e-5 * np.sin(t)})
+    m = scipy.io.loadmat(tmp_path / "run.mat", squeeze_me=True)
+    run = hrg.from_table({"time_s": m["t"], "temp_c": m["T"], "rate_z_dph": m["wz"] * 3600})
+    assert abs(np.asarray(run["rate_z_dph"]).mean() - 3.6) < 0.01

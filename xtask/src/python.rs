@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 /// Packages that the tests need beside the wheel. (maturin builds it.)
-const NEEDED: [&str; 9] = [
+const NEEDED: [&str; 11] = [
     "maturin>=1.9,<2",
     "numpy>=1.21",
     "pandas>=1.5",
@@ -15,6 +15,8 @@ const NEEDED: [&str; 9] = [
     "nbformat>=5",
     "nbclient>=0.8",
     "ipykernel>=6",
+    "h5py>=3",
+    "scipy",
 ];
 
 fn environment() -> PathBuf {

@@ -223,8 +223,9 @@ def from_table(
     scale_factor_dph_per_code: Sequence[float] | None = None,
 ) -> Recording: ...
 def to_pandas(recording: Recording | Corrected) -> Any: ...
-def import_table(path: str | PathLike[str], map: str) -> Recording:
-    """Another program's file by a map: the path of one, or px4, ardupilot, adis, bosch."""
+def import_table(path: str | PathLike[str], map: str, *, imu: int | None = None) -> Recording:
+    """Another program's file by a map: the path of one, or px4, ardupilot, ardupilot-tcal, ros, betaflight, adis, bosch. `imu`: its number, from
+    0, where the file has several."""
 
 def simulate(
     profile: str = "dong",

@@ -290,4 +290,26 @@ mod tests {
             assert!(t.notes[0].contains(&format!("IMU {instance} is taken")), "{:?}", t.notes);
         }
     }
+
+    /// ArduPilot's log of its own calibration: rows of the accelerometers and of another IMU are left out.
+    #[test]
+    fn its_own_temperature_calibration_is_read() {
+        let padded = |t: &str, n: usize| [t.as_bytes(), &vec![0; n - t.len()]].concat();
+        let mut b = vec![HEAD[0], HEAD[1], FMT, 70, 33];
+        b.extend([padded("TCLR", 4), padded("QBBffffI", 16), padded("TimeUS,I,SType,Temp,X,Y,Z,NSamp", 64)].concat());
+        for k in 0..40u64 {
+            for (imu, kind) in [(0u8, 0u8), (0, 1), (1, 1)] {
+                b.extend([HEAD[0], HEAD[1], 70]);
+                b.extend((1_000_000 * k).to_le_bytes());
+                b.extend([imu, kind]);
+                let rate = 0.001 * f32::from(kind) * (1.0 + f32::from(imu));
+                [20.0 + 0.5 * k as f32, rate, -rate, 0.0].iter().for_each(|v| b.extend(v.to_le_bytes()));
+                b.extend(1000u32.to_le_bytes());
+            }
+        }
+        let map = Map::parse(BUILT_IN.iter().find(|(n, _)| *n == "ardupilot-tcal").expect("there").1).expect("a map");
+        let t = read(&b, &map).expect("fits");
+        assert!(t.rows() == 40 && t.column(&map.rate["x"].column).is_some_and(|v| (v[9] - 0.001).abs() < 1e-9));
+        assert!(t.column(&map.temperature["all"].column).is_some_and(|v| v[9] == 24.5));
+    }
 }

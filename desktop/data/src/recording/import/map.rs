@@ -8,9 +8,10 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 
 /// Maps that come with the program: name, text.
-pub const BUILT_IN: [(&str, &str); 6] = [
+pub const BUILT_IN: [(&str, &str); 7] = [
     ("px4", include_str!("../../../maps/px4.toml")),
     ("ardupilot", include_str!("../../../maps/ardupilot.toml")),
+    ("ardupilot-tcal", include_str!("../../../maps/ardupilot-tcal.toml")),
     ("ros", include_str!("../../../maps/ros.toml")),
     ("betaflight", include_str!("../../../maps/betaflight.toml")),
     ("adis", include_str!("../../../maps/adis.toml")),

@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// The file of another program: a table as text (any separator and encoding) or Excel, Parquet, a log of PX4, ArduPilot or Betaflight, a ROS bag (MCAP).
     file: PathBuf,
-    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, ros, betaflight, adis, bosch. Without it the columns are guessed, and the
+    /// A map (docs/formats.md), or the name of one that is built in: px4, ardupilot, ardupilot-tcal, ros, betaflight, adis, bosch. Without it the columns are guessed, and the
     /// guess is printed as a map
     #[arg(short, long)]
     map: Option<String>,
