@@ -105,7 +105,10 @@ def judged(run, on, masks, corrected):
 
 
 def band(values):
-    return f"{np.median(values):.0f} [{min(values):.0f}, {max(values):.0f}]"
+    def short(v):
+        return f"{v:.0f}" if v < 1e5 else f"{v:.0e}"
+
+    return f"{short(np.median(values))} [{short(min(values))}, {short(max(values))}]"
 
 
 def table(title, draws, axes):
