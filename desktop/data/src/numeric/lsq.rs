@@ -126,7 +126,7 @@ impl Triangle {
         let scale: Vec<f64> = (0..p).map(|j| (0..=j).map(|i| at(i, j).powi(2)).sum::<f64>().sqrt()).collect();
         if let Some(j) = scale.iter().position(|s| *s <= 0.0) {
             return Err(BadInput::new(format!(
-                "the regressor {} is zero throughout; the run never does what it stands for",
+                "the regressor {} is zero throughout: the run never does what it stands for, or the thermometer reads in steps that are too coarse to show it",
                 names.get(j).unwrap_or(&"?")
             )));
         }

@@ -15,7 +15,8 @@ pub fn is_named_so(path: &Path) -> bool {
     ending.is_some_and(|e| ["xlsx", "xlsm", "xlsb", "xls", "ods"].iter().any(|x| e == *x))
 }
 
-/// Cells of the rows of a sheet as text; dates as ISO 8601. `name`: of the sheet; by default the first.
+/// Cells of the rows of a sheet as text; dates as ISO 8601. `name`: of the sheet; by default the one with most rows (a first sheet often holds
+/// remarks).
 ///
 /// # Errors
 /// A file that is no spreadsheet, or has no such sheet.
@@ -23,7 +24,13 @@ pub fn rows(bytes: Vec<u8>, name: Option<&str>) -> Result<Vec<Vec<String>>, BadI
     let mut book = open_workbook_auto_from_rs(Cursor::new(bytes))
         .map_err(|e| BadInput(format!("it cannot be read as a spreadsheet: {e}")))?;
     let sheets = book.sheet_names();
-    let name = name.map(String::from).or_else(|| sheets.first().cloned());
+    let mut longest = || {
+        let height = |s: &String| book.worksheet_range(s).map_or(0, |r| r.rows().filter(|row| row.len() > 1).count());
+        let heights: Vec<usize> = sheets.iter().map(height).collect();
+        let most = heights.iter().max()?;
+        sheets.iter().zip(&heights).find(|(_, h)| *h == most).map(|(s, _)| s.clone())
+    };
+    let name = name.map(String::from).or_else(&mut longest);
     let name = name.ok_or_else(|| BadInput::new("the spreadsheet has no sheet"))?;
     let sheet = book
         .worksheet_range(&name)

@@ -53,7 +53,7 @@ pub struct Layout {
     pub encoding: Option<String>,
     /// Texts that stand for a missing value, beside an empty cell and those that programs write.
     pub missing: Vec<String>,
-    /// Excel: the sheet; by default the first.
+    /// Excel: the sheet; by default the one with most rows.
     pub sheet: Option<String>,
     /// PX4, ROS: the topic; ArduPilot: the message. Or several, of which the first that is there counts.
     pub topic: Option<Names>,
