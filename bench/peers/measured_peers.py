@@ -21,7 +21,7 @@ from trace_peers import AXES, HRG, MEAN_S, MEASURED, Flat, GroupRidge, features,
 
 SPLITS = {"imu_raw_data": range(6200, 6801, 100), "voltmeter-1v": range(60000, 76001, 4000)}
 OF = {"imu_raw_data": "xyz", "voltmeter-1v": "xy"}
-NAMES = ["hrg trace", "cubic", "cubic and ramp", "ridge with lags", "Gaussian process", "boosting"]
+NAMES = ["trace", "cubic", "cubic and ramp", "ridge with lags", "Gaussian process", "boosting"]
 
 
 class Polynomial:
@@ -91,10 +91,10 @@ def judged(run, on, masks, corrected):
         row = {"raw": figures((y - y[good].mean())[keep])}
         left = corrected and means(corrected[f"rate_{AXES[a]}_dph"])
         if corrected is None:
-            row["hrg trace"] = row["raw"]
+            row["trace"] = row["raw"]
         else:
             n = int(keep.sum())
-            row["hrg trace"] = figures(left[keep[: len(left)]] if len(left) >= len(keep) - 1 else left[:n])
+            row["trace"] = figures(left[keep[: len(left)]] if len(left) >= len(keep) - 1 else left[:n])
         for name, make in models().items():
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")

@@ -32,7 +32,12 @@ impl Recording {
     pub(super) fn read_reduced(path: &Path) -> Option<Result<Self, BadInput>> {
         let size = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?.len();
         let mut file = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
-        let packed = file.fill_buf().ok()?.starts_with(&GZIP);
+        let begin = file.fill_buf().ok()?;
+        let packed = begin.starts_with(&GZIP);
+        // (A file of zeros or another binary one is refused by who reads the others.)
+        if !packed && begin.contains(&0) {
+            return None;
+        }
         // (Text of numbers is packed to a third at the most, and to a thousandth where it repeats.)
         if parquet::begins_as_parquet(path) || size < if packed { MOST_WHOLE / 1000 } else { MOST_WHOLE } {
             return None;

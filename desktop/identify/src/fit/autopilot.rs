@@ -50,12 +50,9 @@ pub struct Cubic {
     coefficients: [Option<[f64; TERMS]>; AXES],
 }
 
-/// Temperature and rate of an axis in means of a run; those that are missing are left out.
-fn means(run: &Run, a: usize) -> Vec<(f64, f64)> {
-    let temperature: Vec<f64> =
-        (0..run.steps.len()).map(|k| run.state(k, a).map_or(f64::NAN, |s| f64::from(s.0))).collect();
-    let rates = block_means(&run.steps.rate_dph[a], run.steps.mean_s);
-    let both = block_means(&temperature, run.steps.mean_s).into_iter().zip(rates);
+/// Temperature and rate of an axis, second by second; those that are missing are left out.
+fn seconds(run: &Run, a: usize) -> Vec<(f64, f64)> {
+    let both = (0..run.steps.len()).filter_map(|k| Some((f64::from(run.state(k, a)?.0), run.steps.rate_dph[a][k])));
     both.filter(|(t, r)| t.is_finite() && r.is_finite()).collect()
 }
 
@@ -66,18 +63,18 @@ impl Cubic {
     /// Too few temperatures for a cubic.
     pub fn fit(prepared: &Prepared, autopilot: Autopilot) -> Result<Self, BadInput> {
         let runs = &prepared.runs;
-        let all = |a: usize| runs.iter().flat_map(move |r| means(r, a));
+        let all = |a: usize| runs.iter().flat_map(move |r| seconds(r, a));
         let there: Vec<usize> = runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
         let temperatures = there.iter().flat_map(|a| all(*a)).map(|(t, _)| t);
         let (low, high) = temperatures.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), t| (l.min(t), h.max(t)));
-        let range_c = [(low * 10.0).ceil() / 10.0, (high * 10.0).floor() / 10.0];
+        let range_c = [(low * 10.0).floor() / 10.0, (high * 10.0).ceil() / 10.0];
         let reference_c = autopilot.reference_c(low, high);
         let mut coefficients = [None; AXES];
         for &a in &there {
             let mut columns = vec![Vec::new(); TERMS - 1 + runs.len()];
             let mut y = Vec::new();
             for (n, run) in runs.iter().enumerate() {
-                for (t, rate) in means(run, a) {
+                for (t, rate) in seconds(run, a) {
                     let d = (t - reference_c) / 10.0;
                     for (k, column) in columns.iter_mut().enumerate() {
                         column.push(match k.checked_sub(TERMS - 1) {
@@ -109,10 +106,20 @@ impl Cubic {
     #[must_use]
     pub fn leaves(&self, run: &Run, a: usize) -> Option<[f64; 2]> {
         self.coefficients[a]?;
-        let m = means(run, a);
-        let raw: Vec<f64> = m.iter().map(|(_, r)| *r).collect();
-        let corrected: Vec<f64> = m.iter().filter_map(|(t, r)| Some(r - self.bias_dph(a, *t)?)).collect();
-        Some([std_dev(&raw), std_dev(&corrected)])
+        let raw = &run.steps.rate_dph[a];
+        let bias = |k: usize| run.state(k, a).and_then(|s| self.bias_dph(a, f64::from(s.0))).unwrap_or(f64::NAN);
+        let corrected: Vec<f64> = raw.iter().enumerate().map(|(k, r)| r - bias(k)).collect();
+        Some([raw, &corrected].map(|v| std_dev(&block_means(v, run.steps.mean_s))))
+    }
+
+    /// Share of a run whose temperature is outside the range of the fit, where the formula holds the value of the end.
+    #[must_use]
+    pub fn outside(&self, run: &Run) -> f64 {
+        let there = run.steps.present().flat_map(|a| seconds(run, a));
+        let (outside, all) = there.fold((0usize, 0usize), |(o, n), (t, _)| {
+            (o + usize::from(t < self.range_c[0] - 0.1 || t > self.range_c[1] + 0.1), n + 1)
+        });
+        outside as f64 / all.max(1) as f64
     }
 
     /// The parameters as a file of the flight controller's ground stations. `imu`: number of the IMU, from 0; `device_id`: PX4's of that gyro.

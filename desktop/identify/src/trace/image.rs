@@ -68,7 +68,7 @@ impl Fits<'_> {
         let beside = self.beside.image(calibration, &self.beside_known.stated, &mut Vec::new());
         let of_verify = predictions(verify);
         let (of_image, of_beside) = &of_verify;
-        let (baseline, mut chosen_on_verify) = self.baseline(plain, &beside, of_beside, verify);
+        let (baseline, mut chosen_on_verify) = self.baseline(plain.clone(), &beside, of_beside, verify);
         let mut models = [AxisModel::Constant; AXES];
         let constants = [0, 1, 2].map(|a: usize| mean(&self.without_events(a)));
         let corrected = |c: &Calibration| fit::correct(c, &verify.run.steps).map(|r| verify.means(&r));
@@ -111,7 +111,7 @@ impl Fits<'_> {
         let of_judge = judge.map(predictions);
         let (judge, of_judge) = (judge.unwrap_or(verify), of_judge.unwrap_or(of_verify));
         let chosen = corrected(&image);
-        let judged = self.judged((&image, &baseline), &of_judge, judge, models, constants);
+        let judged = self.judged((&image, &plain), &of_judge, judge, models, constants);
         let names = hrg_data::axes::AXIS_NAMES;
         let extended = verify.run.steps.present().filter(|a| models[*a] == AxisModel::Extended);
         let on_judge: Vec<(usize, Agreement)> = extended.map(|a| (a, judged[names[a]].agreement)).collect();
@@ -202,16 +202,17 @@ impl Fits<'_> {
             .collect()
     }
 
-    /// The written image on the run that judges, by axis, against the baseline and against a constant.
+    /// The written image on the run that judges, by axis, against the baseline by least squares and against a constant.
     fn judged(
         &self,
-        (image, baseline): (&Calibration, &Calibration),
+        (image, plain): (&Calibration, &Calibration),
         (of_image, of_beside): &(Prediction, Prediction),
         judge: &Unseen<'_>,
         models: [AxisModel; AXES],
         constants: [f64; AXES],
     ) -> ByAxis<Judged> {
-        let [left, base] = [image, baseline].map(|c| fit::correct(c, &judge.run.steps));
+        let [left, base] = [image, plain].map(|c| fit::correct(c, &judge.run.steps));
+        let [whole_left, whole_base] = [image, plain].map(|c| fit::correct(c, &judge.whole.steps));
         by_axis(|a| {
             let means = judge.means(&left[a]);
             let agreement = if models[a] == AxisModel::Extended {
@@ -227,8 +228,12 @@ impl Fits<'_> {
                     AxisModel::Constant => {
                         worse_than(&raw, 0.0) && means.mean().abs() > 2.0 * raw.mean().abs() + raw.deviation()
                     }
-                    AxisModel::Baseline => worse_than(&raw, constants[a]),
-                    AxisModel::Extended => worse_than(&raw, constants[a]) || worse_than(&judge.means(&base[a]), 0.0),
+                    AxisModel::Baseline | AxisModel::Extended => {
+                        let [whole_left, whole_base] = [&whole_left[a], &whole_base[a]].map(|v| judge.means(v));
+                        worse_than(&raw, constants[a])
+                            || worse_than(&judge.means(&base[a]), 0.0)
+                            || is_worse(&whole_left, &whole_base, 0.0, judge.noise[a].shift())
+                    }
                 };
             Judged {
                 agreement,

@@ -166,19 +166,41 @@ fn closed(
         let unknown =
             memory.and_then(|m| Some((m, run_in::unknown(&mut search, &learnt.model, &fitted, &verify_run, m)?)));
         let Some((memory, unknown)) = unknown else {
-            return judged(train, verify, options, &prepared, (&verify_run, judge_run), (search, learnt, fitted));
+            let runs = (&verify_run, whole_verify, judge_run);
+            return judged(train, verify, options, &prepared, runs, (search, learnt, fitted));
         };
+        // A decay may be what a model without that memory has from power-on on. That model stays if it is the more probable one on all runs, and
+        // none begins in a state that it does not know.
+        let with = explained(&search, &learnt, &fitted, &verify_run, &data) + unknown.evidence;
+        let bars: Vec<EffectId> = barred.iter().copied().chain([memory.effect()]).collect();
+        let mut other = Search::without_effects(&data, &bars);
+        let otherwise = Learnt::new(&mut other);
+        let refitted = Fitted::new(&data, &otherwise.model.specification())?;
+        let known = Memory::of(otherwise.model.effects())
+            .is_none_or(|m| run_in::unknown(&mut other, &otherwise.model, &refitted, &verify_run, m).is_none());
+        if known && explained(&other, &otherwise, &refitted, &verify_run, &data) > with {
+            barred = bars;
+            continue;
+        }
         // The search begins anew on what is left.
         left_out = Some(memory);
         let several = prepared.runs.len() > 1;
-        for (k, run) in prepared.runs.iter_mut().enumerate().filter(|(k, _)| unknown[*k]) {
+        for (k, run) in prepared.runs.iter_mut().enumerate().filter(|(k, _)| unknown.runs[*k]) {
             let what = if several { format!("train run {}", k + 1) } else { "the train run".into() };
             prepared.notes.push(memory.leave_out(run, &what, true));
         }
-        if unknown[prepared.runs.len()] {
+        if unknown.runs[prepared.runs.len()] {
             prepared.notes.push(memory.leave_out(&mut verify_run, "the verify run", false));
         }
     }
+}
+
+/// How well a model explains all runs: its score on the train runs, and the log density of the verify run under it.
+fn explained(search: &Search<'_>, learnt: &Learnt, fitted: &Fitted, verify: &Run, data: &Data<'_>) -> f64 {
+    let known = |c: &Candidate| run_has(verify, c, &data.scaling);
+    let on_verify = data.unseen(verify);
+    let density = Prediction::new(&on_verify, fitted, &uncertainty::of(data, fitted), &known).log_density(&on_verify);
+    search.score_of(&learnt.model) + density
 }
 
 /// `true` if the verify run continues the only train run: both are parts of one log ([`Recording::split`]).
@@ -194,7 +216,7 @@ fn judged(
     verify: &Recording,
     options: &Options,
     prepared: &Prepared,
-    (verify_run, judge_run): (&Run, Option<&Run>),
+    (verify_run, whole_verify, judge_run): (&Run, &Run, Option<&Run>),
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
@@ -221,7 +243,8 @@ fn judged(
     };
     notes.extend(lacking(fitted.terms(), &known));
     let [before_verify, after_verify] = left_of(verify_run);
-    let on_verify = Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?;
+    let on_verify =
+        Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?.part_of(whole_verify);
     let third = |run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1]);
     let on_judge = judge_run.map(third).transpose()?;
 
@@ -232,7 +255,6 @@ fn judged(
     let effects = finder.found(&search, &learnt, &fitted, &uncertain.stated, &whole)?;
     let written =
         written(&mut search, &learnt, &plain, (&on_verify, on_judge.as_ref()), &known, &calibration, &mut notes)?;
-    let beats_use = options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify));
     let verify_repeats_train = runs.iter().any(|run| independence::repeats(verify_run, run));
     let mut report = Report {
         exchanged: second(options, verify, verify_run, &effects),
@@ -243,7 +265,7 @@ fn judged(
         verdict_kind: conclude(&effects, &left, written.good),
         burn: written.kind == Image::Extended
             && written.good
-            && beats_use
+            && options.in_use.as_ref().is_none_or(|c| beats(&written, c, &on_verify))
             && (options.repeat_is_enough || !verify_repeats_train),
         image: written.kind,
         verdict: String::new(),

@@ -59,6 +59,17 @@ fn left_by_both(r: &Report, block: &ByAxis<OnVerify>) -> String {
     if !plain.is_empty() && r.image == Image::Extended {
         s += &format!("; on {} the image holds the baseline alone", list(&plain));
     }
+    let differs = |n: &&str| {
+        let (ours, theirs) = (block[*n].verify_rms_dph, r.baseline[*n].verify_rms_dph);
+        block[*n].model == AxisModel::Baseline && (ours - theirs).abs() > 0.02 * theirs
+    };
+    let with_prior: Vec<&str> = axes.iter().copied().filter(differs).collect();
+    if !with_prior.is_empty() {
+        s += &format!(
+            "; the image's baseline on {} is not the one by least squares: its ramp terms have a prior, as temperature and ramp went together in the train runs",
+            list(&with_prior)
+        );
+    }
     if !constant.is_empty() {
         s += &format!("; on {} the image holds a constant alone", list(&constant));
     }
@@ -219,6 +230,9 @@ fn next(r: &Report) -> String {
         "no further run is needed for the calibration; check the constants with a run of another day".to_string()
     } else {
         r.advice.first().cloned().unwrap_or_else(|| match r.verdict_kind {
+            VerdictKind::NothingLacks if r.outside_fit > 0.5 => {
+                "learn from a run that passes the temperatures and ramps of the verify run".into()
+            }
             VerdictKind::NothingLacks => "nothing; the baseline is all that these data warrant".into(),
             _ => "record a second train run with another profile: it separates the properties of the unit from those of one day".into(),
         })

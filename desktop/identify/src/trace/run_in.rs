@@ -113,7 +113,15 @@ fn passed(run: &Run, from: usize) -> BTreeSet<(usize, i32, bool)> {
     run.steps.present().flat_map(of).collect()
 }
 
-/// Marks the runs that begin in an unknown state: each train run, then the verify run. `None` if none does. Such a run shows a decay of the
+/// Runs that begin in an unknown state.
+pub(super) struct Unknown {
+    /// Marks them: each train run, then the verify run.
+    pub runs: Vec<bool>,
+    /// Log evidence of their decays.
+    pub evidence: f64,
+}
+
+/// The runs that begin in an unknown state. `None` if none does. Such a run shows a decay of the
 /// memory's time constant: a train run beside all else that the model has, the verify run in what the model's prediction leaves of it.
 pub(super) fn unknown(
     search: &mut Search<'_>,
@@ -121,7 +129,7 @@ pub(super) fn unknown(
     fitted: &Fitted,
     verify: &Run,
     memory: Memory,
-) -> Option<Vec<bool>> {
+) -> Option<Unknown> {
     let data = search.data();
     let runs = data.runs.len();
     let mut evidence = vec![0.0; runs + 1];
@@ -135,6 +143,8 @@ pub(super) fn unknown(
     let left = fitted.left(&on_verify, &known);
     evidence[runs] = verify.steps.present().map(|a| memory.decay(&on_verify, 0, &left[a], a)).sum();
     let each = data.runs.iter().chain([verify]).zip(evidence);
-    let out: Vec<bool> = each.map(|(run, e)| run.steps.run_in == 0 && e > THRESHOLD).collect();
-    out.contains(&true).then_some(out)
+    let each: Vec<(bool, f64)> = each.map(|(run, e)| (run.steps.run_in == 0 && e > THRESHOLD, e)).collect();
+    let evidence = each.iter().filter(|(unknown, _)| *unknown).map(|(_, e)| e).sum();
+    let runs: Vec<bool> = each.into_iter().map(|(unknown, _)| unknown).collect();
+    runs.contains(&true).then_some(Unknown { runs, evidence })
 }

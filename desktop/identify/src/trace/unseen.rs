@@ -15,6 +15,8 @@ use hrg_data::recording::steps::Run;
 pub(super) struct Unseen<'v> {
     /// The run.
     pub run: &'v Run,
+    /// The run with the beginning that is left out of the judgement because of an unknown state: a unit sends those rates, too.
+    pub whole: &'v Run,
     /// Its blocks.
     pub data: Data<'v>,
     /// Events of its day.
@@ -47,7 +49,12 @@ impl<'v> Unseen<'v> {
             })
         };
         let noise = (0..AXES).map(noise_of).collect::<Result<_, _>>()?;
-        Ok(Self { run, data: data.with_happened(&happened.effects), happened, noise })
+        Ok(Self { run, whole: run, data: data.with_happened(&happened.effects), happened, noise })
+    }
+
+    /// The same with the run whose beginning was left out.
+    pub fn part_of(self, whole: &'v Run) -> Self {
+        Self { whole, ..self }
     }
 
     /// Means of a series on the steps of the run.

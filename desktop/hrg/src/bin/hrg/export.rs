@@ -94,6 +94,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
     } else if device_id == 0 {
         println!("note: TC_G{imu}_ID is 0, and PX4 will not use the parameters: give --device-id, sensor_gyro.device_id of the log");
     }
+    if let Some(share) = unseen.as_ref().map(|r| cubic.outside(r)).filter(|s| *s > 0.005) {
+        println!(
+            "note: {:.0} % of the verify run is outside these temperatures: there the flight controller holds the value at the end",
+            100.0 * share
+        );
+    }
     if unseen.is_none() {
         println!("note: nothing was tested on another run; --verify RUN does");
     }

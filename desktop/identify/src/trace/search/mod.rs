@@ -408,7 +408,12 @@ impl<'a> Search<'a> {
         self.parts(state.groups.iter().copied()) <= MAX_EFFECTS
     }
 
-    /// Score of a model: its log evidence, and the log prior odds of all of its effects.
+    /// Score of a model on the train runs: its log evidence, and the log prior odds of all of its effects.
+    pub fn score_of(&self, model: &Model) -> f64 {
+        self.score(&model.state)
+    }
+
+    /// The same of a state.
     fn score(&self, state: &State) -> f64 {
         let of = |k: usize| {
             let group = state.groups[k];
