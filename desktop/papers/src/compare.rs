@@ -184,6 +184,9 @@ pub struct Comparison {
     pub unit: String,
     /// The raw rate, as a method that does nothing.
     pub raw: Judged,
+    /// Unit of the figures: deg/h, or that of the quantity in the place of the rates.
+    #[serde(default = "usual_unit")]
+    pub rate_unit: String,
     /// Seconds of a mean: 100, or 30 or 10 where a run is too short for that.
     #[serde(default = "usual_mean_s")]
     pub mean_s: usize,
@@ -193,6 +196,10 @@ pub struct Comparison {
     pub about_verify: String,
     /// Methods that could not be used, and why.
     pub left_out: Vec<String>,
+}
+
+fn usual_unit() -> String {
+    hrg_data::recording::metadata::DEG_PER_H.into()
 }
 
 fn usual_mean_s() -> usize {
@@ -411,6 +418,7 @@ pub fn compare(
         unit: first.unit().to_string(),
         raw: bench.judge(|s| s.rate_dph.clone()),
         about_verify: bench.about(),
+        rate_unit: first.rate_unit().to_string(),
         mean_s: bench.mean_s,
         rows,
         left_out,
@@ -582,7 +590,7 @@ pub fn picture(c: &Comparison) -> anyhow::Result<String> {
     };
     let bars = plot::Bars {
         title: format!("{}: three sigma of means over {} s, RMS of the axes", c.unit, c.mean_s),
-        unit: "deg/h".to_string(),
+        unit: c.rate_unit.clone(),
         labels: labels.map(String::from),
         rows: [("raw".to_string(), pair(&c.raw))]
             .into_iter()
@@ -624,7 +632,7 @@ pub fn residuals(c: &Comparison, verify: &Recording, out: &Path) -> anyhow::Resu
         panels.push(Panel {
             title: r.method.clone(),
             x: "time [h]".into(),
-            y: "deg/h".into(),
+            y: c.rate_unit.clone(),
             log: false,
             series: steps
                 .present()

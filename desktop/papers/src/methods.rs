@@ -45,6 +45,9 @@ use hrg_data::recording::steps::Run;
 use hrg_identify::fit::{Prepared, MEAN_S};
 use std::time::Instant;
 
+/// Condition number beyond which a fit of eq 7 says that its regressors nearly go together.
+const TOGETHER: f64 = 100.0;
+
 /// Why a method cannot be used on some data.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MethodError {
@@ -185,7 +188,12 @@ impl Task<'_> {
                 let weights = self.options.uniform.then(|| uniform_weights(self.runs, a));
                 let fit = fit_directly(self.runs, &self.scaling, a, form, weights.as_deref())?;
                 form.store(c, a, &fit.coefficients, &fit.std);
-                records.note(format!("condition number {:.1}", fit.condition));
+                let together = if fit.condition > TOGETHER {
+                    ": temperature and ramp nearly go together in these runs, and the fit parts them by chance; a run with other ramps tells them apart"
+                } else {
+                    ""
+                };
+                records.note(format!("condition number {:.1}{together}", fit.condition));
                 return Ok(fit.coefficients.len());
             }
             (Search::Robust, _) => {

@@ -18,6 +18,26 @@ const KEPT: [&str; 9] = [
     metadata::STANDS_FOR,
 ];
 
+/// Longest time from power-on to the first row, s: what is longer is a date.
+const LONGEST_ON_S: f64 = 30.0 * 86400.0;
+
+/// Smallest step of rates that shows, deg/h: digits of a text are finer.
+const LEAST_STEP_DPH: f64 = 0.01;
+
+/// The step of values that are whole multiples of one, as an ADC gives them; `None` where they are not.
+fn step_of_values(values: &[f64]) -> Option<f64> {
+    let mut some: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).take(20_000).collect();
+    let first = *some.first().filter(|_| some.len() >= 100)?;
+    some.sort_by(f64::total_cmp);
+    let step = some.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 1e-6).fold(f64::INFINITY, f64::min);
+    let whole = |v: &&f64| {
+        let n = (**v - first) / step;
+        (n - n.round()).abs() < 0.02
+    };
+    let fits = some.iter().filter(whole).count();
+    (step.is_finite() && step > LEAST_STEP_DPH && fits as f64 > 0.99 * some.len() as f64).then_some(step)
+}
+
 /// Takes names, dates and place out of a recording as it was read; tells what was removed. Its earth's rate goes with the place where latitude
 /// and axes are known: else it stays in the rates, and a sentence says so.
 ///
@@ -25,14 +45,24 @@ const KEPT: [&str; 9] = [
 /// Metadata that cannot be used.
 pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
     let mut removed = Vec::new();
+    let steps = [0, 1, 2].map(|a: usize| step_of_values(&r.rate_dph[a]));
     r.remove_earth_rate()?;
-    let removed_rate = r.earth_rate_dph.take().is_some();
-    if removed_rate {
+    if let Some(parts) = r.earth_rate_dph.take() {
+        // (Rates of coarse steps would show the earth's rate as what they are off their steps by: they stay on them.)
+        let mut coarse = false;
+        for ((column, part), step) in r.rate_dph.iter_mut().zip(parts).zip(steps) {
+            if let Some(step) = step {
+                let off = part - (part / step).round() * step;
+                column.iter_mut().for_each(|v| *v += off);
+                coarse = true;
+            }
+        }
         r.set_meta("earth_rate", "removed");
-        removed.push("the earth's rate, which tells the latitude, is taken off the rates".to_string());
+        let to = if coarse { ", to a step of the rates" } else { "" };
+        removed.push(format!("the earth's rate, which tells the latitude, is taken off the rates{to}"));
     } else if !r.without_earth_rate() && r.stands_for().is_none() {
         removed.push(
-            "the rates still hold the earth's rate, whose length on three axes tells the latitude: give --latitude and --axes, and it is taken off"
+            "PLACE: the rates still hold the earth's rate, and its direction against the vertical tells the latitude; give --latitude and --axes, and it is taken off"
                 .to_string(),
         );
     }
@@ -43,15 +73,18 @@ pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
     }
     r.meta.retain(|(k, _)| kept(k));
     // (A clock that counts from 1970, or from a midnight, tells the date or the hour.)
-    let (first, power_on) = (r.time_s.first().copied().unwrap_or(0.0), r.power_on_s());
-    let stated = r.meta("power_on_s").is_some();
-    let shift = if stated { power_on } else { first };
+    let first = r.time_s.first().copied().unwrap_or(0.0);
+    let stated = r.meta("power_on_s").is_some() && (0.0..LONGEST_ON_S).contains(&(first - r.power_on_s()));
+    let shift = if stated { r.power_on_s() } else { first };
+    if !stated {
+        r.meta.retain(|(k, _)| k != "power_on_s");
+    }
     if shift != 0.0 {
         r.time_s.iter_mut().for_each(|t| *t = (1e6 * (*t - shift)).round() / 1e6);
         if stated {
             r.set_meta("power_on_s", "0");
         }
-        removed.push("the times count from power-on, or from the first row".to_string());
+        removed.push(format!("the times count from {}", if stated { "power-on" } else { "the first row" }));
     }
     Ok(removed)
 }
@@ -76,6 +109,16 @@ mod tests {
         assert!(removed.iter().any(|s| s.contains("unit, operator, latitude_deg, axes")), "{removed:?}");
         let again = Recording::parse(text.as_bytes()).expect("a recording");
         assert!(again.without_earth_rate() && again.time_s.len() == 2);
+        // Rates of coarse steps stay on their steps, and dates are none of power-on.
+        let mut text = String::from("# latitude_deg: 48.137\n# axes: x=north y=east z=down\n# power_on_s: 0\ntime_s,temp_c,rate_x_dph,rate_y_dph,rate_z_dph\n");
+        for k in 0..500u32 {
+            let n = f64::from(k * 7919 % 13) - 6.0;
+            text += &format!("{},20,{},{},{}\n", 1_764_000_001 + k, 36.0 * n, 36.0 * (n + 1.0), 36.0 * (n - 2.0));
+        }
+        let mut r = Recording::parse(text.as_bytes()).expect("a recording");
+        anonymise(&mut r).expect("fine");
+        let off = |v: &f64| (v / 36.0 - (v / 36.0).round()).abs();
+        assert!(r.rate_dph.iter().flatten().all(|v| off(v) < 1e-6) && r.time_s[1] == 1.0, "{:?}", &r.rate_dph[0][..3]);
         // Without an attitude the earth's rate stays, and a sentence says so.
         let mut r = Recording::parse(b"time_s,temp_c,rate_z_dph\n5,20,1\n6,20,2\n7,20,3\n").expect("a recording");
         let removed = anonymise(&mut r).expect("fine");

@@ -92,6 +92,9 @@ impl Facts {
                 return Err(Disagreement::Unit { recording: r.unit().into(), stated: name.into() }.into());
             }
         }
+        if let (Some(_), Some(what)) = (&self.attitude, r.stands_for()) {
+            return Err(BadInput(format!("the recording holds {what} in the place of rates, without the earth's rate: leave --latitude and --axes out")));
+        }
         if let Some(attitude) = &self.attitude {
             match Attitude::of(r.meta("latitude_deg"), r.meta("axes"))? {
                 Some(own) if own.agrees_with(attitude) => {}
@@ -162,7 +165,7 @@ pub fn agree(recordings: &[&Recording]) -> Result<Agreed, Disagreement> {
         notes.push(format!(
             "no scale factor is known: the default of 20 deg/s at 2^23 codes ({DEFAULT_SCALE_FACTOR} deg/h per code) is assumed; give the unit's own with --scale-factor X,Y,Z or --base OLD.toml"
         ));
-    } else if untold > 0 {
+    } else if first.is_some() && untold > 0 {
         notes.push(format!("{untold} of the recordings do not tell their scale factor: that of the others is assumed"));
     }
     match (all().any(Recording::without_earth_rate), all().all(Recording::without_earth_rate)) {

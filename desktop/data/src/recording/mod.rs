@@ -278,7 +278,8 @@ impl Recording {
 
     /// Takes the earth-rate components of the stated attitude off the rates, where latitude and axes are given.
     fn remove_earth_rate(&mut self) -> Result<(), BadInput> {
-        if self.without_earth_rate() {
+        // (An oscillator does not turn with the earth.)
+        if self.without_earth_rate() || self.stands_for().is_some() {
             return Ok(());
         }
         let Some(attitude) = self.attitude()? else { return Ok(()) };

@@ -12,7 +12,7 @@ use std::path::Path;
 pub const MEAN_S: f64 = 0.1;
 
 /// Bytes of text from which on a recording is reduced, unless its rows are further apart than half a mean.
-const MOST_WHOLE: u64 = 768 << 20;
+const MOST_WHOLE: u64 = 384 << 20;
 
 /// Bytes of text of a part.
 const PART: usize = 64 << 20;
@@ -77,11 +77,14 @@ impl Recording {
             } else {
                 [head.as_slice(), &piece].concat()
             };
-            let r = Self::parse(&bytes).map_err(|e| match lines {
+            let mut r = Self::parse(&bytes).map_err(|e| match lines {
                 0 => e,
                 _ => BadInput(format!("in the part that begins at line {}, lines counted from there: {e}", lines + 1)),
             })?;
             lines += super::lines::count(&bytes);
+            if let Some(step) = r.meta(super::metadata::TIME_STEP).and_then(|v| v.parse::<f64>().ok()) {
+                r.time_s.iter_mut().for_each(|t| *t += rows as f64 * step);
+            }
             rows += r.time_s.len();
             missing += r.cleaned.iter().map(|c| c.count).sum::<usize>();
             let (r, taken) = r.reduced();
@@ -96,6 +99,7 @@ impl Recording {
         }
         let mut whole = whole.ok_or_else(|| BadInput::new("the file is empty: there is no header line"))?;
         whole.notes.retain(|n| !n.contains("values are missing"));
+        whole.meta.retain(|(k, _)| k != super::metadata::TIME_STEP);
         whole.notes.push(format!(
             "{rows} rows are too many to be in memory: read as means of {MEAN_S} s, {} of them; figures of shorter times are not theirs",
             whole.time_s.len()
@@ -230,6 +234,12 @@ mod tests {
         assert!(r.notes.iter().any(|n| n.contains("20000 rows are too many")), "{:?}", r.notes);
         assert!(r.notes.iter().any(|n| n.starts_with("1 samples of rates are spikes")), "{:?}", r.notes);
         assert_eq!(of(1 << 30).time_s.len(), 200);
+        // Rows without times go on where the part before ended.
+        let without: String =
+            text.lines().map(|l| l.split_once(',').map_or(l, |(_, rest)| rest).to_string() + "\n").collect();
+        let without = without.replacen("# unit", "# time_step_s: 0.001\n# unit", 1);
+        let r = Recording::in_parts(without.as_bytes(), 1 << 16).expect("reads");
+        assert!((r.time_s[r.time_s.len() - 1] - 19.95).abs() < 0.1 && r.time_s.windows(2).all(|w| w[0] < w[1]));
         let e = Recording::in_parts(text.replace("15,35,", "15,hot,").as_bytes(), 1 << 16).expect_err("no number").0;
         assert!(e.contains("in the part that begins at line") && e.contains("hot"), "{e}");
     }

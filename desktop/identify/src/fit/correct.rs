@@ -27,7 +27,7 @@ use hrg_core::timebase::Timebase;
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
-use hrg_data::recording::metadata::{scale_text, SCALE_FACTOR};
+use hrg_data::recording::metadata::{scale_text, SCALE_FACTOR, STANDS_FOR};
 use hrg_data::recording::names;
 use hrg_data::recording::steps::{Steps, BRIDGE_S};
 use hrg_data::recording::thermometer::Thermometer;
@@ -291,7 +291,7 @@ pub fn to_csv(
         let _ = writeln!(s, "# {k}: {v}");
     }
     // Corrected rates hold the earth's rate as raw ones do.
-    for key in ["latitude_deg", "axes"] {
+    for key in ["latitude_deg", "axes", STANDS_FOR] {
         if let Some(v) = source.meta(key) {
             let _ = writeln!(s, "# {key}: {v}");
         }

@@ -140,9 +140,10 @@ fn why(r: &Report) -> String {
     if !scores.is_empty() {
         let (axes, values): (Vec<String>, Vec<String>) = scores.into_iter().unzip();
         s += &format!(
-            "; the evidence for the image is {} on {} (log score; the sum must be above {})",
+            "; the evidence for the image is {} on {} (log score{}; the sum must be above {})",
             list(&values),
             list(&axes),
+            if r.judged_by == "judge" { " of the run that judges" } else { "" },
             three_digits(THRESHOLD)
         );
     }

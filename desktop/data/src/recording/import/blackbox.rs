@@ -25,6 +25,9 @@ pub fn begins(path: &Path) -> bool {
 /// # Errors
 /// One sentence: no log, or none with rates; no such field.
 pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
+    if map.table.instance > 0 {
+        return Err(BadInput::new("a blackbox log has one gyro: leave --imu out"));
+    }
     let read = crate::error::caught(|| columns(bytes));
     let (columns, logs) = read.unwrap_or_else(|_| {
         Err(BadInput::new("the log is defective: its reader fails on it; copy it from the flight controller again"))

@@ -43,6 +43,8 @@ pub enum Meaning {
     Temperature(Option<usize>, &'static str),
     /// Another column of a recording, by its names there, in this unit.
     Other(Vec<&'static str>, &'static str),
+    /// Number of the IMU that a row is of; the first that stands there.
+    Imu(u8),
     /// Not known.
     Unknown,
 }
@@ -157,7 +159,27 @@ pub fn guess(text: &str) -> Result<Guess, BadInput> {
     settle_rates(&mut columns, &cells);
     settle_times(&mut columns, &cells);
     settle_thermometers(&mut columns);
+    settle_imus(&mut columns, &cells);
     Ok(Guess { columns, skip_lines, header, drop_rows: head.rows().saturating_sub(1) })
+}
+
+/// A column of small whole numbers by the name of an IMU, of which there are several, parts the rows.
+fn settle_imus<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str>) {
+    const NAMES: [&str; 8] = ["i", "imu", "imunumber", "imuid", "instance", "sensorid", "sensornumber", "gyronumber"];
+    for k in 0..columns.len() {
+        let whole: String = columns[k].name.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
+        if columns[k].meaning != Meaning::Unknown || !NAMES.contains(&whole.as_str()) {
+            continue;
+        }
+        let number = |c: &str| number(c).filter(|v| v.fract() == 0.0 && (0.0..8.0).contains(v)).map(|v| v as u8);
+        let numbers: Option<Vec<u8>> = cells(k).into_iter().map(number).collect();
+        if let Some(first) =
+            numbers.as_deref().and_then(|n| n.iter().min().filter(|least| n.iter().any(|v| v != *least)))
+        {
+            columns[k].meaning = Meaning::Imu(*first);
+            return;
+        }
+    }
 }
 
 /// The head of a table.
@@ -329,8 +351,10 @@ const NOT_MEASURED_WORDS: [&str; 4] = ["set", "sp", "cmd", "sv"];
 /// Words by which a thermometer is the gyro's, and others by which it is not.
 const OF_GYRO: [&str; 7] = ["gyr", "imu", "dut", "kreisel", "pt100", "pt1000", "unit"];
 const OF_OTHERS: [&str; 6] = ["acc", "mag", "baro", "cpu", "mcu", "press"];
-const TIMES: [&str; 17] = [
+const TIMES: [&str; 19] = [
     "time",
+    "timeus",
+    "times",
     "temps",
     "tiempo",
     "tempo",
@@ -534,7 +558,8 @@ fn settle_times<'c>(columns: &mut [Column], cells: &dyn Fn(usize) -> Vec<&'c str
         let values: Vec<f64> = texts.iter().filter_map(|c| number(c)).collect();
         if values.len() == texts.len() && !values.is_empty() {
             let (_, unit) = parted(&columns[k].with_unit);
-            let named = unit_of("time", unit.as_deref().unwrap_or(&columns[k].name.to_lowercase()));
+            let name = columns[k].name.to_lowercase();
+            let named = unit_of("time", unit.as_deref().unwrap_or(name.strip_prefix("time").unwrap_or(&name)));
             let clock = texts.iter().all(|t| t.len() == 6 && t.bytes().all(|b| b.is_ascii_digit()));
             let days =
                 (3e4..8e4).contains(&values[0]) && values[values.len() - 1] - values[0] < 0.01 * values.len() as f64;
@@ -687,7 +712,8 @@ impl Guess {
             let _ = writeln!(s, "#   {}{} {sample:<24} {}{because}", c.name, " ".repeat(pad), c.meaning);
         }
         s.push_str("hrg-map = 1\n");
-        if self.skip_lines > 0 || !self.header || self.drop_rows > 0 {
+        let imu = self.columns.iter().find_map(|c| if let Meaning::Imu(n) = c.meaning { Some((c, n)) } else { None });
+        if self.skip_lines > 0 || !self.header || self.drop_rows > 0 || imu.is_some() {
             s.push_str("\n[table]\n");
             if self.skip_lines > 0 {
                 let _ = writeln!(s, "skip_lines = {}", self.skip_lines);
@@ -697,6 +723,9 @@ impl Guess {
             }
             if self.drop_rows > 0 {
                 let _ = writeln!(s, "drop_rows = {}    # units", self.drop_rows);
+            }
+            if let Some((c, number)) = imu {
+                let _ = writeln!(s, "instance_column = {}\ninstance = {number}", quoted(&c.name));
             }
         }
         s.push_str("\n[meta]\n# unit = \"NAME\"            # name of the unit\n# latitude_deg = \"53.1\"    # with axes, the earth's rate is taken off\n# axes = \"x=north y=east z=down\"\n\n[time]\n");
@@ -749,6 +778,7 @@ impl std::fmt::Display for Meaning {
             Self::Temperature(Some(a), unit) => write!(f, "temperature {}, {unit}", AXIS_NAMES[*a]),
             Self::Temperature(None, unit) => write!(f, "temperature of all axes, {unit}"),
             Self::Other(names, unit) => write!(f, "{}, {unit}", names.join(" ")),
+            Self::Imu(n) => write!(f, "number of the IMU, {n} is taken"),
             Self::Unknown => f.write_str("left out"),
         }
     }
@@ -853,5 +883,14 @@ mod tests {
         assert_eq!(g.columns.iter().filter(|c| matches!(c.meaning, Meaning::Temperature(..))).count(), 1);
         let g = guessed("time,wx [deg/h],fx,temp\n0,1,4900,30\n1,1,4900,30\n2,1,4900,30\n");
         assert!(matches!(&g.columns[3].meaning, Meaning::Other(names, "C") if names[0] == "case_x_c"));
+    }
+
+    #[test]
+    fn a_column_of_imu_numbers_parts_the_rows() {
+        let text = "TimeUS,I,GyrX [rad/s],T [C]\n1000,0,0.1,20\n1000,1,0.2,30\n2000,0,0.1,20\n2000,1,0.2,30\n3000,0,0.1,20\n3000,1,0.2,30\n";
+        let map = guessed(text).map();
+        assert!(map.contains("instance_column = \"I\"\ninstance = 0") && map.contains("unit = \"us\""), "{map}");
+        // One number, or numbers that are a measurement, part nothing.
+        assert!(!guessed(&text.replace(",1,0.2", ",0,0.2")).map().contains("instance"));
     }
 }

@@ -49,30 +49,32 @@ impl<'m> Cursor<'m> {
         self.take().map(f64::from_le_bytes)
     }
 
-    /// Passes a `std_msgs/Header`; gives its stamp, s.
-    fn header(&mut self) -> Option<f64> {
+    /// Passes a `std_msgs/Header`; gives its stamp, s, and the name of its frame.
+    fn header(&mut self) -> Option<(f64, &'m [u8])> {
         if !self.aligned {
             self.u32()?; // Sequence number.
         }
         let (seconds, nanoseconds) = (self.u32()?, self.u32()?);
         let length = self.u32()? as usize;
+        let from = self.at;
         self.at = self.at.checked_add(length)?;
-        Some(f64::from(seconds) + 1e-9 * f64::from(nanoseconds))
+        let frame = self.bytes.get(from..self.at)?;
+        Some((f64::from(seconds) + 1e-9 * f64::from(nanoseconds), frame.strip_suffix(&[0]).unwrap_or(frame)))
     }
 }
 
 /// Time and values of a message.
-fn imu(c: &mut Cursor<'_>) -> Option<[f64; 4]> {
-    let time = c.header()?;
+fn imu<'m>(c: &mut Cursor<'m>) -> Option<([f64; 4], &'m [u8])> {
+    let (time, frame) = c.header()?;
     // Orientation, and its covariance.
     for _ in 0..4 + 9 {
         c.f64()?;
     }
-    Some([time, c.f64()?, c.f64()?, c.f64()?])
+    Some(([time, c.f64()?, c.f64()?, c.f64()?], frame))
 }
 
 fn temperature(c: &mut Cursor<'_>) -> Option<[f64; 2]> {
-    Some([c.header()?, c.f64()?])
+    Some([c.header()?.0, c.f64()?])
 }
 
 /// Rows of each topic.
@@ -81,22 +83,35 @@ struct Bag {
     imus: BTreeMap<String, Vec<[f64; 4]>>,
     temperatures: BTreeMap<String, Vec<[f64; 2]>>,
     others: BTreeMap<String, String>,
+    /// The first frame of each topic with an IMU.
+    frames: BTreeMap<String, Vec<u8>>,
     /// Messages of these kinds that could not be read.
     unread: usize,
     cut: bool,
 }
 
 impl Bag {
-    fn take(&mut self, topic: &str, encoding: &str, schema: &str, data: &[u8]) {
+    /// `logged_s`: when the message was recorded, for those whose header has no time.
+    fn take(&mut self, (topic, encoding, schema): (&str, &str, &str), data: &[u8], logged_s: f64) {
+        let timed = |t: f64| if t > 0.0 { t } else { logged_s };
         let cursor = Cursor::new(encoding, data);
         match schema.rsplit('/').next() {
             Some("Imu") if schema.starts_with("sensor_msgs") => match cursor.and_then(|mut c| imu(&mut c)) {
-                Some(row) => self.imus.entry(topic.to_string()).or_default().push(row),
+                Some(([t, x, y, z], frame)) => {
+                    // (Several IMUs may share a topic, each with its frame.)
+                    let first = self.frames.entry(topic.to_string()).or_insert_with(|| frame.to_vec());
+                    let own = if first == frame {
+                        topic.to_string()
+                    } else {
+                        format!("{topic} ({})", String::from_utf8_lossy(frame))
+                    };
+                    self.imus.entry(own).or_default().push([timed(t), x, y, z]);
+                }
                 None => self.unread += 1,
             },
             Some("Temperature") if schema.starts_with("sensor_msgs") => {
                 match cursor.and_then(|mut c| temperature(&mut c)) {
-                    Some(row) => self.temperatures.entry(topic.to_string()).or_default().push(row),
+                    Some([t, v]) => self.temperatures.entry(topic.to_string()).or_default().push([timed(t), v]),
                     None => self.unread += 1,
                 }
             }
@@ -110,7 +125,10 @@ const LONGEST_RECORD: usize = 64 << 20;
 
 /// The rows of a bag, as far as it can be read.
 fn bag(bytes: &[u8]) -> Bag {
-    let options = LinearReaderOptions::default().with_record_length_limit(LONGEST_RECORD).with_skip_end_magic(true);
+    let options = LinearReaderOptions::default()
+        .with_record_length_limit(LONGEST_RECORD)
+        .with_validate_chunk_crcs(true)
+        .with_skip_end_magic(true);
     let mut reader = LinearReader::new_with_options(options);
     let mut bag = Bag::default();
     let (mut schemas, mut channels) = (BTreeMap::<u16, String>::new(), BTreeMap::<u16, Channel>::new());
@@ -134,7 +152,8 @@ fn bag(bytes: &[u8]) -> Bag {
                 Ok(Record::Message { header, data }) => {
                     if let Some(c) = channels.get(&header.channel_id) {
                         let schema = schemas.get(&c.schema_id).map_or("", String::as_str);
-                        bag.take(&c.topic, &c.message_encoding, schema, &data);
+                        let logged_s = header.log_time as f64 * 1e-9;
+                        bag.take((&c.topic, &c.message_encoding, schema), &data, logged_s);
                     }
                 }
                 _ => {}
@@ -145,6 +164,9 @@ fn bag(bytes: &[u8]) -> Bag {
             }
         }
     }
+    // (Messages of a bag are in no order.)
+    bag.imus.values_mut().for_each(|rows| rows.sort_by(|a, b| a[0].total_cmp(&b[0])));
+    bag.temperatures.values_mut().for_each(|rows| rows.sort_by(|a, b| a[0].total_cmp(&b[0])));
     bag
 }
 

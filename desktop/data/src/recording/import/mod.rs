@@ -78,20 +78,26 @@ fn others(imus: &std::collections::BTreeSet<u8>, taken: u8) -> Option<String> {
     })
 }
 
-/// Values of another series at these times: straight lines between its rows, which go on as they end. NaN without any.
-fn at_times(times: &[f64], own_times: &[f64], values: &[f64]) -> Vec<f64> {
-    let rows: Vec<(f64, f64)> =
-        own_times.iter().copied().zip(values.iter().copied()).filter(|(t, v)| t.is_finite() && v.is_finite()).collect();
+/// Longest step between two readings that is bridged, s: as a fit bridges it.
+const BRIDGED_S: f64 = crate::recording::steps::BRIDGE_S;
+
+/// Values of another series at these times, s: straight lines between its rows. NaN in gaps that are longer than [`BRIDGED_S`], and more than ten
+/// usual steps before its first row and after its last one.
+fn at_times(times_s: &[f64], own_times_s: &[f64], values: &[f64]) -> Vec<f64> {
+    let both = own_times_s.iter().copied().zip(values.iter().copied());
+    let rows: Vec<(f64, f64)> = both.filter(|(t, v)| t.is_finite() && v.is_finite()).collect();
+    let mut steps: Vec<f64> = rows.windows(2).map(|w| w[1].0 - w[0].0).collect();
+    let held_s = 10.0 * crate::numeric::stats::median(&mut steps).unwrap_or(f64::INFINITY);
     let at = |t: f64| {
         let after = rows.partition_point(|r| r.0 <= t);
         match (after.checked_sub(1).map(|k| rows[k]), rows.get(after)) {
-            (Some((t0, v0)), Some(&(t1, v1))) => v0 + (v1 - v0) * (t - t0) / (t1 - t0),
-            (Some((_, v)), None) => v,
-            (None, Some(&(_, v))) => v,
-            (None, None) => f64::NAN,
+            (Some((t0, v0)), Some(&(t1, v1))) if t1 - t0 <= BRIDGED_S => v0 + (v1 - v0) * (t - t0) / (t1 - t0),
+            (Some((t0, v)), None) if t - t0 <= held_s => v,
+            (None, Some(&(t1, v))) if t1 - t <= held_s => v,
+            _ => f64::NAN,
         }
     };
-    times.iter().map(|t| at(*t)).collect()
+    times_s.iter().map(|t| at(*t)).collect()
 }
 
 /// Name of the built-in map of a file that begins as a log of a known program.
@@ -186,7 +192,9 @@ fn times(table: &Table, map: &Map) -> Result<(Vec<f64>, Option<f64>), BadInput> 
         return Ok((clock.iter().map(|t| t + map.time.offset_s).collect(), None));
     }
     let since_1970 = form.counts_from_1970(first).then_some(first + map.time.offset_s);
-    Ok((clock.iter().map(|t| t - first).collect(), since_1970))
+    // (Seconds since 1970 are known to a quarter of a microsecond as a number.)
+    let digits = if since_1970.is_some() { 1e6 } else { 1e9 };
+    Ok((clock.iter().map(|t| (digits * (t - first)).round() / digits).collect(), since_1970))
 }
 
 fn recording(table: &Table, map: &Map) -> Result<Recording, BadInput> {

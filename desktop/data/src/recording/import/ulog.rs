@@ -91,7 +91,9 @@ fn joined(topics: &BTreeMap<String, Topic>, seen: &BTreeSet<String>, map: &Map) 
         for (field, values) in &topic.columns {
             let (Some((times, own)), full) = (own, format!("{other}.{field}")) else { continue };
             if map.wanted().iter().any(|(_, n, _)| n.all().contains(&full.as_str())) {
-                table.columns.push((full.clone(), at_times(times, own, values)));
+                // (Times of these logs are microseconds.)
+                let [times, own] = [times, own].map(|t| t.iter().map(|t| 1e-6 * t).collect::<Vec<f64>>());
+                table.columns.push((full.clone(), at_times(&times, &own, values)));
                 there.push(full);
             }
         }
@@ -144,8 +146,8 @@ pub fn read(path: &Path, map: &Map) -> Result<Table, BadInput> {
     match end {
         Completeness::Complete => {}
         Completeness::Truncated => table.notes.push("the log ends within a message: what is before it is used".into()),
-        Completeness::MalformedRecord(why) => {
-            table.notes.push(format!("the log has a corrupted message ({why}): what is before it is used"));
+        Completeness::MalformedRecord(_) => {
+            table.notes.push("the log has a corrupted message: what is before it is used".into());
         }
     }
     Ok(table)

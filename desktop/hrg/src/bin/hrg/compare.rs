@@ -135,7 +135,7 @@ fn compare_methods(
     print!("{}", compare::table(&c, false, None));
     println!("3s: three sigma of means over {} s; cooling, heating: the same of each stage of the training runs, a soak with the ramp before it;", c.mean_s);
     println!("repeat, other: on unseen runs of a training profile, and of other profiles; instability: least Allan deviation / 0.664;");
-    println!("deg/h, RMS of the axes. {}.", c.about_verify);
+    println!("{}, RMS of the axes. {}.", c.rate_unit, c.about_verify);
     println!("instructions on the unit: f to bias, of one axis' calibration curve f-T and bias model; update, of all three axes with");
     println!(
         "slopes, states and checks; ELF differs: frames of two minutes that are not those of hrg-core on this machine"

@@ -40,6 +40,9 @@ pub struct Arguments {
     facts: FactsArguments,
 }
 
+/// Least span of temperatures that ArduPilot accepts, C.
+const LEAST_SPAN_C: f64 = 10.0;
+
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Name {
     /// INS_TCALn_*, as NAME VALUE.
@@ -59,6 +62,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
         Name::Px4 => Autopilot::Px4,
     };
     let train = facts.load(&runs)?;
+    if let Some(what) = train.iter().find_map(|r| r.stands_for()) {
+        return Err(BadInput(format!(
+            "the recordings hold {what} in the place of rates: a flight controller has no use for them"
+        ))
+        .into());
+    }
     let mut prepared = fit::prepare_for(&train, units(different_units))?;
     let mut unseen = None;
     if let Some(path) = verify {
@@ -89,6 +98,14 @@ pub fn run(arguments: Arguments) -> Result<()> {
         "standard deviation of means over {mean_s} s about their mean, by the flight controller's formula; {:.1} to {:.1} C",
         cubic.range_c[0], cubic.range_c[1]
     );
+    let span_c = cubic.range_c[1] - cubic.range_c[0];
+    if span_c < LEAST_SPAN_C {
+        println!("note: the runs span {span_c:.1} C only: a cubic of so little is good for nothing beyond it, and ArduPilot wants {LEAST_SPAN_C:.0} C");
+    }
+    let absent: Vec<&str> = (0..3).filter(|a| cubic.bias_dph(*a, 35.0).is_none()).map(|a| AXIS_NAMES[a]).collect();
+    if !absent.is_empty() {
+        println!("note: {} have no parameters: their rates are not in the recordings", hrg_data::error::list(&absent));
+    }
     if autopilot == Autopilot::Ardupilot {
         println!("note: the constant is not among the parameters: ArduPilot finds it at each start (INS_GYROFFS)");
     } else if device_id == 0 {

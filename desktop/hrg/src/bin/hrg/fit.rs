@@ -104,7 +104,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         fit::fly_by(&mut found.calibration, known)?;
     }
     image_file::save(&out, &found.calibration)?;
-    println!("{:<5} {:>22} {:>22} {:>8}", "axis", "raw, 3 sigma [deg/h]", "fitted, 3 sigma", "means");
+    let unit = recordings.first().map_or("deg/h", |r| r.rate_unit());
+    println!("{:<5} {:>22} {:>22} {:>8}", "axis", format!("raw, 3 sigma [{unit}]"), "fitted, 3 sigma", "means");
     for a in present {
         let means: usize = prepared.runs.iter().map(|r| enough_data::means(r, a).0).sum();
         println!("{:<5} {:>22.4} {:>22.4} {means:>8}", AXIS_NAMES[a], 3.0 * raw[a], 3.0 * fitted[a]);

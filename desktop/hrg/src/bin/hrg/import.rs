@@ -66,12 +66,6 @@ impl Made {
             map.table.instance = imu.unwrap_or(map.table.instance);
             return Self::by(file, &map);
         }
-        if imu.is_some() {
-            return Err(BadInput::new(
-                "--imu is for files with several IMUs: logs of PX4, ArduPilot, Betaflight or ROS, or a --map with instance_column",
-            )
-            .into());
-        }
         let here = |e: BadInput| BadInput(format!("{}: {e}", file.display()));
         let table = text_of(file).ok().map(|(text, _)| text).filter(|text| !is_recording(text));
         let Some(table) = table else {
@@ -99,7 +93,16 @@ impl Made {
             let next = "save what is printed above as map.toml, complete it, and give it by --map map.toml";
             return Err(here(BadInput(format!("{lacks}; {next}"))).into());
         }
-        let map = Map::parse(&guess.map()).map_err(here)?;
+        let mut map = Map::parse(&guess.map()).map_err(here)?;
+        if let Some(imu) = imu {
+            if map.table.instance_column.is_none() {
+                return Err(here(BadInput::new(
+                    "--imu is for files with several IMUs, and this table has no column with their numbers; name it as instance_column in a --map",
+                ))
+                .into());
+            }
+            map.table.instance = imu;
+        }
         Ok(Self { guessed: Some(guess), ..Self::by(file, &map)? })
     }
 }
@@ -108,7 +111,8 @@ impl Made {
 fn is_recording(text: &str) -> bool {
     let ours = |line: &str| {
         let names: Vec<&str> = line.split([',', ';', '\t']).map(|c| c.trim().trim_matches('"')).collect();
-        columns::RATE.names.iter().chain(columns::TIME.names).any(|n| names.contains(n))
+        // (A time that has our name may stand in anybody's table.)
+        columns::RATE.names.iter().any(|n| names.contains(n))
     };
     text.starts_with("# hrg-recording") || text.lines().take(100).any(ours) || text.trim().is_empty()
 }

@@ -110,7 +110,7 @@ enum Command {
     ///
     /// Example: hrg allan run.csv --out allan.svg
     Allan(allan::Arguments),
-    /// Make a copy of a recording that you can give away: without names, dates and place.
+    /// Make a copy of a recording that you can give away: without names and dates; with --latitude and --axes without the place.
     ///
     /// Example: hrg anonymise run.csv --latitude 48.1 --axes "x=north y=east z=down" -o for-others.csv
     Anonymise(anonymise::Arguments),
