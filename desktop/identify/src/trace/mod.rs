@@ -195,7 +195,7 @@ fn closed(
     }
 }
 
-/// How well a model explains all runs: its score on the train runs, and the log density of the verify run under it.
+/// Log probability of all runs under a model: its score on the train runs, and the log density of the verify run under it.
 fn explained(search: &Search<'_>, learnt: &Learnt, fitted: &Fitted, verify: &Run, data: &Data<'_>) -> f64 {
     let known = |c: &Candidate| run_has(verify, c, &data.scaling);
     let on_verify = data.unseen(verify);
