@@ -2,14 +2,14 @@
 
 use hrg_data::recording::import;
 use hrg_data::recording::import::guess::{guess, text_of};
-use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::import::map::Map;
 
 /// Takes an input; it panics where something promised does not hold.
 pub fn run(data: &[u8]) {
     let path = std::env::temp_dir().join(format!("hrg-fuzz-import-{}", std::process::id()));
     std::fs::write(&path, data).expect("written");
     let map = match import::built_in(&path) {
-        Some(name) => Map::parse(BUILT_IN.iter().find(|(n, _)| *n == name).expect("a built-in map").1).ok(),
+        Some(name) => Map::built_in(name),
         None => text_of(&path)
             .ok()
             .and_then(|(text, _)| guess(&text).ok())

@@ -5,7 +5,7 @@ use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::facts::Facts;
-use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::import::map::Map;
 use hrg_data::recording::metadata::{scale_text, Attitude, KEYS};
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, import, names, parquet, Original, Recording as Inner};
@@ -383,15 +383,7 @@ impl Corrected {
 #[pyfunction]
 #[pyo3(signature = (path, map, *, imu = None))]
 pub fn import_table(py: Python<'_>, path: PathBuf, map: &str, imu: Option<u8>) -> PyResult<Recording> {
-    let built_in = BUILT_IN.iter().find(|(name, _)| *name == map).map(|(_, text)| (*text).to_string());
-    let text = match built_in {
-        Some(text) => text,
-        None => std::fs::read_to_string(map).map_err(|e| {
-            let known: Vec<&str> = BUILT_IN.iter().map(|(n, _)| *n).collect();
-            bad(format!("cannot read the map {map}: {e}; built in are {}", known.join(", ")))
-        })?,
-    };
-    let mut map = Map::parse(&text).map_err(|e| bad(format!("{map}: {e}")))?;
+    let mut map = Map::named(map).map_err(|e| bad(e.0))?;
     map.table.instance = imu.unwrap_or(map.table.instance);
     let cleaned = || -> anyhow::Result<Recording> {
         let mut clean = import::read(&path, &map)?;

@@ -10,7 +10,15 @@ pub const MOST_CALIBRATION: u64 = 1 << 20;
 pub const MOST_ELF: u64 = 1 << 30;
 
 /// First bytes of a gzip file.
-const GZIP: [u8; 2] = [0x1f, 0x8b];
+pub(crate) const GZIP: [u8; 2] = [0x1f, 0x8b];
+
+/// `true` if a file begins with these bytes; `false` for one that cannot be read.
+pub(crate) fn begins_with<const N: usize>(path: &std::path::Path, head: [u8; N]) -> bool {
+    use std::io::Read;
+    let mut first = [0; N];
+    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
+    read.is_ok() && first == head
+}
 
 /// Reads a whole file of at most so many bytes; one that gzip has packed is unpacked. A file that is larger is refused before it is read; one of text is refused at
 /// its first zero byte, however large it is.

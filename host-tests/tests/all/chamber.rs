@@ -94,7 +94,7 @@ fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice(
         assert_eq!(images.newest, images.in_use);
         // A recording of the unit, with the image applied: its rates are the raw ones all the same.
         let mut recorder = Recorder::new(&d.join("run.csv"), "HRG-7");
-        while recorder.rows < 200 {
+        while recorder.rows() < 200 {
             if let Some(Message::Housekeeping(h)) = unit.next(Duration::from_secs(2)).expect("the port is there") {
                 if h.step > 3 {
                     assert_eq!((h.bias_dph[0], h.sequence, h.created_unix_s), (2.5, 2, 1_795_219_200));

@@ -1,7 +1,7 @@
 //! Sample logs of other programs, against the figures of those programs' own readers.
 
 use hrg_data::recording::import;
-use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::import::map::Map;
 use hrg_data::recording::Recording;
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ const DPH: f64 = 206_264.806_247;
 fn read(name: &str, imu: u8) -> Recording {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("recordings/logs").join(name);
     let known = import::built_in(&path).expect("known by its beginning");
-    let mut map = Map::parse(BUILT_IN.iter().find(|(n, _)| *n == known).expect("there").1).expect("a map");
+    let mut map = Map::built_in(known).expect("there");
     map.table.instance = imu;
     import::read(&path, &map).expect("reads")
 }

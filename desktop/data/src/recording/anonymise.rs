@@ -1,12 +1,12 @@
 //! A recording that its owner can give away: without names, dates and place.
 
-use super::metadata::{self, TABLE_RATE, TIME_STEP};
+use super::metadata::{STANDS_FOR, TABLE_RATE, TIME_STEP};
 use super::plausible::AT_REST;
 use super::Recording;
 use crate::error::BadInput;
 
 /// Metadata that stay: what is needed to use the numbers, and tells nothing of whose they are.
-const KEPT: [&str; 9] = [
+const KEPT: [&str; 10] = [
     "hrg-recording",
     "rate_unit",
     "rates",
@@ -15,7 +15,8 @@ const KEPT: [&str; 9] = [
     "thermometer",
     TIME_STEP,
     TABLE_RATE,
-    metadata::STANDS_FOR,
+    STANDS_FOR,
+    AT_REST,
 ];
 
 /// Longest time from power-on to the first row, s: what is longer is a date.
@@ -66,7 +67,7 @@ pub fn anonymise(r: &mut Recording) -> Result<Vec<String>, BadInput> {
                 .to_string(),
         );
     }
-    let kept = |key: &str| KEPT.contains(&key) || key == AT_REST;
+    let kept = |key: &str| KEPT.contains(&key);
     let keys: Vec<String> = r.meta.iter().map(|(k, _)| k.clone()).filter(|k| !kept(k)).collect();
     if !keys.is_empty() {
         removed.push(format!("left out of the head: {}", crate::error::list(&keys)));

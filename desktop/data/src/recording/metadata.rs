@@ -45,6 +45,9 @@ pub const TABLE_RATE: &str = "table_rate_dph";
 /// Key of the quantity that stands in the place of the rates, where it is not that of a gyro.
 pub const STANDS_FOR: &str = "rate_stands_for";
 
+/// Degrees an hour in a radian a second.
+pub const DPH_PER_RAD_S: f64 = 180.0 / std::f64::consts::PI * 3600.0;
+
 /// Unit of rates.
 pub const DEG_PER_H: &str = "deg/h";
 

@@ -22,7 +22,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 /// First bytes of a Parquet file.
-pub const MAGIC: &[u8] = b"PAR1";
+pub const MAGIC: [u8; 4] = *b"PAR1";
 
 /// Key under which pandas keeps `DataFrame.attrs`, as JSON.
 const ATTRIBUTES: &str = "PANDAS_ATTRS";
@@ -330,10 +330,7 @@ pub fn read_text(path: &Path) -> Result<Vec<u8>, BadInput> {
 /// `true` if a file begins as Parquet does; `false` for a file that cannot be read.
 #[must_use]
 pub fn begins_as_parquet(path: &Path) -> bool {
-    use std::io::Read;
-    let mut first = [0; 4];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
-    read.is_ok() && first == *MAGIC
+    crate::files::begins_with(path, MAGIC)
 }
 
 /// Writes the text of a recording: as Parquet if the path ends so, else as text.
@@ -398,7 +395,7 @@ mod tests {
     #[test]
     fn what_is_no_table_is_refused() {
         let whole = from_csv(&rows(50)).expect("written");
-        for bad in [MAGIC.to_vec(), whole[..whole.len() / 2].to_vec(), [&whole[..40], &[0; 400][..], MAGIC].concat()] {
+        for bad in [MAGIC.to_vec(), whole[..whole.len() / 2].to_vec(), [&whole[..40], &[0; 400][..], &MAGIC].concat()] {
             let e = to_csv(bad).expect_err("refused").0;
             assert!(e.starts_with("cannot be read as Parquet: "), "{e}");
         }

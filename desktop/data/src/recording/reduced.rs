@@ -3,6 +3,7 @@
 
 use super::{parquet, step_of, Recording};
 use crate::error::BadInput;
+use crate::files::{no_zero, GZIP};
 use crate::numeric::side_by_side;
 use crate::numeric::stats::median;
 use std::io::{BufRead, Read};
@@ -23,33 +24,28 @@ const SPIKE: f64 = 10.0;
 /// Least samples of a mean among which spikes are looked for.
 const LEAST: usize = 8;
 
-/// First bytes of a gzip file.
-const GZIP: [u8; 2] = [0x1f, 0x8b];
-
 impl Recording {
     /// Reads a file of text that is too large to be in memory as it is. `None` where it is not that large, and for whatever
     /// else [`Recording::read`] is for.
     pub(super) fn read_reduced(path: &Path) -> Option<Result<Self, BadInput>> {
         let size = std::fs::metadata(path).ok().filter(std::fs::Metadata::is_file)?.len();
+        // (Text of numbers is packed to a third at the most, and to a thousandth where it repeats.)
+        if size < MOST_WHOLE / 1000 || parquet::begins_as_parquet(path) {
+            return None;
+        }
         let mut file = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
         let begin = file.fill_buf().ok()?;
-        let packed = begin.starts_with(&GZIP);
+        if begin.starts_with(&GZIP) {
+            let mut text = flate2::bufread::MultiGzDecoder::new(file);
+            let mut begin = Vec::new();
+            text.by_ref().take(MOST_WHOLE).read_to_end(&mut begin).ok()?;
+            if (begin.len() as u64) < MOST_WHOLE {
+                return Some(no_zero(&begin, 0).and_then(|()| Self::parse(&begin)));
+            }
+            return Some(Self::in_parts(std::io::Cursor::new(begin).chain(text), PART));
+        }
         // (A file of zeros or another binary one is refused by who reads the others.)
-        if !packed && begin.contains(&0) {
-            return None;
-        }
-        // (Text of numbers is packed to a third at the most, and to a thousandth where it repeats.)
-        if parquet::begins_as_parquet(path) || size < if packed { MOST_WHOLE / 1000 } else { MOST_WHOLE } {
-            return None;
-        }
-        if packed {
-            let unpacked = |read| flate2::bufread::MultiGzDecoder::new(read);
-            let (mut counted, most) = (unpacked(file), MOST_WHOLE);
-            let large = std::io::copy(&mut (&mut counted).take(most), &mut std::io::sink()).ok()? == most;
-            let again = std::io::BufReader::with_capacity(1 << 20, std::fs::File::open(path).ok()?);
-            return large.then(|| Self::in_parts(unpacked(again), PART));
-        }
-        Some(Self::in_parts(file, PART))
+        (size >= MOST_WHOLE && !begin.contains(&0)).then(|| Self::in_parts(file, PART))
     }
 
     /// Reads parts of so many bytes, and joins what they are reduced to.
@@ -70,7 +66,7 @@ impl Recording {
             }
             let after = rest.split_off(end);
             let piece = std::mem::replace(&mut rest, after);
-            crate::files::no_zero(&piece, from)?;
+            no_zero(&piece, from)?;
             let bytes = if head.is_empty() {
                 head = header(&piece).to_vec();
                 piece

@@ -195,12 +195,16 @@ pub struct Recorder {
     /// Milliseconds by which the unit's 32-bit counter has wrapped.
     wrapped_ms: u64,
     power_ons: u32,
-    /// Rows written since the start.
-    pub rows: u64,
-    /// Gaps marked since the start.
-    pub gaps: u64,
-    /// Each file written, with its rows and gaps.
-    files: Vec<(PathBuf, u64, u64)>,
+    /// Each file written, the last one still.
+    files: Vec<RecordedFile>,
+}
+
+/// A file, with its rows and the gaps that are marked in it.
+#[derive(Debug)]
+struct RecordedFile {
+    path: PathBuf,
+    rows: u64,
+    gaps: u64,
 }
 
 impl Recorder {
@@ -218,8 +222,6 @@ impl Recorder {
             last: None,
             wrapped_ms: 0,
             power_ons: 0,
-            rows: 0,
-            gaps: 0,
             files: Vec::new(),
         }
     }
@@ -235,7 +237,7 @@ impl Recorder {
     /// A line for each file: its rows, and the gaps that are marked in it.
     #[must_use]
     pub fn summary(&self) -> String {
-        let each = self.files.iter().map(|(path, rows, gaps)| {
+        let each = self.files.iter().map(|RecordedFile { path, rows, gaps }| {
             let plural = |n: u64| if n == 1 { "" } else { "s" };
             format!("{}: {rows} row{}, {gaps} gap{} marked", path.display(), plural(*rows), plural(*gaps))
         });
@@ -244,6 +246,18 @@ impl Recorder {
             lines.push("the unit started again: each power-on has a file of its own".into());
         }
         lines.join("\n")
+    }
+
+    /// Rows written since the start.
+    #[must_use]
+    pub fn rows(&self) -> u64 {
+        self.files.iter().map(|f| f.rows).sum()
+    }
+
+    /// Gaps marked since the start.
+    #[must_use]
+    pub fn gaps(&self) -> u64 {
+        self.files.iter().map(|f| f.gaps).sum()
     }
 
     /// The file being written.
@@ -277,7 +291,7 @@ impl Recorder {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
         head.push('\n');
-        self.files.push((path.clone(), 0, 0));
+        self.files.push(RecordedFile { path: path.clone(), rows: 0, gaps: 0 });
         self.file = Some((file, path));
         self.length = 0;
         self.append(&head)
@@ -285,11 +299,12 @@ impl Recorder {
 
     /// Adds all of a text to the file, or nothing: what a full disk has cut short is taken off again.
     fn append(&mut self, text: &str) -> Result<()> {
+        let rows = self.rows();
         let Some((file, path)) = &mut self.file else { return Ok(()) };
         if let Err(e) = file.write_all(text.as_bytes()) {
             let _ = file.set_len(self.length);
             return Err(e).with_context(|| {
-                format!("cannot write {}; its {} rows so far stay; make room and record on", path.display(), self.rows)
+                format!("cannot write {}; its {} rows so far stay; make room and record on", path.display(), rows)
             });
         }
         self.length += text.len() as u64;
@@ -322,7 +337,6 @@ impl Recorder {
         let mut row = String::new();
         let now_s = (self.wrapped_ms + u64::from(second.time_ms)) as f64 / 1000.0;
         if let Some(last) = before.filter(|l| second.time_ms > l.time_ms && second.time_ms - l.time_ms > GAP_MS) {
-            self.gaps += 1;
             let last_s = (self.wrapped_ms + u64::from(last.time_ms)) as f64 / 1000.0;
             let _ = writeln!(row, "# gap: no data from {last_s} to {now_s} s");
         }
@@ -333,10 +347,9 @@ impl Recorder {
         }
         row.push('\n');
         self.append(&row)?;
-        self.rows += 1;
         if let Some(file) = self.files.last_mut() {
-            file.1 += 1;
-            file.2 += row.starts_with("# gap") as u64;
+            file.rows += 1;
+            file.gaps += u64::from(row.starts_with("# gap"));
         }
         self.last = Some(*second);
         Ok(())
@@ -419,7 +432,7 @@ mod tests {
         for k in 1..200 {
             r.push(&second(k * 1000)).expect("written");
         }
-        assert_eq!((r.rows, r.gaps), (199 + 140 + 199, 1));
+        assert_eq!((r.rows(), r.gaps()), (199 + 140 + 199, 1));
         let summary = r.summary();
         assert!(
             summary.contains("run.csv: 339 rows, 1 gap marked")

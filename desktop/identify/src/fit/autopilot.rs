@@ -11,11 +11,9 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::recording::metadata::DPH_PER_RAD_S;
 use hrg_data::recording::steps::Run;
 use std::fmt::Write as _;
-
-/// Degrees an hour in a radian a second.
-const DPH_PER_RAD_S: f64 = 180.0 / std::f64::consts::PI * 3600.0;
 
 /// Coefficients of a cubic.
 const TERMS: usize = 4;

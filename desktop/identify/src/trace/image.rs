@@ -24,7 +24,7 @@ pub(super) struct Written {
     pub figures: Option<ByAxis<OnVerify>>,
     /// By axis: the image against the baseline, on the run that judges.
     pub judged: ByAxis<Judged>,
-    /// `true` where an axis is extended and the judge bears it out, and no axis is worse than a constant.
+    /// `true` where an axis is extended and the judge bears it out, and no axis is worse than a constant or the least-squares baseline.
     pub good: bool,
     /// `true` where the rows that judge have also chosen what stands on an axis.
     pub chosen_on_verify: bool,

@@ -155,9 +155,9 @@ fn closed(
         progress::reached(0.3);
         let learnt = Learnt::new(&mut search);
         progress::reached(0.8);
-        if let Some(memory) = left_out.filter(|m| !learnt.model.effects().any(|c| c.facts.effect == m.effect())) {
+        if let Some(memory) = left_out.filter(|m| !learnt.model.effects().any(|c| c.facts.effect == m.effect)) {
             // Nothing shows that memory after the beginnings: they are given back.
-            barred.push(memory.effect());
+            barred.push(memory.effect);
             (prepared, verify_run, left_out) = (whole.clone(), whole_verify.clone(), None);
             continue;
         }
@@ -172,15 +172,15 @@ fn closed(
         // A decay may be what a model without that memory has from power-on on. That model stays if it is the more probable one on all runs, and
         // none begins in a state that it does not know.
         let with = explained(&search, &learnt, &fitted, &verify_run, &data) + unknown.evidence;
-        let bars: Vec<EffectId> = barred.iter().copied().chain([memory.effect()]).collect();
+        let bars: Vec<EffectId> = barred.iter().copied().chain([memory.effect]).collect();
         let mut other = Search::without_effects(&data, &bars);
         let otherwise = Learnt::new(&mut other);
         let refitted = Fitted::new(&data, &otherwise.model.specification())?;
         let known = Memory::of(otherwise.model.effects())
             .is_none_or(|m| run_in::unknown(&mut other, &otherwise.model, &refitted, &verify_run, m).is_none());
         if known && explained(&other, &otherwise, &refitted, &verify_run, &data) > with {
-            barred = bars;
-            continue;
+            let runs = (&verify_run, whole_verify, judge_run);
+            return judged(train, verify, options, &prepared, runs, (other, otherwise, refitted));
         }
         // The search begins anew on what is left.
         left_out = Some(memory);

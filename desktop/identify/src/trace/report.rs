@@ -86,11 +86,11 @@ pub struct Judged {
     /// Log score and fall of the error; zero where the axis holds the baseline.
     #[serde(flatten)]
     pub agreement: Agreement,
-    /// Root mean square of 100 s means of the image's residual, its constant included, deg/h.
+    /// Root mean square of the means of the image's residual, its constant included, deg/h.
     pub rms_dph: f64,
     /// Their mean, deg/h: the constant of that day against the train runs.
     pub constant_dph: f64,
-    /// Set where a constant alone leaves less than that, by more than the uncertainty of the day's constant; on an axis that holds a
+    /// Set where a constant alone, no correction or the least-squares baseline leaves less than that, by more than the uncertainty of the day's constant; on an axis that holds a
     /// constant, where the raw rates are far better.
     pub worse_than_a_constant: bool,
 }

@@ -30,7 +30,8 @@ const WIDE: f64 = 100.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Memory {
     name: &'static str,
-    id: EffectId,
+    /// The effect that has it.
+    pub effect: EffectId,
     tau_s: f64,
 }
 
@@ -39,16 +40,11 @@ impl Memory {
     pub(super) fn of<'c>(effects: impl Iterator<Item = &'c Candidate>) -> Option<Self> {
         let slowest = |c: &Candidate| match span(c.facts.id, &c.parameters) {
             Span::Time(tau_s) if card(c.facts.effect).class == Class::Memory => {
-                Some(Self { name: c.facts.name, id: c.facts.effect, tau_s: f64::from(tau_s) })
+                Some(Self { name: c.facts.name, effect: c.facts.effect, tau_s: f64::from(tau_s) })
             }
             _ => None,
         };
         effects.filter_map(slowest).max_by(|x, y| x.tau_s.total_cmp(&y.tau_s))
-    }
-
-    /// The effect that has it.
-    pub(super) fn effect(self) -> EffectId {
-        self.id
     }
 
     /// A decay from the first block of a run on, on the rows of an axis.

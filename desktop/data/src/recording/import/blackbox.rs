@@ -1,24 +1,14 @@
 //! Betaflight's blackbox logs (`.bbl`, `.bfl`), read by the crate blackbox-log: times and `gyroADC`, which has no thermometer.
 
 use super::map::Map;
-use super::{choose, Table};
+use super::Table;
 use crate::error::BadInput;
 use blackbox_log::prelude::*;
 use blackbox_log::units::si::angular_velocity::radian_per_second;
 use blackbox_log::Value;
-use std::path::Path;
 
 /// First line of each log in such a file.
-const HEAD: &[u8] = b"H Product:Blackbox";
-
-/// `true` if a file begins as such a log does.
-#[must_use]
-pub fn begins(path: &Path) -> bool {
-    use std::io::Read;
-    let mut first = [0; HEAD.len()];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
-    read.is_ok() && first == HEAD
-}
+pub const HEAD: [u8; 18] = *b"H Product:Blackbox";
 
 /// Reads the columns that a map wants: `time` in us since power-on, and the fields of the main frames that are rates, in rad/s.
 ///
@@ -32,10 +22,7 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     let (columns, logs) = read.unwrap_or_else(|_| {
         Err(BadInput::new("the log is defective: its reader fails on it; copy it from the flight controller again"))
     })?;
-    let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
-    let wanted = choose(map, &names)?;
-    let columns = columns.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
-    let mut table = Table { columns, ..Table::default() };
+    let mut table = Table::of(columns, map)?;
     if logs > 1 {
         table.notes.push(format!("the file holds {logs} logs, one after another in this recording"));
     }

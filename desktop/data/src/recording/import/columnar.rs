@@ -1,7 +1,7 @@
 //! Tables that lie column by column (Parquet, ArduPilot's logs): the columns that a map wants, as numbers.
 
 use super::map::Map;
-use super::{choose, Table};
+use super::{choose, imu_number, Table};
 use crate::error::BadInput;
 use crate::recording::dialect;
 use crate::recording::dialect::is_missing;
@@ -77,7 +77,7 @@ fn kept(columns: &[(String, Cells)], map: &Map, notes: &mut Vec<String>) -> Resu
     }
     let numbers = map.table.instance_column.as_ref().and_then(|name| columns.iter().find(|(n, _)| n == name));
     if let Some((_, cells)) = numbers {
-        let number = |k: usize| number(cells, k, None).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
+        let number = |k: usize| imu_number(number(cells, k, None));
         let imus = kept.iter().filter_map(|k| number(*k)).collect();
         let taken = map.table.instance;
         kept.retain(|k| number(*k) == Some(taken));

@@ -98,10 +98,7 @@ fn number(letter: u8, b: &[u8]) -> f64 {
 /// `true` if a file begins as such a log does.
 #[must_use]
 pub fn begins(path: &Path) -> bool {
-    use std::io::Read;
-    let mut first = [0; 3];
-    let read = std::fs::File::open(path).and_then(|mut f| f.read_exact(&mut first));
-    read.is_ok() && first == [HEAD[0], HEAD[1], FMT]
+    crate::files::begins_with(path, [HEAD[0], HEAD[1], FMT])
 }
 
 /// Reads the columns that a map wants of the message that it names.
@@ -190,7 +187,6 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::import::map::BUILT_IN;
 
     /// A log with the formats of ArduPilot 4.5: `IMU` with its instance, and another message.
     fn log() -> Vec<u8> {
@@ -223,7 +219,7 @@ mod tests {
     }
 
     fn map() -> Map {
-        Map::parse(BUILT_IN.iter().find(|(n, _)| *n == "ardupilot").expect("there").1).expect("a map")
+        Map::built_in("ardupilot").expect("there")
     }
 
     fn import(bytes: &[u8], name: &str) -> anyhow::Result<crate::recording::Recording> {
@@ -307,7 +303,7 @@ mod tests {
                 b.extend(1000u32.to_le_bytes());
             }
         }
-        let map = Map::parse(BUILT_IN.iter().find(|(n, _)| *n == "ardupilot-tcal").expect("there").1).expect("a map");
+        let map = Map::built_in("ardupilot-tcal").expect("there");
         let t = read(&b, &map).expect("fits");
         assert!(t.rows() == 40 && t.column(&map.rate["x"].column).is_some_and(|v| (v[9] - 0.001).abs() < 1e-9));
         assert!(t.column(&map.temperature["all"].column).is_some_and(|v| v[9] == 24.5));

@@ -2,7 +2,7 @@
 
 use super::decode::decode;
 use super::map::{Layout, Map};
-use super::{choose, Table};
+use super::{choose, imu_number, Table};
 use crate::error::BadInput;
 use crate::recording::dialect::{is_missing, number, DialectError};
 use crate::recording::time_form::{Days, TimeForm};
@@ -194,7 +194,7 @@ impl<'l> Kept<'l> {
             return false;
         }
         let Some((at, wanted)) = self.number else { return true };
-        let number = number(cell(at)).filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8);
+        let number = imu_number(number(cell(at)));
         self.imus.extend(number);
         number == Some(wanted)
     }

@@ -3,6 +3,7 @@
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
 use crate::recording::columns;
+use crate::recording::metadata::DPH_PER_RAD_S;
 use crate::recording::time_form::{TimeForm, FORMS};
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -203,7 +204,7 @@ fn units(quantity: &str) -> &'static [(&'static str, Conversion)] {
         "rate" => &[
             ("deg/h", (1.0, 0.0)),
             ("deg/s", (3600.0, 0.0)),
-            ("rad/s", (3600.0 * DEGREE_PER_RAD, 0.0)),
+            ("rad/s", (DPH_PER_RAD_S, 0.0)),
             ("mrad/s", (3.6 * DEGREE_PER_RAD, 0.0)),
             ("mdeg/s", (3.6, 0.0)),
             ("urad/s", (3.6e-3 * DEGREE_PER_RAD, 0.0)),
@@ -236,6 +237,28 @@ pub fn conversion(quantity: &str, unit: Option<&str>) -> Result<Conversion, BadI
 }
 
 impl Map {
+    /// One that comes with the program, by its name; else the one in the file of that name.
+    ///
+    /// # Errors
+    /// One sentence: what cannot be read, or is wrong where.
+    pub fn named(name: &str) -> Result<Self, BadInput> {
+        if let Some(map) = Self::built_in(name) {
+            return Ok(map);
+        }
+        let text = std::fs::read_to_string(name).map_err(|e| {
+            let known: Vec<&str> = BUILT_IN.iter().map(|(n, _)| *n).collect();
+            BadInput(format!("cannot read the map {name}: {e}; built in are {}", known.join(", ")))
+        })?;
+        Self::parse(&text).map_err(|e| BadInput(format!("{name}: {e}")))
+    }
+
+    /// One that comes with the program, by its name; `None` for any other name.
+    #[must_use]
+    pub fn built_in(name: &str) -> Option<Self> {
+        let (_, text) = BUILT_IN.iter().find(|(n, _)| *n == name)?;
+        Self::parse(text).ok()
+    }
+
     /// Reads a map.
     ///
     /// # Errors

@@ -1,14 +1,14 @@
 //! ROS bags as MCAP, read by the crate mcap: `sensor_msgs/Imu` with `sensor_msgs/Temperature`, as ROS 2 (CDR) and ROS 1 encode them.
 
 use super::map::Map;
-use super::{at_times, choose, Table};
+use super::{at_times, Table};
 use crate::error::BadInput;
 use mcap::records::{Channel, Record};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::BTreeMap;
 
 /// First bytes of a file.
-pub const HEAD: &[u8] = b"\x89MCAP0\r\n";
+pub const HEAD: [u8; 8] = *b"\x89MCAP0\r\n";
 
 /// The bytes of a message, read in order.
 struct Cursor<'m> {
@@ -201,20 +201,16 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
     let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
     let mut all = vec![("time".to_string(), times.clone())];
     all.extend(["x", "y", "z"].iter().zip(1..).map(|(n, k)| (n.to_string(), rows.iter().map(|r| r[k]).collect())));
-    let mut table = Table::default();
-    if let Some(thermometer) = nearest(topic, bag.temperatures.keys()) {
+    let from = if let Some(thermometer) = nearest(topic, bag.temperatures.keys()) {
         let rows = &bag.temperatures[thermometer];
         let (own, values): (Vec<f64>, Vec<f64>) = rows.iter().map(|r| (r[0], r[1])).unzip();
         all.push(("temperature".into(), at_times(&times, &own, &values)));
-        table.notes.push(format!("rates of {topic}, temperatures of {thermometer}"));
+        format!("rates of {topic}, temperatures of {thermometer}")
     } else {
-        table
-            .notes
-            .push(format!("rates of {topic}; the bag has no sensor_msgs/Temperature, so there is no temperature"));
-    }
-    let names: Vec<String> = all.iter().map(|(n, _)| n.clone()).collect();
-    let wanted = choose(map, &names)?;
-    table.columns = all.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+        format!("rates of {topic}; the bag has no sensor_msgs/Temperature, so there is no temperature")
+    };
+    let mut table = Table::of(all, map)?;
+    table.notes.push(from);
     let others: Vec<String> =
         bag.imus.keys().enumerate().filter(|(_, t)| *t != topic).map(|(n, t)| format!("{n} ({t})")).collect();
     if !others.is_empty() {
@@ -232,7 +228,6 @@ pub fn read(bytes: &[u8], map: &Map) -> Result<Table, BadInput> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::import::map::BUILT_IN;
     use std::collections::BTreeMap;
 
     /// A message in CDR, little-endian.
@@ -295,8 +290,7 @@ mod tests {
     }
 
     fn map(instance: u8) -> Map {
-        let text = BUILT_IN.iter().find(|(n, _)| *n == "ros").expect("there").1;
-        let mut map = Map::parse(text).expect("a map");
+        let mut map = Map::built_in("ros").expect("there");
         map.table.instance = instance;
         map
     }

@@ -15,6 +15,7 @@ mod ulog;
 
 use crate::axes::AXIS_NAMES;
 use crate::error::BadInput;
+use crate::files::begins_with;
 use crate::recording::thermometer::Thermometer;
 use crate::recording::{columns, parquet, Recording};
 use map::{conversion, quantity_of, Column, Format, Map, Names};
@@ -32,6 +33,17 @@ pub struct Table {
 }
 
 impl Table {
+    /// Of the columns that are there, those that a map wants.
+    ///
+    /// # Errors
+    /// As [`choose`].
+    fn of(columns: Vec<(String, Vec<f64>)>, map: &Map) -> Result<Self, BadInput> {
+        let names: Vec<String> = columns.iter().map(|(n, _)| n.clone()).collect();
+        let wanted = choose(map, &names)?;
+        let columns = columns.into_iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).collect();
+        Ok(Self { columns, ..Self::default() })
+    }
+
     fn column(&self, names: &Names) -> Option<&[f64]> {
         names.all().iter().find_map(|n| self.columns.iter().find(|(c, _)| c == n)).map(|(_, v)| v.as_slice())
     }
@@ -64,6 +76,11 @@ fn choose(map: &Map, there: &[String]) -> Result<Vec<(usize, String)>, BadInput>
         }
     }
     Ok(out)
+}
+
+/// A cell as the number of an IMU.
+fn imu_number(cell: Option<f64>) -> Option<u8> {
+    cell.filter(|n| (0.0..=255.0).contains(n)).map(|n| n as u8)
 }
 
 /// A note where a file holds several IMUs.
@@ -103,18 +120,12 @@ fn at_times(times_s: &[f64], own_times_s: &[f64], values: &[f64]) -> Vec<f64> {
 /// Name of the built-in map of a file that begins as a log of a known program.
 #[must_use]
 pub fn built_in(path: &Path) -> Option<&'static str> {
-    if dataflash::begins(path) {
-        return Some("ardupilot");
-    }
-    if blackbox::begins(path) {
-        return Some("betaflight");
-    }
-    let mut begin = [0; 8];
-    std::fs::File::open(path).and_then(|mut f| std::io::Read::read_exact(&mut f, &mut begin)).ok()?;
-    match begin {
-        _ if begin.starts_with(b"ULog") => Some("px4"),
-        _ if begin == mcap::HEAD => Some("ros"),
-        _ => None,
+    match () {
+        () if dataflash::begins(path) => Some("ardupilot"),
+        () if begins_with(path, blackbox::HEAD) => Some("betaflight"),
+        () if begins_with(path, ulog::HEAD) => Some("px4"),
+        () if begins_with(path, mcap::HEAD) => Some("ros"),
+        () => None,
     }
 }
 

@@ -8,6 +8,9 @@ use px4_ulog::stream_parser::{read_file_with_simple_callback, Message, SimpleCal
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+/// First bytes of a log.
+pub const HEAD: [u8; 4] = *b"ULog";
+
 /// The value of a field; `None` where the message is too short for it.
 fn value(m: &DataMessage<'_>, f: &FlattenedField) -> Option<f64> {
     fn bytes<const N: usize>(data: &[u8], at: usize) -> Option<[u8; N]> {
@@ -83,7 +86,7 @@ fn joined(topics: &BTreeMap<String, Topic>, seen: &BTreeSet<String>, map: &Map) 
             if seen.is_empty() { "no data".into() } else { seen.join(", ") }
         )));
     };
-    let mut table = Table::default();
+    let mut columns = main.columns.clone();
     let mut there = main.names.clone();
     let time = map.time.column.as_ref().and_then(|c| c.all().into_iter().find_map(|n| Some((n, main.column(n)?))));
     for (other, topic) in topics.iter().filter(|(t, _)| *t != name) {
@@ -93,14 +96,14 @@ fn joined(topics: &BTreeMap<String, Topic>, seen: &BTreeSet<String>, map: &Map) 
             if map.wanted().iter().any(|(_, n, _)| n.all().contains(&full.as_str())) {
                 // (Times of these logs are microseconds.)
                 let [times, own] = [times, own].map(|t| t.iter().map(|t| 1e-6 * t).collect::<Vec<f64>>());
-                table.columns.push((full.clone(), at_times(&times, &own, values)));
+                columns.push((full.clone(), at_times(&times, &own, values)));
                 there.push(full);
             }
         }
     }
     let wanted = choose(map, &there)?;
-    table.columns.retain(|(n, _)| wanted.iter().any(|(_, w)| w == n));
-    table.columns.extend(main.columns.iter().filter(|(n, _)| wanted.iter().any(|(_, w)| w == n)).cloned());
+    columns.retain(|(n, _)| wanted.iter().any(|(_, w)| w == n));
+    let mut table = Table { columns, ..Table::default() };
     // (By default PX4 logs a single sample of the raw gyro a second.)
     let rows = |t: &Topic| t.columns.first().map_or(0, |(_, v)| v.len());
     let fuller = map.topics().into_iter().filter(|t| *t != name).filter_map(|t| topics.get_key_value(t));
@@ -165,10 +168,11 @@ struct Gathered {
 }
 
 fn gathered(name: &str, map: &Map) -> Result<Gathered, BadInput> {
+    let of_rates = map.topics();
     let wanted: Vec<&str> = {
         let others = map.wanted();
         let others = others.iter().flat_map(|(_, n, _)| n.all()).filter_map(|n| n.split_once('.').map(|(t, _)| t));
-        map.topics().into_iter().chain(others).collect()
+        of_rates.iter().copied().chain(others).collect()
     };
     let (mut topics, mut seen, mut imus) = (BTreeMap::<String, Topic>::new(), BTreeSet::new(), BTreeSet::new());
     let mut dropouts = 0;
@@ -176,7 +180,7 @@ fn gathered(name: &str, map: &Map) -> Result<Gathered, BadInput> {
         match m {
             Message::Data(m) => {
                 let (this, instance) = (&m.flattened_format.message_name, m.multi_id.value());
-                if map.topics().contains(&this.as_str()) {
+                if of_rates.contains(&this.as_str()) {
                     imus.insert(instance);
                 }
                 if !wanted.contains(&this.as_str()) || instance != map.table.instance {
@@ -204,7 +208,6 @@ fn gathered(name: &str, map: &Map) -> Result<Gathered, BadInput> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::recording::import::map::BUILT_IN;
 
     /// A log by PX4's published description of the format: header, definitions, then data.
     struct Log(Vec<u8>);
@@ -252,7 +255,7 @@ mod tests {
     }
 
     fn map() -> Map {
-        Map::parse(BUILT_IN.iter().find(|(n, _)| *n == "px4").expect("there").1).expect("a map")
+        Map::built_in("px4").expect("there")
     }
 
     #[test]

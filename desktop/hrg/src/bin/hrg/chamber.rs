@@ -154,7 +154,7 @@ impl<'a> Recording<'a> {
                 "{}: the unit there is {} now, the recording is of {before}: it ends here, and its {} rows stay",
                 self.port,
                 now.unwrap_or("one without a name"),
-                self.recorder.rows
+                self.recorder.rows()
             ))),
             _ => Ok(()),
         }
@@ -178,7 +178,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
     let start = Instant::now();
     let enough = |rows: u64| seconds.is_some_and(|s| rows >= s);
     let mut lost: Option<Instant> = None;
-    while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows) {
+    while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows()) {
         match unit.next(Duration::from_millis(500)) {
             Ok(Some(Message::Housekeeping(h))) => {
                 lost = None;
@@ -187,8 +187,8 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
                 bar.set_message(format!(
                     "{}: {} rows, {} gaps, {:.1} h; T {:.2} {:.2} {:.2} C; {} bad frames",
                     recorder.path().unwrap_or(out).display(),
-                    recorder.rows,
-                    recorder.gaps,
+                    recorder.rows(),
+                    recorder.gaps(),
                     start.elapsed().as_secs_f64() / 3600.0,
                     h.temperature_c[0],
                     h.temperature_c[1],

@@ -7,7 +7,7 @@ use hrg_data::error::BadInput;
 use hrg_data::recording::facts::Facts;
 use hrg_data::recording::import;
 use hrg_data::recording::import::guess::{guess, text_of, Guess};
-use hrg_data::recording::import::map::{Map, BUILT_IN};
+use hrg_data::recording::import::map::Map;
 use hrg_data::recording::resonators::named;
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::{columns, dialect, parquet, Recording};
@@ -33,18 +33,6 @@ pub struct Arguments {
     out: Option<PathBuf>,
 }
 
-fn map(name: &str) -> Result<Map> {
-    if let Some((_, text)) = BUILT_IN.iter().find(|(n, _)| *n == name) {
-        return Ok(Map::parse(text)?);
-    }
-    let path = Path::new(name);
-    let text = std::fs::read_to_string(path).map_err(|e| {
-        let known: Vec<&str> = BUILT_IN.iter().map(|(n, _)| *n).collect();
-        BadInput(format!("cannot read the map {name}: {e}; built in are {}", known.join(", ")))
-    })?;
-    Ok(Map::parse(&text).map_err(|e| BadInput(format!("{name}: {e}")))?)
-}
-
 /// The text of a recording, as it is made of a file.
 struct Made {
     text: String,
@@ -62,7 +50,7 @@ impl Made {
 
     fn of(file: &Path, name: Option<&str>, imu: Option<u8>) -> Result<Self> {
         if let Some(name) = name.or_else(|| import::built_in(file)) {
-            let mut map = map(name)?;
+            let mut map = Map::named(name)?;
             map.table.instance = imu.unwrap_or(map.table.instance);
             return Self::by(file, &map);
         }

@@ -85,7 +85,7 @@ pub fn record(log: &Path, elf: Option<&Path>, out: &Path, arguments: &RecordArgu
         }
         Ok(true)
     })?;
-    if recorder.rows == 0 {
+    if recorder.rows() == 0 {
         return Err(no_second(log).into());
     }
     report(&recorder);
