@@ -268,7 +268,19 @@ impl Board {
             status |= UnitStatus::IMAGE_REFUSED;
         }
         let cut_short = found.cut_short;
+        let refused = found.newest.as_ref().and_then(|(c, _)| c.inputs_among(params::INPUTS).err());
+        if let Some(error) = refused {
+            defmt::error!("calibration refused: {}", error);
+        }
         match found.newest {
+            // It keeps its name and its number: the next image must be newer.
+            Some((Calibration { unit, sequence, .. }, place)) if refused.is_some() => Loaded {
+                calibration: Calibration { unit, sequence, ..Calibration::uncalibrated() },
+                place: Some(place),
+                checksum: 0,
+                status: status | UnitStatus::DEFAULT_CALIBRATION | UnitStatus::IMAGE_REFUSED,
+                cut_short,
+            },
             Some((calibration, place)) => {
                 let image = self.sectors.view(place.sector).get(place.offset as usize..);
                 let checksum = image.and_then(sectors::stored_checksum).unwrap_or(0);

@@ -8,7 +8,9 @@ use embassy_sync::signal::Signal;
 use hrg_core::align_mode::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
-use hrg_core::link::{Housekeeping, Message};
+#[cfg(feature = "inputs")]
+use hrg_core::inputs::InputValues;
+use hrg_core::link::{Housekeeping, InputsUsed, Message};
 use hrg_core::maintenance;
 use hrg_core::pps;
 use hrg_core::rate_output::RateSecond;
@@ -38,6 +40,11 @@ pub static SECONDS: Channel<Mutex, RateSecond, 2> = Channel::new();
 pub static STEP: Channel<Mutex, (StepFrequencies, Output, pps::Report), 2> = Channel::new();
 /// Telemetry to link: housekeeping out.
 pub static HOUSEKEEPING: Signal<Mutex, Housekeeping> = Signal::new();
+/// Link in to model: inputs beside the frequencies.
+#[cfg(feature = "inputs")]
+pub static INPUTS: Channel<Mutex, InputValues, { crate::params::INPUT_QUEUE }> = Channel::new();
+/// Model to link: the inputs that a step has used.
+pub static INPUTS_USED: Signal<Mutex, InputsUsed> = Signal::new();
 /// Telemetry to log.
 pub static LOG: Signal<Mutex, Housekeeping> = Signal::new();
 /// Link in to link out: an answer.

@@ -1,19 +1,24 @@
 //! The RS-422 link on one USART: frames out by DMA, commands in by a DMA ring.
 
-use crate::channels::{ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, LINK_ALIVE, LINK_ERRORS, MAINTAIN};
+#[cfg(feature = "inputs")]
+use crate::channels::INPUTS;
+use crate::channels::{
+    ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE, LINK_ERRORS, MAINTAIN,
+};
 use crate::receive::Receiver;
 use crate::stop::halt;
-use embassy_futures::select::{select4, Either4};
+use embassy_futures::select::{select, select4, Either, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::UartTx;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::reset::Halt;
 
-/// Sends: rates first, then answers, then housekeeping, then the alignment's report.
+/// Sends: rates first, then answers, then housekeeping, then the alignment's report and the inputs that were used.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
     loop {
-        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), ALIGNMENT.wait()).await {
+        let others = select(ALIGNMENT.wait(), INPUTS_USED.wait());
+        let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), others).await {
             Either4::First(frame) if !frame.intact() => {
                 defmt::error!("a frame has changed in memory");
                 halt(Halt::Corruption)
@@ -21,7 +26,8 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
             Either4::First(frame) => Message::Rate(frame),
             Either4::Second(answer) => answer,
             Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
-            Either4::Fourth(report) => Message::Alignment(report),
+            Either4::Fourth(Either::First(report)) => Message::Alignment(report),
+            Either4::Fourth(Either::Second(used)) => Message::InputsUsed(used),
         };
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
@@ -46,6 +52,9 @@ pub async fn receive(mut receiver: Receiver, identity: Identity) {
                 Some(Ok(Message::SetDecimation(decimation))) => DECIMATION.signal(decimation),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
+                // A host that sends more between two model steps loses some, and sees it in what was used.
+                #[cfg(feature = "inputs")]
+                Some(Ok(Message::Inputs(values))) => drop(INPUTS.try_send(values)),
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),
                 // No command, or garbage.

@@ -89,6 +89,9 @@ const fn built_with() -> Parts {
     if cfg!(feature = "past") {
         parts = parts.union(Parts::PAST);
     }
+    if cfg!(feature = "inputs") {
+        parts = parts.union(Parts::INPUTS);
+    }
     parts
 }
 
@@ -219,7 +222,9 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         .with_trims_in_maintenance_only(cfg!(feature = "signed"));
     let locked = cfg!(feature = "locked");
     static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
-    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked).with_key(maintain::KEY);
+    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked)
+        .with_key(maintain::KEY)
+        .with_inputs(params::INPUTS);
     let maintenance = once(MAINTENANCE.try_init(maintenance));
 
     let model_start = model::Start {

@@ -10,6 +10,8 @@ use crate::retained;
 use crate::stop::halt;
 use embassy_time::Ticker;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
+#[cfg(feature = "inputs")]
+use hrg_core::link::InputsUsed;
 #[cfg(feature = "pps")]
 use hrg_core::pps::Pps;
 #[cfg(not(feature = "pps"))]
@@ -34,6 +36,8 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     #[cfg(feature = "pps")]
     let mut pps = Pps::new(TIMEBASE).with_correction(start.correction);
+    #[cfg(feature = "inputs")]
+    let mut inputs = hrg_core::inputs::InputBank::default();
     let mut ticker = Ticker::every(FETCH_PERIOD);
     loop {
         ticker.next().await;
@@ -61,6 +65,17 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         channels::stand(UnitStatus::TIMEBASE, report.out_of_bounds);
         if let Some(trim) = TRIM.try_take() {
             models.iter_mut().for_each(|model| model.set_trim(trim));
+        }
+        #[cfg(feature = "inputs")]
+        {
+            while let Ok(values) = channels::INPUTS.try_receive() {
+                inputs.receive(&values);
+            }
+            let values = inputs.step();
+            models.iter_mut().for_each(|model| model.set_inputs(values));
+            if inputs.any() {
+                channels::INPUTS_USED.signal(InputsUsed { step: step.step, values: *values.values() });
+            }
         }
         let Some(output) = update(&mut models, &step) else {
             defmt::error!("the two models differ: corruption detected");

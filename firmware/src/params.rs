@@ -1,6 +1,7 @@
 //! Every number that shapes the unit's timing, wiring and memory, each with its unit and its reason.
 
 use embassy_time::Duration;
+use hrg_core::inputs::QuantitySet;
 use hrg_core::timebase::Timebase;
 
 /// Crystal or ST-LINK clock, Hz. A NUCLEO-F446RE feeds 8 MHz into OSC_IN.
@@ -44,6 +45,18 @@ pub const FRAME_QUEUE: usize = 8;
 /// The temperature sensors of a unit that has no resonators: feature `sensors`.
 #[cfg(feature = "sensors")]
 pub const SENSOR: hrg_core::sensors::Platinum = hrg_core::sensors::Platinum::PT1000;
+
+/// Inputs beside the frequencies that come in to this unit, by the link: an image that needs another is refused. Take out what your
+/// electronics do not send.
+#[cfg(feature = "inputs")]
+pub const INPUTS: QuantitySet = QuantitySet::all();
+/// Inputs beside the frequencies: none.
+#[cfg(not(feature = "inputs"))]
+pub const INPUTS: QuantitySet = QuantitySet::empty();
+
+/// Messages with inputs that may wait for a model step: two hosts that send each half second.
+#[cfg(feature = "inputs")]
+pub const INPUT_QUEUE: usize = 4;
 
 /// Events that may wait to be written: more than can happen in a second.
 #[cfg(feature = "field-log")]

@@ -20,6 +20,7 @@ use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
 pub use crate::history::HOLD_S;
 use crate::history::{self, Head, History, Kept, Past};
+use crate::inputs::{Held, Quantities};
 use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
@@ -82,6 +83,9 @@ pub struct Model<P> {
     running: Vec<OnUnit, MAX_EFFECTS>,
     /// Axes with an effect that looks at the others.
     looks_at_neighbours: [bool; AXES],
+    /// Inputs beside the frequencies as they were given last, and the last good ones.
+    given: Quantities,
+    held: Held,
     /// Uncertainty of the unit's past.
     past: P,
     /// Steps that were kept, and resets since power-on.
@@ -116,6 +120,8 @@ impl<P: Past> Model<P> {
             let _ = running.push(one);
         }
         Self {
+            given: Quantities::NONE,
+            held: Held::new(&calibration),
             past: P::unknown(&calibration.effects),
             calibration,
             thermometer: Thermometer::new(curves, power_on_s),
@@ -170,6 +176,11 @@ impl<P: Past> Model<P> {
         }
     }
 
+    /// Sets the inputs beside the frequencies for the steps that come ([`crate::inputs`]): before each step.
+    pub fn set_inputs(&mut self, quantities: Quantities) {
+        self.given = quantities;
+    }
+
     /// The calibration in use.
     #[must_use]
     pub fn calibration(&self) -> &Calibration {
@@ -199,6 +210,8 @@ impl<P: Past> Model<P> {
         for (k, bias) in bias_dph.iter_mut().enumerate() {
             *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
         }
+        let inputs = &self.calibration.inputs;
+        let seen = self.held.see(inputs, &self.given);
         let mut along_dph = [[0.0; AXES]; DIRECTIONS];
         for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
             let sums = &mut Sums {
@@ -207,9 +220,9 @@ impl<P: Past> Model<P> {
                 directions: &term.directions,
                 along_dph: &mut along_dph,
             };
-            running.add_bias_dph(scaling, thermal, sums);
+            running.add_bias_dph(scaling, thermal, &seen.values, sums);
         }
-        let unknown = self.past.step(&self.calibration, thermal, &mut self.running);
+        let unknown = self.past.step(&self.calibration, (thermal, &seen.values), &mut self.running);
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
@@ -224,6 +237,10 @@ impl<P: Past> Model<P> {
             let now = &thermal.axes[k];
             output.status[k] |=
                 self.calibration.axes[k].status(now, self.thermometer.change_c(k), &mut self.invalid_steps[k]);
+            let input_dph2 = self.held.more_dph2(k, inputs, seen.outside);
+            if input_dph2.is_some() {
+                output.status[k] |= AxisStatus::INPUT;
+            }
             // Bridging an outage, the last bias is held, whatever the states do.
             if now.age == 0 {
                 self.bias_dph[k] = bias_dph[k];
@@ -234,7 +251,8 @@ impl<P: Past> Model<P> {
                 if !known && now.known {
                     output.status[k] |= AxisStatus::EXTRAPOLATED;
                 }
-                let more_dph2 = past_dph * past_dph + if known { 0.0 } else { axis.visited.unvisited_dph2 };
+                let unvisited_dph2 = if known { 0.0 } else { axis.visited.unvisited_dph2 };
+                let more_dph2 = past_dph * past_dph + unvisited_dph2 + input_dph2.unwrap_or(0.0);
                 self.bias_std_dph[k] = axis.bias_std_dph(scaling, &now.state, along, more_dph2);
                 if !bias_dph[k].is_finite() {
                     self.bias_dph[k] = 0.0;
@@ -431,7 +449,7 @@ mod tests {
             scaling: &image.scaling,
             thermal: c.thermometer.now(),
             axis: 1,
-            recorded: crate::effects::Recorded::NONE,
+            quantities: &Quantities::NONE,
         };
         let e = one.step(&inputs);
         let (first, second) = (2.0 * x[1] + 0.5 * e[0], -0.25 * e[1]);
@@ -556,6 +574,110 @@ mod tests {
             let y = b.step(&[F[0].filter(|_| !wild), F[1], F[2]]);
             assert!(x.same(&y), "step {k}");
         }
+    }
+
+    /// An image with a drive voltage of the second axis, 10 deg/h per V about 2 V.
+    fn of_drive() -> Calibration {
+        use crate::inputs::{drive, Input};
+        let mut image = calibrated();
+        image.axes[1].uncertainty.rest_dph2 = 0.01;
+        let id = crate::effects::EffectId::by_name("drive-amplitude").expect("in the list").facts().id;
+        let mut term = EffectTerm::new(id, [0.0; 2]);
+        term.gains[1][0] = 10.0;
+        image.effects.push(term).expect("room");
+        let input =
+            Input { quantity: drive(1), reference: 2.0, valid_from: 1.5, valid_to: 3.0, without_dph: [0.0, 1.5, 0.0] };
+        image.inputs.push(input).expect("room");
+        image
+    }
+
+    #[test]
+    fn an_input_is_used_held_limited_and_flagged() {
+        use crate::inputs::{drive, InputBank};
+        let image = of_drive();
+        assert_eq!(Calibration::from_bytes(&image.to_bytes().expect("fits")), Ok(image.clone()));
+        let (mut c, mut plain) = (Compensator::new(image, 0.0), Compensator::new(calibrated(), 0.0));
+        let mut bank = InputBank::default();
+        // Nothing has come: the effect adds nothing, and the uncertainty holds all of it.
+        let mut step = |value: Option<f32>| {
+            value.into_iter().for_each(|v| bank.set(drive(1), v));
+            c.set_inputs(bank.step());
+            let (with, without) = (c.step(&F), plain.step(&F));
+            assert_eq!([with.bias_dph[0], with.bias_dph[2]], [without.bias_dph[0], without.bias_dph[2]]);
+            assert!(!with.status[0].contains(AxisStatus::INPUT) && !with.status[2].contains(AxisStatus::INPUT));
+            let flagged = with.status[1].contains(AxisStatus::INPUT);
+            (with.bias_dph[1] - without.bias_dph[1], with.bias_std_dph[1], flagged)
+        };
+        let near = |(bias, std, flag): (f32, f32, bool), wanted: (f32, f32, bool)| {
+            assert!(
+                (bias - wanted.0).abs() < 1e-5 && (std - wanted.1).abs() < 1e-5 && flag == wanted.2,
+                "{bias} {std} {flag}"
+            );
+        };
+        let all = (0.01f32 + 1.5 * 1.5).sqrt();
+        near(step(None), (0.0, all, true));
+        near(step(Some(2.5)), (5.0, 0.1, false));
+        near(step(Some(1.75)), (-2.5, 0.1, false));
+        // It counts for three seconds, then it is stale and held.
+        near(step(None), (-2.5, 0.1, false));
+        near(step(None), (-2.5, 0.1, false));
+        near(step(None), (-2.5, all, true));
+        // Outside its range it is used half a width beyond, and flagged.
+        near(step(Some(3.5)), (15.0, all, true));
+        near(step(Some(9.0)), (17.5, all, true));
+        near(step(Some(f32::NAN)), (17.5, all, true));
+        near(step(Some(2.0)), (0.0, 0.1, false));
+    }
+
+    #[test]
+    fn a_unit_without_the_input_refuses_the_image() {
+        use crate::inputs::{drive, needed, QuantitySet};
+        let image = of_drive();
+        assert_eq!(needed(&image), QuantitySet::one(drive(1)));
+        assert_eq!(image.inputs_among(QuantitySet::all()), Ok(()));
+        let refused = crate::calibration::ImageError::LacksInput(drive(1));
+        assert_eq!(image.inputs_among(QuantitySet::SUPPLY), Err(refused));
+        // One that does not describe what it needs is refused everywhere.
+        let mut undescribed = image;
+        undescribed.inputs.clear();
+        assert_eq!(undescribed.check(), Err(refused));
+    }
+
+    #[test]
+    fn lags_of_an_input_are_kept_over_a_restart_and_their_past_is_unknown_at_first() {
+        use crate::history::{Kept, KEPT_WORDS};
+        use crate::inputs::{Input, InputBank, SUPPLY};
+        let mut image = calibrated();
+        let id = crate::effects::EffectId::by_name("recorded-quantity").expect("in the list").facts().id;
+        let mut term = EffectTerm::new(id, [f32::from(SUPPLY), 0.0]);
+        term.gains[0][3] = 4.0;
+        image.effects.push(term).expect("room");
+        let input = Input { quantity: SUPPLY, reference: 5.0, valid_from: 4.0, valid_to: 6.0, without_dph: [1.0; 3] };
+        image.inputs.push(input).expect("room");
+        let mut bank = InputBank::default();
+        let run = |c: &mut Compensator, bank: &mut InputBank, v: f32, steps: u32| {
+            let mut out = None;
+            for _ in 0..steps {
+                bank.set(SUPPLY, v);
+                c.set_inputs(bank.step());
+                out = Some(c.step(&F));
+            }
+            out.expect("steps")
+        };
+        let mut c = Compensator::new(image.clone(), 0.0);
+        let first = run(&mut c, &mut bank, 5.5, 60);
+        assert!(
+            first.status[0].contains(AxisStatus::HISTORY_UNKNOWN)
+                && !first.status[1].contains(AxisStatus::HISTORY_UNKNOWN)
+        );
+        let late = run(&mut c, &mut bank, 4.5, 1000);
+        assert!(!late.status[0].contains(AxisStatus::HISTORY_UNKNOWN), "three of its 300 s have passed");
+        let mut words = [0; KEPT_WORDS];
+        c.keep(|k, word| words[k] = word);
+        let mut again = Compensator::new(image, 0.0);
+        again.resume(&Kept::of(|k| words[k]).expect("kept"));
+        let (on, after) = (run(&mut c, &mut bank, 4.5, 1), run(&mut again, &mut bank, 4.5, 1));
+        assert_eq!(on.bias_dph[0].to_bits(), after.bias_dph[0].to_bits());
     }
 
     #[test]

@@ -37,6 +37,7 @@ use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{self, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::half::Half;
+use crate::inputs::{self, Quantities};
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
@@ -89,8 +90,8 @@ enum Place {
 pub trait Past: Clone + core::fmt::Debug {
     /// Of effects that have just begun: nothing is known of their past.
     fn unknown(terms: &[EffectTerm]) -> Self;
-    /// One model step, after that of the effects themselves (`running`).
-    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown;
+    /// One model step, after that of the effects themselves (`running`), with the inputs that they saw.
+    fn step(&mut self, calibration: &Calibration, now: (&Thermal, &Quantities), running: &mut [OnUnit]) -> Unknown;
     /// Effect `e` with the coldest or the hottest past, if there is such a copy.
     fn copy(&mut self, e: usize, side: Side) -> Option<&mut OnUnit>;
     /// Two numbers by which effect `e` of axis `k` is kept over a restart: NaN first: nothing is known yet; below zero: all is known.
@@ -121,7 +122,12 @@ impl Past for History {
     }
 
     #[inline(never)]
-    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+    fn step(
+        &mut self,
+        calibration: &Calibration,
+        (thermal, quantities): (&Thermal, &Quantities),
+        running: &mut [OnUnit],
+    ) -> Unknown {
         self.steps = self.steps.wrapping_add(1);
         let turn = (self.steps % TURN) as usize;
         let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
@@ -130,7 +136,7 @@ impl Past for History {
         for (e, (main, term)) in running.iter_mut().zip(&calibration.effects).enumerate() {
             let begins = |p: &[Place; AXES]| p.iter().zip(&thermal.axes).any(|(p, a)| *p == Place::Coming && a.known);
             if e == turn || self.past.get(e).is_some_and(begins) {
-                self.advance(e, main, term, calibration, thermal);
+                self.advance(e, (main, term), calibration, (thermal, quantities));
             }
         }
         for (past, term) in self.past.iter().zip(&calibration.effects) {
@@ -179,10 +185,9 @@ impl History {
     fn advance(
         &mut self,
         e: usize,
-        main: &mut OnUnit,
-        term: &EffectTerm,
+        (main, term): (&mut OnUnit, &EffectTerm),
         calibration: &Calibration,
-        thermal: &Thermal,
+        (thermal, quantities): (&Thermal, &Quantities),
     ) {
         let (Some(low), Some(high), Some(past)) = (self.low.get_mut(e), self.high.get_mut(e), self.past.get_mut(e))
         else {
@@ -197,8 +202,9 @@ impl History {
             let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
             match past {
                 Place::Coming if known => {
-                    low.soak_at(k, range.valid_from_c);
-                    high.soak_at(k, range.valid_to_c);
+                    let [lowest, highest] = inputs::ends(&calibration.inputs);
+                    low.soak_at(k, range.valid_from_c, &lowest);
+                    high.soak_at(k, range.valid_to_c, &highest);
                     *past = Place::Apart(0.0, 0.0);
                 }
                 Place::Known if known && (lost[k] || any_lost) => {
@@ -221,7 +227,7 @@ impl History {
                 directions: &term.directions,
                 along_dph: &mut [[0.0; AXES]; DIRECTIONS],
             };
-            copy.add_bias_dph(&calibration.scaling, thermal, sums);
+            copy.add_bias_dph(&calibration.scaling, thermal, quantities, sums);
         }
         let [cold_dph, hot_dph] = bias_dph;
         for (((past, lost), cold_dph), hot_dph) in past.iter_mut().zip(lost).zip(cold_dph).zip(hot_dph) {
@@ -268,7 +274,12 @@ impl Past for Settling {
         Self { spans, left: [[Left::Coming; AXES]; MAX_EFFECTS] }
     }
 
-    fn step(&mut self, calibration: &Calibration, thermal: &Thermal, running: &mut [OnUnit]) -> Unknown {
+    fn step(
+        &mut self,
+        calibration: &Calibration,
+        (thermal, _): (&Thermal, &Quantities),
+        running: &mut [OnUnit],
+    ) -> Unknown {
         let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
         let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
         for (((left, span), main), term) in self.left.iter_mut().zip(&self.spans).zip(running).zip(&calibration.effects)

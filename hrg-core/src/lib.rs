@@ -47,6 +47,7 @@ pub mod events;
 pub mod frequency;
 pub mod half;
 pub mod history;
+pub mod inputs;
 pub mod link;
 pub mod maintenance;
 pub mod math;

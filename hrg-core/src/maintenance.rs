@@ -25,7 +25,8 @@
 //! assert_eq!((commands.len(), commands.last()), (6, Some(&Command::End)));
 //! ```
 
-use crate::calibration::{stated_length, Calibration, COMMIT, MAX_BYTES, REFUSED};
+use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAX_BYTES, REFUSED};
+use crate::inputs::QuantitySet;
 use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
@@ -122,6 +123,8 @@ pub enum Answer {
     Signature = 9,
     /// The image's number is more than [`MOST_STEP`] beyond that of the newest one in flash.
     TooFar = 10,
+    /// The image needs an input that this unit does not have: its number follows ([`crate::inputs::NAMES`]).
+    Input = 11,
 }
 
 impl Answer {
@@ -141,6 +144,7 @@ impl Answer {
             A::NotNewer,
             A::Signature,
             A::TooFar,
+            A::Input,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -161,6 +165,7 @@ impl core::fmt::Display for Answer {
             Self::NotNewer => "the image is not newer than the one that it holds",
             Self::Signature => "the image is not signed with the key of its firmware",
             Self::TooFar => "the image's number is more than 1000 beyond that of the one that it holds",
+            Self::Input => "the image needs an input that this unit does not have",
         })
     }
 }
@@ -200,6 +205,8 @@ pub struct Maintenance {
     newest: Option<(Place, u32)>,
     locked: bool,
     key: Option<Key>,
+    /// Inputs beside the frequencies that the unit has.
+    inputs: QuantitySet,
     open: bool,
     coming: Option<Coming>,
     /// The first bytes of what comes, which are programmed last.
@@ -214,13 +221,29 @@ impl Maintenance {
             Some(place) => Some((place, sequence)),
             None => None,
         };
-        Self { unit, in_use, newest, locked, key: None, open: false, coming: None, first: [0; COMMIT] }
+        Self {
+            unit,
+            in_use,
+            newest,
+            locked,
+            key: None,
+            inputs: QuantitySet::all(),
+            open: false,
+            coming: None,
+            first: [0; COMMIT],
+        }
     }
 
     /// The same that takes only images signed with a key.
     #[must_use]
     pub const fn with_key(self, key: Option<Key>) -> Self {
         Self { key, ..self }
+    }
+
+    /// The same of a unit that has these inputs beside the frequencies.
+    #[must_use]
+    pub const fn with_inputs(self, inputs: QuantitySet) -> Self {
+        Self { inputs, ..self }
     }
 
     /// `true` while a calibration may be written.
@@ -332,10 +355,10 @@ impl Maintenance {
         let there = store.view(place.sector).get(from..from + usize::from(total)).unwrap_or_default();
         let sequence = match self.judge(there) {
             Ok(sequence) => sequence,
-            Err(answer) => {
+            Err((answer, value)) => {
                 // (Should this fail, the first word is missing all the same.)
                 store.write(place, &REFUSED);
-                return (answer, 0);
+                return (answer, value);
             }
         };
         let written = store.write(place, &self.first);
@@ -352,25 +375,29 @@ impl Maintenance {
     /// Checks that the image received, but for its first word, may run from the next start on: gives its sequence number.
     // Out of line: its stack is needed for a short time only.
     #[inline(never)]
-    fn judge(&self, there: &[u8]) -> Result<u32, Answer> {
-        let image = Calibration::from_uncommitted(self.first, there).map_err(|_| Answer::Image)?;
+    fn judge(&self, there: &[u8]) -> Result<u32, (Answer, u32)> {
+        let no = |answer| Err((answer, 0));
+        let image = Calibration::from_uncommitted(self.first, there).map_err(|_| (Answer::Image, 0))?;
         let own = stated_length(there).unwrap_or(0);
         if there.len() != own && there.len() != own + SIGNATURE {
-            return Err(Answer::Image);
+            return no(Answer::Image);
         }
         // A unit that was never calibrated takes its name from its first image.
         if image.unit != self.unit && self.in_use.is_some() {
-            return Err(Answer::Image);
+            return no(Answer::Image);
+        }
+        if let Err(ImageError::LacksInput(number)) = image.inputs_among(self.inputs) {
+            return Err((Answer::Input, number.into()));
         }
         if let Some((_, newest)) = self.newest {
             match image.sequence.wrapping_sub(newest) {
                 1..=MOST_STEP => {}
-                step if (step as i32) > 0 => return Err(Answer::TooFar),
-                _ => return Err(Answer::NotNewer),
+                step if (step as i32) > 0 => return no(Answer::TooFar),
+                _ => return no(Answer::NotNewer),
             }
         }
         match self.key {
-            Some(key) if !behind(there).is_some_and(|signature| key.signed(there, signature)) => Err(Answer::Signature),
+            Some(key) if !behind(there).is_some_and(|signature| key.signed(there, signature)) => no(Answer::Signature),
             _ => Ok(image.sequence),
         }
     }
@@ -380,8 +407,10 @@ impl Maintenance {
 mod tests {
     extern crate std;
     use super::*;
-    use crate::calibration::ImageError;
+    use crate::calibration::EffectTerm;
+    use crate::effects::EffectId;
     use crate::events::Event;
+    use crate::inputs::{self, Input};
     use crate::sectors::{mark, newest, room, Found, SECTOR_BYTES};
     use std::vec;
     use std::vec::Vec;
@@ -701,6 +730,20 @@ mod tests {
         let own_end = room(own.len());
         assert_eq!(store.sectors[0][..own_end], untouched[0][..own_end], "the image in use is never touched");
         assert_eq!((store.found().refused, store.erased), (None, 0), "what was refused is no fault");
+        let mut wanting = image(9);
+        let drive = EffectId::DriveAmplitude;
+        let mut term = EffectTerm::new(drive.facts().id, [0.0; 2]);
+        term.gains[2][0] = 1.0;
+        wanting.effects.push(term).expect("room");
+        wanting.inputs.push(Input { quantity: inputs::drive(2), ..Input::default() }).expect("room");
+        let mut m = m.with_inputs(QuantitySet::SUPPLY);
+        let bytes = wanting.to_bytes().expect("fits");
+        let mut last = None;
+        for command in super::burn(wanting.unit, &bytes) {
+            last = Some(m.command(&command, &mut store));
+        }
+        assert_eq!(last, Some(Reply::Answer(Answer::Input, inputs::drive(2).into())), "which one is in the answer");
+        let mut m = m.with_inputs(QuantitySet::all());
         let mut stranger = image(9);
         stranger.set_unit_name("HRG-8");
         assert_eq!(burn(&mut m, &mut store, &stranger), Answer::OtherUnit);

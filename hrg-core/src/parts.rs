@@ -25,5 +25,7 @@ bitflags::bitflags! {
         const LOCKSTEP = 1 << 3;
         /// Effects with two more pasts ([`crate::history::History`]).
         const PAST = 1 << 4;
+        /// Inputs beside the frequencies ([`crate::inputs`]).
+        const INPUTS = 1 << 5;
     }
 }

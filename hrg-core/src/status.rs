@@ -50,6 +50,9 @@ bitflags! {
         /// The fit has not seen this temperature and this ramp together, though each lies in its range ([`crate::visited`]): the stated
         /// uncertainty is that much larger.
         const EXTRAPOLATED = 1 << 11;
+        /// An input that the calibration needs beside the frequencies is missing, older than [`crate::inputs::STALE_S`] seconds or outside
+        /// the range in which it was learnt: the stated uncertainty is larger by what the input's effects were ([`crate::inputs`]).
+        const INPUT = 1 << 12;
     }
 }
 
@@ -85,7 +88,7 @@ impl AxisStatus {
         Self::TEMPERATURE_RANGE.union(Self::RAMP_RANGE).union(Self::FREQUENCY_LOST).union(Self::TEMPERATURE_STALE);
 
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 12] = [
+    pub const NAMES: [&str; 13] = [
         "uncalibrated",
         "temperature-range",
         "ramp-range",
@@ -98,6 +101,7 @@ impl AxisStatus {
         "neighbour",
         "scale-factor",
         "extrapolated",
+        "input",
     ];
 }
 

@@ -7,8 +7,9 @@ use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::compensator::Compensator;
-use hrg_core::effects::{shape, Inputs, Reach, Recorded, Running, ALL, MAX_OUTPUTS};
+use hrg_core::effects::{shape, Inputs, Reach, Running, ALL, MAX_OUTPUTS};
 use hrg_core::frequency::StepFrequencies;
+use hrg_core::inputs::Quantities;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_of_change::{Difference, SlopeWindow};
 use hrg_core::rate_path::{PendingBias, RatePath};
@@ -119,9 +120,8 @@ proptest! {
             });
             let thermal = Thermal { axes, time_s };
             for axis in 0..3 {
-                let recorded =
-                    Recorded { case_c: o, board_c: o[0], supply_v: o[1], drive_v: o, quad_v: o };
-                let _ = effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis, recorded });
+                let quantities = &Quantities::new(core::array::from_fn(|k| o[k % 3]));
+                let _ = effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis, quantities });
             }
         }
     }

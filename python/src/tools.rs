@@ -129,7 +129,7 @@ pub fn effects(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
         d.set_item("remembers_path", remembers_path)?;
         let (reach, needs) = match reach {
             Reach::Unit => ("unit", None),
-            Reach::NeedsInput(what) => ("needs-input", Some(what)),
+            Reach::NeedsInput(what) | Reach::NeedsChamber(what) => ("needs-input", Some(what)),
             Reach::Unpredictable => ("unpredictable", None),
         };
         d.set_item("reach", reach)?;

@@ -1,5 +1,6 @@
 //! One card for each effect: what the desktop must know of it beyond its equation. The compiler asks for a card of every effect.
 
+use crate::recording::columns;
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
     Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Source, Tau, Taus,
@@ -354,7 +355,7 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::CaseGradient => Card {
             generator: studied(none),
-            repair: Some(|_| needs_case_sensors(E::CaseGradient)),
+            repair: Some(|_| needs_input(E::CaseGradient, "case_?_c")),
             ..Card::of(Memory, Simple, "the bias follows the difference between case and resonator")
         },
         E::AxisGradient => Card {
@@ -476,23 +477,29 @@ pub fn card(effect: EffectId) -> Card {
         },
         E::DriveAmplitude => Card {
             generator: studied(none),
-            repair: Some(|_| needs_voltage(E::DriveAmplitude)),
+            repair: Some(|_| needs_input(E::DriveAmplitude, "drive_?_v")),
             ..Card::of(Input, Simple, "the bias follows the drive amplitude: damping changes")
         },
         E::Quadrature => Card {
             generator: studied(none),
-            repair: Some(|_| needs_voltage(E::Quadrature)),
+            repair: Some(|_| needs_input(E::Quadrature, "quad_?_v")),
             ..Card::of(Input, Simple, "the bias follows the quadrature voltage")
         },
         E::Board => Card {
             grid: |_| rows([0.0, 1.0].map(|source| Source { source })),
             generator: studied(none),
-            repair: Some(|_| needs_voltage(E::Board)),
+            repair: Some(|_| needs_input(E::Board, "board_c or supply_v")),
             ..Card::of(Input, Simple, "the bias follows the board temperature or the supply")
         },
         E::RecordedQuantity => Card {
             repeats: true,
-            grid: |_| rows((0..8).map(|k| Channel { channel: k as f32 })),
+            // (All but the cases, which the resonators tell as well.)
+            grid: |_| rows((0..8).chain(11..16).map(|k| Channel { channel: k as f32 })),
+            repair: Some(|p| {
+                let number = p(E::RecordedQuantity.facts().parameters[0]) as usize;
+                let name = hrg_core::inputs::NAMES.get(number).copied().unwrap_or("the quantity");
+                needs_input(E::RecordedQuantity, columns::today(name))
+            }),
             ..Card::of(Input, Searched, "the bias follows a recorded quantity")
         },
         E::Timebase => Card {
@@ -558,14 +565,14 @@ pub fn card(effect: EffectId) -> Card {
 }
 
 fn needs_case_sensors(effect: EffectId) -> String {
-    format!(
-        "{} needs the case sensors, which the unit does not read: wire them to the unit, or give the case time to settle",
-        effect.name()
-    )
+    format!("{} needs the case sensors, which the unit does not read: give the case time to settle", effect.name())
 }
 
-fn needs_voltage(effect: EffectId) -> String {
-    format!("{} needs a voltage that the unit does not read: bring it to a spare ADC channel", effect.name())
+fn needs_input(effect: EffectId, columns: &str) -> String {
+    format!(
+        "{} needs {columns} as an input of the unit: send it once a second by the link's message Inputs (docs/inputs.md), and trace with --inputs",
+        effect.name()
+    )
 }
 
 /// Names the profile that separates two effects.

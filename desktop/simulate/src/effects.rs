@@ -2,7 +2,8 @@
 
 use super::plant::Plant;
 use hrg_core::bias::{regressors, Scaling, TERMS};
-use hrg_core::effects::{EffectId, Inputs, Reach, Recorded, Running, ALL, MAX_PARAMETERS};
+use hrg_core::effects::{EffectId, Inputs, Reach, Running, ALL, MAX_PARAMETERS};
+use hrg_core::inputs::Quantities;
 use hrg_data::cards;
 use hrg_data::cards::card;
 use hrg_data::error::BadInput;
@@ -212,7 +213,7 @@ impl EffectSpec {
 pub(super) fn effect_bias(
     spec: &EffectSpec,
     plant: &Plant,
-    recorded: &[Recorded],
+    quantities: &[Quantities],
     scaling: &Scaling,
     a: usize,
     mix: f64,
@@ -232,7 +233,7 @@ pub(super) fn effect_bias(
     (0..n)
         .map(|k| {
             let thermal = plant.thermal(k);
-            let inputs = Inputs { scaling, thermal: &thermal, axis: a, recorded: recorded[k] };
+            let inputs = Inputs { scaling, thermal: &thermal, axis: a, quantities: &quantities[k] };
             running.step(&inputs).iter().take(effect.outputs).zip(weights).map(|(x, w)| f64::from(*x) * w).sum()
         })
         .collect()

@@ -139,7 +139,14 @@ impl Plan {
             .zip(self.signs())
             .map(|(spec, signs)| {
                 [0, 1, 2].map(|a: usize| {
-                    let bias = effect_bias(spec, &plant, &monitors.recorded(&plant), &default.scaling, a, signs[a].1);
+                    let bias = effect_bias(
+                        spec,
+                        &plant,
+                        &monitors.quantities(&plant, default.scaling.t_ref_c),
+                        &default.scaling,
+                        a,
+                        signs[a].1,
+                    );
                     let left = left_after_baseline(&bias, &plant, &default.scaling, a);
                     if left > 0.0 {
                         signs[a].0 * spec.size * floor[a] / left
@@ -195,7 +202,8 @@ impl Plan {
         let gains = self.gains();
         for ((spec, signs), gains) in self.effects.iter().zip(self.signs()).zip(&gains) {
             for a in 0..AXES {
-                let bias = effect_bias(spec, &plant, &monitors.recorded(&plant), scaling, a, signs[a].1);
+                let bias =
+                    effect_bias(spec, &plant, &monitors.quantities(&plant, scaling.t_ref_c), scaling, a, signs[a].1);
                 for (r, b) in rate[a].iter_mut().zip(&bias) {
                     *r += gains[a] * b;
                 }

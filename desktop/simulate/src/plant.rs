@@ -2,7 +2,7 @@
 
 use super::noise::drift;
 use hrg_core::bias::State;
-use hrg_core::effects::Recorded;
+use hrg_core::inputs::{case, drive, quad, Quantities, BOARD, QUANTITIES, SUPPLY};
 use hrg_core::thermal::{AxisThermal, Thermal};
 use hrg_core::AXES;
 use rand_chacha::ChaCha8Rng;
@@ -116,14 +116,20 @@ impl Monitors {
         }
     }
 
-    pub(super) fn recorded(&self, plant: &Plant) -> Vec<Recorded> {
+    /// Quantities of each second, temperatures from the model's reference.
+    pub(super) fn quantities(&self, plant: &Plant, t_ref_c: f32) -> Vec<Quantities> {
         (0..plant.board_c.len())
-            .map(|k| Recorded {
-                case_c: [0, 1, 2].map(|b: usize| plant.case_c[b][k] as f32),
-                board_c: self.board_c[k] as f32,
-                supply_v: self.supply_v[k] as f32,
-                drive_v: self.drive_v.each_ref().map(|v| v[k] as f32),
-                quad_v: self.quad_v.each_ref().map(|v| v[k] as f32),
+            .map(|k| {
+                let mut values = [f32::NAN; QUANTITIES];
+                let mut set = |number: u8, value: f32| values[usize::from(number)] = value;
+                set(BOARD, self.board_c[k] as f32 - t_ref_c);
+                set(SUPPLY, self.supply_v[k] as f32);
+                for a in 0..AXES {
+                    set(case(a), plant.case_c[a][k] as f32 - t_ref_c);
+                    set(drive(a), self.drive_v[a][k] as f32);
+                    set(quad(a), self.quad_v[a][k] as f32);
+                }
+                Quantities::new(values)
             })
             .collect()
     }

@@ -9,6 +9,7 @@ use hrg_board::replay::{self, Options, Outcome};
 use hrg_board::wires::WireFaults;
 use hrg_core::align_mode::{Command, Report};
 use hrg_core::calibration::Calibration;
+use hrg_core::inputs::QuantitySet;
 use hrg_core::link::Message;
 use hrg_data::recording::steps::Steps;
 use std::path::Path;
@@ -102,10 +103,8 @@ pub fn align(elf: &[u8], recording: &Recording, calibration: Option<&Calibration
         rate_dph: [0, 1, 2].map(|_| constant(0.0)),
         case_c: Default::default(),
         chamber_c: vec![],
-        board_c: vec![],
-        supply_v: vec![],
-        drive_v: Default::default(),
-        quad_v: Default::default(),
+        quantities: Default::default(),
+        unit_inputs: QuantitySet::empty(),
     };
     let options = Options {
         seconds: Some(seconds as u64),

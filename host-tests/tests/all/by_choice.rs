@@ -5,8 +5,9 @@ use hrg_align::Refusal;
 use hrg_board::replay::{self, parts, read_elf, Options};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::EffectId;
+use hrg_core::inputs::{self, Input};
 use hrg_core::parts::Parts;
-use hrg_core::status::AxisStatus;
+use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
 use std::path::Path;
@@ -47,6 +48,23 @@ fn run(elf: &[u8], seconds: u64) -> Vec<[bool; 3]> {
     assert_eq!((o.watchdog_resets, r.bad_frames), (0, 0));
     assert!(r.housekeeping.len() as u64 + 2 >= seconds);
     r.housekeeping.iter().map(|h| h.axis_status.map(|s| s.contains(AxisStatus::HISTORY_UNKNOWN))).collect()
+}
+
+#[test]
+#[ignore = "cargo xtask test --rest"]
+fn a_unit_that_takes_no_inputs_refuses_an_image_that_needs_one() {
+    let mut needs = calibration();
+    let mut term = EffectTerm::new(EffectId::DriveAmplitude.facts().id, [0.0; 2]);
+    term.gains[0][0] = 1.0;
+    needs.effects.push(term).expect("room");
+    needs.inputs.push(Input { quantity: inputs::drive(0), ..Input::default() }).expect("room");
+    let options = Options { seconds: Some(4), compare: false, ..Options::default() };
+    let o = replay::run(&elf("minimal"), Some(&needs), &steps(), &options, |_| {}).expect("runs");
+    let h = o.received.housekeeping.last().expect("some");
+    let refused = UnitStatus::DEFAULT_CALIBRATION | UnitStatus::IMAGE_REFUSED;
+    assert!(h.unit_status.contains(refused) && h.bias_dph == [0.0; 3], "{h:?}");
+    let said = "calibration refused: LacksInput(2)";
+    assert!(o.received.log.iter().any(|line| line.contains(said)), "{:?}", o.received.log);
 }
 
 #[test]

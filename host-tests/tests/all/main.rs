@@ -13,6 +13,7 @@ mod docs;
 mod elf;
 mod faults;
 mod foreign;
+mod inputs;
 mod layout;
 mod library;
 mod logs;

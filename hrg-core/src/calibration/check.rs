@@ -3,6 +3,7 @@
 use super::{Calibration, EffectTerm, ImageError};
 use crate::bias::Coefficients;
 use crate::effects::shape;
+use crate::inputs::{Input, QuantitySet, QUANTITIES};
 use crate::rate_factors::{RateAxis, MOST_PPM};
 
 /// Any coefficient beyond this is not one of a gyro (deg/h, C, Hz and their ratios).
@@ -82,7 +83,23 @@ impl Calibration {
         }
         possible(self.accelerometers.possible(), "accelerometers")?;
         self.rates.iter().flatten().try_for_each(RateAxis::check)?;
-        self.effects.iter().try_for_each(EffectTerm::check)
+        self.effects.iter().try_for_each(EffectTerm::check)?;
+        self.inputs.iter().try_for_each(Input::check)?;
+        let described = self.inputs.iter().map(|i| QuantitySet::one(i.quantity));
+        self.inputs_among(described.fold(QuantitySet::empty(), QuantitySet::union))
+    }
+}
+
+impl Input {
+    /// Checks that the input is one that there is, with a range about its reference.
+    fn check(&self) -> Result<(), ImageError> {
+        finite(&[self.reference, self.valid_from, self.valid_to])?;
+        finite(&self.without_dph)?;
+        let ordered = self.valid_from <= self.reference && self.reference <= self.valid_to;
+        if usize::from(self.quantity) >= QUANTITIES || !ordered || self.without_dph.iter().any(|s| *s < 0.0) {
+            return Err(ImageError::Absurd("input"));
+        }
+        Ok(())
     }
 }
 

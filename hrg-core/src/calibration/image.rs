@@ -7,6 +7,7 @@ use crate::bias::Coefficients;
 use crate::bytes::{crc32, Digest, Reader, Writer};
 use crate::effects::{shape, Shape, MAX_OUTPUTS};
 use crate::half::Half;
+use crate::inputs::Input;
 use crate::rate_factors::RateAxis;
 use crate::schema::{size, take, Layout, Wire};
 use crate::visited::Visited;
@@ -49,6 +50,10 @@ impl Calibration {
         }
         if parts.contains(Parts::VISITED) {
             self.axes.iter().for_each(|a| a.visited.put_fields(&mut w));
+        }
+        if parts.contains(Parts::INPUTS) {
+            w.u8(self.inputs.len() as u8);
+            self.inputs.iter().for_each(|i| i.put_fields(&mut w));
         }
         let payload_end = w.finish()?;
         let length = payload_end + 4;
@@ -131,6 +136,9 @@ impl Calibration {
                 axis.visited.take_fields(&mut payload).ok_or(ImageError::Length(length))?;
             }
         }
+        if parts.contains(Parts::INPUTS) {
+            calibration.read_inputs(&mut payload).ok_or(ImageError::Length(length))??;
+        }
         if payload.remaining() != 0 {
             return Err(ImageError::Length(length));
         }
@@ -181,6 +189,7 @@ impl Calibration {
         parts.set(Parts::UNCERTAINTY, uncertain);
         parts.set(Parts::ACCELEROMETERS, self.accelerometers != Accelerometers::IDEAL);
         parts.set(Parts::RATES, self.rates.is_some());
+        parts.set(Parts::INPUTS, !self.inputs.is_empty());
         parts.set(Parts::VISITED, self.axes.iter().any(|a| a.visited != Visited::default()));
         parts
     }
@@ -231,6 +240,17 @@ impl Calibration {
                         *gain = Half::from_bits(r.u16()?);
                     }
                 }
+            }
+        }
+        Some(Ok(()))
+    }
+
+    #[inline(never)]
+    fn read_inputs(&mut self, r: &mut Reader<'_>) -> Option<Result<(), ImageError>> {
+        for _ in 0..r.u8()? {
+            let input: Input = take(r)?;
+            if self.inputs.push(input).is_err() {
+                return Some(Err(ImageError::Absurd("number of inputs")));
             }
         }
         Some(Ok(()))

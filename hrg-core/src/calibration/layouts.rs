@@ -14,9 +14,11 @@ use super::{Axis, Calibration};
 use crate::bias::four_parameter::{self, FourParameter};
 use crate::bias::{direct, network, Coefficients, Scaling, TERMS};
 use crate::effects::MAX_PARAMETERS;
+use crate::inputs::Input;
 use crate::schema::{layout, Field, Layout, Wire};
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
+use crate::AXES;
 
 /// Header of an image, before its payload.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -33,7 +35,7 @@ pub struct Header {
 layout! { Header {
     magic: [u8; 4], "`HRGC`";
     version: u8, "version of the layout";
-    parts: u8, "parts behind the effects: bit 0 uncertainty, 1 accelerometers, 2 scale factors and misalignments, 3 temperatures and ramps visited together; 4 to 7 are free";
+    parts: u8, "parts behind the effects: bit 0 uncertainty, 1 accelerometers, 2 scale factors and misalignments, 3 temperatures and ramps visited together, 4 inputs; 5 to 7 are free";
     length: u16, "bytes of the whole image, checksum included";
 } }
 
@@ -75,6 +77,14 @@ layout! { Axis {
     valid_to_c_per_min: f32, "fastest heating of the fit, C per minute";
     train_rms_dph: f32, "standard deviation of 100 s means on the data of the fit, deg/h";
     verify_rms_dph: f32, "the same on a run that the fit never saw, deg/h; 0: not measured";
+} }
+
+layout! { Input {
+    quantity: u8, "number of the quantity";
+    reference: f32, "value from which its effects count it, in its unit";
+    valid_from: f32, "lowest value that is not flagged, in its unit";
+    valid_to: f32, "highest value that is not flagged, in its unit";
+    without_dph: [f32; AXES], "standard deviation of what its effects were in training, by axis, deg/h";
 } }
 
 /// First fields of an effect.

@@ -38,6 +38,7 @@ use crate::accelerometers::Accelerometers;
 use crate::bias::{Coefficients, Scaling, TERMS};
 use crate::effects::{MAX_OUTPUTS, MAX_PARAMETERS};
 use crate::half::Half;
+use crate::inputs::{self, InputTable, QuantitySet};
 use crate::rate_factors::RateAxis;
 use crate::temperature::TemperatureCurve;
 use crate::unit_name::UnitName;
@@ -70,6 +71,8 @@ bitflags::bitflags! {
         const RATES = 1 << 2;
         /// [`Axis::visited`].
         const VISITED = 1 << 3;
+        /// [`Calibration::inputs`].
+        const INPUTS = 1 << 4;
     }
 }
 
@@ -166,6 +169,8 @@ pub struct Calibration {
     pub accelerometers: Accelerometers,
     /// Scale factor and misalignment over temperature; `None`: the constant scale factors alone, and the unit matrix.
     pub rates: Option<[RateAxis; AXES]>,
+    /// Inputs beside the frequencies that its effects need.
+    pub inputs: InputTable,
 }
 
 /// Why an image was refused.
@@ -194,6 +199,8 @@ pub enum ImageError {
     UnknownEffect(u16),
     /// It holds an effect that this unit cannot compute.
     NotOnUnit(u16),
+    /// It needs an input that does not come in to this unit, or that it does not describe (the number in [`crate::inputs::NAMES`]).
+    LacksInput(u8),
     /// It has no signature by the key of this firmware ([`crate::signature`]).
     Signature,
 }
@@ -220,6 +227,10 @@ impl core::fmt::Display for ImageError {
                 write!(f, "the image holds effect number {id}, which this program does not know")
             }
             Self::NotOnUnit(id) => write!(f, "the image holds effect number {id}, which a unit cannot compute"),
+            Self::LacksInput(number) => {
+                let name = inputs::NAMES.get(usize::from(*number)).unwrap_or(&"of an unknown number");
+                write!(f, "the image needs the input {name}, which this unit does not have")
+            }
             Self::Signature => write!(f, "the image is not signed with the key of this firmware"),
         }
     }
@@ -277,6 +288,7 @@ impl Calibration {
             effects: Vec::new(),
             accelerometers: Accelerometers::IDEAL,
             rates: None,
+            inputs: InputTable::new(),
         }
     }
 
@@ -290,6 +302,15 @@ impl Calibration {
     #[must_use]
     pub fn scale_factors_dph_per_code(&self) -> [f32; AXES] {
         [0, 1, 2].map(|a: usize| self.axes[a].scale_factor_dph_per_code)
+    }
+
+    /// Checks that every input that the effects need comes in to a unit that has these.
+    ///
+    /// # Errors
+    /// The first that does not.
+    pub fn inputs_among(&self, unit: QuantitySet) -> Result<(), ImageError> {
+        let lacking = inputs::needed(self).difference(unit).numbers().next();
+        lacking.map_or(Ok(()), |number| Err(ImageError::LacksInput(number)))
     }
 
     /// Sets the name, as [`UnitName::new`] takes it.

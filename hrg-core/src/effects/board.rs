@@ -1,8 +1,9 @@
 //! `board`: electronics: board temperature less resonator temperature (parameter `source` 0, C), or the supply
-//! (`source` 1, V). Needs it recorded. Stateless.
+//! (`source` 1, V), each less its reference. Needs it as an input. Stateless.
 
 use super::parameters::Source;
 use super::{Effect, Inputs, Reach};
+use crate::inputs::QuantitySet;
 
 /// Board temperature less resonator temperature (C), or supply (V).
 #[derive(Debug, Clone)]
@@ -22,8 +23,17 @@ impl Effect for Board {
         Self { supply: parameters.source > 0.5 }
     }
 
+    fn reads(parameters: Source, _: usize) -> QuantitySet {
+        if parameters.source > 0.5 {
+            QuantitySet::SUPPLY
+        } else {
+            QuantitySet::BOARD
+        }
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [if self.supply { inputs.recorded.supply_v } else { inputs.recorded.board_c - inputs.own_c() }]
+        let own_c = inputs.own_c() - inputs.scaling.t_ref_c;
+        [if self.supply { inputs.quantities.supply_v() } else { inputs.quantities.board_c() - own_c }]
     }
 }

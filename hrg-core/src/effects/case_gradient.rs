@@ -1,9 +1,10 @@
-//! `case-gradient`: case sensor less resonator temperature, C: heat that flows through the gyro's case. Needs
-//! the case sensor, which only a chamber set-up has. Stateless.
+//! `case-gradient`: case sensor less resonator temperature, C, each less its reference: heat that flows through the gyro's case. Needs
+//! the case sensor, which usually only a chamber set-up has. Stateless.
 
 use super::{Effect, Inputs, Reach};
+use crate::inputs::{case, QuantitySet};
 
-/// Case temperature less resonator temperature; C.
+/// Case temperature less resonator temperature, each less its reference; C.
 #[derive(Debug, Clone)]
 pub struct CaseGradient;
 
@@ -19,8 +20,12 @@ impl Effect for CaseGradient {
         Self
     }
 
+    fn reads(_: (), axis: usize) -> QuantitySet {
+        QuantitySet::one(case(axis))
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.case_c[inputs.axis] - inputs.own_c()]
+        [inputs.quantities.case_c(inputs.axis) - (inputs.own_c() - inputs.scaling.t_ref_c)]
     }
 }

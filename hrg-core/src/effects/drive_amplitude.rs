@@ -1,9 +1,10 @@
 //! `drive-amplitude`: the amplitude-control drive voltage, which follows the resonator's damping. Needs it
-//! recorded. Stateless. Source: dong2023 eq 3 (bias grows with the anisotropy of damping `D(1/tau)`).
+//! as an input, from which its reference is taken. Stateless. Source: dong2023 eq 3 (bias grows with the anisotropy of damping `D(1/tau)`).
 
 use super::{Effect, Inputs, Reach};
+use crate::inputs::{drive, QuantitySet};
 
-/// Drive voltage of this axis; V.
+/// Drive voltage of this axis, less its reference; V.
 #[derive(Debug, Clone)]
 pub struct DriveAmplitude;
 
@@ -19,8 +20,12 @@ impl Effect for DriveAmplitude {
         Self
     }
 
+    fn reads(_: (), axis: usize) -> QuantitySet {
+        QuantitySet::one(drive(axis))
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.drive_v[inputs.axis]]
+        [inputs.quantities.drive_v(inputs.axis)]
     }
 }

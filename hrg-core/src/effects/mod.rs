@@ -9,7 +9,8 @@
 //!
 //! # Example
 //! ```
-//! use hrg_core::effects::{EffectId, MAX_OUTPUTS, Inputs, Recorded, Running};
+//! use hrg_core::effects::{EffectId, MAX_OUTPUTS, Inputs, Running};
+//! use hrg_core::inputs::Quantities;
 //! use hrg_core::calibration::Calibration;
 //! use hrg_core::thermal::Thermometer;
 //! use hrg_core::MODEL_STEP_S;
@@ -22,12 +23,13 @@
 //! let mut thermometer = Thermometer::new(calibration.axes.clone().map(|a| a.curve), 0.0);
 //! let mut running = Running::new(lag.id, &[600.0, 0.0], MODEL_STEP_S).expect("in the list");
 //! thermometer.step(&[Some(4900.0); 3]);
-//! let inputs = Inputs { scaling: &calibration.scaling, thermal: thermometer.now(), axis: 0, recorded: Recorded::NONE };
+//! let inputs = Inputs { scaling: &calibration.scaling, thermal: thermometer.now(), axis: 0, quantities: &Quantities::NONE };
 //! assert_eq!(running.step(&inputs), [0.0; MAX_OUTPUTS]);
 //! ```
 
 use crate::bias::{Scaling, State};
 use crate::half::Half;
+use crate::inputs::{Quantities, QuantitySet};
 use crate::thermal::Thermal;
 use crate::AXES;
 
@@ -38,7 +40,7 @@ pub const MAX_OUTPUTS: usize = 14;
 /// Most numbers that an effect remembers, per axis.
 pub const MAX_MEMORY: usize = 10;
 
-/// Inputs of an effect: one axis, one model step. A quantity that is not recorded is NaN.
+/// Inputs of an effect: one axis, one model step. A quantity that is missing is NaN.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
     /// Centre and scale of the model.
@@ -47,34 +49,8 @@ pub struct Inputs<'a> {
     pub thermal: &'a Thermal,
     /// The axis in question, 0 to 2.
     pub axis: usize,
-    /// Quantities that only a chamber recording has.
-    pub recorded: Recorded,
-}
-
-/// Quantities that a recording may hold and the unit does not measure; NaN where missing.
-#[derive(Debug, Clone, Copy)]
-pub struct Recorded {
-    /// Sensors on the gyros' cases, C.
-    pub case_c: [f32; AXES],
-    /// Board temperature, C.
-    pub board_c: f32,
-    /// Supply, V.
-    pub supply_v: f32,
-    /// Amplitude-control drives, V.
-    pub drive_v: [f32; AXES],
-    /// Quadrature-nulling voltages, V.
-    pub quad_v: [f32; AXES],
-}
-
-impl Recorded {
-    /// Nothing recorded: what the unit has.
-    pub const NONE: Self = Self {
-        case_c: [f32::NAN; AXES],
-        board_c: f32::NAN,
-        supply_v: f32::NAN,
-        drive_v: [f32::NAN; AXES],
-        quad_v: [f32::NAN; AXES],
-    };
+    /// Inputs beside the frequencies, each less its reference.
+    pub quantities: &'a Quantities,
 }
 
 impl Inputs<'_> {
@@ -111,10 +87,29 @@ impl Inputs<'_> {
 pub enum Reach {
     /// The unit has all it needs.
     Unit,
-    /// Needs a quantity that only the recording has: change the unit's wiring, or the cause.
+    /// Needs a quantity beside the frequencies ([`crate::inputs`]): a unit compensates it where that comes in.
     NeedsInput(&'static str),
+    /// Shows a fault of the thermometer by a sensor of the chamber: to be repaired, and no unit compensates it.
+    NeedsChamber(&'static str),
     /// No unit can predict it: something to repair in the unit or the chamber.
     Unpredictable,
+}
+
+impl Reach {
+    /// `true` if a unit can compute it, given the quantities that it reads.
+    #[must_use]
+    pub const fn on_unit(self) -> bool {
+        matches!(self, Self::Unit | Self::NeedsInput(_))
+    }
+
+    /// Quantity that it needs and a unit does not measure by itself.
+    #[must_use]
+    pub const fn needs(self) -> Option<&'static str> {
+        match self {
+            Self::NeedsInput(what) | Self::NeedsChamber(what) => Some(what),
+            Self::Unit | Self::Unpredictable => None,
+        }
+    }
 }
 
 /// Part of the past that an effect depends on.
@@ -163,10 +158,16 @@ pub trait Effect: Sized {
     fn span(_parameters: Self::Parameters) -> Span {
         Span::None
     }
+    /// The quantities that it reads on an axis beside the frequencies.
+    fn reads(_parameters: Self::Parameters, _axis: usize) -> QuantitySet {
+        QuantitySet::empty()
+    }
     /// Makes its memory that of a unit which has stood at a temperature for long and was brought to the present one at once.
     fn soak_at(&mut self, temperature_c: f32) {
         self.memory().fill(temperature_c);
     }
+    /// The same of an effect that remembers quantities, each less its reference.
+    fn stand_at(&mut self, _quantities: &Quantities) {}
     /// Advances by one step and gives the regressors; NaN where a needed quantity is missing.
     fn step(&mut self, inputs: &Inputs<'_>) -> Self::Regressors;
 }
@@ -175,6 +176,8 @@ pub trait Effect: Sized {
 pub trait Regressors: Copy {
     /// Number of regressors.
     const COUNT: usize;
+    /// `true` if the first is NaN: a needed quantity is missing.
+    fn missing(&self) -> bool;
     /// With zeros behind them.
     fn padded(&self) -> [f32; MAX_OUTPUTS];
     /// The sum of each times its gain.
@@ -185,6 +188,10 @@ pub trait Regressors: Copy {
 
 impl<const N: usize> Regressors for [f32; N] {
     const COUNT: usize = N;
+    #[inline]
+    fn missing(&self) -> bool {
+        self.first().is_some_and(|x| x.is_nan())
+    }
     #[inline]
     fn padded(&self) -> [f32; MAX_OUTPUTS] {
         let mut out = [0.0; MAX_OUTPUTS];
@@ -236,7 +243,7 @@ pub struct Facts {
 pub struct Shape {
     /// Regressors per axis.
     pub outputs: usize,
-    /// `true` if a unit can compute it.
+    /// `true` if a unit can compute it, given the quantities that it reads.
     pub on_unit: bool,
     /// Inner parameters that must be above zero: [`Parameters::POSITIVE`].
     pub positive: [bool; MAX_PARAMETERS],
@@ -258,23 +265,27 @@ pub struct Sums<'a, const N: usize> {
 }
 
 /// Advances an effect on every axis, and adds its bias there. An axis that has no temperature yet has NaN for it; so has its
-/// bias, which nobody uses, and a state that begins anew with the first temperature.
+/// bias, which nobody uses, and a state that begins anew with the first temperature. An effect whose quantity has never come adds nothing.
 // One function for each effect: all of them in one would run short of registers.
 #[inline(never)]
 fn add_bias_dph<E: Effect, const N: usize>(
     effects: &mut [E; AXES],
     scaling: &Scaling,
     thermal: &Thermal,
+    quantities: &Quantities,
     sums: &mut Sums<'_, N>,
 ) {
-    if !matches!(E::REACH, Reach::Unit) {
+    if !E::REACH.on_unit() {
         // `OnUnit::new` starts none of these; so the unit holds no code for them.
         return;
     }
-    let inputs = |axis| Inputs { scaling, thermal, axis, recorded: Recorded::NONE };
+    let inputs = |axis| Inputs { scaling, thermal, axis, quantities };
     let common = E::COMMON.then(|| effects[0].step(&inputs(0)));
     for axis in 0..AXES {
         let x = common.unwrap_or_else(|| effects[axis].step(&inputs(axis)));
+        if matches!(E::REACH, Reach::NeedsInput(_)) && x.missing() {
+            continue;
+        }
         sums.bias_dph[axis] += x.weighted(&sums.gains[axis]);
         for (along, gains) in sums.along_dph.iter_mut().zip(sums.directions) {
             along[axis] += x.weighted_by_halves(&gains[axis]);
@@ -329,7 +340,7 @@ macro_rules! effects {
             match id {
                 $(<$name as Effect>::ID => Some(Shape {
                     outputs: <<$name as Effect>::Regressors as Regressors>::COUNT,
-                    on_unit: matches!(<$name as Effect>::REACH, Reach::Unit),
+                    on_unit: <$name as Effect>::REACH.on_unit(),
                     positive: <<$name as Effect>::Parameters as Parameters>::POSITIVE,
                 }),)+
                 _ => None,
@@ -342,6 +353,15 @@ macro_rules! effects {
             match id {
                 $(<$name as Effect>::ID => <$name as Effect>::span(Parameters::of(parameters)),)+
                 _ => Span::None,
+            }
+        }
+
+        /// The quantities that the effect with a number reads on an axis: [`Effect::reads`].
+        #[must_use]
+        pub fn reads(id: u16, parameters: &[f32; MAX_PARAMETERS], axis: usize) -> QuantitySet {
+            match id {
+                $(<$name as Effect>::ID => <$name as Effect>::reads(Parameters::of(parameters), axis),)+
+                _ => QuantitySet::empty(),
             }
         }
 
@@ -378,7 +398,7 @@ macro_rules! effects {
             #[must_use]
             pub fn new(id: u16, parameters: &[f32; MAX_PARAMETERS], start: f32, step_s: f32) -> Option<Self> {
                 match id {
-                    $(<$name as Effect>::ID if matches!(<$name as Effect>::REACH, Reach::Unit) => {
+                    $(<$name as Effect>::ID if <$name as Effect>::REACH.on_unit() => {
                         let mut one = <$name as Effect>::new(Parameters::of(parameters), step_s);
                         one.start_on(start);
                         Some(Self::$name([one.clone(), one.clone(), one]))
@@ -393,19 +413,25 @@ macro_rules! effects {
                 &mut self,
                 scaling: &Scaling,
                 thermal: &Thermal,
+                quantities: &Quantities,
                 sums: &mut Sums<'_, N>,
             ) {
-                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, sums)),+ }
+                match self { $(Self::$name(e) => add_bias_dph(e, scaling, thermal, quantities, sums)),+ }
             }
             /// Memory of an axis: [`Effect::memory`].
             #[inline(never)]
             pub fn memory(&mut self, axis: usize) -> &mut [f32] {
                 match self { $(Self::$name(e) => e.get_mut(axis).map_or(&mut [], |e| e.memory())),+ }
             }
-            /// See [`Effect::soak_at`].
+            /// See [`Effect::soak_at`] and [`Effect::stand_at`].
             #[inline(never)]
-            pub fn soak_at(&mut self, axis: usize, temperature_c: f32) {
-                match self { $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| e.soak_at(temperature_c))),+ }
+            pub fn soak_at(&mut self, axis: usize, temperature_c: f32, quantities: &Quantities) {
+                match self {
+                    $(Self::$name(e) => e.iter_mut().skip(axis).take(1).for_each(|e| {
+                        e.soak_at(temperature_c);
+                        e.stand_at(quantities);
+                    })),+
+                }
             }
             /// `true` if it reads the other axes: [`Effect::NEIGHBOURS`].
             #[must_use]
@@ -515,7 +541,7 @@ mod tests {
             AxisThermal { state, known: true, age: 0, settled: true }
         };
         let thermal = Thermal { axes: [axis(t), axis(t + 2.0), axis(t - 3.0)], time_s };
-        effect.step(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, recorded: Recorded::NONE })
+        effect.step(&Inputs { scaling: &SCALING, thermal: &thermal, axis: 0, quantities: &Quantities::NONE })
     }
 
     fn run(name: &str, parameter: f32, at: impl Fn(u16) -> f32, steps: u16) -> f32 {
@@ -571,7 +597,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_recorded_is_nan() {
+    fn what_is_missing_is_nan() {
         for name in ["case-gradient", "timebase", "drive-amplitude", "quadrature", "board"] {
             assert!(run(name, 0.0, |_| 20.0, 2).is_nan(), "{name}");
         }

@@ -1,9 +1,10 @@
 //! `quadrature`: the quadrature-nulling voltage: a phase error of the demodulator lets a part of it into the
-//! rate. Needs it recorded. Stateless.
+//! rate. Needs it as an input, from which its reference is taken. Stateless.
 
 use super::{Effect, Inputs, Reach};
+use crate::inputs::{quad, QuantitySet};
 
-/// Quadrature-nulling voltage of this axis; V.
+/// Quadrature-nulling voltage of this axis, less its reference; V.
 #[derive(Debug, Clone)]
 pub struct Quadrature;
 
@@ -19,8 +20,12 @@ impl Effect for Quadrature {
         Self
     }
 
+    fn reads(_: (), axis: usize) -> QuantitySet {
+        QuantitySet::one(quad(axis))
+    }
+
     #[inline]
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
-        [inputs.recorded.quad_v[inputs.axis]]
+        [inputs.quantities.quad_v(inputs.axis)]
     }
 }

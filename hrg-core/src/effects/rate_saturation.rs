@@ -33,7 +33,6 @@ impl Effect for RateSaturation {
 mod tests {
     use super::*;
     use crate::bias::{Scaling, State};
-    use crate::effects::Recorded;
     use crate::thermal::{AxisThermal, Thermal};
     use crate::AXES;
 
@@ -49,7 +48,7 @@ mod tests {
         };
         let thermal = Thermal { axes: [AxisThermal { state, known: true, age: 0, settled: true }; AXES], time_s: 1.0 };
         let mut effect = RateSaturation::new(Ramp { ramp_c_per_min: 0.5 }, 1.0);
-        effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis: 0, recorded: Recorded::NONE })[0]
+        effect.step(&Inputs { scaling: &scaling, thermal: &thermal, axis: 0, quantities: &crate::inputs::Quantities::NONE })[0]
     }
 
     #[test]

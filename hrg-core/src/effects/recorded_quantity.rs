@@ -1,32 +1,20 @@
-//! `recorded-quantity`: a quantity that only a recording has, less its first value: q, q^2, q times normalised temperature, and q
-//! behind lags of 300, 1500 and 6000 s. The parameter `channel` says which one: 0 the board's temperature, 1 the supply, 2 to 4
-//! the drives of x, y, z, 5 to 7 their quadrature voltages. State: the first value and the lagged ones.
+//! `recorded-quantity`: an input q, less its reference: q, q^2, q times normalised temperature, and q
+//! behind lags of 300, 1500 and 6000 s, which start in equilibrium. The parameter `channel` is the number of the quantity
+//! ([`crate::inputs::NAMES`]): 0 the board's temperature, 1 the supply, 2 to 4 the drives of x, y, z, 5 to 7 their quadrature voltages.
+//! State: the lagged values. Source: Zhou 2025 (Micromachines 16(4) 357), whose regressors are drive, quadrature voltage and their past.
 
 use super::parameters::Channel;
-use super::{lag_share, Effect, Inputs, Reach, Recorded};
+use super::{lag_share, Effect, Inputs, Reach, Span};
+use crate::inputs::{Quantities, QuantitySet};
 
 const TAUS_S: [f32; 3] = [300.0, 1500.0, 6000.0];
 
-/// Curves and lags of a recorded quantity.
+/// Curves and lags of an input.
 #[derive(Debug, Clone)]
 pub struct RecordedQuantity {
-    channel: usize,
+    channel: u8,
     share: [f32; 3],
-    first: f32,
     state: [f32; 3],
-}
-
-
-impl RecordedQuantity {
-    fn value(&self, r: &Recorded) -> f32 {
-        match self.channel {
-            0 => r.board_c,
-            1 => r.supply_v,
-            k @ 2..=4 => r.drive_v[k - 2],
-            k @ 5..=7 => r.quad_v[k - 5],
-            _ => f32::NAN,
-        }
-    }
 }
 
 impl Effect for RecordedQuantity {
@@ -38,27 +26,37 @@ impl Effect for RecordedQuantity {
     type Regressors = [f32; 6];
 
     fn new(p: Channel, step_s: f32) -> Self {
-        Self {
-            channel: p.channel as usize,
-            share: TAUS_S.map(|tau| lag_share(step_s, tau)),
-            first: f32::NAN,
-            state: [0.0; 3],
-        }
+        Self { channel: p.channel as u8, share: TAUS_S.map(|tau| lag_share(step_s, tau)), state: [f32::NAN; 3] }
+    }
+
+    fn reads(p: Channel, _: usize) -> QuantitySet {
+        QuantitySet::one(p.channel as u8)
+    }
+
+    fn memory(&mut self) -> &mut [f32] {
+        &mut self.state
+    }
+
+    fn span(_: Channel) -> Span {
+        Span::Time(TAUS_S[2])
+    }
+
+    fn stand_at(&mut self, quantities: &Quantities) {
+        self.state = [quantities.get(self.channel); 3];
     }
 
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 6] {
-        let q = self.value(&inputs.recorded);
-        if self.first.is_nan() {
-            self.first = q;
-        }
-        let d = q - self.first;
-        if d.is_nan() {
+        let q = inputs.quantities.get(self.channel);
+        if q.is_nan() {
             return [f32::NAN; 6];
         }
-        for k in 0..3 {
-            self.state[k] += self.share[k] * (d - self.state[k]);
+        for (state, share) in self.state.iter_mut().zip(self.share) {
+            if state.is_nan() {
+                *state = q;
+            }
+            *state += share * (q - *state);
         }
         let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
-        [d, d * d, d * u, self.state[0], self.state[1], self.state[2]]
+        [q, q * q, q * u, self.state[0], self.state[1], self.state[2]]
     }
 }

@@ -15,7 +15,7 @@ pub struct ThermometerError {
 impl Effect for ThermometerError {
     const NAME: &'static str = "thermometer-error";
     const ID: u16 = 39;
-    const REACH: Reach = Reach::NeedsInput("case sensors");
+    const REACH: Reach = Reach::NeedsChamber("case sensors");
 
     type Parameters = Lag;
     type Regressors = [f32; 2];
@@ -25,7 +25,7 @@ impl Effect for ThermometerError {
     }
 
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 2] {
-        let case = inputs.recorded.case_c[inputs.axis];
+        let case = inputs.quantities.case_c(inputs.axis);
         if case.is_nan() {
             return [f32::NAN; 2];
         }
@@ -33,7 +33,7 @@ impl Effect for ThermometerError {
             self.case_c = case;
         }
         self.case_c += self.share * (case - self.case_c);
-        let d = inputs.own_c() - self.case_c;
+        let d = inputs.own_c() - inputs.scaling.t_ref_c - self.case_c;
         let (_, u) = inputs.scaling.u_and_inside(inputs.own_c());
         [d, d * u]
     }

@@ -24,7 +24,7 @@ pub struct Timebase {
 impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
-    const REACH: Reach = Reach::NeedsInput("case_c");
+    const REACH: Reach = Reach::NeedsChamber("case_c");
 
     type Parameters = Lag;
     type Regressors = [f32; 1];
@@ -37,7 +37,7 @@ impl Effect for Timebase {
     fn step(&mut self, inputs: &Inputs<'_>) -> [f32; 1] {
         let mut sum = 0.0;
         for axis in 0..AXES {
-            let now = inputs.recorded.case_c[axis];
+            let now = inputs.quantities.case_c(axis);
             let state = &mut self.case_c[axis];
             if state.is_nan() {
                 *state = now;
@@ -45,7 +45,7 @@ impl Effect for Timebase {
             if !now.is_nan() {
                 *state += self.share * (now - *state);
             }
-            sum += inputs.other_c(axis) - *state;
+            sum += inputs.other_c(axis) - inputs.scaling.t_ref_c - *state;
         }
         [sum * (PPM_PER_C / AXES as f32)]
     }

@@ -51,6 +51,8 @@ impl Message {
             Self::Align(command) => put(w, &[0x82], &layouts::Align::of(*command)),
             Self::Maintain(command) => write_command(command, w),
             Self::Maintained(reply) => write_reply(reply, w),
+            Self::Inputs(values) => put(w, &[0x84], values),
+            Self::InputsUsed(used) => put(w, &[0x06], used),
         }
     }
 
@@ -72,6 +74,7 @@ impl Message {
                 }
                 _ => return None,
             }),
+            0x06 => Self::InputsUsed(take(r)?),
             _ => return None,
         })
     }
@@ -100,6 +103,7 @@ impl Message {
                 7 => C::Newest,
                 _ => return None,
             }),
+            0x84 => Self::Inputs(take(r)?),
             _ => return None,
         })
     }
@@ -110,8 +114,8 @@ impl Message {
     /// [`LinkError`] says what is wrong; nothing of the frame is used.
     pub fn decode(frame: &[u8]) -> Result<Self, LinkError> {
         Self::decode_with(frame, |kind, r| match kind {
-            0x01..=0x05 => Some(Self::read_report(kind, r)),
-            0x80..=0x83 => Some(Self::read_command(kind, r)),
+            0x01..=0x06 => Some(Self::read_report(kind, r)),
+            0x80..=0x84 => Some(Self::read_command(kind, r)),
             _ => None,
         })
     }

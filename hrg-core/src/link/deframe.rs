@@ -20,7 +20,7 @@ impl Deframer {
     /// The same for a unit, which knows nothing but commands: what units say is of an unknown type.
     pub fn push_command(&mut self, byte: u8) -> Option<Result<Message, LinkError>> {
         self.push_with(byte, |frame| {
-            Message::decode_with(frame, |kind, r| matches!(kind, 0x80..=0x83).then(|| Message::read_command(kind, r)))
+            Message::decode_with(frame, |kind, r| matches!(kind, 0x80..=0x84).then(|| Message::read_command(kind, r)))
         })
     }
 

@@ -10,8 +10,9 @@
 //! assert_eq!((rates.name, rates.meaning), ("rate_dph", "corrected rates, deg/h"));
 //! ```
 
-use super::{Housekeeping, Identity};
+use super::{Housekeeping, Identity, InputsUsed};
 use crate::align_mode;
+use crate::inputs::{InputValues, IN_MESSAGE, QUANTITIES};
 use crate::maintenance::CHUNK;
 use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
@@ -77,6 +78,16 @@ layout! { align_mode::Report {
     drift_dph: [f32; 2], "drifts, deg/h";
     drift_std_dph: [f32; 2], "their standard deviations, deg/h";
     integrity: f32, "check of the two positions, chi-square; NaN: none";
+} }
+
+layout! { InputsUsed {
+    step: u32, "number of the model step";
+    values: [f32; QUANTITIES], "values by number of the quantity, in its unit; NaN where there was none";
+} }
+
+layout! { InputValues {
+    numbers: [u8; IN_MESSAGE], "numbers of the quantities; 255: none stands here";
+    values: [f32; IN_MESSAGE], "their values, in their units";
 } }
 
 /// Fields of [`super::Message::SetDecimation`].
@@ -186,6 +197,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "alignment", lead: &[0x04], fields: align_mode::Report::FIELDS },
     Table { name: "maintained: answer", lead: &[0x05, 0], fields: Answer::FIELDS },
     Table { name: "maintained: data", lead: &[0x05, 1], fields: Data::FIELDS },
+    Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
     Table { name: "align", lead: &[0x82], fields: Align::FIELDS },
@@ -197,4 +209,5 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: read", lead: &[0x83, 5], fields: Read::FIELDS },
     Table { name: "maintain: restart", lead: &[0x83, 6], fields: &[] },
     Table { name: "maintain: newest", lead: &[0x83, 7], fields: &[] },
+    Table { name: "inputs", lead: &[0x84], fields: InputValues::FIELDS },
 ];

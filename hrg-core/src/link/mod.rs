@@ -23,6 +23,7 @@ pub use deframe::Deframer;
 use crate::align_mode;
 use crate::compensator::Output;
 use crate::frequency::StepFrequencies;
+use crate::inputs::{InputValues, QUANTITIES};
 use crate::maintenance;
 use crate::rate_path::{RateFrame, Summary};
 use crate::reset::ResetCause;
@@ -175,6 +176,21 @@ impl Identity {
     }
 }
 
+/// Inputs that came in in time for a model step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InputsUsed {
+    /// Number of the model step.
+    pub step: u32,
+    /// Values by number ([`crate::inputs::NAMES`]), each in its unit; NaN where there was none.
+    pub values: [f32; QUANTITIES],
+}
+
+impl Default for InputsUsed {
+    fn default() -> Self {
+        Self { step: 0, values: [f32::NAN; QUANTITIES] }
+    }
+}
+
 /// Every message of the link.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Message {
@@ -196,6 +212,10 @@ pub enum Message {
     Maintain(maintenance::Command),
     /// Unit to host: the reply to that.
     Maintained(maintenance::Reply),
+    /// Host to unit: inputs beside the frequencies, about once a second.
+    Inputs(InputValues),
+    /// Unit to host: the inputs that a model step has used, each second once any has come.
+    InputsUsed(InputsUsed),
 }
 
 /// Why bytes are not a message.
@@ -251,7 +271,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 22] {
+    fn messages() -> [Message; 24] {
         [
             Message::Rate(
                 RateFrame {
@@ -303,6 +323,8 @@ mod tests {
             Message::Maintain(maintenance::Command::Newest),
             Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
             Message::Maintained(maintenance::Reply::Data { page: 32, offset: 0, data: [9; maintenance::CHUNK] }),
+            Message::Inputs(InputValues::of([(2, 2.25), (5, -0.5)])),
+            Message::InputsUsed(InputsUsed { step: 7, values: [0.5; QUANTITIES] }),
         ]
     }
 

@@ -4,6 +4,7 @@ use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
+use hrg_core::inputs::QuantitySet;
 use hrg_core::parts::{self, Parts};
 use hrg_core::status::UnitStatus;
 use hrg_core::timebase::Timebase;
@@ -149,7 +150,8 @@ pub fn run(
     let sensors = steps.thermometer == Thermometer::Sensors;
     let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
-        .with_faults(options.faults.clone());
+        .with_faults(options.faults.clone())
+        .with_inputs(if parts.contains(Parts::INPUTS) { steps.unit_inputs } else { QuantitySet::empty() });
     let wires = match &options.accelerations {
         Some((start, increments)) => wires.with_accelerations(*start, increments.clone()),
         None => wires,

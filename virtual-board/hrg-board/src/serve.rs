@@ -75,7 +75,9 @@ pub fn serve(
     let flash = options.folder.join("flash.bin");
     let used = calibration.cloned().unwrap_or_else(Calibration::uncalibrated);
     let scale = used.scale_factors_dph_per_code();
-    let wires = Wires::new(steps.clone(), scale, 20e-9, 1, None, Some(Decoder::new(elf)?)).live();
+    let wires = Wires::new(steps.clone(), scale, 20e-9, 1, None, Some(Decoder::new(elf)?))
+        .live()
+        .with_inputs(steps.unit_inputs);
     let mut board = Board::new(elf, wires)?;
     match (calibration, std::fs::read(&flash)) {
         (Some(c), _) => {

@@ -6,12 +6,13 @@
 use hrg_align::linear::Linear;
 use hrg_align::session::Session;
 use hrg_core::adc::{Dialogue, WORDS};
-use hrg_core::align_mode::{AlignMode, NotBuiltIn};
+use hrg_core::align_mode::{AlignMode, Command, NotBuiltIn};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::history::{History, Settling};
-use hrg_core::link::{Deframer, Identity, Message};
+use hrg_core::inputs::InputBank;
+use hrg_core::link::{Deframer, Identity, InputsUsed, Message};
 use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
 use hrg_core::rate_output::RateOutput;
@@ -49,18 +50,23 @@ pub struct Twin {
     adc: Dialogue,
     /// Temperature sensors in the place of resonators, and their last second.
     sensors: Option<(SensorBank, Option<Window>)>,
+    /// Inputs beside the frequencies, where the firmware takes them.
+    inputs: Option<InputBank>,
     output: RateOutput,
     telemetry: Telemetry<Box<dyn AlignMode + Send>>,
     now: u64,
     steps: VecDeque<(StepFrequencies, Output, pps::Report)>,
     link: VecDeque<(u64, u8)>,
     deframer: Deframer,
+    commands: Vec<Command>,
     /// Reports of an alignment that the unit owes.
     pub alignment: VecDeque<Message>,
     /// Rate frames that the unit owes.
     pub rates: VecDeque<Message>,
     /// Housekeeping that the unit owes.
     pub housekeeping: VecDeque<Message>,
+    /// Messages of the inputs used that the unit owes.
+    pub inputs_used: VecDeque<Message>,
 }
 
 impl Twin {
@@ -99,15 +105,18 @@ impl Twin {
             },
             adc: Dialogue::default(),
             sensors: None,
+            inputs: parts.contains(Parts::INPUTS).then(InputBank::default),
             output: RateOutput::new(path, start_status),
             telemetry: Telemetry::new(session, timebase, identity, start_status),
             link: VecDeque::new(),
             deframer: Deframer::default(),
+            commands: Vec::new(),
             alignment: VecDeque::new(),
             now: 0,
             steps: VecDeque::new(),
             rates: VecDeque::new(),
             housekeeping: VecDeque::new(),
+            inputs_used: VecDeque::new(),
         }
     }
 
@@ -146,6 +155,15 @@ impl Twin {
                 if let Some((_, window)) = &mut self.sensors {
                     step = with_readings(step, window.take().as_ref(), &Platinum::PT1000);
                 }
+                self.hear();
+                if let Some(bank) = &mut self.inputs {
+                    let values = bank.step();
+                    either!(&mut self.model, m => m.set_inputs(values));
+                    if bank.any() {
+                        let used = InputsUsed { step: step.step, values: *values.values() };
+                        self.inputs_used.push_back(Message::InputsUsed(used));
+                    }
+                }
                 let Stepped { output, .. } = either!(&mut self.model, m => m.step(&step));
                 self.output.set_bias(PendingBias::new(self.timebase, &step, &output));
                 self.steps.push_back((step, output, report));
@@ -170,14 +188,24 @@ impl Twin {
         self.link.push_back((cycles, byte));
     }
 
-    /// The commands of an alignment that have arrived by now.
-    fn commands(&mut self) {
+    /// The messages that have arrived by now: inputs count at once, the commands of an alignment wait for the second's end.
+    fn hear(&mut self) {
         while let Some(&(_, byte)) = self.link.front().filter(|(at, _)| at / CYCLES_PER_TICK <= self.now) {
             self.link.pop_front();
-            if let Some(Ok(Message::Align(command))) = self.deframer.push(byte) {
-                if let Some(trim) = self.telemetry.align(command) {
-                    either!(&mut self.model, m => m.set_trim(trim));
-                }
+            match self.deframer.push(byte) {
+                Some(Ok(Message::Align(command))) => self.commands.push(command),
+                Some(Ok(Message::Inputs(values))) => self.inputs.iter_mut().for_each(|bank| bank.receive(&values)),
+                _ => {}
+            }
+        }
+    }
+
+    /// The commands of an alignment that have arrived by now.
+    fn commands(&mut self) {
+        self.hear();
+        for command in std::mem::take(&mut self.commands) {
+            if let Some(trim) = self.telemetry.align(command) {
+                either!(&mut self.model, m => m.set_trim(trim));
             }
         }
     }

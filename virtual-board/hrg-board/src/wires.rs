@@ -3,7 +3,8 @@
 use crate::twin::Twin;
 use hrg_align::session::ACCELEROMETER_SCALE;
 use hrg_core::align_mode::Report;
-use hrg_core::link::{Deframer, Housekeeping, Message};
+use hrg_core::inputs::{InputValues, QuantitySet, IN_MESSAGE};
+use hrg_core::link::{Deframer, Housekeeping, InputsUsed, Message};
 use hrg_core::rate_path::RateFrame;
 use hrg_data::log::Decoder;
 use hrg_data::recording::steps::Steps;
@@ -89,6 +90,8 @@ pub struct Received {
     pub housekeeping: Vec<Housekeeping>,
     /// Each second of an alignment.
     pub alignment: Vec<Report>,
+    /// Inputs that each model step has used.
+    pub inputs_used: Vec<InputsUsed>,
     /// Other messages.
     pub other: Vec<Message>,
     /// Frames that could not be read.
@@ -103,6 +106,19 @@ pub struct Received {
     pub log: Vec<String>,
     /// The log as the debug probe reads it.
     pub log_bytes: Vec<u8>,
+}
+
+/// The gyros' electronics, which send what they know once a second.
+#[derive(Debug, Clone, Default)]
+struct Electronics {
+    /// Quantities that they send.
+    sent: QuantitySet,
+    /// The next second to be sent.
+    second: usize,
+    /// Bytes on their way, each with its time in cycles.
+    bytes: VecDeque<(u64, u8)>,
+    /// Some of a second's bytes are out.
+    in_frame: bool,
 }
 
 /// Cycles that a byte takes on the wire: ten bits at 921600 baud.
@@ -151,6 +167,7 @@ pub struct Wires {
     frames_out: u32,
     invalid: bool,
     link_at: usize,
+    inputs: Electronics,
     mishaps: usize,
     pulses: u32,
     /// Bytes that wait to come in, and when the last one came.
@@ -207,6 +224,7 @@ impl Wires {
             frames_out: 0,
             invalid: false,
             link_at: 0,
+            inputs: Electronics::default(),
             mishaps: 0,
             pulses: 0,
             coming: VecDeque::new(),
@@ -278,6 +296,41 @@ impl Wires {
         self
     }
 
+    /// With electronics that send the inputs of the recording, in the middle of each second.
+    #[must_use]
+    pub fn with_inputs(mut self, sent: QuantitySet) -> Self {
+        self.inputs.sent = sent;
+        self
+    }
+
+    /// The next byte that the electronics send, and when.
+    fn next_input_byte(&mut self) -> Option<(u64, u8)> {
+        // (One line: what a host says goes first, and no frame into another.)
+        if !self.inputs.in_frame && !self.coming.is_empty() {
+            return None;
+        }
+        while self.inputs.bytes.is_empty() {
+            if self.inputs.sent.is_empty() || self.inputs.second >= self.steps.len() {
+                return None;
+            }
+            let row = self.steps.recorded(self.inputs.second);
+            let there: Vec<u8> = self.inputs.sent.numbers().filter(|n| row.get(*n).is_finite()).collect();
+            let mut at = (2 * self.inputs.second as u64 + 1) * CPU_HZ / 2;
+            for numbers in there.chunks(IN_MESSAGE) {
+                let values = InputValues::of(numbers.iter().map(|n| (*n, row.get(*n))));
+                for byte in Message::Inputs(values).encode() {
+                    self.inputs.bytes.push_back((at, byte));
+                    at += BYTE_CYCLES;
+                }
+            }
+            self.inputs.second += 1;
+        }
+        let (at, byte) = *self.inputs.bytes.front()?;
+        // A live board asks again: what is said meanwhile comes first.
+        let due = self.out.is_none() || self.inputs.in_frame || at < self.now + CPU_HZ / 100;
+        due.then(|| (at.max(self.last_byte + BYTE_CYCLES), byte))
+    }
+
     /// With accelerometers: from a time (s) on, increments of velocity (m/s) second by second.
     #[must_use]
     pub fn with_accelerations(mut self, start_s: f64, increments: Vec<[f64; 2]>) -> Self {
@@ -290,6 +343,7 @@ impl Wires {
         let queue = match message {
             Message::Rate(_) => &mut twin.rates,
             Message::Alignment(_) => &mut twin.alignment,
+            Message::InputsUsed(_) => &mut twin.inputs_used,
             _ => &mut twin.housekeeping,
         };
         let Some(expected) = queue.pop_front() else {
@@ -433,13 +487,25 @@ impl World for Wires {
     }
 
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
-        let Some(&(t, byte)) = self.faults.link_in.get(self.link_at) else {
-            let byte = self.coming.pop_front()?;
-            self.last_byte = (self.last_byte + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
-            return Some((self.last_byte, byte));
+        let planned = self.faults.link_in.get(self.link_at).map(|(t, byte)| ((t * CPU_HZ as f64) as u64, *byte));
+        let input = self.next_input_byte();
+        let (at, byte) = match (planned, input) {
+            (None, None) => {
+                let byte = self.coming.pop_front()?;
+                self.last_byte = (self.last_byte + BYTE_CYCLES).max(self.now + BYTE_CYCLES);
+                return Some((self.last_byte, byte));
+            }
+            (Some(planned), input) if input.is_none_or(|input| planned.0 < input.0) => {
+                self.link_at += 1;
+                planned
+            }
+            (planned, input) => {
+                self.inputs.bytes.pop_front();
+                self.inputs.in_frame = !self.inputs.bytes.is_empty();
+                self.last_byte = input.or(planned)?.0;
+                input.or(planned)?
+            }
         };
-        self.link_at += 1;
-        let at = (t * CPU_HZ as f64) as u64;
         if let Some(twin) = &mut self.observers.twin {
             twin.link_in(at, byte);
         }
@@ -516,6 +582,10 @@ impl World for Wires {
                     Message::Alignment(report) => {
                         self.compare(&message);
                         self.received.alignment.push(report);
+                    }
+                    Message::InputsUsed(used) => {
+                        self.compare(&message);
+                        self.received.inputs_used.push(used);
                     }
                     other => self.received.other.push(other),
                 },

@@ -64,6 +64,9 @@ pub enum FileError {
     /// An effect that this program does not have.
     #[error("effect \"{0}\" is not known to this program")]
     UnknownEffect(String),
+    /// An input that this program does not have.
+    #[error("input \"{0}\" is not known to this program")]
+    UnknownInput(String),
     /// An effect with another number of gains than it has regressors.
     #[error("effect {effect}: axis {axis} needs {count} gains")]
     Gains {

@@ -34,6 +34,11 @@ const START: &str = "start";
 /// Errors of the accelerometers.
 const ACCELEROMETERS: &str = "accelerometers";
 
+/// The inputs beside the frequencies.
+const INPUT: &str = "input";
+/// Field of an input that stands in the file as a name.
+const QUANTITY: &str = "quantity";
+
 /// Checksums are written in hexadecimal.
 fn is_checksum(name: &str) -> bool {
     name.ends_with("_crc32")

@@ -1,12 +1,17 @@
 //! Reads the text of a calibration.
 
-use super::{is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
+use super::{
+    is_checksum, FileError, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START,
+    VERSION,
+};
 use crate::axes::AXIS_NAMES;
+use crate::recording::columns;
 use hrg_core::bias::four_parameter::FourParameter;
 use hrg_core::bias::{Coefficients, TERMS};
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty, DIRECTIONS};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::half::Half;
+use hrg_core::inputs::{self, Input};
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Format, Layout, Number};
 use hrg_core::visited::Visited;
@@ -180,6 +185,17 @@ fn read_effect(table: &Table) -> Result<EffectTerm, FileError> {
     Ok(term)
 }
 
+fn read_input(table: &Table) -> Result<Input, FileError> {
+    let name = table.get("name").and_then(Value::as_str).unwrap_or("");
+    let known = inputs::NAMES.iter().position(|n| columns::today(n) == columns::today(name));
+    let number = known.ok_or_else(|| FileError::UnknownInput(name.into()))?;
+    let mut table = table.clone();
+    table.insert(QUANTITY.into(), Value::Integer(number as i64));
+    let mut input = Input::default();
+    fill(&mut input, &table, &format!("input {name}"))?;
+    Ok(input)
+}
+
 /// Reads the file's text.
 ///
 /// # Errors
@@ -213,6 +229,10 @@ pub fn from_text(text: &str) -> Result<Calibration, FileError> {
     let effects = file.get("effect").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     for e in effects.iter().filter_map(Value::as_table) {
         c.effects.push(read_effect(e)?).map_err(|_| FileError::TooManyEffects)?;
+    }
+    let inputs = file.get(INPUT).and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    for i in inputs.iter().filter_map(Value::as_table) {
+        c.inputs.push(read_input(i)?).map_err(|_| FileError::UnknownInput("more than there are".into()))?;
     }
     if let Some(given) = file.get(ACCELEROMETERS).and_then(Value::as_table) {
         fill(&mut c.accelerometers, given, &format!("[{ACCELEROMETERS}]"))?;

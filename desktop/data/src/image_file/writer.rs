@@ -1,13 +1,17 @@
 //! Writes a calibration as text.
 
-use super::{is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, REST, SENSOR, START, VERSION};
+use super::{
+    is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START, VERSION,
+};
 use crate::axes::AXIS_NAMES;
+use crate::recording::columns;
 use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::layouts::MODELS;
 use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};
 use hrg_core::effects::{by_id, MAX_OUTPUTS};
 use hrg_core::half::Half;
+use hrg_core::inputs::{self, Input};
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{Field, Format, Layout, Number};
 use hrg_core::visited::Visited;
@@ -25,6 +29,7 @@ const HEAD: &str = "\
 # constant that changes with each power-on.
 # visited_levels: for each eighth of the temperatures of the fit, the lowest (bits 0 to 3) and highest (4 to 7) of 16 levels of its ramps
 # that were visited there; beyond them the unit flags extrapolated, and unvisited_dph2 comes on top of the variance.
+# input: what the effects need beside the frequencies; they count it from its reference and within its range.
 # block_crc32 is the checksum of the binary image: a number changed by hand no longer matches.
 ";
 
@@ -164,6 +169,13 @@ fn effect_item(e: &EffectTerm) -> Option<Item> {
     Some(Item::Table(out))
 }
 
+/// An input, by the name of its column.
+fn input_item(i: &Input) -> Option<Item> {
+    let name = columns::today(inputs::NAMES.get(usize::from(i.quantity))?);
+    let others = entries(i).into_iter().filter(|(key, _)| key != QUANTITY);
+    Some(Item::Table(std::iter::once(("name".to_string(), Item::Text(name.into()))).chain(others).collect()))
+}
+
 fn uncertainty_entries(u: &Uncertainty) -> Vec<(String, Item)> {
     if *u == Uncertainty::default() {
         return Vec::new();
@@ -187,6 +199,10 @@ pub fn to_text(c: &Calibration) -> String {
     let effects: Vec<Item> = c.effects.iter().filter_map(effect_item).collect();
     if !effects.is_empty() {
         file.push(("effect".into(), Item::Row(effects)));
+    }
+    let inputs: Vec<Item> = c.inputs.iter().filter_map(input_item).collect();
+    if !inputs.is_empty() {
+        file.push((INPUT.into(), Item::Row(inputs)));
     }
     if c.accelerometers != Accelerometers::IDEAL {
         file.push((ACCELEROMETERS.into(), Item::Table(entries(&c.accelerometers))));

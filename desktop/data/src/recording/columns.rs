@@ -97,6 +97,11 @@ columns! {
         "no", "drive voltage of the amplitude control";
     QUADRATURE: axes!("quad_", "_v"), "V", Format::Digits(4), Role::Optional,
         "no", "voltage that nulls the quadrature";
+    CHIP: &["chip_c"], "C", Format::Digits(4), Role::Optional, "no", "temperature of the unit's processor";
+    CHIP_SUPPLY: &["chip_v"], "V", Format::Digits(4), Role::Optional, "no", "supply of the unit's processor";
+    INPUT_1: &["input_1"], "as it comes", Format::Exact, Role::Optional, "no", "first input of the user's own";
+    INPUT_2: &["input_2"], "as it comes", Format::Exact, Role::Optional, "no", "second input of the user's own";
+    INPUT_3: &["input_3"], "as it comes", Format::Exact, Role::Optional, "no", "third input of the user's own";
     TABLE_RATE: axes!("table_rate_", "_dph"), "deg/h", Format::Digits(5), Role::Optional,
         "for `hrg fit --rates`, or `# table_rate_dph`", "rate at which a table turned the case, along its axes, beside the earth's rate";
     RAW: axes!("raw_", "_dph"), "deg/h", Format::Exact, Role::Computed,

@@ -13,7 +13,7 @@ use hrg_core::AXES;
 pub const EARTH_RATE_DPH: f64 = 15.041_067;
 
 /// Keys with a meaning. Each may stand in a file once, or again with the same value.
-pub const KEYS: [&str; 17] = [
+pub const KEYS: [&str; 18] = [
     "hrg-recording",
     "unit",
     "run",
@@ -31,6 +31,7 @@ pub const KEYS: [&str; 17] = [
     TABLE_RATE,
     AT_REST,
     STANDS_FOR,
+    UNIT_INPUTS,
 ];
 
 /// Key of the scale factor.
@@ -44,6 +45,12 @@ pub const TABLE_RATE: &str = "table_rate_dph";
 
 /// Key of the quantity that stands in the place of the rates, where it is not that of a gyro.
 pub const STANDS_FOR: &str = "rate_stands_for";
+
+/// Key of the quantities beside the frequencies that the unit itself has.
+pub const UNIT_INPUTS: &str = "unit_inputs";
+
+/// Value of that key for a unit that has none.
+pub const NO_INPUTS: &str = "none";
 
 /// Degrees an hour in a radian a second.
 pub const DPH_PER_RAD_S: f64 = 180.0 / std::f64::consts::PI * 3600.0;

@@ -31,6 +31,7 @@ pub use cleaning::{Cleaned, Defect, Original};
 
 use crate::error::BadInput;
 use crate::numeric::side_by_side;
+use hrg_core::inputs::{self, QuantitySet};
 use hrg_core::AXES;
 use metadata::Attitude;
 use std::path::Path;
@@ -69,6 +70,30 @@ pub struct Recording {
     pub source: String,
     /// Earth rate that was taken off the rates of each axis, deg/h. A file holds it: [`Recording::to_csv`] adds it again.
     pub earth_rate_dph: Option<[f64; 3]>,
+}
+
+/// Quantities by the names of their columns, with commas between; `none` for none. A name without its axis (`drive`, `drive_?_v`) stands for
+/// all three.
+///
+/// # Errors
+/// A name that is not one of a quantity.
+pub fn inputs_named(listed: &str) -> Result<QuantitySet, BadInput> {
+    let names = listed.split(',').map(str::trim).filter(|n| !n.is_empty() && *n != metadata::NO_INPUTS);
+    names.map(input_named).try_fold(QuantitySet::empty(), |all, one| Ok(all.union(one?)))
+}
+
+fn input_named(name: &str) -> Result<QuantitySet, BadInput> {
+    let found = inputs::NAMES.iter().zip(0..).filter(|(n, _)| {
+        let today = columns::today(n);
+        let pattern = columns::find(today).map_or(String::new(), |(c, _)| c.pattern());
+        today == columns::today(name) || pattern == name || pattern.split("_?").next() == Some(name)
+    });
+    let set = found.map(|(_, k)| QuantitySet::one(k)).fold(QuantitySet::empty(), QuantitySet::union);
+    if set.is_empty() {
+        let known: Vec<&str> = inputs::NAMES.iter().map(|n| columns::today(n)).collect();
+        return Err(BadInput::new(format!("\"{name}\" is not an input; there are {}, or none", known.join(", "))));
+    }
+    Ok(set)
 }
 
 impl Recording {
@@ -153,6 +178,27 @@ impl Recording {
     #[must_use]
     pub fn unit(&self) -> &str {
         self.meta("unit").filter(|n| !names::is_unnamed(n)).unwrap_or(names::NONE)
+    }
+
+    /// Quantities beside the frequencies that the unit itself has, by the metadata `unit_inputs`; without it all but the sensors on the
+    /// cases, which belong to the chamber.
+    ///
+    /// # Errors
+    /// A name that is not one of a quantity.
+    pub fn unit_inputs(&self) -> Result<QuantitySet, BadInput> {
+        let Some(listed) = self.meta(metadata::UNIT_INPUTS) else { return Ok(QuantitySet::CASES.complement()) };
+        inputs_named(listed)
+    }
+
+    /// Sets the quantities beside the frequencies that the unit itself has: names of columns with commas between, or `none`.
+    ///
+    /// # Errors
+    /// A name that is not one of a quantity.
+    pub fn set_unit_inputs(&mut self, listed: &str) -> Result<(), BadInput> {
+        inputs_named(listed)?;
+        self.meta.retain(|(key, _)| key != metadata::UNIT_INPUTS);
+        self.meta.push((metadata::UNIT_INPUTS.to_string(), listed.to_string()));
+        Ok(())
     }
 
     /// Scale factor that made the rates of the ADC's codes, deg/h per code; `None` where the file does not tell.

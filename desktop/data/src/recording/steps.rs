@@ -2,11 +2,11 @@
 
 use crate::error::BadInput;
 use crate::recording::columns;
-use crate::recording::columns::Column;
 use crate::recording::own_columns::OwnColumns;
 use crate::recording::Recording;
 use hrg_core::bias::{Scaling, State};
-use hrg_core::effects::{Inputs, Recorded, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::effects::{Inputs, Running, MAX_OUTPUTS, MAX_PARAMETERS};
+use hrg_core::inputs::{self, Input, InputTable, Quantities, QuantitySet, QUANTITIES};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -40,14 +40,10 @@ pub struct Steps {
     pub case_c: [Vec<f32>; AXES],
     /// Chamber; empty where not recorded.
     pub chamber_c: Vec<f32>,
-    /// Board; empty where not recorded.
-    pub board_c: Vec<f32>,
-    /// Supply; empty where not recorded.
-    pub supply_v: Vec<f32>,
-    /// Drive; empty where not recorded.
-    pub drive_v: [Vec<f32>; AXES],
-    /// Quadrature; empty where not recorded.
-    pub quad_v: [Vec<f32>; AXES],
+    /// Quantities beside the frequencies by number ([`hrg_core::inputs`]); empty where not recorded, NaN where missing.
+    pub quantities: [Vec<f32>; QUANTITIES],
+    /// Those of them that the unit itself has, too.
+    pub unit_inputs: QuantitySet,
 }
 
 /// Seconds of a mean: the field's figure is three sigma of 100 s means.
@@ -87,6 +83,10 @@ impl Steps {
     /// If it has no rows, or spans years.
     pub fn as_seen(r: &Recording) -> Result<(Self, Vec<bool>), BadInput> {
         let (mut steps, index) = Self::on_grid(r)?;
+        for (to, number) in steps.quantities.iter_mut().zip(0..) {
+            let Some(from) = quantity(r, number).filter(|_| !to.is_empty()) else { continue };
+            index.iter().zip(from).filter(|(_, v)| !v.is_finite()).for_each(|(k, _)| to[*k] = f32::NAN);
+        }
         let mut there = vec![false; steps.len()];
         index.iter().for_each(|k| there[*k] = true);
         for (to, from) in steps.frequency_hz.iter_mut().zip(&r.frequency_hz) {
@@ -121,14 +121,23 @@ impl Steps {
             }
             sum.iter().zip(&count).map(|(s, c)| if *c > 0 { s / f64::from(*c) } else { f64::NAN }).collect()
         };
+        let bridged = |v: &[f64]| {
+            let mut b = bin(v);
+            bridge(&mut b);
+            b
+        };
         let held = |name: &str| -> Vec<f32> {
             r.column(name).map_or_else(Vec::new, |v| {
-                let mut b = bin(v);
-                bridge(&mut b);
+                let mut b = bridged(v);
                 dequantise(&mut b);
                 b.into_iter().map(|x| x as f32).collect()
             })
         };
+        // (A unit takes them as they come; only the sensors on the cases are read by the desktop alone.)
+        let mut quantities: [Vec<f32>; QUANTITIES] = std::array::from_fn(|number| {
+            let as_single = |v: &[f64]| bridged(v).into_iter().map(|x| x as f32).collect();
+            quantity(r, number as u8).map_or_else(Vec::new, as_single)
+        });
         // Single seconds without a frequency (a spike taken out), and the seconds between slow rows, are bridged: the
         // states of the model run on.
         let mut frequency_hz = [0, 1, 2].map(|a| bin(&r.frequency_hz[a]));
@@ -138,7 +147,10 @@ impl Steps {
             let half = (0.5 * r.step_s() / step).floor() as usize;
             rate_dph.iter_mut().for_each(|v| spread(v, half));
         }
-        let axis = |column: Column| [0, 1, 2].map(|a| held(column.name(a)));
+        let case_c = [0, 1, 2].map(|a| held(columns::CASE.name(a)));
+        for (a, case) in case_c.iter().enumerate() {
+            quantities[usize::from(inputs::case(a))].clone_from(case);
+        }
         let steps = Self {
             start_s: first,
             power_on_s: r.power_on_s(),
@@ -149,12 +161,10 @@ impl Steps {
             absent: r.absent,
             frequency_hz,
             rate_dph,
-            case_c: axis(columns::CASE),
+            case_c,
             chamber_c: held(columns::CHAMBER.name(0)),
-            board_c: held(columns::BOARD.name(0)),
-            supply_v: held(columns::SUPPLY.name(0)),
-            drive_v: axis(columns::DRIVE),
-            quad_v: axis(columns::QUADRATURE),
+            quantities,
+            unit_inputs: r.unit_inputs()?,
         };
         Ok((steps, index))
     }
@@ -182,19 +192,55 @@ impl Steps {
         [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
     }
 
-    /// Quantities that only the recording has, at a step, for an axis.
+    /// Quantities beside the frequencies at a step.
     #[must_use]
-    pub fn recorded(&self, k: usize) -> Recorded {
-        let at = |v: &[f32]| v.get(k).copied().unwrap_or(f32::NAN);
-        Recorded {
-            case_c: [at(&self.case_c[0]), at(&self.case_c[1]), at(&self.case_c[2])],
-            board_c: at(&self.board_c),
-            supply_v: at(&self.supply_v),
-            drive_v: self.drive_v.each_ref().map(|v| at(v)),
-            quad_v: self.quad_v.each_ref().map(|v| at(v)),
-        }
+    pub fn recorded(&self, k: usize) -> Quantities {
+        Quantities::new(self.quantities.each_ref().map(|v| v.get(k).copied().unwrap_or(f32::NAN)))
     }
 }
+
+/// The column of a recording that holds the quantity with a number.
+fn quantity(r: &Recording, number: u8) -> Option<&[f64]> {
+    r.column(columns::today(inputs::NAMES[usize::from(number)]))
+}
+
+/// The quantities that runs have, each with its reference and its range: those that nine of ten steps of each run have.
+#[must_use]
+pub fn input_table(runs: &[Run]) -> InputTable {
+    let of = |number: u8| {
+        let values = |run: &Run| -> Vec<f32> {
+            run.steps.quantities[usize::from(number)].iter().copied().filter(|v| v.is_finite()).collect()
+        };
+        let each: Vec<Vec<f32>> = runs.iter().map(values).collect();
+        let enough = each.iter().zip(runs).all(|(v, run)| 10 * v.len() > 9 * run.steps.len());
+        if !enough || each.is_empty() {
+            return None;
+        }
+        let all = || each.iter().flatten();
+        let reference = (all().map(|v| f64::from(*v)).sum::<f64>() / all().count() as f64) as f32;
+        let (low, high) = all().fold((reference, reference), |(low, high), v| (low.min(*v), high.max(*v)));
+        let beyond = BEYOND * (high - low);
+        Some(Input {
+            quantity: number,
+            reference,
+            valid_from: low - beyond,
+            valid_to: high + beyond,
+            ..Input::default()
+        })
+    };
+    (0..QUANTITIES as u8).filter_map(of).collect()
+}
+
+/// References of inputs, by number.
+#[must_use]
+pub fn references(inputs: &[Input]) -> [f32; QUANTITIES] {
+    let mut out = [0.0; QUANTITIES];
+    inputs.iter().for_each(|i| out[usize::from(i.quantity)] = i.reference);
+    out
+}
+
+/// A unit uses an input so far beyond the range in which it was learnt, as a share of the range.
+const BEYOND: f32 = 0.1;
 
 /// Lets each value stand for `half` steps on either side of it, where nothing else stands.
 fn spread(values: &mut [f64], half: usize) {
@@ -276,6 +322,8 @@ pub struct Run {
     pub thermal: Vec<Thermal>,
     /// The curves by which the temperatures were made.
     pub curves: [TemperatureCurve; AXES],
+    /// References of the quantities beside the frequencies: what the effects count from.
+    pub references: [f32; QUANTITIES],
     /// Columns of effects of a user's own.
     pub own: Vec<Arc<OwnColumns>>,
 }
@@ -288,7 +336,7 @@ impl Run {
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(curves, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal, curves, own: Vec::new() }
+        Self { steps, thermal, curves, references: [0.0; QUANTITIES], own: Vec::new() }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
@@ -304,12 +352,24 @@ impl Run {
         t.state(a).filter(|_| t.axes[a].age == 0)
     }
 
-    /// Inputs that an effect may read, with the recorded ones; `None` if the axis has no temperature yet.
+    /// Inputs that an effect may read, with the quantities beside the frequencies; `None` if the axis has no temperature yet.
     #[must_use]
-    pub fn inputs<'a>(&'a self, scaling: &'a Scaling, k: usize, a: usize, recorded: Recorded) -> Option<Inputs<'a>> {
+    pub fn inputs<'a>(
+        &'a self,
+        scaling: &'a Scaling,
+        k: usize,
+        a: usize,
+        quantities: &'a Quantities,
+    ) -> Option<Inputs<'a>> {
         let thermal = &self.thermal[k];
         thermal.state(a)?;
-        Some(Inputs { scaling, thermal, axis: a, recorded })
+        Some(Inputs { scaling, thermal, axis: a, quantities })
+    }
+
+    /// Quantities beside the frequencies at a step, as effects see them: each less its reference.
+    #[must_use]
+    pub fn quantities(&self, k: usize) -> Quantities {
+        self.steps.recorded(k).less(&self.references)
     }
 
     /// The columns of an effect of a user's own, if it is one.
@@ -336,7 +396,7 @@ impl Run {
             r.start_on(start);
         }
         (0..self.thermal.len())
-            .map(|k| match (self.inputs(scaling, k, a, self.steps.recorded(k)), &mut running) {
+            .map(|k| match (self.inputs(scaling, k, a, &self.quantities(k)), &mut running) {
                 (Some(i), Some(r)) => r.step(&i),
                 _ => [f32::NAN; MAX_OUTPUTS],
             })

@@ -3,12 +3,13 @@
 use crate::unit::sensors;
 use crate::unit::sensors::Sensors;
 use anyhow::{Context, Result};
-use hrg_core::link::Housekeeping;
+use hrg_core::inputs::{self, QuantitySet, QUANTITIES};
+use hrg_core::link::{Housekeeping, InputsUsed};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
-use hrg_data::recording::metadata::{scale_text, Attitude, SCALE_FACTOR};
+use hrg_data::recording::metadata::{scale_text, Attitude, NO_INPUTS, SCALE_FACTOR, UNIT_INPUTS};
 use hrg_data::recording::names;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -35,6 +36,8 @@ pub struct Second {
     pub on_for_s: f32,
     /// Checksum of the calibration in use.
     pub calibration: u32,
+    /// Inputs beside the frequencies that the second has used, by number; NaN where there was none (a log never tells).
+    pub inputs: [f32; QUANTITIES],
 }
 
 impl From<&Housekeeping> for Second {
@@ -54,6 +57,7 @@ impl From<&Housekeeping> for Second {
             ],
             on_for_s: h.on_for_s,
             calibration: h.calibration,
+            inputs: [f32::NAN; QUANTITIES],
         }
     }
 }
@@ -73,6 +77,7 @@ impl Second {
             status: [0; 4],
             on_for_s: 0.0,
             calibration: 0,
+            inputs: [f32::NAN; QUANTITIES],
         };
         fn three<T: std::str::FromStr>(text: &str) -> Option<[T; 3]> {
             let values: Vec<T> = text.split(',').map(str::parse).collect::<Result<_, _>>().ok()?;
@@ -136,6 +141,11 @@ const COLUMNS: [Written<Second>; 7] = [
 const COLUMNS_OF_SENSORS: [Written<Second>; 6] =
     [(columns::SENSOR, |s, a| s.frequency_hz[a].into()), COLUMNS[1], COLUMNS[3], COLUMNS[4], COLUMNS[5], COLUMNS[6]];
 
+/// Name of the column of an input.
+fn column_of(number: u8) -> &'static str {
+    columns::today(inputs::NAMES[usize::from(number)])
+}
+
 /// A unit records all its axes.
 const EACH_AXIS: [usize; AXES] = [0, 1, 2];
 
@@ -191,6 +201,9 @@ pub struct Recorder {
     file: Option<(std::fs::File, PathBuf)>,
     /// Bytes in it.
     length: u64,
+    /// Inputs of the step that is coming, and those that have a column.
+    used: InputsUsed,
+    inputs: QuantitySet,
     last: Option<Second>,
     /// Milliseconds by which the unit's 32-bit counter has wrapped.
     wrapped_ms: u64,
@@ -219,6 +232,8 @@ impl Recorder {
             of_sensors: false,
             file: None,
             length: 0,
+            used: InputsUsed::default(),
+            inputs: QuantitySet::empty(),
             last: None,
             wrapped_ms: 0,
             power_ons: 0,
@@ -285,8 +300,16 @@ impl Recorder {
                 _ => format!("cannot write {}: {e}", path.display()),
             })
         })?;
+        // (A sensor beside the unit has the column of its name.)
+        let beside = if self.sensors.is_some() { QuantitySet::CASES } else { QuantitySet::empty() };
+        let come = (0..QUANTITIES as u8).filter(|n| second.inputs[usize::from(*n)].is_finite());
+        self.inputs = come.map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union).difference(beside);
+        let names: Vec<&str> = self.inputs.numbers().map(column_of).collect();
         let mut head = self.head.text(second);
+        let listed = if names.is_empty() { NO_INPUTS.to_string() } else { names.join(", ") };
+        let _ = writeln!(head, "# {UNIT_INPUTS}: {listed}");
         head.push_str(&columns::header(self.columns(), &EACH_AXIS));
+        names.iter().for_each(|name| head.extend([",", name]));
         if self.sensors.is_some() {
             sensors::COLUMNS.iter().flat_map(|c| c.names).for_each(|name| head.extend([",", name]));
         }
@@ -309,6 +332,26 @@ impl Recorder {
         }
         self.length += text.len() as u64;
         Ok(())
+    }
+
+    /// Takes the inputs of a model step; its housekeeping comes after it.
+    pub fn take_inputs(&mut self, used: InputsUsed) {
+        self.used = used;
+    }
+
+    /// A second of a unit, with the inputs of its step; and the inputs that have come since the file was opened, and have no column in it.
+    pub fn second(&self, h: &Housekeeping) -> (Second, Vec<&'static str>) {
+        let mut second = Second::from(h);
+        if self.used.step == h.step {
+            second.inputs = self.used.values;
+        }
+        let late = (0..QUANTITIES as u8).filter(|n| {
+            self.file.is_some()
+                && second.inputs[usize::from(*n)].is_finite()
+                && !self.inputs.contains(QuantitySet::one(*n))
+        });
+        let late = late.map(column_of).collect();
+        (second, late)
     }
 
     /// Takes a second. Rates are the raw ones, whatever image the unit runs.
@@ -342,6 +385,9 @@ impl Recorder {
         }
         let _ = write!(row, "{now_s}");
         columns::cells(&mut row, self.columns(), &EACH_AXIS, second);
+        for v in self.inputs.numbers().map(|n| second.inputs[usize::from(n)]) {
+            let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
+        }
         for v in self.sensors.as_mut().map(|s| s.at(now_s)).iter().flatten() {
             let _ = if v.is_finite() { write!(row, ",{v}") } else { write!(row, ",") };
         }
@@ -370,6 +416,7 @@ mod tests {
             bias_std_dph: [f32::NAN; 3],
             status: [0, 8, 0, 1],
             on_for_s: 78.0,
+            inputs: [f32::NAN; QUANTITIES],
             calibration: 0xDEAD_BEEF,
         }
     }

@@ -19,6 +19,7 @@ use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::history::{History, Past};
 use hrg_core::history::{Kept, KEPT_WORDS};
+use hrg_core::inputs::Quantities;
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_factors::Factors;
 use hrg_core::rate_path::PendingBias;
@@ -100,6 +101,11 @@ impl<P: Past> ModelOf<P> {
         self.compensator.resets()
     }
 
+    /// Sets the inputs beside the frequencies for the next step.
+    pub fn set_inputs(&mut self, quantities: Quantities) {
+        self.compensator.set_inputs(quantities);
+    }
+
     /// One model step.
     pub fn step(&mut self, step: &StepFrequencies) -> Stepped {
         if let Some(trim) = self.trim.take() {
@@ -169,6 +175,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
     (0..steps.len())
         .map(|k| {
             let frequency_hz = [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]);
+            model.set_inputs(steps.recorded(k));
             let Stepped { output, held_dph, held_factors, .. } = model.step(&StepFrequencies {
                 step: k as u32,
                 end_ticks: (k as u64 + 1) * ticks,

@@ -9,6 +9,7 @@ pub mod independence;
 use crate::thermometer::curve;
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
+use hrg_core::inputs::InputTable;
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
@@ -17,7 +18,7 @@ use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::recording::facts;
 use hrg_data::recording::names;
 use hrg_data::recording::resonators::named;
-use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::steps::{input_table, references, Run, Steps};
 use hrg_data::recording::Recording;
 use independence::Units;
 
@@ -36,6 +37,8 @@ pub struct Prepared {
     pub runs: Vec<Run>,
     /// Curves, scaling and ranges; no bias yet.
     pub calibration: Calibration,
+    /// Quantities beside the frequencies that the runs have, with reference and range.
+    pub inputs: InputTable,
     /// Remarks for the user.
     pub notes: Vec<String>,
     /// Time constant by which each resonator follows its sensor, s (0: not identified).
@@ -146,7 +149,9 @@ pub fn prepare_with(
         .fold(0.0f32, |m, r| m.max(r.abs()));
     calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
     visit(&mut calibration, &runs);
-    Ok(Prepared { runs, calibration, notes, lag_s, fastest })
+    let inputs = input_table(&runs);
+    runs.iter_mut().for_each(|run| run.references = references(&inputs));
+    Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest })
 }
 
 /// Puts the curves of resonators into an image that was identified on temperatures (predicted ones, as zhao2022 has them, or those of

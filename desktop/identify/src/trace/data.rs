@@ -3,7 +3,8 @@
 use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
-use hrg_core::effects::{EffectId, Facts, Reach, Recorded, Running, MAX_OUTPUTS};
+use hrg_core::effects::{self, EffectId, Facts, Running, MAX_OUTPUTS};
+use hrg_core::inputs::{Quantities, QuantitySet};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
@@ -21,6 +22,8 @@ pub struct Candidate {
     pub run: Option<usize>,
     /// State at the begin of each run, for an effect that remembers the path of the temperature.
     pub starts: Starts,
+    /// Set if it needs a quantity that the unit does not have.
+    pub lacks: bool,
 }
 
 /// State of an effect that remembers the path of the temperature at the begin of each run ([`hrg_core::effects::Effect::start_on`]): on
@@ -85,7 +88,21 @@ impl Starts {
 impl Candidate {
     /// A candidate that is there in every run.
     pub fn new(effect: EffectId, parameters: ParameterRow) -> Self {
-        Self { facts: effect.facts(), parameters, run: None, starts: Starts::default() }
+        let facts = effect.facts();
+        let lacks = facts.reach.needs().is_some();
+        Self { facts, parameters, run: None, starts: Starts::default(), lacks }
+    }
+
+    /// The same, in a unit that has these quantities beside the frequencies.
+    pub fn on_unit_with(self, unit: QuantitySet) -> Self {
+        Self { lacks: self.lacks && !unit.contains(self.reads()), ..self }
+    }
+
+    /// The quantities that it reads beside the frequencies.
+    pub fn reads(&self) -> QuantitySet {
+        (0..AXES)
+            .map(|a| effects::reads(self.facts.id, &self.parameters, a))
+            .fold(QuantitySet::empty(), QuantitySet::union)
     }
 
     /// The same, standing there when the runs begin, if it remembers the path of the temperature.
@@ -99,7 +116,7 @@ impl Candidate {
 
     /// `true` if an image can hold it: a unit can compute it, and it does not belong to one run.
     pub fn on_unit(&self) -> bool {
-        self.facts.reach == Reach::Unit && self.run.is_none()
+        self.facts.reach.on_unit() && !self.lacks && self.run.is_none()
     }
 }
 
@@ -281,7 +298,7 @@ impl<'a> Data<'a> {
         let every = if exact { 1 } else { self.coarse_s };
         let outputs = c.facts.outputs;
         // Looking up what nobody asks for would take half the time.
-        let recorded = matches!(c.facts.reach, Reach::NeedsInput(_));
+        let recorded = c.facts.reach.needs().is_some();
         let mut all: Vec<[f64; MAX_OUTPUTS]> = Vec::new();
         for (number, (run, &n)) in self.runs.iter().zip(&self.blocks).enumerate() {
             let own = run.own_columns(c.facts.id, &c.parameters);
@@ -300,8 +317,8 @@ impl<'a> Data<'a> {
                 let (mut sum, mut count) = ([0.0; MAX_OUTPUTS], 0.0);
                 for k in (b * self.block_s..(b + 1) * self.block_s).step_by(every) {
                     let at = k + every / 2;
-                    let recorded = if recorded { run.steps.recorded(at) } else { Recorded::NONE };
-                    let Some(inputs) = run.inputs(&self.scaling, at, a, recorded) else {
+                    let quantities = if recorded { run.quantities(at) } else { Quantities::NONE };
+                    let Some(inputs) = run.inputs(&self.scaling, at, a, &quantities) else {
                         continue;
                     };
                     let x = match (&mut running, own) {
@@ -334,7 +351,7 @@ impl<'a> Data<'a> {
             for column in &mut out {
                 let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
                 // Absolute levels (a drive voltage) are no matter: the baseline has a constant.
-                if missing == 0 && c.facts.reach != Reach::Unit && c.run.is_none() {
+                if missing == 0 && !c.on_unit() && c.run.is_none() {
                     column.iter_mut().for_each(|v| *v -= mean);
                 }
             }
@@ -376,10 +393,12 @@ impl<'a> Data<'a> {
     /// The library: every effect with the values of its parameters, and how many values each is one of; then those of a user's own.
     pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
         let extent = self.extent();
+        let unit = self.runs.iter().fold(QuantitySet::all(), |all, r| all.intersection(r.steps.unit_inputs));
         let own = self.runs.first().map_or(&[][..], |r| &r.own);
         let values = |facts: &Facts| own.iter().filter(|o| o.facts == facts).count() as f64;
         let of_user = own.iter().map(|o| {
-            let c = Candidate { parameters: [o.parameter, 0.0], facts: o.facts, run: None, starts: Starts::default() };
+            let (facts, parameters) = (o.facts, [o.parameter, 0.0]);
+            let c = Candidate { parameters, facts, run: None, starts: Starts::default(), lacks: true };
             (c, values(o.facts))
         });
         cards::all()
@@ -388,9 +407,10 @@ impl<'a> Data<'a> {
                 let tries = grid.len() as f64;
                 // Offer an effect only if every run has the inputs that it needs.
                 let offered = self.runs.iter().all(|r| card.needs.met_by(r));
-                grid.into_iter()
-                    .filter(move |_| offered)
-                    .map(move |parameters| (Candidate::new(facts.effect, parameters).starting(starts), tries))
+                grid.into_iter().filter(move |_| offered).map(move |parameters| {
+                    let c = Candidate::new(facts.effect, parameters).starting(starts);
+                    (c.on_unit_with(unit), tries)
+                })
             })
             .chain(of_user)
             .collect()

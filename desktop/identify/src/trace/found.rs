@@ -91,7 +91,8 @@ impl OnVerify<'_> {
                 score,
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),
-                    Reach::NeedsInput(what) => format!("needs {what}"),
+                    Reach::NeedsInput(_) if !c.lacks => "unit".into(),
+                    Reach::NeedsInput(what) | Reach::NeedsChamber(what) => format!("needs {what}"),
                     Reach::Unpredictable => "unpredictable".into(),
                 },
             });

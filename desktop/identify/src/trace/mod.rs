@@ -54,7 +54,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
-use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::steps::{references, Run, Steps};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
@@ -221,7 +221,7 @@ fn judged(
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
     let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
-    let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
+    let calibration = Calibration { sequence: 1, inputs: prepared.inputs.clone(), ..prepared.calibration.clone() };
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
@@ -271,6 +271,7 @@ fn judged(
         verdict: String::new(),
         baseline: table(&before_train, &before_verify, verify_run),
         effects,
+        inputs: report::InputNeeded::of(&written.image),
         r#final: table(&after_train, &after_verify, verify_run),
         judged_rms_dph: by_axis(|a| on_verify.means(&on_verify.happened.left[a]).deviation()),
         noise_floor_dph: by_axis(|a| on_verify.noise[a].floor()),
@@ -428,7 +429,7 @@ fn beats(written: &image::Written, other: &Calibration, verify: &Unseen<'_>) -> 
 
 /// A sentence for each effect whose input the verify run lacks.
 fn lacking(terms: &[Term], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
-    let lacks = |c: &&Candidate| matches!(c.facts.reach, Reach::NeedsInput(_)) && !known(c);
+    let lacks = |c: &&Candidate| c.facts.reach.needs().is_some() && !known(c);
     let say = |c: &Candidate| {
         format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
     };
@@ -510,7 +511,8 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
     let mut runs = Vec::new();
     for (r, role) in &unseen {
-        let run = Run::new(Steps::new(r)?, curves);
+        let mut run = Run::new(Steps::new(r)?, curves);
+        run.references = references(&prepared.inputs);
         runs.push((run, role, if r.source.is_empty() { String::new() } else { format!(" {}", r.source) }));
     }
     let all = prepared.runs.iter_mut().chain(runs.iter_mut().map(|(run, ..)| run));

@@ -10,6 +10,7 @@ use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
 use hrg_core::effects::{EffectId, MAX_OUTPUTS};
 use hrg_core::half::Half;
+use hrg_core::inputs::{self, QuantitySet};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -449,6 +450,7 @@ impl Fitted {
                 }
             }
         }
+        drop_idle_inputs(&mut c);
         c
     }
 }
@@ -468,4 +470,11 @@ pub fn take_axis(image: &mut Calibration, from: &Calibration, a: usize) {
 /// Takes out effects that no axis has.
 pub fn drop_idle_effects(image: &mut Calibration) {
     image.effects.retain(|t| t.gains.iter().flatten().any(|g| *g != 0.0));
+    drop_idle_inputs(image);
+}
+
+/// Takes out inputs that no effect reads.
+fn drop_idle_inputs(image: &mut Calibration) {
+    let needed = inputs::needed(image);
+    image.inputs.retain(|i| needed.contains(QuantitySet::one(i.quantity)));
 }

@@ -2,8 +2,12 @@
 
 use super::floor::Ratio;
 use super::judge::Agreement;
+use hrg_core::calibration::Calibration;
+use hrg_core::inputs::{self, Input};
+use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Class;
+use hrg_data::recording::columns;
 use hrg_data::recording::Recording;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -150,6 +154,28 @@ pub struct Found {
     pub reach: String,
 }
 
+/// An input that the written image needs.
+#[derive(Debug, Clone, Serialize)]
+pub struct InputNeeded {
+    /// Name of its column.
+    pub name: &'static str,
+    /// Standard deviation of what its effects were in training, deg/h, on the axes that use it.
+    pub without_dph: ByAxis<f64>,
+}
+
+impl InputNeeded {
+    /// Those of an image.
+    #[must_use]
+    pub fn of(image: &Calibration) -> Vec<Self> {
+        let one = |i: &Input| {
+            let name = columns::today(inputs::NAMES.get(usize::from(i.quantity))?);
+            let on = (0..AXES).filter(|a| i.without_dph[*a] > 0.0);
+            Some(Self { name, without_dph: on.map(|a| (AXIS_NAMES[a].to_string(), i.without_dph[a].into())).collect() })
+        };
+        image.inputs.iter().filter_map(one).collect()
+    }
+}
+
 /// An effect that nobody can predict, fitted again to the verify run.
 #[derive(Debug, Clone, Serialize)]
 pub struct Refitted {
@@ -250,6 +276,8 @@ pub struct Report {
     pub baseline: ByAxis<Rms>,
     /// Effects that the baseline lacks.
     pub effects: Vec<Found>,
+    /// Inputs beside the frequencies that the written image needs.
+    pub inputs: Vec<InputNeeded>,
     /// Baseline and effects, those that need a recorded input included; effects that nobody can predict are left in.
     pub r#final: ByAxis<Rms>,
     /// Effects that nobody can predict, fitted again to the verify run for the judgement.

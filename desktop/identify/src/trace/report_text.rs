@@ -245,10 +245,10 @@ fn next(r: &Report) -> String {
 pub fn write(r: &mut Report, there: &[&str]) {
     r.keep_axes(|n| there.contains(&n));
     let named = |text: String| in_unit(&text, &r.rate_unit);
-    let verdict = named(verdict(r));
     let advice = advice(r).into_iter().map(named).collect();
     let notes = r.notes.iter().map(|n| in_unit(n, &r.rate_unit)).collect();
-    (r.verdict, r.advice, r.notes) = (verdict, advice, notes);
+    (r.advice, r.notes) = (advice, notes);
+    r.verdict = in_unit(&verdict(r), &r.rate_unit);
 }
 
 /// The verdict.
@@ -266,10 +266,43 @@ pub fn verdict(r: &Report) -> String {
     lines.join("\n")
 }
 
+/// What a model with an effect that the unit lacks leaves on the verify run, against the image.
+fn would_leave(r: &Report, e: &Found) -> String {
+    let Some(block) = &r.block else { return String::new() };
+    let gained = |n: &&String| r.r#final[*n].verify_rms_dph < block[*n].verify_rms_dph;
+    let on: Vec<&String> = e.axes.keys().filter(gained).collect();
+    if on.is_empty() {
+        return String::new();
+    }
+    let figures = |of: &dyn Fn(&String) -> f64| list(&on.iter().map(|n| three_digits(of(n))).collect::<Vec<_>>());
+    format!(
+        "; with it, {} instead of {} deg/h would be left on {} of the verify run",
+        figures(&|n| r.r#final[n].verify_rms_dph),
+        figures(&|n| block[n].verify_rms_dph),
+        list(&on)
+    )
+}
+
+/// A sentence on the inputs that the image needs.
+fn about_inputs(r: &Report) -> Option<String> {
+    let names: Vec<&str> = r.inputs.iter().map(|i| i.name).collect();
+    let without = |n: &String| r.inputs.iter().filter_map(|i| i.without_dph.get(n)).map(|s| s * s).sum::<f64>().sqrt();
+    let axes: Vec<String> = r.axes().into_iter().map(str::to_string).filter(|n| without(n) > 0.0).collect();
+    let each: Vec<String> = axes.iter().map(|n| three_digits(without(n))).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "the image needs the inputs {}: the unit takes them once a second from the link's message Inputs (docs/inputs.md). Where they are missing it flags the axis, and its uncertainty grows by {} deg/h on {}",
+            list(&names),
+            list(&each),
+            list(&axes)
+        )
+    })
+}
+
 /// Advice beside the verdict, the most useful first.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
-    let mut out = Vec::new();
+    let mut out: Vec<String> = about_inputs(r).into_iter().collect();
     for (e, times) in merged(&r.effects) {
         if times > 1 {
             out.push("the rates drift: repeat the run, and check the mounting and the electronics".to_string());
@@ -277,12 +310,14 @@ pub fn advice(r: &Report) -> Vec<String> {
         }
         if let Some(what) = e.reach.strip_prefix("needs ") {
             out.push(format!(
-                "{} needs {what}, which the unit does not measure: the desktop sees it, and no image holds it",
-                e.name
+                "{} needs {what}, which the unit does not have: the desktop sees it, and the image does not hold it{}",
+                e.name,
+                would_leave(r, e)
             ));
         }
         let parameter = |name: &str| e.parameters.get(name).copied().unwrap_or(f64::NAN);
-        out.extend(EffectId::by_name(&e.name).and_then(|id| card(id).repair).map(|repair| repair(&parameter)));
+        let repair = EffectId::by_name(&e.name).and_then(|id| card(id).repair).filter(|_| e.reach != "unit");
+        out.extend(repair.map(|repair| repair(&parameter)));
         if e.confirmed == Some(false) {
             out.push(format!(
                 "the train run shows {}, and the verify run does not confirm it on every axis: take another run before you rely on the name",
@@ -336,5 +371,6 @@ pub fn advice(r: &Report) -> Vec<String> {
     if r.verdict_kind == VerdictKind::NotConfirmed {
         out.push("a longer verify run, or a second train run, reduces the uncertainty".into());
     }
+    out.extend(about_inputs(r));
     out
 }

@@ -70,14 +70,14 @@ impl States<'_> {
     #[must_use]
     pub fn recorded(&self) -> [(&'static str, Vec<f64>); 5] {
         let all: Vec<_> = (0..self.run.thermal.len()).map(|k| self.run.steps.recorded(k)).collect();
-        let of = |f: &dyn Fn(&hrg_core::effects::Recorded) -> f32| all.iter().map(|r| f64::from(f(r))).collect();
+        let of = |f: &dyn Fn(&hrg_core::inputs::Quantities) -> f32| all.iter().map(|r| f64::from(f(r))).collect();
         let a = self.axis;
         [
-            ("case_c", of(&|r| r.case_c[a])),
-            ("board_c", of(&|r| r.board_c)),
-            ("supply_v", of(&|r| r.supply_v)),
-            ("drive_v", of(&|r| r.drive_v[a])),
-            ("quad_v", of(&|r| r.quad_v[a])),
+            ("case_c", of(&|r| r.case_c(a))),
+            ("board_c", of(&|r| r.board_c())),
+            ("supply_v", of(&|r| r.supply_v())),
+            ("drive_v", of(&|r| r.drive_v(a))),
+            ("quad_v", of(&|r| r.quad_v(a))),
         ]
     }
 
@@ -197,7 +197,7 @@ fn facts(name: &str, parameter: Option<&str>, id: u16, outputs: usize) -> &'stat
         id,
         parameters: Vec::leak(parameters),
         outputs,
-        reach: Reach::NeedsInput("own code, which the unit does not have"),
+        reach: Reach::NeedsChamber("own code, which the unit does not have"),
         common: false,
         remembers_path: false,
     }));

@@ -9,7 +9,7 @@ use hrg::unit::keys;
 use hrg::unit::monitor;
 use hrg::unit::monitor::State;
 use hrg::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
-use hrg::unit::record::{Recorder, Second};
+use hrg::unit::record::Recorder;
 use hrg::unit::sensors::Sensors;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::link::{Housekeeping, Identity, Message};
@@ -96,6 +96,8 @@ struct Recording<'a> {
     port: String,
     recorder: Recorder,
     identity: Identity,
+    /// Inputs that came too late for a column.
+    late: Vec<&'static str>,
 }
 
 impl<'a> Recording<'a> {
@@ -103,7 +105,7 @@ impl<'a> Recording<'a> {
         let mut recorder = arguments.recorder(out, true)?;
         recorder.head.live = true;
         let identity = unit.identity()?;
-        let mut r = Self { arguments, port: port.into(), recorder, identity };
+        let mut r = Self { arguments, port: port.into(), recorder, identity, late: Vec::new() };
         r.look(unit)?;
         if r.recorder.head.unit.is_empty() {
             eprintln!("note: the unit has no name yet, and so the recording has none; name it with --unit NAME here or at hrg fit");
@@ -144,7 +146,14 @@ impl<'a> Recording<'a> {
             self.identity = identity;
             self.look(unit)?;
         }
-        self.recorder.push(&Second::from(h))
+        let (second, late) = self.recorder.second(h);
+        for name in late {
+            if !self.late.contains(&name) {
+                eprintln!("note: the input {name} came after the recording began and has no column in it; begin again to record it");
+                self.late.push(name);
+            }
+        }
+        self.recorder.push(&second)
     }
 
     /// A unit without a name may have got one; any other change of name is another unit.
@@ -197,6 +206,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
                 ));
                 bar.tick();
             }
+            Ok(Some(Message::InputsUsed(used))) => recording.recorder.take_inputs(used),
             Ok(_) => {}
             Err(e) => {
                 // The cable is out: wait for it, the file stays open.

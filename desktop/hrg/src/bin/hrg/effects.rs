@@ -36,7 +36,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         let reach = match facts.reach {
             Reach::Unit => "the unit compensates it".into(),
-            Reach::NeedsInput(what) => format!("needs {what}"),
+            Reach::NeedsInput(what) => format!("the unit compensates it where {what} comes in as an input"),
+            Reach::NeedsChamber(what) => format!("needs {what}; no unit compensates it"),
             Reach::Unpredictable => "no unit can predict it".into(),
         };
         println!("{} ({}; {reach})", facts.name, card(facts.effect).class.name());

@@ -50,6 +50,10 @@ pub struct Arguments {
     /// Recommend the burn even if the verify run only repeats the profile of a train run.
     #[arg(long)]
     repeat_is_enough: bool,
+    /// The quantities beside the frequencies that the unit itself has, by their columns, with commas between (drive_x_v, or drive for all
+    /// axes), or none. Without it, as the recordings state (# unit_inputs), or all that they hold but the sensors on the cases.
+    #[arg(long, value_name = "COLUMNS")]
+    inputs: Option<String>,
     /// Find the effects that the scale factors of this calibration lack, instead of effects of the bias. The runs must be from a rate table
     /// (hrg profile --rates). Every figure in deg/h in the report is then in ppm.
     #[arg(long, value_name = "CALIBRATION", conflicts_with_all = ["split", "calibration", "in_use"])]
@@ -96,6 +100,7 @@ pub fn run(arguments: Arguments) -> Result<bool> {
         calibration,
         in_use,
         repeat_is_enough,
+        inputs,
         rates,
         exchange,
         fail_unless,
@@ -116,7 +121,10 @@ pub fn run(arguments: Arguments) -> Result<bool> {
     if let Some(c) = &in_use {
         hrg_data::recording::facts::fits(c, &verify, different_units).map_err(BadInput::from)?;
     }
-    let judge = judge.map(|path| facts.load(&[path])).transpose()?.and_then(|mut runs| runs.pop());
+    let mut judge = judge.map(|path| facts.load(&[path])).transpose()?.and_then(|mut runs| runs.pop());
+    if let Some(listed) = &inputs {
+        train.iter_mut().chain([&mut verify]).chain(&mut judge).try_for_each(|r| r.set_unit_inputs(listed))?;
+    }
     let options =
         trace::Options { units: units(different_units), in_use, repeat_is_enough, judge, exchange, own: Vec::new() };
     let mut t = wait::with_a_bar("tracing", || trace::trace_with(&train, &verify, &options))?;

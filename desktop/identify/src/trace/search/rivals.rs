@@ -3,7 +3,7 @@
 use super::{odds, AxisModel, Model, Score, Search, State, RAMP};
 use crate::trace::data::Candidate;
 use crate::trace::noise::{Basis, NOISE_MODELS};
-use hrg_core::effects::{EffectId, Reach};
+use hrg_core::effects::EffectId;
 use hrg_core::AXES;
 use hrg_data::cards::Kind;
 use hrg_data::numeric::stats::dot;
@@ -91,7 +91,7 @@ impl Search<'_> {
         let mut out: Vec<(&'static str, usize)> = Vec::new();
         for k in RAMP + 1..self.candidates.len() {
             let facts = self.lead(k).facts;
-            let needs = matches!(facts.reach, Reach::NeedsInput(_)) && self.card(k).kind == Kind::Simple;
+            let needs = facts.reach.needs().is_some() && self.card(k).kind == Kind::Simple;
             let there = found.iter().any(|g| self.lead(*g).facts.id == facts.id);
             if !needs || there || out.iter().any(|(n, _)| *n == facts.name) {
                 continue;

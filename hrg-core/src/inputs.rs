@@ -1,0 +1,370 @@
+//! Inputs: quantities beside the frequencies that a model may look at, each with a number, a name and a unit.
+//!
+//! The electronics of a gyro know them: the voltage that keeps the amplitude follows the damping of the resonator, the voltage that nulls
+//! the quadrature follows the mismatch of its stiffness. They come in once a second, by the link's message
+//! [`Inputs`](crate::link::Message::Inputs) or from channels of the ADC. An image states for each that it needs
+//! ([`Input`]) the range in which it was learnt.
+//!
+//! # Missing inputs
+//! A value counts for [`STALE_S`]. While one is missing or stale, the last good value stands in its place; outside its range it is used as
+//! far as half the width of the range beyond. Either way the axes that use it are flagged [`INPUT`](crate::status::AxisStatus::INPUT), and
+//! the uncertainty of their bias grows by what the effects of that input were in training. As long as an input has never come, its effects
+//! add nothing: as if it stood at its reference.
+//!
+//! # Example
+//! ```
+//! use hrg_core::inputs::{self, InputBank, InputValues, Quantities};
+//!
+//! let drive_x = inputs::number("drive_x_v").expect("in the list");
+//! let mut bank = InputBank::default();
+//! bank.receive(&InputValues::of([(drive_x, 2.25)]));
+//! assert_eq!(bank.step().get(drive_x), 2.25);
+//! // It counts for three seconds.
+//! for _ in 0..2 {
+//!     assert_eq!(bank.step().get(drive_x), 2.25);
+//! }
+//! assert!(bank.step().get(drive_x).is_nan());
+//! ```
+
+use crate::calibration::Calibration;
+use crate::effects;
+use crate::AXES;
+use heapless::Vec;
+
+/// Numbers that a quantity may have: 0 to 15.
+pub const QUANTITIES: usize = 16;
+
+/// Names of the quantities in files and on screens, with their units, by number.
+pub const NAMES: [&str; QUANTITIES] = [
+    "board_c",
+    "supply_v",
+    "drive_x_v",
+    "drive_y_v",
+    "drive_z_v",
+    "quad_x_v",
+    "quad_y_v",
+    "quad_z_v",
+    "shell_x_c",
+    "shell_y_c",
+    "shell_z_c",
+    "chip_c",
+    "chip_v",
+    "input_1",
+    "input_2",
+    "input_3",
+];
+
+/// The number of the quantity with a name.
+#[must_use]
+pub fn number(name: &str) -> Option<u8> {
+    NAMES.iter().position(|n| *n == name).map(|k| k as u8)
+}
+
+/// Values of one message at most.
+pub const IN_MESSAGE: usize = 8;
+
+/// Place of a message that holds no value.
+const NO_VALUE: u8 = 0xFF;
+
+/// A value that came longer ago than this many model steps (seconds) is stale.
+pub const STALE_S: u8 = 3;
+
+bitflags::bitflags! {
+    /// A set of quantities: the bit of each is its number.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    pub struct QuantitySet: u16 {
+        /// The board's temperature.
+        const BOARD = 1;
+        /// The supply.
+        const SUPPLY = 1 << 1;
+        /// Temperatures of the cases.
+        const CASES = 0b111 << 8;
+        /// Bits without a name of their own.
+        const _ = !0;
+    }
+}
+
+impl QuantitySet {
+    /// One quantity; none for a number that there is not.
+    #[must_use]
+    pub const fn one(number: u8) -> Self {
+        Self::from_bits_retain(if (number as usize) < QUANTITIES { 1 << number } else { 0 })
+    }
+
+    /// The numbers in it.
+    pub fn numbers(self) -> impl Iterator<Item = u8> {
+        (0..QUANTITIES as u8).filter(move |n| self.contains(Self::one(*n)))
+    }
+}
+
+/// Values of the quantities by number; NaN where missing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quantities([f32; QUANTITIES]);
+
+impl Quantities {
+    /// All missing.
+    pub const NONE: Self = Self([f32::NAN; QUANTITIES]);
+
+    /// Values by number.
+    #[must_use]
+    pub const fn new(values: [f32; QUANTITIES]) -> Self {
+        Self(values)
+    }
+
+    /// The values by number.
+    #[must_use]
+    pub const fn values(&self) -> &[f32; QUANTITIES] {
+        &self.0
+    }
+
+    /// The value with a number; NaN where it is missing.
+    #[inline]
+    #[must_use]
+    pub fn get(&self, number: u8) -> f32 {
+        self.0.get(usize::from(number)).copied().unwrap_or(f32::NAN)
+    }
+
+    /// Temperature of the board, C.
+    #[inline]
+    #[must_use]
+    pub fn board_c(&self) -> f32 {
+        self.get(BOARD)
+    }
+
+    /// Supply, V.
+    #[inline]
+    #[must_use]
+    pub fn supply_v(&self) -> f32 {
+        self.get(SUPPLY)
+    }
+
+    /// Amplitude-control drive of an axis, V.
+    #[inline]
+    #[must_use]
+    pub fn drive_v(&self, axis: usize) -> f32 {
+        self.get(drive(axis))
+    }
+
+    /// Quadrature-nulling voltage of an axis, V.
+    #[inline]
+    #[must_use]
+    pub fn quad_v(&self, axis: usize) -> f32 {
+        self.get(quad(axis))
+    }
+
+    /// Sensor on the case of an axis, C.
+    #[inline]
+    #[must_use]
+    pub fn case_c(&self, axis: usize) -> f32 {
+        self.get(case(axis))
+    }
+
+    /// The same, less what each has at its reference.
+    #[must_use]
+    pub fn less(&self, references: &[f32; QUANTITIES]) -> Self {
+        let mut out = *self;
+        out.0.iter_mut().zip(references).for_each(|(v, r)| *v -= r);
+        out
+    }
+}
+
+/// Number of the board's temperature.
+pub const BOARD: u8 = 0;
+/// Number of the supply.
+pub const SUPPLY: u8 = 1;
+
+/// Number of the amplitude-control drive of an axis.
+#[must_use]
+pub const fn drive(axis: usize) -> u8 {
+    2 + axis as u8
+}
+
+/// Number of the quadrature-nulling voltage of an axis.
+#[must_use]
+pub const fn quad(axis: usize) -> u8 {
+    5 + axis as u8
+}
+
+/// Number of the sensor on the case of an axis.
+#[must_use]
+pub const fn case(axis: usize) -> u8 {
+    8 + axis as u8
+}
+
+/// Values as one message holds them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct InputValues {
+    /// Number of each; 255: none stands here.
+    pub numbers: [u8; IN_MESSAGE],
+    /// Values.
+    pub values: [f32; IN_MESSAGE],
+}
+
+impl Default for InputValues {
+    fn default() -> Self {
+        Self { numbers: [NO_VALUE; IN_MESSAGE], values: [0.0; IN_MESSAGE] }
+    }
+}
+
+impl InputValues {
+    /// Of numbers and values; those beyond [`IN_MESSAGE`] are left out.
+    #[must_use]
+    pub fn of(values: impl IntoIterator<Item = (u8, f32)>) -> Self {
+        let mut out = Self::default();
+        for ((number, value), (n, v)) in out.numbers.iter_mut().zip(&mut out.values).zip(values) {
+            (*number, *value) = (n, v);
+        }
+        out
+    }
+}
+
+/// The newest value of each quantity, with its age: what a unit keeps between two model steps.
+#[derive(Debug, Clone)]
+pub struct InputBank {
+    values: Quantities,
+    left_s: [u8; QUANTITIES],
+}
+
+impl Default for InputBank {
+    fn default() -> Self {
+        Self { values: Quantities::NONE, left_s: [0; QUANTITIES] }
+    }
+}
+
+impl InputBank {
+    /// Takes the values of a message. Numbers that there are not, and values that are not finite, are left out.
+    pub fn receive(&mut self, message: &InputValues) {
+        for (number, value) in message.numbers.iter().zip(message.values) {
+            self.set(*number, value);
+        }
+    }
+
+    /// Takes one value.
+    pub fn set(&mut self, number: u8, value: f32) {
+        let at = usize::from(number);
+        if let (Some(to), Some(left), true) = (self.values.0.get_mut(at), self.left_s.get_mut(at), value.is_finite()) {
+            (*to, *left) = (value, STALE_S);
+        }
+    }
+
+    /// `true` once any value has come.
+    #[must_use]
+    pub fn any(&self) -> bool {
+        self.values.0.iter().any(|v| !v.is_nan())
+    }
+
+    /// The values that count in the model step that ends now; it makes all of them a step older.
+    pub fn step(&mut self) -> Quantities {
+        let mut out = Quantities::NONE;
+        for ((to, value), left) in out.0.iter_mut().zip(&self.values.0).zip(&mut self.left_s) {
+            if *left > 0 {
+                *left -= 1;
+                *to = *value;
+            }
+        }
+        out
+    }
+}
+
+/// Outside its range an input is used so far beyond it, as a share of the width of the range.
+const BEYOND: f32 = 0.5;
+
+/// An input that an image needs.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Input {
+    /// Number of the quantity.
+    pub quantity: u8,
+    /// Value from which the effects count it, in its unit.
+    pub reference: f32,
+    /// Lowest value that is not flagged, in its unit.
+    pub valid_from: f32,
+    /// Highest value that is not flagged, in its unit.
+    pub valid_to: f32,
+    /// Standard deviation of what its effects were in training, on each axis, deg/h: the uncertainty where it is missing.
+    pub without_dph: [f32; AXES],
+}
+
+/// Inputs of an image.
+pub type InputTable = Vec<Input, QUANTITIES>;
+
+/// The lowest and the highest values of inputs, less their references.
+#[must_use]
+pub fn ends(inputs: &[Input]) -> [Quantities; 2] {
+    let mut ends = [Quantities::NONE; 2];
+    for i in inputs {
+        for (end, value) in ends.iter_mut().zip([i.valid_from, i.valid_to]) {
+            end.0.iter_mut().skip(i.quantity.into()).take(1).for_each(|v| *v = value - i.reference);
+        }
+    }
+    ends
+}
+
+/// The inputs as the effects see them in one step.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Values less their references; NaN for one that has never come.
+    pub values: Quantities,
+    /// Those of them that are missing, stale or out of range.
+    pub outside: QuantitySet,
+}
+
+/// The last good value of each input of an image, and the axes that use it.
+#[derive(Debug, Clone)]
+pub struct Held {
+    values: Quantities,
+    uses: [QuantitySet; AXES],
+}
+
+impl Held {
+    /// Of an image; nothing has come yet.
+    #[must_use]
+    pub fn new(calibration: &Calibration) -> Self {
+        Self { values: Quantities::NONE, uses: core::array::from_fn(|a| uses(calibration, a)) }
+    }
+
+    /// One step: the values that have come, as the effects see them.
+    pub fn see(&mut self, inputs: &[Input], given: &Quantities) -> Seen {
+        let mut seen = Seen { values: Quantities::NONE, outside: QuantitySet::empty() };
+        for input in inputs {
+            let at = usize::from(input.quantity);
+            let (Some(held), Some(to)) = (self.values.0.get_mut(at), seen.values.0.get_mut(at)) else { continue };
+            let value = given.get(input.quantity);
+            let (from, to_value) = (input.valid_from, input.valid_to);
+            if !(from..=to_value).contains(&value) {
+                seen.outside |= QuantitySet::one(input.quantity);
+            }
+            let beyond = BEYOND * (to_value - from);
+            let inside = crate::bias::clamp(value, from - beyond, to_value + beyond);
+            if !inside.is_nan() {
+                *held = inside - input.reference;
+            }
+            *to = *held;
+        }
+        seen
+    }
+
+    /// Variance that comes on top on an axis where inputs are not as they should be, (deg/h)^2; `None` where it uses none of them.
+    #[must_use]
+    pub fn more_dph2(&self, axis: usize, inputs: &[Input], outside: QuantitySet) -> Option<f32> {
+        let bad = self.uses.get(axis)?.intersection(outside);
+        if bad.is_empty() {
+            return None;
+        }
+        let of = |i: &Input| i.without_dph.get(axis).copied().unwrap_or(0.0);
+        Some(inputs.iter().filter(|i| bad.contains(QuantitySet::one(i.quantity))).map(|i| of(i) * of(i)).sum())
+    }
+}
+
+/// The quantities that the effects of an image read on an axis.
+#[must_use]
+pub fn uses(calibration: &Calibration, axis: usize) -> QuantitySet {
+    let acts = |e: &&crate::calibration::EffectTerm| e.gains.get(axis).is_some_and(|g| g.iter().any(|g| *g != 0.0));
+    let of = |e: &crate::calibration::EffectTerm| effects::reads(e.id, &e.parameters, axis);
+    calibration.effects.iter().filter(acts).map(of).fold(QuantitySet::empty(), QuantitySet::union)
+}
+
+/// The quantities that an image needs: those that its effects read on any axis.
+#[must_use]
+pub fn needed(calibration: &Calibration) -> QuantitySet {
+    (0..AXES).map(|a| uses(calibration, a)).fold(QuantitySet::empty(), QuantitySet::union)
+}
