@@ -67,7 +67,6 @@ pub struct Effect {
 impl Effect {
     fn new(class: Class, name: &'static str, form: Form, acts: Acts) -> Self {
         let why_not = match class {
-            Class::Input => Some("the quantity is recorded in the chamber, the unit does not have it"),
             Class::Event => Some("it cannot be foretold"),
             _ => None,
         };
@@ -171,6 +170,8 @@ pub struct Layout {
     pub board: bool,
     /// Supply, drive and quadrature recorded.
     pub electrics: bool,
+    /// Drive and quadrature come of losses and stiffness, behind loops.
+    pub losses: bool,
     /// A fault of the case sensor of x that leaves the frequency as it is: it comes loose in the train run.
     pub loose_case_x: bool,
     /// Latitude and axes stated, and the earth's rate in the rates.
@@ -270,6 +271,7 @@ impl Case {
                 chamber: true,
                 board: rng.random_bool(0.4),
                 electrics: rng.random_bool(0.3),
+                losses: false,
                 loose_case_x: false,
                 earth: false,
                 untimed: false,

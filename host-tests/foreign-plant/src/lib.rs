@@ -31,6 +31,7 @@ pub mod fit;
 pub mod generate;
 pub mod grade;
 mod judge;
+mod losses;
 mod making;
 pub mod means;
 pub mod noise;

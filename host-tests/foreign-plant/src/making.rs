@@ -4,6 +4,7 @@ use crate::acting::{Acting, Three};
 use crate::case::{Acts, Case, AXES};
 use crate::draw::stream;
 use crate::fit;
+use crate::losses::resonate;
 use crate::means::{deviation, means, peaks, rms};
 use crate::noise;
 use crate::operators::slope_per_min;
@@ -230,7 +231,11 @@ fn worlds(case: &Case, seed: u64, unit: &Unit) -> Vec<World> {
         .enumerate()
         .map(|(k, spec)| {
             let mut rng = stream(seed, &[&case.name, "run", &k.to_string()]);
-            World::run(&mut rng, unit, spec.plan, case.layout.followed, dt_s)
+            let mut world = World::run(&mut rng, unit, spec.plan, case.layout.followed, dt_s);
+            if case.layout.losses {
+                resonate(&mut world, seed, &case.name, k);
+            }
+            world
         })
         .collect()
 }

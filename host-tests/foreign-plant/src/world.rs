@@ -38,6 +38,10 @@ pub struct World {
     pub drive_v: [Vec<f64>; 3],
     /// Quadrature-nulling voltage, V.
     pub quad_v: [Vec<f64>; 3],
+    /// Loss of the resonators over that at 25 C; empty unless the case makes the voltages of it.
+    pub loss: [Vec<f64>; 3],
+    /// Force that nulls the quadrature, V; the same.
+    pub force_v: [Vec<f64>; 3],
 }
 
 impl World {
@@ -79,6 +83,8 @@ impl World {
             ramp,
             drive_v,
             quad_v,
+            loss: [const { Vec::new() }; 3],
+            force_v: [const { Vec::new() }; 3],
         }
     }
 

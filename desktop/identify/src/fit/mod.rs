@@ -48,6 +48,12 @@ pub struct Prepared {
 }
 
 impl Prepared {
+    /// The image that a model is written into: the first of its unit, with all inputs that the runs have.
+    #[must_use]
+    pub fn first_image(&self) -> Calibration {
+        Calibration { sequence: 1, inputs: self.inputs.clone(), ..self.calibration.clone() }
+    }
+
     /// Mean of the time constants by which the resonators follow their sensors, s.
     #[must_use]
     pub fn mean_lag_s(&self) -> f64 {

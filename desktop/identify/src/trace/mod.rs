@@ -220,20 +220,20 @@ fn judged(
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
-    let (mut notes, scaling) = (prepared.notes.clone(), prepared.calibration.scaling);
-    let calibration = Calibration { sequence: 1, inputs: prepared.inputs.clone(), ..prepared.calibration.clone() };
+    let (mut notes, calibration) = (prepared.notes.clone(), prepared.first_image());
+    let scaling = calibration.scaling;
     let there: Vec<usize> = verify_run.steps.present().collect();
-    // Unpredictable effects and effects whose input is missing are not subtracted from the verify run.
+    // Unpredictable effects, and those whose input is missing, are not subtracted from the verify run.
     let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
-    notes.extend(growing_noise(data, &there).into_iter().chain(there_after_steps(&fitted)));
+    notes.extend(about_fit(&fitted, data, &there, &known));
 
     // The model and the baseline alone, with what they leave of each run.
     let plain = Fitted::plain(data)?;
     let uncertain = uncertainty::of(data, &fitted);
     let blocks = data.unseen(verify_run);
     notes.extend(start_verify_run(&mut fitted, &uncertain, &blocks, &known));
-    let before_train: Vec<_> = residuals_of(&plain, runs, &scaling);
-    let mut after_train: Vec<_> = residuals_of(&fitted, runs, &scaling);
+    let before_train = residuals_of(&plain, runs, &scaling);
+    let mut after_train = residuals_of(&fitted, runs, &scaling);
     keep_baseline(fitted.terms(), after_train.iter_mut().zip(&before_train));
     let left_of = |run: &Run| {
         let before = plain.residuals(run, None, &scaling, &|_| true);
@@ -241,7 +241,6 @@ fn judged(
         keep_baseline(fitted.terms(), [(&mut after, &before)]);
         [before, after]
     };
-    notes.extend(lacking(fitted.terms(), &known));
     let [before_verify, after_verify] = left_of(verify_run);
     let on_verify =
         Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?.part_of(whole_verify);
@@ -451,6 +450,12 @@ fn keep_baseline<'r>(
 /// A sentence for each axis whose noise grows with temperature.
 fn growing_noise(data: &Data<'_>, there: &[usize]) -> Vec<String> {
     there.iter().filter_map(|a| data.growth[*a].sentence(AXIS_NAMES[*a])).collect()
+}
+
+/// Sentences on a fit: noise that grows, steps that last, inputs that the verify run lacks.
+fn about_fit(fitted: &Fitted, data: &Data<'_>, there: &[usize], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
+    let grows = growing_noise(data, there).into_iter();
+    grows.chain(there_after_steps(fitted)).chain(lacking(fitted.terms(), known)).collect()
 }
 
 /// A sentence where a step of the train run holds on.

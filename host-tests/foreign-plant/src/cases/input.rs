@@ -1,4 +1,4 @@
-//! Cases of recorded quantities. A unit in flight has none of them, so none of them can be burnt.
+//! Cases of recorded quantities, which a unit takes as inputs.
 
 use crate::case::{Case, Effect};
 use crate::physics::{input as form, Form};
@@ -35,6 +35,38 @@ pub(super) fn cases() -> Vec<Case> {
         case("input-board-late", "The board against the resonator, late.")
             .with(effect("board, late", form::board_late).or(&[Class::Memory]))
             .layout(|l| l.electrics = false),
+        case(
+            "input-loss-anisotropy",
+            "Losses by bulk, gas and stem; their anisotropy is in the rate, the drive shows them behind its loop.",
+        )
+        .with(
+            effect("anisotropy of the loss", form::loss_anisotropy)
+                .beside(&[Class::Memory, Class::Shape])
+                .floors([4.0; 3]),
+        )
+        .layout(|l| l.losses = true),
+        case(
+            "input-quadrature-leak",
+            "A frequency split that creeps; its nulling force leaks into the rate by a phase error of the board.",
+        )
+        .with(
+            effect("leak of the quadrature", form::quadrature_leak)
+                .beside(&[Class::Memory, Class::Shape])
+                .floors([4.0; 3]),
+        )
+        .layout(|l| l.losses = true),
+        case("input-loss-and-quadrature", "Both of them.")
+            .with(
+                effect("anisotropy of the loss", form::loss_anisotropy)
+                    .beside(&[Class::Memory, Class::Shape])
+                    .floors([3.0; 3]),
+            )
+            .with(
+                effect("leak of the quadrature", form::quadrature_leak)
+                    .beside(&[Class::Memory, Class::Shape])
+                    .floors([3.0; 3]),
+            )
+            .layout(|l| l.losses = true),
         case("input-drive-times-quad", "The drive times the quadrature voltage.")
             .with(effect("drive times quadrature", form::drive_times_quad)),
     ]

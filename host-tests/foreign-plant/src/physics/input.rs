@@ -1,4 +1,4 @@
-//! Quantities that the recording holds beside temperature: supply, board, drive, quadrature. The unit has none of them at hand.
+//! Quantities that the recording holds beside temperature: supply, board, drive, quadrature.
 
 use crate::draw::Draw;
 use crate::operators::{lag, minus};
@@ -58,6 +58,21 @@ pub fn quad_rectified(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
 pub fn drive_times_quad(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
     let (drive, quad) = (d.own("drive_v", 1.1..1.3), d.own("quad_v", 0.05..0.11));
     centred(&w.drive_v[a], drive).zip(centred(&w.quad_v[a], quad)).map(|(u, v)| u * v).collect()
+}
+
+/// The anisotropy of the loss: a share of it that changes with temperature.
+pub fn loss_anisotropy(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
+    let per_c = d.own("anisotropy_per_c", -6e-4..6e-4);
+    let turn_per_c = d.own("axis_rad_per_c", -4e-4..4e-4);
+    let angle = d.own("axis_rad", 0.3..0.6);
+    let of = |(l, t): (&f64, &f64)| l * (1.0 + per_c * (t - 25.0)) * (2.0 * (angle + turn_per_c * (t - 25.0))).sin();
+    w.loss[a].iter().zip(&w.t_c[a]).map(of).collect()
+}
+
+/// The quadrature force, let through by an error of the demodulator's phase that follows the board.
+pub fn quadrature_leak(d: &mut Draw, w: &World, a: usize) -> Vec<f64> {
+    let (phase, per_c) = (d.own("phase_rad", 0.01..0.03), d.own("phase_rad_per_c", -1.2e-4..1.2e-4));
+    w.force_v[a].iter().zip(&w.board_c).map(|(q, b)| q * (phase + per_c * (b - 25.0)).sin()).collect()
 }
 
 /// The drive, at once and in proportion.
