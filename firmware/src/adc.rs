@@ -147,7 +147,7 @@ impl Adc {
     }
 
     /// The next sample: the timer's tick at its data-ready edge, and the codes of channels 0 to 4 (three rates, two
-    /// accelerometers) or what is wrong with the frame; then those of channels 5 to 7 (temperature sensors, where there are any).
+    /// accelerometers) or what is wrong with the frame; then those of channels 5 to 7 (temperature sensors or inputs, where there are any).
     pub async fn sample(&mut self) -> (u32, Result<[i32; CHANNELS], Fault>, [i32; AXES]) {
         loop {
             let tick = FETCHED.wait().await;

@@ -63,8 +63,8 @@ pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 pub static MAINTENANCE_OPEN: Signal<Mutex, bool> = Signal::new();
 /// Link in to rate path: samples per frame.
 pub static DECIMATION: Signal<Mutex, u16> = Signal::new();
-/// Rate path to model: the readings of the sensors of a second.
-#[cfg(feature = "sensors")]
+/// Rate path to model: channels 5 to 7 of the ADC over a second.
+#[cfg(any(feature = "sensors", feature = "aux"))]
 pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
 /// Any task that sees an event to maintenance, which writes the field log; with the time since power-on, s.
 #[cfg(feature = "field-log")]

@@ -20,6 +20,9 @@
 #![no_std]
 #![no_main]
 
+#[cfg(all(feature = "aux", feature = "sensors"))]
+compile_error!("the features aux and sensors want the same channels of the ADC: take one of them");
+
 mod adc;
 #[cfg(feature = "battery")]
 mod backup;
@@ -91,6 +94,9 @@ const fn built_with() -> Parts {
     }
     if cfg!(feature = "inputs") {
         parts = parts.union(Parts::INPUTS);
+    }
+    if cfg!(feature = "aux") {
+        parts = parts.union(Parts::AUX);
     }
     parts
 }

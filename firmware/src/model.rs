@@ -71,6 +71,10 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
             while let Ok(values) = channels::INPUTS.try_receive() {
                 inputs.receive(&values);
             }
+            #[cfg(feature = "aux")]
+            if let Some(window) = channels::SENSORS.try_take().filter(|w| w.step == step.step) {
+                inputs.take(&window, &crate::params::AUX);
+            }
             let values = inputs.step();
             models.iter_mut().for_each(|model| model.set_inputs(values));
             if inputs.any() {

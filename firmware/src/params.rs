@@ -54,6 +54,10 @@ pub const INPUTS: QuantitySet = QuantitySet::all();
 #[cfg(not(feature = "inputs"))]
 pub const INPUTS: QuantitySet = QuantitySet::empty();
 
+/// Inputs at channels 5 to 7 of the ADC: what each is, and what one code is worth.
+#[cfg(feature = "aux")]
+pub const AUX: [hrg_core::inputs::Channel; hrg_core::AXES] = hrg_core::inputs::Channel::DRIVES;
+
 /// Messages with inputs that may wait for a model step: two hosts that send each half second.
 #[cfg(feature = "inputs")]
 pub const INPUT_QUEUE: usize = 4;

@@ -3,7 +3,7 @@
 //! [`hrg_core::rate_output`].
 
 use crate::adc::{self, Adc};
-#[cfg(feature = "sensors")]
+#[cfg(any(feature = "sensors", feature = "aux"))]
 use crate::channels::SENSORS;
 use crate::channels::{self, BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
 use crate::stop::halt;
@@ -19,7 +19,7 @@ fn send(frame: RateFrame) -> bool {
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
-    #[cfg(feature = "sensors")]
+    #[cfg(any(feature = "sensors", feature = "aux"))]
     let mut sensors = hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE);
     adc.start();
     loop {
@@ -32,13 +32,13 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
             output.set_decimation(decimation);
         }
         let second = match input {
-            Either::First((tick, codes, thermometers)) => {
-                #[cfg(feature = "sensors")]
-                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, thermometers)).flatten() {
+            Either::First((tick, codes, others)) => {
+                #[cfg(any(feature = "sensors", feature = "aux"))]
+                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, others)).flatten() {
                     SENSORS.signal(window);
                 }
-                #[cfg(not(feature = "sensors"))]
-                let [_, _, _] = thermometers;
+                #[cfg(not(any(feature = "sensors", feature = "aux")))]
+                let [_, _, _] = others;
                 output.sample(tick, codes, send)
             }
             Either::Second(now) => {

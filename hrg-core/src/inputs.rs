@@ -28,6 +28,7 @@
 
 use crate::calibration::Calibration;
 use crate::effects;
+use crate::sensors::Window;
 use crate::AXES;
 use heapless::Vec;
 
@@ -247,6 +248,15 @@ impl InputBank {
         }
     }
 
+    /// Takes the means of the ADC's channels 5 to 7 over the second of a model step.
+    pub fn take(&mut self, window: &Window, channels: &[Channel; AXES]) {
+        for (channel, mean) in channels.iter().zip(window.means()) {
+            if let Some(code) = mean {
+                self.set(channel.quantity, (channel.at_zero + channel.per_code * code) as f32);
+            }
+        }
+    }
+
     /// `true` once any value has come.
     #[must_use]
     pub fn any(&self) -> bool {
@@ -268,6 +278,28 @@ impl InputBank {
 
 /// Outside its range an input is used so far beyond it, as a share of the width of the range.
 const BEYOND: f32 = 0.5;
+
+/// A channel of the ADC that an input comes in by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Channel {
+    /// Number of the quantity.
+    pub quantity: u8,
+    /// What one code is, in the quantity's unit.
+    pub per_code: f64,
+    /// The quantity at code 0, in its unit.
+    pub at_zero: f64,
+}
+
+impl Channel {
+    /// The amplitude-control drive of each axis behind a divider by two, at inputs of 1.2 V full scale and 24 bits.
+    pub const DRIVES: [Self; AXES] = [Self::half(drive(0)), Self::half(drive(1)), Self::half(drive(2))];
+
+    /// A voltage behind a divider by two.
+    #[must_use]
+    pub const fn half(quantity: u8) -> Self {
+        Self { quantity, per_code: 2.0 * 1.2 / 8_388_608.0, at_zero: 0.0 }
+    }
+}
 
 /// An input that an image needs.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

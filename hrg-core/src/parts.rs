@@ -27,5 +27,7 @@ bitflags::bitflags! {
         const PAST = 1 << 4;
         /// Inputs beside the frequencies ([`crate::inputs`]).
         const INPUTS = 1 << 5;
+        /// Inputs at channels 5 to 7 of the ADC.
+        const AUX = 1 << 6;
     }
 }

@@ -77,13 +77,19 @@ impl Window {
         Self { step, sums: [0; AXES], samples: 0, saturated: [false; AXES] }
     }
 
+    /// Mean code of each channel; `None` where there are too few samples, or the channel was at its end of scale.
+    #[must_use]
+    pub fn means(&self) -> [Option<f64>; AXES] {
+        core::array::from_fn(|k| {
+            let there = self.samples >= LEAST && !self.saturated[k];
+            there.then(|| self.sums[k] as f64 / f64::from(self.samples))
+        })
+    }
+
     /// Temperature of each axis, C; `None` where there is none.
     #[must_use]
     pub fn readings(&self, sensor: &Platinum) -> [Option<f64>; AXES] {
-        core::array::from_fn(|k| {
-            let there = self.samples >= LEAST && !self.saturated[k];
-            there.then(|| self.sums[k] as f64 / f64::from(self.samples)).and_then(|code| sensor.temperature_c(code))
-        })
+        self.means().map(|mean| mean.and_then(|code| sensor.temperature_c(code)))
     }
 }
 

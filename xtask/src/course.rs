@@ -3,7 +3,7 @@
 //! command builds are ignored there.
 
 use crate::{
-    bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, sensors, setup,
+    aux, bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, sensors, setup,
     signed, size, without,
 };
 use crate::{Failure, Toolchain};
@@ -120,6 +120,7 @@ fn the_rest(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
             course.step("the firmware that wants signed calibrations", || signed(t))?;
             course.step("the smallest firmware", || minimal(t))?;
             course.step("the firmware with temperature sensors", || sensors(t))?;
+            course.step("the firmware with inputs at the ADC", || aux(t))?;
             course.step("the second chip", || other_chip(t))?;
             course.step("the firmware without each part", || without(t))?;
             course.step("the bring-up program", bring_up::build)?;

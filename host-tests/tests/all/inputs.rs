@@ -14,6 +14,38 @@ use hrg_identify::fit::correct;
 use std::ops::Range;
 use std::path::Path;
 
+#[test]
+#[ignore = "cargo xtask test --rest"]
+fn drives_at_the_adc_are_inputs_as_the_desktop_has_them() {
+    let usual = replay::default_elf();
+    let target = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../target"));
+    let path = target.join("aux/thumbv7em-none-eabihf/firmware/firmware");
+    assert!(usual.ends_with("thumbv7em-none-eabihf/firmware/firmware"));
+    let elf = read_elf(&path).expect("cargo xtask size --aux builds it");
+    let mut steps = steps();
+    // (The other axes' drives are open wires.)
+    let wave = steps.quantities[usize::from(drive(1))].clone();
+    steps.quantities[usize::from(drive(0))].fill(f32::NAN);
+    steps.quantities[usize::from(drive(2))].fill(f32::NAN);
+    let options = Options { seconds: Some(120), ..Options::default() };
+    let o =
+        replay::run(&elf, Some(&calibration()), &steps, &options, |_| {}).expect("the board models all that it does");
+    let r = &o.received;
+    assert_eq!((r.differing, r.bad_frames), (0, 0), "{:?}", r.first_difference);
+    for (h, used) in r.housekeeping.iter().zip(&r.inputs_used).skip(2) {
+        assert_eq!(h.step, used.step);
+        // The mean over the second: some samples of it are those of the second before.
+        let k = h.step as usize;
+        let read = used.values[usize::from(drive(1))];
+        assert!((read - wave[k]).abs() < 2e-4, "step {k}: {read} {}", wave[k]);
+        assert!(
+            used.values[usize::from(drive(0))].is_nan() && !h.axis_status[1].contains(AxisStatus::INPUT),
+            "{:?}",
+            h.axis_status
+        );
+    }
+}
+
 /// The drive voltage of y, and the board's temperature behind lags on z.
 fn calibration() -> Calibration {
     let mut c = Calibration::uncalibrated();

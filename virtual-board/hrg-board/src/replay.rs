@@ -4,7 +4,7 @@ use crate::twin::Twin;
 use crate::wires::{Received, WireFaults, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
-use hrg_core::inputs::QuantitySet;
+use hrg_core::inputs::{Channel, QuantitySet};
 use hrg_core::parts::{self, Parts};
 use hrg_core::status::UnitStatus;
 use hrg_core::timebase::Timebase;
@@ -151,7 +151,8 @@ pub fn run(
     let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
         .with_faults(options.faults.clone())
-        .with_inputs(if parts.contains(Parts::INPUTS) { steps.unit_inputs } else { QuantitySet::empty() });
+        .with_aux(parts.contains(Parts::AUX))
+        .with_inputs(sent_by_link(parts, steps));
     let wires = match &options.accelerations {
         Some((start, increments)) => wires.with_accelerations(*start, increments.clone()),
         None => wires,
@@ -185,6 +186,18 @@ pub fn run(
         watchdog_resets,
         wall_s: start.elapsed().as_secs_f64(),
     })
+}
+
+/// Inputs that the electronics send by the link to a unit with these parts: what the recording has, but for the drives where they are at
+/// the ADC.
+fn sent_by_link(parts: Parts, steps: &Steps) -> QuantitySet {
+    let wired = Channel::DRIVES.iter().filter(|_| parts.contains(Parts::AUX));
+    let wired = wired.map(|c| QuantitySet::one(c.quantity)).fold(QuantitySet::empty(), QuantitySet::union);
+    if parts.contains(Parts::INPUTS) {
+        steps.unit_inputs.difference(wired)
+    } else {
+        QuantitySet::empty()
+    }
 }
 
 /// One second as the unit reported it.

@@ -11,7 +11,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::history::{History, Settling};
-use hrg_core::inputs::InputBank;
+use hrg_core::inputs::{Channel, InputBank};
 use hrg_core::link::{Deframer, Identity, InputsUsed, Message};
 use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
@@ -48,10 +48,12 @@ pub struct Twin {
     pps: Pps,
     model: Model,
     adc: Dialogue,
-    /// Temperature sensors in the place of resonators, and their last second.
+    /// Channels 5 to 7 of the ADC, where the firmware reads them (temperature sensors in the place of resonators, or inputs), and their
+    /// last second.
     sensors: Option<(SensorBank, Option<Window>)>,
-    /// Inputs beside the frequencies, where the firmware takes them.
+    /// Inputs beside the frequencies, where the firmware takes them; and those at the ADC.
     inputs: Option<InputBank>,
+    aux: bool,
     output: RateOutput,
     telemetry: Telemetry<Box<dyn AlignMode + Send>>,
     now: u64,
@@ -104,8 +106,9 @@ impl Twin {
                 Model::Settling(Box::new(ModelOf::new(calibration, 0.0)))
             },
             adc: Dialogue::default(),
-            sensors: None,
+            sensors: parts.contains(Parts::AUX).then(|| (SensorBank::new(timebase), None)),
             inputs: parts.contains(Parts::INPUTS).then(InputBank::default),
+            aux: parts.contains(Parts::AUX),
             output: RateOutput::new(path, start_status),
             telemetry: Telemetry::new(session, timebase, identity, start_status),
             link: VecDeque::new(),
@@ -152,11 +155,15 @@ impl Twin {
             let at = self.bank.close_tick();
             if let Some(step) = self.bank.poll(at as u32) {
                 let (mut step, report) = self.pps.second(step);
-                if let Some((_, window)) = &mut self.sensors {
-                    step = with_readings(step, window.take().as_ref(), &Platinum::PT1000);
+                let window = self.sensors.as_mut().and_then(|(_, window)| window.take());
+                if self.sensors.is_some() && !self.aux {
+                    step = with_readings(step, window.as_ref(), &Platinum::PT1000);
                 }
                 self.hear();
                 if let Some(bank) = &mut self.inputs {
+                    if let Some(window) = window.filter(|w| self.aux && w.step == step.step) {
+                        bank.take(&window, &Channel::DRIVES);
+                    }
                     let values = bank.step();
                     either!(&mut self.model, m => m.set_inputs(values));
                     if bank.any() {

@@ -3,7 +3,7 @@
 use crate::twin::Twin;
 use hrg_align::session::ACCELEROMETER_SCALE;
 use hrg_core::align_mode::Report;
-use hrg_core::inputs::{InputValues, QuantitySet, IN_MESSAGE};
+use hrg_core::inputs::{Channel, InputValues, QuantitySet, IN_MESSAGE};
 use hrg_core::link::{Deframer, Housekeeping, InputsUsed, Message};
 use hrg_core::rate_path::RateFrame;
 use hrg_data::log::Decoder;
@@ -168,6 +168,8 @@ pub struct Wires {
     invalid: bool,
     link_at: usize,
     inputs: Electronics,
+    /// Inputs at channels 5 to 7 of the ADC.
+    aux: Option<[Channel; 3]>,
     mishaps: usize,
     pulses: u32,
     /// Bytes that wait to come in, and when the last one came.
@@ -225,6 +227,7 @@ impl Wires {
             invalid: false,
             link_at: 0,
             inputs: Electronics::default(),
+            aux: None,
             mishaps: 0,
             pulses: 0,
             coming: VecDeque::new(),
@@ -300,6 +303,13 @@ impl Wires {
     #[must_use]
     pub fn with_inputs(mut self, sent: QuantitySet) -> Self {
         self.inputs.sent = sent;
+        self
+    }
+
+    /// With the drives of the recording at channels 5 to 7 of the ADC.
+    #[must_use]
+    pub fn with_aux(mut self, wired: bool) -> Self {
+        self.aux = wired.then_some(Channel::DRIVES);
         self
     }
 
@@ -476,6 +486,13 @@ impl World for Wires {
                     *code = 0x7F_FFFF;
                 }
             }
+        }
+        for (k, channel) in self.aux.iter().flatten().enumerate() {
+            let volts = f64::from(self.steps.recorded(second).get(channel.quantity));
+            let wanted = (volts - channel.at_zero) / channel.per_code + self.sensor_carry[k];
+            let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
+            self.sensor_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);
+            codes[5 + k] = if volts.is_finite() { rounded as i32 } else { 0x7F_FFFF };
         }
         for fault in faults {
             if let AdcFault::Saturated(channel) = fault {
