@@ -54,7 +54,7 @@ pub const INPUTS: QuantitySet = QuantitySet::all();
 #[cfg(not(feature = "inputs"))]
 pub const INPUTS: QuantitySet = QuantitySet::empty();
 
-/// Inputs at channels 5 to 7 of the ADC: what each is, and what one code is worth.
+/// Inputs at channels 5 to 7 of the ADC: what each is, with its scale.
 #[cfg(feature = "aux")]
 pub const AUX: [hrg_core::inputs::Channel; hrg_core::AXES] = hrg_core::inputs::Channel::DRIVES;
 

@@ -291,10 +291,10 @@ pub struct Channel {
 }
 
 impl Channel {
-    /// The amplitude-control drive of each axis behind a divider by two, at inputs of 1.2 V full scale and 24 bits.
+    /// The amplitude-control drive of each axis at half their voltage (two equal resistors), at inputs of 1.2 V full scale and 24 bits.
     pub const DRIVES: [Self; AXES] = [Self::half(drive(0)), Self::half(drive(1)), Self::half(drive(2))];
 
-    /// A voltage behind a divider by two.
+    /// A voltage of which half is at the input.
     #[must_use]
     pub const fn half(quantity: u8) -> Self {
         Self { quantity, per_code: 2.0 * 1.2 / 8_388_608.0, at_zero: 0.0 }

@@ -48,6 +48,8 @@ const USAGE: &str = "cargo xtask COMMAND
   study [ARGS]      the seeded campaign behind docs/trace.md
   study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
+  study --inputs [N]   units of the second plant whose bias follows drive and quadrature, seeds 1 to N (default 4): with their inputs and
+                    without, on a run that judges, and through the ELF, into docs/inputs.md (9 min)
   measured          the loop on the measured recordings: every method and the trace, before and after, into docs/measured.md, its
                     picture and the README's caption
   wu2023 [ARGS]     wu2023's loop on a simulated gyro with temperature sensors and no resonator (--page docs/methods.md: into that page)
@@ -106,6 +108,7 @@ fn main() -> ExitCode {
         Some("audit") => audit(),
         Some("study") if rest.first().is_some_and(|a| a == "--foreign") => foreign(&rest[1..]),
         Some("study") if rest.first().is_some_and(|a| a == "--controls") => controls(&rest[1..]),
+        Some("study") if rest.first().is_some_and(|a| a == "--inputs") => inputs(&rest[1..]),
         Some("study") => tool("hrg-study", &[vec!["trace".to_string()], rest.to_vec()].concat())
             .and_then(|()| page_of(rest, &["cargo xtask study", &rest.join(" ")].join(" "), true)),
         Some("measured") => measured(),
@@ -307,6 +310,27 @@ fn foreign(arguments: &[String]) -> Result<(), Failure> {
     );
     grade(&plant, &folder, Path::new("docs/foreign.md"), &heading, None)?;
     printed::stamp(&["docs/foreign.md"], &format!("cargo xtask study --foreign {seeds}"), true)
+}
+
+/// Cases of the second plant whose voltages are made of losses and stiffness.
+const LOSSES: [&str; 3] = ["input-loss-anisotropy", "input-quadrature-leak", "input-loss-and-quadrature"];
+
+/// Inputs beside the frequencies: traced with and without, judged, and flown.
+fn inputs(arguments: &[String]) -> Result<(), Failure> {
+    let seeds = arguments.first().map_or("4", String::as_str);
+    let count: u64 = seeds.parse().map_err(|_| Failure(format!("study --inputs: {seeds} is not a number")))?;
+    let (plant, folder) = (foreign_plant()?, root().join("out/inputs"));
+    for case in LOSSES {
+        for seed in 1..=count {
+            run(Command::new(&plant)
+                .args(["make", "--case", case, "--seed", &seed.to_string(), "--out"])
+                .arg(&folder))?;
+        }
+    }
+    build(&setup::toolchain()?)?;
+    let folder = folder.display().to_string();
+    tool("hrg-study", &["inputs", "--folder", &folder, "--page", "docs/inputs.md"].map(String::from))?;
+    printed::stamp(&["docs/inputs.md"], &format!("cargo xtask study --inputs {seeds}"), true)
 }
 
 /// Builds the second plant, and `hrg`, which it grades.

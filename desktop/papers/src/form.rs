@@ -6,10 +6,15 @@ use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
+use hrg_core::inputs;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{block_means, mean, quantile};
 use hrg_data::recording::steps::Run;
+
+/// Effect of one input, and its regressors.
+const OF_INPUTS: EffectId = EffectId::RecordedQuantity;
+const OF_INPUT: usize = 6;
 
 /// A model that is linear in its coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,6 +24,7 @@ pub(super) enum Form {
     TwoSetsHeld,
     Polynomial,
     Direct,
+    Inputs,
     Four { breakpoint_c: f32, origin_c: f32 },
 }
 
@@ -31,6 +37,7 @@ impl Form {
             Model::CoolingHeatingHeld => Some(Self::TwoSetsHeld),
             Model::Polynomial => Some(Self::Polynomial),
             Model::Frequency => Some(Self::Direct),
+            Model::Inputs => Some(Self::Inputs),
             Model::FourParameters | Model::FourParametersLiteral | Model::Network => None,
         }
     }
@@ -38,6 +45,21 @@ impl Form {
     const POLYNOMIAL: [&'static str; 4] = ["1", "T", "T^2", "T^3"];
     const DIRECT: [&'static str; direct::TERMS] = ["1", "f", "f^2", "f^3", "df/dt", "(df/dt)^2", "f df/dt"];
     const FOUR: [&'static str; four_parameter::TERMS] = ["1", "dT when cooling", "dT when heating", "T low", "T high"];
+
+    const OF_INPUTS: [&'static str; 2 * OF_INPUT] = [
+        "drive",
+        "drive^2",
+        "drive T",
+        "drive 300 s",
+        "drive 1500 s",
+        "drive 6000 s",
+        "quad",
+        "quad^2",
+        "quad T",
+        "quad 300 s",
+        "quad 1500 s",
+        "quad 6000 s",
+    ];
 
     pub(super) fn names(self) -> Vec<&'static str> {
         match self {
@@ -47,6 +69,7 @@ impl Form {
             }
             Self::Polynomial => Self::POLYNOMIAL.to_vec(),
             Self::Direct => Self::DIRECT.to_vec(),
+            Self::Inputs => hrg_identify::fit::NAMES.iter().chain(&Self::OF_INPUTS).copied().collect(),
             Self::Four { .. } => Self::FOUR.to_vec(),
         }
     }
@@ -79,7 +102,8 @@ impl Form {
         }
         let mut fill = |values: &[f32]| out.iter_mut().zip(values).for_each(|(o, v)| *o = f64::from(*v));
         match self {
-            Self::Baseline | Self::TwoSetsHeld => fill(&regressors(scaling, t, r)),
+            // (What inputs add comes from their own states: `beside`.)
+            Self::Baseline | Self::TwoSetsHeld | Self::Inputs => fill(&regressors(scaling, t, r)),
             Self::TwoSets => {
                 let (x, w) = (regressors(scaling, t, r), bias::heating_weight(scaling, r));
                 let both: [f32; 2 * TERMS] =
@@ -95,6 +119,17 @@ impl Form {
                 fill(&four_parameter::regressors(breakpoint_c, origin_c, t, s.difference_c_per_min));
             }
         }
+    }
+
+    /// The regressors of each step that need more than its state: they stand behind those of [`row`](Self::row).
+    fn beside(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
+        if self != Self::Inputs {
+            return vec![Vec::new(); run.steps.len()];
+        }
+        let of = |number: u8| run.effect(OF_INPUTS.facts().id, &[f32::from(number), 0.0], 0.0, scaling, a);
+        let (drive, quad) = (of(inputs::drive(a)), of(inputs::quad(a)));
+        let take = |x: &[f32]| x.iter().take(OF_INPUT).map(|v| f64::from(*v)).collect::<Vec<_>>();
+        drive.iter().zip(&quad).map(|(d, q)| [take(d), take(q)].concat()).collect()
     }
 
     /// Puts coefficients into a calibration.
@@ -127,6 +162,20 @@ impl Form {
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
             Self::Direct => Coefficients::Direct(take(k, 0)),
+            Self::Inputs => {
+                for (n, number) in [inputs::drive(a), inputs::quad(a)].into_iter().enumerate() {
+                    let mut term = EffectTerm::new(OF_INPUTS.facts().id, [f32::from(number), 0.0]);
+                    let from = TERMS + n * OF_INPUT;
+                    let own =
+                        k.iter().skip(from).take(OF_INPUT).zip(std.iter().skip(from).chain(std::iter::repeat(&0.0)));
+                    for (j, (gain, std)) in own.enumerate() {
+                        (term.gains[a][j], term.gain_std[a][j]) = (*gain as f32, *std as f32);
+                    }
+                    let _ = c.effects.push(term);
+                }
+                c.axes[a].bias_std_dph[1] = [0.0; TERMS];
+                Coefficients::One(take(k, 0))
+            }
             Self::Four { breakpoint_c, origin_c } => Coefficients::FourParameter(FourParameter {
                 constant_cooling_heating_low_high: take(k, 0),
                 breakpoint_c,
@@ -160,11 +209,13 @@ impl Data {
         let mut y = Vec::with_capacity(total);
         let mut row = vec![0.0; names.len()];
         for run in runs {
+            let beside = form.beside(run, scaling, a);
             for (k, stage) in form.stages(run, scaling, a).into_iter().enumerate() {
                 match run.bias_state(k, a) {
                     Some(s) => form.row(scaling, s, stage, &mut row),
                     None => row.fill(f64::NAN),
                 }
+                put_behind(&mut row, &beside[k]);
                 columns.iter_mut().zip(&row).for_each(|(c, v)| c.push(*v));
             }
             y.extend_from_slice(&run.steps.rate_dph[a]);
@@ -238,19 +289,31 @@ pub(super) fn fit_directly(
 ) -> Result<lsq::Fit, BadInput> {
     let names = form.names();
     let stages: Vec<_> = runs.iter().map(|run| form.stages(run, scaling, a)).collect();
-    let mut steps = runs.iter().zip(&stages).flat_map(|(run, s)| s.iter().enumerate().map(move |(k, s)| (run, k, *s)));
+    let beside: Vec<_> = runs.iter().map(|run| form.beside(run, scaling, a)).collect();
+    let of_run = |((run, s), beside)| -> Vec<(&Run, usize, Option<Stage>, &Vec<f64>)> {
+        let (s, beside): (&Vec<Option<Stage>>, &Vec<Vec<f64>>) = (s, beside);
+        s.iter().zip(beside).enumerate().map(|(k, (s, b))| (run, k, *s, b)).collect()
+    };
+    let mut steps = runs.iter().zip(&stages).zip(&beside).flat_map(of_run);
     lsq::fit_rows(runs.iter().map(|r| r.steps.len()).sum(), names.len(), &names, |k, row| {
         let weight = weights.map_or(1.0, |w| w[k]);
-        let Some((run, step, stage)) = steps.next() else { return false };
+        let Some((run, step, stage, beside)) = steps.next() else { return false };
         let Some(state) = run.bias_state(step, a) else { return false };
         if form == Form::TwoSetsHeld && stage.is_none() {
             return false;
         }
         form.row(scaling, state, stage, row);
+        put_behind(&mut row[..names.len()], beside);
         row[names.len()] = run.steps.rate_dph[a][step];
         row.iter_mut().for_each(|v| *v *= weight.sqrt());
         weight > 0.0
     })
+}
+
+/// Puts values at the end of a row.
+fn put_behind(row: &mut [f64], values: &[f64]) {
+    let from = row.len() - values.len();
+    row[from..].copy_from_slice(values);
 }
 
 pub(super) fn range(v: &[f64]) -> f64 {

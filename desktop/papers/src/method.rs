@@ -19,6 +19,8 @@ pub enum Model {
     Network,
     /// A curve of frequency and its rate.
     Frequency,
+    /// Eq 7 beside drive and quadrature voltage, as they are and late.
+    Inputs,
 }
 
 /// Search for the coefficients.
@@ -97,11 +99,13 @@ pub enum Method {
     GaBp,
     /// A curve of frequency.
     Direct,
+    /// Eq 7 beside drive and quadrature voltage.
+    Inputs,
 }
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::Lsq,
         Self::TwoSets,
         Self::TwoSetsHeld,
@@ -121,6 +125,7 @@ impl Method {
         Self::Polynomial,
         Self::GaBp,
         Self::Direct,
+        Self::Inputs,
     ];
 
     /// The name in commands and reports.
@@ -146,6 +151,7 @@ impl Method {
             Self::Polynomial => "polynomial",
             Self::GaBp => "ga-bp",
             Self::Direct => "direct",
+            Self::Inputs => "inputs",
         }
     }
 
@@ -178,6 +184,7 @@ impl Method {
             Self::Polynomial => (Polynomial, Exact, Squares),
             Self::GaBp => (Network, Genetic, Squares),
             Self::Direct => (Frequency, Exact, Squares),
+            Self::Inputs => (Model::Inputs, Exact, Squares),
         };
         Parts { model, search, objective }
     }
@@ -246,6 +253,6 @@ mod tests {
             assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
         }
         let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct"]);
+        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs"]);
     }
 }

@@ -25,6 +25,7 @@
 //! | `polynomial` | cubic of temperature | least squares | zhao2022 |
 //! | `ga-bp` | 1-5-1 network | genetic start, Levenberg-Marquardt | zhao2022 |
 //! | `direct` | curve of frequency and its rate | least squares | dong2023, outlook |
+//! | `inputs` | eq 7 beside drive and quadrature voltage: each, its square, times temperature, and behind lags of 300, 1500 and 6000 s | least squares | dong2023 eq 3, Zhou 2025 |
 //!
 //! `hrg compare` adds the traced model ([`hrg_identify::trace`]) as `trace`.
 
@@ -38,6 +39,7 @@ use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smalles
 use crate::stages::Stage;
 use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
 use hrg_core::calibration::Calibration;
+use hrg_core::inputs;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::block_means;
@@ -74,6 +76,14 @@ pub enum MethodError {
         method: Method,
         /// "cooling" or "heating".
         which: &'static str,
+    },
+    /// The recordings lack an input that it needs.
+    #[error("{method} needs the columns drive_?_v and quad_?_v, and {lacking} is missing in the data")]
+    MissingInput {
+        /// The method.
+        method: Method,
+        /// Column.
+        lacking: &'static str,
     },
     /// A model that is linear has no use for a genetic search.
     #[error("a genetic search is for networks only")]
@@ -134,6 +144,9 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
     }
     let start = Instant::now();
     let mut calibration = prepared.calibration.clone();
+    if method == Method::Inputs {
+        calibration.inputs.clone_from(&prepared.inputs);
+    }
     let (mut notes, mut history) = (Vec::new(), Vec::new());
     let mut parameters = 0;
     needs(prepared, method)?;
@@ -152,11 +165,22 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         }
         .map_err(here)?;
     }
+    if method == Method::Inputs {
+        hrg_identify::fit::state_inputs(&mut calibration, &prepared.runs);
+    }
     Ok(Identified { calibration, parameters, seconds: start.elapsed().as_secs_f64(), notes, history })
 }
 
-/// Checks that the data have the directions (cooling, heating) that a method needs.
+/// Checks that the data have the directions (cooling, heating) and the inputs that a method needs.
 fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
+    if method == Method::Inputs {
+        let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+        let wanted = present.iter().flat_map(|a| [inputs::drive(*a), inputs::quad(*a)]);
+        let there = |n: &u8| prepared.inputs.iter().any(|i| i.quantity == *n);
+        if let Some(lacking) = wanted.into_iter().find(|n| !there(n)) {
+            return Err(MethodError::MissingInput { method, lacking: inputs::NAMES[usize::from(lacking)] });
+        }
+    }
     if !method.needs_both_directions() {
         return Ok(());
     }
@@ -188,10 +212,10 @@ impl Task<'_> {
                 let weights = self.options.uniform.then(|| uniform_weights(self.runs, a));
                 let fit = fit_directly(self.runs, &self.scaling, a, form, weights.as_deref())?;
                 form.store(c, a, &fit.coefficients, &fit.std);
-                let together = if fit.condition > TOGETHER {
-                    ": temperature and ramp nearly go together in these runs, and the fit parts them by chance; a run with other ramps tells them apart"
-                } else {
-                    ""
+                let together = match form {
+                    _ if fit.condition <= TOGETHER => "",
+                    Form::Inputs => ": an input nearly goes with its past or with the temperature in these runs, and the fit parts them by chance; a run of another profile tells them apart",
+                    _ => ": temperature and ramp nearly go together in these runs, and the fit parts them by chance; a run with other ramps tells them apart",
                 };
                 records.note(format!("condition number {:.1}{together}", fit.condition));
                 return Ok(fit.coefficients.len());

@@ -7,6 +7,7 @@
 //! | [`threshold`] | false alarms of the trace's threshold |
 //! | [`campaign`] | the seeded campaign behind docs/trace.md |
 //! | [`methods`], [`rates`], [`align`] | methods, scale factors and self-alignment through the ELF |
+//! | [`inputs`] | inputs beside the frequencies, on the second plant and through the ELF |
 //! | [`faults`] | attacks the promises of docs/promises.md |
 //! | [`mutate`] | proof by mutation: set-up code made wrong, which the board must notice |
 //! | [`fingerprint`] | checksums of frames, images and files, to compare before and after a change |
@@ -22,6 +23,7 @@ pub mod desktop_bench;
 pub mod faults;
 pub mod fingerprint;
 pub mod formats;
+pub mod inputs;
 pub mod measured;
 pub mod methods;
 pub mod mutate;

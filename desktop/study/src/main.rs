@@ -162,6 +162,10 @@ enum Command {
         #[arg(long)]
         elf: Option<PathBuf>,
     },
+    /// Units whose bias follows drive and quadrature: traced with their inputs and without, judged on a third run, and flown.
+    ///
+    /// Example: hrg-study inputs --folder out/inputs
+    Inputs(hrg_study::inputs::Arguments),
     /// The main job from end to end, on a simulated unit.
     ///
     /// Example: hrg-study demo --seed 7
@@ -262,6 +266,11 @@ fn run(command: Command) -> Result<()> {
         }
         Command::Rates { seed, out, elf } => {
             hrg_study::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)
+        }
+        Command::Inputs(arguments) => {
+            let text = hrg_study::inputs::run(&arguments)?;
+            print!("{text}");
+            arguments.page.map_or(Ok(()), |page| splice(&page, "inputs", &text))
         }
         Command::Demo { seed, out, page, elf } => {
             let out = out.unwrap_or_else(|| PathBuf::from("out").join(format!("demo-{seed}")));

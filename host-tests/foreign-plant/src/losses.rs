@@ -3,7 +3,7 @@
 //!
 //! # Losses
 //! `1/Q = 1/Q_bulk(T) + 1/Q_gas(t) + 1/Q_stem(t)`. The bulk's grows with temperature. The pressure of the gas goes to an equilibrium that grows
-//! exponentially with temperature (walls give off gas, a getter takes it), within hours. The stem's wanders. A loop holds the amplitude:
+//! exponentially with temperature (walls give off gas, a getter takes it), within hours. The stem's drifts. A loop holds the amplitude:
 //! its voltage is the loss over the actuator's gain, which depends on the board's temperature; the loop takes seconds and has noise.
 //!
 //! # Stiffness
@@ -59,7 +59,7 @@ fn loss(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) -> Vec
         (unit.random_range(0.02..0.06), unit.random_range(22.0..35.0), unit.random_range(4000.0..12_000.0));
     let (stem, stem_s) = (unit.random_range(0.006..0.014), unit.random_range(2500.0..7000.0));
     let keep = (-w.dt_s / stem_s).exp();
-    let mut wander = stem * normal(day);
+    let mut drift = stem * normal(day);
     // The gas of the day before, at another temperature.
     let mut pressure = gas * day.random_range(0.6..1.6);
     w.t_c[a]
@@ -67,8 +67,8 @@ fn loss(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) -> Vec
         .map(|t| {
             let x = t - 25.0;
             pressure += (1.0 - (-w.dt_s / tau_s).exp()) * (gas * (x / scale_c).exp() - pressure);
-            wander = wander * keep + stem * (1.0 - keep * keep).sqrt() * normal(day);
-            1.0 + linear * x + square * x * x + pressure + wander
+            drift = drift * keep + stem * (1.0 - keep * keep).sqrt() * normal(day);
+            1.0 + linear * x + square * x * x + pressure + drift
         })
         .collect()
 }
@@ -80,16 +80,16 @@ fn mismatch(w: &World, a: usize, unit: &mut ChaCha8Rng, day: &mut ChaCha8Rng) ->
     let (creep_s, angle, turn_per_c) =
         (unit.random_range(1500.0..5000.0), unit.random_range(0.1..0.3), unit.random_range(-2e-3..2e-3));
     let late = lag(&w.t_c[a], w.dt_s, creep_s, w.start_c());
-    let (wander_v, wander_s) = (unit.random_range(0.002..0.006), unit.random_range(3000.0..9000.0));
-    let keep = (-w.dt_s / wander_s).exp();
-    let mut wander = wander_v * normal(day);
+    let (drift_v, drift_s) = (unit.random_range(0.002..0.006), unit.random_range(3000.0..9000.0));
+    let keep = (-w.dt_s / drift_s).exp();
+    let mut drift = drift_v * normal(day);
     w.t_c[a]
         .iter()
         .zip(late)
         .map(|(t, late)| {
-            wander = wander * keep + wander_v * (1.0 - keep * keep).sqrt() * normal(day);
+            drift = drift * keep + drift_v * (1.0 - keep * keep).sqrt() * normal(day);
             let split = split_v * (1.0 + per_c * (t - 25.0) + creep_per_c * (late - t));
-            split * (4.0 * (angle + turn_per_c * (t - 25.0))).sin() + wander
+            split * (4.0 * (angle + turn_per_c * (t - 25.0))).sin() + drift
         })
         .collect()
 }

@@ -110,7 +110,7 @@ fn an_image_with_inputs_flies_bit_for_bit_and_a_missing_one_is_flagged() {
         let wanted = 100.0 * (steps.quantities[usize::from(drive(1))][at] - 1.2);
         assert!((h.bias_dph[1] - wanted).abs() < 1e-4, "step {k}: {} {wanted}", h.bias_dph[1]);
     }
-    // What is recorded of it holds the inputs, and the desktop computes the same of the file.
+    // The recording of it holds the inputs, and the desktop computes the same of the file.
     let path = host_tests::temporary("inputs").join("unit.csv");
     let mut recorder = Recorder::new(&path, "SIM-11");
     let mut used = r.inputs_used.iter().peekable();

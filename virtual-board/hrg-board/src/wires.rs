@@ -315,7 +315,7 @@ impl Wires {
 
     /// The next byte that the electronics send, and when.
     fn next_input_byte(&mut self) -> Option<(u64, u8)> {
-        // (One line: what a host says goes first, and no frame into another.)
+        // (One line: a host goes first, and no frame goes into another.)
         if !self.inputs.in_frame && !self.coming.is_empty() {
             return None;
         }
@@ -336,7 +336,7 @@ impl Wires {
             self.inputs.second += 1;
         }
         let (at, byte) = *self.inputs.bytes.front()?;
-        // A live board asks again: what is said meanwhile comes first.
+        // A live board asks again: messages of a host come first.
         let due = self.out.is_none() || self.inputs.in_frame || at < self.now + CPU_HZ / 100;
         due.then(|| (at.max(self.last_byte + BYTE_CYCLES), byte))
     }

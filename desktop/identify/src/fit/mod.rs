@@ -9,7 +9,9 @@ pub mod independence;
 use crate::thermometer::curve;
 use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
-use hrg_core::inputs::InputTable;
+use hrg_core::calibration::EffectTerm;
+use hrg_core::effects::{self, MAX_OUTPUTS};
+use hrg_core::inputs::{self, InputTable, QuantitySet};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
@@ -158,6 +160,34 @@ pub fn prepare_with(
     let inputs = input_table(&runs);
     runs.iter_mut().for_each(|run| run.references = references(&inputs));
     Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest })
+}
+
+/// Keeps the inputs that the effects of an image read, and writes into each what its effects were in the train runs: the uncertainty where
+/// it is missing.
+pub fn state_inputs(image: &mut Calibration, runs: &[Run]) {
+    let needed = inputs::needed(image);
+    image.inputs.retain(|i| needed.contains(QuantitySet::one(i.quantity)));
+    let Calibration { effects, inputs, scaling, .. } = image;
+    for input in inputs {
+        for a in 0..AXES {
+            let reads = |t: &&EffectTerm| {
+                effects::reads(t.id, &t.parameters, a).contains(QuantitySet::one(input.quantity))
+                    && t.gains[a].iter().any(|g| *g != 0.0)
+            };
+            let mut done = Vec::new();
+            for run in runs {
+                let mut sum = vec![0.0; run.steps.len()];
+                for t in effects.iter().filter(reads) {
+                    let x = run.effect(t.id, &t.parameters, t.start, scaling, a);
+                    let of =
+                        |x: &[f32; MAX_OUTPUTS]| x.iter().zip(&t.gains[a]).map(|(x, g)| f64::from(x * g)).sum::<f64>();
+                    sum.iter_mut().zip(&x).for_each(|(s, x)| *s += of(x));
+                }
+                done.extend(sum.into_iter().filter(|v| v.is_finite()));
+            }
+            input.without_dph[a] = std_dev(&done) as f32;
+        }
+    }
 }
 
 /// Puts the curves of resonators into an image that was identified on temperatures (predicted ones, as zhao2022 has them, or those of

@@ -11,9 +11,7 @@ use super::uncertainty::{self, Known};
 use super::unseen::Unseen;
 use crate::fit;
 use hrg_core::bias::{Coefficients, Scaling, TERMS};
-use hrg_core::calibration::{Axis, Calibration, EffectTerm, Uncertainty};
-use hrg_core::effects::{self, MAX_OUTPUTS};
-use hrg_core::inputs::QuantitySet;
+use hrg_core::calibration::{Axis, Calibration, Uncertainty};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::{mean, std_dev};
@@ -105,7 +103,7 @@ impl Fits<'_> {
             }
         }
         drop_idle_effects(&mut image);
-        self.state_inputs(&mut image);
+        fit::state_inputs(&mut image, self.data.runs);
         let kind = match () {
             () if models.contains(&AxisModel::Extended) => Image::Extended,
             () if models.contains(&AxisModel::Baseline) => Image::Baseline,
@@ -161,32 +159,6 @@ impl Fits<'_> {
             }
         }
         (plain, chosen)
-    }
-
-    /// Writes into each input what its effects were in training: the uncertainty where it is missing.
-    fn state_inputs(&self, image: &mut Calibration) {
-        let Calibration { effects, inputs, scaling, .. } = image;
-        for input in inputs {
-            for a in 0..AXES {
-                let reads = |t: &&EffectTerm| {
-                    effects::reads(t.id, &t.parameters, a).contains(QuantitySet::one(input.quantity))
-                        && t.gains[a].iter().any(|g| *g != 0.0)
-                };
-                let mut done = Vec::new();
-                for run in self.data.runs {
-                    let mut sum = vec![0.0; run.steps.len()];
-                    for t in effects.iter().filter(reads) {
-                        let x = run.effect(t.id, &t.parameters, t.start, scaling, a);
-                        let of = |x: &[f32; MAX_OUTPUTS]| {
-                            x.iter().zip(&t.gains[a]).map(|(x, g)| f64::from(x * g)).sum::<f64>()
-                        };
-                        sum.iter_mut().zip(&x).for_each(|(s, x)| *s += of(x));
-                    }
-                    done.extend(sum.into_iter().filter(|v| v.is_finite()));
-                }
-                input.without_dph[a] = std_dev(&done) as f32;
-            }
-        }
     }
 
     /// Writes into each axis how uncertain its bias is where the runs of the fit have not been.

@@ -1,0 +1,137 @@
+//! Inputs beside the frequencies, proved: units of the second plant whose bias follows losses and stiffness, traced with their inputs and
+//! without, judged on a run that chose nothing, and flown.
+
+use anyhow::{Context, Result};
+use hrg_board::replay;
+use hrg_core::calibration::Calibration;
+use hrg_core::AXES;
+use hrg_data::axes::AXIS_NAMES;
+use hrg_data::load::load_recording;
+use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::recording::metadata::NO_INPUTS;
+use hrg_data::recording::steps::{Steps, MEAN_S};
+use hrg_data::recording::Recording;
+use hrg_identify::fit;
+use hrg_identify::trace;
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `hrg-study inputs`.
+#[derive(clap::Args, Debug)]
+pub struct Arguments {
+    /// Folder with units that foreign-plant has written: truths, train, verify and judge runs.
+    #[arg(long)]
+    folder: PathBuf,
+    /// Seconds of the judging run that are flown through the ELF.
+    #[arg(long, default_value_t = 600)]
+    seconds: u64,
+    /// Page whose table is written anew.
+    #[arg(long)]
+    pub page: Option<PathBuf>,
+}
+
+/// Results of a unit.
+struct Row {
+    name: String,
+    /// By axis, in noise floors of the judging run: what the baseline leaves, the image without inputs, the image with them.
+    left: [[f64; AXES]; 3],
+    burn: [bool; 2],
+    named: String,
+    inputs: usize,
+    frames: usize,
+    differing: usize,
+}
+
+/// Runs of a role.
+fn runs(folder: &Path, truth: &Value, role: &str) -> Result<Vec<Recording>> {
+    let all = truth["runs"].as_array().into_iter().flatten().filter(|r| r["role"] == role);
+    all.map(|r| load_recording(&folder.join(r["file"].as_str().unwrap_or("?")))).collect()
+}
+
+/// What an image leaves of a run, in its noise floors.
+fn left(image: &Calibration, steps: &Steps, floors: [f64; AXES]) -> [f64; AXES] {
+    let rates = fit::correct(image, steps);
+    std::array::from_fn(|a| std_dev(&block_means(&rates[a], MEAN_S)) / floors[a])
+}
+
+fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
+    let truth: Value = serde_json::from_slice(&std::fs::read(truth_file)?)?;
+    let folder = truth_file.parent().unwrap_or(Path::new("."));
+    let (mut train, mut verify) = (runs(folder, &truth, "train")?, runs(folder, &truth, "verify")?);
+    let judge = runs(folder, &truth, "judge")?.pop().context("no run that judges")?;
+    let run = truth["runs"].as_array().into_iter().flatten().find(|r| r["role"] == "judge");
+    let floor = |n: &str| run.and_then(|r| r["axes"][n]["floor_dph"].as_f64());
+    let floors: [f64; AXES] = std::array::from_fn(|a| floor(AXIS_NAMES[a]).unwrap_or(f64::NAN));
+    let verify_run = &mut verify[0];
+    let with = trace::trace(&train, verify_run)?;
+    for r in train.iter_mut().chain([&mut *verify_run]) {
+        r.set_unit_inputs(NO_INPUTS)?;
+    }
+    let without = trace::trace(&train, verify_run)?;
+    let steps = Steps::new(&judge)?;
+    let options = replay::Options { seconds: Some(seconds), ..replay::Options::default() };
+    let flown = replay::run(elf, Some(&with.image), &steps, &options, |_| {})?;
+    let named: Vec<&str> = with.report.effects.iter().map(|e| e.name.as_str()).collect();
+    Ok(Row {
+        name: format!("{}-{}", truth["case"].as_str().unwrap_or("?"), truth["seed"]),
+        left: [&with.baseline, &without.image, &with.image].map(|image| left(image, &steps, floors)),
+        burn: [without.report.burn, with.report.burn],
+        named: named.join(", "),
+        inputs: with.image.inputs.len(),
+        frames: flown.received.rates.len() + flown.received.housekeeping.len(),
+        differing: flown.received.differing,
+    })
+}
+
+/// A share of sorted values.
+fn share(sorted: &[f64], share: f64) -> f64 {
+    let at = share * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    low + (high - low) * (at - at.floor())
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// Files that cannot be read, or a unit that cannot be traced.
+pub fn run(arguments: &Arguments) -> Result<String> {
+    let elf = replay::read_elf(&replay::default_elf())?;
+    let folder = std::fs::read_dir(&arguments.folder).with_context(|| arguments.folder.display().to_string())?;
+    let mut truths: Vec<PathBuf> = folder.filter_map(|f| Some(f.ok()?.path())).collect();
+    truths.retain(|p| p.to_string_lossy().ends_with("-truth.json"));
+    truths.sort();
+    anyhow::ensure!(!truths.is_empty(), "{}: no truth of a unit", arguments.folder.display());
+    let rows = truths.iter().map(|t| one(&elf, t, arguments.seconds)).collect::<Result<Vec<_>>>()?;
+    let mut s = String::new();
+    let _ = writeln!(
+        s,
+        "| left on the judging run, in noise floors, {} axes | median | 5th to 95th percentile |",
+        3 * rows.len()
+    );
+    let _ = writeln!(s, "|---|---:|---:|");
+    for (k, what) in ["baseline", "image without inputs", "image with inputs"].iter().enumerate() {
+        let mut all: Vec<f64> = rows.iter().flat_map(|r| r.left[k]).collect();
+        all.sort_by(f64::total_cmp);
+        let _ =
+            writeln!(s, "| {what} | {:.2} | {:.2} to {:.2} |", share(&all, 0.5), share(&all, 0.05), share(&all, 0.95));
+    }
+    let burnt = |k: usize| rows.iter().filter(|r| r.burn[k]).count();
+    let frames: usize = rows.iter().map(|r| r.frames).sum();
+    let differing: usize = rows.iter().map(|r| r.differing).sum();
+    let _ = writeln!(
+        s,
+        "\nRecommended: {} of {} images without inputs, {} with. Through the ELF, {} s of each judging run: {frames} frames, {differing} of them other than the desktop's.\n",
+        burnt(0),
+        rows.len(),
+        burnt(1),
+        arguments.seconds
+    );
+    let _ = writeln!(s, "| unit | named | inputs | baseline | without | with |\n|---|---|---:|---|---|---|");
+    for r in &rows {
+        let text = |v: [f64; AXES]| v.map(|v| format!("{v:.2}")).join(", ");
+        let [b, without, with] = r.left.map(text);
+        let _ = writeln!(s, "| {} | {} | {} | {b} | {without} | {with} |", r.name, r.named, r.inputs);
+    }
+    Ok(s)
+}
