@@ -42,7 +42,7 @@ pub(crate) fn resonate(world: &mut World, seed: u64, case: &str, run: usize) {
     }
 }
 
-/// What a loop shows of a quantity: late, and with noise (V at each second).
+/// A quantity as a loop shows it: late, and with noise (V at each second).
 fn loop_of(x: &[f64], dt_s: f64, tau_s: f64, noise_v: f64, rng: &mut ChaCha8Rng) -> Vec<f64> {
     let late = lag(x, dt_s, tau_s, x[0]);
     late.into_iter().map(|x| x + noise_v * normal(rng)).collect()
