@@ -11,7 +11,7 @@ pub struct CaseGradient;
 impl Effect for CaseGradient {
     const NAME: &'static str = "case-gradient";
     const ID: u16 = 8;
-    const REACH: Reach = Reach::NeedsInput("case_c");
+    const REACH: Reach = Reach::NeedsInput("case_?_c");
 
     type Parameters = ();
     type Regressors = [f32; 1];

@@ -11,7 +11,7 @@ pub struct DriveAmplitude;
 impl Effect for DriveAmplitude {
     const NAME: &'static str = "drive-amplitude";
     const ID: u16 = 14;
-    const REACH: Reach = Reach::NeedsInput("drive_v");
+    const REACH: Reach = Reach::NeedsInput("drive_?_v");
 
     type Parameters = ();
     type Regressors = [f32; 1];

@@ -11,7 +11,7 @@ pub struct Quadrature;
 impl Effect for Quadrature {
     const NAME: &'static str = "quadrature";
     const ID: u16 = 15;
-    const REACH: Reach = Reach::NeedsInput("quad_v");
+    const REACH: Reach = Reach::NeedsInput("quad_?_v");
 
     type Parameters = ();
     type Regressors = [f32; 1];

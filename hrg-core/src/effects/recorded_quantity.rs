@@ -20,7 +20,7 @@ pub struct RecordedQuantity {
 impl Effect for RecordedQuantity {
     const NAME: &'static str = "recorded-quantity";
     const ID: u16 = 38;
-    const REACH: Reach = Reach::NeedsInput("a recorded quantity");
+    const REACH: Reach = Reach::NeedsInput("its quantity");
 
     type Parameters = Channel;
     type Regressors = [f32; 6];

@@ -24,7 +24,7 @@ pub struct Timebase {
 impl Effect for Timebase {
     const NAME: &'static str = "timebase";
     const ID: u16 = 13;
-    const REACH: Reach = Reach::NeedsChamber("case_c");
+    const REACH: Reach = Reach::NeedsChamber("case_?_c");
 
     type Parameters = Lag;
     type Regressors = [f32; 1];

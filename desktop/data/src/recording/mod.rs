@@ -82,6 +82,12 @@ pub fn inputs_named(listed: &str) -> Result<QuantitySet, BadInput> {
     names.map(input_named).try_fold(QuantitySet::empty(), |all, one| Ok(all.union(one?)))
 }
 
+/// Names of the columns of quantities.
+#[must_use]
+pub fn names_of(quantities: QuantitySet) -> Vec<&'static str> {
+    quantities.numbers().map(|n| columns::today(inputs::NAMES[usize::from(n)])).collect()
+}
+
 fn input_named(name: &str) -> Result<QuantitySet, BadInput> {
     let found = inputs::NAMES.iter().zip(0..).filter(|(n, _)| {
         let today = columns::today(n);

@@ -1,9 +1,11 @@
 //! Screen of `hrg monitor`: the state of a unit as its messages report it, drawn on a terminal.
 
-use hrg_core::link::{mode, Housekeeping, Identity, Message};
+use hrg_core::inputs;
+use hrg_core::link::{mode, Housekeeping, Identity, InputsUsed, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
+use hrg_data::recording::columns;
 use hrg_simulate::Profile;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -24,6 +26,8 @@ pub struct State {
     pub identity: Option<Identity>,
     /// The last second.
     pub last: Option<Housekeeping>,
+    /// The inputs that the last step has used.
+    pub inputs: Option<InputsUsed>,
     raw: [VecDeque<f32>; 3],
     corrected: [VecDeque<f32>; 3],
     /// Since when the temperatures have been stable, ms of the unit's time.
@@ -47,6 +51,7 @@ impl State {
             Message::Identity(i) => self.identity = Some(*i),
             Message::Rate(_) => self.frames.0 += 1,
             Message::Housekeeping(h) => self.second(h),
+            Message::InputsUsed(used) => self.inputs = Some(*used),
             _ => {}
         }
     }
@@ -117,9 +122,15 @@ fn clock(ms: u32) -> String {
 
 /// Draws the state.
 pub fn draw(frame: &mut Frame<'_>, state: &State) {
-    let [head, table, lines, foot] =
-        Layout::vertical([Constraint::Length(2), Constraint::Length(7), Constraint::Min(6), Constraint::Length(6)])
-            .areas(frame.area());
+    // (Inputs take up to three rows on a terminal of 80 columns.)
+    let foot_rows = if state.inputs.is_some() { 9 } else { 6 };
+    let [head, table, lines, foot] = Layout::vertical([
+        Constraint::Length(2),
+        Constraint::Length(7),
+        Constraint::Min(6),
+        Constraint::Length(foot_rows),
+    ])
+    .areas(frame.area());
     let bold = Style::default().add_modifier(Modifier::BOLD);
     let bad = Style::default().fg(Color::Red);
     let name = state.identity.map_or_else(|| "?".into(), |i| i.unit_name().to_string());
@@ -152,7 +163,8 @@ pub fn draw(frame: &mut Frame<'_>, state: &State) {
         sparkline(frame, left, &state.raw[a], &format!("{} raw", AXIS_NAMES[a]), Color::Gray);
         sparkline(frame, right, &state.corrected[a], &format!("{} corrected", AXIS_NAMES[a]), Color::Blue);
     }
-    let text = foot_lines(state, &h);
+    let mut text = foot_lines(state, &h);
+    text.extend(inputs_line(state));
     frame.render_widget(
         Paragraph::new(text).wrap(ratatui::widgets::Wrap { trim: true }).block(Block::default().borders(Borders::TOP)),
         foot,
@@ -196,6 +208,14 @@ fn axes_table(frame: &mut Frame<'_>, area: Rect, h: &Housekeeping) {
         Table::new(rows, widths).header(header).block(Block::default().borders(Borders::TOP | Borders::BOTTOM)),
         area,
     );
+}
+
+/// The inputs beside the frequencies, where any have come.
+fn inputs_line(state: &State) -> Option<Line<'static>> {
+    let used = state.inputs?;
+    let shown = inputs::NAMES.iter().zip(used.values).filter(|(_, v)| v.is_finite());
+    let shown: Vec<String> = shown.map(|(n, v)| format!("{} {v:.4}", columns::today(n))).collect();
+    Some(Line::from(format!("inputs: {}", if shown.is_empty() { "none come in".into() } else { shown.join("  ") })))
 }
 
 /// Soak, profile, status of the unit and link.

@@ -6,12 +6,14 @@ use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
 use hrg_core::events::{records, Record, SECTOR};
+use hrg_core::inputs;
 use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
+use hrg_data::recording::columns;
 use hrg_data::recording::metadata::{same_scale, scale_text};
 use hrg_data::recording::names;
 use serialport::SerialPort;
@@ -378,6 +380,14 @@ impl Unit {
     fn done(&mut self, command: Command, what: &str) -> Result<u32> {
         match self.maintain(command)? {
             Reply::Answer(Answer::Done, value) => Ok(value),
+            Reply::Answer(Answer::Input, number) => {
+                let name = inputs::NAMES.get(number as usize).map_or("of an unknown number", |n| columns::today(n));
+                let advice = "trace with --inputs that names what the unit has, or give it the input (docs/inputs.md)";
+                Err(BadInput::new(format!(
+                    "{what}: the image needs the input {name}, which this unit does not have; {advice}"
+                ))
+                .into())
+            }
             Reply::Answer(answer, _) => Err(BadInput::new(format!("{what}: the unit says: {answer}")).into()),
             Reply::Data { .. } => anyhow::bail!("{what}: the unit answered with data"),
         }

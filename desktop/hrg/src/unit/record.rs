@@ -339,6 +339,12 @@ impl Recorder {
         self.used = used;
     }
 
+    /// `true` if the inputs of that second have come.
+    #[must_use]
+    pub fn has_inputs_of(&self, h: &Housekeeping) -> bool {
+        self.used.step == h.step
+    }
+
     /// A second of a unit, with the inputs of its step; and the inputs that have come since the file was opened, and have no column in it.
     pub fn second(&self, h: &Housekeeping) -> (Second, Vec<&'static str>) {
         let mut second = Second::from(h);

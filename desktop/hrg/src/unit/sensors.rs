@@ -6,6 +6,7 @@
 //! time since the unit's power-on; else a reading belongs to the moment at which its line comes. A value is written into the one
 //! row that it belongs to: what reads the recording draws straight lines between.
 
+use hrg_core::inputs;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::{Column, CASE, CHAMBER};
@@ -21,6 +22,18 @@ use std::time::Duration;
 /// The columns that sensors fill.
 pub const COLUMNS: [Column; 2] = [CASE, CHAMBER];
 
+/// Names of the sensors beside a unit.
+#[must_use]
+pub fn names() -> Vec<&'static str> {
+    COLUMNS.iter().flat_map(|c| c.names).copied().collect()
+}
+
+/// Names of the inputs beside the frequencies, by number.
+#[must_use]
+pub fn names_of_inputs() -> Vec<&'static str> {
+    inputs::NAMES.iter().map(|n| columns::today(n)).collect()
+}
+
 /// Baud rate of a port that names none.
 const BAUD: u32 = 9600;
 
@@ -30,9 +43,14 @@ const AGAIN: Duration = Duration::from_millis(100);
 /// Why a line is none of sensors.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LineError {
-    /// A name that no column has.
-    #[error("\"{0}\" is no name of a sensor: there are time_s, case_x_c, case_y_c, case_z_c and chamber_c")]
-    Name(String),
+    /// A name that is none of those there are.
+    #[error("\"{name}\" is not known here: there are time_s, {known}")]
+    Name {
+        /// In the line.
+        name: String,
+        /// Names that there are.
+        known: String,
+    },
     /// A value that is no number.
     #[error("\"{0}\" is not a number")]
     Number(String),
@@ -42,33 +60,41 @@ pub enum LineError {
 }
 
 /// Contents of a line.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Reading {
     /// Time since the unit's power-on, s, where the line tells.
     pub time_s: Option<f64>,
-    /// Temperatures in the order of the names of [`COLUMNS`], C; NaN where not told.
-    pub values_c: [f64; 4],
+    /// Values in the order of the names; NaN where not told.
+    pub values: Vec<f64>,
 }
 
 /// Index of a value; `None` is the time.
 type Target = Option<usize>;
 
-/// Reads lines of sensors.
-#[derive(Debug, Default)]
+/// Reads lines of values with names.
+#[derive(Debug)]
 pub struct Lines {
+    names: Vec<&'static str>,
     header: Vec<Target>,
 }
 
-fn target(name: &str) -> Result<Target, LineError> {
-    let name = columns::today(name);
-    if name == columns::TIME.name(0) {
-        return Ok(None);
-    }
-    let at = COLUMNS.iter().flat_map(|c| c.names).position(|n| *n == name);
-    at.map(Some).ok_or_else(|| LineError::Name(name.chars().take(24).collect()))
-}
-
 impl Lines {
+    /// Of values that may have these names.
+    #[must_use]
+    pub fn of(names: Vec<&'static str>) -> Self {
+        Self { names, header: Vec::new() }
+    }
+
+    fn target(&self, name: &str) -> Result<Target, LineError> {
+        let name = columns::today(name);
+        if name == columns::TIME.name(0) {
+            return Ok(None);
+        }
+        let at = self.names.iter().position(|n| *n == name);
+        at.map(Some)
+            .ok_or_else(|| LineError::Name { name: name.chars().take(24).collect(), known: self.names.join(", ") })
+    }
+
     /// Takes a line; `None` where it is empty, a comment (`#`) or a header.
     ///
     /// # Errors
@@ -78,7 +104,7 @@ impl Lines {
         if line.is_empty() || line.starts_with('#') {
             return Ok(None);
         }
-        let mut reading = Reading { time_s: None, values_c: [f64::NAN; 4] };
+        let mut reading = Reading { time_s: None, values: vec![f64::NAN; self.names.len()] };
         let mut put = |target: Target, text: &str| -> Result<(), LineError> {
             let text = text.trim();
             let value = match text {
@@ -86,7 +112,7 @@ impl Lines {
                 _ => text.parse().map_err(|_| LineError::Number(text.chars().take(24).collect()))?,
             };
             match target {
-                Some(k) => reading.values_c[k] = value,
+                Some(k) => reading.values[k] = value,
                 None => reading.time_s = Some(value).filter(|t: &f64| t.is_finite()),
             }
             Ok(())
@@ -94,13 +120,13 @@ impl Lines {
         if line.contains('=') {
             for item in line.split([' ', ',', ';', '\t']).filter(|i| !i.is_empty()) {
                 let (name, value) = item.split_once('=').ok_or(LineError::NoHeader)?;
-                put(target(name)?, value)?;
+                put(self.target(name)?, value)?;
             }
             return Ok(Some(reading));
         }
         let cells: Vec<&str> = line.split([',', ';', '\t']).map(str::trim).collect();
         if cells.iter().any(|c| c.starts_with(|c: char| c.is_ascii_alphabetic()) && !c.eq_ignore_ascii_case("nan")) {
-            self.header = cells.into_iter().map(target).collect::<Result<_, _>>()?;
+            self.header = cells.into_iter().map(|c| self.target(c)).collect::<Result<_, _>>()?;
             return Ok(None);
         }
         if cells.len() != self.header.len() {
@@ -116,6 +142,7 @@ impl Lines {
 /// Sensors that are read meanwhile, by a thread of their own.
 #[derive(Debug)]
 pub struct Sensors {
+    names: Vec<&'static str>,
     lines: Receiver<Result<Reading, String>>,
     stop: Arc<AtomicBool>,
     waiting: VecDeque<Reading>,
@@ -141,12 +168,21 @@ impl Sensors {
     /// # Errors
     /// If it cannot be opened.
     pub fn open(source: &str) -> Result<Self, BadInput> {
+        Self::open_for(source, names())
+    }
+
+    /// The same of values with these names.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open_for(source: &str, names: Vec<&'static str>) -> Result<Self, BadInput> {
+        let of_lines = Lines::of(names.clone());
         let (path, baud) = match source.rsplit_once('@').map(|(p, b)| (p, b.parse())) {
             Some((path, Ok(baud))) => (path, baud),
             _ => (source, BAUD),
         };
         let cannot = |e: &dyn std::fmt::Display| {
-            BadInput::new(format!("cannot read the sensors from {source}: {e}; give a file or a port that is there"))
+            BadInput::new(format!("cannot read values from {source}: {e}; give a file or a port that is there"))
         };
         let meta = std::fs::metadata(path).map_err(|e| cannot(&e))?;
         let (send, lines) = channel();
@@ -154,7 +190,7 @@ impl Sensors {
         let stopped = stop.clone();
         if meta.file_type().is_char_device() {
             let port = serialport::new(path, baud).timeout(AGAIN).open().map_err(|e| cannot(&e))?;
-            std::thread::spawn(move || follow(port, 0, &send, &stopped));
+            std::thread::spawn(move || follow(port, of_lines, 0, &send, &stopped));
         } else if meta.is_dir() {
             return Err(cannot(&"it is a folder"));
         } else {
@@ -163,15 +199,15 @@ impl Sensors {
             std::fs::File::open(&path).map(drop).or_else(|e| if meta.is_file() { Err(cannot(&e)) } else { Ok(()) })?;
             std::thread::spawn(move || {
                 if let Ok(file) = std::fs::File::open(path) {
-                    follow(file, old, &send, &stopped);
+                    follow(file, of_lines, old, &send, &stopped);
                 }
             });
         }
-        Ok(Self::new(lines, stop))
+        Ok(Self::new(names, lines, stop))
     }
 
-    fn new(lines: Receiver<Result<Reading, String>>, stop: Arc<AtomicBool>) -> Self {
-        Self { lines, stop, waiting: VecDeque::new(), last_s: 0.0, readings: 0, bad: 0, first_bad: None }
+    fn new(names: Vec<&'static str>, lines: Receiver<Result<Reading, String>>, stop: Arc<AtomicBool>) -> Self {
+        Self { names, lines, stop, waiting: VecDeque::new(), last_s: 0.0, readings: 0, bad: 0, first_bad: None }
     }
 
     /// Reads a whole file, for a recording that is made of a log: each line must tell its time.
@@ -180,7 +216,7 @@ impl Sensors {
     /// If the file or one of its lines cannot be read.
     pub fn of_file(path: &str) -> Result<Self, BadInput> {
         let bytes = hrg_data::files::read_file(Path::new(path), hrg_data::files::MOST_RECORDING, true)?;
-        let (mut lines, mut sensors) = (Lines::default(), Self::new(channel().1, Arc::default()));
+        let (mut lines, mut sensors) = (Lines::of(names()), Self::new(names(), channel().1, Arc::default()));
         for (k, line) in String::from_utf8_lossy(&bytes).lines().enumerate() {
             let bad = |e: &dyn std::fmt::Display| BadInput::new(format!("{path}: line {}: {e}", k + 1));
             let Some(reading) = lines.take(line).map_err(|e| bad(&e))? else { continue };
@@ -195,8 +231,13 @@ impl Sensors {
         Ok(sensors)
     }
 
-    /// The values that belong to the row of a time (s since the unit's power-on), C; NaN where none came since the row before.
-    pub fn at(&mut self, now_s: f64) -> [f64; 4] {
+    /// The newest value of each name that has come since last asked, whatever its time; NaN where none has.
+    pub fn newest(&mut self) -> Vec<f64> {
+        self.at(f64::INFINITY)
+    }
+
+    /// The values that belong to the row of a time (s since the unit's power-on); NaN where none came since the row before.
+    pub fn at(&mut self, now_s: f64) -> Vec<f64> {
         for line in self.lines.try_iter() {
             match line {
                 Ok(reading) => {
@@ -211,15 +252,15 @@ impl Sensors {
         }
         // The unit was switched off and on: it counts from zero again.
         let from_s = if now_s < self.last_s { f64::NEG_INFINITY } else { self.last_s };
-        let mut values = [f64::NAN; 4];
+        let mut values = vec![f64::NAN; self.names.len()];
         self.waiting.retain(|r| {
-            let time_s = r.time_s.unwrap_or(now_s);
+            let time_s = r.time_s.filter(|_| now_s.is_finite()).unwrap_or(now_s);
             if time_s > from_s && time_s <= now_s {
-                values.iter_mut().zip(r.values_c).filter(|(_, v)| v.is_finite()).for_each(|(to, v)| *to = v);
+                values.iter_mut().zip(&r.values).filter(|(_, v)| v.is_finite()).for_each(|(to, v)| *to = *v);
             }
             time_s > now_s
         });
-        self.last_s = now_s;
+        self.last_s = if now_s.is_finite() { now_s } else { f64::NEG_INFINITY };
         values
     }
 
@@ -230,14 +271,13 @@ impl Sensors {
             Some(why) => format!("; {} lines could not be read, the first: {why}", self.bad),
             None => String::new(),
         };
-        format!("sensors: {} readings{bad}", self.readings)
+        format!("{} readings{bad}", self.readings)
     }
 }
 
 /// Sends what lines say until told to stop. Lines that begin before `old` bytes count only where they tell their time.
-fn follow(source: impl Read, old: u64, send: &Sender<Result<Reading, String>>, stop: &AtomicBool) {
+fn follow(source: impl Read, mut lines: Lines, old: u64, send: &Sender<Result<Reading, String>>, stop: &AtomicBool) {
     let mut reader = BufReader::new(source);
-    let mut lines = Lines::default();
     let (mut line, mut at, mut number) = (Vec::new(), 0, 0u64);
     while !stop.load(Ordering::Relaxed) {
         // A line may come in pieces.
@@ -278,20 +318,23 @@ mod tests {
 
     #[test]
     fn lines_are_read_in_both_forms() {
-        let mut l = Lines::default();
-        let values = |r: Reading| (r.time_s, r.values_c.map(|v| if v.is_nan() { -1.0 } else { v }));
+        let mut l = Lines::of(names());
+        let values =
+            |r: Reading| (r.time_s, r.values.iter().map(|v| if v.is_nan() { -1.0 } else { *v }).collect::<Vec<_>>());
+        let known = names().join(", ");
+        let unknown = LineError::Name { name: "humidity".into(), known };
         let mut read = |line: &str| l.take(line).map(|r| r.map(values));
-        assert_eq!(read("case_x_c=1.5 chamber_c=-4"), Ok(Some((None, [1.5, -1.0, -1.0, -4.0]))));
-        assert_eq!(read("time_s=7, shell_y_c=2;case_z_c=\n"), Ok(Some((Some(7.0), [-1.0, 2.0, -1.0, -1.0]))));
+        assert_eq!(read("case_x_c=1.5 chamber_c=-4"), Ok(Some((None, vec![1.5, -1.0, -1.0, -4.0]))));
+        assert_eq!(read("time_s=7, shell_y_c=2;case_z_c=\n"), Ok(Some((Some(7.0), vec![-1.0, 2.0, -1.0, -1.0]))));
         assert_eq!(read("1,2"), Err(LineError::NoHeader));
         assert_eq!(read("time_s,chamber_c"), Ok(None));
-        assert_eq!(read("3,25.5"), Ok(Some((Some(3.0), [-1.0, -1.0, -1.0, 25.5]))));
-        assert_eq!(read("4,nan"), Ok(Some((Some(4.0), [-1.0; 4]))));
+        assert_eq!(read("3,25.5"), Ok(Some((Some(3.0), vec![-1.0, -1.0, -1.0, 25.5]))));
+        assert_eq!(read("4,nan"), Ok(Some((Some(4.0), vec![-1.0; 4]))));
         assert_eq!((read(""), read("# a comment")), (Ok(None), Ok(None)));
         assert_eq!(read("1,2,3"), Err(LineError::NoHeader));
         assert_eq!(read("case_x_c=warm"), Err(LineError::Number("warm".into())));
-        assert_eq!(read("humidity=3"), Err(LineError::Name("humidity".into())));
-        assert_eq!(read("time_s,case_x_c,humidity"), Err(LineError::Name("humidity".into())));
+        assert_eq!(read("humidity=3"), Err(unknown.clone()));
+        assert_eq!(read("time_s,case_x_c,humidity"), Err(unknown.clone()));
     }
 
     #[test]
@@ -316,7 +359,7 @@ mod tests {
         assert_eq!((column(0), column(3)), (vec![20.25], vec![21.0]), "once each, and nothing old");
         assert_eq!(column(1).len() + column(2).len(), column(1).iter().filter(|v| **v == 7.0).count());
         assert!(
-            s.summary().starts_with("sensors: 2 readings; 1 lines could not be read, the first: line 5: "),
+            s.summary().starts_with("2 readings; 1 lines could not be read, the first: line 5: "),
             "{}",
             s.summary()
         );

@@ -15,6 +15,7 @@ use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Kind;
 use hrg_data::error::BadInput;
+use hrg_data::recording::names_of;
 use hrg_data::recording::steps::Run;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -92,7 +93,8 @@ impl OnVerify<'_> {
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),
                     Reach::NeedsInput(_) if !c.lacks => "unit".into(),
-                    Reach::NeedsInput(what) | Reach::NeedsChamber(what) => format!("needs {what}"),
+                    Reach::NeedsInput(_) => format!("needs {}", hrg_data::error::list(&names_of(c.reads()))),
+                    Reach::NeedsChamber(what) => format!("needs {what}"),
                     Reach::Unpredictable => "unpredictable".into(),
                 },
             });

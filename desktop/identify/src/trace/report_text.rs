@@ -181,10 +181,24 @@ fn left(r: &Report) -> String {
         };
         format!("{n} {ratio}: {word}")
     };
-    let mut s = format!(
-        "Residual on the verify run, in noise floors, with 95 % intervals: {}.",
-        r.axes().into_iter().map(one).collect::<Vec<_>>().join("; ")
-    );
+    let each = r.axes().into_iter().map(one).collect::<Vec<_>>().join("; ");
+    let lacking: Vec<&str> =
+        r.effects.iter().filter(|e| e.reach.starts_with("needs ")).map(|e| e.name.as_str()).collect();
+    let mut s = if lacking.is_empty() {
+        format!("Residual on the verify run, in noise floors, with 95 % intervals: {each}.")
+    } else {
+        let floors = |n: &str| r.block.as_ref().map(|b| b[n].verify_rms_dph / r.noise_floor_dph[n]);
+        let image: Vec<String> = r.axes().into_iter().filter_map(floors).map(|v| format!("{v:.1}")).collect();
+        let image = if image.is_empty() {
+            "no image is written".to_string()
+        } else {
+            format!("the image leaves {} floors", list(&image))
+        };
+        format!(
+            "Residual on the verify run of the model with {}, which the image does not hold, in noise floors, with 95 % intervals: {each}; {image}.",
+            list(&lacking)
+        )
+    };
     if r.outside_fit >= 0.005 {
         s += &format!(
             " {:.0} % of that run lies outside the temperatures and ramps of the train runs; nothing is promised there.",
@@ -266,7 +280,7 @@ pub fn verdict(r: &Report) -> String {
     lines.join("\n")
 }
 
-/// What a model with an effect that the unit lacks leaves on the verify run, against the image.
+/// The residual on the verify run of a model with an effect that the unit lacks, against the image.
 fn would_leave(r: &Report, e: &Found) -> String {
     let Some(block) = &r.block else { return String::new() };
     let gained = |n: &&String| r.r#final[*n].verify_rms_dph < block[*n].verify_rms_dph;
@@ -302,7 +316,7 @@ fn about_inputs(r: &Report) -> Option<String> {
 /// Advice beside the verdict, the most useful first.
 #[must_use]
 pub fn advice(r: &Report) -> Vec<String> {
-    let mut out: Vec<String> = about_inputs(r).into_iter().collect();
+    let mut out = Vec::new();
     for (e, times) in merged(&r.effects) {
         if times > 1 {
             out.push("the rates drift: repeat the run, and check the mounting and the electronics".to_string());

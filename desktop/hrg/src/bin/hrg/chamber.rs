@@ -10,8 +10,10 @@ use hrg::unit::monitor;
 use hrg::unit::monitor::State;
 use hrg::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
 use hrg::unit::record::Recorder;
+use hrg::unit::sensors;
 use hrg::unit::sensors::Sensors;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
+use hrg_core::inputs::{InputValues, IN_MESSAGE};
 use hrg_core::link::{Housekeeping, Identity, Message};
 use hrg_core::sectors::{room, SECTOR_BYTES};
 use hrg_data::error::BadInput;
@@ -24,6 +26,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+/// The first inputs are waited for so long.
+const FEED_WITHIN: Duration = Duration::from_secs(10);
 
 /// Set by Ctrl-C.
 fn interrupted() -> Result<Arc<AtomicBool>> {
@@ -50,9 +55,18 @@ pub struct RecordArguments {
     /// Sensors on the cases and in the chamber: lines like "case_x_c=23.5 chamber_c=25.1" from a file, a pipe or a port (PORT@BAUD)
     #[arg(long, value_name = "FILE|PORT")]
     case_sensors: Option<String>,
+    /// Inputs beside the frequencies to send to the unit: lines like "drive_x_v=1.21 quad_x_v=0.08" from a file, a pipe or a port
+    /// (PORT@BAUD), at least one a second
+    #[arg(long, value_name = "FILE|PORT")]
+    inputs: Option<String>,
 }
 
 impl RecordArguments {
+    /// What is to be sent to the unit.
+    fn feed(&self) -> Result<Option<Sensors>, BadInput> {
+        self.inputs.as_deref().map(|source| Sensors::open_for(source, sensors::names_of_inputs())).transpose()
+    }
+
     /// A recorder with all of it but the unit's own part. `live`: the unit runs now.
     pub(crate) fn recorder(&self, out: &Path, live: bool) -> Result<Recorder> {
         let unit = self.unit.as_deref().map(names::check).transpose().map_err(BadInput::from)?;
@@ -70,6 +84,9 @@ impl RecordArguments {
                 .into())
             }
         };
+        if !live && self.inputs.is_some() {
+            return Err(BadInput::new("--inputs sends to a unit on its link: it goes with --port").into());
+        }
         let sensors = if live { Sensors::open } else { Sensors::of_file };
         recorder.sensors = self.case_sensors.as_deref().map(sensors).transpose()?;
         Ok(recorder)
@@ -96,8 +113,12 @@ struct Recording<'a> {
     port: String,
     recorder: Recorder,
     identity: Identity,
+    /// Inputs that are sent to it.
+    feed: Option<Sensors>,
     /// Inputs that came too late for a column.
     late: Vec<&'static str>,
+    /// A second has come.
+    begun: bool,
 }
 
 impl<'a> Recording<'a> {
@@ -105,7 +126,9 @@ impl<'a> Recording<'a> {
         let mut recorder = arguments.recorder(out, true)?;
         recorder.head.live = true;
         let identity = unit.identity()?;
-        let mut r = Self { arguments, port: port.into(), recorder, identity, late: Vec::new() };
+        let feed = arguments.feed()?;
+        let mut r = Self { arguments, port: port.into(), recorder, identity, feed, late: Vec::new(), begun: false };
+        r.begin_feed(unit)?;
         r.look(unit)?;
         if r.recorder.head.unit.is_empty() {
             eprintln!("note: the unit has no name yet, and so the recording has none; name it with --unit NAME here or at hrg fit");
@@ -114,6 +137,40 @@ impl<'a> Recording<'a> {
             eprintln!("note: without --latitude and --axes the earth's rate stays in the rates, and in what is fitted to them");
         }
         Ok(r)
+    }
+
+    /// Sends the inputs that have come since last asked.
+    fn send_inputs(&mut self, unit: &mut Unit) -> Result<usize> {
+        let Some(feed) = &mut self.feed else { return Ok(0) };
+        let come: Vec<(u8, f32)> =
+            (0..).zip(feed.newest()).filter(|(_, v)| v.is_finite()).map(|(n, v)| (n, v as f32)).collect();
+        for values in come.chunks(IN_MESSAGE) {
+            unit.send(&Message::Inputs(InputValues::of(values.iter().copied())))?;
+        }
+        Ok(come.len())
+    }
+
+    /// Sends the first inputs, and waits until the unit has used them: they have columns in the recording then.
+    fn begin_feed(&mut self, unit: &mut Unit) -> Result<()> {
+        if self.feed.is_none() {
+            return Ok(());
+        }
+        let until = Instant::now() + FEED_WITHIN;
+        let mut sent = 0;
+        while Instant::now() < until {
+            sent += self.send_inputs(unit)?;
+            if let Some(Message::InputsUsed(used)) = unit.next(Duration::from_millis(100))? {
+                if used.values.iter().any(|v| v.is_finite()) {
+                    return Ok(());
+                }
+            }
+        }
+        let why = if sent == 0 {
+            "no inputs have come from there; is it writing lines such as drive_x_v=1.21?"
+        } else {
+            "the unit does not report them; is its firmware built with the feature inputs?"
+        };
+        Err(BadInput::new(format!("--inputs {}: {why}", self.arguments.inputs.as_deref().unwrap_or(""))).into())
     }
 
     /// Asks the unit for its name and scale factor.
@@ -145,6 +202,10 @@ impl<'a> Recording<'a> {
             self.same_unit(&identity)?;
             self.identity = identity;
             self.look(unit)?;
+        }
+        // (What came while the unit was asked for its name is gone: the inputs of the first second may be among it.)
+        if !std::mem::replace(&mut self.begun, true) && !self.recorder.has_inputs_of(h) {
+            return Ok(());
         }
         let (second, late) = self.recorder.second(h);
         for name in late {
@@ -188,7 +249,9 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
     let enough = |rows: u64| seconds.is_some_and(|s| rows >= s);
     let mut lost: Option<Instant> = None;
     while !stop.load(Ordering::Relaxed) && !enough(recording.recorder.rows()) {
-        match unit.next(Duration::from_millis(500)) {
+        // (A cable that is out shows in what comes.)
+        let _ = recording.send_inputs(&mut unit);
+        match unit.next(Duration::from_millis(if recording.feed.is_some() { 100 } else { 500 })) {
             Ok(Some(Message::Housekeeping(h))) => {
                 lost = None;
                 recording.second(&mut unit, &h)?;
@@ -228,7 +291,7 @@ pub fn record_port(port: &str, out: &Path, seconds: Option<u64>, arguments: &Rec
 pub(crate) fn report(recorder: &Recorder) {
     println!("{}", recorder.summary());
     if let Some(sensors) = &recorder.sensors {
-        println!("{}", sensors.summary());
+        println!("sensors: {}", sensors.summary());
     }
 }
 
@@ -569,8 +632,13 @@ fn watch(
             Ok(Some(message)) => {
                 state.port_error = None;
                 state.take(&message);
-                if let (Some(recording), Message::Housekeeping(h)) = (recording.as_mut(), &message) {
-                    recording.second(unit, h)?;
+                match (recording.as_mut(), &message) {
+                    (Some(recording), Message::Housekeeping(h)) => recording.second(unit, h)?,
+                    (Some(recording), Message::InputsUsed(used)) => recording.recorder.take_inputs(*used),
+                    _ => {}
+                }
+                if let Some(recording) = recording.as_mut() {
+                    let _ = recording.send_inputs(unit);
                 }
             }
             Ok(None) => {}
