@@ -57,6 +57,9 @@ pub static ALIGN: Channel<Mutex, Command, 4> = Channel::new();
 pub static ALIGNMENT: Signal<Mutex, Report> = Signal::new();
 /// Telemetry to model: the bias trim that an alignment has found.
 pub static TRIM: Signal<Mutex, [f32; AXES]> = Signal::new();
+/// Maintenance to model: constants that were renewed.
+#[cfg(feature = "field-log")]
+pub static ZERO: Signal<Mutex, hrg_core::zero::Zero> = Signal::new();
 /// Link in to maintenance.
 pub static MAINTAIN: Channel<Mutex, maintenance::Command, 2> = Channel::new();
 /// Maintenance to telemetry: whether a calibration may be written.

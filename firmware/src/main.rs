@@ -56,7 +56,7 @@ use embassy_stm32::interrupt::{InterruptExt, Priority};
 use hrg_core::align_mode::AlignMode;
 use hrg_core::calibration::Calibration;
 #[cfg(feature = "field-log")]
-use hrg_core::events::{Event, Record};
+use hrg_core::events::{self, Event, Record, Store as _};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
 use hrg_core::parts::Parts;
@@ -66,6 +66,8 @@ use hrg_core::reset::{Halt, ResetCause};
 use hrg_core::sectors;
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
+#[cfg(feature = "field-log")]
+use hrg_core::zero;
 use static_cell::{ConstStaticCell, StaticCell};
 
 /// Parts that this program was built with, for the tools that read the ELF.
@@ -187,6 +189,10 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     static COMPENSATORS: [StaticCell<Compensator>; CHANNELS] = [const { StaticCell::new() }; CHANNELS];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     let resets = resume(&mut compensators, board.reset_cause);
+    #[cfg(feature = "field-log")]
+    if let Some(zero) = zero::newest(events::records([0, 1].map(|s| board.sectors.log(s))), checksum) {
+        compensators.iter_mut().for_each(|model| model.set_zero(zero));
+    }
     let identity = Identity {
         unit: calibration.unit,
         calibration: checksum,
@@ -231,6 +237,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked)
         .with_key(maintain::KEY)
         .with_inputs(params::INPUTS);
+    let maintenance = maintenance.with_log(cfg!(feature = "field-log"));
     let maintenance = once(MAINTENANCE.try_init(maintenance));
 
     let model_start = model::Start {
@@ -250,7 +257,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
     #[cfg(feature = "field-log")]
-    let maintenance = maintain::task(maintenance, board.sectors, board.journal);
+    let maintenance = maintain::task(maintenance, board.sectors, board.journal, checksum);
     #[cfg(not(feature = "field-log"))]
     let maintenance = maintain::task(maintenance, board.sectors);
     spawned(maintenance, |t| spawner.spawn(t));

@@ -6,7 +6,7 @@
 
 use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
 #[cfg(feature = "field-log")]
-use crate::channels::{EVENTS, ON_FOR_S};
+use crate::channels::{EVENTS, ON_FOR_S, ZERO};
 use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
@@ -194,6 +194,7 @@ pub async fn task(
     maintenance: &'static mut Maintenance,
     mut sectors: Sectors,
     #[cfg(feature = "field-log")] mut journal: Journal,
+    #[cfg(feature = "field-log")] calibration: u32,
 ) {
     // (Events do not keep the mode open.)
     let mut idle = Instant::now() + params::MAINTENANCE_IDLE;
@@ -231,6 +232,12 @@ pub async fn task(
             (Command::End, Reply::Answer(answer, value)) => {
                 let event = Event::Burn { answer: answer as u8, calibration: value };
                 let _ = EVENTS.try_send((ON_FOR_S.load(Ordering::Relaxed), event));
+            }
+            (Command::Zero(zero), Reply::Answer(Answer::Done, _)) => {
+                for record in hrg_core::zero::records(&zero, calibration, ON_FOR_S.load(Ordering::Relaxed)) {
+                    journal.write(&mut sectors, record);
+                }
+                ZERO.signal(zero);
             }
             _ => {}
         }

@@ -81,6 +81,10 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
                 channels::INPUTS_USED.signal(InputsUsed { step: step.step, values: *values.values() });
             }
         }
+        #[cfg(feature = "field-log")]
+        if let Some(zero) = channels::ZERO.try_take() {
+            models.iter_mut().for_each(|model| model.set_zero(zero));
+        }
         let Some(output) = update(&mut models, &step) else {
             defmt::error!("the two models differ: corruption detected");
             halt(Halt::Corruption)

@@ -26,6 +26,7 @@ use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
 use crate::thermal::{AxisThermal, Thermometer};
 use crate::visited::Ranges;
+use crate::zero::Zero;
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
 
@@ -96,6 +97,8 @@ pub struct Model<P> {
     bias_dph: [f32; AXES],
     bias_std_dph: [f32; AXES],
     trim_dph: [f32; AXES],
+    /// Constants that were renewed in the field.
+    zero: Zero,
     /// Scale factors and misalignments of the last step that had a temperature, with their status.
     scale: [f32; AXES],
     coupling: [[f32; 2]; AXES],
@@ -133,6 +136,7 @@ impl<P: Past> Model<P> {
             bias_dph: [0.0; AXES],
             bias_std_dph: [f32::NAN; AXES],
             trim_dph: [0.0; AXES],
+            zero: Zero::default(),
             scale: [1.0; AXES],
             coupling: [[0.0; 2]; AXES],
             factor_status: [AxisStatus::empty(); AXES],
@@ -173,6 +177,13 @@ impl<P: Past> Model<P> {
     pub fn set_trim(&mut self, trim_dph: [f32; AXES]) {
         if trim_dph.iter().all(|t| t.is_finite()) {
             self.trim_dph = trim_dph;
+        }
+    }
+
+    /// Adds constants that were renewed in the field, from the next step on. They replace those before; impossible ones are left out.
+    pub fn set_zero(&mut self, zero: Zero) {
+        if zero.possible() {
+            self.zero = zero;
         }
     }
 
@@ -269,8 +280,10 @@ impl<P: Past> Model<P> {
             if edge_errors(k) {
                 output.status[k] |= AxisStatus::EDGE_ERRORS;
             }
-            output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k];
-            output.bias_std_dph[k] = self.bias_std_dph[k];
+            output.bias_dph[k] = self.bias_dph[k] + self.trim_dph[k] + self.zero.constant_dph[k];
+            let (of_model, of_zero) = (self.bias_std_dph[k], self.zero.std_dph[k]);
+            output.bias_std_dph[k] =
+                if of_zero > 0.0 { libm::sqrtf(of_model * of_model + of_zero * of_zero) } else { of_model };
         }
         output.factors = Factors::new(self.scale, self.coupling);
         let untrusted = output.status.map(|s| s.intersects(AxisStatus::UNTRUSTED_TEMPERATURE));
@@ -585,8 +598,14 @@ mod tests {
         let mut term = EffectTerm::new(id, [0.0; 2]);
         term.gains[1][0] = 10.0;
         image.effects.push(term).expect("room");
-        let input =
-            Input { quantity: drive(1), reference: 2.0, valid_from: 1.5, valid_to: 3.0, without_dph: [0.0, 1.5, 0.0] };
+        let input = Input {
+            quantity: drive(1),
+            reference: 2.0,
+            valid_from: 1.5,
+            valid_to: 3.0,
+            without_dph: [0.0, 1.5, 0.0],
+            ..Input::default()
+        };
         image.inputs.push(input).expect("room");
         image
     }
@@ -652,7 +671,14 @@ mod tests {
         let mut term = EffectTerm::new(id, [f32::from(SUPPLY), 0.0]);
         term.gains[0][3] = 4.0;
         image.effects.push(term).expect("room");
-        let input = Input { quantity: SUPPLY, reference: 5.0, valid_from: 4.0, valid_to: 6.0, without_dph: [1.0; 3] };
+        let input = Input {
+            quantity: SUPPLY,
+            reference: 5.0,
+            valid_from: 4.0,
+            valid_to: 6.0,
+            without_dph: [1.0; 3],
+            ..Input::default()
+        };
         image.inputs.push(input).expect("room");
         let mut bank = InputBank::default();
         let run = |c: &mut Compensator, bank: &mut InputBank, v: f32, steps: u32| {

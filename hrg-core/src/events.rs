@@ -28,6 +28,7 @@
 use crate::bytes;
 use crate::reset::{Halt, ResetCause};
 use crate::status::{AxisStatus, UnitStatus};
+use crate::zero;
 use crate::AXES;
 
 /// Bytes of a record.
@@ -96,6 +97,23 @@ pub enum Event {
         /// Place of the image ([`crate::sectors::Place::number`]).
         place: u32,
     },
+    /// Constants were renewed ([`crate::zero`]): when, and the low half of the checksum of the image they were measured under. Those of the
+    /// axes follow.
+    ZeroOf {
+        /// Low half of that checksum.
+        calibration: u16,
+        /// Seconds since 1970.
+        made_unix_s: u32,
+    },
+    /// The constant of an axis.
+    Zero {
+        /// 0 to 2.
+        axis: u8,
+        /// Bits of its standard uncertainty, deg/h ([`crate::half::Half`]).
+        std: u16,
+        /// Bits of it, deg/h.
+        constant: u32,
+    },
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
         /// 1: starts and burns are written still; 0: nothing is.
@@ -121,6 +139,8 @@ mod kind {
     pub const BURN: u8 = 5;
     pub const LOST: u8 = 6;
     pub const CUT_SHORT: u8 = 7;
+    pub const ZERO_OF: u8 = 8;
+    pub const ZERO: u8 = 9;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -155,6 +175,8 @@ impl Record {
             Event::Unit { flags } => laid_out(kind::UNIT, flags.bits(), 0, [t, 0]),
             Event::Burn { answer, calibration } => laid_out(kind::BURN, answer, 0, [t, calibration]),
             Event::CutShort { place } => laid_out(kind::CUT_SHORT, 0, 0, [t, place]),
+            Event::ZeroOf { calibration, made_unix_s } => laid_out(kind::ZERO_OF, 0, calibration, [t, made_unix_s]),
+            Event::Zero { axis, std, constant } => laid_out(kind::ZERO, axis, std, [t, constant]),
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -176,6 +198,8 @@ impl Record {
             kind::UNIT => Event::Unit { flags: UnitStatus::from_bits_truncate(small) },
             kind::BURN => Event::Burn { answer: small, calibration: value },
             kind::CUT_SHORT => Event::CutShort { place: value },
+            kind::ZERO_OF => Event::ZeroOf { calibration: middle, made_unix_s: value },
+            kind::ZERO => Event::Zero { axis: small, std: middle, constant: value },
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -229,7 +253,11 @@ impl Journal {
         let next = if heads == [None; 2] { RECORDS } else { Self::end(store.log(sector)) };
         let mut journal = Self { sector, next, lost: 0 };
         if RECORDS - next < ROOM {
-            journal.change(store, number.wrapping_add(1), may_erase);
+            // The constants that were renewed last go on into the new sector.
+            let kept = zero::newest_set(records([store.log(0), store.log(1)]));
+            if journal.change(store, number.wrapping_add(1), may_erase) {
+                kept.iter().flatten().for_each(|record| journal.put(store, *record));
+            }
         }
         journal
     }
@@ -240,19 +268,25 @@ impl Journal {
         written.map_or(0, |at| at + 1).min(RECORDS)
     }
 
-    /// Goes over to the other sector, if it is erased or may be.
-    fn change(&mut self, store: &mut impl Store, number: u32, may_erase: bool) {
+    /// Goes over to the other sector, if it is erased or may be; `true` if it has.
+    fn change(&mut self, store: &mut impl Store, number: u32, may_erase: bool) -> bool {
         let other = 1 - self.sector;
         let blank = store.log(other).iter().all(|b| *b == 0xFF);
         let ready = blank || may_erase && store.erase_log(other);
         if ready && store.write_log(other, 0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
             *self = Self { sector: other, next: 1, lost: 0 };
+            return true;
         }
+        false
     }
 
     /// Writes a record; where there is no room it is counted, and the log says that it is full.
     pub fn write(&mut self, store: &mut impl Store, record: Record) {
-        let matters = matches!(record.event, Event::Start { .. } | Event::Burn { .. } | Event::CutShort { .. });
+        use Event as E;
+        let matters = matches!(
+            record.event,
+            E::Start { .. } | E::Burn { .. } | E::CutShort { .. } | E::ZeroOf { .. } | E::Zero { .. }
+        );
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
             // Reported once at the first flag without room, and once in the very last place.

@@ -6,10 +6,10 @@
 //! ([`Input`]) the range in which it was learnt.
 //!
 //! # Missing inputs
-//! A value counts for [`STALE_S`]. While one is missing or stale, the last good value stands in its place; outside its range it is used as
-//! far as half the width of the range beyond. Either way the axes that use it are flagged [`INPUT`](crate::status::AxisStatus::INPUT), and
-//! the uncertainty of their bias grows by what the effects of that input were in training. As long as an input has never come, its effects
-//! add nothing: as if it stood at its reference.
+//! A value counts for some seconds ([`Input::counts_s`]). After that it is stale: it still stands in its place; outside its range a value is
+//! used as far as half the width of the range beyond. Either way the axes that use it are flagged
+//! [`INPUT`](crate::status::AxisStatus::INPUT), and the uncertainty of their bias grows by what the effects of that input were in training.
+//! As long as an input has never come, its effects add nothing: as if it stood at its reference.
 //!
 //! # Example
 //! ```
@@ -18,12 +18,9 @@
 //! let drive_x = inputs::number("drive_x_v").expect("in the list");
 //! let mut bank = InputBank::default();
 //! bank.receive(&InputValues::of([(drive_x, 2.25)]));
+//! // The step that ends now takes it; in the next nothing has come.
 //! assert_eq!(bank.step().get(drive_x), 2.25);
-//! // It counts for three seconds.
-//! for _ in 0..2 {
-//!     assert_eq!(bank.step().get(drive_x), 2.25);
-//! }
-//! assert!(bank.step().get(drive_x).is_nan());
+//! assert!(bank.step().get(drive_x).is_nan() && bank.any());
 //! ```
 
 use crate::calibration::Calibration;
@@ -67,8 +64,8 @@ pub const IN_MESSAGE: usize = 8;
 /// Place of a message that holds no value.
 const NO_VALUE: u8 = 0xFF;
 
-/// A value that came longer ago than this many model steps (seconds) is stale.
-pub const STALE_S: u8 = 3;
+/// A value counts for at least so many seconds.
+pub const LEAST_COUNTS_S: u8 = 3;
 
 bitflags::bitflags! {
     /// A set of quantities: the bit of each is its number.
@@ -160,11 +157,25 @@ impl Quantities {
         self.get(case(axis))
     }
 
-    /// The same, less what each has at its reference.
+    /// The same as the effects count them ([`Input::counted`]); those that are no inputs stay as they are.
     #[must_use]
-    pub fn less(&self, references: &[f32; QUANTITIES]) -> Self {
+    pub fn counted(&self, inputs: &[Input]) -> Self {
         let mut out = *self;
-        out.0.iter_mut().zip(references).for_each(|(v, r)| *v -= r);
+        for i in inputs {
+            out.0.iter_mut().skip(i.quantity.into()).take(1).for_each(|v| *v = i.counted(*v));
+        }
+        out
+    }
+
+    /// Those of a set; the others are missing.
+    #[must_use]
+    pub fn of(&self, set: QuantitySet) -> Self {
+        let mut out = *self;
+        for (v, number) in out.0.iter_mut().zip(0..) {
+            if !set.contains(QuantitySet::one(number)) {
+                *v = f32::NAN;
+            }
+        }
         out
     }
 }
@@ -219,16 +230,16 @@ impl InputValues {
     }
 }
 
-/// The newest value of each quantity, with its age: what a unit keeps between two model steps.
+/// The newest value of each quantity that has come since the last model step.
 #[derive(Debug, Clone)]
 pub struct InputBank {
     values: Quantities,
-    left_s: [u8; QUANTITIES],
+    any: bool,
 }
 
 impl Default for InputBank {
     fn default() -> Self {
-        Self { values: Quantities::NONE, left_s: [0; QUANTITIES] }
+        Self { values: Quantities::NONE, any: false }
     }
 }
 
@@ -242,9 +253,9 @@ impl InputBank {
 
     /// Takes one value.
     pub fn set(&mut self, number: u8, value: f32) {
-        let at = usize::from(number);
-        if let (Some(to), Some(left), true) = (self.values.0.get_mut(at), self.left_s.get_mut(at), value.is_finite()) {
-            (*to, *left) = (value, STALE_S);
+        if let (Some(to), true) = (self.values.0.get_mut(usize::from(number)), value.is_finite()) {
+            *to = value;
+            self.any = true;
         }
     }
 
@@ -260,19 +271,12 @@ impl InputBank {
     /// `true` once any value has come.
     #[must_use]
     pub fn any(&self) -> bool {
-        self.values.0.iter().any(|v| !v.is_nan())
+        self.any
     }
 
-    /// The values that count in the model step that ends now; it makes all of them a step older.
+    /// The values that have come for the model step that ends now.
     pub fn step(&mut self) -> Quantities {
-        let mut out = Quantities::NONE;
-        for ((to, value), left) in out.0.iter_mut().zip(&self.values.0).zip(&mut self.left_s) {
-            if *left > 0 {
-                *left -= 1;
-                *to = *value;
-            }
-        }
-        out
+        core::mem::replace(&mut self.values, Quantities::NONE)
     }
 }
 
@@ -302,12 +306,16 @@ impl Channel {
 }
 
 /// An input that an image needs.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Input {
     /// Number of the quantity.
     pub quantity: u8,
+    /// Seconds for which a value counts.
+    pub counts_s: u8,
     /// Value from which the effects count it, in its unit.
     pub reference: f32,
+    /// Change that the effects count as one, in its unit: 1 but for quantities whose unit is far too large or too small for them.
+    pub scale: f32,
     /// Lowest value that is not flagged, in its unit.
     pub valid_from: f32,
     /// Highest value that is not flagged, in its unit.
@@ -316,16 +324,30 @@ pub struct Input {
     pub without_dph: [f32; AXES],
 }
 
+impl Default for Input {
+    fn default() -> Self {
+        Self {
+            quantity: 0,
+            counts_s: LEAST_COUNTS_S,
+            reference: 0.0,
+            scale: 1.0,
+            valid_from: 0.0,
+            valid_to: 0.0,
+            without_dph: [0.0; AXES],
+        }
+    }
+}
+
 /// Inputs of an image.
 pub type InputTable = Vec<Input, QUANTITIES>;
 
-/// The lowest and the highest values of inputs, less their references.
+/// The lowest and the highest values of inputs, as the effects count them.
 #[must_use]
 pub fn ends(inputs: &[Input]) -> [Quantities; 2] {
     let mut ends = [Quantities::NONE; 2];
     for i in inputs {
         for (end, value) in ends.iter_mut().zip([i.valid_from, i.valid_to]) {
-            end.0.iter_mut().skip(i.quantity.into()).take(1).for_each(|v| *v = value - i.reference);
+            end.0.iter_mut().skip(i.quantity.into()).take(1).for_each(|v| *v = i.counted(value));
         }
     }
     ends
@@ -334,16 +356,26 @@ pub fn ends(inputs: &[Input]) -> [Quantities; 2] {
 /// The inputs as the effects see them in one step.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
-    /// Values less their references; NaN for one that has never come.
+    /// Values as the effects count them; NaN for one that has never come.
     pub values: Quantities,
     /// Those of them that are missing, stale or out of range.
     pub outside: QuantitySet,
 }
 
-/// The last good value of each input of an image, and the axes that use it.
+impl Input {
+    /// A value as the effects count it: from the reference, in its scale.
+    #[inline]
+    #[must_use]
+    pub fn counted(&self, value: f32) -> f32 {
+        (value - self.reference) / self.scale
+    }
+}
+
+/// The last good value of each input of an image, for how long it counts, and the axes that use it.
 #[derive(Debug, Clone)]
 pub struct Held {
     values: Quantities,
+    left_s: [u8; QUANTITIES],
     uses: [QuantitySet; AXES],
 }
 
@@ -351,25 +383,34 @@ impl Held {
     /// Of an image; nothing has come yet.
     #[must_use]
     pub fn new(calibration: &Calibration) -> Self {
-        Self { values: Quantities::NONE, uses: core::array::from_fn(|a| uses(calibration, a)) }
+        Self { values: Quantities::NONE, left_s: [0; QUANTITIES], uses: core::array::from_fn(|a| uses(calibration, a)) }
     }
 
-    /// One step: the values that have come, as the effects see them.
+    /// One step: the values that have come for it, as the effects see them.
     pub fn see(&mut self, inputs: &[Input], given: &Quantities) -> Seen {
         let mut seen = Seen { values: Quantities::NONE, outside: QuantitySet::empty() };
         for input in inputs {
             let at = usize::from(input.quantity);
-            let (Some(held), Some(to)) = (self.values.0.get_mut(at), seen.values.0.get_mut(at)) else { continue };
+            let (Some(held), Some(left_s), Some(to)) =
+                (self.values.0.get_mut(at), self.left_s.get_mut(at), seen.values.0.get_mut(at))
+            else {
+                continue;
+            };
             let value = given.get(input.quantity);
-            let (from, to_value) = (input.valid_from, input.valid_to);
-            if !(from..=to_value).contains(&value) {
+            let (low, high) = (input.valid_from, input.valid_to);
+            if (low..=high).contains(&value) {
+                *left_s = input.counts_s;
+            } else if value.is_finite() {
+                *left_s = 0;
+            }
+            if value.is_finite() {
+                let beyond = BEYOND * (high - low);
+                *held = input.counted(crate::bias::clamp(value, low - beyond, high + beyond));
+            }
+            if *left_s == 0 {
                 seen.outside |= QuantitySet::one(input.quantity);
             }
-            let beyond = BEYOND * (to_value - from);
-            let inside = crate::bias::clamp(value, from - beyond, to_value + beyond);
-            if !inside.is_nan() {
-                *held = inside - input.reference;
-            }
+            *left_s = left_s.saturating_sub(1);
             *to = *held;
         }
         seen

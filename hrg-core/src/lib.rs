@@ -70,6 +70,7 @@ pub mod thermal;
 pub mod timebase;
 pub mod unit_name;
 pub mod visited;
+pub mod zero;
 
 /// Axes of a unit: x, y, z.
 pub const AXES: usize = 3;

@@ -30,6 +30,7 @@ use crate::inputs::QuantitySet;
 use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
+use crate::zero::Zero;
 
 /// Bytes of a chunk.
 pub const CHUNK: usize = 128;
@@ -81,6 +82,8 @@ pub enum Command {
     Restart,
     /// Ask for the image that runs from the next start on. Answered with its place.
     Newest,
+    /// Renew the constants ([`crate::zero`]).
+    Zero(Zero),
 }
 
 /// An image cut into the chunks that carry it, in order.
@@ -125,6 +128,10 @@ pub enum Answer {
     TooFar = 10,
     /// The image needs an input that this unit does not have: its number follows ([`crate::inputs::NAMES`]).
     Input = 11,
+    /// The constants are larger than a unit takes ([`crate::zero::MOST_DPH`]), or no numbers.
+    Bound = 12,
+    /// The firmware has no field log to keep them in.
+    NoLog = 13,
 }
 
 impl Answer {
@@ -145,6 +152,8 @@ impl Answer {
             A::Signature,
             A::TooFar,
             A::Input,
+            A::Bound,
+            A::NoLog,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -166,6 +175,8 @@ impl core::fmt::Display for Answer {
             Self::Signature => "the image is not signed with the key of its firmware",
             Self::TooFar => "the image's number is more than 1000 beyond that of the one that it holds",
             Self::Input => "the image needs an input that this unit does not have",
+            Self::Bound => "the constants are larger than it takes (10 deg/h)",
+            Self::NoLog => "its firmware has no field log, where it would keep them",
         })
     }
 }
@@ -207,6 +218,8 @@ pub struct Maintenance {
     key: Option<Key>,
     /// Inputs beside the frequencies that the unit has.
     inputs: QuantitySet,
+    /// There is a field log.
+    log: bool,
     open: bool,
     coming: Option<Coming>,
     /// The first bytes of what comes, which are programmed last.
@@ -228,6 +241,7 @@ impl Maintenance {
             locked,
             key: None,
             inputs: QuantitySet::all(),
+            log: true,
             open: false,
             coming: None,
             first: [0; COMMIT],
@@ -246,13 +260,19 @@ impl Maintenance {
         Self { inputs, ..self }
     }
 
+    /// The same with a field log, or without one.
+    #[must_use]
+    pub const fn with_log(self, log: bool) -> Self {
+        Self { log, ..self }
+    }
+
     /// `true` while a calibration may be written.
     #[must_use]
     pub fn open(&self) -> bool {
         self.open
     }
 
-    /// Carries out a command; [`Command::Restart`] is left to the caller where the answer is [`Answer::Done`].
+    /// Carries out a command; [`Command::Restart`] and [`Command::Zero`] are left to the caller where the answer is [`Answer::Done`].
     pub fn command(&mut self, command: &Command, store: &mut impl Store) -> Reply {
         let (answer, value) = match command {
             Command::Open(name) => {
@@ -291,6 +311,8 @@ impl Maintenance {
                 (Answer::Flash, 0)
             }
             Command::Restart => (Answer::Done, 0),
+            Command::Zero(_) if !self.log => (Answer::NoLog, 0),
+            Command::Zero(zero) => (if zero.possible() { Answer::Done } else { Answer::Bound }, 0),
             Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
         };
         Reply::Answer(answer, value)

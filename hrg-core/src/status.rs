@@ -50,7 +50,7 @@ bitflags! {
         /// The fit has not seen this temperature and this ramp together, though each lies in its range ([`crate::visited`]): the stated
         /// uncertainty is that much larger.
         const EXTRAPOLATED = 1 << 11;
-        /// An input that the calibration needs beside the frequencies is missing, older than [`crate::inputs::STALE_S`] seconds or outside
+        /// An input that the calibration needs beside the frequencies is missing, stale ([`crate::inputs::Input::counts_s`]) or outside
         /// the range in which it was learnt: the stated uncertainty is larger by what the input's effects were ([`crate::inputs`]).
         const INPUT = 1 << 12;
     }

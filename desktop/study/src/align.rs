@@ -104,6 +104,7 @@ pub fn align(elf: &[u8], recording: &Recording, calibration: Option<&Calibration
         case_c: Default::default(),
         chamber_c: vec![],
         quantities: Default::default(),
+        given: Default::default(),
         unit_inputs: QuantitySet::empty(),
     };
     let options = Options {

@@ -93,10 +93,18 @@ impl Calibration {
 impl Input {
     /// Checks that the input is one that there is, with a range about its reference.
     fn check(&self) -> Result<(), ImageError> {
-        finite(&[self.reference, self.valid_from, self.valid_to])?;
+        let numbers = [self.reference, self.scale, self.valid_from, self.valid_to];
+        if !numbers.iter().all(|v| v.is_finite()) {
+            return Err(ImageError::NotFinite);
+        }
         finite(&self.without_dph)?;
         let ordered = self.valid_from <= self.reference && self.reference <= self.valid_to;
-        if usize::from(self.quantity) >= QUANTITIES || !ordered || self.without_dph.iter().any(|s| *s < 0.0) {
+        if usize::from(self.quantity) >= QUANTITIES
+            || !ordered
+            || self.without_dph.iter().any(|s| *s < 0.0)
+            || !(self.scale > 0.0)
+            || self.counts_s == 0
+        {
             return Err(ImageError::Absurd("input"));
         }
         Ok(())

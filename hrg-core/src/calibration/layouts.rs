@@ -81,7 +81,9 @@ layout! { Axis {
 
 layout! { Input {
     quantity: u8, "number of the quantity";
+    counts_s: u8, "seconds for which a value counts";
     reference: f32, "value from which its effects count it, in its unit";
+    scale: f32, "change that its effects count as one, in its unit";
     valid_from: f32, "lowest value that is not flagged, in its unit";
     valid_to: f32, "highest value that is not flagged, in its unit";
     without_dph: [f32; AXES], "standard deviation of what its effects were in training, by axis, deg/h";

@@ -101,6 +101,7 @@ impl Message {
                 }
                 6 => C::Restart,
                 7 => C::Newest,
+                8 => C::Zero(take(r)?),
                 _ => return None,
             }),
             0x84 => Self::Inputs(take(r)?),
@@ -167,6 +168,7 @@ fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
         C::Read { page, offset } => put(w, &[0x83, 5], &layouts::Read { page, offset }),
         C::Restart => w.bytes(&[0x83, 6]),
         C::Newest => w.bytes(&[0x83, 7]),
+        C::Zero(zero) => put(w, &[0x83, 8], &zero),
     }
 }
 

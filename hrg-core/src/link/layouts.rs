@@ -19,6 +19,7 @@ use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
 use crate::status::{AxisStatus, UnitStatus};
 use crate::unit_name::UnitName;
+use crate::zero::Zero;
 use crate::AXES;
 
 layout! { RateFrame {
@@ -150,6 +151,12 @@ layout! { Read {
     offset: u16, "offset in the page";
 } }
 
+layout! { Zero {
+    made_unix_s: u32, "time at which they were measured, seconds since 1970";
+    constant_dph: [f32; AXES], "to be added to the biases, deg/h; zeros: back to the calibration's";
+    std_dph: [f32; AXES], "their standard uncertainties, deg/h";
+} }
+
 /// Fields of [`crate::maintenance::Reply::Answer`].
 #[derive(Default)]
 pub(super) struct Answer {
@@ -209,5 +216,6 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: read", lead: &[0x83, 5], fields: Read::FIELDS },
     Table { name: "maintain: restart", lead: &[0x83, 6], fields: &[] },
     Table { name: "maintain: newest", lead: &[0x83, 7], fields: &[] },
+    Table { name: "maintain: zero", lead: &[0x83, 8], fields: Zero::FIELDS },
     Table { name: "inputs", lead: &[0x84], fields: InputValues::FIELDS },
 ];

@@ -238,6 +238,7 @@ pub enum LinkError {
 mod tests {
     use super::*;
     use crate::align_mode::Command;
+    use crate::zero::Zero;
     use proptest::prelude::*;
 
     fn housekeeping() -> Housekeeping {
@@ -271,7 +272,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 24] {
+    fn messages() -> [Message; 25] {
         [
             Message::Rate(
                 RateFrame {
@@ -321,6 +322,11 @@ mod tests {
             Message::Maintain(maintenance::Command::Read { page: 32, offset: 256 }),
             Message::Maintain(maintenance::Command::Restart),
             Message::Maintain(maintenance::Command::Newest),
+            Message::Maintain(maintenance::Command::Zero(Zero {
+                made_unix_s: 5,
+                constant_dph: [1.0; 3],
+                std_dph: [0.5; 3],
+            })),
             Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
             Message::Maintained(maintenance::Reply::Data { page: 32, offset: 0, data: [9; maintenance::CHUNK] }),
             Message::Inputs(InputValues::of([(2, 2.25), (5, -0.5)])),

@@ -323,7 +323,7 @@ impl Wires {
             if self.inputs.sent.is_empty() || self.inputs.second >= self.steps.len() {
                 return None;
             }
-            let row = self.steps.recorded(self.inputs.second);
+            let row = self.steps.given(self.inputs.second);
             let there: Vec<u8> = self.inputs.sent.numbers().filter(|n| row.get(*n).is_finite()).collect();
             let mut at = (2 * self.inputs.second as u64 + 1) * CPU_HZ / 2;
             for numbers in there.chunks(IN_MESSAGE) {
@@ -488,7 +488,7 @@ impl World for Wires {
             }
         }
         for (k, channel) in self.aux.iter().flatten().enumerate() {
-            let volts = f64::from(self.steps.recorded(second).get(channel.quantity));
+            let volts = f64::from(self.steps.given(second).get(channel.quantity));
             let wanted = (volts - channel.at_zero) / channel.per_code + self.sensor_carry[k];
             let rounded = wanted.round().clamp(-8_388_608.0, 8_388_607.0);
             self.sensor_carry[k] = (wanted - rounded).clamp(-1.0, 1.0);

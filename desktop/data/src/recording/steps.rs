@@ -6,7 +6,7 @@ use crate::recording::own_columns::OwnColumns;
 use crate::recording::Recording;
 use hrg_core::bias::{Scaling, State};
 use hrg_core::effects::{Inputs, Running, MAX_OUTPUTS, MAX_PARAMETERS};
-use hrg_core::inputs::{self, Input, InputTable, Quantities, QuantitySet, QUANTITIES};
+use hrg_core::inputs::{self, Input, InputTable, Quantities, QuantitySet, LEAST_COUNTS_S, QUANTITIES};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -40,8 +40,10 @@ pub struct Steps {
     pub case_c: [Vec<f32>; AXES],
     /// Chamber; empty where not recorded.
     pub chamber_c: Vec<f32>,
-    /// Quantities beside the frequencies by number ([`hrg_core::inputs`]); empty where not recorded, NaN where missing.
+    /// Quantities beside the frequencies by number ([`hrg_core::inputs`]); empty where not recorded. Gaps are bridged, as a search wants it.
     pub quantities: [Vec<f32>; QUANTITIES],
+    /// The same as they came: NaN in a second whose row does not hold them.
+    pub given: [Vec<f32>; QUANTITIES],
     /// Those of them that the unit itself has, too.
     pub unit_inputs: QuantitySet,
 }
@@ -83,10 +85,6 @@ impl Steps {
     /// If it has no rows, or spans years.
     pub fn as_seen(r: &Recording) -> Result<(Self, Vec<bool>), BadInput> {
         let (mut steps, index) = Self::on_grid(r)?;
-        for (to, number) in steps.quantities.iter_mut().zip(0..) {
-            let Some(from) = quantity(r, number).filter(|_| !to.is_empty()) else { continue };
-            index.iter().zip(from).filter(|(_, v)| !v.is_finite()).for_each(|(k, _)| to[*k] = f32::NAN);
-        }
         let mut there = vec![false; steps.len()];
         index.iter().for_each(|k| there[*k] = true);
         for (to, from) in steps.frequency_hz.iter_mut().zip(&r.frequency_hz) {
@@ -147,6 +145,15 @@ impl Steps {
             let half = (0.5 * r.step_s() / step).floor() as usize;
             rate_dph.iter_mut().for_each(|v| spread(v, half));
         }
+        let mut given = quantities.clone();
+        for (to, number) in given.iter_mut().zip(0..) {
+            let Some(from) = quantity(r, number).filter(|_| !to.is_empty()) else { continue };
+            // (A second of several rows has it where one of them does.)
+            let mut missing = vec![false; n];
+            index.iter().for_each(|k| missing[*k] = true);
+            index.iter().zip(from).filter(|(_, v)| v.is_finite()).for_each(|(k, _)| missing[*k] = false);
+            to.iter_mut().zip(missing).filter(|(_, missing)| *missing).for_each(|(v, _)| *v = f32::NAN);
+        }
         let case_c = [0, 1, 2].map(|a| held(columns::CASE.name(a)));
         for (a, case) in case_c.iter().enumerate() {
             quantities[usize::from(inputs::case(a))].clone_from(case);
@@ -164,6 +171,7 @@ impl Steps {
             case_c,
             chamber_c: held(columns::CHAMBER.name(0)),
             quantities,
+            given,
             unit_inputs: r.unit_inputs()?,
         };
         Ok((steps, index))
@@ -192,10 +200,33 @@ impl Steps {
         [0, 1, 2].map(|a| Some(self.frequency_hz[a][k]).filter(|f| f.is_finite()))
     }
 
-    /// Quantities beside the frequencies at a step.
+    /// Quantities beside the frequencies at a step, gaps bridged.
     #[must_use]
     pub fn recorded(&self, k: usize) -> Quantities {
         Quantities::new(self.quantities.each_ref().map(|v| v.get(k).copied().unwrap_or(f32::NAN)))
+    }
+
+    /// Those that come in to the unit at a step.
+    #[must_use]
+    pub fn given(&self, k: usize) -> Quantities {
+        Quantities::new(self.given.each_ref().map(|v| v.get(k).copied().unwrap_or(f32::NAN))).of(self.unit_inputs)
+    }
+
+    /// Quantities that are recorded in any second.
+    #[must_use]
+    pub fn has(&self) -> QuantitySet {
+        let there = |n: &u8| self.given[usize::from(*n)].iter().any(|v| v.is_finite());
+        (0..QUANTITIES as u8).filter(there).map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union)
+    }
+
+    /// Median time between two values of a quantity, s; 1 where there are less than two.
+    fn interval_s(&self, number: u8) -> usize {
+        let at: Vec<usize> = (0..self.len())
+            .filter(|k| self.given[usize::from(number)].get(*k).is_some_and(|v| v.is_finite()))
+            .collect();
+        let mut gaps: Vec<usize> = at.windows(2).map(|w| w[1] - w[0]).collect();
+        gaps.sort_unstable();
+        gaps.get(gaps.len() / 2).copied().unwrap_or(1)
     }
 }
 
@@ -217,27 +248,33 @@ pub fn input_table(runs: &[Run]) -> InputTable {
             return None;
         }
         let all = || each.iter().flatten();
-        let reference = (all().map(|v| f64::from(*v)).sum::<f64>() / all().count() as f64) as f32;
-        let (low, high) = all().fold((reference, reference), |(low, high), v| (low.min(*v), high.max(*v)));
-        let beyond = BEYOND * (high - low);
+        let mean = all().map(|v| f64::from(*v)).sum::<f64>() / all().count() as f64;
+        let (low, high) = all().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        let reference = (mean as f32).clamp(low, high);
+        let width = high - low;
+        // A constant tells nothing.
+        if !(width > 0.0) {
+            return None;
+        }
+        let of_temperature =
+            columns::find(columns::today(inputs::NAMES[usize::from(number)])).is_some_and(|(c, _)| c.unit == "C");
+        let usual = of_temperature || USUAL_WIDTHS.contains(&width);
+        let interval = runs.iter().map(|run| run.steps.interval_s(number)).max().unwrap_or(1);
         Some(Input {
             quantity: number,
+            counts_s: (usize::from(LEAST_COUNTS_S) * interval).min(usize::from(u8::MAX)) as u8,
             reference,
-            valid_from: low - beyond,
-            valid_to: high + beyond,
+            scale: if usual { 1.0 } else { width },
+            valid_from: low - BEYOND * width,
+            valid_to: high + BEYOND * width,
             ..Input::default()
         })
     };
     (0..QUANTITIES as u8).filter_map(of).collect()
 }
 
-/// References of inputs, by number.
-#[must_use]
-pub fn references(inputs: &[Input]) -> [f32; QUANTITIES] {
-    let mut out = [0.0; QUANTITIES];
-    inputs.iter().for_each(|i| out[usize::from(i.quantity)] = i.reference);
-    out
-}
+/// Widths of an input over which gains are numbers that an image holds; others are scaled.
+const USUAL_WIDTHS: std::ops::RangeInclusive<f32> = 1e-3..=1e4;
 
 /// A unit uses an input so far beyond the range in which it was learnt, as a share of the range.
 const BEYOND: f32 = 0.1;
@@ -322,8 +359,8 @@ pub struct Run {
     pub thermal: Vec<Thermal>,
     /// The curves by which the temperatures were made.
     pub curves: [TemperatureCurve; AXES],
-    /// References of the quantities beside the frequencies: what the effects count from.
-    pub references: [f32; QUANTITIES],
+    /// References and scales of the quantities beside the frequencies: how the effects count them.
+    pub table: InputTable,
     /// Columns of effects of a user's own.
     pub own: Vec<Arc<OwnColumns>>,
 }
@@ -336,7 +373,7 @@ impl Run {
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(curves, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal, curves, references: [0.0; QUANTITIES], own: Vec::new() }
+        Self { steps, thermal, curves, table: InputTable::new(), own: Vec::new() }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.
@@ -366,10 +403,10 @@ impl Run {
         Some(Inputs { scaling, thermal, axis: a, quantities })
     }
 
-    /// Quantities beside the frequencies at a step, as effects see them: each less its reference.
+    /// Quantities beside the frequencies at a step, as effects count them.
     #[must_use]
     pub fn quantities(&self, k: usize) -> Quantities {
-        self.steps.recorded(k).less(&self.references)
+        self.steps.recorded(k).counted(&self.table)
     }
 
     /// The columns of an effect of a user's own, if it is one.

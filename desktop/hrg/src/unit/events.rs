@@ -1,6 +1,7 @@
 //! The field log in words.
 
 use hrg_core::events::{Event, Record};
+use hrg_core::half::Half;
 use hrg_core::maintenance::Answer;
 use hrg_core::sectors::Place;
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -50,6 +51,15 @@ pub fn line(record: &Record) -> String {
             Some(place) => format!("a burn was cut short ({place}): the image before it stays in use"),
             None => "a burn was cut short: the image before it stays in use".into(),
         },
+        Event::ZeroOf { calibration, made_unix_s } => {
+            format!("constants renewed under image ....{calibration:04x}, {}", crate::unit::monitor::date(made_unix_s))
+        }
+        Event::Zero { axis, std, constant } => format!(
+            "{}: constant {:+.3} deg/h +- {:.3}",
+            AXIS_NAMES.get(usize::from(axis)).copied().unwrap_or("?"),
+            f32::from_bits(constant),
+            Half::from_bits(std).value()
+        ),
         Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
         Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),
     };

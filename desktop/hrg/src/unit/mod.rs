@@ -1,5 +1,6 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
-//! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]), and sensors beside it ([`sensors`]).
+//! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]), its constants in the field
+//! ([`zero`]), and sensors beside it ([`sensors`]).
 
 pub mod align;
 pub mod events;
@@ -9,3 +10,4 @@ pub mod monitor;
 pub mod port;
 pub mod record;
 pub mod sensors;
+pub mod zero;

@@ -11,6 +11,7 @@ use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
 use hrg_core::status::{AxisStatus, UnitStatus};
+use hrg_core::zero::Zero;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
@@ -426,6 +427,18 @@ impl Unit {
         Ok(records([&a, &b]).collect())
     }
 
+    /// Has the unit add these constants from now on, over power cuts.
+    ///
+    /// # Errors
+    /// If the unit does not answer, or refuses them.
+    pub fn set_zero(&mut self, zero: &Zero) -> Result<()> {
+        let identity = self.reconnect(Duration::ZERO)?;
+        self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let taken = self.done(Command::Zero(*zero), "the constants");
+        self.done(Command::Close, "maintenance mode")?;
+        taken.map(drop)
+    }
+
     /// A sector of the field log as far as it is written.
     fn log_sector(&mut self, sector: usize) -> Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(SECTOR);
@@ -532,7 +545,7 @@ impl Unit {
     ///
     /// # Errors
     /// If none comes.
-    fn second(&mut self, within: Duration) -> Result<Housekeeping> {
+    pub fn second(&mut self, within: Duration) -> Result<Housekeeping> {
         let until = Instant::now() + within;
         while let Some(left) = until.checked_duration_since(Instant::now()) {
             match self.next(left).context("the port is gone")? {

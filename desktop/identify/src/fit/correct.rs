@@ -175,7 +175,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
     (0..steps.len())
         .map(|k| {
             let frequency_hz = [0, 1, 2].map(|a: usize| steps.frequency_hz[a][k]);
-            model.set_inputs(steps.recorded(k));
+            model.set_inputs(steps.given(k));
             let Stepped { output, held_dph, held_factors, .. } = model.step(&StepFrequencies {
                 step: k as u32,
                 end_ticks: (k as u64 + 1) * ticks,

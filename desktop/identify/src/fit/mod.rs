@@ -20,7 +20,7 @@ use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::recording::facts;
 use hrg_data::recording::names;
 use hrg_data::recording::resonators::named;
-use hrg_data::recording::steps::{input_table, references, Run, Steps};
+use hrg_data::recording::steps::{input_table, Run, Steps};
 use hrg_data::recording::Recording;
 use independence::Units;
 
@@ -158,7 +158,7 @@ pub fn prepare_with(
     calibration.scaling.linear_beyond_c_per_min = (1.2 * r_most).max(0.1);
     visit(&mut calibration, &runs);
     let inputs = input_table(&runs);
-    runs.iter_mut().for_each(|run| run.references = references(&inputs));
+    runs.iter_mut().for_each(|run| run.table.clone_from(&inputs));
     Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest })
 }
 

@@ -54,7 +54,7 @@ use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
-use hrg_data::recording::steps::{references, Run, Steps};
+use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
@@ -517,7 +517,7 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
     let mut runs = Vec::new();
     for (r, role) in &unseen {
         let mut run = Run::new(Steps::new(r)?, curves);
-        run.references = references(&prepared.inputs);
+        run.table.clone_from(&prepared.inputs);
         runs.push((run, role, if r.source.is_empty() { String::new() } else { format!(" {}", r.source) }));
     }
     let all = prepared.runs.iter_mut().chain(runs.iter_mut().map(|(run, ..)| run));

@@ -12,10 +12,12 @@ use hrg::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
 use hrg::unit::record::Recorder;
 use hrg::unit::sensors;
 use hrg::unit::sensors::Sensors;
+use hrg::unit::zero::Measured;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::inputs::{InputValues, IN_MESSAGE};
 use hrg_core::link::{Housekeeping, Identity, Message};
 use hrg_core::sectors::{room, SECTOR_BYTES};
+use hrg_core::zero::{self, Zero};
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::recording::metadata::{same_scale, scale_factor, scale_text};
@@ -363,6 +365,69 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
         "burn {} of the unit. A sector holds {} images of this length. When one sector is full, the other is erased (2 s without output); a sector endures 10000 erases",
         after.sequence,
         SECTOR_BYTES / room(length)
+    );
+    Ok(())
+}
+
+/// Arguments of `hrg unit zero`.
+#[derive(Args)]
+pub struct ZeroArguments {
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    #[command(flatten)]
+    place: Place,
+    /// Seconds to measure.
+    #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u64).range(60..=86_400))]
+    seconds: u64,
+    /// Standard uncertainty of the attitude, degrees.
+    #[arg(long, default_value_t = 0.1)]
+    attitude_std: f64,
+    /// Take the renewed constants back: those of the calibration hold again.
+    #[arg(long)]
+    undo: bool,
+}
+
+/// `hrg unit zero`.
+pub fn renew(arguments: &ZeroArguments) -> Result<()> {
+    let ZeroArguments { port, place, seconds, attitude_std, undo } = arguments;
+    let mut unit = Unit::open(port)?;
+    let now = crate::now();
+    if *undo {
+        unit.set_zero(&Zero { made_unix_s: now, ..Zero::default() }).with_context(|| port.clone())?;
+        println!("{port}: the constants are those of the calibration again");
+        return Ok(());
+    }
+    if !(0.0..=45.0).contains(attitude_std) {
+        return Err(BadInput::new("--attitude-std is a number of degrees from 0 to 45").into());
+    }
+    let attitude = place.attitude_of_three()?.ok_or_else(|| {
+        BadInput::new(
+            "the earth's rate along each axis must be known: give --latitude and --axes (\"x=north y=east z=down\")",
+        )
+    })?;
+    let identity = unit.identity()?;
+    let in_use = zero::newest(unit.events()?, identity.calibration).unwrap_or_default();
+    let bar = indicatif::ProgressBar::new(*seconds);
+    bar.set_style(indicatif::ProgressStyle::with_template("measuring {bar:40} {pos} of {len} s, {msg}")?);
+    let mut measured = Measured::default();
+    for second in 0..*seconds {
+        measured.take(&unit.second(Duration::from_secs(5))?);
+        bar.set_position(second + 1);
+        bar.set_message(format!("{} flagged", measured.flagged));
+    }
+    bar.finish_and_clear();
+    let renewed = measured.constants(attitude.earth_rate_dph(), *attitude_std, &in_use, now)?;
+    unit.set_zero(&renewed.zero).with_context(|| port.clone())?;
+    println!("axis   found [deg/h]   constant now [deg/h]        +-");
+    for (a, name) in hrg_data::axes::AXIS_NAMES.iter().enumerate() {
+        let (constant, std) = (renewed.zero.constant_dph[a], renewed.zero.std_dph[a]);
+        println!("{name:<6} {:>13.4} {constant:>22.4} {std:>9.4}", renewed.found_dph[a]);
+    }
+    println!(
+        "{}: kept beside image {:08x}, over power cuts, until another image is burnt; hrg unit zero --undo takes it back, hrg unit read --events lists it",
+        identity.unit_name(),
+        identity.calibration
     );
     Ok(())
 }

@@ -239,6 +239,10 @@ enum UnitCommand {
     ///
     /// Example: hrg unit image cal.toml --unit HRG-7 --out image.bin
     Image(chamber::ImageArguments),
+    /// Renew the constants of a unit at rest, whose latitude and axes are known, apart from its calibration.
+    ///
+    /// Example: hrg unit zero --port /dev/ttyUSB0 --latitude 48.1 --axes "x=north y=east z=down"
+    Zero(chamber::ZeroArguments),
     /// Make a key that signs calibrations, for firmware built with the feature signed.
     ///
     /// Example: hrg unit keygen -o owner.key
@@ -390,6 +394,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         Command::CompareImages(arguments) => images::run(&arguments),
         Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
+        Command::Unit(UnitCommand::Zero(arguments)) => chamber::renew(&arguments),
         Command::Unit(UnitCommand::Keygen(arguments)) | Command::Keygen(arguments) => chamber::keygen(&arguments.out),
         Command::Unit(UnitCommand::Read(arguments)) | Command::Read(arguments) => chamber::read(&arguments),
         Command::Align { of: Some(AlignCommand::Accelerometers(arguments)), .. }
