@@ -25,7 +25,7 @@ pub fn run(data: &[u8]) {
         }
     });
     if let Ok(text) = std::str::from_utf8(data) {
-        let mut sensors = Lines::default();
+        let mut sensors = Lines::of(hrg::unit::sensors::names());
         for line in text.lines() {
             let _ = sensors.take(line);
             let _ = (Second::from_log(line), unit_in_log(line));

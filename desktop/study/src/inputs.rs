@@ -49,7 +49,7 @@ fn runs(folder: &Path, truth: &Value, role: &str) -> Result<Vec<Recording>> {
     all.map(|r| load_recording(&folder.join(r["file"].as_str().unwrap_or("?")))).collect()
 }
 
-/// What an image leaves of a run, in its noise floors.
+/// The residual of an image on a run, in the noise floors of that run.
 fn left(image: &Calibration, steps: &Steps, floors: [f64; AXES]) -> [f64; AXES] {
     let rates = fit::correct(image, steps);
     std::array::from_fn(|a| std_dev(&block_means(&rates[a], MEAN_S)) / floors[a])

@@ -24,9 +24,9 @@ fn drives_at_the_adc_are_inputs_as_the_desktop_has_them() {
     let elf = read_elf(&path).expect("cargo xtask size --aux builds it");
     let mut steps = steps();
     // (The other axes' drives are open wires.)
-    let wave = steps.quantities[usize::from(drive(1))].clone();
-    steps.quantities[usize::from(drive(0))].fill(f32::NAN);
-    steps.quantities[usize::from(drive(2))].fill(f32::NAN);
+    let wave = steps.given[usize::from(drive(1))].clone();
+    steps.given[usize::from(drive(0))].fill(f32::NAN);
+    steps.given[usize::from(drive(2))].fill(f32::NAN);
     let options = Options { seconds: Some(120), ..Options::default() };
     let o =
         replay::run(&elf, Some(&calibration()), &steps, &options, |_| {}).expect("the board models all that it does");
@@ -64,6 +64,7 @@ fn calibration() -> Calibration {
         valid_from: from,
         valid_to: to,
         without_dph,
+        ..Input::default()
     };
     c.inputs.push(of(drive(1), 1.2, 1.0, 1.4, [0.0, 5.0, 0.0])).expect("room");
     c.inputs.push(of(BOARD, 20.0, -30.0, 70.0, [0.0, 0.0, 2.0])).expect("room");
@@ -76,8 +77,8 @@ fn steps() -> Steps {
     steps.unit_inputs = QuantitySet::BOARD.union(QuantitySet::one(drive(1)));
     let n = steps.len();
     let wave = |k: usize, period: f32| (k as f32 / period).sin();
-    steps.quantities[usize::from(drive(1))] = (0..n).map(|k| 1.2 + 0.1 * wave(k, 30.0)).collect();
-    steps.quantities[usize::from(BOARD)] = (0..n).map(|k| 25.0 + 10.0 * wave(k, 200.0)).collect();
+    steps.given[usize::from(drive(1))] = (0..n).map(|k| 1.2 + 0.1 * wave(k, 30.0)).collect();
+    steps.given[usize::from(BOARD)] = (0..n).map(|k| 25.0 + 10.0 * wave(k, 200.0)).collect();
     steps
 }
 
@@ -88,8 +89,8 @@ const OUTSIDE: Range<usize> = 120..130;
 fn an_image_with_inputs_flies_bit_for_bit_and_a_missing_one_is_flagged() {
     let elf = read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
     let mut steps = steps();
-    steps.quantities[usize::from(drive(1))][MISSING].fill(f32::NAN);
-    steps.quantities[usize::from(drive(1))][OUTSIDE].fill(1.5);
+    steps.given[usize::from(drive(1))][MISSING].fill(f32::NAN);
+    steps.given[usize::from(drive(1))][OUTSIDE].fill(1.5);
     let options = Options { seconds: Some(201), ..Options::default() };
     let o =
         replay::run(&elf, Some(&calibration()), &steps, &options, |_| {}).expect("the board models all that it does");
@@ -107,7 +108,7 @@ fn an_image_with_inputs_flies_bit_for_bit_and_a_missing_one_is_flagged() {
         assert!(!h.unit_status.contains(UnitStatus::LINK_ERRORS));
         // The last good value stands in its place; nothing else moves y.
         let at = if (MISSING.start..MISSING.end).contains(&k) { MISSING.start - 1 } else { k };
-        let wanted = 100.0 * (steps.quantities[usize::from(drive(1))][at] - 1.2);
+        let wanted = 100.0 * (steps.given[usize::from(drive(1))][at] - 1.2);
         assert!((h.bias_dph[1] - wanted).abs() < 1e-4, "step {k}: {} {wanted}", h.bias_dph[1]);
     }
     // The recording of it holds the inputs, and the desktop computes the same of the file.

@@ -28,3 +28,4 @@ mod signed;
 mod table1;
 mod words;
 mod wu2023;
+mod zero;

@@ -78,8 +78,12 @@ pub struct Recording {
 /// # Errors
 /// A name that is not one of a quantity.
 pub fn inputs_named(listed: &str) -> Result<QuantitySet, BadInput> {
-    let names = listed.split(',').map(str::trim).filter(|n| !n.is_empty() && *n != metadata::NO_INPUTS);
-    names.map(input_named).try_fold(QuantitySet::empty(), |all, one| Ok(all.union(one?)))
+    let names: Vec<&str> = listed.split(',').map(str::trim).filter(|n| !n.is_empty()).collect();
+    match names[..] {
+        [] => Err(BadInput::new("no input is named; write none for a unit that has none")),
+        [metadata::NO_INPUTS] => Ok(QuantitySet::empty()),
+        _ => names.into_iter().map(input_named).try_fold(QuantitySet::empty(), |all, one| Ok(all.union(one?))),
+    }
 }
 
 /// Names of the columns of quantities.
@@ -97,7 +101,10 @@ fn input_named(name: &str) -> Result<QuantitySet, BadInput> {
     let set = found.map(|(_, k)| QuantitySet::one(k)).fold(QuantitySet::empty(), QuantitySet::union);
     if set.is_empty() {
         let known: Vec<&str> = inputs::NAMES.iter().map(|n| columns::today(n)).collect();
-        return Err(BadInput::new(format!("\"{name}\" is not an input; there are {}, or none", known.join(", "))));
+        return Err(BadInput::new(format!(
+            "\"{name}\" is not an input; there are {}; drive, quad and case for all three axes; or none alone",
+            known.join(", ")
+        )));
     }
     Ok(set)
 }

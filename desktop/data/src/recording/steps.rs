@@ -219,6 +219,13 @@ impl Steps {
         (0..QUANTITIES as u8).filter(there).map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union)
     }
 
+    /// `true` if a quantity has two values that differ.
+    #[must_use]
+    pub fn moves(&self, number: u8) -> bool {
+        let mut values = self.given[usize::from(number)].iter().filter(|v| v.is_finite());
+        values.next().is_some_and(|first| values.any(|v| v.to_bits() != first.to_bits()))
+    }
+
     /// Median time between two values of a quantity, s; 1 where there are less than two.
     fn interval_s(&self, number: u8) -> usize {
         let at: Vec<usize> = (0..self.len())

@@ -19,7 +19,7 @@ use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::history::{History, Past};
 use hrg_core::history::{Kept, KEPT_WORDS};
-use hrg_core::inputs::Quantities;
+use hrg_core::inputs::{self, Quantities};
 use hrg_core::link::Housekeeping;
 use hrg_core::rate_factors::Factors;
 use hrg_core::rate_path::PendingBias;
@@ -29,10 +29,10 @@ use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
 use hrg_data::recording::metadata::{scale_text, SCALE_FACTOR, STANDS_FOR};
-use hrg_data::recording::names;
 use hrg_data::recording::steps::{Steps, BRIDGE_S};
 use hrg_data::recording::thermometer::Thermometer;
 use hrg_data::recording::Recording;
+use hrg_data::recording::{names, names_of};
 use std::fmt::Write as _;
 
 /// The model of a unit that gives the uncertainty of its past as a number.
@@ -240,6 +240,7 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
             "{gaps} seconds have no row: up to {BRIDGE_S:.0} s, frequencies there are taken from a straight line; the unit saw others, and its biases after them may differ"
         ));
     }
+    notes.extend(without_inputs(calibration, &steps));
     let mut seconds = correct(calibration, &steps);
     for (time_s, status) in counted {
         let at = ((time_s - steps.start_s) / f64::from(MODEL_STEP_S)).round();
@@ -250,6 +251,18 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
     }
     let seconds = seconds.into_iter().zip(there).filter(|(_, t)| *t).map(|(s, _)| s).collect();
     Ok(Corrected { seconds, notes })
+}
+
+/// A sentence where a recording lacks an input that an image needs.
+#[must_use]
+pub fn without_inputs(calibration: &Calibration, steps: &Steps) -> Option<String> {
+    let lacking = inputs::needed(calibration).difference(steps.has().intersection(steps.unit_inputs));
+    (!lacking.is_empty()).then(|| {
+        format!(
+            "the image needs {}, which the recording does not have (as an input of the unit): axes that use it are flagged, and their effects of it are left out",
+            hrg_data::error::list(&names_of(lacking))
+        )
+    })
 }
 
 /// The columns of a recording of corrected rates. One sensor's reading stands in the column of each of its axes.

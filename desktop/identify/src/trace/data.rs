@@ -22,8 +22,8 @@ pub struct Candidate {
     pub run: Option<usize>,
     /// State at the begin of each run, for an effect that remembers the path of the temperature.
     pub starts: Starts,
-    /// Set if it needs a quantity that the unit does not have.
-    pub lacks: bool,
+    /// Quantities that it needs and the unit does not have.
+    pub lacks: QuantitySet,
 }
 
 /// State of an effect that remembers the path of the temperature at the begin of each run ([`hrg_core::effects::Effect::start_on`]): on
@@ -88,14 +88,14 @@ impl Starts {
 impl Candidate {
     /// A candidate that is there in every run.
     pub fn new(effect: EffectId, parameters: ParameterRow) -> Self {
-        let facts = effect.facts();
-        let lacks = facts.reach.needs().is_some();
-        Self { facts, parameters, run: None, starts: Starts::default(), lacks }
+        let alone = QuantitySet::empty();
+        let c = Self { facts: effect.facts(), parameters, run: None, starts: Starts::default(), lacks: alone };
+        c.on_unit_with(alone)
     }
 
     /// The same, in a unit that has these quantities beside the frequencies.
     pub fn on_unit_with(self, unit: QuantitySet) -> Self {
-        Self { lacks: self.lacks && !unit.contains(self.reads()), ..self }
+        Self { lacks: self.reads().difference(unit), ..self }
     }
 
     /// The quantities that it reads beside the frequencies.
@@ -116,7 +116,7 @@ impl Candidate {
 
     /// `true` if an image can hold it: a unit can compute it, and it does not belong to one run.
     pub fn on_unit(&self) -> bool {
-        self.facts.reach.on_unit() && !self.lacks && self.run.is_none()
+        self.facts.reach.on_unit() && self.lacks.is_empty() && self.run.is_none()
     }
 }
 
@@ -394,11 +394,15 @@ impl<'a> Data<'a> {
     pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
         let extent = self.extent();
         let unit = self.runs.iter().fold(QuantitySet::all(), |all, r| all.intersection(r.steps.unit_inputs));
+        // (A column that no run has, of an axis that does not need it, is not lacking.)
+        let recorded = self.runs.iter().fold(QuantitySet::empty(), |all, r| all.union(r.steps.has()));
+        let unit = unit.union(recorded.complement());
         let own = self.runs.first().map_or(&[][..], |r| &r.own);
         let values = |facts: &Facts| own.iter().filter(|o| o.facts == facts).count() as f64;
         let of_user = own.iter().map(|o| {
             let (facts, parameters) = (o.facts, [o.parameter, 0.0]);
-            let c = Candidate { parameters, facts, run: None, starts: Starts::default(), lacks: true };
+            let lacks = QuantitySet::empty();
+            let c = Candidate { parameters, facts, run: None, starts: Starts::default(), lacks };
             (c, values(o.facts))
         });
         cards::all()

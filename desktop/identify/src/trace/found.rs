@@ -92,8 +92,8 @@ impl OnVerify<'_> {
                 score,
                 reach: match c.facts.reach {
                     Reach::Unit => "unit".into(),
-                    Reach::NeedsInput(_) if !c.lacks => "unit".into(),
-                    Reach::NeedsInput(_) => format!("needs {}", hrg_data::error::list(&names_of(c.reads()))),
+                    Reach::NeedsInput(_) if c.lacks.is_empty() => "unit".into(),
+                    Reach::NeedsInput(_) => format!("needs {}", hrg_data::error::list(&names_of(c.lacks))),
                     Reach::NeedsChamber(what) => format!("needs {what}"),
                     Reach::Unpredictable => "unpredictable".into(),
                 },

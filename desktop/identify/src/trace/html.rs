@@ -266,7 +266,7 @@ fn ranking(t: &Trace) -> anyhow::Result<String> {
         let _ = write!(
             s,
             "<h3>{} <span class=small>{}{} &middot; {} &middot; {}</span></h3>",
-            escape(&e.name),
+            escape(&e.label()),
             e.class.name(),
             if e.parameters.is_empty() { String::new() } else { format!(" &middot; {}", e.parameters_text()) },
             match e.confirmed {

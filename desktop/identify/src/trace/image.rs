@@ -129,7 +129,7 @@ impl Fits<'_> {
         }
         self.state_unvisited(&mut image, scaling, models);
         // (A number that no image can hold, as the uncertainty of a gyro that leaves thousands of deg/h.)
-        let kind = if can_be_read(&image) { kind } else { Image::None };
+        let kind = readable(kind, &mut image, &baseline, notes);
         let figures = (kind != Image::None).then(|| on_verify(verify, &chosen, &predicted, models));
         if kind == Image::None {
             image = baseline;
@@ -342,6 +342,19 @@ fn on_verify(
         used_means: chosen[a].count(),
         model: models[a],
     })
+}
+
+/// The kind of image that is written: the baseline in the place of one that no unit accepts.
+fn readable(kind: Image, image: &mut Calibration, baseline: &Calibration, notes: &mut Vec<String>) -> Image {
+    match kind {
+        Image::Extended if !can_be_read(image) && can_be_read(baseline) => {
+            notes.push("the model with its effects has a number that no image holds: the baseline is written".into());
+            image.clone_from(baseline);
+            Image::Baseline
+        }
+        kind if can_be_read(image) => kind,
+        _ => Image::None,
+    }
 }
 
 /// `true` if a unit accepts the image.

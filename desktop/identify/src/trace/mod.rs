@@ -48,12 +48,14 @@ use exchange::{exchanged, second_search, shortest, LEAST_EXCHANGED};
 use found::OnVerify;
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
-use hrg_core::effects::{EffectId, Reach};
+use hrg_core::effects::{self, EffectId, Reach};
+use hrg_core::inputs::{QuantitySet, LEAST_COUNTS_S};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
+use hrg_data::recording::names_of;
 use hrg_data::recording::steps::{Run, Steps};
 use hrg_data::recording::Recording;
 use image::Fits;
@@ -197,7 +199,7 @@ fn closed(
 
 /// Log probability of all runs under a model: its score on the train runs, and the log density of the verify run under it.
 fn explained(search: &Search<'_>, learnt: &Learnt, fitted: &Fitted, verify: &Run, data: &Data<'_>) -> f64 {
-    let known = |c: &Candidate| run_has(verify, c, &data.scaling);
+    let known = |c: &Candidate| run_has(verify, data.runs, c, &data.scaling);
     let on_verify = data.unseen(verify);
     let density = Prediction::new(&on_verify, fitted, &uncertainty::of(data, fitted), &known).log_density(&on_verify);
     search.score_of(&learnt.model) + density
@@ -220,11 +222,11 @@ fn judged(
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
-    let (mut notes, calibration) = (prepared.notes.clone(), prepared.first_image());
-    let scaling = calibration.scaling;
+    let calibration = prepared.first_image();
+    let (mut notes, scaling) = (prepared.notes.clone(), calibration.scaling);
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects, and those whose input is missing, are not subtracted from the verify run.
-    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, c, &scaling);
+    let known = |c: &Candidate| c.facts.reach != Reach::Unpredictable && run_has(verify_run, runs, c, &scaling);
     notes.extend(about_fit(&fitted, data, &there, &known));
 
     // The model and the baseline alone, with what they leave of each run.
@@ -235,17 +237,13 @@ fn judged(
     let before_train = residuals_of(&plain, runs, &scaling);
     let mut after_train = residuals_of(&fitted, runs, &scaling);
     keep_baseline(fitted.terms(), after_train.iter_mut().zip(&before_train));
-    let left_of = |run: &Run| {
-        let before = plain.residuals(run, None, &scaling, &|_| true);
-        let mut after = fitted.residuals(run, None, &scaling, &known);
-        keep_baseline(fitted.terms(), [(&mut after, &before)]);
-        [before, after]
-    };
+    let left_of = |run: &Run| left_of([&plain, &fitted], run, &scaling, &known);
     let [before_verify, after_verify] = left_of(verify_run);
     let on_verify =
         Unseen::new(blocks, verify_run, &fitted, (runs, &after_train), &after_verify)?.part_of(whole_verify);
     let third = |run| Unseen::new(data.unseen(run), run, &fitted, (runs, &after_train), &left_of(run)[1]);
-    let on_judge = judge_run.map(third).transpose()?;
+    let fit_to_judge = |run| judge_has_inputs(run, runs, fitted.terms(), &known, &scaling).and_then(third);
+    let on_judge = judge_run.map(fit_to_judge).transpose()?;
 
     // The rest; each effect on the verify run; then the image.
     let (left, floor_ratio) = structure(&mut search, &learnt, &fitted, &on_verify, &known);
@@ -305,6 +303,19 @@ fn judged(
         lag_s: prepared.mean_lag_s(),
         train: runs.clone(),
     })
+}
+
+/// Residuals of the baseline and of the model on a run that was not learnt from.
+fn left_of(
+    [plain, fitted]: [&Fitted; 2],
+    run: &Run,
+    scaling: &Scaling,
+    known: &dyn Fn(&Candidate) -> bool,
+) -> [[Vec<f64>; AXES]; 2] {
+    let before = plain.residuals(run, None, scaling, &|_| true);
+    let mut after = fitted.residuals(run, None, scaling, known);
+    keep_baseline(fitted.terms(), [(&mut after, &before)]);
+    [before, after]
 }
 
 /// The search on the verify run, where it was asked for and the run is long enough.
@@ -426,11 +437,34 @@ fn beats(written: &image::Written, other: &Calibration, verify: &Unseen<'_>) -> 
         && each.iter().all(|(fall, std)| *fall >= -judge::DEVIATIONS * std)
 }
 
+/// Refuses a run that judges without an input that the model uses.
+fn judge_has_inputs<'r>(
+    run: &'r Run,
+    train: &[Run],
+    terms: &[Term],
+    known: &dyn Fn(&Candidate) -> bool,
+    scaling: &Scaling,
+) -> Result<&'r Run, BadInput> {
+    let used = terms.iter().map(Term::lead).filter(|c| c.facts.reach.needs().is_some() && known(c));
+    match used.into_iter().find(|c| !run_has(run, train, c, scaling)) {
+        None => Ok(run),
+        Some(c) => Err(BadInput::new(format!(
+            "the run that judges lacks {}, which {} needs; give one that has it",
+            hrg_data::error::list(&names_of(c.reads())),
+            c.facts.name
+        ))),
+    }
+}
+
 /// A sentence for each effect whose input the verify run lacks.
 fn lacking(terms: &[Term], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
     let lacks = |c: &&Candidate| c.facts.reach.needs().is_some() && !known(c);
     let say = |c: &Candidate| {
-        format!("the verify run lacks what {} needs: it is left out there, and what is left holds it", c.facts.name)
+        let what = match names_of(c.reads()) {
+            none if none.is_empty() => "what it needs".to_string(),
+            some => hrg_data::error::list(&some),
+        };
+        format!("{}: the verify run lacks {what}: the effect is left out there, and what is left holds it; record it in the verify run, too", c.facts.name)
     };
     terms.iter().map(Term::lead).filter(lacks).map(say).collect()
 }
@@ -527,9 +561,47 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
         prepared.notes.extend(enough_data::few(run, &format!("the {role} run")));
         user_effects::attach(&options.own, run)?;
     }
+    let all: Vec<&Run> = prepared.runs.iter().chain(runs.iter().map(|(run, ..)| run)).collect();
+    let more = about_recorded(&prepared, &all);
+    prepared.notes.extend(more);
     let mut runs = runs.into_iter().map(|(run, ..)| run);
     let verify_run = runs.next().ok_or_else(|| BadInput::new("no verify recording was given"))?;
     Ok((prepared, verify_run, runs.next()))
+}
+
+/// Sentences on quantities that some runs have and others do not, and on those that come seldom.
+fn about_recorded(prepared: &Prepared, all: &[&Run]) -> Vec<String> {
+    let mut out = Vec::new();
+    let searched = prepared.inputs.iter().map(|i| QuantitySet::one(i.quantity));
+    let searched = searched.fold(QuantitySet::empty(), QuantitySet::union);
+    let recorded = all.iter().fold(QuantitySet::empty(), |set, run| set.union(run.steps.has()));
+    let moving = |n: &u8| all.iter().any(|run| run.steps.moves(*n));
+    let lost: Vec<u8> = recorded.difference(searched).numbers().filter(moving).collect();
+    if !lost.is_empty() {
+        let lost = lost.into_iter().map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union);
+        out.push(format!(
+            "{}: not every train run has it in nine seconds of ten, so no effect of it is searched",
+            hrg_data::error::list(&names_of(lost))
+        ));
+    }
+    let listed = prepared.runs.iter().fold(QuantitySet::all(), |set, run| set.intersection(run.steps.unit_inputs));
+    let nowhere = listed.difference(recorded);
+    // (Without a list all that is recorded counts.)
+    if listed != QuantitySet::CASES.complement() && !nowhere.is_empty() {
+        out.push(format!(
+            "{}: named as an input of the unit, and no run has it",
+            hrg_data::error::list(&names_of(nowhere))
+        ));
+    }
+    for i in prepared.inputs.iter().filter(|i| i.counts_s > LEAST_COUNTS_S) {
+        out.push(format!(
+            "{} came once in {} s: a unit with this image counts a value for {} s",
+            hrg_data::error::list(&names_of(QuantitySet::one(i.quantity))),
+            i.counts_s / LEAST_COUNTS_S,
+            i.counts_s
+        ));
+    }
+    out
 }
 
 /// File names of the runs, or what they are given as.
@@ -606,12 +678,22 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
     run.steps.present().map(share).fold(0.0, f64::max)
 }
 
-fn run_has(run: &Run, c: &Candidate, scaling: &Scaling) -> bool {
-    c.facts.reach == Reach::Unit
-        || run.steps.present().all(|a| {
-            let values = run.effect(c.facts.id, &c.parameters, 0.0, scaling, a);
-            values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
-        })
+/// `true` if a run has what an effect needs, on each axis on which the train runs have it.
+fn run_has(run: &Run, train: &[Run], c: &Candidate, scaling: &Scaling) -> bool {
+    if c.facts.reach.on_unit() {
+        // (Nine of ten steps, as in a search.)
+        let has = |run: &Run, a: usize| {
+            effects::reads(c.facts.id, &c.parameters, a).numbers().all(|n| {
+                let values = &run.steps.quantities[usize::from(n)];
+                values.iter().filter(|v| v.is_finite()).count() * 10 > run.steps.len() * 9
+            })
+        };
+        return run.steps.present().all(|a| has(run, a) || !train.iter().all(|t| has(t, a)));
+    }
+    run.steps.present().all(|a| {
+        let values = run.effect(c.facts.id, &c.parameters, 0.0, scaling, a);
+        values.iter().filter(|v| v[0].is_finite()).count() * 10 > values.len() * 9
+    })
 }
 
 #[cfg(test)]

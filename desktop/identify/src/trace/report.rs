@@ -3,6 +3,7 @@
 use super::floor::Ratio;
 use super::judge::Agreement;
 use hrg_core::calibration::Calibration;
+use hrg_core::effects::EffectId;
 use hrg_core::inputs::{self, Input};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
@@ -188,9 +189,29 @@ pub struct Refitted {
 }
 
 impl Found {
+    /// The column that it reads, of an effect that has a number for it among its parameters.
+    #[must_use]
+    pub fn column(&self) -> Option<&'static str> {
+        let number = match EffectId::by_name(&self.name)? {
+            EffectId::RecordedQuantity => *self.parameters.get("channel")? as usize,
+            EffectId::Board => usize::from(*self.parameters.get("source")? > 0.5),
+            _ => return None,
+        };
+        inputs::NAMES.get(number).map(|n| columns::today(n))
+    }
+
+    /// Its name, with the column that it reads where the name does not tell.
+    #[must_use]
+    pub fn label(&self) -> String {
+        self.column().map_or_else(|| self.name.clone(), |column| format!("{} of {column}", self.name))
+    }
+
     /// The inner parameters in words, with 95 % intervals where they were refined.
     #[must_use]
     pub fn parameters_text(&self) -> String {
+        if self.column().is_some() {
+            return String::new();
+        }
         let one = |(n, v): (&String, &f64)| match self.parameter_std.get(n) {
             Some(s) => format!("{n} {} \u{b1} {}", three_digits(*v), three_digits(1.96 * s)),
             None => format!("{n} {}", three_digits(*v)),

@@ -35,7 +35,7 @@ fn described(e: &Found, there: usize) -> String {
     let details: Vec<String> = std::iter::once(meaning.to_string()).chain(parameters).collect();
     let axes: Vec<&String> = e.axes.keys().collect();
     let on = if axes.len() == there { String::new() } else { format!(" on {}", list(&axes)) };
-    format!("{} ({}){on}", e.name, details.join(", "))
+    format!("{} ({}){on}", e.label(), details.join(", "))
 }
 
 fn figures(axes: &[&str], of: impl Fn(&str) -> f64) -> String {
@@ -260,7 +260,7 @@ pub fn write(r: &mut Report, there: &[&str]) {
     r.keep_axes(|n| there.contains(&n));
     let named = |text: String| in_unit(&text, &r.rate_unit);
     let advice = advice(r).into_iter().map(named).collect();
-    let notes = r.notes.iter().map(|n| in_unit(n, &r.rate_unit)).collect();
+    let notes = about_inputs(r).iter().chain(&r.notes).map(|n| in_unit(n, &r.rate_unit)).collect();
     (r.advice, r.notes) = (advice, notes);
     r.verdict = in_unit(&verdict(r), &r.rate_unit);
 }
@@ -335,7 +335,7 @@ pub fn advice(r: &Report) -> Vec<String> {
         if e.confirmed == Some(false) {
             out.push(format!(
                 "the train run shows {}, and the verify run does not confirm it on every axis: take another run before you rely on the name",
-                e.name
+                e.label()
             ));
         }
     }
@@ -385,6 +385,5 @@ pub fn advice(r: &Report) -> Vec<String> {
     if r.verdict_kind == VerdictKind::NotConfirmed {
         out.push("a longer verify run, or a second train run, reduces the uncertainty".into());
     }
-    out.extend(about_inputs(r));
     out
 }

@@ -134,7 +134,7 @@ pub(super) fn unknown(
         let more = search.evidence_of(model, a, decays);
         evidence.iter_mut().zip(more).for_each(|(e, more)| *e += more);
     }
-    let known = |c: &Candidate| super::run_has(verify, c, &data.scaling);
+    let known = |c: &Candidate| super::run_has(verify, data.runs, c, &data.scaling);
     let on_verify = data.unseen(verify);
     let left = fitted.left(&on_verify, &known);
     evidence[runs] = verify.steps.present().map(|a| memory.decay(&on_verify, 0, &left[a], a)).sum();

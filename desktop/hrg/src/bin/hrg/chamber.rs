@@ -64,7 +64,7 @@ pub struct RecordArguments {
 }
 
 impl RecordArguments {
-    /// What is to be sent to the unit.
+    /// Inputs to be sent to the unit.
     fn feed(&self) -> Result<Option<Sensors>, BadInput> {
         self.inputs.as_deref().map(|source| Sensors::open_for(source, sensors::names_of_inputs())).transpose()
     }

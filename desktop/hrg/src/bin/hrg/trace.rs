@@ -224,7 +224,7 @@ fn print_effect(e: &trace::report::Found) {
     println!();
     let parameters = e.parameters_text();
     let gap = if parameters.is_empty() { "" } else { " " };
-    println!("{}{gap}{parameters} ({}; {})", e.name, e.class.name(), e.reach);
+    println!("{}{gap}{parameters} ({}; {})", e.label(), e.class.name(), e.reach);
     for (n, gain) in &e.axes {
         let share = e.on_verify.get(n).map_or(String::new(), |v| {
             format!(
