@@ -9,7 +9,7 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed=../memory.x");
     // Bytes of stack, a tenth above what the virtual board has seen (`cargo xtask bench`). The test programs need more of it.
-    println!("cargo:rustc-link-arg-bin=firmware=--defsym=_stack_size={}", 44 * 1024);
+    println!("cargo:rustc-link-arg-bin=firmware=--defsym=_stack_size={}", 52 * 1024);
     println!("cargo:rustc-link-arg-tests=--defsym=_stack_size={}", 64 * 1024);
     println!("cargo:rustc-link-arg-tests=-Tembedded-test.x");
     println!("cargo:rerun-if-env-changed=HRG_PUBLIC_KEY");

@@ -52,9 +52,11 @@ pub async fn receive(mut receiver: Receiver, identity: Identity) {
                 Some(Ok(Message::SetDecimation(decimation))) => DECIMATION.signal(decimation),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),
-                // A host that sends more between two model steps loses some, and sees it in what was used.
+                // The queue takes what the line can carry.
                 #[cfg(feature = "inputs")]
-                Some(Ok(Message::Inputs(values))) => drop(INPUTS.try_send(values)),
+                Some(Ok(Message::Inputs(values))) => {
+                    errors = errors.saturating_add(INPUTS.try_send(values).is_err().into())
+                }
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),
                 // No command, or garbage.

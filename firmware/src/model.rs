@@ -52,6 +52,10 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         if let Some(pulse) = PULSE.try_take() {
             pps.pulse(pulse);
         }
+        #[cfg(feature = "inputs")]
+        while let Ok(values) = channels::INPUTS.try_receive() {
+            inputs.receive(&values);
+        }
         TICK.signal(now);
         MODEL_ALIVE.signal(());
         let Some(step) = bank.poll(now) else { continue };
@@ -68,9 +72,6 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         }
         #[cfg(feature = "inputs")]
         {
-            while let Ok(values) = channels::INPUTS.try_receive() {
-                inputs.receive(&values);
-            }
             #[cfg(feature = "aux")]
             if let Some(window) = channels::SENSORS.try_take().filter(|w| w.step == step.step) {
                 inputs.take(&window, &crate::params::AUX);

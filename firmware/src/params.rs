@@ -58,9 +58,9 @@ pub const INPUTS: QuantitySet = QuantitySet::empty();
 #[cfg(feature = "aux")]
 pub const AUX: [hrg_core::inputs::Channel; hrg_core::AXES] = hrg_core::inputs::Channel::DRIVES;
 
-/// Messages with inputs that may wait for a model step: two hosts that send each half second.
+/// Messages with inputs that may wait until they are merged, each [`FETCH_PERIOD`]: a line at its full rate carries 18 of them meanwhile.
 #[cfg(feature = "inputs")]
-pub const INPUT_QUEUE: usize = 4;
+pub const INPUT_QUEUE: usize = 20;
 
 /// Events that may wait to be written: more than can happen in a second.
 #[cfg(feature = "field-log")]

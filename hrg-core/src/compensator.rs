@@ -20,11 +20,11 @@ use crate::effects::{OnUnit, Sums};
 use crate::frequency::StepFrequencies;
 pub use crate::history::HOLD_S;
 use crate::history::{self, Head, History, Kept, Past};
-use crate::inputs::{Held, Quantities};
+use crate::inputs::{self, Held, Quantities, QuantitySet, Seen};
 use crate::rate_factors::Factors;
 use crate::rate_of_change::WINDOW;
 use crate::status::AxisStatus;
-use crate::thermal::{AxisThermal, Thermometer};
+use crate::thermal::{AxisThermal, Thermal, Thermometer};
 use crate::visited::Ranges;
 use crate::zero::Zero;
 use crate::{AXES, MODEL_STEP_S};
@@ -217,23 +217,9 @@ impl<P: Past> Model<P> {
         self.thermometer.step(frequency_hz);
         let thermal = self.thermometer.now();
         let scaling = &self.calibration.scaling;
-        let mut bias_dph = [0.0; AXES];
-        for (k, bias) in bias_dph.iter_mut().enumerate() {
-            *bias = self.calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
-        }
-        let inputs = &self.calibration.inputs;
-        let seen = self.held.see(inputs, &self.given);
-        let mut along_dph = [[0.0; AXES]; DIRECTIONS];
-        for (term, running) in self.calibration.effects.iter().zip(&mut self.running) {
-            let sums = &mut Sums {
-                gains: &term.gains,
-                bias_dph: &mut bias_dph,
-                directions: &term.directions,
-                along_dph: &mut along_dph,
-            };
-            running.add_bias_dph(scaling, thermal, &seen.values, sums);
-        }
-        let unknown = self.past.step(&self.calibration, (thermal, &seen.values), &mut self.running);
+        let seen = self.held.see(&self.calibration.inputs, &self.given);
+        let (bias_dph, along_dph) = biases(&self.calibration, &mut self.running, thermal, &seen, |k| self.held.uses(k));
+        let unknown = self.past.step(&self.calibration, (thermal, &seen), &mut self.running);
         let [x, y, z] = &thermal.axes;
         let mut output = Output {
             temperature_c: [x.state.temperature_c, y.state.temperature_c, z.state.temperature_c],
@@ -248,7 +234,7 @@ impl<P: Past> Model<P> {
             let now = &thermal.axes[k];
             output.status[k] |=
                 self.calibration.axes[k].status(now, self.thermometer.change_c(k), &mut self.invalid_steps[k]);
-            let input_dph2 = self.held.more_dph2(k, inputs, seen.outside);
+            let input_dph2 = self.held.more_dph2(k, &self.calibration.inputs, seen.outside);
             if input_dph2.is_some() {
                 output.status[k] |= AxisStatus::INPUT;
             }
@@ -294,6 +280,40 @@ impl<P: Past> Model<P> {
         }
         output
     }
+}
+
+/// Bias of each axis, deg/h, and what the effects add to each direction of its uncertainty. `uses`: the inputs that an axis uses.
+#[inline(always)]
+fn biases(
+    calibration: &Calibration,
+    running: &mut [OnUnit],
+    thermal: &Thermal,
+    seen: &Seen,
+    uses: impl Fn(usize) -> QuantitySet,
+) -> ([f32; AXES], [[f32; AXES]; DIRECTIONS]) {
+    let scaling = &calibration.scaling;
+    let mut bias_dph = [0.0; AXES];
+    for (k, bias) in bias_dph.iter_mut().enumerate() {
+        *bias = calibration.axes[k].coefficients.bias_dph(scaling, &thermal.axes[k].state);
+    }
+    let mut along_dph = [[0.0; AXES]; DIRECTIONS];
+    for (term, running) in calibration.effects.iter().zip(running) {
+        let sums = &mut Sums {
+            gains: &term.gains,
+            bias_dph: &mut bias_dph,
+            directions: &term.directions,
+            along_dph: &mut along_dph,
+        };
+        running.add_bias_dph(scaling, thermal, &seen.values, sums);
+    }
+    if !seen.missing.is_empty() {
+        for (k, bias) in bias_dph.iter_mut().enumerate() {
+            let state = &thermal.axes[k].state;
+            let x = bias::regressors(scaling, state.temperature_c, state.ramp_c_per_min);
+            *bias += inputs::expected_dph(&calibration.inputs, seen.missing.intersection(uses(k)), k, &x);
+        }
+    }
+    (bias_dph, along_dph)
 }
 
 impl Axis {
@@ -603,6 +623,8 @@ mod tests {
             reference: 2.0,
             valid_from: 1.5,
             valid_to: 3.0,
+            most_equal: 20,
+            expected: [[0.0; 6], [0.25, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0; 6]],
             without_dph: [0.0, 1.5, 0.0],
             ..Input::default()
         };
@@ -617,7 +639,7 @@ mod tests {
         assert_eq!(Calibration::from_bytes(&image.to_bytes().expect("fits")), Ok(image.clone()));
         let (mut c, mut plain) = (Compensator::new(image, 0.0), Compensator::new(calibrated(), 0.0));
         let mut bank = InputBank::default();
-        // Nothing has come: the effect adds nothing, and the uncertainty holds all of it.
+        // Nothing has come: the uncertainty holds all that is not told.
         let mut step = |value: Option<f32>| {
             value.into_iter().for_each(|v| bank.set(drive(1), v));
             c.set_inputs(bank.step());
@@ -634,18 +656,26 @@ mod tests {
             );
         };
         let all = (0.01f32 + 1.5 * 1.5).sqrt();
-        near(step(None), (0.0, all, true));
+        // (What temperature and ramp tell of it.)
+        let told = 0.25;
+        near(step(None), (told, all, true));
         near(step(Some(2.5)), (5.0, 0.1, false));
         near(step(Some(1.75)), (-2.5, 0.1, false));
-        // It counts for three seconds, then it is stale and held.
+        // It counts for three seconds, then it is missing.
         near(step(None), (-2.5, 0.1, false));
         near(step(None), (-2.5, 0.1, false));
-        near(step(None), (-2.5, all, true));
-        // Outside its range it is used half a width beyond, and flagged.
+        near(step(None), (told, all, true));
+        // Outside its range it is used half a width beyond, and flagged; further away it is none.
         near(step(Some(3.5)), (15.0, all, true));
-        near(step(Some(9.0)), (17.5, all, true));
-        near(step(Some(f32::NAN)), (17.5, all, true));
+        near(step(Some(9.0)), (told, all, true));
+        near(step(Some(f32::NAN)), (told, all, true));
         near(step(Some(2.0)), (0.0, 0.1, false));
+        // One that stands still for longer than it ever did is none, until it moves.
+        for _ in 0..20 {
+            near(step(Some(2.0)), (0.0, 0.1, false));
+        }
+        near(step(Some(2.0)), (told, all, true));
+        near(step(Some(2.1)), (1.0, 0.1, false));
     }
 
     #[test]

@@ -37,7 +37,7 @@ use crate::bytes;
 use crate::calibration::{Calibration, EffectTerm, DIRECTIONS, MAX_EFFECTS};
 use crate::effects::{self, OnUnit, Span, Sums, MAX_MEMORY, MAX_OUTPUTS};
 use crate::half::Half;
-use crate::inputs::{self, Quantities};
+use crate::inputs::{self, QuantitySet, Seen};
 use crate::thermal::{AxisThermal, Thermal};
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
@@ -91,7 +91,7 @@ pub trait Past: Clone + core::fmt::Debug {
     /// Of effects that have just begun: nothing is known of their past.
     fn unknown(terms: &[EffectTerm]) -> Self;
     /// One model step, after that of the effects themselves (`running`), with the inputs that they saw.
-    fn step(&mut self, calibration: &Calibration, now: (&Thermal, &Quantities), running: &mut [OnUnit]) -> Unknown;
+    fn step(&mut self, calibration: &Calibration, now: (&Thermal, &Seen), running: &mut [OnUnit]) -> Unknown;
     /// Effect `e` with the coldest or the hottest past, if there is such a copy.
     fn copy(&mut self, e: usize, side: Side) -> Option<&mut OnUnit>;
     /// Two numbers by which effect `e` of axis `k` is kept over a restart: NaN first: nothing is known yet; below zero: all is known.
@@ -125,7 +125,7 @@ impl Past for History {
     fn step(
         &mut self,
         calibration: &Calibration,
-        (thermal, quantities): (&Thermal, &Quantities),
+        (thermal, seen): (&Thermal, &Seen),
         running: &mut [OnUnit],
     ) -> Unknown {
         self.steps = self.steps.wrapping_add(1);
@@ -136,7 +136,7 @@ impl Past for History {
         for (e, (main, term)) in running.iter_mut().zip(&calibration.effects).enumerate() {
             let begins = |p: &[Place; AXES]| p.iter().zip(&thermal.axes).any(|(p, a)| *p == Place::Coming && a.known);
             if e == turn || self.past.get(e).is_some_and(begins) {
-                self.advance(e, (main, term), calibration, (thermal, quantities));
+                self.advance(e, (main, term), calibration, (thermal, seen));
             }
         }
         for (past, term) in self.past.iter().zip(&calibration.effects) {
@@ -187,14 +187,17 @@ impl History {
         e: usize,
         (main, term): (&mut OnUnit, &EffectTerm),
         calibration: &Calibration,
-        (thermal, quantities): (&Thermal, &Quantities),
+        (thermal, seen): (&Thermal, &Seen),
     ) {
         let (Some(low), Some(high), Some(past)) = (self.low.get_mut(e), self.high.get_mut(e), self.past.get_mut(e))
         else {
             return;
         };
-        let lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
+        let mut lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
         let any_lost = main.looks_at_neighbours() && lost.contains(&true);
+        lost.iter_mut().enumerate().for_each(|(k, lost)| *lost |= lacks(term, k, seen));
+        let forgotten = if remembers(term) { seen.missing } else { QuantitySet::empty() };
+        let ends = inputs::with_ends(&seen.values, &calibration.inputs, forgotten);
         if *past == [Place::Known; AXES] && !any_lost && lost == [false; AXES] {
             return;
         }
@@ -202,7 +205,7 @@ impl History {
             let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
             match past {
                 Place::Coming if known => {
-                    let [lowest, highest] = inputs::ends(&calibration.inputs);
+                    let [lowest, highest] = inputs::with_ends(&seen.values, &calibration.inputs, QuantitySet::all());
                     low.soak_at(k, range.valid_from_c, &lowest);
                     high.soak_at(k, range.valid_to_c, &highest);
                     *past = Place::Apart(0.0, 0.0);
@@ -220,7 +223,8 @@ impl History {
         hot.time_s = LONG_S;
         let weights = term.gains.map(|gains| if main.is_curve() { variation(&gains) } else { gains.map(f32::abs) });
         let mut bias_dph = [[0.0; AXES]; 2];
-        for ((copy, thermal), bias_dph) in [low, high].into_iter().zip([&cold, &hot]).zip(&mut bias_dph) {
+        let sides = [low, high].into_iter().zip([&cold, &hot]).zip(&ends);
+        for (((copy, thermal), quantities), bias_dph) in sides.zip(&mut bias_dph) {
             let sums = &mut Sums {
                 gains: &weights,
                 bias_dph,
@@ -239,6 +243,17 @@ impl History {
             *past = if apart <= NEGLIGIBLE_DPH && !parting { Place::Known } else { Place::Apart(apart, most) };
         }
     }
+}
+
+fn remembers(term: &EffectTerm) -> bool {
+    effects::span(term.id, &term.parameters) != Span::None
+}
+
+/// `true` if an effect remembers a quantity that is missing on an axis.
+fn lacks(term: &EffectTerm, axis: usize, seen: &Seen) -> bool {
+    !seen.missing.is_empty()
+        && remembers(term)
+        && effects::reads(term.id, &term.parameters, axis).intersects(seen.missing)
 }
 
 /// Time for which an effect with a memory is flagged, in time constants: a twentieth of the past is left then.
@@ -277,7 +292,7 @@ impl Past for Settling {
     fn step(
         &mut self,
         calibration: &Calibration,
-        (thermal, _): (&Thermal, &Quantities),
+        (thermal, seen): (&Thermal, &Seen),
         running: &mut [OnUnit],
     ) -> Unknown {
         let mut unknown = Unknown { axes: [false; AXES], std_dph: [0.0; AXES] };
@@ -287,7 +302,11 @@ impl Past for Settling {
             let any_lost = main.looks_at_neighbours() && lost.contains(&true);
             for (k, left) in left.iter_mut().enumerate() {
                 let Some((now, lost)) = thermal.axes.get(k).zip(lost.get(k)) else { continue };
-                *left = if *lost || any_lost { Left::Coming } else { left.after(*span, now.state.temperature_c) };
+                *left = if *lost || any_lost || lacks(term, k, seen) {
+                    Left::Coming
+                } else {
+                    left.after(*span, now.state.temperature_c)
+                };
                 let acts = term.gains.get(k).is_some_and(|g| g.iter().any(|g| *g != 0.0));
                 if let Some(flag) = unknown.axes.get_mut(k) {
                     *flag |= acts && *left != Left::Known;

@@ -6,10 +6,11 @@
 //! ([`Input`]) the range in which it was learnt.
 //!
 //! # Missing inputs
-//! A value counts for some seconds ([`Input::counts_s`]). After that it is stale: it still stands in its place; outside its range a value is
-//! used as far as half the width of the range beyond. Either way the axes that use it are flagged
-//! [`INPUT`](crate::status::AxisStatus::INPUT), and the uncertainty of their bias grows by what the effects of that input were in training.
-//! As long as an input has never come, its effects add nothing: as if it stood at its reference.
+//! A value counts for some seconds ([`Input::counts_s`]). While there is none, while it stands still for longer than it ever did in training,
+//! and where it is further outside its range than half its width, the input is *missing*: its effects are replaced by what temperature and
+//! ramp tell of them ([`Input::expected`]), and lags of it begin anew. Outside its range by less, a value is used. In all these cases the axes
+//! that use it are flagged [`INPUT`](crate::status::AxisStatus::INPUT), and the uncertainty of their bias grows by what temperature and ramp
+//! did not tell of its effects in training.
 //!
 //! # Example
 //! ```
@@ -23,6 +24,7 @@
 //! assert!(bank.step().get(drive_x).is_nan() && bank.any());
 //! ```
 
+use crate::bias::TERMS;
 use crate::calibration::Calibration;
 use crate::effects;
 use crate::sensors::Window;
@@ -288,7 +290,7 @@ const BEYOND: f32 = 0.5;
 pub struct Channel {
     /// Number of the quantity.
     pub quantity: u8,
-    /// What one code is, in the quantity's unit.
+    /// One code in the quantity's unit.
     pub per_code: f64,
     /// The quantity at code 0, in its unit.
     pub at_zero: f64,
@@ -312,6 +314,8 @@ pub struct Input {
     pub quantity: u8,
     /// Seconds for which a value counts.
     pub counts_s: u8,
+    /// A value that has not changed for more messages than this stands still.
+    pub most_equal: u16,
     /// Value from which the effects count it, in its unit.
     pub reference: f32,
     /// Change that the effects count as one, in its unit: 1 but for quantities whose unit is far too large or too small for them.
@@ -320,7 +324,9 @@ pub struct Input {
     pub valid_from: f32,
     /// Highest value that is not flagged, in its unit.
     pub valid_to: f32,
-    /// Standard deviation of what its effects were in training, on each axis, deg/h: the uncertainty where it is missing.
+    /// Its effects on each axis as temperature and ramp tell them: coefficients of [`crate::bias::regressors`], deg/h.
+    pub expected: [[f32; TERMS]; AXES],
+    /// Standard deviation of what these do not tell of its effects, in training, deg/h: the uncertainty where it is missing.
     pub without_dph: [f32; AXES],
 }
 
@@ -329,23 +335,28 @@ impl Default for Input {
         Self {
             quantity: 0,
             counts_s: LEAST_COUNTS_S,
+            most_equal: u16::MAX,
             reference: 0.0,
             scale: 1.0,
             valid_from: 0.0,
             valid_to: 0.0,
+            expected: [[0.0; TERMS]; AXES],
             without_dph: [0.0; AXES],
         }
     }
 }
 
-/// Inputs of an image.
-pub type InputTable = Vec<Input, QUANTITIES>;
+/// Inputs of an image at most.
+pub const MAX_INPUTS: usize = 8;
 
-/// The lowest and the highest values of inputs, as the effects count them.
+/// Inputs of an image.
+pub type InputTable = Vec<Input, MAX_INPUTS>;
+
+/// Values with the lowest and the highest ones in the place of those of a set, as the effects count them.
 #[must_use]
-pub fn ends(inputs: &[Input]) -> [Quantities; 2] {
-    let mut ends = [Quantities::NONE; 2];
-    for i in inputs {
+pub fn with_ends(values: &Quantities, inputs: &[Input], of: QuantitySet) -> [Quantities; 2] {
+    let mut ends = [*values; 2];
+    for i in inputs.iter().filter(|i| of.contains(QuantitySet::one(i.quantity))) {
         for (end, value) in ends.iter_mut().zip([i.valid_from, i.valid_to]) {
             end.0.iter_mut().skip(i.quantity.into()).take(1).for_each(|v| *v = i.counted(value));
         }
@@ -356,9 +367,11 @@ pub fn ends(inputs: &[Input]) -> [Quantities; 2] {
 /// The inputs as the effects see them in one step.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
-    /// Values as the effects count them; NaN for one that has never come.
+    /// Values as the effects count them; NaN for one that is missing.
     pub values: Quantities,
-    /// Those of them that are missing, stale or out of range.
+    /// Those that are missing.
+    pub missing: QuantitySet,
+    /// Those that are missing or out of range.
     pub outside: QuantitySet,
 }
 
@@ -371,11 +384,21 @@ impl Input {
     }
 }
 
-/// The last good value of each input of an image, for how long it counts, and the axes that use it.
+/// The newest value of an input.
+#[derive(Debug, Clone, Copy)]
+struct Newest {
+    /// As it came.
+    raw: f32,
+    /// Messages in a row that brought it.
+    equal: u16,
+    /// Seconds for which it counts.
+    left_s: u8,
+}
+
+/// The newest value of each input of an image, and the axes that use it.
 #[derive(Debug, Clone)]
 pub struct Held {
-    values: Quantities,
-    left_s: [u8; QUANTITIES],
+    newest: [Newest; QUANTITIES],
     uses: [QuantitySet; AXES],
 }
 
@@ -383,37 +406,45 @@ impl Held {
     /// Of an image; nothing has come yet.
     #[must_use]
     pub fn new(calibration: &Calibration) -> Self {
-        Self { values: Quantities::NONE, left_s: [0; QUANTITIES], uses: core::array::from_fn(|a| uses(calibration, a)) }
+        let none = Newest { raw: f32::NAN, equal: 0, left_s: 0 };
+        Self { newest: [none; QUANTITIES], uses: core::array::from_fn(|a| uses(calibration, a)) }
     }
 
     /// One step: the values that have come for it, as the effects see them.
     pub fn see(&mut self, inputs: &[Input], given: &Quantities) -> Seen {
-        let mut seen = Seen { values: Quantities::NONE, outside: QuantitySet::empty() };
+        let none = QuantitySet::empty();
+        let mut seen = Seen { values: Quantities::NONE, missing: none, outside: none };
         for input in inputs {
             let at = usize::from(input.quantity);
-            let (Some(held), Some(left_s), Some(to)) =
-                (self.values.0.get_mut(at), self.left_s.get_mut(at), seen.values.0.get_mut(at))
-            else {
-                continue;
-            };
+            let (Some(newest), Some(to)) = (self.newest.get_mut(at), seen.values.0.get_mut(at)) else { continue };
             let value = given.get(input.quantity);
-            let (low, high) = (input.valid_from, input.valid_to);
-            if (low..=high).contains(&value) {
-                *left_s = input.counts_s;
-            } else if value.is_finite() {
-                *left_s = 0;
-            }
             if value.is_finite() {
-                let beyond = BEYOND * (high - low);
-                *held = input.counted(crate::bias::clamp(value, low - beyond, high + beyond));
+                newest.equal = if value.to_bits() == newest.raw.to_bits() { newest.equal.saturating_add(1) } else { 0 };
+                newest.raw = value;
+                newest.left_s = input.counts_s;
             }
-            if *left_s == 0 {
-                seen.outside |= QuantitySet::one(input.quantity);
+            let (low, high) = (input.valid_from, input.valid_to);
+            let beyond = BEYOND * (high - low);
+            let possible = (low - beyond..=high + beyond).contains(&newest.raw);
+            let one = QuantitySet::one(input.quantity);
+            if newest.left_s == 0 || !possible || newest.equal > input.most_equal {
+                seen.missing |= one;
+                seen.outside |= one;
+            } else {
+                *to = input.counted(newest.raw);
+                if !(low..=high).contains(&newest.raw) {
+                    seen.outside |= one;
+                }
             }
-            *left_s = left_s.saturating_sub(1);
-            *to = *held;
+            newest.left_s = newest.left_s.saturating_sub(1);
         }
         seen
+    }
+
+    /// The quantities that an axis uses.
+    #[must_use]
+    pub fn uses(&self, axis: usize) -> QuantitySet {
+        self.uses.get(axis).copied().unwrap_or_default()
     }
 
     /// Variance that comes on top on an axis where inputs are not as they should be, (deg/h)^2; `None` where it uses none of them.
@@ -426,6 +457,16 @@ impl Held {
         let of = |i: &Input| i.without_dph.get(axis).copied().unwrap_or(0.0);
         Some(inputs.iter().filter(|i| bad.contains(QuantitySet::one(i.quantity))).map(|i| of(i) * of(i)).sum())
     }
+}
+
+/// The effects of missing inputs on an axis as temperature and ramp tell them, deg/h. `x`: [`crate::bias::regressors`].
+#[must_use]
+pub fn expected_dph(inputs: &[Input], missing: QuantitySet, axis: usize, x: &[f32; TERMS]) -> f32 {
+    let of = |i: &Input| {
+        let expected = i.expected.get(axis).map_or(&[][..], |e| &e[..]);
+        crate::bias::dot(expected, x)
+    };
+    inputs.iter().filter(|i| missing.contains(QuantitySet::one(i.quantity))).map(of).sum()
 }
 
 /// The quantities that the effects of an image read on an axis.

@@ -39,7 +39,7 @@ use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smalles
 use crate::stages::Stage;
 use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
 use hrg_core::calibration::Calibration;
-use hrg_core::inputs;
+use hrg_core::inputs::{self, QuantitySet};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::block_means;
@@ -78,7 +78,7 @@ pub enum MethodError {
         which: &'static str,
     },
     /// The recordings lack an input that it needs.
-    #[error("{method} needs the columns drive_?_v and quad_?_v, and {lacking} is missing in the data")]
+    #[error("{method} needs drive_?_v and quad_?_v as inputs of the unit, and {lacking} is missing in the data or in # unit_inputs")]
     MissingInput {
         /// The method.
         method: Method,
@@ -144,9 +144,6 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
     }
     let start = Instant::now();
     let mut calibration = prepared.calibration.clone();
-    if method == Method::Inputs {
-        calibration.inputs.clone_from(&prepared.inputs);
-    }
     let (mut notes, mut history) = (Vec::new(), Vec::new());
     let mut parameters = 0;
     needs(prepared, method)?;
@@ -166,6 +163,7 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         .map_err(here)?;
     }
     if method == Method::Inputs {
+        notes.extend(hrg_identify::fit::take_inputs(&mut calibration, &prepared.inputs));
         hrg_identify::fit::state_inputs(&mut calibration, &prepared.runs);
     }
     Ok(Identified { calibration, parameters, seconds: start.elapsed().as_secs_f64(), notes, history })
@@ -176,7 +174,9 @@ fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
     if method == Method::Inputs {
         let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
         let wanted = present.iter().flat_map(|a| [inputs::drive(*a), inputs::quad(*a)]);
-        let there = |n: &u8| prepared.inputs.iter().any(|i| i.quantity == *n);
+        let unit =
+            prepared.runs.iter().map(|r| r.steps.unit_inputs).fold(QuantitySet::all(), QuantitySet::intersection);
+        let there = |n: &u8| unit.contains(QuantitySet::one(*n)) && prepared.inputs.iter().any(|i| i.quantity == *n);
         if let Some(lacking) = wanted.into_iter().find(|n| !there(n)) {
             return Err(MethodError::MissingInput { method, lacking: inputs::NAMES[usize::from(lacking)] });
         }

@@ -98,6 +98,7 @@ impl Input {
             return Err(ImageError::NotFinite);
         }
         finite(&self.without_dph)?;
+        finite(self.expected.as_flattened())?;
         let ordered = self.valid_from <= self.reference && self.reference <= self.valid_to;
         if usize::from(self.quantity) >= QUANTITIES
             || !ordered

@@ -82,11 +82,13 @@ layout! { Axis {
 layout! { Input {
     quantity: u8, "number of the quantity";
     counts_s: u8, "seconds for which a value counts";
+    most_equal: u16, "messages in a row with the same value, beyond which it stands still";
     reference: f32, "value from which its effects count it, in its unit";
     scale: f32, "change that its effects count as one, in its unit";
     valid_from: f32, "lowest value that is not flagged, in its unit";
     valid_to: f32, "highest value that is not flagged, in its unit";
-    without_dph: [f32; AXES], "standard deviation of what its effects were in training, by axis, deg/h";
+    expected: [[f32; TERMS]; AXES], "its effects as temperature and ramp tell them, by axis: coefficients of eq 7, deg/h";
+    without_dph: [f32; AXES], "standard deviation of what these do not tell of its effects, in training, by axis, deg/h";
 } }
 
 /// First fields of an effect.

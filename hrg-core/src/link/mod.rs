@@ -349,6 +349,16 @@ mod tests {
     }
 
     #[test]
+    fn inputs_on_the_line_are_the_bytes_of_the_page() {
+        // docs/inputs.md
+        let wire = Message::Inputs(InputValues::of([(2, 1.2175), (5, 0.081)])).encode();
+        let (head, tail) = (&wire[..18], &wire[41..]);
+        assert_eq!(head, b"\x12\x84\x02\x05\xff\xff\xff\xff\xff\xff\x0a\xd7\x9b\x3f\x54\xe3\xa5\x3d");
+        assert!(wire[18..41].iter().all(|b| *b == 1));
+        assert_eq!(tail, b"\x05\x2f\xf4\x89\x81\x00");
+    }
+
+    #[test]
     fn a_flipped_bit_never_passes() {
         for m in messages() {
             let bytes = m.encode();

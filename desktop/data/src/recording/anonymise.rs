@@ -1,12 +1,12 @@
 //! A recording that its owner can give away: without names, dates and place.
 
-use super::metadata::{STANDS_FOR, TABLE_RATE, TIME_STEP};
+use super::metadata::{STANDS_FOR, TABLE_RATE, TIME_STEP, UNIT_INPUTS};
 use super::plausible::AT_REST;
 use super::Recording;
 use crate::error::BadInput;
 
 /// Metadata that stay: what is needed to use the numbers, and tells nothing of whose they are.
-const KEPT: [&str; 10] = [
+const KEPT: [&str; 11] = [
     "hrg-recording",
     "rate_unit",
     "rates",
@@ -16,6 +16,7 @@ const KEPT: [&str; 10] = [
     TIME_STEP,
     TABLE_RATE,
     STANDS_FOR,
+    UNIT_INPUTS,
     AT_REST,
 ];
 

@@ -6,7 +6,7 @@ use crate::recording::own_columns::OwnColumns;
 use crate::recording::Recording;
 use hrg_core::bias::{Scaling, State};
 use hrg_core::effects::{Inputs, Running, MAX_OUTPUTS, MAX_PARAMETERS};
-use hrg_core::inputs::{self, Input, InputTable, Quantities, QuantitySet, LEAST_COUNTS_S, QUANTITIES};
+use hrg_core::inputs::{self, Input, Quantities, QuantitySet, LEAST_COUNTS_S, QUANTITIES};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::thermal::{Thermal, Thermometer};
 use hrg_core::{AXES, MODEL_STEP_S};
@@ -226,6 +226,18 @@ impl Steps {
         values.next().is_some_and(|first| values.any(|v| v.to_bits() != first.to_bits()))
     }
 
+    /// Most values in a row that repeat the one before.
+    fn most_equal(&self, number: u8) -> usize {
+        let values: Vec<u32> =
+            self.given[usize::from(number)].iter().filter(|v| v.is_finite()).map(|v| v.to_bits()).collect();
+        let (mut most, mut now) = (0, 0);
+        for pair in values.windows(2) {
+            now = if pair[0] == pair[1] { now + 1 } else { 0 };
+            most = most.max(now);
+        }
+        most
+    }
+
     /// Median time between two values of a quantity, s; 1 where there are less than two.
     fn interval_s(&self, number: u8) -> usize {
         let at: Vec<usize> = (0..self.len())
@@ -244,7 +256,7 @@ fn quantity(r: &Recording, number: u8) -> Option<&[f64]> {
 
 /// The quantities that runs have, each with its reference and its range: those that nine of ten steps of each run have.
 #[must_use]
-pub fn input_table(runs: &[Run]) -> InputTable {
+pub fn input_table(runs: &[Run]) -> Vec<Input> {
     let of = |number: u8| {
         let values = |run: &Run| -> Vec<f32> {
             run.steps.quantities[usize::from(number)].iter().copied().filter(|v| v.is_finite()).collect()
@@ -269,6 +281,8 @@ pub fn input_table(runs: &[Run]) -> InputTable {
         let interval = runs.iter().map(|run| run.steps.interval_s(number)).max().unwrap_or(1);
         Some(Input {
             quantity: number,
+            most_equal: (2 * runs.iter().map(|run| run.steps.most_equal(number)).max().unwrap_or(0) + LEAST_EQUAL)
+                .min(usize::from(u16::MAX)) as u16,
             counts_s: (usize::from(LEAST_COUNTS_S) * interval).min(usize::from(u8::MAX)) as u8,
             reference,
             scale: if usual { 1.0 } else { width },
@@ -279,6 +293,9 @@ pub fn input_table(runs: &[Run]) -> InputTable {
     };
     (0..QUANTITIES as u8).filter_map(of).collect()
 }
+
+/// An input may repeat its value so often beyond twice of what the train runs show.
+const LEAST_EQUAL: usize = 10;
 
 /// Widths of an input over which gains are numbers that an image holds; others are scaled.
 const USUAL_WIDTHS: std::ops::RangeInclusive<f32> = 1e-3..=1e4;
@@ -367,7 +384,7 @@ pub struct Run {
     /// The curves by which the temperatures were made.
     pub curves: [TemperatureCurve; AXES],
     /// References and scales of the quantities beside the frequencies: how the effects count them.
-    pub table: InputTable,
+    pub table: Vec<Input>,
     /// Columns of effects of a user's own.
     pub own: Vec<Arc<OwnColumns>>,
 }
@@ -380,7 +397,7 @@ impl Run {
         let offset = steps.start_s - steps.power_on_s - f64::from(MODEL_STEP_S);
         let mut thermometer = Thermometer::new(curves, offset as f32);
         let thermal = (0..steps.len()).map(|k| *thermometer.step(&steps.frequencies(k))).collect();
-        Self { steps, thermal, curves, table: InputTable::new(), own: Vec::new() }
+        Self { steps, thermal, curves, table: Vec::new(), own: Vec::new() }
     }
 
     /// Temperature and its rate of change at a step; `None` while the frequency is lost.

@@ -7,6 +7,7 @@ use ed25519_dalek::SigningKey;
 use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
 use hrg_core::events::{records, Record, SECTOR};
 use hrg_core::inputs;
+use hrg_core::inputs::LEAST_COUNTS_S;
 use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
@@ -425,6 +426,21 @@ impl Unit {
         let [a, b] = sectors;
         let (a, b) = (a?, b?);
         Ok(records([&a, &b]).collect())
+    }
+
+    /// `true` if an axis is flagged for want of an input, after the seconds in which they come.
+    ///
+    /// # Errors
+    /// If the unit sends nothing.
+    pub fn flags_inputs(&mut self) -> Result<bool> {
+        let mut flagged = false;
+        for _ in 0..LEAST_COUNTS_S {
+            flagged = self.second(SECOND)?.axis_status.iter().any(|s| s.contains(AxisStatus::INPUT));
+            if !flagged {
+                break;
+            }
+        }
+        Ok(flagged)
     }
 
     /// Has the unit add these constants from now on, over power cuts.

@@ -306,8 +306,11 @@ impl Recorder {
         self.inputs = come.map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union).difference(beside);
         let names: Vec<&str> = self.inputs.numbers().map(column_of).collect();
         let mut head = self.head.text(second);
-        let listed = if names.is_empty() { NO_INPUTS.to_string() } else { names.join(", ") };
-        let _ = writeln!(head, "# {UNIT_INPUTS}: {listed}");
+        // (The log does not tell of inputs.)
+        if self.head.live || !names.is_empty() {
+            let listed = if names.is_empty() { NO_INPUTS.to_string() } else { names.join(", ") };
+            let _ = writeln!(head, "# {UNIT_INPUTS}: {listed}");
+        }
         head.push_str(&columns::header(self.columns(), &EACH_AXIS));
         names.iter().for_each(|name| head.extend([",", name]));
         if self.sensors.is_some() {

@@ -11,11 +11,12 @@ use hrg_core::bias::{regressors, Scaling, TERMS};
 use hrg_core::calibration::Calibration;
 use hrg_core::calibration::EffectTerm;
 use hrg_core::effects::{self, MAX_OUTPUTS};
-use hrg_core::inputs::{self, InputTable, QuantitySet};
+use hrg_core::inputs::{self, Input, InputTable, QuantitySet, MAX_INPUTS};
 use hrg_core::temperature::TemperatureCurve;
 use hrg_core::visited::Visited;
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
+use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{block_means, std_dev};
 use hrg_data::recording::facts;
 use hrg_data::recording::names;
@@ -40,7 +41,7 @@ pub struct Prepared {
     /// Curves, scaling and ranges; no bias yet.
     pub calibration: Calibration,
     /// Quantities beside the frequencies that the runs have, with reference and range.
-    pub inputs: InputTable,
+    pub inputs: Vec<Input>,
     /// Remarks for the user.
     pub notes: Vec<String>,
     /// Time constant by which each resonator follows its sensor, s (0: not identified).
@@ -50,12 +51,6 @@ pub struct Prepared {
 }
 
 impl Prepared {
-    /// The image that a model is written into: the first of its unit, with all inputs that the runs have.
-    #[must_use]
-    pub fn first_image(&self) -> Calibration {
-        Calibration { sequence: 1, inputs: self.inputs.clone(), ..self.calibration.clone() }
-    }
-
     /// Mean of the time constants by which the resonators follow their sensors, s.
     #[must_use]
     pub fn mean_lag_s(&self) -> f64 {
@@ -162,11 +157,29 @@ pub fn prepare_with(
     Ok(Prepared { runs, calibration, inputs, notes, lag_s, fastest })
 }
 
-/// Keeps the inputs that the effects of an image read, and writes into each what its effects were in the train runs: the uncertainty where
-/// it is missing.
+/// Gives an image the inputs that its effects read, from those there are; effects of more than an image holds are taken out, and named.
+pub fn take_inputs(image: &mut Calibration, table: &[Input]) -> Vec<String> {
+    let mut out = Vec::new();
+    loop {
+        let needed = inputs::needed(image);
+        let wanted = table.iter().filter(|i| needed.contains(QuantitySet::one(i.quantity)));
+        let taken: Option<InputTable> =
+            wanted.clone().try_fold(InputTable::new(), |mut t, i| t.push(*i).is_ok().then_some(t));
+        if let Some(taken) = taken {
+            image.inputs = taken;
+            return out;
+        }
+        let reads = |t: &EffectTerm| (0..AXES).any(|a| !effects::reads(t.id, &t.parameters, a).is_empty());
+        let Some(last) = image.effects.iter().rposition(reads) else { return out };
+        let dropped = image.effects.remove(last);
+        let name = effects::by_id(dropped.id).map_or("an effect", |f| f.name);
+        out.push(format!("an image holds {MAX_INPUTS} inputs; {name} did not fit"));
+    }
+}
+
+/// Writes into each input of an image what temperature and ramp tell of its effects in the train runs,
+/// and what they do not: bias and uncertainty where it is missing.
 pub fn state_inputs(image: &mut Calibration, runs: &[Run]) {
-    let needed = inputs::needed(image);
-    image.inputs.retain(|i| needed.contains(QuantitySet::one(i.quantity)));
     let Calibration { effects, inputs, scaling, .. } = image;
     for input in inputs {
         for a in 0..AXES {
@@ -174,7 +187,7 @@ pub fn state_inputs(image: &mut Calibration, runs: &[Run]) {
                 effects::reads(t.id, &t.parameters, a).contains(QuantitySet::one(input.quantity))
                     && t.gains[a].iter().any(|g| *g != 0.0)
             };
-            let mut done = Vec::new();
+            let (mut columns, mut done) = (vec![Vec::new(); TERMS], Vec::new());
             for run in runs {
                 let mut sum = vec![0.0; run.steps.len()];
                 for t in effects.iter().filter(reads) {
@@ -183,12 +196,24 @@ pub fn state_inputs(image: &mut Calibration, runs: &[Run]) {
                         |x: &[f32; MAX_OUTPUTS]| x.iter().zip(&t.gains[a]).map(|(x, g)| f64::from(x * g)).sum::<f64>();
                     sum.iter_mut().zip(&x).for_each(|(s, x)| *s += of(x));
                 }
-                done.extend(sum.into_iter().filter(|v| v.is_finite()));
+                let base = baseline_columns(run, scaling, a);
+                for k in (0..sum.len()).step_by(EVERY).filter(|k| sum[*k].is_finite() && base[0][*k].is_finite()) {
+                    columns.iter_mut().zip(&base).for_each(|(to, from)| to.push(from[k]));
+                    done.push(sum[k]);
+                }
             }
-            input.without_dph[a] = std_dev(&done) as f32;
+            let Ok(told) = lsq::fit(&columns, &done, None, &NAMES) else { continue };
+            let left: Vec<f64> = (0..done.len())
+                .map(|k| done[k] - columns.iter().zip(&told.coefficients).map(|(c, b)| c[k] * b).sum::<f64>())
+                .collect();
+            input.expected[a] = std::array::from_fn(|j| told.coefficients[j] as f32);
+            input.without_dph[a] = std_dev(&left) as f32;
         }
     }
 }
+
+/// Steps between the rows by which that is learnt: effects of inputs move slowly.
+const EVERY: usize = 10;
 
 /// Puts the curves of resonators into an image that was identified on temperatures (predicted ones, as zhao2022 has them, or those of
 /// sensors): the unit then has its temperatures by frequency.

@@ -4,7 +4,7 @@ use super::noise::{Filters, Growth};
 use crate::fit::baseline_columns;
 use hrg_core::bias::Scaling;
 use hrg_core::effects::{self, EffectId, Facts, Running, MAX_OUTPUTS};
-use hrg_core::inputs::{Quantities, QuantitySet};
+use hrg_core::inputs::{Input, Quantities, QuantitySet};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
@@ -357,6 +357,11 @@ impl<'a> Data<'a> {
             }
             out
         })
+    }
+
+    /// Quantities beside the frequencies that the runs have.
+    pub fn table(&self) -> Vec<Input> {
+        self.runs.first().map_or_else(Vec::new, |run| run.table.clone())
     }
 
     /// Lowest and highest temperature over axes and runs.

@@ -49,7 +49,7 @@ use found::OnVerify;
 use hrg_core::bias::Scaling;
 use hrg_core::calibration::Calibration;
 use hrg_core::effects::{self, EffectId, Reach};
-use hrg_core::inputs::{QuantitySet, LEAST_COUNTS_S};
+use hrg_core::inputs::{Input, QuantitySet, LEAST_COUNTS_S};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -222,7 +222,7 @@ fn judged(
     (mut search, learnt, mut fitted): (Search<'_>, Learnt, Fitted),
 ) -> Result<Trace, BadInput> {
     let (runs, data) = (&prepared.runs, search.data());
-    let calibration = prepared.first_image();
+    let calibration = Calibration { sequence: 1, ..prepared.calibration.clone() };
     let (mut notes, scaling) = (prepared.notes.clone(), calibration.scaling);
     let there: Vec<usize> = verify_run.steps.present().collect();
     // Unpredictable effects, and those whose input is missing, are not subtracted from the verify run.
@@ -449,7 +449,7 @@ fn judge_has_inputs<'r>(
     match used.into_iter().find(|c| !run_has(run, train, c, scaling)) {
         None => Ok(run),
         Some(c) => Err(BadInput::new(format!(
-            "the run that judges lacks {}, which {} needs; give one that has it",
+            "the run that judges lacks {} (or has it in quite another range), which {} needs; give one that has it",
             hrg_data::error::list(&names_of(c.reads())),
             c.facts.name
         ))),
@@ -464,7 +464,7 @@ fn lacking(terms: &[Term], known: &dyn Fn(&Candidate) -> bool) -> Vec<String> {
             none if none.is_empty() => "what it needs".to_string(),
             some => hrg_data::error::list(&some),
         };
-        format!("{}: the verify run lacks {what}: the effect is left out there, and what is left holds it; record it in the verify run, too", c.facts.name)
+        format!("{}: the verify run lacks {what}, or has it in quite another range: the effect is left out there, and what is left holds it; record it in the verify run, too", c.facts.name)
     };
     terms.iter().map(Term::lead).filter(lacks).map(say).collect()
 }
@@ -685,7 +685,15 @@ fn run_has(run: &Run, train: &[Run], c: &Candidate, scaling: &Scaling) -> bool {
         let has = |run: &Run, a: usize| {
             effects::reads(c.facts.id, &c.parameters, a).numbers().all(|n| {
                 let values = &run.steps.quantities[usize::from(n)];
-                values.iter().filter(|v| v.is_finite()).count() * 10 > run.steps.len() * 9
+                let there = values.iter().filter(|v| v.is_finite()).count();
+                // (In another unit, or with another sign, it is another quantity.)
+                let ranges = run.table.iter().filter(|i| i.quantity == n);
+                let alike = |i: &Input| {
+                    let beyond = 0.5 * (i.valid_to - i.valid_from);
+                    let range = i.valid_from - beyond..=i.valid_to + beyond;
+                    2 * values.iter().filter(|v| range.contains(*v)).count() > there
+                };
+                there * 10 > run.steps.len() * 9 && ranges.clone().all(alike)
             })
         };
         return run.steps.present().all(|a| has(run, a) || !train.iter().all(|t| has(t, a)));

@@ -10,7 +10,7 @@ use hrg_core::bias::{Coefficients, Scaling, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm, Uncertainty, DIRECTIONS, MAX_EFFECTS};
 use hrg_core::effects::{EffectId, MAX_OUTPUTS};
 use hrg_core::half::Half;
-use hrg_core::inputs::{self, QuantitySet};
+use hrg_core::inputs::{self, Input, QuantitySet};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -190,6 +190,8 @@ pub struct Fitted {
     pub axes: [AxisFit; AXES],
     /// Set if the judged run continues the train run ([`Data::goes_on`]).
     goes_on: bool,
+    /// Quantities beside the frequencies that the runs have.
+    inputs: Vec<Input>,
 }
 
 impl Fitted {
@@ -240,7 +242,12 @@ impl Fitted {
             let days = data.axes[a].base.len() - TERMS;
             fit(a, model.columns(data, a), days).map_err(|e| BadInput::new(format!("axis {}: {e}", AXIS_NAMES[a])))
         };
-        Ok(Self { model: model.clone(), axes: [one(0)?, one(1)?, one(2)?], goes_on: data.goes_on })
+        Ok(Self {
+            model: model.clone(),
+            axes: [one(0)?, one(1)?, one(2)?],
+            goes_on: data.goes_on,
+            inputs: data.table(),
+        })
     }
 
     /// The same with another state of what remembers the path of the temperature at the begin of a run that nobody has seen: the number of
@@ -450,7 +457,7 @@ impl Fitted {
                 }
             }
         }
-        drop_idle_inputs(&mut c);
+        notes.extend(fit::take_inputs(&mut c, &self.inputs));
         c
     }
 }

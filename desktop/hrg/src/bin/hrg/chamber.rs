@@ -14,14 +14,14 @@ use hrg::unit::sensors;
 use hrg::unit::sensors::Sensors;
 use hrg::unit::zero::Measured;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
-use hrg_core::inputs::{InputValues, IN_MESSAGE};
+use hrg_core::inputs::{self, InputValues, IN_MESSAGE};
 use hrg_core::link::{Housekeeping, Identity, Message};
 use hrg_core::sectors::{room, SECTOR_BYTES};
 use hrg_core::zero::{self, Zero};
 use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::recording::metadata::{same_scale, scale_factor, scale_text};
-use hrg_data::recording::names;
+use hrg_data::recording::{names, names_of};
 use hrg_simulate::Profile;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -351,6 +351,13 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
             "{port}: image {:08x} is burnt and runs, but the unit shows {flags}; {}",
             after.calibration,
             way_back(before.as_ref(), port)?
+        );
+    }
+    let needed = names_of(inputs::needed(&c));
+    if !needed.is_empty() && unit.flags_inputs()? {
+        println!(
+            "note: the image needs {}, and not all of it comes in to the unit: it flags input (docs/inputs.md)",
+            hrg_data::error::list(&needed)
         );
     }
     println!(
