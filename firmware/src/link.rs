@@ -55,7 +55,7 @@ pub async fn receive(mut receiver: Receiver, identity: Identity) {
                 // The queue takes what the line can carry.
                 #[cfg(feature = "inputs")]
                 Some(Ok(Message::Inputs(values))) => {
-                    errors = errors.saturating_add(INPUTS.try_send(values).is_err().into())
+                    errors = errors.saturating_add(INPUTS.try_send(values).is_err().into());
                 }
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => drop(MAINTAIN.try_send(command)),

@@ -158,6 +158,25 @@ fn resume(models: &mut [&'static mut Compensator; CHANNELS], cause: ResetCause) 
     models[0].resets()
 }
 
+/// Has the model add the constants that were renewed under this image.
+#[cfg(feature = "field-log")]
+#[inline(never)]
+fn set_zero(models: &mut [&'static mut Compensator; CHANNELS], sectors: &maintain::Sectors, checksum: u32) {
+    if let Some(zero) = zero::newest(events::records([0, 1].map(|s| sectors.log(s))), checksum) {
+        models.iter_mut().for_each(|m| m.set_zero(zero));
+    }
+}
+
+/// Maintenance mode of this build.
+fn maintenance(identity: &Identity, place: Option<sectors::Place>) -> &'static mut Maintenance {
+    static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
+    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, cfg!(feature = "locked"))
+        .with_key(maintain::KEY)
+        .with_inputs(params::INPUTS)
+        .with_log(cfg!(feature = "field-log"));
+    once(MAINTENANCE.try_init(maintenance))
+}
+
 /// Logs faults that the start has found.
 fn warn(verdict: program::Verdict, crystal: bool, halt: Halt) {
     match verdict {
@@ -190,9 +209,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     let resets = resume(&mut compensators, board.reset_cause);
     #[cfg(feature = "field-log")]
-    if let Some(zero) = zero::newest(events::records([0, 1].map(|s| board.sectors.log(s))), checksum) {
-        compensators.iter_mut().for_each(|model| model.set_zero(zero));
-    }
+    set_zero(&mut compensators, &board.sectors, checksum);
     let identity = Identity {
         unit: calibration.unit,
         calibration: checksum,
@@ -232,13 +249,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     AlignMode::set_accelerometers(alignment, calibration.accelerometers);
     let telemetry = Telemetry::new(alignment, params::TIMEBASE, identity, status)
         .with_trims_in_maintenance_only(cfg!(feature = "signed"));
-    let locked = cfg!(feature = "locked");
-    static MAINTENANCE: StaticCell<Maintenance> = StaticCell::new();
-    let maintenance = Maintenance::new(identity.unit, identity.sequence, place, locked)
-        .with_key(maintain::KEY)
-        .with_inputs(params::INPUTS);
-    let maintenance = maintenance.with_log(cfg!(feature = "field-log"));
-    let maintenance = once(MAINTENANCE.try_init(maintenance));
+    let maintenance = maintenance(&identity, place);
 
     let model_start = model::Start {
         crystal: board.crystal,
