@@ -110,8 +110,9 @@ pub fn data_ready() {
     }
     // (Reading it clears the interrupt's flag.)
     let _ = timer.ccr(3).read();
-    // A transfer that is still running is left alone.
-    if pac::DMA2.st(wired::RX).cr().read().en() {
+    // A transfer that is still running is left alone; so is one that has ended and was not handed over yet (after a time in which the
+    // processor stood still, both interrupts wait, and this one comes first).
+    if pac::DMA2.st(wired::RX).cr().read().en() || pac::DMA2.isr(0).read().tcif(wired::RX) {
         MISSED.store(true, Ordering::Relaxed);
     } else {
         start_transfer();

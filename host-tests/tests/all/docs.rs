@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Commands of commands.
-const GROUPS: [(&str, &str); 10] = [
+const GROUPS: [(&str, &str); 11] = [
     ("fit", "points"),
     ("fit", "soaks"),
     ("fit", "lag"),
@@ -14,6 +14,7 @@ const GROUPS: [(&str, &str); 10] = [
     ("unit", "read"),
     ("unit", "image"),
     ("unit", "keygen"),
+    ("unit", "zero"),
     ("align", "accelerometers"),
     ("align", "heading"),
     ("align", "simulate"),
