@@ -30,6 +30,9 @@ use crate::zero::Zero;
 use crate::{AXES, MODEL_STEP_S};
 use heapless::Vec;
 
+/// Inputs beside the frequencies are computed.
+const TAKES_INPUTS: bool = cfg!(feature = "inputs");
+
 /// Result of one model step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
@@ -217,7 +220,7 @@ impl<P: Past> Model<P> {
         self.thermometer.step(frequency_hz);
         let thermal = self.thermometer.now();
         let scaling = &self.calibration.scaling;
-        let seen = self.held.see(&self.calibration.inputs, &self.given);
+        let seen = if TAKES_INPUTS { self.held.see(&self.calibration.inputs, &self.given) } else { Seen::NONE };
         let (bias_dph, along_dph) = biases(&self.calibration, &mut self.running, thermal, &seen, |k| self.held.uses(k));
         let unknown = self.past.step(&self.calibration, (thermal, &seen), &mut self.running);
         let [x, y, z] = &thermal.axes;
@@ -234,7 +237,8 @@ impl<P: Past> Model<P> {
             let now = &thermal.axes[k];
             output.status[k] |=
                 self.calibration.axes[k].status(now, self.thermometer.change_c(k), &mut self.invalid_steps[k]);
-            let input_dph2 = self.held.more_dph2(k, &self.calibration.inputs, seen.outside);
+            let of_inputs = || self.held.more_dph2(k, &self.calibration.inputs, seen.outside);
+            let input_dph2 = TAKES_INPUTS.then(of_inputs).flatten();
             if input_dph2.is_some() {
                 output.status[k] |= AxisStatus::INPUT;
             }
@@ -306,7 +310,7 @@ fn biases(
         };
         running.add_bias_dph(scaling, thermal, &seen.values, sums);
     }
-    if !seen.missing.is_empty() {
+    if TAKES_INPUTS && !seen.missing.is_empty() {
         for (k, bias) in bias_dph.iter_mut().enumerate() {
             let state = &thermal.axes[k].state;
             let x = bias::regressors(scaling, state.temperature_c, state.ramp_c_per_min);

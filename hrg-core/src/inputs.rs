@@ -384,6 +384,12 @@ impl Input {
     }
 }
 
+impl Seen {
+    /// No input at all.
+    pub const NONE: Self =
+        Self { values: Quantities::NONE, missing: QuantitySet::empty(), outside: QuantitySet::empty() };
+}
+
 /// The newest value of an input.
 #[derive(Debug, Clone, Copy)]
 struct Newest {

@@ -63,7 +63,7 @@ fn a_unit_that_takes_no_inputs_refuses_an_image_that_needs_one() {
     let h = o.received.housekeeping.last().expect("some");
     let refused = UnitStatus::DEFAULT_CALIBRATION | UnitStatus::IMAGE_REFUSED;
     assert!(h.unit_status.contains(refused) && h.bias_dph == [0.0; 3], "{h:?}");
-    let logged = "calibration refused: LacksInput(2)";
+    let logged = "calibration refused: NotOnUnit(14)";
     assert!(o.received.log.iter().any(|line| line.contains(logged)), "{:?}", o.received.log);
 }
 

@@ -99,7 +99,7 @@ impl Reach {
     /// `true` if a unit can compute it, given the quantities that it reads.
     #[must_use]
     pub const fn on_unit(self) -> bool {
-        matches!(self, Self::Unit | Self::NeedsInput(_))
+        matches!(self, Self::Unit) || (cfg!(feature = "inputs") && matches!(self, Self::NeedsInput(_)))
     }
 
     /// Quantity that it needs and a unit does not measure by itself.
