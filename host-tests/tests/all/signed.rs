@@ -115,7 +115,7 @@ fn a_check_costs_a_start_what_is_documented() {
     );
     // Measured, and a tenth on top.
     assert!(at_start.len() == 1 && at_start[0] < 4_217_000, "{at_start:?}");
-    assert!(stack < 43_000, "{stack} bytes of stack");
+    assert!(stack < 47_000, "{stack} bytes of stack");
 }
 
 #[test]

@@ -107,7 +107,7 @@ pub fn default_elf() -> PathBuf {
 #[must_use]
 pub fn parts(firmware: &Firmware) -> Parts {
     let word = firmware.address_of(parts::SYMBOL).and_then(|at| firmware.word(at));
-    word.map_or(Parts::all(), Parts::from_bits_retain)
+    word.map_or(Parts::all().difference(Parts::AUX), Parts::from_bits_retain)
 }
 
 /// Reads the ELF.
