@@ -104,7 +104,11 @@ fn each_part_may_be_left_out_alone() {
         ("inputs", Parts::INPUTS),
     ] {
         let elf = elf(&format!("without-{name}"));
-        assert_eq!(parts(&Firmware::parse(&elf).expect("an ELF")), Parts::all().difference(part | Parts::AUX), "{name}");
+        assert_eq!(
+            parts(&Firmware::parse(&elf).expect("an ELF")),
+            Parts::all().difference(part | Parts::AUX),
+            "{name}"
+        );
         let unknown = run(&elf, 30);
         assert!(unknown[2][0] && !unknown[2][2], "{name}");
     }
