@@ -44,9 +44,9 @@ pub const NAMES: [&str; QUANTITIES] = [
     "quad_x_v",
     "quad_y_v",
     "quad_z_v",
-    "shell_x_c",
-    "shell_y_c",
-    "shell_z_c",
+    "case_x_c",
+    "case_y_c",
+    "case_z_c",
     "chip_c",
     "chip_v",
     "input_1",
@@ -382,6 +382,14 @@ impl Input {
     pub fn counted(&self, value: f32) -> f32 {
         (value - self.reference) / self.scale
     }
+
+    /// `true` for a value that is used: in the range, or beyond it by no more than half its width.
+    #[inline]
+    #[must_use]
+    pub fn uses(&self, value: f32) -> bool {
+        let beyond = BEYOND * (self.valid_to - self.valid_from);
+        (self.valid_from - beyond..=self.valid_to + beyond).contains(&value)
+    }
 }
 
 impl Seen {
@@ -430,10 +438,8 @@ impl Held {
                 newest.left_s = input.counts_s;
             }
             let (low, high) = (input.valid_from, input.valid_to);
-            let beyond = BEYOND * (high - low);
-            let possible = (low - beyond..=high + beyond).contains(&newest.raw);
             let one = QuantitySet::one(input.quantity);
-            if newest.left_s == 0 || !possible || newest.equal > input.most_equal {
+            if newest.left_s == 0 || !input.uses(newest.raw) || newest.equal > input.most_equal {
                 seen.missing |= one;
                 seen.outside |= one;
             } else {
@@ -480,11 +486,11 @@ pub fn expected_dph(inputs: &[Input], missing: QuantitySet, axis: usize, x: &[f3
 pub fn uses(calibration: &Calibration, axis: usize) -> QuantitySet {
     let acts = |e: &&crate::calibration::EffectTerm| e.gains.get(axis).is_some_and(|g| g.iter().any(|g| *g != 0.0));
     let of = |e: &crate::calibration::EffectTerm| effects::reads(e.id, &e.parameters, axis);
-    calibration.effects.iter().filter(acts).map(of).fold(QuantitySet::empty(), QuantitySet::union)
+    calibration.effects.iter().filter(acts).map(of).collect()
 }
 
 /// The quantities that an image needs: those that its effects read on any axis.
 #[must_use]
 pub fn needed(calibration: &Calibration) -> QuantitySet {
-    (0..AXES).map(|a| uses(calibration, a)).fold(QuantitySet::empty(), QuantitySet::union)
+    (0..AXES).map(|a| uses(calibration, a)).collect()
 }

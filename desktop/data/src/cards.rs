@@ -1,6 +1,5 @@
 //! One card for each effect: what the desktop must know of it beyond its equation. The compiler asks for a card of every effect.
 
-use crate::recording::columns;
 use crate::recording::steps::Run;
 use hrg_core::effects::parameters::{
     Arrhenius, Breakpoint, Channel, Cycle, Lag, Parameters, Pulse, Ramp, RampRange, Source, Tau, Taus,
@@ -497,8 +496,7 @@ pub fn card(effect: EffectId) -> Card {
             grid: |_| rows((0..8).chain(11..16).map(|k| Channel { channel: k as f32 })),
             repair: Some(|p| {
                 let number = p(E::RecordedQuantity.facts().parameters[0]) as usize;
-                let name = hrg_core::inputs::NAMES.get(number).copied().unwrap_or("the quantity");
-                needs_input(E::RecordedQuantity, columns::today(name))
+                needs_input(E::RecordedQuantity, hrg_core::inputs::NAMES.get(number).unwrap_or(&"the quantity"))
             }),
             ..Card::of(Input, Searched, "the bias follows a recorded quantity")
         },

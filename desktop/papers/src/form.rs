@@ -290,11 +290,9 @@ pub(super) fn fit_directly(
     let names = form.names();
     let stages: Vec<_> = runs.iter().map(|run| form.stages(run, scaling, a)).collect();
     let beside: Vec<_> = runs.iter().map(|run| form.beside(run, scaling, a)).collect();
-    let of_run = |((run, s), beside)| -> Vec<(&Run, usize, Option<Stage>, &Vec<f64>)> {
-        let (s, beside): (&Vec<Option<Stage>>, &Vec<Vec<f64>>) = (s, beside);
-        s.iter().zip(beside).enumerate().map(|(k, (s, b))| (run, k, *s, b)).collect()
-    };
-    let mut steps = runs.iter().zip(&stages).zip(&beside).flat_map(of_run);
+    let mut steps = runs.iter().zip(stages.iter().zip(&beside)).flat_map(|(run, (stages, beside))| {
+        stages.iter().zip(beside).enumerate().map(move |(k, (stage, beside))| (run, k, *stage, beside))
+    });
     lsq::fit_rows(runs.iter().map(|r| r.steps.len()).sum(), names.len(), &names, |k, row| {
         let weight = weights.map_or(1.0, |w| w[k]);
         let Some((run, step, stage, beside)) = steps.next() else { return false };

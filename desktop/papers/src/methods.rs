@@ -43,7 +43,7 @@ use hrg_core::inputs::{self, QuantitySet};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::block_means;
-use hrg_data::recording::steps::Run;
+use hrg_data::recording::steps::{unit_inputs, Run};
 use hrg_identify::fit::{Prepared, MEAN_S};
 use std::time::Instant;
 
@@ -174,8 +174,7 @@ fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
     if method == Method::Inputs {
         let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
         let wanted = present.iter().flat_map(|a| [inputs::drive(*a), inputs::quad(*a)]);
-        let unit =
-            prepared.runs.iter().map(|r| r.steps.unit_inputs).fold(QuantitySet::all(), QuantitySet::intersection);
+        let unit = unit_inputs(&prepared.runs);
         let there = |n: &u8| unit.contains(QuantitySet::one(*n)) && prepared.inputs.iter().any(|i| i.quantity == *n);
         if let Some(lacking) = wanted.into_iter().find(|n| !there(n)) {
             return Err(MethodError::MissingInput { method, lacking: inputs::NAMES[usize::from(lacking)] });

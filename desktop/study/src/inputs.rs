@@ -7,7 +7,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::load::load_recording;
-use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::numeric::stats::{block_means, quantile, std_dev};
 use hrg_data::recording::metadata::NO_INPUTS;
 use hrg_data::recording::steps::{Steps, MEAN_S};
 use hrg_data::recording::Recording;
@@ -84,13 +84,6 @@ fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
     })
 }
 
-/// A share of sorted values.
-fn share(sorted: &[f64], share: f64) -> f64 {
-    let at = share * (sorted.len() - 1) as f64;
-    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
-    low + (high - low) * (at - at.floor())
-}
-
 /// Runs the command.
 ///
 /// # Errors
@@ -111,10 +104,9 @@ pub fn run(arguments: &Arguments) -> Result<String> {
     );
     let _ = writeln!(s, "|---|---:|---:|");
     for (k, what) in ["baseline", "image without inputs", "image with inputs"].iter().enumerate() {
-        let mut all: Vec<f64> = rows.iter().flat_map(|r| r.left[k]).collect();
-        all.sort_by(f64::total_cmp);
-        let _ =
-            writeln!(s, "| {what} | {:.2} | {:.2} to {:.2} |", share(&all, 0.5), share(&all, 0.05), share(&all, 0.95));
+        let all: Vec<f64> = rows.iter().flat_map(|r| r.left[k]).collect();
+        let [middle, low, high] = [0.5, 0.05, 0.95].map(|p| quantile(&all, p));
+        let _ = writeln!(s, "| {what} | {middle:.2} | {low:.2} to {high:.2} |");
     }
     let burnt = |k: usize| rows.iter().filter(|r| r.burn[k]).count();
     let frames: usize = rows.iter().map(|r| r.frames).sum();

@@ -86,7 +86,7 @@ impl Calibration {
         self.effects.iter().try_for_each(EffectTerm::check)?;
         self.inputs.iter().try_for_each(Input::check)?;
         let described = self.inputs.iter().map(|i| QuantitySet::one(i.quantity));
-        self.inputs_among(described.fold(QuantitySet::empty(), QuantitySet::union))
+        self.inputs_among(described.collect())
     }
 }
 

@@ -192,7 +192,7 @@ pub fn run(
 /// the ADC.
 fn sent_by_link(parts: Parts, steps: &Steps) -> QuantitySet {
     let wired = Channel::DRIVES.iter().filter(|_| parts.contains(Parts::AUX));
-    let wired = wired.map(|c| QuantitySet::one(c.quantity)).fold(QuantitySet::empty(), QuantitySet::union);
+    let wired: QuantitySet = wired.map(|c| QuantitySet::one(c.quantity)).collect();
     if parts.contains(Parts::INPUTS) {
         steps.unit_inputs.difference(wired)
     } else {

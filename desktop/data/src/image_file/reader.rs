@@ -187,10 +187,9 @@ fn read_effect(table: &Table) -> Result<EffectTerm, FileError> {
 
 fn read_input(table: &Table) -> Result<Input, FileError> {
     let name = table.get("name").and_then(Value::as_str).unwrap_or("");
-    let known = inputs::NAMES.iter().position(|n| columns::today(n) == columns::today(name));
-    let number = known.ok_or_else(|| FileError::UnknownInput(name.into()))?;
+    let number = inputs::number(columns::today(name)).ok_or_else(|| FileError::UnknownInput(name.into()))?;
     let mut table = table.clone();
-    table.insert(QUANTITY.into(), Value::Integer(number as i64));
+    table.insert(QUANTITY.into(), Value::Integer(number.into()));
     let mut input = Input::default();
     fill(&mut input, &table, &format!("input {name}"))?;
     Ok(input)

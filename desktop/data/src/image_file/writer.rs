@@ -4,7 +4,6 @@ use super::{
     is_checksum, ACCELEROMETERS, DIRECTIONS_KEY, FOUR_PARAMETER, INPUT, QUANTITY, REST, SENSOR, START, VERSION,
 };
 use crate::axes::AXIS_NAMES;
-use crate::recording::columns;
 use hrg_core::accelerometers::Accelerometers;
 use hrg_core::bias::Coefficients;
 use hrg_core::calibration::layouts::MODELS;
@@ -171,7 +170,7 @@ fn effect_item(e: &EffectTerm) -> Option<Item> {
 
 /// An input, by the name of its column.
 fn input_item(i: &Input) -> Option<Item> {
-    let name = columns::today(inputs::NAMES.get(usize::from(i.quantity))?);
+    let name = *inputs::NAMES.get(usize::from(i.quantity))?;
     let others = entries(i).into_iter().filter(|(key, _)| key != QUANTITY);
     Some(Item::Table(std::iter::once(("name".to_string(), Item::Text(name.into()))).chain(others).collect()))
 }

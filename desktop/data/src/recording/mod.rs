@@ -89,21 +89,19 @@ pub fn inputs_named(listed: &str) -> Result<QuantitySet, BadInput> {
 /// Names of the columns of quantities.
 #[must_use]
 pub fn names_of(quantities: QuantitySet) -> Vec<&'static str> {
-    quantities.numbers().map(|n| columns::today(inputs::NAMES[usize::from(n)])).collect()
+    quantities.numbers().map(|n| inputs::NAMES[usize::from(n)]).collect()
 }
 
 fn input_named(name: &str) -> Result<QuantitySet, BadInput> {
     let found = inputs::NAMES.iter().zip(0..).filter(|(n, _)| {
-        let today = columns::today(n);
-        let pattern = columns::find(today).map_or(String::new(), |(c, _)| c.pattern());
-        today == columns::today(name) || pattern == name || pattern.split("_?").next() == Some(name)
+        let pattern = columns::find(n).map_or(String::new(), |(c, _)| c.pattern());
+        **n == columns::today(name) || pattern == name || pattern.split("_?").next() == Some(name)
     });
-    let set = found.map(|(_, k)| QuantitySet::one(k)).fold(QuantitySet::empty(), QuantitySet::union);
+    let set: QuantitySet = found.map(|(_, k)| QuantitySet::one(k)).collect();
     if set.is_empty() {
-        let known: Vec<&str> = inputs::NAMES.iter().map(|n| columns::today(n)).collect();
         return Err(BadInput::new(format!(
             "\"{name}\" is not an input; there are {}; drive, quad and case for all three axes; or none alone",
-            known.join(", ")
+            inputs::NAMES.join(", ")
         )));
     }
     Ok(set)

@@ -216,7 +216,18 @@ impl Steps {
     #[must_use]
     pub fn has(&self) -> QuantitySet {
         let there = |n: &u8| self.given[usize::from(*n)].iter().any(|v| v.is_finite());
-        (0..QUANTITIES as u8).filter(there).map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union)
+        QuantitySet::all().numbers().filter(there).map(QuantitySet::one).collect()
+    }
+
+    /// The values of a quantity, gaps bridged, where it has one.
+    pub fn values(&self, number: u8) -> impl Iterator<Item = f32> + Clone + '_ {
+        self.quantities[usize::from(number)].iter().copied().filter(|v| v.is_finite())
+    }
+
+    /// `true` if more than nine of ten steps have a quantity: enough to learn effects of it, and to judge them.
+    #[must_use]
+    pub fn has_enough(&self, number: u8) -> bool {
+        10 * self.values(number).count() > 9 * self.len()
     }
 
     /// `true` if a quantity has two values that differ.
@@ -251,32 +262,32 @@ impl Steps {
 
 /// The column of a recording that holds the quantity with a number.
 fn quantity(r: &Recording, number: u8) -> Option<&[f64]> {
-    r.column(columns::today(inputs::NAMES[usize::from(number)]))
+    r.column(inputs::NAMES[usize::from(number)])
+}
+
+/// Quantities beside the frequencies that come in to the unit in each of these runs.
+#[must_use]
+pub fn unit_inputs(runs: &[Run]) -> QuantitySet {
+    runs.iter().fold(QuantitySet::all(), |all, run| all.intersection(run.steps.unit_inputs))
 }
 
 /// The quantities that runs have, each with its reference and its range: those that nine of ten steps of each run have.
 #[must_use]
 pub fn input_table(runs: &[Run]) -> Vec<Input> {
     let of = |number: u8| {
-        let values = |run: &Run| -> Vec<f32> {
-            run.steps.quantities[usize::from(number)].iter().copied().filter(|v| v.is_finite()).collect()
-        };
-        let each: Vec<Vec<f32>> = runs.iter().map(values).collect();
-        let enough = each.iter().zip(runs).all(|(v, run)| 10 * v.len() > 9 * run.steps.len());
-        if !enough || each.is_empty() {
+        if runs.is_empty() || !runs.iter().all(|run| run.steps.has_enough(number)) {
             return None;
         }
-        let all = || each.iter().flatten();
-        let mean = all().map(|v| f64::from(*v)).sum::<f64>() / all().count() as f64;
-        let (low, high) = all().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(*v), high.max(*v)));
+        let all = || runs.iter().flat_map(|run| run.steps.values(number));
+        let mean = all().map(f64::from).sum::<f64>() / all().count() as f64;
+        let (low, high) = all().fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| (low.min(v), high.max(v)));
         let reference = (mean as f32).clamp(low, high);
         let width = high - low;
         // A constant tells nothing.
         if !(width > 0.0) {
             return None;
         }
-        let of_temperature =
-            columns::find(columns::today(inputs::NAMES[usize::from(number)])).is_some_and(|(c, _)| c.unit == "C");
+        let of_temperature = columns::find(inputs::NAMES[usize::from(number)]).is_some_and(|(c, _)| c.unit == "C");
         let usual = of_temperature || USUAL_WIDTHS.contains(&width);
         let interval = runs.iter().map(|run| run.steps.interval_s(number)).max().unwrap_or(1);
         Some(Input {

@@ -5,7 +5,6 @@ use hrg_core::link::{mode, Housekeeping, Identity, InputsUsed, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::recording::columns;
 use hrg_simulate::Profile;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -214,7 +213,7 @@ fn axes_table(frame: &mut Frame<'_>, area: Rect, h: &Housekeeping) {
 fn inputs_line(state: &State) -> Option<Line<'static>> {
     let used = state.inputs?;
     let shown = inputs::NAMES.iter().zip(used.values).filter(|(_, v)| v.is_finite());
-    let shown: Vec<String> = shown.map(|(n, v)| format!("{} {v:.4}", columns::today(n))).collect();
+    let shown: Vec<String> = shown.map(|(n, v)| format!("{n} {v:.4}")).collect();
     Some(Line::from(format!("inputs: {}", if shown.is_empty() { "none come in".into() } else { shown.join("  ") })))
 }
 

@@ -15,7 +15,6 @@ use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::zero::Zero;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::recording::columns;
 use hrg_data::recording::metadata::{same_scale, scale_text};
 use hrg_data::recording::names;
 use serialport::SerialPort;
@@ -383,7 +382,7 @@ impl Unit {
         match self.maintain(command)? {
             Reply::Answer(Answer::Done, value) => Ok(value),
             Reply::Answer(Answer::Input, number) => {
-                let name = inputs::NAMES.get(number as usize).map_or("of an unknown number", |n| columns::today(n));
+                let name = inputs::NAMES.get(number as usize).unwrap_or(&"of an unknown number");
                 let advice = "trace with --inputs that names what the unit has, or give it the input (docs/inputs.md)";
                 Err(BadInput::new(format!(
                     "{what}: the image needs the input {name}, which this unit does not have; {advice}"

@@ -3,14 +3,14 @@
 use crate::unit::sensors;
 use crate::unit::sensors::Sensors;
 use anyhow::{Context, Result};
-use hrg_core::inputs::{self, QuantitySet, QUANTITIES};
+use hrg_core::inputs::{QuantitySet, QUANTITIES};
 use hrg_core::link::{Housekeeping, InputsUsed};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::recording::columns;
 use hrg_data::recording::columns::Written;
 use hrg_data::recording::metadata::{scale_text, Attitude, NO_INPUTS, SCALE_FACTOR, UNIT_INPUTS};
-use hrg_data::recording::names;
+use hrg_data::recording::{names, names_of};
 use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -63,6 +63,12 @@ impl From<&Housekeeping> for Second {
 }
 
 impl Second {
+    /// The inputs that it has used.
+    fn inputs_there(&self) -> QuantitySet {
+        let there = |n: &u8| self.inputs[usize::from(*n)].is_finite();
+        QuantitySet::all().numbers().filter(there).map(QuantitySet::one).collect()
+    }
+
     /// Reads a log line, whatever a terminal or `defmt-print` has put before it; `None` if it is not one of a second.
     #[must_use]
     pub fn from_log(line: &str) -> Option<Self> {
@@ -140,11 +146,6 @@ const COLUMNS: [Written<Second>; 7] = [
 /// Those of a unit with temperature sensors: what it sends in the place of frequencies are their readings, C.
 const COLUMNS_OF_SENSORS: [Written<Second>; 6] =
     [(columns::SENSOR, |s, a| s.frequency_hz[a].into()), COLUMNS[1], COLUMNS[3], COLUMNS[4], COLUMNS[5], COLUMNS[6]];
-
-/// Name of the column of an input.
-fn column_of(number: u8) -> &'static str {
-    columns::today(inputs::NAMES[usize::from(number)])
-}
 
 /// A unit records all its axes.
 const EACH_AXIS: [usize; AXES] = [0, 1, 2];
@@ -302,9 +303,8 @@ impl Recorder {
         })?;
         // (A sensor beside the unit has the column of its name.)
         let beside = if self.sensors.is_some() { QuantitySet::CASES } else { QuantitySet::empty() };
-        let come = (0..QUANTITIES as u8).filter(|n| second.inputs[usize::from(*n)].is_finite());
-        self.inputs = come.map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union).difference(beside);
-        let names: Vec<&str> = self.inputs.numbers().map(column_of).collect();
+        self.inputs = second.inputs_there().difference(beside);
+        let names = names_of(self.inputs);
         let mut head = self.head.text(second);
         // (The log does not tell of inputs.)
         if self.head.live || !names.is_empty() {
@@ -351,15 +351,11 @@ impl Recorder {
     /// A second of a unit, with the inputs of its step; and the inputs that have come since the file was opened, and have no column in it.
     pub fn second(&self, h: &Housekeeping) -> (Second, Vec<&'static str>) {
         let mut second = Second::from(h);
-        if self.used.step == h.step {
+        if self.has_inputs_of(h) {
             second.inputs = self.used.values;
         }
-        let late = (0..QUANTITIES as u8).filter(|n| {
-            self.file.is_some()
-                && second.inputs[usize::from(*n)].is_finite()
-                && !self.inputs.contains(QuantitySet::one(*n))
-        });
-        let late = late.map(column_of).collect();
+        let with_column = if self.file.is_some() { self.inputs } else { QuantitySet::all() };
+        let late = names_of(second.inputs_there().difference(with_column));
         (second, late)
     }
 

@@ -31,7 +31,7 @@ pub fn names() -> Vec<&'static str> {
 /// Names of the inputs beside the frequencies, by number.
 #[must_use]
 pub fn names_of_inputs() -> Vec<&'static str> {
-    inputs::NAMES.iter().map(|n| columns::today(n)).collect()
+    inputs::NAMES.to_vec()
 }
 
 /// Baud rate of a port that names none.
@@ -66,6 +66,13 @@ pub struct Reading {
     pub time_s: Option<f64>,
     /// Values in the order of the names; NaN where not told.
     pub values: Vec<f64>,
+}
+
+impl Reading {
+    /// Puts the values that are told in the place of others.
+    fn put_into(&self, values: &mut [f64]) {
+        values.iter_mut().zip(&self.values).filter(|(_, v)| v.is_finite()).for_each(|(to, v)| *to = *v);
+    }
 }
 
 /// Index of a value; `None` is the time.
@@ -233,11 +240,14 @@ impl Sensors {
 
     /// The newest value of each name that has come since last asked, whatever its time; NaN where none has.
     pub fn newest(&mut self) -> Vec<f64> {
-        self.at(f64::INFINITY)
+        self.receive();
+        let mut values = vec![f64::NAN; self.names.len()];
+        self.waiting.drain(..).for_each(|r| r.put_into(&mut values));
+        values
     }
 
-    /// The values that belong to the row of a time (s since the unit's power-on); NaN where none came since the row before.
-    pub fn at(&mut self, now_s: f64) -> Vec<f64> {
+    /// Takes what the thread has read.
+    fn receive(&mut self) {
         for line in self.lines.try_iter() {
             match line {
                 Ok(reading) => {
@@ -250,17 +260,22 @@ impl Sensors {
                 }
             }
         }
+    }
+
+    /// The values that belong to the row of a time (s since the unit's power-on); NaN where none came since the row before.
+    pub fn at(&mut self, now_s: f64) -> Vec<f64> {
+        self.receive();
         // The unit was switched off and on: it counts from zero again.
         let from_s = if now_s < self.last_s { f64::NEG_INFINITY } else { self.last_s };
         let mut values = vec![f64::NAN; self.names.len()];
         self.waiting.retain(|r| {
-            let time_s = r.time_s.filter(|_| now_s.is_finite()).unwrap_or(now_s);
+            let time_s = r.time_s.unwrap_or(now_s);
             if time_s > from_s && time_s <= now_s {
-                values.iter_mut().zip(&r.values).filter(|(_, v)| v.is_finite()).for_each(|(to, v)| *to = *v);
+                r.put_into(&mut values);
             }
             time_s > now_s
         });
-        self.last_s = if now_s.is_finite() { now_s } else { f64::NEG_INFINITY };
+        self.last_s = now_s;
         values
     }
 

@@ -8,7 +8,7 @@ use hrg_core::inputs::{Input, Quantities, QuantitySet};
 use hrg_core::{AXES, MODEL_STEP_S};
 use hrg_data::cards;
 use hrg_data::cards::{Extent, ParameterRow};
-use hrg_data::recording::steps::Run;
+use hrg_data::recording::steps::{unit_inputs, Run};
 use std::ops::Range;
 
 /// A candidate: an effect with its inner parameters, perhaps confined to one of several runs.
@@ -100,9 +100,7 @@ impl Candidate {
 
     /// The quantities that it reads beside the frequencies.
     pub fn reads(&self) -> QuantitySet {
-        (0..AXES)
-            .map(|a| effects::reads(self.facts.id, &self.parameters, a))
-            .fold(QuantitySet::empty(), QuantitySet::union)
+        (0..AXES).map(|a| effects::reads(self.facts.id, &self.parameters, a)).collect()
     }
 
     /// The same, standing there when the runs begin, if it remembers the path of the temperature.
@@ -398,10 +396,9 @@ impl<'a> Data<'a> {
     /// The library: every effect with the values of its parameters, and how many values each is one of; then those of a user's own.
     pub fn library(&self, starts: Starts) -> Vec<(Candidate, f64)> {
         let extent = self.extent();
-        let unit = self.runs.iter().fold(QuantitySet::all(), |all, r| all.intersection(r.steps.unit_inputs));
         // (A column that no run has, of an axis that does not need it, is not lacking.)
-        let recorded = self.runs.iter().fold(QuantitySet::empty(), |all, r| all.union(r.steps.has()));
-        let unit = unit.union(recorded.complement());
+        let recorded: QuantitySet = self.runs.iter().map(|r| r.steps.has()).collect();
+        let unit = unit_inputs(self.runs).union(recorded.complement());
         let own = self.runs.first().map_or(&[][..], |r| &r.own);
         let values = |facts: &Facts| own.iter().filter(|o| o.facts == facts).count() as f64;
         let of_user = own.iter().map(|o| {

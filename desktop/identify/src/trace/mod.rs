@@ -56,7 +56,7 @@ use hrg_data::error::BadInput;
 use hrg_data::numeric::progress;
 use hrg_data::recording::facts;
 use hrg_data::recording::names_of;
-use hrg_data::recording::steps::{Run, Steps};
+use hrg_data::recording::steps::{unit_inputs, Run, Steps};
 use hrg_data::recording::Recording;
 use image::Fits;
 use judge::Prediction;
@@ -572,19 +572,17 @@ fn ready(train: &[Recording], verify: &Recording, options: &Options) -> Result<(
 /// Sentences on quantities that some runs have and others do not, and on those that come seldom.
 fn about_recorded(prepared: &Prepared, all: &[&Run]) -> Vec<String> {
     let mut out = Vec::new();
-    let searched = prepared.inputs.iter().map(|i| QuantitySet::one(i.quantity));
-    let searched = searched.fold(QuantitySet::empty(), QuantitySet::union);
-    let recorded = all.iter().fold(QuantitySet::empty(), |set, run| set.union(run.steps.has()));
+    let searched: QuantitySet = prepared.inputs.iter().map(|i| QuantitySet::one(i.quantity)).collect();
+    let recorded: QuantitySet = all.iter().map(|run| run.steps.has()).collect();
     let moving = |n: &u8| all.iter().any(|run| run.steps.moves(*n));
-    let lost: Vec<u8> = recorded.difference(searched).numbers().filter(moving).collect();
+    let lost: QuantitySet = recorded.difference(searched).numbers().filter(moving).map(QuantitySet::one).collect();
     if !lost.is_empty() {
-        let lost = lost.into_iter().map(QuantitySet::one).fold(QuantitySet::empty(), QuantitySet::union);
         out.push(format!(
             "{}: not every train run has it in nine seconds of ten, so no effect of it is searched",
             hrg_data::error::list(&names_of(lost))
         ));
     }
-    let listed = prepared.runs.iter().fold(QuantitySet::all(), |set, run| set.intersection(run.steps.unit_inputs));
+    let listed = unit_inputs(&prepared.runs);
     let nowhere = listed.difference(recorded);
     // (Without a list all that is recorded counts.)
     if listed != QuantitySet::CASES.complement() && !nowhere.is_empty() {
@@ -681,19 +679,12 @@ fn outside_fit(run: &Run, calibration: &Calibration) -> f64 {
 /// `true` if a run has what an effect needs, on each axis on which the train runs have it.
 fn run_has(run: &Run, train: &[Run], c: &Candidate, scaling: &Scaling) -> bool {
     if c.facts.reach.on_unit() {
-        // (Nine of ten steps, as in a search.)
         let has = |run: &Run, a: usize| {
             effects::reads(c.facts.id, &c.parameters, a).numbers().all(|n| {
-                let values = &run.steps.quantities[usize::from(n)];
-                let there = values.iter().filter(|v| v.is_finite()).count();
+                let values = run.steps.values(n);
                 // (In another unit, or with another sign, it is another quantity.)
-                let ranges = run.table.iter().filter(|i| i.quantity == n);
-                let alike = |i: &Input| {
-                    let beyond = 0.5 * (i.valid_to - i.valid_from);
-                    let range = i.valid_from - beyond..=i.valid_to + beyond;
-                    2 * values.iter().filter(|v| range.contains(*v)).count() > there
-                };
-                there * 10 > run.steps.len() * 9 && ranges.clone().all(alike)
+                let alike = |i: &Input| 2 * values.clone().filter(|v| i.uses(*v)).count() > values.clone().count();
+                run.steps.has_enough(n) && run.table.iter().filter(|i| i.quantity == n).all(alike)
             })
         };
         return run.steps.present().all(|a| has(run, a) || !train.iter().all(|t| has(t, a)));

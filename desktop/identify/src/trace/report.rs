@@ -8,7 +8,6 @@ use hrg_core::inputs::{self, Input};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cards::Class;
-use hrg_data::recording::columns;
 use hrg_data::recording::Recording;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -169,7 +168,7 @@ impl InputNeeded {
     #[must_use]
     pub fn of(image: &Calibration) -> Vec<Self> {
         let one = |i: &Input| {
-            let name = columns::today(inputs::NAMES.get(usize::from(i.quantity))?);
+            let name = inputs::NAMES.get(usize::from(i.quantity))?;
             let on = (0..AXES).filter(|a| i.without_dph[*a] > 0.0);
             Some(Self { name, without_dph: on.map(|a| (AXIS_NAMES[a].to_string(), i.without_dph[a].into())).collect() })
         };
@@ -197,7 +196,7 @@ impl Found {
             EffectId::Board => usize::from(*self.parameters.get("source")? > 0.5),
             _ => return None,
         };
-        inputs::NAMES.get(number).map(|n| columns::today(n))
+        inputs::NAMES.get(number).copied()
     }
 
     /// Its name, with the column that it reads where the name does not tell.
