@@ -14,6 +14,7 @@
 //! writes. The crate `ads131m08` is blocking and leaves the CRC to its caller. Buffers are atomics, because the DMA writes them.
 //! Registers: RM0390 for SPI, DMA and TIM2.
 
+use crate::channels::FETCHED;
 use crate::params::{self, TIMER_HZ};
 #[cfg(feature = "pps")]
 use crate::pps;
@@ -25,18 +26,12 @@ use embassy_stm32::pac::dma::vals::{Dir, Pl};
 use embassy_stm32::pac::spi::vals::{Br, Cpha, Mstr};
 use embassy_stm32::peripherals::{DMA2_CH0, DMA2_CH3, SPI1};
 use embassy_stm32::{rcc, Peri};
-use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
-use embassy_sync::signal::Signal;
-use hrg_core::adc::{Dialogue, Fault, Next, Received, FRAME, WORDS};
-use hrg_core::rate_path::CHANNELS;
-use hrg_core::AXES;
+use hrg_core::adc::{Dialogue, Next, Received, FRAME, WORDS};
 
 /// All flags of a stream (transfer complete, half, error, direct mode error, FIFO error), as they stand from its first bit in LISR and LIFCR
 /// (RM0390 section 9.5).
 const STREAM_FLAGS: u32 = 0b11_1101;
 
-/// A frame has come: the timer's tick at its data-ready edge.
-static FETCHED: Signal<CriticalSectionRawMutex, u32> = Signal::new();
 /// The next sample ends a frame.
 static ENDS: AtomicBool = AtomicBool::new(false);
 /// A sample was ready and was not fetched.
@@ -132,11 +127,11 @@ pub fn transferred() {
     wired::SELECT.0.bsrr().write(|w| w.set_bs(wired::SELECT.1, true));
     let flags = wired::STREAM_BITS.iter().fold(0, |flags, bit| flags | STREAM_FLAGS << bit);
     pac::DMA2.ifcr(0).write_value(pac::dma::regs::Ixr(flags));
-    FETCHED.signal(pac::TIM2.ccr(3).read());
+    FETCHED.tell(pac::TIM2.ccr(3).read());
 }
 
 impl Adc {
-    /// Sets up the bus and the streams; the ADC itself is set up by [`sample`](Self::sample).
+    /// Sets up the bus and the streams; the ADC itself is set up by what [`receive`](Self::receive) answers.
     pub fn new(wiring: Wiring) -> Self {
         set_up_bus();
         Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_since: 0 }
@@ -147,31 +142,25 @@ impl Adc {
         wired::enable_interrupts();
     }
 
-    /// The next sample: the timer's tick at its data-ready edge, and the codes of channels 0 to 4 (three rates, two
-    /// accelerometers) or what is wrong with the frame; then those of channels 5 to 7 (temperature sensors or inputs, where there are any).
-    pub async fn sample(&mut self) -> (u32, Result<[i32; CHANNELS], Fault>, [i32; AXES]) {
-        loop {
-            let tick = FETCHED.wait().await;
-            fence(Ordering::SeqCst);
-            self.quiet_looks = 0;
-            let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
-            let frame = [word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)];
-            let Received { sample, sensors, command, next } =
-                self.dialogue.receive(&frame, MISSED.swap(false, Ordering::Relaxed));
-            send_next(command);
-            match next {
-                Next::Wait => {}
-                Next::FetchAgain => {
-                    if !pac::DMA2.st(wired::RX).cr().read().en() {
-                        start_transfer();
-                    }
+    /// The frame that has come ([`FETCHED`]): channels 0 to 4 are three rates and two accelerometers; channels 5 to 7 temperature
+    /// sensors or inputs, where there are any.
+    pub fn receive(&mut self) -> Received {
+        fence(Ordering::SeqCst);
+        self.quiet_looks = 0;
+        let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
+        let frame = [word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)];
+        let received = self.dialogue.receive(&frame, MISSED.swap(false, Ordering::Relaxed));
+        send_next(received.command);
+        match received.next {
+            Next::Wait => {}
+            Next::FetchAgain => {
+                if !pac::DMA2.st(wired::RX).cr().read().en() {
+                    start_transfer();
                 }
-                Next::Reset => self.reset(),
             }
-            if let Some(sample) = sample {
-                return (tick, sample, sensors);
-            }
+            Next::Reset => self.reset(),
         }
+        received
     }
 
     /// Time has gone on by 10 ms: ends a reset of the ADC; begins one where it has been silent for long.

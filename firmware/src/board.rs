@@ -27,7 +27,7 @@ use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
 #[cfg(feature = "pps")]
 use embassy_stm32::peripherals::TIM3;
-use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, DMA2_CH5, DMA2_CH7, TIM2};
+use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, TIM2};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
 use embassy_stm32::usart::{self, UartTx};
@@ -41,9 +41,6 @@ use hrg_core::sectors::{self, Place, Sector};
 use hrg_core::status::UnitStatus;
 
 bind_interrupts!(struct Irqs {
-    DMA1_STREAM5 => dma::InterruptHandler<DMA1_CH5>;
-    DMA1_STREAM6 => dma::InterruptHandler<DMA1_CH6>;
-    DMA1_STREAM1 => dma::InterruptHandler<DMA1_CH1>;
     DMA2_STREAM5 => dma::InterruptHandler<DMA2_CH5>;
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
 });
@@ -214,8 +211,7 @@ impl Board {
                 capture_input!(p.PB10, TIM2, Ch3),
                 data_ready,
             ],
-            capture::Streams { x: p.DMA1_CH5, y: p.DMA1_CH6, z: p.DMA1_CH1 },
-            Irqs,
+            (p.DMA1_CH5, p.DMA1_CH6, p.DMA1_CH1),
         );
 
         let out = AfType::output(OutputType::PushPull, Speed::High);

@@ -7,39 +7,42 @@
 //! ([`crate::adc`]), at whose end the stamp is read, well before the next.
 //!
 //! # Tradeoffs
-//! embassy's `InputCapture` waits for one channel at a time, so the timer is driven through its low-level layer.
+//! embassy's `InputCapture` waits for one channel at a time, so the timer is driven through its low-level layer. Its ring of a DMA stream
+//! takes two interrupts a turn and looks at each word by itself: together a tenth of the unit's load. Here the rings turn without
+//! an interrupt, and a fetch hands out what lies between its place and the stream's.
 //! A ring that was not fetched in time overruns: that is reported per channel and the counter of that axis
-//! locks anew. An over-captured channel (edge before the DMA took the last one; not possible below 1 MHz)
-//! would show as a missing edge.
+//! locks anew. (Two whole turns and a part look as one part: the gap between the stamps then shows it to the counter.) An over-captured
+//! channel (edge before the DMA took the last one; not possible below 1 MHz) would show as a missing edge.
 
 use crate::params::{RING, TIMER_HZ};
-use crate::stop::once;
-use embassy_stm32::dma::{self, ReadableRingBuffer, TransferOptions};
+use crate::stop::halt;
+use core::sync::atomic::{fence, AtomicU32, Ordering};
 use embassy_stm32::gpio::Flex;
-use embassy_stm32::interrupt::typelevel::Binding;
 use embassy_stm32::pac;
+use embassy_stm32::pac::dma::vals::{Pl, Size};
 use embassy_stm32::peripherals::{DMA1_CH1, DMA1_CH5, DMA1_CH6, TIM2};
 use embassy_stm32::timer::low_level::{FilterValue, InputCaptureMode, InputTISelection, MasterMode, Timer};
 use embassy_stm32::timer::Channel;
 use embassy_stm32::Peri;
-use static_cell::ConstStaticCell;
+use hrg_core::reset::Halt;
+use hrg_core::AXES;
 
-/// DMA streams of channels 1 to 3 (RM0390 table 28: TIM2_CH1 stream 5, CH2 stream 6, CH3 stream 1, channel 3).
-pub struct Streams {
-    /// Resonator x.
-    pub x: Peri<'static, DMA1_CH5>,
-    /// Resonator y.
-    pub y: Peri<'static, DMA1_CH6>,
-    /// Resonator z.
-    pub z: Peri<'static, DMA1_CH1>,
-}
+/// Streams of DMA1 of channels 1 to 3 (RM0390 table 28).
+const STREAMS: [usize; AXES] = [5, 6, 1];
+/// DMA channel of TIM2 on those streams.
+const DMA_CHANNEL: u8 = 3;
 
-/// DMA request number of TIM2 on those streams.
-const REQUEST: u8 = 3;
+/// The streams, so that nobody else takes them.
+pub type Streams = (Peri<'static, DMA1_CH5>, Peri<'static, DMA1_CH6>, Peri<'static, DMA1_CH1>);
+
+/// Stamps of each resonator, written by its stream.
+static STAMPS: [[AtomicU32; RING]; AXES] = [const { [const { AtomicU32::new(0) }; RING] }; AXES];
 
 /// The rings, fetched by the model task.
 pub struct Rings {
-    rings: [ReadableRingBuffer<'static, u32>; 3],
+    /// The next stamp to fetch of each ring.
+    at: [usize; AXES],
+    _streams: Streams,
     _timer: Timer<'static, TIM2>,
     _pins: [Flex<'static>; 4],
 }
@@ -57,14 +60,7 @@ impl Clock {
 }
 
 /// Starts the timer and its captures. `pins`: of channels 1 to 4 (resonators x, y, z, data-ready), set up as its inputs.
-pub fn start<I>(tim: Peri<'static, TIM2>, pins: [Flex<'static>; 4], streams: Streams, irqs: I) -> (Rings, Clock)
-where
-    I: Copy
-        + Binding<<DMA1_CH5 as dma::ChannelInstance>::Interrupt, dma::InterruptHandler<DMA1_CH5>>
-        + Binding<<DMA1_CH6 as dma::ChannelInstance>::Interrupt, dma::InterruptHandler<DMA1_CH6>>
-        + Binding<<DMA1_CH1 as dma::ChannelInstance>::Interrupt, dma::InterruptHandler<DMA1_CH1>>
-        + 'static,
-{
+pub fn start(tim: Peri<'static, TIM2>, pins: [Flex<'static>; 4], streams: Streams) -> (Rings, Clock) {
     let timer = Timer::new(tim);
     debug_assert_eq!(timer.get_clock_frequency().0, TIMER_HZ);
     timer.set_max_compare_value(u32::MAX);
@@ -88,53 +84,70 @@ where
     }
     timer.enable_input_interrupt(Channel::Ch4, true);
 
-    static X: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
-    static Y: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
-    static Z: ConstStaticCell<[u32; RING]> = ConstStaticCell::new([0; RING]);
-    let mut rings = [
-        ring(dma::Channel::new(streams.x, irqs), 0, once(X.try_take())),
-        ring(dma::Channel::new(streams.y, irqs), 1, once(Y.try_take())),
-        ring(dma::Channel::new(streams.z, irqs), 2, once(Z.try_take())),
-    ];
-    for r in &mut rings {
-        r.start();
+    for axis in 0..AXES {
+        start_ring(axis);
     }
     timer.start();
-    (Rings { rings, _timer: timer, _pins: pins }, Clock)
+    (Rings { at: [0; AXES], _streams: streams, _timer: timer, _pins: pins }, Clock)
 }
 
-fn ring(
-    channel: dma::Channel<'static>,
-    index: usize,
-    buffer: &'static mut [u32; RING],
-) -> ReadableRingBuffer<'static, u32> {
-    let source = pac::TIM2.ccr(index).as_ptr().cast::<u32>();
-    // SAFETY: the source is a capture register of TIM2, which `Rings` owns, and the request number is that of
-    // TIM2 on this stream; the buffer is static.
-    #[allow(unsafe_code)]
-    unsafe {
-        ReadableRingBuffer::new(channel, REQUEST, source, buffer, TransferOptions::default())
+/// Has the stream of an axis copy each capture into its ring, for ever.
+fn start_ring(axis: usize) {
+    let stream = pac::DMA1.st(STREAMS[axis]);
+    stream.par().write_value(pac::TIM2.ccr(axis).as_ptr() as u32);
+    stream.m0ar().write_value(STAMPS[axis].as_ptr() as u32);
+    stream.ndtr().write(|w| w.set_ndt(RING as u16));
+    stream.cr().write(|w| {
+        w.set_chsel(DMA_CHANNEL);
+        w.set_minc(true);
+        w.set_circ(true);
+        w.set_psize(Size::BITS32);
+        w.set_msize(Size::BITS32);
+        w.set_pl(Pl::VERY_HIGH);
+    });
+    stream.cr().modify(|w| w.set_en(true));
+}
+
+/// `true` if the stream of an axis has come to the end of its ring since [`forget_turn`]. One that has met an error stands still (RM0390
+/// section 9.3.19), which only a start heals.
+fn turned(axis: usize) -> bool {
+    let stream = STREAMS[axis];
+    let flags = pac::DMA1.isr(stream / 4).read();
+    if flags.teif(stream % 4) {
+        defmt::error!("DMA1 stream {=usize} has met an error", stream);
+        halt(Halt::Fault)
     }
+    flags.tcif(stream % 4)
+}
+
+fn forget_turn(axis: usize) {
+    let stream = STREAMS[axis];
+    pac::DMA1.ifcr(stream / 4).write(|w| w.set_tcif(stream % 4, true));
 }
 
 impl Rings {
     /// Hands the time stamps of one axis that have come since the last call to `take`, in order. `false` where
     /// the ring overran: stamps were lost.
-    #[inline(never)]
-    pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[u32])) -> bool {
-        let mut buffer = [0u32; 64];
-        let Some(ring) = self.rings.get_mut(axis) else {
+    pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[AtomicU32])) -> bool {
+        let (Some(at), Some(ring)) = (self.at.get_mut(axis), STAMPS.get(axis)) else {
             return true;
         };
-        loop {
-            match ring.read(&mut buffer) {
-                Ok((0, _)) => return true,
-                Ok((n, _)) => take(&buffer[..n]),
-                Err(_) => {
-                    ring.clear();
-                    return false;
-                }
+        // In this order: a turn that ends between the two is one that `to` shows.
+        let turned = turned(axis);
+        let to = (RING - usize::from(pac::DMA1.st(STREAMS[axis]).ndtr().read().ndt())) % RING;
+        fence(Ordering::SeqCst);
+        let from = core::mem::replace(at, to);
+        if to >= from {
+            if turned {
+                forget_turn(axis);
+                return false;
             }
+            take(ring.get(from..to).unwrap_or_default());
+        } else {
+            forget_turn(axis);
+            take(ring.get(from..).unwrap_or_default());
+            take(ring.get(..to).unwrap_or_default());
         }
+        true
     }
 }

@@ -1,10 +1,11 @@
 //! Channels and signals between tasks. Nothing else is shared.
 
 use crate::params::FRAME_QUEUE;
-use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
+use embassy_sync::waitqueue::AtomicWaker;
 use hrg_core::align_mode::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
@@ -20,18 +21,63 @@ use hrg_core::AXES;
 
 type Mutex = CriticalSectionRawMutex;
 
+/// A sign of life. (A signal costs five times as much, a thousand times a second.)
+pub struct Sign(AtomicBool);
+
+impl Sign {
+    #[allow(clippy::declare_interior_mutable_const)] // The start of each of them.
+    const NONE: Self = Self(AtomicBool::new(false));
+
+    /// It is given.
+    pub fn give(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// It was given since the last time it was taken.
+    pub fn take(&self) -> bool {
+        self.0.swap(false, Ordering::Relaxed)
+    }
+}
+
+/// A moment, as the timer counts, from one that writes it to one that takes it.
+pub struct Tick {
+    there: AtomicBool,
+    at: AtomicU32,
+}
+
+impl Tick {
+    #[allow(clippy::declare_interior_mutable_const)] // The start of each of them.
+    const NONE: Self = Self { there: AtomicBool::new(false), at: AtomicU32::new(0) };
+
+    /// Writes it and wakes the rate path.
+    pub fn tell(&self, at: u32) {
+        self.at.store(at, Ordering::Relaxed);
+        self.there.store(true, Ordering::Release);
+        RATE_PATH.wake();
+    }
+
+    /// The newest, if it was not taken yet.
+    pub fn take(&self) -> Option<u32> {
+        self.there.swap(false, Ordering::Acquire).then(|| self.at.load(Ordering::Relaxed))
+    }
+}
+
 /// Model to rate path: the next bias and when it holds.
 pub static BIAS: Signal<Mutex, PendingBias> = Signal::new();
+/// Interrupt to rate path: a frame of the ADC has come; the timer at its data-ready edge.
+pub static FETCHED: Tick = Tick::NONE;
 /// Model to rate path, every fetch: the timer. Lets the rate path run when the ADC is silent.
-pub static TICK: Signal<Mutex, u32> = Signal::new();
+pub static LOOK: Tick = Tick::NONE;
+/// Wakes the rate path for either.
+pub static RATE_PATH: AtomicWaker = AtomicWaker::new();
 /// Rate path to watchdog: it has run.
-pub static RATE_ALIVE: Signal<Mutex, ()> = Signal::new();
+pub static RATE_ALIVE: Sign = Sign::NONE;
 /// Model to watchdog: it has run.
-pub static MODEL_ALIVE: Signal<Mutex, ()> = Signal::new();
+pub static MODEL_ALIVE: Sign = Sign::NONE;
 /// Link out to watchdog: it has sent.
-pub static LINK_ALIVE: Signal<Mutex, ()> = Signal::new();
+pub static LINK_ALIVE: Sign = Sign::NONE;
 /// Telemetry to watchdog: it has had a second.
-pub static TELEMETRY_ALIVE: Signal<Mutex, ()> = Signal::new();
+pub static TELEMETRY_ALIVE: Sign = Sign::NONE;
 /// Rate path to link: frames out. Dropped, and counted, when full.
 pub static FRAMES: Channel<Mutex, RateFrame, FRAME_QUEUE> = Channel::new();
 /// Rate path to telemetry: means of the second past, and frames dropped since start.

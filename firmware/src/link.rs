@@ -31,7 +31,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
         };
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
-        LINK_ALIVE.signal(());
+        LINK_ALIVE.give();
     }
 }
 

@@ -1,13 +1,14 @@
 //! The bias model: fetches edges, makes frequencies, temperatures and biases, once a second.
 
 use crate::capture::{Clock, Rings};
-use crate::channels::{self, BIAS, MODEL_ALIVE, STEP, TICK, TRIM};
+use crate::channels::{self, BIAS, LOOK, MODEL_ALIVE, STEP, TRIM};
 use crate::params::{FETCH_PERIOD, TIMEBASE};
 #[cfg(feature = "pps")]
 use crate::pps::PULSE;
 use crate::redundant::{update, Compensator, CHANNELS};
 use crate::retained;
 use crate::stop::halt;
+use core::sync::atomic::Ordering;
 use embassy_time::Ticker;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 #[cfg(feature = "inputs")]
@@ -44,7 +45,7 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         // The time first, then the edges: all edges before that time are then in.
         let now = clock.now();
         for k in 0..AXES {
-            if !rings.fetch(k, |stamps| bank.push(k, stamps)) {
+            if !rings.fetch(k, |stamps| bank.push(k, stamps.iter().map(|s| s.load(Ordering::Relaxed)))) {
                 bank.disturb(k);
             }
         }
@@ -56,8 +57,8 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         while let Ok(values) = channels::INPUTS.try_receive() {
             inputs.receive(&values);
         }
-        TICK.signal(now);
-        MODEL_ALIVE.signal(());
+        LOOK.tell(now);
+        MODEL_ALIVE.give();
         let Some(step) = bank.poll(now) else { continue };
         #[cfg(feature = "pps")]
         let (step, report) = pps.second(step);

@@ -5,15 +5,43 @@
 use crate::adc::{self, Adc};
 #[cfg(any(feature = "sensors", feature = "aux"))]
 use crate::channels::SENSORS;
-use crate::channels::{self, BIAS, DECIMATION, FRAMES, RATE_ALIVE, SECONDS, TICK};
+use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATE_ALIVE, RATE_PATH, SECONDS};
 use crate::stop::halt;
-use embassy_futures::select::{select, Either};
+use core::future::poll_fn;
+use core::task::Poll;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::RateFrame;
 use hrg_core::reset::Halt;
 
 fn send(frame: RateFrame) -> bool {
     FRAMES.try_send(frame).is_ok()
+}
+
+/// Work of the rate task, with the moment that it is of.
+enum Work {
+    /// A frame of the ADC has come.
+    Frame(u32),
+    /// The time has gone on.
+    Look(u32),
+}
+
+impl Work {
+    /// The next work, if there is any.
+    fn next() -> Option<Self> {
+        FETCHED.take().map(Self::Frame).or_else(|| LOOK.take().map(Self::Look))
+    }
+
+    /// Waits for it.
+    async fn wait() -> Self {
+        poll_fn(|context| {
+            let work = Self::next().or_else(|| {
+                RATE_PATH.register(context.waker());
+                Self::next()
+            });
+            work.map_or(Poll::Pending, Poll::Ready)
+        })
+        .await
+    }
 }
 
 /// See the module.
@@ -23,33 +51,34 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
     let mut sensors = hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE);
     adc.start();
     loop {
-        let input = select(adc.sample(), TICK.wait()).await;
-        if let Some(bias) = BIAS.try_take() {
-            output.set_bias(bias);
-        }
-        output.set_standing(channels::standing());
-        if let Some(decimation) = DECIMATION.try_take() {
-            output.set_decimation(decimation);
-        }
-        let second = match input {
-            Either::First((tick, codes, others)) => {
+        let work = Work::wait().await;
+        let second = match work {
+            Work::Frame(tick) => {
+                let received = adc.receive();
+                let Some(codes) = received.sample() else { continue };
                 #[cfg(any(feature = "sensors", feature = "aux"))]
-                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, others)).flatten() {
+                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, received.sensors())).flatten() {
                     SENSORS.signal(window);
                 }
-                #[cfg(not(any(feature = "sensors", feature = "aux")))]
-                let [_, _, _] = others;
                 output.sample(tick, codes, send)
             }
-            Either::Second(now) => {
+            Work::Look(now) => {
                 adc.look();
+                // (A bias comes 50 ms before it holds, a decimation waits for the second's end: no need to look at each sample.)
+                if let Some(bias) = BIAS.try_take() {
+                    output.set_bias(bias);
+                }
+                if let Some(decimation) = DECIMATION.try_take() {
+                    output.set_decimation(decimation);
+                }
+                output.set_standing(channels::standing());
                 output.look(now, send)
             }
         };
         adc::mark_next(output.ends_next());
         #[cfg(feature = "bring-up")]
         crate::bring_up::rate_task_ran();
-        RATE_ALIVE.signal(());
+        RATE_ALIVE.give();
         match second {
             // Telemetry that is not listening loses a second of means; the rates went out all the same.
             Ok(Some(second)) => drop(SECONDS.try_send(second)),

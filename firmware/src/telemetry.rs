@@ -23,7 +23,7 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
     let mut watch = hrg_core::events::Watch::default();
     loop {
         let (step, output, report) = STEP.receive().await;
-        TELEMETRY_ALIVE.signal(());
+        TELEMETRY_ALIVE.give();
         let wait = Duration::from_millis(u64::from(RATES_WAIT_MS));
         let rates = with_timeout(wait, SECONDS.receive()).await.ok();
         if let Some(open) = MAINTENANCE_OPEN.try_take() {

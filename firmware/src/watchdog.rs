@@ -54,10 +54,10 @@ impl Watchdog {
         loop {
             Timer::after(Duration::from_millis(u64::from(LOOK_MS))).await;
             let alive = Alive {
-                rates: RATE_ALIVE.try_take().is_some(),
-                model: MODEL_ALIVE.try_take().is_some(),
-                link: LINK_ALIVE.try_take().is_some(),
-                telemetry: TELEMETRY_ALIVE.try_take().is_some(),
+                rates: RATE_ALIVE.take(),
+                model: MODEL_ALIVE.take(),
+                link: LINK_ALIVE.take(),
+                telemetry: TELEMETRY_ALIVE.take(),
             };
             if supervision.look(alive) {
                 feed();

@@ -33,7 +33,7 @@ pub fn run(data: &[u8]) {
                 let axis = usize::from(chunk[1] % 4);
                 let stamps: Vec<u32> =
                     (0..u32::from(chunk[1])).map(|k| now.wrapping_add(k.wrapping_mul(word >> 8))).collect();
-                bank.push(axis, &stamps);
+                bank.push(axis, stamps);
             }
             1 => {
                 now = now.wrapping_add(word >> (chunk[1] % 32));
@@ -55,7 +55,7 @@ pub fn run(data: &[u8]) {
                 };
                 let codes: [i32; CHANNELS] = std::array::from_fn(|k| (word.rotate_left(7 * k as u32) as i32) >> 8);
                 let done = match (kind, chunk[1] & 6) {
-                    (2, _) => output.sample(now, Ok(codes), send),
+                    (2, _) => output.sample(now, Ok(&codes), send),
                     (_, 0) => output.sample(now, Err(Fault::Crc), send),
                     (_, 2) => {
                         bank.disturb(usize::from(chunk[1] >> 6));

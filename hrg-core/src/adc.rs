@@ -21,7 +21,7 @@
 //! // Of a new ADC nothing is known: it is set up first. A frame of zeros has a wrong checksum, whatever is expected of it.
 //! let mut dialogue = Dialogue::default();
 //! let received = dialogue.receive(&[0; WORDS], false);
-//! assert_eq!(received.sample, Some(Err(Fault::Crc)));
+//! assert_eq!(received.sample(), Some(Err(Fault::Crc)));
 //! assert_eq!(received.next, Next::Wait);
 //! ```
 
@@ -136,14 +136,32 @@ pub enum Next {
 /// Result of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Received {
-    /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
-    pub sample: Option<Result<[i32; CHANNELS], Fault>>,
-    /// The codes of the three channels behind them, where temperature sensors may be ([`crate::sensors`]); of use where there is a sample.
-    pub sensors: [i32; AXES],
+    /// There is a sample, or why there is none; `None`: the frame was one that only empties the ADC's store.
+    state: Option<Result<(), Fault>>,
+    codes: [i32; ALL_CHANNELS],
     /// The first two words of the next frame out.
     pub command: [u16; 2],
     /// Action that follows.
     pub next: Next,
+}
+
+impl Received {
+    /// The codes of the channels in use, or why there are none; `None`: the frame was one that only empties the ADC's store.
+    // (Side by side and by reference, because they come a thousand times a second: an enum that holds them is copied byte by byte.)
+    #[must_use]
+    #[inline]
+    pub fn sample(&self) -> Option<Result<&[i32; CHANNELS], Fault>> {
+        let codes = self.codes.first_chunk().unwrap_or(&[0; CHANNELS]);
+        self.state.map(|state| state.map(|()| codes))
+    }
+
+    /// The codes of the three channels behind them, where temperature sensors or inputs may be ([`crate::sensors`]); of use where there is
+    /// a sample.
+    #[must_use]
+    #[inline]
+    pub fn sensors(&self) -> [i32; AXES] {
+        *self.codes.last_chunk().unwrap_or(&[0; AXES])
+    }
 }
 
 /// Commands of the set-up: all settings written, then read back, then what the last answers need to come.
@@ -191,27 +209,29 @@ impl Dialogue {
     pub fn receive(&mut self, frame: &[u32; WORDS], missed: bool) -> Received {
         self.behind |= missed;
         let emptying = core::mem::take(&mut self.emptying);
-        let sample = match decode(frame) {
+        // (The first byte of each word in its highest bits.)
+        let words = frame.map(u32::swap_bytes);
+        let state = match checked(&words) {
             Err(fault) => self.invalid(fault),
-            Ok((answer, codes)) => self.valid(answer, codes),
+            Ok(answer) => self.valid(answer),
         };
+        let codes = codes(&words);
         if self.bad_in_a_row >= BAD_IN_A_ROW || self.failed >= SET_UPS_TRIED {
             *self = Self::default();
-            let command = Command::Null.words();
-            return Received { sample: Some(sample), sensors: [0; AXES], command, next: Next::Reset };
+            return Received { state: Some(state), codes, command: Command::Null.words(), next: Next::Reset };
         }
-        self.emptying = sample == Err(Fault::Gap);
+        self.emptying = state == Err(Fault::Gap);
         self.before = self.carried;
         self.carried = self.choose();
         Received {
-            sample: (!emptying || sample.is_err()).then_some(sample),
-            sensors: core::array::from_fn(|k| code(frame, CHANNELS + k)),
+            state: (!emptying || state.is_err()).then_some(state),
+            codes,
             command: self.carried.words(),
             next: if self.emptying { Next::FetchAgain } else { Next::Wait },
         }
     }
 
-    fn invalid(&mut self, fault: Fault) -> Result<[i32; CHANNELS], Fault> {
+    fn invalid(&mut self, fault: Fault) -> Result<(), Fault> {
         self.bad_in_a_row += 1;
         if self.set_up < SET_UP {
             // An answer was lost.
@@ -220,7 +240,7 @@ impl Dialogue {
         Err(fault)
     }
 
-    fn valid(&mut self, answer: u16, codes: [i32; CHANNELS]) -> Result<[i32; CHANNELS], Fault> {
+    fn valid(&mut self, answer: u16) -> Result<(), Fault> {
         self.bad_in_a_row = 0;
         let setting_up = self.set_up < SET_UP;
         if let Some(fault) = self.before.wrong(answer) {
@@ -238,7 +258,7 @@ impl Dialogue {
         if core::mem::take(&mut self.behind) {
             return Err(Fault::Gap);
         }
-        Ok(codes)
+        Ok(())
     }
 
     fn choose(&mut self) -> Command {
@@ -261,35 +281,65 @@ impl Dialogue {
     }
 }
 
-/// CRC-16 of CCITT's polynomial, seed 0xFFFF.
-const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 /// Bytes of a word of the frame, and where its last word, the CRC, begins.
 const WORD: usize = 3;
 const CRC_AT: usize = FRAME - WORD;
 
-/// The code of a channel: big-endian, sign-extended from 24 bits.
+/// Four bytes of a frame from `byte` on, the first in the highest bits; zeros behind its end.
 #[inline(always)]
-fn code(frame: &[u32; WORDS], channel: usize) -> i32 {
-    let at = WORD * (channel + 1);
-    let byte = |n: usize| frame.get(n / 4).map_or(0, |word| word.to_le_bytes()[n % 4]);
-    i32::from_be_bytes([byte(at), byte(at + 1), byte(at + 2), 0]) >> 8
+fn four(words: &[u32; WORDS], byte: usize) -> u32 {
+    let word = |k: usize| words.get(k).copied().unwrap_or(0);
+    let (k, bits) = (byte / 4, 8 * (byte % 4) as u32);
+    if bits == 0 {
+        word(k)
+    } else {
+        word(k) << bits | word(k + 1) >> (32 - bits)
+    }
 }
 
-/// The first word of a frame (an answer), and the codes of the channels in use.
+/// The codes of all channels: sign-extended from 24 bits.
+#[inline(always)]
+fn codes(words: &[u32; WORDS]) -> [i32; ALL_CHANNELS] {
+    core::array::from_fn(|channel| four(words, WORD * (channel + 1)) as i32 >> 8)
+}
+
+/// One step of the checksum, CRC-16 of CCITT's polynomial P = x^16 + x^12 + x^5 + 1, over 32 bits: `sum` x^32 + `word`, times x^16, modulo P.
+///
+/// P goes into it `q` times: the dividend by P, a product of the dividend and 1 / (1 + u) with u = x^-4 + x^-11 + x^-16; of that series, which
+/// is (1 + u)(1 + u^2)(1 + u^4) as far as 32 bits go, each power is a shift. No table: one in flash costs the unit wait states, byte
+/// by byte.
+#[inline(always)]
+const fn crc_step(sum: u32, word: u32) -> u32 {
+    let dividend = sum << 16 ^ word;
+    let q = dividend ^ dividend >> 4 ^ dividend >> 11 ^ dividend >> 16;
+    let q = q ^ q >> 8 ^ q >> 22;
+    let q = q ^ q >> 16;
+    (q ^ q << 5 ^ q << 12) & 0xFFFF
+}
+
+/// The first word of a frame (an answer) whose checksum, over all words before its last, is right.
+fn checked(words: &[u32; WORDS]) -> Result<u16, Fault> {
+    // Its 27 bytes behind one of zeros, which has no effect; the seed of the checksum, 0xFFFF, inverts the first two.
+    let mut sum = crc_step(0, words[0] >> 8 ^ 0x00FF_FF00);
+    let mut byte = 3;
+    while byte < CRC_AT {
+        sum = crc_step(sum, four(words, byte));
+        byte += 4;
+    }
+    if sum == four(words, CRC_AT) >> 16 {
+        Ok((words[0] >> 16) as u16)
+    } else {
+        Err(Fault::Crc)
+    }
+}
+
+/// The first word of a frame (an answer), and the codes of all channels.
 ///
 /// # Errors
 /// [`Fault::Crc`].
-pub fn decode(frame: &[u32; WORDS]) -> Result<(u16, [i32; CHANNELS]), Fault> {
-    let mut bytes = [0; 4 * WORDS];
-    for (to, word) in bytes.chunks_exact_mut(4).zip(frame) {
-        to.copy_from_slice(&word.to_le_bytes());
-    }
-    let crc = u16::from_be_bytes([bytes[CRC_AT], bytes[CRC_AT + 1]]);
-    if CRC.checksum(&bytes[..CRC_AT]) != crc {
-        return Err(Fault::Crc);
-    }
-    let codes = core::array::from_fn(|channel| code(frame, channel));
-    Ok((u16::from_be_bytes([bytes[0], bytes[1]]), codes))
+pub fn decode(frame: &[u32; WORDS]) -> Result<(u16, [i32; ALL_CHANNELS]), Fault> {
+    let words = frame.map(u32::swap_bytes);
+    checked(&words).map(|answer| (answer, codes(&words)))
 }
 
 #[cfg(test)]
@@ -297,6 +347,9 @@ mod tests {
     use super::*;
     use rand::{Rng, SeedableRng};
     use rand_chacha::ChaCha8Rng;
+
+    /// The same by the crate that others use.
+    const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
     fn words(bytes: &[u8; FRAME]) -> [u32; WORDS] {
         core::array::from_fn(|k| {
@@ -318,8 +371,8 @@ mod tests {
 
     #[test]
     fn codes_keep_their_sign_and_flipped_bits_are_noticed() {
-        let f = frame(0x0100, [1, -1, 8_388_607, -8_388_608, 42, 0, 0, 0]);
-        assert_eq!(decode(&words(&f)), Ok((0x0100, [1, -1, 8_388_607, -8_388_608, 42])));
+        let f = frame(0x0100, [1, -1, 8_388_607, -8_388_608, 42, 0, -7, 12]);
+        assert_eq!(decode(&words(&f)), Ok((0x0100, [1, -1, 8_388_607, -8_388_608, 42, 0, -7, 12])));
         for bit in 0..29 * 8 {
             let mut g = f;
             g[bit / 8] ^= 1 << (bit % 8);
@@ -333,7 +386,7 @@ mod tests {
         for _ in 0..2000 {
             let codes = core::array::from_fn(|_| rng.random_range(-8_388_608..=8_388_607));
             let (_, seen) = decode(&words(&frame(0x0100, codes))).expect("valid");
-            assert_eq!(seen, codes[..CHANNELS]);
+            assert_eq!(seen, codes);
         }
     }
 
@@ -397,14 +450,14 @@ mod tests {
         (d, adc, command)
     }
 
-    const GOOD: Option<Result<[i32; CHANNELS], Fault>> = Some(Ok([5; CHANNELS]));
+    const GOOD: Option<Result<&[i32; CHANNELS], Fault>> = Some(Ok(&[5; CHANNELS]));
 
     #[test]
     fn settings_are_written_and_read_back_before_the_first_sample() {
         let (mut d, mut adc, mut command) = (Dialogue::default(), Adc::new(), [0; 2]);
         for k in 0..=usize::from(SET_UP) {
             let h = talk(&mut d, &mut adc, &mut command, 1);
-            assert!(matches!(h.sample, Some(Err(_))), "frame {k}: {h:?}");
+            assert!(matches!(h.sample(), Some(Err(_))), "frame {k}: {h:?}");
         }
         for (address, value) in SETTINGS {
             assert_eq!(adc.registers[usize::from(address)], value);
@@ -412,7 +465,7 @@ mod tests {
         talk(&mut d, &mut adc, &mut command, 1);
         for k in 0..3 * usize::from(READ_EVERY) * SETTINGS.len() {
             let h = talk(&mut d, &mut adc, &mut command, 1);
-            assert_eq!((h.sample, h.next), (GOOD, Next::Wait), "sample {k}");
+            assert_eq!((h.sample(), h.next), (GOOD, Next::Wait), "sample {k}");
         }
     }
 
@@ -423,9 +476,9 @@ mod tests {
             adc.registers[usize::from(address)] = value ^ 4;
             let within = usize::from(READ_EVERY) * SETTINGS.len() + 3;
             let noticed =
-                (0..within).any(|_| talk(&mut d, &mut adc, &mut command, 1).sample == Some(Err(Fault::Setting)));
+                (0..within).any(|_| talk(&mut d, &mut adc, &mut command, 1).sample() == Some(Err(Fault::Setting)));
             assert!(noticed, "setting {k}");
-            assert_eq!(talk(&mut d, &mut adc, &mut command, 2 * usize::from(SET_UP)).sample, GOOD);
+            assert_eq!(talk(&mut d, &mut adc, &mut command, 2 * usize::from(SET_UP)).sample(), GOOD);
             assert_eq!(adc.registers[usize::from(address)], value);
         }
     }
@@ -438,9 +491,9 @@ mod tests {
                 if k == 5 {
                     adc = Adc::new();
                 }
-                talk(&mut d, &mut adc, &mut command, 1).sample
+                talk(&mut d, &mut adc, &mut command, 1)
             })
-            .filter(|s| *s != GOOD)
+            .filter(|received| received.sample() != GOOD)
             .count();
         assert!((usize::from(SET_UP)..usize::from(SET_UP) + 4).contains(&refused), "{refused}");
         assert_eq!(adc.registers[3], SETTINGS[0].1);
@@ -450,11 +503,11 @@ mod tests {
     fn after_a_sample_that_was_not_fetched_the_store_of_the_adc_is_emptied() {
         let (mut d, mut adc, mut command) = ready();
         let h = d.receive(&adc.exchange(command), true);
-        assert_eq!((h.sample, h.next), (Some(Err(Fault::Gap)), Next::FetchAgain));
+        assert_eq!((h.sample(), h.next), (Some(Err(Fault::Gap)), Next::FetchAgain));
         let h = d.receive(&adc.exchange(h.command), false);
-        assert_eq!((h.sample, h.next), (None, Next::Wait));
+        assert_eq!((h.sample(), h.next), (None, Next::Wait));
         command = h.command;
-        assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample, GOOD);
+        assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample(), GOOD);
     }
 
     #[test]
@@ -463,11 +516,11 @@ mod tests {
         adc.invalid = true;
         for k in 1..=BAD_IN_A_ROW {
             let h = talk(&mut d, &mut adc, &mut command, 1);
-            assert_eq!(h.sample, Some(Err(Fault::Crc)));
+            assert_eq!(h.sample(), Some(Err(Fault::Crc)));
             assert_eq!(h.next, if k == BAD_IN_A_ROW { Next::Reset } else { Next::Wait });
         }
         adc = Adc::new();
-        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample, GOOD);
+        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample(), GOOD);
     }
 
     #[test]
@@ -480,7 +533,7 @@ mod tests {
         // The bus works again, and the attempts that failed are forgotten.
         command = [0; 2];
         adc = Adc::new();
-        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample, GOOD);
+        assert_eq!(talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3).sample(), GOOD);
         assert_eq!(d.failed, 0);
     }
 }

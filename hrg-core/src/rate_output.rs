@@ -17,9 +17,9 @@
 //!     frames.push(frame);
 //!     true
 //! };
-//! output.sample(90_000, Ok([100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! output.sample(90_000, Ok(&[100, 200, 300, 0, 0]), &mut send).expect("intact");
 //! output.sample(180_000, Err(Fault::Crc), &mut send).expect("intact");
-//! output.sample(270_000, Ok([100, 200, 300, 0, 0]), &mut send).expect("intact");
+//! output.sample(270_000, Ok(&[100, 200, 300, 0, 0]), &mut send).expect("intact");
 //! // The sample with a wrong checksum is not sent; the frame after it says so.
 //! assert_eq!(frames.len(), 2);
 //! assert_eq!((frames[0].unit_status, frames[1].unit_status), (UnitStatus::empty(), UnitStatus::ADC_FAULT));
@@ -116,12 +116,12 @@ impl RateOutput {
     pub fn sample(
         &mut self,
         tick: u32,
-        codes: Result<[i32; CHANNELS], Fault>,
+        codes: Result<&[i32; CHANNELS], Fault>,
         send: impl FnOnce(RateFrame) -> bool,
     ) -> Result<Option<RateSecond>, Corruption> {
         self.looks_without_sample = 0;
         let event = match codes {
-            Ok(codes) => self.path.sample(tick, codes),
+            Ok(codes) => self.path.sample(tick, *codes),
             Err(_) => self.path.missing(tick),
         };
         self.done(event, send)
@@ -185,8 +185,18 @@ mod tests {
         RateOutput::new(path, UnitStatus::IMAGE_REFUSED)
     }
 
-    fn codes(k: u32) -> Result<[i32; CHANNELS], Fault> {
-        Ok([k as i32 & 7; CHANNELS])
+    fn codes(k: u32) -> Result<&'static [i32; CHANNELS], Fault> {
+        const CODES: [[i32; CHANNELS]; 8] = [
+            [0; CHANNELS],
+            [1; CHANNELS],
+            [2; CHANNELS],
+            [3; CHANNELS],
+            [4; CHANNELS],
+            [5; CHANNELS],
+            [6; CHANNELS],
+            [7; CHANNELS],
+        ];
+        Ok(&CODES[k as usize % 8])
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::error::{RunError, Stop};
 use crate::memory::Memory;
 use crate::part::{Part, STM32F446RE};
 use crate::probe::Probe;
+use crate::profile::{Cost, Profile};
 use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG};
 use crate::thumb::IT_STATE;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
@@ -176,23 +177,23 @@ impl<W: World> Board<W> {
         Ok(chip.probes.len() - 1)
     }
 
-    /// Counts instructions function by function from now on; see [`profile`](Self::profile).
+    /// Counts instructions and estimates cycles function by function from now on; see [`profile`](Self::profile).
     pub fn start_profile(&mut self) {
-        let chip = self.cpu.get_data_mut();
-        chip.watched = true;
-        chip.profile = Some(vec![0; FLASH_SIZE as usize / 2]);
+        self.start_estimate();
+        self.cpu.get_data_mut().profile = Some(Profile::new(FLASH_SIZE as usize / 2));
     }
 
-    /// Instructions of each function since [`start_profile`](Self::start_profile), most first, by its path; inlined ones count for
+    /// Costs of each function since [`start_profile`](Self::start_profile), most cycles first, by its path; inlined ones count for
     /// where they are inlined.
     #[must_use]
-    pub fn profile(&self) -> Vec<(String, u64)> {
-        let mut out = std::collections::BTreeMap::<&str, u64>::new();
-        for (at, count) in self.cpu.get_data().profile.iter().flatten().enumerate().filter(|(_, c)| **c > 0) {
-            *out.entry(self.firmware.function_before(FLASH_START + 2 * at as u32).unwrap_or("?")).or_default() += count;
+    pub fn profile(&self) -> Vec<(String, Cost)> {
+        let mut out = std::collections::BTreeMap::<&str, Cost>::new();
+        for (at, cost) in self.cpu.get_data().profile.iter().flat_map(Profile::costs) {
+            let name = self.firmware.function_before(FLASH_START + 2 * at as u32).unwrap_or("?");
+            *out.entry(name).or_default() += cost;
         }
-        let mut out: Vec<(String, u64)> = out.into_iter().map(|(name, n)| (name.to_string(), n)).collect();
-        out.sort_by_key(|f| std::cmp::Reverse(f.1));
+        let mut out: Vec<(String, Cost)> = out.into_iter().map(|(name, n)| (name.to_string(), n)).collect();
+        out.sort_by_key(|f| std::cmp::Reverse(f.1.cycles));
         out
     }
 
@@ -227,13 +228,6 @@ impl<W: World> Board<W> {
             p.estimates.clear();
             p.latency = Default::default();
         }
-    }
-
-    /// Instructions of each block of code since [`start_profile`](Self::start_profile), by the block's address.
-    #[must_use]
-    pub fn profile_blocks(&self) -> Vec<(u32, u64)> {
-        let counts = self.cpu.get_data().profile.iter().flatten().enumerate();
-        counts.filter(|(_, n)| **n > 0).map(|(k, n)| (FLASH_START + 2 * k as u32, *n)).collect()
     }
 
     /// Counts of [`count_calls`](Self::count_calls) so far.

@@ -9,6 +9,7 @@ use crate::mutation::{RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
 use crate::part::Part;
 use crate::probe::{Moment, Probe};
+use crate::profile::Profile;
 use crate::serial::{Spi, Usart};
 use crate::signals::{Signal, SIGNALS};
 use crate::spare::{Spare, DEMCR};
@@ -25,8 +26,8 @@ pub struct Chip {
     pub instructions: u64,
     /// Functions whose calls are counted.
     pub probes: Vec<Probe>,
-    /// Instructions of each block, by half its offset in flash, where asked for.
-    pub profile: Option<Vec<u64>>,
+    /// Costs of each block, by half its offset in flash, where asked for.
+    pub profile: Option<Profile>,
     /// The estimate of cycles, where asked for.
     pub estimate: Option<Box<Estimate>>,
     /// Instructions executed before it began.

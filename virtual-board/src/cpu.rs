@@ -136,15 +136,15 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
             let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
             let chip = c.get_data_mut();
             let now = chip.moment();
+            if let Some(profile) = &mut chip.profile {
+                profile.begin(at, n, now.estimate);
+            }
             if let Some(estimate) = &mut chip.estimate {
                 let flash = Accelerator::from_acr(chip.flash.acr());
                 estimate.block(address as u32, size, &code, flash);
             }
             let ready = chip.ready;
             chip.probes.iter_mut().for_each(|p| p.block(address as u32, now, ready, || link));
-            if let Some(count) = chip.profile.as_mut().and_then(|p| p.get_mut(at)) {
-                *count += n;
-            }
         }
         let chip = c.get_data_mut();
         chip.block = address as u32;

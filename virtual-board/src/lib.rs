@@ -69,6 +69,7 @@ pub mod mutation;
 mod nvic;
 pub mod part;
 mod probe;
+mod profile;
 mod pwm;
 mod register_writes;
 mod rtt;
@@ -86,6 +87,7 @@ pub use cycles::Cycles;
 pub use elf::Firmware;
 pub use error::{RunError, Stop};
 pub use probe::{Latency, Moment, Probe};
+pub use profile::Cost;
 pub use spare::Jumper;
 
 /// Units of the board's time per second: cycles of the STM32F446 at its highest clock.

@@ -274,7 +274,7 @@ fn frequency(jitter_s: f64, n: u32) -> (f64, f64) {
                 edges = HZ;
             }
         }
-        bank.push(0, &[t as u32]);
+        bank.push(0, [t as u32]);
     }
     // A time stamp is cut to whole ticks: an error of a tick's twelfth part, as variance.
     let variance = jitter_s * jitter_s + 1.0 / (12.0 * TICKS * TICKS);

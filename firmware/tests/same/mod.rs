@@ -76,7 +76,7 @@ pub fn edges() -> u32 {
         for (axis, stamp) in stamps.iter_mut().enumerate() {
             // About 4.9 kHz of 90 MHz, with a jitter of some ticks.
             *stamp = stamp.wrapping_add(18_367 + 30 * axis as u32 + (k.wrapping_mul(2_654_435_761) >> 30));
-            bank.push(axis, core::slice::from_ref(stamp));
+            bank.push(axis, [*stamp]);
         }
         if let Some(step) = bank.poll(stamps[0]) {
             for f in step.frequency_hz.into_iter().flatten() {

@@ -187,7 +187,7 @@ fn a_transfer_to_no_memory_ends_the_run_or_stops_the_stream() {
     let mut board = board();
     board.faults_as_on_chip();
     board.mutate(Mutation { number: to.number, change: wrong });
-    // embassy's handler panics at TEIF: the unit says where, stands still, and the watchdog starts it anew.
+    // The next fetch finds TEIF: the unit says where, stands still, and the watchdog starts it anew.
     assert_eq!(board.run_until(10 * CPU_HZ).expect("runs"), Stop::Watchdog);
     assert!(board.world.received.rates.is_empty() && !board.world.received.log_bytes.is_empty());
 }

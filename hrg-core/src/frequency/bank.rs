@@ -90,7 +90,7 @@ impl CounterBank {
     /// Takes time stamps of one axis, in order. An axis number above 2 is ignored.
     // A function of its own: hot, and compiled for speed where its callers are compiled for size.
     #[inline(never)]
-    pub fn push(&mut self, axis: usize, stamps: &[u32]) {
+    pub fn push(&mut self, axis: usize, stamps: impl IntoIterator<Item = u32>) {
         if let Some(counter) = self.counters.get_mut(axis) {
             counter.push_all(stamps);
         }

@@ -168,47 +168,49 @@ impl Counter {
     }
 
     /// Takes time stamps in order: as [`push`](Self::push) of each, and to the same sums.
-    pub fn push_all(&mut self, stamps: &[u32]) {
-        let mut rest = stamps;
-        while !rest.is_empty() {
-            rest = &rest[self.run(rest).min(rest.len())..];
-            if let Some((&stamp, others)) = rest.split_first() {
-                self.push(stamp);
-                rest = others;
-            }
+    #[inline]
+    pub fn push_all(&mut self, stamps: impl IntoIterator<Item = u32>) {
+        let mut rest = stamps.into_iter();
+        while let Some(stamp) = self.run(&mut rest) {
+            self.push(stamp);
         }
     }
 
-    /// The common case, fast: edges that come one after the other on the grid, within the gate being filled. Gives the number of
-    /// edges that it took. Numbers that change from edge to edge stay in registers; sums over the edge numbers have a formula.
-    fn run(&mut self, stamps: &[u32]) -> usize {
+    /// The common case, fast: edges that come one after the other on the grid, within the gate being filled. Gives the first stamp
+    /// that is no such edge. Numbers that change from edge to edge stay in registers; sums over the edge numbers have a formula.
+    #[inline]
+    fn run(&mut self, stamps: &mut impl Iterator<Item = u32>) -> Option<u32> {
         if self.locked != LOCK_PERIODS || self.now.edges == 0 || self.now.lock != self.lock {
-            return 0;
+            return stamps.next();
         }
-        let (start, gate) = (self.gate_start as u32, self.config.gate_ticks);
-        let (mut last, mut period_q8) = (self.last, self.period_q8);
+        // Ticks here are those to the gate's end: negative within it, so that one sign tells.
+        let end = (self.gate_start as u32).wrapping_add(self.config.gate_ticks);
+        let (mut last, mut period_q8) = (self.last.wrapping_sub(end), self.period_q8);
         let before = self.index.wrapping_sub(self.now.first_index);
         let mut i = before;
-        let (mut sum_t, mut sum_it) = (self.now.sum_t, self.now.sum_it);
-        let mut taken = 0;
-        for &stamp in stamps {
-            let delta = stamp.wrapping_sub(last);
-            let period = period_q8 >> 8;
-            let off = delta.wrapping_sub(period) as i32;
-            let ticks = stamp.wrapping_sub(start);
-            if off.unsigned_abs() > period >> TOLERANCE_SHIFT || ticks >= gate {
-                break;
+        let (mut sum_t, mut sum_it) = (0i64, 0i64);
+        let other = loop {
+            let Some(stamp) = stamps.next() else { break None };
+            let ticks = stamp.wrapping_sub(end);
+            let delta = ticks.wrapping_sub(last);
+            // The next edge, within the gate? A sign is negative where it is too late or too early, or beyond: one branch for all three.
+            let off = delta.wrapping_sub(period_q8 >> 8);
+            let tolerance = period_q8 >> (8 + TOLERANCE_SHIFT);
+            let signs = tolerance.wrapping_sub(off) | tolerance.wrapping_add(off) | !ticks;
+            if (signs as i32) < 0 {
+                break Some(ticks);
             }
             let error = (delta << 8).wrapping_sub(period_q8) as i32;
             period_q8 = period_q8.wrapping_add_signed(error >> 6);
-            last = stamp;
+            last = ticks;
             i = i.wrapping_add(1);
-            sum_t += u64::from(ticks);
-            sum_it += u64::from(i) * u64::from(ticks);
-            taken += 1;
-        }
+            sum_t += i64::from(ticks as i32);
+            sum_it += i64::from(i as i32) * i64::from(ticks as i32);
+        };
+        let other = other.map(|ticks| ticks.wrapping_add(end));
+        let taken = i.wrapping_sub(before);
         if taken == 0 {
-            return 0;
+            return other;
         }
         // Sums of j and of j^2 for j up to n.
         let sums = |n: u32| {
@@ -217,17 +219,19 @@ impl Counter {
             (triangle, triangle * (2 * n + 1) / 3)
         };
         let ((a1, a2), (b1, b2)) = (sums(before), sums(i));
+        let gate = u64::from(self.config.gate_ticks);
         self.now.sum_i += b1 - a1;
         self.now.sum_ii += b2 - a2;
-        self.now.sum_t = sum_t;
-        self.now.sum_it = sum_it;
+        // From the gate's begin again.
+        self.now.sum_t = self.now.sum_t.wrapping_add_signed(sum_t).wrapping_add(u64::from(taken) * gate);
+        self.now.sum_it = self.now.sum_it.wrapping_add_signed(sum_it).wrapping_add((b1 - a1) * gate);
         self.now.edges += taken;
         self.now.last_i = i;
         self.index = self.index.wrapping_add(taken);
         self.rejects = 0;
-        self.last = last;
+        self.last = last.wrapping_add(end);
         self.period_q8 = period_q8;
-        taken as usize
+        other
     }
 
     fn gate_of(&mut self, ticks: u32) -> &mut Filling {

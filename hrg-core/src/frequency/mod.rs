@@ -29,7 +29,7 @@
 //! for edge in 0..15_000u32 {
 //!     let stamp = (f64::from(edge) * ticks_per_s / 4898.626) as u32;
 //!     steps.extend(bank.poll(stamp));
-//!     bank.push(0, &[stamp]);
+//!     bank.push(0, [stamp]);
 //! }
 //! let last = steps.last().expect("three seconds make a step");
 //! assert!((last.frequency_hz[0].expect("locked") - 4898.626).abs() < 1e-5);
@@ -110,7 +110,7 @@ mod tests {
                 }
             }
             for e in edit(k, t).into_iter().flatten() {
-                bank.push(0, &[e as u32]);
+                bank.push(0, [e as u32]);
             }
         }
         out
@@ -150,7 +150,7 @@ mod tests {
             let n = (draw(70) as usize).clamp(1, rest.len());
             let (batch, others) = rest.split_at(n);
             batch.iter().for_each(|s| one.push(*s));
-            many.push_all(batch);
+            many.push_all(batch.iter().copied());
             rest = others;
             let last = u64::from(batch[n - 1]);
             while last > one.gate_end() + u64::from(Timebase::REFERENCE.us(SETTLE_US)) {

@@ -132,7 +132,7 @@ struct RunArguments {
     /// Stop after so many seconds of target time.
     #[arg(long)]
     seconds: Option<u64>,
-    /// Print where the instructions go, function by function.
+    /// Print where instructions and estimated cycles go, function by function.
     #[arg(long)]
     profile: bool,
 }
@@ -220,11 +220,14 @@ fn play(arguments: RunArguments) -> Result<()> {
         hrg_data::output::write_file(&log, (outcome.received.log.join("\n") + "\n").as_bytes())?;
     }
     if !outcome.profile.is_empty() {
-        println!("{:>12} {:>6}  function", "per second", "share");
-        for (name, count) in outcome.profile.iter().take(30) {
-            let share = 100.0 * *count as f64 / outcome.instructions as f64;
-            println!("{:>12.0} {share:>5.1}%  {}", *count as f64 / outcome.seconds, name);
+        let all: u64 = outcome.profile.iter().map(|(_, cost)| cost.cycles).sum();
+        println!("{:>12} {:>12} {:>6}  function", "instructions", "cycles", "share");
+        for (name, cost) in outcome.profile.iter().take(40) {
+            let a_second = |count: u64| count as f64 / outcome.seconds;
+            let share = 100.0 * cost.cycles as f64 / all as f64;
+            println!("{:>12.0} {:>12.0} {share:>5.1}%  {name}", a_second(cost.instructions), a_second(cost.cycles));
         }
+        println!("per second; cycles are estimated (docs/bench.md)");
     }
     let (raw, corrected) = replay::three_sigma(&rows);
     if raw[0].is_nan() {

@@ -17,7 +17,7 @@ use hrg_data::recording::Recording;
 use hrg_identify::fit::correct;
 use std::path::{Path, PathBuf};
 use virtual_board::part::{self, Part};
-use virtual_board::{Board, Firmware, Probe, Stop, CPU_HZ};
+use virtual_board::{Board, Cost, Firmware, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).
 pub const CALIBRATION_A: u32 = 0x4_0000;
@@ -73,8 +73,8 @@ pub struct Outcome {
     pub watchdog_resets: usize,
     /// Calls of the functions asked for in [`Options::count`], in that order.
     pub calls: Vec<Probe>,
-    /// Instructions of each function, most first, where asked for.
-    pub profile: Vec<(String, u64)>,
+    /// Costs of each function, most cycles first, where asked for.
+    pub profile: Vec<(String, Cost)>,
     /// Deepest stack, bytes.
     pub stack_bytes: u32,
     /// Static RAM, bytes.

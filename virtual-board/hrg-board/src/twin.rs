@@ -181,7 +181,7 @@ impl Twin {
     /// An edge was captured.
     pub fn captured(&mut self, channel: usize, stamp: u32) {
         self.advance(stamp);
-        self.bank.push(channel, &[stamp]);
+        self.bank.push(channel, [stamp]);
     }
 
     /// A pulse per second was captured.
@@ -223,9 +223,9 @@ impl Twin {
         let byte = |n: usize| frame.get(n).copied().unwrap_or(0);
         let words: [u32; WORDS] = std::array::from_fn(|k| u32::from_le_bytes([0, 1, 2, 3].map(|n| byte(4 * k + n))));
         let received = self.adc.receive(&words, false);
-        let Some(codes) = received.sample else { return };
+        let Some(codes) = received.sample() else { return };
         if let Some((bank, window)) = self.sensors.as_mut().filter(|_| codes.is_ok()) {
-            *window = bank.push(stamp, received.sensors).or(*window);
+            *window = bank.push(stamp, received.sensors()).or(*window);
         }
         let rates = &mut self.rates;
         let send = |frame| {

@@ -80,7 +80,7 @@ fn leap(every: u64) -> Found {
                     found.off += u64::from(good > 1 && f.axis_status != [AxisStatus::empty(); 3]);
                 }
             }
-            bank.push(0, &[t as u32]);
+            bank.push(0, [t as u32]);
         }
         // The second before the wrap and the one across it.
         found.off += u64::from(good < 2);

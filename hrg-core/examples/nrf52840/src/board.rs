@@ -196,7 +196,7 @@ impl Board {
         self.command = received.command;
         // (The ADC's reset pin is not wired here: after `Next::Reset` the dialogue begins anew, which is all that is left to do.)
         self.again = (received.next == Next::FetchAgain).then_some(tick);
-        Some((tick, received.sample?))
+        Some((tick, received.sample()?.copied()))
     }
 
     /// Sends bytes; `false` where the line takes none.

@@ -35,7 +35,7 @@ fn main() -> ! {
         // The time first, then the edges: all edges before that time are then in.
         let (now, edges) = board.edges();
         for (axis, stamps) in edges.iter().enumerate() {
-            counters.push(axis, stamps);
+            counters.push(axis, stamps.iter().copied());
             if stamps.is_full() {
                 counters.disturb(axis); // There were more than were kept.
             }
@@ -45,7 +45,7 @@ fn main() -> ! {
             rates.set_bias(PendingBias::new(TIMEBASE, &step, &output));
         }
         if let Some((tick, codes)) = board.sample() {
-            let sent = rates.sample(tick, codes, |frame| board.send(&Message::Rate(frame).encode()));
+            let sent = rates.sample(tick, codes.as_ref().map_err(|fault| *fault), |frame| board.send(&Message::Rate(frame).encode()));
             if let Err(corruption) = sent {
                 // Memory has changed: nothing may be sent any more.
                 defmt::panic!("corrupted: {}", defmt::Debug2Format(&corruption));
