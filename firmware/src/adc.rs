@@ -15,6 +15,8 @@
 //! Registers: RM0390 for SPI, DMA and TIM2.
 
 use crate::channels::FETCHED;
+#[cfg(feature = "self-test")]
+use crate::channels::{ADC_TEST, ADC_TESTED};
 use crate::params::{self, TIMER_HZ};
 #[cfg(feature = "pps")]
 use crate::pps;
@@ -161,6 +163,17 @@ impl Adc {
             Next::Reset => self.reset(),
         }
         received
+    }
+
+    /// Begins the built-in test where it is asked for, and hands on what came of it.
+    #[cfg(feature = "self-test")]
+    pub fn test(&mut self) {
+        if ADC_TEST.try_take().is_some() {
+            self.dialogue.test();
+        }
+        if let Some(levels) = self.dialogue.tested() {
+            ADC_TESTED.signal(levels);
+        }
     }
 
     /// Time has gone on by 10 ms: ends a reset of the ADC; begins one where it has been silent for long.

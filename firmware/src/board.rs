@@ -191,6 +191,8 @@ impl Board {
         let reset_cause = reset_cause();
         let (watchdog, patience): (Watchdog, Patience) = Watchdog::new(p.IWDG);
         clock::wait_for_supply();
+        #[cfg(feature = "self-test")]
+        crate::self_test::memory();
         #[cfg_attr(not(feature = "field-log"), allow(unused_mut))]
         let mut sectors = Sectors::new(Flash::new_blocking(p.FLASH), patience);
         #[cfg(feature = "field-log")]

@@ -95,6 +95,19 @@ pub static INPUTS_USED: Signal<Mutex, InputsUsed> = Signal::new();
 pub static LOG: Signal<Mutex, Housekeeping> = Signal::new();
 /// Link in to link out: an answer.
 pub static ANSWER: Signal<Mutex, Message> = Signal::new();
+/// Telemetry to the built-in test: each second.
+#[cfg(feature = "self-test")]
+pub static HOUSEKEPT: Signal<Mutex, Housekeeping> = Signal::new();
+/// The built-in test to the rate path: go through the ADC's places; and what came of it.
+#[cfg(feature = "self-test")]
+pub static ADC_TEST: Signal<Mutex, ()> = Signal::new();
+#[cfg(feature = "self-test")]
+pub static ADC_TESTED: Signal<Mutex, hrg_core::self_test::course::Levels> = Signal::new();
+/// The built-in test to the watchdog's task, which goes through the program: all of it now; and how it is.
+#[cfg(feature = "self-test")]
+pub static PROGRAM_TEST: Signal<Mutex, ()> = Signal::new();
+#[cfg(feature = "self-test")]
+pub static PROGRAM_TESTED: Signal<Mutex, crate::program::Verdict> = Signal::new();
 /// Link in to telemetry: bad frames since start.
 pub static LINK_ERRORS: Signal<Mutex, u16> = Signal::new();
 /// Link in to telemetry: what the host asks of an alignment.

@@ -193,8 +193,8 @@ impl Store for Sectors {
 pub async fn task(
     maintenance: &'static mut Maintenance,
     mut sectors: Sectors,
+    #[cfg_attr(not(any(feature = "field-log", feature = "self-test")), allow(unused_variables))] calibration: u32,
     #[cfg(feature = "field-log")] mut journal: Journal,
-    #[cfg(feature = "field-log")] calibration: u32,
 ) {
     // (Events do not keep the mode open.)
     let mut idle = Instant::now() + params::MAINTENANCE_IDLE;
@@ -224,7 +224,16 @@ pub async fn task(
             }
         };
         idle = Instant::now() + params::MAINTENANCE_IDLE;
-        let reply = maintenance.command(&command, &mut sectors);
+        #[cfg_attr(not(feature = "self-test"), allow(unused_mut))]
+        let mut reply = maintenance.command(&command, &mut sectors);
+        #[cfg(feature = "self-test")]
+        if (command, reply) == (Command::Test, Reply::Answer(Answer::Done, 0)) {
+            let items = maintenance.items_mut();
+            crate::self_test::run(&sectors, calibration, items).await;
+            #[cfg(feature = "field-log")]
+            crate::self_test::record(&mut sectors, &mut journal, items);
+            reply = Reply::Answer(Answer::Done, items.len() as u32);
+        }
         #[cfg(feature = "field-log")]
         match (command, reply) {
             // (END without BEGIN is ignored.)

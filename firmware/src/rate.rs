@@ -64,6 +64,8 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
             }
             Work::Look(now) => {
                 adc.look();
+                #[cfg(feature = "self-test")]
+                adc.test();
                 // (A bias comes 50 ms before it holds, a decimation waits for the second's end: no need to look at each sample.)
                 if let Some(bias) = BIAS.try_take() {
                     output.set_bias(bias);

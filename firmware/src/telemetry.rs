@@ -51,6 +51,8 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
             let _ = crate::channels::EVENTS.try_send((h.on_for_s as u32, event));
         });
         HOUSEKEEPING.signal(housekeeping);
+        #[cfg(feature = "self-test")]
+        channels::HOUSEKEPT.signal(housekeeping);
         LOG.signal(housekeeping);
     }
 }

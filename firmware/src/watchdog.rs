@@ -62,6 +62,12 @@ impl Watchdog {
             if supervision.look(alive) {
                 feed();
             }
+            #[cfg(feature = "self-test")]
+            if channels::PROGRAM_TEST.try_take().is_some() {
+                // The pass that is under way, then a whole one.
+                program.whole();
+                channels::PROGRAM_TESTED.signal(program.whole());
+            }
             if program.piece() == Some(program::Verdict::Changed) {
                 channels::stand(UnitStatus::PROGRAM, true);
             }

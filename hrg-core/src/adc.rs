@@ -10,6 +10,9 @@
 //! begins the set-up anew. After [`BAD_IN_A_ROW`] frames with a wrong checksum the bus itself may be out of step: bus and ADC are reset. So
 //! they are after [`SET_UPS_TRIED`] set-ups that were read back wrongly: frames may be valid and old, where the bus no longer fills them.
 //!
+//! # Test
+//! For the built-in test the multiplexers go through their places ([`crate::self_test::course`]); then the ADC is set up anew.
+//!
 //! # After a gap
 //! The ADC keeps two samples (section 8.5.1.9.1, "after a pause in data collection"): where one was not fetched, the next frame
 //! holds an old sample. It is refused, and a second one is fetched at once and dropped; then the store is empty.
@@ -26,6 +29,7 @@
 //! ```
 
 use crate::rate_path::CHANNELS;
+use crate::self_test::course::{self, Course, Levels};
 use crate::AXES;
 
 /// Bytes of a frame.
@@ -36,7 +40,12 @@ pub const WORDS: usize = FRAME.div_ceil(4);
 const STATUS_RESET: u16 = 1 << 10;
 
 /// Channels of the ADC.
-const ALL_CHANNELS: usize = 8;
+pub const ALL_CHANNELS: usize = 8;
+
+/// CHn_CFG of the first channel; each has five registers.
+const FIRST_CHANNEL: u16 = 0x09;
+/// CHn_CFG: no phase delay, DC block off, and the input pins (MUX 0).
+const CONNECTED: u16 = 1 << 2;
 
 /// Registers that the unit sets, each with its value: address, value (section 8.6). All that have a say in a code are among them.
 pub const SETTINGS: [(u8, u16); 7 + 5 * ALL_CHANNELS] = {
@@ -51,9 +60,9 @@ pub const SETTINGS: [(u8, u16); 7 + 5 * ALL_CHANNELS] = {
     (all[4], all[5]) = ((0x07, 0), (0x08, 0));
     let mut k = 0;
     while k < ALL_CHANNELS {
-        let (at, base) = (6 + 5 * k, 0x09 + 5 * k as u8);
+        let (at, base) = (6 + 5 * k, FIRST_CHANNEL as u8 + 5 * k as u8);
         // CHn_CFG: input pins connected, no phase delay, DC block off. CHn_OCAL: 0. CHn_GCAL: 1.
-        all[at] = (base, 1 << 2);
+        all[at] = (base, CONNECTED);
         (all[at + 1], all[at + 2]) = ((base + 1, 0), (base + 2, 0));
         (all[at + 3], all[at + 4]) = ((base + 3, 0x8000), (base + 4, 0));
         k += 1;
@@ -86,6 +95,8 @@ pub enum Fault {
     SetUp,
     /// The first frame after a pause: its sample is old.
     Gap,
+    /// The channels are at the ADC's own voltages, for the built-in test.
+    Test,
 }
 
 /// Command that the unit sends to the ADC in a frame.
@@ -97,6 +108,8 @@ enum Command {
     Write(u8),
     /// Read it back.
     Read(u8),
+    /// Connect a channel to a place of its multiplexer.
+    Switch(u8, u16),
 }
 
 impl Command {
@@ -108,6 +121,7 @@ impl Command {
                 let (address, value) = SETTINGS[k as usize % SETTINGS.len()];
                 [0x6000 | (address as u16) << 7, value]
             }
+            Self::Switch(channel, place) => [0x6000 | (FIRST_CHANNEL + 5 * channel as u16) << 7, CONNECTED | place],
             Self::Read(k) => [0xA000 | (SETTINGS[k as usize % SETTINGS.len()].0 as u16) << 7, 0],
         }
     }
@@ -184,6 +198,9 @@ pub struct Dialogue {
     bad_in_a_row: u8,
     /// Set-ups in a row that failed.
     failed: u8,
+    /// The test that runs, and the figures of the last one.
+    course: Option<Course>,
+    levels: Option<Levels>,
 }
 
 impl Default for Dialogue {
@@ -198,6 +215,8 @@ impl Default for Dialogue {
             frames: 0,
             bad_in_a_row: 0,
             failed: 0,
+            course: None,
+            levels: None,
         }
     }
 }
@@ -216,19 +235,49 @@ impl Dialogue {
             Ok(answer) => self.valid(answer),
         };
         let codes = codes(&words);
+        let state = if self.course.is_some() { state.and(Err(Fault::Test)) } else { state };
         if self.bad_in_a_row >= BAD_IN_A_ROW || self.failed >= SET_UPS_TRIED {
             *self = Self::default();
             return Received { state: Some(state), codes, command: Command::Null.words(), next: Next::Reset };
         }
         self.emptying = state == Err(Fault::Gap);
         self.before = self.carried;
-        self.carried = self.choose();
+        self.carried = if self.course.is_some() { self.under_test(state, frame) } else { self.choose() };
         Received {
             state: (!emptying || state.is_err()).then_some(state),
             codes,
             command: self.carried.words(),
             next: if self.emptying { Next::FetchAgain } else { Next::Wait },
         }
+    }
+
+    /// The next command of a test.
+    // (Out of line, with the frame as it came: what costs the usual sample nothing.)
+    #[inline(never)]
+    fn under_test(&mut self, state: Result<(), Fault>, frame: &[u32; WORDS]) -> Command {
+        let Some(course) = self.course.as_mut().filter(|_| self.set_up >= SET_UP) else { return self.choose() };
+        let codes = codes(&frame.map(u32::swap_bytes));
+        match course.frame((state == Err(Fault::Test)).then_some(&codes)) {
+            course::Next::Switch { channel, place } => Command::Switch(channel, place),
+            course::Next::Wait => Command::Null,
+            course::Next::Done(levels) => {
+                self.levels = Some(levels);
+                self.course = None;
+                self.set_up = 0;
+                Command::Null
+            }
+        }
+    }
+
+    /// Begins the test of the channels; it ends with a set-up.
+    pub fn test(&mut self) {
+        self.course = Some(Course::default());
+        self.levels = None;
+    }
+
+    /// The figures of a test that has ended, once.
+    pub fn tested(&mut self) -> Option<Levels> {
+        self.levels.take()
     }
 
     fn invalid(&mut self, fault: Fault) -> Result<(), Fault> {
@@ -247,6 +296,8 @@ impl Dialogue {
             // (The flag of a reset stands until MODE is written.)
             if !setting_up || fault == Fault::Setting {
                 self.set_up = 0;
+                // (A test whose ADC forgets its places has no result.)
+                self.course = None;
                 self.failed += u8::from(setting_up);
             }
             return Err(fault);
@@ -401,6 +452,7 @@ mod tests {
         registers: [u16; 64],
         answer: u16,
         codes: [i32; 8],
+        noise: i32,
         invalid: bool,
     }
 
@@ -408,11 +460,16 @@ mod tests {
         fn new() -> Self {
             let mut registers = [0; 64];
             (registers[1], registers[2], registers[3], registers[6]) = (0x0500, 0x0510, 0xFF0E, 0x0600);
-            Self { registers, answer: 0xFF28, codes: [5; 8], invalid: false }
+            Self { registers, answer: 0xFF28, codes: [5; 8], noise: 0, invalid: false }
         }
 
         fn exchange(&mut self, [command, value]: [u16; 2]) -> [u32; WORDS] {
-            let mut out = frame(self.answer, self.codes);
+            self.noise ^= 1;
+            let at = |k: usize| match self.registers[9 + 5 * k] & 3 {
+                0 => self.codes[k],
+                place => [7, 1_118_481, -1_118_481][usize::from(place) - 1] + self.noise,
+            };
+            let mut out = frame(self.answer, core::array::from_fn(at));
             let address = usize::from(command >> 7 & 63);
             self.answer = match command >> 13 {
                 0b011 => {
@@ -481,6 +538,33 @@ mod tests {
             assert_eq!(talk(&mut d, &mut adc, &mut command, 2 * usize::from(SET_UP)).sample(), GOOD);
             assert_eq!(adc.registers[usize::from(address)], value);
         }
+    }
+
+    #[test]
+    fn a_test_goes_through_the_places_and_ends_with_a_set_up() {
+        let (mut d, mut adc, mut command) = ready();
+        d.test();
+        let mut levels = None;
+        let mut frames = 0;
+        while levels.is_none() {
+            let h = d.receive(&adc.exchange(command), false);
+            assert!(h.sample().is_some_and(|s| s.is_err()), "frame {frames}");
+            (command, levels, frames) = (h.command, d.tested(), frames + 1);
+        }
+        let levels = levels.expect("there");
+        assert_eq!(levels.means[0], [7.5; 8]);
+        assert_eq!([levels.means[1][3], levels.means[2][7]], [1_118_481.5, -1_118_480.5]);
+        assert!(levels.noise.iter().all(|n| (n - 0.5f32.sqrt()).abs() < 1e-6) && levels.pins == [0.0; 8]);
+        assert!((800..1000).contains(&frames), "{frames} frames");
+        talk(&mut d, &mut adc, &mut command, usize::from(SET_UP) + 3);
+        assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample(), GOOD);
+        // A reset within it ends it without figures.
+        d.test();
+        talk(&mut d, &mut adc, &mut command, 50);
+        adc = Adc::new();
+        talk(&mut d, &mut adc, &mut command, 3 * usize::from(SET_UP));
+        assert!(d.tested().is_none());
+        assert_eq!(talk(&mut d, &mut adc, &mut command, 1).sample(), GOOD);
     }
 
     #[test]

@@ -114,6 +114,15 @@ pub enum Event {
         /// Bits of it, deg/h.
         constant: u32,
     },
+    /// The built-in test ([`crate::self_test`]): at the start, where it fails, or asked for.
+    Test {
+        /// It was that of the start.
+        at_start: bool,
+        /// Items that fail.
+        failed: u8,
+        /// Check of the first of them ([`crate::self_test::Check`]), and its channel or axis; of no meaning where none fails.
+        first: [u8; 2],
+    },
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
         /// 1: starts and burns are written still; 0: nothing is.
@@ -141,6 +150,7 @@ mod kind {
     pub const CUT_SHORT: u8 = 7;
     pub const ZERO_OF: u8 = 8;
     pub const ZERO: u8 = 9;
+    pub const TEST: u8 = 10;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -177,6 +187,9 @@ impl Record {
             Event::CutShort { place } => laid_out(kind::CUT_SHORT, 0, 0, [t, place]),
             Event::ZeroOf { calibration, made_unix_s } => laid_out(kind::ZERO_OF, 0, calibration, [t, made_unix_s]),
             Event::Zero { axis, std, constant } => laid_out(kind::ZERO, axis, std, [t, constant]),
+            Event::Test { at_start, failed, first } => {
+                laid_out(kind::TEST, failed, u16::from_le_bytes(first), [t, u32::from(at_start)])
+            }
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -200,6 +213,7 @@ impl Record {
             kind::CUT_SHORT => Event::CutShort { place: value },
             kind::ZERO_OF => Event::ZeroOf { calibration: middle, made_unix_s: value },
             kind::ZERO => Event::Zero { axis: small, std: middle, constant: value },
+            kind::TEST => Event::Test { at_start: value != 0, failed: small, first: middle.to_le_bytes() },
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -285,7 +299,7 @@ impl Journal {
         use Event as E;
         let matters = matches!(
             record.event,
-            E::Start { .. } | E::Burn { .. } | E::CutShort { .. } | E::ZeroOf { .. } | E::Zero { .. }
+            E::Start { .. } | E::Burn { .. } | E::CutShort { .. } | E::ZeroOf { .. } | E::Zero { .. } | E::Test { .. }
         );
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
@@ -299,6 +313,14 @@ impl Journal {
             return;
         }
         self.put(store, record);
+    }
+
+    /// Writes a record and reads it back; `None`: there is no room for it.
+    pub fn write_and_read(&mut self, store: &mut impl Store, record: Record) -> Option<bool> {
+        let at = self.next;
+        self.write(store, record);
+        let written = store.log(self.sector).get(at * RECORD..(at + 1) * RECORD)?;
+        (at < RECORDS - 1).then_some(written == record.to_bytes())
     }
 
     fn put(&mut self, store: &mut impl Store, record: Record) {

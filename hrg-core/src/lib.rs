@@ -60,6 +60,7 @@ pub mod rate_path;
 pub mod reset;
 pub mod schema;
 pub mod sectors;
+pub mod self_test;
 pub mod sensors;
 pub mod signature;
 pub mod status;

@@ -28,6 +28,7 @@
 use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAX_BYTES, REFUSED};
 use crate::inputs::QuantitySet;
 use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, Store, PAGE};
+use crate::self_test::{Item, Items};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
 use crate::zero::Zero;
@@ -84,6 +85,10 @@ pub enum Command {
     Newest,
     /// Renew the constants ([`crate::zero`]).
     Zero(Zero),
+    /// Do the built-in test ([`crate::self_test`]). Answered when it has ended, some four seconds later, with the number of its items.
+    Test,
+    /// Ask for an item of the test that was done last, by its number from 0.
+    Tested(u8),
 }
 
 /// An image cut into the chunks that carry it, in order.
@@ -132,6 +137,8 @@ pub enum Answer {
     Bound = 12,
     /// The firmware has no field log to keep them in.
     NoLog = 13,
+    /// The firmware has no built-in test, or none was done, or it has no item of that number.
+    NoTest = 14,
 }
 
 impl Answer {
@@ -154,6 +161,7 @@ impl Answer {
             A::Input,
             A::Bound,
             A::NoLog,
+            A::NoTest,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -177,6 +185,7 @@ impl core::fmt::Display for Answer {
             Self::Input => "the image needs an input that this unit does not have",
             Self::Bound => "the constants are larger than it takes (10 deg/h)",
             Self::NoLog => "its firmware has no field log, where it would keep them",
+            Self::NoTest => "its firmware has no built-in test, or there is no such item",
         })
     }
 }
@@ -184,7 +193,7 @@ impl core::fmt::Display for Answer {
 /// Reply of a unit to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// Result, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end.
+    /// Result, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end, the items of a test.
     Answer(Answer, u32),
     /// A piece of a sector.
     Data {
@@ -195,6 +204,8 @@ pub enum Reply {
         /// The bytes.
         data: [u8; CHUNK],
     },
+    /// An item of the built-in test.
+    Tested(Item),
 }
 
 /// Image that a burn receives.
@@ -220,6 +231,10 @@ pub struct Maintenance {
     inputs: QuantitySet,
     /// There is a field log.
     log: bool,
+    /// There is a built-in test.
+    test: bool,
+    /// Items of the last one.
+    items: Items,
     open: bool,
     coming: Option<Coming>,
     /// The first bytes of what comes, which are programmed last.
@@ -242,6 +257,8 @@ impl Maintenance {
             key: None,
             inputs: QuantitySet::all(),
             log: true,
+            test: true,
+            items: Items::new(),
             open: false,
             coming: None,
             first: [0; COMMIT],
@@ -250,20 +267,31 @@ impl Maintenance {
 
     /// The same that takes only images signed with a key.
     #[must_use]
-    pub const fn with_key(self, key: Option<Key>) -> Self {
+    pub fn with_key(self, key: Option<Key>) -> Self {
         Self { key, ..self }
     }
 
     /// The same of a unit that has these inputs beside the frequencies.
     #[must_use]
-    pub const fn with_inputs(self, inputs: QuantitySet) -> Self {
+    pub fn with_inputs(self, inputs: QuantitySet) -> Self {
         Self { inputs, ..self }
     }
 
     /// The same with a field log, or without one.
     #[must_use]
-    pub const fn with_log(self, log: bool) -> Self {
+    pub fn with_log(self, log: bool) -> Self {
         Self { log, ..self }
+    }
+
+    /// The same with a built-in test, or without one.
+    #[must_use]
+    pub fn with_test(self, test: bool) -> Self {
+        Self { test, ..self }
+    }
+
+    /// Items of the last test, to be asked for; a test fills them in.
+    pub fn items_mut(&mut self) -> &mut Items {
+        &mut self.items
     }
 
     /// `true` while a calibration may be written.
@@ -272,7 +300,7 @@ impl Maintenance {
         self.open
     }
 
-    /// Carries out a command; [`Command::Restart`] and [`Command::Zero`] are left to the caller where the answer is [`Answer::Done`].
+    /// Carries out a command; [`Command::Restart`], [`Command::Zero`] and [`Command::Test`] are left to the caller where the answer is [`Answer::Done`].
     pub fn command(&mut self, command: &Command, store: &mut impl Store) -> Reply {
         let (answer, value) = match command {
             Command::Open(name) => {
@@ -314,6 +342,12 @@ impl Maintenance {
             Command::Zero(_) if !self.log => (Answer::NoLog, 0),
             Command::Zero(zero) => (if zero.possible() { Answer::Done } else { Answer::Bound }, 0),
             Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
+            Command::Test if self.test => (Answer::Done, 0),
+            Command::Test => (Answer::NoTest, 0),
+            Command::Tested(number) => match self.items.get(usize::from(*number)) {
+                Some(item) => return Reply::Tested(*item),
+                None => (Answer::NoTest, 0),
+            },
         };
         Reply::Answer(answer, value)
     }
@@ -524,7 +558,7 @@ mod tests {
             match m.command(&command, store) {
                 Reply::Answer(Answer::Done, _) => {}
                 Reply::Answer(answer, _) => return answer,
-                Reply::Data { .. } => unreachable!("nothing was read"),
+                other => unreachable!("{other:?}: nothing was read"),
             }
         }
         Answer::Done
@@ -717,7 +751,7 @@ mod tests {
         let mut m = store.start();
         let printed = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
-            Reply::Data { .. } => Answer::Done,
+            Reply::Data { .. } | Reply::Tested(_) => Answer::Done,
         };
         for command in [Command::Begin(500), Command::Restart, Command::Newest, Command::Read { page: 0, offset: 0 }] {
             assert_eq!(printed(&mut m, &mut store, command), Answer::NotOpen);

@@ -29,5 +29,7 @@ bitflags::bitflags! {
         const INPUTS = 1 << 5;
         /// Inputs at channels 5 to 7 of the ADC.
         const AUX = 1 << 6;
+        /// The built-in test.
+        const SELF_TEST = 1 << 7;
     }
 }

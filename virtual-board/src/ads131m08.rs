@@ -13,6 +13,29 @@ const WORDS: usize = 10;
 const FRAME: usize = WORDS * 3;
 const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
 
+/// Code at a test voltage: 2/15 of the full scale, whatever the gain (data sheet, internal test signals).
+const TEST_LEVEL: i64 = (1 << 23) * 2 / 15;
+/// Codes by which a converted voltage of its own scatters at most, each way: the data sheet's noise at 1 kSPS, some 4 uV RMS.
+const OWN_NOISE: i64 = 48;
+
+/// Defect of a channel, from its multiplexer to its code.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Defect {
+    /// Gain, thousandths; 1000 is right, -1000 has the wrong sign, 0 is dead.
+    pub gain: i64,
+    /// Offset, codes.
+    pub offset: i64,
+    /// Noise, codes each way.
+    pub noise: i64,
+    /// Its multiplexer stays at the pins.
+    pub at_pins: bool,
+}
+
+impl Defect {
+    /// None.
+    pub const NONE: Self = Self { gain: 1000, offset: 0, noise: 0, at_pins: false };
+}
+
 /// Master clock that the modulator's clock is made of, Hz.
 const CLKIN_HZ: u64 = 8_192_000;
 
@@ -32,6 +55,9 @@ pub struct Ads131m08 {
     at: usize,
     selected: bool,
     corrupt: bool,
+    defects: [Defect; 8],
+    /// State of the noise's generator.
+    noise: u32,
 }
 
 impl Default for Ads131m08 {
@@ -54,6 +80,8 @@ impl Default for Ads131m08 {
             at: 0,
             selected: false,
             corrupt: false,
+            defects: [Defect::NONE; 8],
+            noise: 1,
         }
     }
 }
@@ -67,6 +95,16 @@ impl Ads131m08 {
             n => 128u64 << n,
         };
         hz * ratio * 2 / CLKIN_HZ
+    }
+
+    /// A channel has a defect from now on.
+    pub fn break_channel(&mut self, channel: usize, defect: Defect) {
+        self.defects[channel % 8] = defect;
+    }
+
+    /// Registers as at power-on. (No reset repairs a channel.)
+    fn forget(&mut self) {
+        *self = Self { defects: self.defects, noise: self.noise, ..Self::default() };
     }
 
     /// A conversion is done.
@@ -87,7 +125,7 @@ impl Ads131m08 {
             (None, false) => self.low_since = Some(now),
             (Some(since), true) => {
                 if (now - since) * CLKIN_HZ >= 2048 * hz {
-                    *self = Self::default();
+                    self.forget();
                 }
                 self.store.clear();
                 self.low_since = None;
@@ -104,7 +142,7 @@ impl Ads131m08 {
 
     /// Its supply fails for a moment: all registers are as at power-on.
     pub fn lose_settings(&mut self) {
-        *self = Self::default();
+        self.forget();
     }
 
     /// A bit of a register changes.
@@ -143,16 +181,33 @@ impl Ads131m08 {
     }
 
     /// Converts a channel's code by the registers (sections 8.3 and 8.6): multiplexer, gain, DC block, calibration.
-    fn converted(&self, n: usize) -> i32 {
+    fn converted(&mut self, n: usize) -> i32 {
+        let defect = self.defects[n];
+        let noise = self.scatter(OWN_NOISE);
+        let more = self.scatter(defect.noise);
         let r = |k: usize| self.registers[k];
         let channel = |k: usize| r(0x09 + 5 * n + k);
         let gain = r(0x04 + n / 4) >> (4 * (n % 4)) & 7;
         let blocked = r(0x08) & 0xF != 0 && channel(0) & 1 << 2 == 0;
-        // Any other place of the multiplexer than the pins is a short or a test voltage.
-        let input = if channel(0) & 3 == 0 && !blocked { i64::from(self.codes[n]) << gain } else { 0 };
+        let place = if defect.at_pins { 0 } else { channel(0) & 3 };
+        // (Its own noise is on the rates already: they are a recording's.)
+        let input = match place {
+            0 if blocked => 0,
+            0 => i64::from(self.codes[n]) << gain,
+            0b01 => noise,
+            0b10 => TEST_LEVEL + noise,
+            _ => noise - TEST_LEVEL,
+        };
+        let input = input * defect.gain / 1000 + defect.offset + more;
         let offset = i64::from((i32::from(channel(1) as i16) << 8) | i32::from(channel(2) >> 8));
         let scale = i64::from(channel(3)) << 8 | i64::from(channel(4) >> 8);
         (((input - offset) * scale) >> 23).clamp(-8_388_608, 8_388_607) as i32
+    }
+
+    /// The next number of the noise, up to `most` each way.
+    fn scatter(&mut self, most: i64) -> i64 {
+        self.noise = self.noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        i64::from(self.noise >> 8) * (2 * most + 1) / (1 << 24) - most
     }
 
     /// Moves one byte each way.
@@ -183,7 +238,7 @@ impl Ads131m08 {
                 self.answer = 0x4000 | (command & 0x1FFF);
             }
             0b101 => self.answer = self.registers[address],
-            _ if command == 0x0011 => *self = Self::default(),
+            _ if command == 0x0011 => self.forget(),
             _ => self.answer = self.registers[0x01] | 0x00FF,
         }
     }

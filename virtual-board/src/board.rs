@@ -6,6 +6,7 @@
 //! hook counts Thumb instructions; a block is never left inside an IT block. On exception entry the extended
 //! frame (with the floating-point registers) is stacked always, as if lazy stacking were off.
 
+use crate::ads131m08::Defect;
 use crate::chip::Chip;
 use crate::cpu::{self, uc, Cpu};
 use crate::cycles::Cycles;
@@ -18,7 +19,7 @@ use crate::profile::{Cost, Profile};
 use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG};
 use crate::thumb::IT_STATE;
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
-use unicorn_engine::{Context, RegisterARM, UcHookId};
+use unicorn_engine::{Context, HookType, RegisterARM, UcHookId};
 
 /// Interval at which the debug probe polls the log, cycles.
 const EVENTS_PER_LOOK: u64 = CPU_HZ / 100;
@@ -55,6 +56,7 @@ pub struct Board<W: World> {
     pub(crate) flash_operations: u64,
     pub(crate) stop_at_operation: u64,
     pub(crate) torn: bool,
+    pub(crate) worn_out: bool,
     pub(crate) as_on_chip: bool,
     pub(crate) mishaps: u64,
     /// Set if no probe reads the log.
@@ -130,6 +132,7 @@ impl<W: World> Board<W> {
             flash_operations: 0,
             stop_at_operation: u64::MAX,
             torn: false,
+            worn_out: false,
             as_on_chip: false,
             mishaps: 0,
             hardware_watchdog: false,
@@ -162,6 +165,46 @@ impl<W: World> Board<W> {
     #[must_use]
     pub fn firmware(&self) -> &Firmware {
         &self.firmware
+    }
+
+    /// A channel of the ADC has a defect from now on.
+    pub fn break_channel(&mut self, channel: usize, defect: Defect) {
+        self.cpu.get_data_mut().adc.break_channel(channel, defect);
+    }
+
+    /// A bit of RAM is stuck from now on, whatever the processor writes.
+    ///
+    /// # Errors
+    /// If the emulator refuses.
+    pub fn stick_bit(&mut self, address: u32, bit: u32, high: bool) -> Result<(), RunError> {
+        let (at, mask) = (u64::from(address & !3), 1u32 << (bit % 32));
+        let hook = self.cpu.add_mem_hook(HookType::MEM_READ, at, at + 3, move |c, _, _, _, _| {
+            let mut word = [0; 4];
+            let _ = c.mem_read(at, &mut word);
+            let word = u32::from_le_bytes(word);
+            let word = if high { word | mask } else { word & !mask };
+            let _ = c.mem_write(at, &word.to_le_bytes());
+            true
+        });
+        uc(hook).map(drop)
+    }
+
+    /// A word of RAM follows another from now on, as if an address line were open: a write to `of` changes `also`, too.
+    ///
+    /// # Errors
+    /// As [`stick_bit`](Self::stick_bit).
+    pub fn join_words(&mut self, of: u32, also: u32) -> Result<(), RunError> {
+        let (of, also) = (u64::from(of & !3), u64::from(also & !3));
+        let hook = self.cpu.add_mem_hook(HookType::MEM_WRITE, of, of + 3, move |c, _, _, _, value| {
+            let _ = c.mem_write(also, &(value as u32).to_le_bytes());
+            true
+        });
+        uc(hook).map(drop)
+    }
+
+    /// The flash keeps what it holds from now on: nothing that is programmed stays.
+    pub fn wear_flash_out(&mut self) {
+        self.worn_out = true;
     }
 
     /// Counts the instructions of every call of a function from now on, by its path

@@ -64,7 +64,7 @@ impl<W: World> Board<W> {
                 flash.refuse_width();
             }
             let protected = flash.programming() && flash.protects(address - FLASH_START);
-            let programming = flash.programming() && !wrong_width && !protected;
+            let programming = flash.programming() && !wrong_width && !protected && !self.worn_out;
             let mut new = [0; 4];
             self.get(address, &mut new)?;
             // Cut short, some of the bits that were to become zero have not.
@@ -72,7 +72,7 @@ impl<W: World> Board<W> {
             let kept = old.iter().zip(new).zip(short.to_le_bytes());
             let kept: Vec<u8> = kept.map(|((o, n), s)| if programming { o & (n | s) } else { *o }).collect();
             self.put(address, &kept)?;
-            if !programming && !wrong_width && !protected {
+            if !programming && !wrong_width && !protected && !self.worn_out {
                 self.cpu.get_data_mut().flash.refuse();
             }
         }

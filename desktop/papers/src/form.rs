@@ -25,6 +25,7 @@ pub(super) enum Form {
     Polynomial,
     Direct,
     Inputs,
+    Damping,
     Four { breakpoint_c: f32, origin_c: f32 },
 }
 
@@ -38,6 +39,7 @@ impl Form {
             Model::Polynomial => Some(Self::Polynomial),
             Model::Frequency => Some(Self::Direct),
             Model::Inputs => Some(Self::Inputs),
+            Model::Damping => Some(Self::Damping),
             Model::FourParameters | Model::FourParametersLiteral | Model::Network => None,
         }
     }
@@ -70,6 +72,7 @@ impl Form {
             Self::Polynomial => Self::POLYNOMIAL.to_vec(),
             Self::Direct => Self::DIRECT.to_vec(),
             Self::Inputs => hrg_identify::fit::NAMES.iter().chain(&Self::OF_INPUTS).copied().collect(),
+            Self::Damping => vec!["1", Self::OF_INPUTS[0]],
             Self::Four { .. } => Self::FOUR.to_vec(),
         }
     }
@@ -104,6 +107,7 @@ impl Form {
         match self {
             // (What inputs add comes from their own states: `beside`.)
             Self::Baseline | Self::TwoSetsHeld | Self::Inputs => fill(&regressors(scaling, t, r)),
+            Self::Damping => fill(&[1.0]),
             Self::TwoSets => {
                 let (x, w) = (regressors(scaling, t, r), bias::heating_weight(scaling, r));
                 let both: [f32; 2 * TERMS] =
@@ -123,13 +127,32 @@ impl Form {
 
     /// The regressors of each step that need more than its state: they stand behind those of [`row`](Self::row).
     fn beside(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
-        if self != Self::Inputs {
-            return vec![Vec::new(); run.steps.len()];
+        let mut rows = vec![Vec::new(); run.steps.len()];
+        for number in self.inputs(a) {
+            let of = run.effect(OF_INPUTS.facts().id, &[f32::from(number), 0.0], 0.0, scaling, a);
+            for (row, values) in rows.iter_mut().zip(&of) {
+                row.extend(values.iter().take(self.of_input()).map(|v| f64::from(*v)));
+            }
         }
-        let of = |number: u8| run.effect(OF_INPUTS.facts().id, &[f32::from(number), 0.0], 0.0, scaling, a);
-        let (drive, quad) = (of(inputs::drive(a)), of(inputs::quad(a)));
-        let take = |x: &[f32]| x.iter().take(OF_INPUT).map(|v| f64::from(*v)).collect::<Vec<_>>();
-        drive.iter().zip(&quad).map(|(d, q)| [take(d), take(q)].concat()).collect()
+        rows
+    }
+
+    /// Inputs beside the frequencies that it has regressors of.
+    fn inputs(self, a: usize) -> Vec<u8> {
+        match self {
+            Self::Inputs => vec![inputs::drive(a), inputs::quad(a)],
+            Self::Damping => vec![inputs::drive(a)],
+            _ => Vec::new(),
+        }
+    }
+
+    /// Regressors of each of them.
+    fn of_input(self) -> usize {
+        if self == Self::Damping {
+            1
+        } else {
+            OF_INPUT
+        }
     }
 
     /// Puts coefficients into a calibration.
@@ -162,19 +185,21 @@ impl Form {
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
             Self::Direct => Coefficients::Direct(take(k, 0)),
-            Self::Inputs => {
-                for (n, number) in [inputs::drive(a), inputs::quad(a)].into_iter().enumerate() {
+            Self::Inputs | Self::Damping => {
+                let (n_inputs, each) = (self.inputs(a).len(), self.of_input());
+                let baseline = k.len() - n_inputs * each;
+                for (n, number) in self.inputs(a).into_iter().enumerate() {
                     let mut term = EffectTerm::new(OF_INPUTS.facts().id, [f32::from(number), 0.0]);
-                    let from = TERMS + n * OF_INPUT;
-                    let own =
-                        k.iter().skip(from).take(OF_INPUT).zip(std.iter().skip(from).chain(std::iter::repeat(&0.0)));
+                    let from = baseline + n * each;
+                    let own = k.iter().skip(from).take(each).zip(std.iter().skip(from).chain(std::iter::repeat(&0.0)));
                     for (j, (gain, std)) in own.enumerate() {
                         (term.gains[a][j], term.gain_std[a][j]) = (*gain as f32, *std as f32);
                     }
                     let _ = c.effects.push(term);
                 }
-                c.axes[a].bias_std_dph[1] = [0.0; TERMS];
-                Coefficients::One(take(k, 0))
+                let own = |from: &[f64]| take::<TERMS>(&from[..baseline.min(from.len())], 0);
+                c.axes[a].bias_std_dph = [own(std), [0.0; TERMS]];
+                Coefficients::One(own(k))
             }
             Self::Four { breakpoint_c, origin_c } => Coefficients::FourParameter(FourParameter {
                 constant_cooling_heating_low_high: take(k, 0),

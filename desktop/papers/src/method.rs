@@ -1,5 +1,7 @@
 //! The methods: which model, how its coefficients are found, and what makes one set of them the best.
 
+use hrg_core::inputs;
+
 /// A bias model, as far as methods differ in it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Model {
@@ -21,6 +23,8 @@ pub enum Model {
     Frequency,
     /// Eq 7 beside drive and quadrature voltage, as they are and late.
     Inputs,
+    /// A constant and the drive voltage, which goes with damping.
+    Damping,
 }
 
 /// Search for the coefficients.
@@ -101,11 +105,13 @@ pub enum Method {
     Direct,
     /// Eq 7 beside drive and quadrature voltage.
     Inputs,
+    /// A constant and the drive voltage.
+    Damping,
 }
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::Lsq,
         Self::TwoSets,
         Self::TwoSetsHeld,
@@ -126,6 +132,7 @@ impl Method {
         Self::GaBp,
         Self::Direct,
         Self::Inputs,
+        Self::Damping,
     ];
 
     /// The name in commands and reports.
@@ -152,6 +159,7 @@ impl Method {
             Self::GaBp => "ga-bp",
             Self::Direct => "direct",
             Self::Inputs => "inputs",
+            Self::Damping => "damping",
         }
     }
 
@@ -185,6 +193,7 @@ impl Method {
             Self::GaBp => (Network, Genetic, Squares),
             Self::Direct => (Frequency, Exact, Squares),
             Self::Inputs => (Model::Inputs, Exact, Squares),
+            Self::Damping => (Model::Damping, Exact, Squares),
         };
         Parts { model, search, objective }
     }
@@ -194,6 +203,16 @@ impl Method {
     pub const fn is_weighable(self) -> bool {
         let p = self.parts();
         matches!(p.search, Search::Exact) && matches!(p.objective, Objective::Squares) && !self.has_a_breakpoint()
+    }
+
+    /// Inputs beside the frequencies that an axis needs for it.
+    #[must_use]
+    pub fn inputs(self, axis: usize) -> Vec<u8> {
+        match self.parts().model {
+            Model::Inputs => vec![inputs::drive(axis), inputs::quad(axis)],
+            Model::Damping => vec![inputs::drive(axis)],
+            _ => Vec::new(),
+        }
     }
 
     /// `true` if it has coefficients of their own for cooling and heating.
@@ -253,6 +272,6 @@ mod tests {
             assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
         }
         let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs"]);
+        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs", "damping"]);
     }
 }

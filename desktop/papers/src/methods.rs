@@ -25,7 +25,8 @@
 //! | `polynomial` | cubic of temperature | least squares | zhao2022 |
 //! | `ga-bp` | 1-5-1 network | genetic start, Levenberg-Marquardt | zhao2022 |
 //! | `direct` | curve of frequency and its rate | least squares | dong2023, outlook |
-//! | `inputs` | eq 7 beside drive and quadrature voltage: each, its square, times temperature, and behind lags of 300, 1500 and 6000 s | least squares | dong2023 eq 3, Zhou 2025 |
+//! | `inputs` | eq 7 beside drive and quadrature voltage: each, its square, times temperature, and behind lags of 300, 1500 and 6000 s | least squares | Zhou 2025 |
+//! | `damping` | a constant and the drive voltage: the force that keeps the amplitude goes with damping, and the bias with its anisotropy | least squares | dong2023 eq 3 |
 //!
 //! `hrg compare` adds the traced model ([`hrg_identify::trace`]) as `trace`.
 
@@ -78,10 +79,12 @@ pub enum MethodError {
         which: &'static str,
     },
     /// The recordings lack an input that it needs.
-    #[error("{method} needs drive_?_v and quad_?_v as inputs of the unit, and {lacking} is missing in the data or in # unit_inputs")]
+    #[error("{method} needs {needed} as inputs of the unit, and {lacking} is missing in the data or in # unit_inputs")]
     MissingInput {
         /// The method.
         method: Method,
+        /// Columns, for any axis.
+        needed: &'static str,
         /// Column.
         lacking: &'static str,
     },
@@ -162,7 +165,7 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         }
         .map_err(here)?;
     }
-    if method == Method::Inputs {
+    if !method.inputs(0).is_empty() {
         notes.extend(hrg_identify::fit::take_inputs(&mut calibration, &prepared.inputs));
         hrg_identify::fit::state_inputs(&mut calibration, &prepared.runs);
     }
@@ -171,14 +174,12 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
 
 /// Checks that the data have the directions (cooling, heating) and the inputs that a method needs.
 fn needs(prepared: &Prepared, method: Method) -> Result<(), MethodError> {
-    if method == Method::Inputs {
-        let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
-        let wanted = present.iter().flat_map(|a| [inputs::drive(*a), inputs::quad(*a)]);
-        let unit = unit_inputs(&prepared.runs);
-        let there = |n: &u8| unit.contains(QuantitySet::one(*n)) && prepared.inputs.iter().any(|i| i.quantity == *n);
-        if let Some(lacking) = wanted.into_iter().find(|n| !there(n)) {
-            return Err(MethodError::MissingInput { method, lacking: inputs::NAMES[usize::from(lacking)] });
-        }
+    let present: Vec<usize> = prepared.runs.first().map_or_else(Vec::new, |r| r.steps.present().collect());
+    let unit = unit_inputs(&prepared.runs);
+    let there = |n: &u8| unit.contains(QuantitySet::one(*n)) && prepared.inputs.iter().any(|i| i.quantity == *n);
+    if let Some(lacking) = present.iter().flat_map(|a| method.inputs(*a)).find(|n| !there(n)) {
+        let needed = if method == Method::Damping { "drive_?_v" } else { "drive_?_v and quad_?_v" };
+        return Err(MethodError::MissingInput { method, needed, lacking: inputs::NAMES[usize::from(lacking)] });
     }
     if !method.needs_both_directions() {
         return Ok(());

@@ -7,6 +7,7 @@ use hrg_core::calibration::{Axis, Calibration};
 use hrg_core::link::layouts::MESSAGES;
 use hrg_core::rate_factors::RateAxis;
 use hrg_core::schema::{size, Field, Format, Layout};
+use hrg_core::self_test::Check;
 use hrg_core::temperature::TemperatureCurve;
 use hrg_data::recording::columns;
 use std::fmt::Write as _;
@@ -101,6 +102,13 @@ pub fn link() -> String {
             let _ =
                 write!(s, "; {} bytes, `{}`\n\n{}", size(m.fields), python(m.fields), table(m.fields, m.lead.len()));
         }
+    }
+    s.push_str(
+        "\n**Checks of the built-in test**\n\n| number | name | meaning | unit of its figure |\n|--:|---|---|---|\n",
+    );
+    for check in Check::ALL {
+        let facts = check.facts();
+        let _ = writeln!(s, "| {} | {} | {} | {} |", check as u8, facts.name, facts.meaning, facts.unit);
     }
     s
 }

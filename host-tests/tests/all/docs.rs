@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Commands of commands.
-const GROUPS: [(&str, &str); 11] = [
+const GROUPS: [(&str, &str); 12] = [
     ("fit", "points"),
     ("fit", "soaks"),
     ("fit", "lag"),
@@ -15,6 +15,7 @@ const GROUPS: [(&str, &str); 11] = [
     ("unit", "image"),
     ("unit", "keygen"),
     ("unit", "zero"),
+    ("unit", "test"),
     ("align", "accelerometers"),
     ("align", "heading"),
     ("align", "simulate"),

@@ -24,6 +24,7 @@ mod papers;
 mod parquet;
 mod rates;
 mod second_chip;
+mod self_test;
 mod signed;
 mod table1;
 mod words;

@@ -6,6 +6,7 @@ use crate::bytes::{crc32, Reader, Writer};
 use crate::maintenance::{self, Reply};
 use crate::rate_path::RateFrame;
 use crate::schema::{size, take, Layout};
+use crate::self_test::{Check, Item};
 use crate::AXES;
 use heapless::Vec;
 
@@ -72,6 +73,10 @@ impl Message {
                     let layouts::Data { page, offset, data } = take(r)?;
                     Reply::Data { page, offset, data }
                 }
+                2 => {
+                    let layouts::Item { check, index, value, low, high } = take(r)?;
+                    Reply::Tested(Item { check: Check::from_number(check)?, index, value, low, high })
+                }
                 _ => return None,
             }),
             0x06 => Self::InputsUsed(take(r)?),
@@ -102,6 +107,8 @@ impl Message {
                 6 => C::Restart,
                 7 => C::Newest,
                 8 => C::Zero(take(r)?),
+                9 => C::Test,
+                10 => C::Tested(take::<layouts::Tested>(r)?.number),
                 _ => return None,
             }),
             0x84 => Self::Inputs(take(r)?),
@@ -169,12 +176,17 @@ fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
         C::Restart => w.bytes(&[0x83, 6]),
         C::Newest => w.bytes(&[0x83, 7]),
         C::Zero(zero) => put(w, &[0x83, 8], &zero),
+        C::Test => w.bytes(&[0x83, 9]),
+        C::Tested(number) => put(w, &[0x83, 10], &layouts::Tested { number }),
     }
 }
 
 fn write_reply(reply: &Reply, w: &mut Writer<'_>) {
     match *reply {
         Reply::Answer(answer, value) => put(w, &[0x05, 0], &layouts::Answer { answer: answer as u8, value }),
+        Reply::Tested(Item { check, index, value, low, high }) => {
+            put(w, &[0x05, 2], &layouts::Item { check: check as u8, index, value, low, high });
+        }
         Reply::Data { page, offset, data } => put(w, &[0x05, 1], &layouts::Data { page, offset, data }),
     }
 }

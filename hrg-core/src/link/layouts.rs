@@ -157,6 +157,30 @@ layout! { Zero {
     std_dph: [f32; AXES], "their standard uncertainties, deg/h";
 } }
 
+/// Fields of [`crate::maintenance::Command::Tested`].
+#[derive(Default)]
+pub(super) struct Tested {
+    pub(super) number: u8,
+}
+layout! { Tested { number: u8, "number of the item, from 0"; } }
+
+/// Fields of [`crate::maintenance::Reply::Tested`].
+#[derive(Default)]
+pub(super) struct Item {
+    pub(super) check: u8,
+    pub(super) index: u8,
+    pub(super) value: f32,
+    pub(super) low: f32,
+    pub(super) high: f32,
+}
+layout! { Item {
+    check: u8, "number of the check (see below)";
+    index: u8, "channel or axis, from 0";
+    value: f32, "figure; NaN: there is none";
+    low: f32, "least that passes; NaN: not tested";
+    high: f32, "most that passes; NaN: not tested";
+} }
+
 /// Fields of [`crate::maintenance::Reply::Answer`].
 #[derive(Default)]
 pub(super) struct Answer {
@@ -165,7 +189,7 @@ pub(super) struct Answer {
 }
 layout! { Answer {
     answer: u8, "number of the answer";
-    value: u32, "what it is about: a place (bytes from the start of sector A, B following it; all ones: none), an offset, a checksum";
+    value: u32, "what it is about: a place (bytes from the start of sector A, B following it; all ones: none), an offset, a checksum, a number of items";
 } }
 
 /// Fields of [`crate::maintenance::Reply::Data`].
@@ -204,6 +228,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "alignment", lead: &[0x04], fields: align_mode::Report::FIELDS },
     Table { name: "maintained: answer", lead: &[0x05, 0], fields: Answer::FIELDS },
     Table { name: "maintained: data", lead: &[0x05, 1], fields: Data::FIELDS },
+    Table { name: "maintained: item of the test", lead: &[0x05, 2], fields: Item::FIELDS },
     Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
@@ -217,5 +242,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: restart", lead: &[0x83, 6], fields: &[] },
     Table { name: "maintain: newest", lead: &[0x83, 7], fields: &[] },
     Table { name: "maintain: zero", lead: &[0x83, 8], fields: Zero::FIELDS },
+    Table { name: "maintain: test", lead: &[0x83, 9], fields: &[] },
+    Table { name: "maintain: item of the test", lead: &[0x83, 10], fields: Tested::FIELDS },
     Table { name: "inputs", lead: &[0x84], fields: InputValues::FIELDS },
 ];

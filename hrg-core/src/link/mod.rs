@@ -238,6 +238,7 @@ pub enum LinkError {
 mod tests {
     use super::*;
     use crate::align_mode::Command;
+    use crate::self_test::{Check, Item};
     use crate::zero::Zero;
     use proptest::prelude::*;
 
@@ -272,7 +273,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 25] {
+    fn messages() -> [Message; 28] {
         [
             Message::Rate(
                 RateFrame {
@@ -329,6 +330,15 @@ mod tests {
             })),
             Message::Maintained(maintenance::Reply::Answer(maintenance::Answer::NotNewer, 77)),
             Message::Maintained(maintenance::Reply::Data { page: 32, offset: 0, data: [9; maintenance::CHUNK] }),
+            Message::Maintain(maintenance::Command::Test),
+            Message::Maintain(maintenance::Command::Tested(50)),
+            Message::Maintained(maintenance::Reply::Tested(Item {
+                check: Check::Temperature,
+                index: 2,
+                value: 71.5,
+                low: -40.0,
+                high: 60.0,
+            })),
             Message::Inputs(InputValues::of([(2, 2.25), (5, -0.5)])),
             Message::InputsUsed(InputsUsed { step: 7, values: [0.5; QUANTITIES] }),
         ]

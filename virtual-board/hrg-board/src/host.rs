@@ -5,10 +5,14 @@ use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Identity, Message};
 use hrg_core::maintenance::{self, Answer, Command, Reply};
+use hrg_core::self_test::Item;
+use hrg_core::unit_name::UnitName;
 use virtual_board::{Board, Stop, CPU_HZ};
 
 /// The unit answers a command within this time, an erase among them, s.
 const ANSWER_S: f64 = 3.0;
+/// The built-in test takes less than this, where parts do not answer, s.
+const TEST_S: f64 = 20.0;
 
 /// A slice of waiting for an answer, in cycles of the CPU.
 const SLICE: u64 = CPU_HZ / 500;
@@ -56,6 +60,31 @@ pub fn maintain(board: &mut Board<Wires>, command: Command) -> Result<Option<Ans
         Message::Maintained(Reply::Answer(answer, _)) => Some(*answer),
         _ => None,
     })
+}
+
+/// Has the unit test itself, and gives the items; `None`: the board stopped where it was told to.
+///
+/// # Errors
+/// If the unit refuses, or does not answer.
+pub fn self_test(board: &mut Board<Wires>, unit: UnitName) -> Result<Option<Vec<Item>>> {
+    let Some(opened) = maintain(board, Command::Open(unit))? else { return Ok(None) };
+    anyhow::ensure!(opened == Answer::Done, "maintenance mode: {opened}");
+    let done = ask(board, &Message::Maintain(Command::Test), TEST_S, |m| match m {
+        Message::Maintained(Reply::Answer(answer, items)) => Some((*answer, *items)),
+        _ => None,
+    })?;
+    let Some((answer, count)) = done else { return Ok(None) };
+    anyhow::ensure!(answer == Answer::Done, "the test: {answer}");
+    let mut items = Vec::new();
+    for number in 0..count as u8 {
+        let item = ask(board, &Message::Maintain(Command::Tested(number)), ANSWER_S, |m| match m {
+            Message::Maintained(Reply::Tested(item)) => Some(*item),
+            _ => None,
+        })?;
+        let Some(item) = item else { return Ok(None) };
+        items.push(item);
+    }
+    Ok(Some(items))
 }
 
 /// Burns an image and restarts the unit.

@@ -4,6 +4,7 @@ use hrg_core::events::{Event, Record};
 use hrg_core::half::Half;
 use hrg_core::maintenance::Answer;
 use hrg_core::sectors::Place;
+use hrg_core::self_test::Check;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::axes::AXIS_NAMES;
 
@@ -60,6 +61,14 @@ pub fn line(record: &Record) -> String {
             f32::from_bits(constant),
             Half::from_bits(std).value()
         ),
+        Event::Test { at_start, failed, first: [check, index] } => {
+            let which = if at_start { "test at the start" } else { "built-in test" };
+            match (failed, Check::from_number(check)) {
+                (0, _) => format!("{which}: passed"),
+                (n, Some(check)) => format!("{which}: {n} failed, {} {index} first", check.facts().name),
+                (n, None) => format!("{which}: {n} failed"),
+            }
+        }
         Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
         Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),
     };

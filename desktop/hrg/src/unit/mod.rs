@@ -1,6 +1,6 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
 //! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]), its constants in the field
-//! ([`zero`]), and sensors beside it ([`sensors`]).
+//! ([`zero`]), its built-in test ([`self_test`]), and sensors beside it ([`sensors`]).
 
 pub mod align;
 pub mod events;
@@ -9,5 +9,6 @@ pub mod log;
 pub mod monitor;
 pub mod port;
 pub mod record;
+pub mod self_test;
 pub mod sensors;
 pub mod zero;

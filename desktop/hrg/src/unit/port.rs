@@ -11,6 +11,7 @@ use hrg_core::inputs::LEAST_COUNTS_S;
 use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
+use hrg_core::self_test::Item;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::zero::Zero;
 use hrg_data::axes::AXIS_NAMES;
@@ -27,6 +28,8 @@ pub const BAUD: u32 = 921_600;
 const POLL: Duration = Duration::from_millis(20);
 /// An answer comes within this. Most come at once; where the unit erases a sector to make room, that takes 2 s at most.
 const ANSWER: Duration = Duration::from_secs(6);
+/// The built-in test takes some five seconds, and longer where a part does not answer.
+const TESTED: Duration = Duration::from_secs(25);
 /// A command whose answer was lost is sent again.
 const TRIES: usize = 3;
 
@@ -343,20 +346,84 @@ impl Unit {
 
     fn ask<T>(&mut self, message: &Message, within: Duration, pick: impl Fn(&Message) -> Option<T>) -> Result<T> {
         for _ in 0..TRIES {
-            self.send(message).context("the port is gone")?;
-            let until = Instant::now() + within;
-            while let Some(left) = until.checked_duration_since(Instant::now()) {
-                match self.next(left).context("the port is gone")? {
-                    Some(m) => {
-                        if let Some(t) = pick(&m) {
-                            return Ok(t);
-                        }
-                    }
-                    None => break,
-                }
+            if let Some(answer) = self.ask_once(message, within, &pick)? {
+                return Ok(answer);
             }
         }
         Err(BadInput::new("the unit does not answer; check that the port is the unit's link, and its power").into())
+    }
+
+    /// Sends a message and waits for its answer; `None`: none comes.
+    fn ask_once<T>(
+        &mut self,
+        message: &Message,
+        within: Duration,
+        pick: impl Fn(&Message) -> Option<T>,
+    ) -> Result<Option<T>> {
+        self.send(message).context("the port is gone")?;
+        let until = Instant::now() + within;
+        while let Some(left) = until.checked_duration_since(Instant::now()) {
+            match self.next(left).context("the port is gone")? {
+                None => break,
+                Some(m) => {
+                    let picked = pick(&m);
+                    if picked.is_some() {
+                        return Ok(picked);
+                    }
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Asks for the unit's identity, once; `None`: it does not answer in time.
+    ///
+    /// # Errors
+    /// If the port is gone.
+    pub fn identity_within(&mut self, within: Duration) -> Result<Option<Identity>> {
+        self.ask_once(&Message::Identify, within, |m| match m {
+            Message::Identity(i) => Some(*i),
+            _ => None,
+        })
+    }
+
+    /// Has the unit test itself; gives its name and the items.
+    ///
+    /// # Errors
+    /// If the unit does not answer, does not open its maintenance mode, or has no built-in test.
+    pub fn self_test(&mut self) -> Result<(String, Vec<Item>)> {
+        let identity = self.reconnect(Duration::ZERO)?;
+        self.done(Command::Open(identity.unit), "maintenance mode")?;
+        let items = self.test_items();
+        self.done(Command::Close, "maintenance mode")?;
+        Ok((identity.unit_name().to_string(), items?))
+    }
+
+    fn test_items(&mut self) -> Result<Vec<Item>> {
+        let test = Message::Maintain(Command::Test);
+        let answer = self.ask_once(&test, TESTED, |m| match m {
+            Message::Maintained(Reply::Answer(answer, items)) => Some((*answer, *items)),
+            _ => None,
+        })?;
+        let count = match answer {
+            Some((Answer::Done, count)) => count,
+            Some((answer, _)) => {
+                return Err(BadInput::new(format!("the built-in test: the unit says: {answer}")).into())
+            }
+            None => {
+                return Err(BadInput::new(format!(
+                    "the built-in test: no result within {} s; the unit may have started anew: hrg unit read --events",
+                    TESTED.as_secs()
+                ))
+                .into())
+            }
+        };
+        (0..count.min(u32::from(u8::MAX)) as u8)
+            .map(|number| match self.maintain(Command::Tested(number))? {
+                Reply::Tested(item) => Ok(item),
+                other => anyhow::bail!("item {number} of the test: the unit answered {other:?}"),
+            })
+            .collect()
     }
 
     /// Asks for the unit's identity.
@@ -390,7 +457,7 @@ impl Unit {
                 .into())
             }
             Reply::Answer(answer, _) => Err(BadInput::new(format!("{what}: the unit says: {answer}")).into()),
-            Reply::Data { .. } => anyhow::bail!("{what}: the unit answered with data"),
+            Reply::Data { .. } | Reply::Tested(_) => anyhow::bail!("{what}: the unit answered with data"),
         }
     }
 
@@ -403,7 +470,7 @@ impl Unit {
                 Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => {
                     bytes.extend_from_slice(&data);
                 }
-                Reply::Data { .. } => {}
+                Reply::Data { .. } | Reply::Tested(_) => {}
                 Reply::Answer(answer, _) => {
                     return Err(BadInput::new(format!("{from} cannot be read; the unit says: {answer}")).into())
                 }
@@ -463,7 +530,7 @@ impl Unit {
             let offset = (bytes.len() % PAGE) as u16;
             match self.maintain(Command::Read { page, offset })? {
                 Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => bytes.extend_from_slice(&data),
-                Reply::Data { .. } => {}
+                Reply::Data { .. } | Reply::Tested(_) => {}
                 Reply::Answer(answer, _) => {
                     return Err(BadInput::new(format!("the field log cannot be read; the unit says: {answer}")).into())
                 }

@@ -33,6 +33,7 @@ mod points;
 mod profile;
 mod rates;
 mod report;
+mod self_test;
 mod simulate;
 mod simulate_alignment;
 mod soaks;
@@ -243,6 +244,10 @@ enum UnitCommand {
     ///
     /// Example: hrg unit zero --port /dev/ttyUSB0 --latitude 48.1 --axes "x=north y=east z=down"
     Zero(chamber::ZeroArguments),
+    /// Have a unit test itself, and test its link: PASS or FAIL (exit status 0, 3).
+    ///
+    /// Example: hrg unit test --port /dev/ttyUSB0 --against run.csv
+    Test(self_test::Arguments),
     /// Make a key that signs calibrations, for firmware built with the feature signed.
     ///
     /// Example: hrg unit keygen -o owner.key
@@ -395,6 +400,12 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
         Command::Unit(UnitCommand::Zero(arguments)) => chamber::renew(&arguments),
+        Command::Unit(UnitCommand::Test(arguments)) => {
+            if !self_test::run(&arguments)? {
+                *status = ExitCode::from(NOT_REACHED);
+            }
+            Ok(())
+        }
         Command::Unit(UnitCommand::Keygen(arguments)) | Command::Keygen(arguments) => chamber::keygen(&arguments.out),
         Command::Unit(UnitCommand::Read(arguments)) | Command::Read(arguments) => chamber::read(&arguments),
         Command::Align { of: Some(AlignCommand::Accelerometers(arguments)), .. }
