@@ -14,6 +14,8 @@ use crate::adc::{self, Adc, Wiring};
 #[cfg(feature = "battery")]
 use crate::backup;
 use crate::capture::{self, Clock, Rings};
+#[cfg(feature = "inputs")]
+use crate::chip::Chip;
 use crate::maintain::{self, Sectors};
 use crate::params;
 #[cfg(feature = "pps")]
@@ -27,11 +29,11 @@ use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
 #[cfg(feature = "pps")]
 use embassy_stm32::peripherals::TIM3;
-use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, TIM2};
+use embassy_stm32::peripherals::{DMA2_CH5, DMA2_CH7, PA9, TIM2, USART1};
 use embassy_stm32::time::Hertz;
 use embassy_stm32::timer::{Ch1, Ch2, Ch3, Ch4, TimerPin};
 use embassy_stm32::usart::{self, UartTx};
-use embassy_stm32::{bind_interrupts, dma, pac, rcc};
+use embassy_stm32::{bind_interrupts, dma, pac, rcc, Peri};
 use hrg_core::calibration::Calibration;
 #[cfg(feature = "field-log")]
 use hrg_core::events::Journal;
@@ -114,6 +116,9 @@ pub struct Board {
     pub program: program::Check,
     /// The crystal is right.
     pub crystal: bool,
+    /// The processor's own temperature and supply.
+    #[cfg(feature = "inputs")]
+    pub chip: Chip,
 }
 
 /// `crystal`: it is right; else the chip's own oscillator drives the PLL, at the same input of 2 MHz.
@@ -157,11 +162,19 @@ fn reset_cause() -> ResetCause {
     }
 }
 
-/// Configuration of the link.
-fn link_config() -> usart::Config {
+/// The link's sender. (Before its receiver: it sets the USART up.)
+fn link_out(
+    usart: Peri<'static, USART1>,
+    pin: Peri<'static, PA9>,
+    stream: Peri<'static, DMA2_CH7>,
+) -> UartTx<'static, Async> {
     let mut config = usart::Config::default();
     config.baudrate = params::LINK_BAUD;
-    config
+    // The configuration is a constant one, good for this USART.
+    match UartTx::new(usart, pin, stream, Irqs, config) {
+        Ok(uart) => uart,
+        Err(_) => defmt::panic!("link configuration"),
+    }
 }
 
 impl Board {
@@ -233,11 +246,6 @@ impl Board {
             tx: p.DMA2_CH3,
         });
 
-        // The configuration is a constant one, good for this USART.
-        let link_out = match UartTx::new(p.USART1, p.PA9, p.DMA2_CH7, Irqs, link_config()) {
-            Ok(uart) => uart,
-            Err(_) => defmt::panic!("link configuration"),
-        };
         // Without a cable the line rests high, and no noise wakes the receiver.
         let link_pin = alternate_function(Flex::new(p.PA10), USART1_FUNCTION, AfType::input(Pull::Up));
 
@@ -245,7 +253,7 @@ impl Board {
             rings,
             clock,
             adc,
-            link_out,
+            link_out: link_out(p.USART1, p.PA9, p.DMA2_CH7),
             link_in: Receiver::start(link_pin, p.DMA2_CH5, Irqs),
             watchdog,
             reset_cause,
@@ -254,6 +262,8 @@ impl Board {
             journal,
             program: program::Check::new(p.CRC),
             crystal,
+            #[cfg(feature = "inputs")]
+            chip: Chip::start(p.ADC1),
         }
     }
 

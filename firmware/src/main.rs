@@ -29,6 +29,8 @@ mod backup;
 mod board;
 mod capture;
 mod channels;
+#[cfg(feature = "inputs")]
+mod chip;
 mod clock;
 mod link;
 mod maintain;
@@ -272,6 +274,8 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
 
     let model_start = model::Start {
         crystal: board.crystal,
+        #[cfg(feature = "inputs")]
+        chip: board.chip,
         #[cfg(feature = "pps")]
         correction: retained::correction(board.reset_cause),
     };

@@ -2,6 +2,8 @@
 
 use crate::capture::{Clock, Rings};
 use crate::channels::{self, BIAS, LOOK, MODEL_ALIVE, STEP, TRIM};
+#[cfg(feature = "inputs")]
+use crate::chip::Chip;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
 #[cfg(feature = "pps")]
 use crate::pps::PULSE;
@@ -26,6 +28,9 @@ use hrg_core::AXES;
 pub struct Start {
     /// The crystal is right.
     pub crystal: bool,
+    /// The processor's own temperature and supply.
+    #[cfg(feature = "inputs")]
+    pub chip: Chip,
     /// The correction of the clock before a reset.
     #[cfg(feature = "pps")]
     pub correction: f64,
@@ -33,7 +38,12 @@ pub struct Start {
 
 /// See the module.
 #[embassy_executor::task]
-pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'static mut Compensator; CHANNELS]) {
+pub async fn task(
+    mut rings: Rings,
+    clock: Clock,
+    #[cfg_attr(not(feature = "inputs"), allow(unused_mut))] mut start: Start,
+    mut models: [&'static mut Compensator; CHANNELS],
+) {
     let mut bank = CounterBank::new(Config::at(TIMEBASE), GATES_PER_STEP);
     #[cfg(feature = "pps")]
     let mut pps = Pps::new(TIMEBASE).with_correction(start.correction);
@@ -73,6 +83,9 @@ pub async fn task(mut rings: Rings, clock: Clock, start: Start, mut models: [&'s
         }
         #[cfg(feature = "inputs")]
         {
+            if let Some(values) = start.chip.second() {
+                inputs.receive(&values);
+            }
             #[cfg(feature = "aux")]
             if let Some(window) = channels::SENSORS.try_take().filter(|w| w.step == step.step) {
                 inputs.take(&window, &crate::params::AUX);

@@ -115,6 +115,11 @@ fn rest(
     ] {
         let _ = items.push(item);
     }
+    #[cfg(feature = "inputs")]
+    {
+        let (supply_v, temperature_c) = crate::chip::latest();
+        self_test::of_chip(supply_v, temperature_c, items);
+    }
 }
 
 /// The next second; one of nothing where none comes.

@@ -186,6 +186,10 @@ impl Quantities {
 pub const BOARD: u8 = 0;
 /// Number of the supply.
 pub const SUPPLY: u8 = 1;
+/// Temperature of the unit's processor.
+pub const CHIP_C: u8 = 11;
+/// Its supply.
+pub const CHIP_V: u8 = 12;
 
 /// Number of the amplitude-control drive of an axis.
 #[must_use]

@@ -41,6 +41,7 @@ pub mod align_mode;
 pub mod bias;
 pub mod bytes;
 pub mod calibration;
+pub mod chip;
 pub mod compensator;
 pub mod effects;
 pub mod events;

@@ -8,6 +8,7 @@
 
 use crate::ads131m08::Defect;
 use crate::chip::Chip;
+use crate::chip_adc::Ambient;
 use crate::cpu::{self, uc, Cpu};
 use crate::cycles::Cycles;
 use crate::elf::Firmware;
@@ -170,6 +171,11 @@ impl<W: World> Board<W> {
     /// A channel of the ADC has a defect from now on.
     pub fn break_channel(&mut self, channel: usize, defect: Defect) {
         self.cpu.get_data_mut().adc.break_channel(channel, defect);
+    }
+
+    /// The supply and the temperature of the chip from now on.
+    pub fn set_ambient(&mut self, ambient: Ambient) {
+        self.cpu.get_data_mut().chip_adc.ambient = ambient;
     }
 
     /// A bit of RAM is stuck from now on, whatever the processor writes.
@@ -447,6 +453,7 @@ impl<W: World> Board<W> {
         chip.rcc.crystal_start = before.rcc.crystal_start;
         chip.pwr.sag_tenths = before.pwr.sag_tenths;
         chip.iwdg.lsi_hz = before.iwdg.lsi_hz;
+        chip.chip_adc.ambient = before.chip_adc.ambient;
         chip.mark_rises = before.mark_rises.take();
         chip.spare.jumpers = std::mem::take(&mut before.spare.jumpers);
         if cause != CSR_POWER_ON {

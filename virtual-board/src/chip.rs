@@ -1,6 +1,7 @@
 //! The chip behind the CPU: which address belongs to which peripheral, the DMA controllers, interrupt lines.
 
 use crate::ads131m08::Ads131m08;
+use crate::chip_adc::ChipAdc;
 use crate::clocks::{Clocks, Pace};
 use crate::cycles::Estimate;
 use crate::dma::{Dma, Request, COMPLETE, HALF};
@@ -96,6 +97,8 @@ pub struct Chip {
     pub usart1: Usart,
     pub spare: Spare,
     pub adc: Ads131m08,
+    /// ADC1.
+    pub chip_adc: ChipAdc,
     /// Set if bytes over the SPI, or (`line_dead`) out over the link, are lost.
     pub bus_dead: bool,
     pub line_dead: bool,
@@ -165,6 +168,7 @@ impl Chip {
             usart1: Usart::default(),
             spare: Spare::default(),
             adc: Ads131m08::default(),
+            chip_adc: ChipAdc::default(),
             bus_dead: false,
             line_dead: false,
             corrupt: false,
@@ -223,6 +227,7 @@ impl Chip {
             0x4000_3000 => self.iwdg.read(word, now),
             0x4000_7000 => self.pwr.read(word),
             0x4001_1000 => self.usart1.read(word),
+            0x4001_2000 => self.chip_adc.read(word, now),
             0x4001_3000 => self.spi1.read(word),
             0x4001_3800 => self.syscfg.read(word),
             0x4001_3C00 => self.exti.read(word),
@@ -339,6 +344,7 @@ impl Chip {
                 self.write_system(address & !0x3FF, word, value)
             }
             0x4001_1000 => self.usart1.write(word, value),
+            0x4001_2000 => self.write_chip_adc(word, value),
             0x4001_3000 => self.spi1.write(word, value),
             0x4001_3800 => self.syscfg.write(word, value),
             0x4001_3C00 => self.exti.write(word, value),
@@ -364,6 +370,15 @@ impl Chip {
         self.finish(done, address);
         self.start_transfers();
         self.update_lines();
+    }
+
+    fn write_chip_adc(&mut self, word: usize, value: u32) -> Option<()> {
+        let (now, pclk2) = (self.now, self.clocks.pclk2 as f64);
+        match self.chip_adc.write(word, value, now, pclk2)? {
+            Ok(()) => {}
+            Err(what) => self.mismatch(|| what),
+        }
+        Some(())
     }
 
     /// A write to what keeps the chip itself running: clocks, power, flash, watchdog, the look at the crystal.
@@ -478,6 +493,9 @@ impl Chip {
         }
         if asked(&self.rcc, 0x4001_1000) {
             self.usart1 = Usart::default();
+        }
+        if asked(&self.rcc, 0x4001_2000) {
+            self.chip_adc = self.chip_adc.reset();
         }
         if asked(&self.rcc, 0x4000_7000) {
             let sag_tenths = self.pwr.sag_tenths;

@@ -1,6 +1,7 @@
 //! The CPU: Unicorn, set up as a Cortex-M4 that counts its instructions, stops for events and shows its peripherals.
 
 use crate::chip::Chip;
+use crate::chip_adc::{FACTORY, FACTORY_AT};
 use crate::cycles::Accelerator;
 use crate::error::RunError;
 use crate::memory::Memory;
@@ -32,6 +33,7 @@ pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result
         uc(unsafe { cpu.mem_map_ptr(u64::from(start), u64::from(size), access, memory.pointer()) })?;
     }
     map_registers(&mut cpu)?;
+    map_system_memory(&mut cpu)?;
     forbid_code_in_ram(&mut cpu)?;
     // No exit addresses: clearing one up after each run would cost more than most runs.
     uc(cpu.ctl_exits_enable())?;
@@ -47,6 +49,13 @@ pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result
         let _ = c.emu_stop();
     }))?;
     Ok(cpu)
+}
+
+/// The maker's codes in the system memory.
+fn map_system_memory(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
+    uc(cpu.mem_map(u64::from(FACTORY_AT & !0xFFF), 0x1000, Prot::READ))?;
+    let bytes: Vec<u8> = FACTORY.iter().flat_map(|code| code.to_le_bytes()).collect();
+    uc(cpu.mem_write(u64::from(FACTORY_AT), &bytes))
 }
 
 /// Peripherals and the core's own registers.

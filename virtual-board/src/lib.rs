@@ -51,6 +51,7 @@
 pub mod ads131m08;
 pub mod board;
 mod chip;
+pub mod chip_adc;
 mod clocks;
 mod cpu;
 pub mod cycles;

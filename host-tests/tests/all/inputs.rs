@@ -131,7 +131,7 @@ fn an_image_with_inputs_flies_bit_for_bit_and_a_missing_one_is_flagged() {
         recorder.push(&second).expect("written");
     }
     let again = Recording::load(&path).expect("readable");
-    assert_eq!(again.meta("unit_inputs"), Some("board_c, drive_y_v"));
+    assert_eq!(again.meta("unit_inputs"), Some("board_c, drive_y_v, chip_c, chip_v"));
     let seconds = correct::recording(&calibration(), &again).expect("usable").seconds;
     assert_eq!(seconds.len(), r.housekeeping.len());
     for (ours, h) in seconds.iter().zip(&r.housekeeping) {

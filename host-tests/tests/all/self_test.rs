@@ -10,6 +10,7 @@ use hrg_core::self_test::{Check, Item, Verdict};
 use hrg_study::faults::Scene;
 use std::sync::LazyLock;
 use virtual_board::ads131m08::Defect;
+use virtual_board::chip_adc::Ambient;
 use virtual_board::{Board, Firmware, CPU_HZ, FLASH_START};
 
 static SCENE: LazyLock<Scene> = LazyLock::new(|| {
@@ -45,7 +46,7 @@ fn a_good_unit_passes_flags_its_rates_meanwhile_and_keeps_a_record() {
     let items = items(&mut board);
     assert_eq!(failures(&items), []);
     let verdicts = items.iter().filter(|i| i.verdict() == Verdict::Pass).count();
-    assert_eq!((items.len(), verdicts), (51, 51), "{items:?}");
+    assert_eq!((items.len(), verdicts), (53, 53), "{items:?}");
     // No rate went out of the test's voltages; those of its time are flagged.
     let sent = std::mem::take(&mut board.world.received.rates);
     let clean = sent.iter().filter(|f| f.unit_status.is_empty()).count();
@@ -116,6 +117,16 @@ fn faults() -> Vec<(&'static str, Break, (Check, u8))> {
         ("a bit of the program", Box::new(|b| b.flip_bit(in_program(), 3).expect("in flash")), (Check::Program, 0)),
         ("a bit of the image", Box::new(|b| b.flip_bit(IN_IMAGE, 5).expect("in flash")), (Check::Image, 0)),
         ("a flash that is worn out", Box::new(Board::wear_flash_out), (Check::Log, 0)),
+        (
+            "a supply of 2.9 V",
+            Box::new(|b| b.set_ambient(Ambient { supply_v: 2.9, ..Ambient::default() })),
+            (Check::SupplyVoltage, 0),
+        ),
+        (
+            "a processor at 120 C",
+            Box::new(|b| b.set_ambient(Ambient { temperature_c: 120.0, ..Ambient::default() })),
+            (Check::ChipTemperature, 0),
+        ),
         ("a supply that is too low", Box::new(|b| b.sag(27)), (Check::Supply, 0)),
     ]
 }

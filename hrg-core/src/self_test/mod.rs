@@ -75,6 +75,10 @@ pub enum Check {
     Log = 15,
     /// Frames of the link that came in broken during the test.
     Link = 16,
+    /// The processor's supply, by its own reference.
+    SupplyVoltage = 17,
+    /// Its temperature.
+    ChipTemperature = 18,
 }
 
 /// Name and meaning of a check.
@@ -90,7 +94,7 @@ pub struct Facts {
 
 impl Check {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::Offset,
         Self::Positive,
         Self::Negative,
@@ -108,6 +112,8 @@ impl Check {
         Self::Image,
         Self::Log,
         Self::Link,
+        Self::SupplyVoltage,
+        Self::ChipTemperature,
     ];
 
     /// The check of a number.
@@ -137,6 +143,8 @@ impl Check {
             Self::Image => ("image", "in flash, is the one in use and has its sum", "1 is yes"),
             Self::Log => ("field log", "this test's record reads back", "1 is yes"),
             Self::Link => ("link", "frames that came in broken", "in the test"),
+            Self::SupplyVoltage => ("voltage", "supply of the processor, by its own reference", "V"),
+            Self::ChipTemperature => ("chip", "temperature of the processor", "C"),
         };
         Facts { name, meaning, unit }
     }
@@ -257,6 +265,20 @@ pub fn of_adc(levels: Option<&Levels>, items: &mut Items) {
         let value = levels.pins[axis];
         let (check, high) = (Check::RateNoise, MOST_RATE_NOISE);
         let _ = items.push(Item { check, index: axis as u8, value, low: LEAST_NOISE, high });
+    }
+}
+
+/// Supply of the processor, V: 3.3 and a tenth.
+const SUPPLY_V: [f32; 2] = [2.97, 3.63];
+/// Temperature of the processor, C: that of its data sheet.
+const CHIP_C: [f32; 2] = [-40.0, 105.0];
+
+/// Items of the processor itself: supply, V, and temperature, C; NaN where it has measured none.
+pub fn of_chip(supply_v: f32, temperature_c: f32, items: &mut Items) {
+    for (check, value, [low, high]) in
+        [(Check::SupplyVoltage, supply_v, SUPPLY_V), (Check::ChipTemperature, temperature_c, CHIP_C)]
+    {
+        let _ = items.push(Item { check, index: 0, value, low, high });
     }
 }
 

@@ -8,10 +8,11 @@ use hrg_align::session::Session;
 use hrg_core::adc::{Dialogue, WORDS};
 use hrg_core::align_mode::{AlignMode, Command, NotBuiltIn};
 use hrg_core::calibration::Calibration;
+use hrg_core::chip::Factory;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::history::{History, Settling};
-use hrg_core::inputs::{Channel, InputBank};
+use hrg_core::inputs::{Channel, InputBank, InputValues, CHIP_C, CHIP_V};
 use hrg_core::link::{Deframer, Identity, InputsUsed, Message};
 use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
@@ -23,7 +24,17 @@ use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
 use hrg_identify::fit::correct::{ModelOf, Stepped};
 use std::collections::VecDeque;
+use virtual_board::chip_adc::{Ambient, FACTORY};
 use virtual_board::CYCLES_PER_TICK;
+
+/// Temperature and supply of the processor on the board.
+fn chip_inputs() -> InputValues {
+    let [reference, at_30_c, at_110_c] = FACTORY;
+    let [of_reference, of_thermometer] = Ambient::default().codes();
+    let codes = [of_reference, of_thermometer, of_thermometer, of_thermometer];
+    let found = Factory { reference, at_30_c, at_110_c }.values(codes);
+    InputValues::of(found.into_iter().flat_map(|(supply_v, c)| [(CHIP_C, c), (CHIP_V, supply_v)]))
+}
 
 /// The bias model of a unit, by the past that it was built with.
 enum Model {
@@ -161,6 +172,7 @@ impl Twin {
                 }
                 self.hear();
                 if let Some(bank) = &mut self.inputs {
+                    bank.receive(&chip_inputs());
                     if let Some(window) = window.filter(|w| self.aux && w.step == step.step) {
                         bank.take(&window, &Channel::DRIVES);
                     }
