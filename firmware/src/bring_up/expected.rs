@@ -3,7 +3,7 @@
 /// In the order of the rows: name, figure.
 pub const EXPECTED: &[(&str, f32)] = &[
     ("wave x (PB9-PA0): frequency", 4900.093),
-    ("wave y (PA8-PA1): frequency", 4891.836),
+    ("wave y (PA8-PA1): frequency", 4891.8364),
     ("wave z (PB14-PB10): frequency", 4703.669),
     ("wave x: shortest period captured", 18366.0),
     ("wave x: longest period captured", 18368.0),
@@ -19,13 +19,13 @@ pub const EXPECTED: &[(&str, f32)] = &[
     ("link in (PC12-PA10): answers to a question", 1.0),
     ("pulses per second (PB8-PC6): taken", 4.0),
     ("pulses per second: the unit's clock is fast by", 0.0),
-    ("LSI by the crystal: frequency", 31641.291),
+    ("LSI by the crystal: frequency", 31640.508),
     ("LSI by the crystal: eight periods, longest less shortest", 1.0),
     ("flags of the unit: no calibration, and nothing else", 16.0),
-    ("data-ready to corrected sample: mean", 5872.2593),
-    ("data-ready to corrected sample: worst", 7094.0),
-    ("bias update", 6015.5),
-    ("load of the unit's tasks", 2.4614494),
+    ("data-ready to corrected sample: mean", 5675.7104),
+    ("data-ready to corrected sample: worst", 7648.0),
+    ("bias update", 6763.375),
+    ("load of the unit's tasks", 2.108351),
     ("erase of sector 2", 501.3833),
-    ("start of the clocks to the first rate frame", 112.89),
+    ("start of the clocks to the first rate frame", 116.875),
 ];
