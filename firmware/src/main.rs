@@ -231,6 +231,8 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
     status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
+    #[cfg(feature = "self-test")]
+    status.set(UnitStatus::PROGRAM, status.contains(UnitStatus::PROGRAM) || self_test::memory_is_bad());
     static COMPENSATORS: [StaticCell<Compensator>; CHANNELS] = [const { StaticCell::new() }; CHANNELS];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
     let resets = resume(&mut compensators, board.reset_cause);

@@ -232,7 +232,7 @@ pub async fn task(
             crate::self_test::run(&sectors, calibration, items).await;
             #[cfg(feature = "field-log")]
             crate::self_test::record(&mut sectors, &mut journal, items);
-            reply = Reply::Answer(Answer::Done, items.len() as u32);
+            reply = Reply::TestDone(items.len() as u8);
         }
         #[cfg(feature = "field-log")]
         match (command, reply) {

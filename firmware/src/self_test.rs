@@ -31,6 +31,11 @@ pub fn memory() {
     MEMORY.store(crate::memory::bad_bits(), Ordering::Relaxed);
 }
 
+/// Bits of the memory are bad.
+pub fn memory_is_bad() -> bool {
+    MEMORY.load(Ordering::Relaxed) > 0
+}
+
 fn of_memory() -> Item {
     Item::none_of(Check::Memory, 0, MEMORY.load(Ordering::Relaxed))
 }
@@ -132,7 +137,9 @@ async fn second() -> Housekeeping {
 fn of_image(store: &impl Store, calibration: u32) -> (Item, Option<[[f32; 2]; AXES]>) {
     let found = sectors::newest(store.view(Sector::A), store.view(Sector::B), maintain::KEY);
     let Some((image, place)) = found.newest else {
-        let item = if calibration == 0 { Item::not_tested(Check::Image) } else { Item::of(Check::Image, false) };
+        // (A unit that was never calibrated has nothing to refuse.)
+        let blank = calibration == 0 && found.refused.is_none();
+        let item = if blank { Item::not_tested(Check::Image) } else { Item::of(Check::Image, false) };
         return (item, None);
     };
     let stored = store.view(place.sector).get(place.offset as usize..).and_then(sectors::stored_checksum);

@@ -85,7 +85,7 @@ pub enum Command {
     Newest,
     /// Renew the constants ([`crate::zero`]).
     Zero(Zero),
-    /// Do the built-in test ([`crate::self_test`]). Answered when it has ended, some four seconds later, with the number of its items.
+    /// Do the built-in test ([`crate::self_test`]). Answered when it has ended, some four seconds later ([`Reply::TestDone`]).
     Test,
     /// Ask for an item of the test that was done last, by its number from 0.
     Tested(u8),
@@ -193,7 +193,7 @@ impl core::fmt::Display for Answer {
 /// Reply of a unit to a command.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reply {
-    /// Result, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end, the items of a test.
+    /// Result, and a number: a place ([`NOWHERE`]: none), the next offset after a chunk, the image's checksum at its end.
     Answer(Answer, u32),
     /// A piece of a sector.
     Data {
@@ -205,7 +205,15 @@ pub enum Reply {
         data: [u8; CHUNK],
     },
     /// An item of the built-in test.
-    Tested(Item),
+    Tested {
+        /// Number of the item, as it was asked for.
+        number: u8,
+        /// The item.
+        item: Item,
+    },
+    /// The built-in test has ended: the number of its items. (No [`Answer`]: it may come after the host that asked has gone, and must be taken for
+    /// nothing else.)
+    TestDone(u8),
 }
 
 /// Image that a burn receives.
@@ -345,7 +353,7 @@ impl Maintenance {
             Command::Test if self.test => (Answer::Done, 0),
             Command::Test => (Answer::NoTest, 0),
             Command::Tested(number) => match self.items.get(usize::from(*number)) {
-                Some(item) => return Reply::Tested(*item),
+                Some(item) => return Reply::Tested { number: *number, item: *item },
                 None => (Answer::NoTest, 0),
             },
         };
@@ -751,7 +759,7 @@ mod tests {
         let mut m = store.start();
         let printed = |m: &mut Maintenance, store: &mut Memory, c: Command| match m.command(&c, store) {
             Reply::Answer(a, _) => a,
-            Reply::Data { .. } | Reply::Tested(_) => Answer::Done,
+            Reply::Data { .. } | Reply::Tested { .. } | Reply::TestDone(_) => Answer::Done,
         };
         for command in [Command::Begin(500), Command::Restart, Command::Newest, Command::Read { page: 0, offset: 0 }] {
             assert_eq!(printed(&mut m, &mut store, command), Answer::NotOpen);

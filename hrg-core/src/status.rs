@@ -77,7 +77,8 @@ bitflags! {
         const TIMEBASE = 1 << 5;
         /// An image in flash was refused (wrong length, version, checksum or number).
         const IMAGE_REFUSED = 1 << 6;
-        /// The program in flash has changed: what the unit computes is not to be trusted.
+        /// The program in flash has changed, or bits of memory do not hold what is written ([`crate::self_test`]): what the unit computes is not to be
+        /// trusted.
         const PROGRAM = 1 << 7;
     }
 }

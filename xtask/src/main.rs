@@ -456,7 +456,7 @@ fn minimal(t: &Toolchain) -> Result<(), Failure> {
 }
 
 /// Parts that a unit can do without: features of the firmware.
-const PARTS: [&str; 6] = ["align", "pps", "field-log", "lockstep", "past", "inputs"];
+const PARTS: [&str; 7] = ["align", "pps", "field-log", "lockstep", "past", "inputs", "self-test"];
 
 /// The firmware without each part alone.
 fn without(t: &Toolchain) -> Result<(), Failure> {

@@ -102,6 +102,7 @@ fn each_part_may_be_left_out_alone() {
         ("lockstep", Parts::LOCKSTEP),
         ("past", Parts::PAST),
         ("inputs", Parts::INPUTS),
+        ("self-test", Parts::SELF_TEST),
     ] {
         let elf = elf(&format!("without-{name}"));
         assert_eq!(

@@ -7,6 +7,8 @@ use hrg_core::events::{records, Event, Record, SECTOR};
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Reply};
 use hrg_core::self_test::{Check, Item, Verdict};
+use hrg_core::status::UnitStatus;
+use hrg_core::unit_name::UnitName;
 use hrg_study::faults::Scene;
 use std::sync::LazyLock;
 use virtual_board::ads131m08::Defect;
@@ -41,7 +43,7 @@ fn good(every_s: f64) -> Board<Wires> {
 
 #[test]
 fn a_good_unit_passes_flags_its_rates_meanwhile_and_keeps_a_record() {
-    let mut board = good(1.0);
+    let mut board = good(1.000_01);
     board.world.received.rates.clear();
     let items = items(&mut board);
     assert_eq!(failures(&items), []);
@@ -156,7 +158,7 @@ fn each_fault_fails_its_item() {
 
 #[test]
 fn a_clock_that_is_off_fails_against_the_pulses() {
-    for (every, fails) in [(1.0, false), (1.00013, true), (0.99987, true)] {
+    for (every, fails) in [(1.0, false), (1.000_09, false), (1.00013, true), (0.99987, true), (1.0007, true)] {
         let found = failures(&items(&mut good(every)));
         assert_eq!(found.contains(&(Check::Clock, 0)), fails, "a pulse each {every} s: {found:?}");
     }
@@ -185,6 +187,10 @@ fn faults_of_the_start_fail_it_and_are_in_the_field_log() {
         board.run_until(25 * CPU_HZ).expect("runs");
         let found = failures(&items(&mut board));
         assert!(found.contains(&(wanted, 0)), "{name}: {found:?}");
+        if wanted == Check::Memory {
+            let flags = board.world.received.rates.iter().map(|f| f.unit_status);
+            assert!(flags.clone().count() > 1000 && flags.clone().all(|f| f.contains(UnitStatus::PROGRAM)), "{name}");
+        }
         let log = field_log(&board);
         let told =
             |e: &Event| matches!(e, Event::Test { at_start: true, first: [check, 0], .. } if *check == wanted as u8);
@@ -205,11 +211,21 @@ fn garbage_on_the_link_fails_it() {
     board.run_until(board.now() + 8 * CPU_HZ).expect("runs");
     let item = (0..60).find_map(|number| {
         let tested = |m: &Message| match m {
-            Message::Maintained(Reply::Tested(item)) => Some(*item),
+            Message::Maintained(Reply::Tested { item, .. }) => Some(*item),
             _ => None,
         };
         let item = ask(&mut board, &Message::Maintain(Command::Tested(number)), 1.0, tested).expect("answers");
         item.filter(|i| i.check == Check::Link)
     });
     assert!(item.is_some_and(|i| i.value >= 20.0 && i.verdict() == Verdict::Fail), "{item:?}");
+}
+
+/// The image has rotted while the unit was off: it starts without, and the test says why.
+#[test]
+fn an_image_that_the_start_refused_fails_it() {
+    let mut board = SCENE.off(SCENE.wires(), &SCENE.calibration).expect("runs");
+    board.flip_bit(IN_IMAGE, 5).expect("in flash");
+    board.run_until(20 * CPU_HZ).expect("runs");
+    let found = self_test(&mut board, UnitName::default()).expect("answers").expect("goes on");
+    assert!(failures(&found).contains(&(Check::Image, 0)), "{found:?}");
 }

@@ -101,21 +101,21 @@ fn a_check_costs_a_start_what_is_documented() {
     let mut without = unit(&usual);
     running(&mut without, 1.0).expect("answers");
     let mut board = unit(&scene);
-    board.count_calls("hrg_core::signature::Key::signed").expect("in the ELF");
     running(&mut board, 1.0).expect("answers");
     let (stack, stack_without) = (board.stack_used(), without.stack_used());
-    let at_start = board.probe(0).expect("counted").calls.clone();
+    // (All that a start with a check does more; the time driver's interrupt may come into the check.)
+    let at_start = board.instructions() - without.instructions();
     let next = numbered(&scene, 1);
     let begun = board.now();
     assert_eq!(send(&mut board, &next, &signed(&next)), Answer::Done);
     let burn_s = (board.now() - begun) as f64 / CPU_HZ as f64;
     println!(
-        "a check of an image of {} bytes: {at_start:?} instructions; stack of a start {stack} bytes, {stack_without} without the feature; a signed burn but for its restart: {burn_s:.2} s",
+        "a check of an image of {} bytes: {at_start} instructions; stack of a start {stack} bytes, {stack_without} without the feature; a signed burn but for its restart: {burn_s:.2} s",
         next.to_bytes().expect("fits").len(),
     );
     // Measured, and a tenth on top.
-    assert!(at_start.len() == 1 && at_start[0] < 4_217_000, "{at_start:?}");
-    assert!(stack < 47_000, "{stack} bytes of stack");
+    assert!((3_000_000..4_217_000).contains(&at_start), "{at_start}");
+    assert!(stack < 48_200, "{stack} bytes of stack");
 }
 
 #[test]

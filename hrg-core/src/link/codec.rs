@@ -74,9 +74,11 @@ impl Message {
                     Reply::Data { page, offset, data }
                 }
                 2 => {
-                    let layouts::Item { check, index, value, low, high } = take(r)?;
-                    Reply::Tested(Item { check: Check::from_number(check)?, index, value, low, high })
+                    let layouts::Item { number, check, index, value, low, high } = take(r)?;
+                    let item = Item { check: Check::from_number(check)?, index, value, low, high };
+                    Reply::Tested { number, item }
                 }
+                3 => Reply::TestDone(take::<layouts::TestDone>(r)?.items),
                 _ => return None,
             }),
             0x06 => Self::InputsUsed(take(r)?),
@@ -184,9 +186,10 @@ fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
 fn write_reply(reply: &Reply, w: &mut Writer<'_>) {
     match *reply {
         Reply::Answer(answer, value) => put(w, &[0x05, 0], &layouts::Answer { answer: answer as u8, value }),
-        Reply::Tested(Item { check, index, value, low, high }) => {
-            put(w, &[0x05, 2], &layouts::Item { check: check as u8, index, value, low, high });
+        Reply::Tested { number, item: Item { check, index, value, low, high } } => {
+            put(w, &[0x05, 2], &layouts::Item { number, check: check as u8, index, value, low, high });
         }
+        Reply::TestDone(items) => put(w, &[0x05, 3], &layouts::TestDone { items }),
         Reply::Data { page, offset, data } => put(w, &[0x05, 1], &layouts::Data { page, offset, data }),
     }
 }

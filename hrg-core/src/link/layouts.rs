@@ -167,6 +167,7 @@ layout! { Tested { number: u8, "number of the item, from 0"; } }
 /// Fields of [`crate::maintenance::Reply::Tested`].
 #[derive(Default)]
 pub(super) struct Item {
+    pub(super) number: u8,
     pub(super) check: u8,
     pub(super) index: u8,
     pub(super) value: f32,
@@ -174,12 +175,20 @@ pub(super) struct Item {
     pub(super) high: f32,
 }
 layout! { Item {
+    number: u8, "number of the item, as it was asked for";
     check: u8, "number of the check (see below)";
     index: u8, "channel or axis, from 0";
     value: f32, "figure; NaN: there is none";
     low: f32, "least that passes; NaN: not tested";
     high: f32, "most that passes; NaN: not tested";
 } }
+
+/// Fields of [`crate::maintenance::Reply::TestDone`].
+#[derive(Default)]
+pub(super) struct TestDone {
+    pub(super) items: u8,
+}
+layout! { TestDone { items: u8, "items, to be asked for by their numbers"; } }
 
 /// Fields of [`crate::maintenance::Reply::Answer`].
 #[derive(Default)]
@@ -189,7 +198,7 @@ pub(super) struct Answer {
 }
 layout! { Answer {
     answer: u8, "number of the answer";
-    value: u32, "what it is about: a place (bytes from the start of sector A, B following it; all ones: none), an offset, a checksum, a number of items";
+    value: u32, "what it is about: a place (bytes from the start of sector A, B following it; all ones: none), an offset, a checksum";
 } }
 
 /// Fields of [`crate::maintenance::Reply::Data`].
@@ -229,6 +238,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintained: answer", lead: &[0x05, 0], fields: Answer::FIELDS },
     Table { name: "maintained: data", lead: &[0x05, 1], fields: Data::FIELDS },
     Table { name: "maintained: item of the test", lead: &[0x05, 2], fields: Item::FIELDS },
+    Table { name: "maintained: test done", lead: &[0x05, 3], fields: TestDone::FIELDS },
     Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },

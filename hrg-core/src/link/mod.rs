@@ -273,7 +273,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 28] {
+    fn messages() -> [Message; 29] {
         [
             Message::Rate(
                 RateFrame {
@@ -332,13 +332,11 @@ mod tests {
             Message::Maintained(maintenance::Reply::Data { page: 32, offset: 0, data: [9; maintenance::CHUNK] }),
             Message::Maintain(maintenance::Command::Test),
             Message::Maintain(maintenance::Command::Tested(50)),
-            Message::Maintained(maintenance::Reply::Tested(Item {
-                check: Check::Temperature,
-                index: 2,
-                value: 71.5,
-                low: -40.0,
-                high: 60.0,
-            })),
+            Message::Maintained(maintenance::Reply::Tested {
+                number: 33,
+                item: Item { check: Check::Temperature, index: 2, value: 71.5, low: -40.0, high: 60.0 },
+            }),
+            Message::Maintained(maintenance::Reply::TestDone(53)),
             Message::Inputs(InputValues::of([(2, 2.25), (5, -0.5)])),
             Message::InputsUsed(InputsUsed { step: 7, values: [0.5; QUANTITIES] }),
         ]

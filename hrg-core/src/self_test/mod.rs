@@ -23,7 +23,7 @@ pub mod course;
 use crate::adc::ALL_CHANNELS;
 use crate::link::Housekeeping;
 use crate::pps;
-use crate::status::AxisStatus;
+use crate::status::{AxisStatus, UnitStatus};
 use crate::AXES;
 use course::Levels;
 use heapless::Vec;
@@ -138,7 +138,9 @@ impl Check {
             Self::Clock => ("clock", "against the pulses per second", "ppb"),
             Self::Crystal => ("crystal", "the clock is made of it", "1 is yes"),
             Self::Supply => ("supply", "above 2.75 V", "1 is yes"),
-            Self::Memory => ("memory", "bits of RAM that do not hold a pattern, at the start", "bits"),
+            Self::Memory => {
+                ("memory", "bits of a word of RAM, any word, that do not hold a pattern, at the start", "of 32")
+            }
             Self::Program => ("program", "has the sum that it was built with", "1 is yes"),
             Self::Image => ("image", "in flash, is the one in use and has its sum", "1 is yes"),
             Self::Log => ("field log", "this test's record reads back", "1 is yes"),
@@ -306,8 +308,11 @@ pub fn of_seconds(seconds: &[Housekeeping; SECONDS], curves_c: Option<[[f32; 2];
     }
     // (A correction that stands at its end is of a clock that is beyond.)
     let bound = (0.99 * pps::BOUND * 1e9) as f32;
-    let _ = items.push(if last.pps_age_ms <= 2000 {
-        Item { check: Check::Clock, index: 0, value: last.clock_ppb, low: -bound, high: bound }
+    // A clock that is far off is flagged at its first measurement; its correction comes slowly, and is 0 before. (A dead crystal is flagged, too.)
+    let far = last.unit_status.contains(UnitStatus::TIMEBASE);
+    let _ = items.push(if far || last.pps_age_ms <= 2000 && last.clock_ppb != 0.0 {
+        let value = if far { f32::NAN } else { last.clock_ppb };
+        Item { check: Check::Clock, index: 0, value, low: -bound, high: bound }
     } else {
         Item::not_tested(Check::Clock)
     });
@@ -323,6 +328,7 @@ mod tests {
             frequency_hz: [4900.0; AXES],
             temperature_c: [20.0; AXES],
             pps_age_ms: 500,
+            clock_ppb: 12.0,
             ..Housekeeping::default()
         }
     }
@@ -366,8 +372,10 @@ mod tests {
         assert_eq!(one(&|_, h| h.frequency_hz[0] = f64::NAN), (1, Some((Check::Edges, 0))));
         assert_eq!(one(&|_, h| h.rejected[2] = 3), (1, Some((Check::Edges, 2))));
         assert_eq!(one(&|_, h| h.clock_ppb = 2e5), (1, Some((Check::Clock, 0))));
-        // Without pulses there is nothing to compare the clock with.
+        assert_eq!(one(&|_, h| h.unit_status = UnitStatus::TIMEBASE), (1, Some((Check::Clock, 0))));
+        // Without pulses, or before the first measurement, there is nothing to compare the clock with.
         assert_eq!(one(&|_, h| h.pps_age_ms = u32::MAX).0, 0);
+        assert_eq!(one(&|_, h| h.clock_ppb = 0.0).0, 0);
         // An ADC whose course came to no end fails in each of its items.
         assert_eq!(failed(&all(None, [second(); SECONDS])).0, 4 * ALL_CHANNELS + AXES);
     }

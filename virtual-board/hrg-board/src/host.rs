@@ -70,15 +70,14 @@ pub fn self_test(board: &mut Board<Wires>, unit: UnitName) -> Result<Option<Vec<
     let Some(opened) = maintain(board, Command::Open(unit))? else { return Ok(None) };
     anyhow::ensure!(opened == Answer::Done, "maintenance mode: {opened}");
     let done = ask(board, &Message::Maintain(Command::Test), TEST_S, |m| match m {
-        Message::Maintained(Reply::Answer(answer, items)) => Some((*answer, *items)),
+        Message::Maintained(Reply::TestDone(items)) => Some(*items),
         _ => None,
     })?;
-    let Some((answer, count)) = done else { return Ok(None) };
-    anyhow::ensure!(answer == Answer::Done, "the test: {answer}");
+    let Some(count) = done else { return Ok(None) };
     let mut items = Vec::new();
-    for number in 0..count as u8 {
+    for number in 0..count {
         let item = ask(board, &Message::Maintain(Command::Tested(number)), ANSWER_S, |m| match m {
-            Message::Maintained(Reply::Tested(item)) => Some(*item),
+            Message::Maintained(Reply::Tested { number: n, item }) if *n == number => Some(*item),
             _ => None,
         })?;
         let Some(item) = item else { return Ok(None) };

@@ -11,7 +11,7 @@ use hrg_core::inputs::LEAST_COUNTS_S;
 use hrg_core::link::{Deframer, Housekeeping, Identity, Message};
 use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
-use hrg_core::self_test::Item;
+use hrg_core::self_test::{Check, Item};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::zero::Zero;
 use hrg_data::axes::AXIS_NAMES;
@@ -28,6 +28,25 @@ pub const BAUD: u32 = 921_600;
 const POLL: Duration = Duration::from_millis(20);
 /// An answer comes within this. Most come at once; where the unit erases a sector to make room, that takes 2 s at most.
 const ANSWER: Duration = Duration::from_secs(6);
+/// Checks that each built-in test has a figure of.
+const ALWAYS_TESTED: [Check; 16] = [
+    Check::Offset,
+    Check::Positive,
+    Check::Negative,
+    Check::Noise,
+    Check::RateNoise,
+    Check::Samples,
+    Check::SamplesLost,
+    Check::Temperature,
+    Check::Edges,
+    Check::Clock,
+    Check::Crystal,
+    Check::Supply,
+    Check::Memory,
+    Check::Program,
+    Check::Image,
+    Check::Link,
+];
 /// The built-in test takes some five seconds, and longer where a part does not answer.
 const TESTED: Duration = Duration::from_secs(25);
 /// A command whose answer was lost is sent again.
@@ -400,30 +419,34 @@ impl Unit {
     }
 
     fn test_items(&mut self) -> Result<Vec<Item>> {
-        let test = Message::Maintain(Command::Test);
-        let answer = self.ask_once(&test, TESTED, |m| match m {
-            Message::Maintained(Reply::Answer(answer, items)) => Some((*answer, *items)),
+        let done = self.ask_once(&Message::Maintain(Command::Test), TESTED, |m| match m {
+            Message::Maintained(Reply::TestDone(items)) => Some(Ok(*items)),
+            Message::Maintained(Reply::Answer(answer, _)) if *answer != Answer::Done => Some(Err(*answer)),
             _ => None,
         })?;
-        let count = match answer {
-            Some((Answer::Done, count)) => count,
-            Some((answer, _)) => {
-                return Err(BadInput::new(format!("the built-in test: the unit says: {answer}")).into())
-            }
+        let refused = |why: String| Err(BadInput::new(format!("the built-in test: {why}")).into());
+        let count = match done {
+            Some(Ok(count)) => count,
+            Some(Err(answer)) => return refused(format!("the unit says: {answer}")),
             None => {
-                return Err(BadInput::new(format!(
-                    "the built-in test: no result within {} s; the unit may have started anew: hrg unit read --events",
+                return refused(format!(
+                    "no result within {} s; the unit may have started anew: hrg unit read --events",
                     TESTED.as_secs()
                 ))
-                .into())
             }
         };
-        (0..count.min(u32::from(u8::MAX)) as u8)
-            .map(|number| match self.maintain(Command::Tested(number))? {
-                Reply::Tested(item) => Ok(item),
-                other => anyhow::bail!("item {number} of the test: the unit answered {other:?}"),
-            })
-            .collect()
+        let mut items = Vec::with_capacity(count.into());
+        for number in 0..count {
+            items.push(self.ask(&Message::Maintain(Command::Tested(number)), ANSWER, |m| match m {
+                Message::Maintained(Reply::Tested { number: n, item }) if *n == number => Some(*item),
+                _ => None,
+            })?);
+        }
+        // (What passes has been tested.)
+        if let Some(missing) = ALWAYS_TESTED.iter().find(|check| items.iter().all(|i| i.check != **check)) {
+            return refused(format!("it has no figure of {}; ask again", missing.facts().name));
+        }
+        Ok(items)
     }
 
     /// Asks for the unit's identity.
@@ -439,6 +462,8 @@ impl Unit {
 
     fn maintain(&mut self, command: Command) -> Result<Reply> {
         self.ask(&Message::Maintain(command), ANSWER, |m| match m {
+            // (A test that somebody else has asked for may end meanwhile.)
+            Message::Maintained(Reply::TestDone(_) | Reply::Tested { .. }) => None,
             Message::Maintained(reply) => Some(*reply),
             _ => None,
         })
@@ -457,7 +482,9 @@ impl Unit {
                 .into())
             }
             Reply::Answer(answer, _) => Err(BadInput::new(format!("{what}: the unit says: {answer}")).into()),
-            Reply::Data { .. } | Reply::Tested(_) => anyhow::bail!("{what}: the unit answered with data"),
+            Reply::Data { .. } | Reply::Tested { .. } | Reply::TestDone(_) => {
+                anyhow::bail!("{what}: the unit answered with data")
+            }
         }
     }
 
@@ -470,7 +497,7 @@ impl Unit {
                 Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => {
                     bytes.extend_from_slice(&data);
                 }
-                Reply::Data { .. } | Reply::Tested(_) => {}
+                Reply::Data { .. } | Reply::Tested { .. } | Reply::TestDone(_) => {}
                 Reply::Answer(answer, _) => {
                     return Err(BadInput::new(format!("{from} cannot be read; the unit says: {answer}")).into())
                 }
@@ -530,7 +557,7 @@ impl Unit {
             let offset = (bytes.len() % PAGE) as u16;
             match self.maintain(Command::Read { page, offset })? {
                 Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => bytes.extend_from_slice(&data),
-                Reply::Data { .. } | Reply::Tested(_) => {}
+                Reply::Data { .. } | Reply::Tested { .. } | Reply::TestDone(_) => {}
                 Reply::Answer(answer, _) => {
                     return Err(BadInput::new(format!("the field log cannot be read; the unit says: {answer}")).into())
                 }
