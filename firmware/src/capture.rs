@@ -10,9 +10,9 @@
 //! embassy's `InputCapture` waits for one channel at a time, so the timer is driven through its low-level layer. Its ring of a DMA stream
 //! takes two interrupts a turn and looks at each word by itself: together a tenth of the unit's load. Here the rings turn without
 //! an interrupt, and a fetch hands out what lies between its place and the stream's.
-//! A ring that was not fetched in time overruns: that is reported per channel and the counter of that axis
-//! locks anew. (Two whole turns and a part look as one part: the gap between the stamps then shows it to the counter.) An over-captured
-//! channel (edge before the DMA took the last one; not possible below 1 MHz) would show as a missing edge.
+//! A ring that was not fetched in time overruns, and whole turns of it are lost. The stamps themselves tell: they are that much further apart, and the
+//! counter counts the edges as missing, or locks anew. So no flag of the stream is asked, whose time beside NDTR the manual does not state. An
+//! over-captured channel (edge before the DMA took the last one; not possible below 1 MHz) would show as a missing edge.
 
 use crate::params::{RING, TIMER_HZ};
 use crate::stop::halt;
@@ -108,46 +108,31 @@ fn start_ring(axis: usize) {
     stream.cr().modify(|w| w.set_en(true));
 }
 
-/// `true` if the stream of an axis has come to the end of its ring since [`forget_turn`]. One that has met an error stands still (RM0390
-/// section 9.3.19), which only a start heals.
-fn turned(axis: usize) -> bool {
+/// A stream that has met an error stands still (RM0390 section 9.3.19), which only a start heals.
+fn check(axis: usize) {
     let stream = STREAMS[axis];
-    let flags = pac::DMA1.isr(stream / 4).read();
-    if flags.teif(stream % 4) {
+    if pac::DMA1.isr(stream / 4).read().teif(stream % 4) {
         defmt::error!("DMA1 stream {=usize} has met an error", stream);
         halt(Halt::Fault)
     }
-    flags.tcif(stream % 4)
-}
-
-fn forget_turn(axis: usize) {
-    let stream = STREAMS[axis];
-    pac::DMA1.ifcr(stream / 4).write(|w| w.set_tcif(stream % 4, true));
 }
 
 impl Rings {
-    /// Hands the time stamps of one axis that have come since the last call to `take`, in order. `false` where
-    /// the ring overran: stamps were lost.
-    pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[AtomicU32])) -> bool {
+    /// Hands the time stamps of one axis that have come since the last call to `take`, in order: in two parts where they go round
+    /// the ring's end.
+    pub fn fetch(&mut self, axis: usize, mut take: impl FnMut(&[AtomicU32])) {
         let (Some(at), Some(ring)) = (self.at.get_mut(axis), STAMPS.get(axis)) else {
-            return true;
+            return;
         };
-        // In this order: a turn that ends between the two is one that `to` shows.
-        let turned = turned(axis);
+        check(axis);
         let to = (RING - usize::from(pac::DMA1.st(STREAMS[axis]).ndtr().read().ndt())) % RING;
         fence(Ordering::SeqCst);
         let from = core::mem::replace(at, to);
         if to >= from {
-            if turned {
-                forget_turn(axis);
-                return false;
-            }
             take(ring.get(from..to).unwrap_or_default());
         } else {
-            forget_turn(axis);
             take(ring.get(from..).unwrap_or_default());
             take(ring.get(..to).unwrap_or_default());
         }
-        true
     }
 }

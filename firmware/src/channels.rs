@@ -58,7 +58,13 @@ impl Tick {
 
     /// The newest, if it was not taken yet.
     pub fn take(&self) -> Option<u32> {
-        self.there.swap(false, Ordering::Acquire).then(|| self.at.load(Ordering::Relaxed))
+        // (An interrupt that writes the next between the two would have it taken twice.)
+        self.there.load(Ordering::Relaxed).then(|| {
+            cortex_m::interrupt::free(|_| {
+                self.there.store(false, Ordering::Relaxed);
+                self.at.load(Ordering::Relaxed)
+            })
+        })
     }
 }
 
@@ -134,6 +140,13 @@ pub static EVENTS: Channel<Mutex, (u32, hrg_core::events::Event), { crate::param
 
 /// Time since power-on at the last second, s.
 pub static ON_FOR_S: AtomicU32 = AtomicU32::new(0);
+
+/// The built-in test runs: what it does to the rates is no fault.
+#[cfg(feature = "self-test")]
+pub static TESTING: AtomicBool = AtomicBool::new(false);
+/// An alignment runs.
+#[cfg(feature = "self-test")]
+pub static ALIGNING: AtomicBool = AtomicBool::new(false);
 
 /// Flags of the unit that stand since they were found, after the start.
 static STANDING: AtomicU8 = AtomicU8::new(0);

@@ -14,7 +14,7 @@ use embassy_stm32::pac::adccommon::vals::Adcpre;
 use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::{rcc, Peri};
 use hrg_core::chip::{Factory, CONVERSIONS};
-use hrg_core::inputs::{InputValues, CHIP_C, CHIP_V};
+use hrg_core::inputs::{InputBank, CHIP_C, CHIP_V};
 
 /// The internal reference, and the thermometer.
 const REFERENCE: u8 = 17;
@@ -81,8 +81,8 @@ impl Chip {
         Self { factory: Factory { reference, at_30_c, at_110_c }, _adc: adc }
     }
 
-    /// Temperature and supply as they were a second ago; begins the next conversions.
-    pub fn second(&mut self) -> Option<InputValues> {
+    /// Puts in temperature and supply as they were a second ago, where they were measured; begins the next conversions.
+    pub fn second(&mut self, inputs: &mut InputBank) {
         let registers = pac::ADC1;
         let done = registers.sr().read().jeoc();
         let codes = core::array::from_fn(|k| registers.jdr(k).read().jdata());
@@ -92,7 +92,9 @@ impl Chip {
         let shown = found.unwrap_or((f32::NAN, f32::NAN));
         SUPPLY_V.store(shown.0.to_bits(), Ordering::Relaxed);
         TEMPERATURE_C.store(shown.1.to_bits(), Ordering::Relaxed);
-        let (supply_v, temperature_c) = found?;
-        Some(InputValues::of([(CHIP_C, temperature_c), (CHIP_V, supply_v)]))
+        if let Some((supply_v, temperature_c)) = found {
+            inputs.set(CHIP_C, temperature_c);
+            inputs.set(CHIP_V, supply_v);
+        }
     }
 }

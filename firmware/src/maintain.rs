@@ -11,7 +11,7 @@ use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
 use core::ops::Range;
-#[cfg(feature = "field-log")]
+#[cfg(any(feature = "field-log", feature = "self-test"))]
 use core::sync::atomic::Ordering;
 #[cfg(feature = "field-log")]
 use embassy_futures::select::{select, Either};
@@ -228,11 +228,15 @@ pub async fn task(
         let mut reply = maintenance.command(&command, &mut sectors);
         #[cfg(feature = "self-test")]
         if (command, reply) == (Command::Test, Reply::Answer(Answer::Done, 0)) {
-            let items = maintenance.items_mut();
-            crate::self_test::run(&sectors, calibration, items).await;
-            #[cfg(feature = "field-log")]
-            crate::self_test::record(&mut sectors, &mut journal, items);
-            reply = Reply::TestDone(items.len() as u8);
+            reply = if crate::channels::ALIGNING.load(Ordering::Relaxed) {
+                Reply::Answer(Answer::Aligning, 0)
+            } else {
+                let items = maintenance.items_mut();
+                crate::self_test::run(&sectors, calibration, items).await;
+                #[cfg(feature = "field-log")]
+                crate::self_test::record(&mut sectors, &mut journal, items);
+                Reply::TestDone(items.len() as u8)
+            };
         }
         #[cfg(feature = "field-log")]
         match (command, reply) {

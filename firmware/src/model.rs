@@ -55,9 +55,7 @@ pub async fn task(
         // The time first, then the edges: all edges before that time are then in.
         let now = clock.now();
         for k in 0..AXES {
-            if !rings.fetch(k, |stamps| bank.push(k, stamps.iter().map(|s| s.load(Ordering::Relaxed)))) {
-                bank.disturb(k);
-            }
+            rings.fetch(k, |stamps| bank.push(k, stamps.iter().map(|s| s.load(Ordering::Relaxed))));
         }
         #[cfg(feature = "pps")]
         if let Some(pulse) = PULSE.try_take() {
@@ -83,9 +81,7 @@ pub async fn task(
         }
         #[cfg(feature = "inputs")]
         {
-            if let Some(values) = start.chip.second() {
-                inputs.receive(&values);
-            }
+            start.chip.second(&mut inputs);
             #[cfg(feature = "aux")]
             if let Some(window) = channels::SENSORS.try_take().filter(|w| w.step == step.step) {
                 inputs.take(&window, &crate::params::AUX);

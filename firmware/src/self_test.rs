@@ -73,6 +73,7 @@ pub fn record(sectors: &mut maintain::Sectors, journal: &mut Journal, items: &mu
 /// All items but the field log's. Rates are flagged meanwhile.
 pub async fn run(store: &impl Store, calibration: u32, items: &mut Items) {
     items.clear();
+    channels::TESTING.store(true, Ordering::Relaxed);
     channels::stand(UnitStatus::ADC_FAULT, true);
     let errors = HOUSEKEPT.try_take().map(|h| h.link_errors);
     ADC_TESTED.reset();
@@ -86,6 +87,7 @@ pub async fn run(store: &impl Store, calibration: u32, items: &mut Items) {
     }
     let seconds = [second().await, second().await];
     channels::stand(UnitStatus::ADC_FAULT, false);
+    channels::TESTING.store(false, Ordering::Relaxed);
     PROGRAM_TESTED.reset();
     PROGRAM_TEST.signal(());
     let program = with_timeout(SECOND_WITHIN, PROGRAM_TESTED.wait()).await.ok();

@@ -7,6 +7,8 @@ use crate::channels::{
 };
 use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};
+#[cfg(feature = "field-log")]
+use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::{Telemetry, RATES_WAIT_MS};
 
 /// The align mode.
@@ -40,13 +42,15 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
         telemetry.set_pps(report);
         telemetry.set_standing(channels::standing());
         let (housekeeping, alignment) = telemetry.second(&step, &output, rates.as_ref());
+        #[cfg(feature = "self-test")]
+        channels::ALIGNING.store(alignment.is_some(), Ordering::Relaxed);
         if let Some(alignment) = alignment {
             ALIGNMENT.signal(alignment);
         }
         let h = &housekeeping;
         ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
         #[cfg(feature = "field-log")]
-        watch.second(h.axis_status, h.unit_status, h.temperature_c, |event| {
+        watch.second(h.axis_status, noteworthy(h.unit_status), h.temperature_c, |event| {
             // A full queue loses it: the flag rises again, or stands in every frame.
             let _ = crate::channels::EVENTS.try_send((h.on_for_s as u32, event));
         });
@@ -55,6 +59,16 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
         channels::HOUSEKEPT.signal(housekeeping);
         LOG.signal(housekeeping);
     }
+}
+
+/// Flags of the unit that the field log is to have.
+#[cfg(feature = "field-log")]
+fn noteworthy(flags: UnitStatus) -> UnitStatus {
+    #[cfg(feature = "self-test")]
+    if channels::TESTING.load(Ordering::Relaxed) {
+        return flags.difference(UnitStatus::ADC_FAULT);
+    }
+    flags
 }
 
 /// One line a second over RTT: enough to make a recording of.

@@ -79,6 +79,8 @@ bitflags::bitflags! {
         const SUPPLY = 1 << 1;
         /// Temperatures of the cases.
         const CASES = 0b111 << 8;
+        /// Temperature and supply of the unit's own processor, which no message brings ([`crate::chip`]).
+        const CHIP = 0b11 << 11;
         /// Bits without a name of their own.
         const _ = !0;
     }
@@ -250,10 +252,13 @@ impl Default for InputBank {
 }
 
 impl InputBank {
-    /// Takes the values of a message. Numbers that there are not, and values that are not finite, are left out.
+    /// Takes the values of a message. Numbers that there are not, values that are not finite, and those of the unit's own processor, are left
+    /// out.
     pub fn receive(&mut self, message: &InputValues) {
         for (number, value) in message.numbers.iter().zip(message.values) {
-            self.set(*number, value);
+            if !QuantitySet::CHIP.contains(QuantitySet::one(*number)) {
+                self.set(*number, value);
+            }
         }
     }
 
@@ -443,7 +448,9 @@ impl Held {
             }
             let (low, high) = (input.valid_from, input.valid_to);
             let one = QuantitySet::one(input.quantity);
-            if newest.left_s == 0 || !input.uses(newest.raw) || newest.equal > input.most_equal {
+            // (The processor's own ADC says itself when it has no value; its codes are coarse, and may stand for long.)
+            let stands = newest.equal > input.most_equal && !QuantitySet::CHIP.contains(one);
+            if newest.left_s == 0 || !input.uses(newest.raw) || stands {
                 seen.missing |= one;
                 seen.outside |= one;
             } else {

@@ -139,6 +139,8 @@ pub enum Answer {
     NoLog = 13,
     /// The firmware has no built-in test, or none was done, or it has no item of that number.
     NoTest = 14,
+    /// An alignment runs, which the test would make invalid.
+    Aligning = 15,
 }
 
 impl Answer {
@@ -162,6 +164,7 @@ impl Answer {
             A::Bound,
             A::NoLog,
             A::NoTest,
+            A::Aligning,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -186,6 +189,7 @@ impl core::fmt::Display for Answer {
             Self::Bound => "the constants are larger than it takes (10 deg/h)",
             Self::NoLog => "its firmware has no field log, where it would keep them",
             Self::NoTest => "its firmware has no built-in test, or there is no such item",
+            Self::Aligning => "an alignment runs, which the test would make invalid: end it first",
         })
     }
 }

@@ -130,6 +130,10 @@ pub trait World {
     fn next_edge(&mut self, channel: usize) -> Option<u64>;
     /// The eight codes that the ADC finishes at `cycles`, or `None` if it is silent.
     fn convert(&mut self, cycles: u64) -> Option<[i32; 8]>;
+    /// Supply and temperature of the processor; `None`: as they were.
+    fn ambient(&mut self, _cycles: u64) -> Option<chip_adc::Ambient> {
+        None
+    }
     /// The next byte that the other end of the link sends: when it has arrived, and the byte.
     fn next_link_byte(&mut self) -> Option<(u64, u8)> {
         None

@@ -64,6 +64,9 @@ impl<W: World> Board<W> {
     pub(crate) fn sample(&mut self) -> Result<(), RunError> {
         let at = self.wires.next_sample;
         self.wires.next_sample = at + self.cpu.get_data().adc.period(CPU_HZ).max(1);
+        if let Some(ambient) = self.world.ambient(at) {
+            self.set_ambient(ambient);
+        }
         let Some(codes) = self.world.convert(at) else {
             return Ok(());
         };

@@ -3,10 +3,11 @@
 
 use hrg::unit::record::Recorder;
 use hrg_board::replay::{self, read_elf, Options};
+use hrg_board::wires::WireFaults;
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::EffectId;
-use hrg_core::inputs::{drive, Input, QuantitySet, BOARD};
-use hrg_core::link::Housekeeping;
+use hrg_core::inputs::{drive, Input, InputValues, QuantitySet, BOARD, CHIP_C, CHIP_V};
+use hrg_core::link::{Housekeeping, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_data::recording::steps::Steps;
 use hrg_data::recording::Recording;
@@ -138,4 +139,46 @@ fn an_image_with_inputs_flies_bit_for_bit_and_a_missing_one_is_flagged() {
         assert_eq!(ours.bias_dph.map(f32::to_bits), h.bias_dph.map(f32::to_bits), "step {}", h.step);
         assert_eq!(ours.bias_std_dph[1].to_bits(), h.bias_std_dph[1].to_bits(), "step {}", h.step);
     }
+}
+
+/// The processor's own temperature, as its ADC shows it: codes of 0.1 C, that stand for long; a message cannot replace it.
+#[test]
+fn the_processors_temperature_is_an_input_and_no_message_replaces_it() {
+    let elf = read_elf(&replay::default_elf()).expect("cargo xtask test builds the firmware first");
+    let mut steps = steps();
+    steps.unit_inputs = QuantitySet::CHIP;
+    let n = steps.len();
+    steps.given[usize::from(CHIP_C)] =
+        (0..n).map(|k| 40.0 + if k < 60 { 0.0 } else { 0.05 * (k - 60) as f32 }).collect();
+    steps.given[usize::from(CHIP_V)] = vec![3.25; n];
+    let mut image = calibration();
+    image.effects.clear();
+    image.inputs.clear();
+    let mut term = EffectTerm::new(EffectId::RecordedQuantity.facts().id, [f32::from(CHIP_C), 0.0]);
+    term.gains[0][0] = 1.0;
+    image.effects.push(term).expect("room");
+    let input = Input {
+        quantity: CHIP_C,
+        reference: 40.0,
+        valid_from: 20.0,
+        valid_to: 60.0,
+        most_equal: 10,
+        ..Input::default()
+    };
+    image.inputs.push(input).expect("room");
+    // The electronics send another number under the same name.
+    let other = Message::Inputs(InputValues::of([(CHIP_C, 55.0)])).encode();
+    let link_in = (0..100).flat_map(|k| other.iter().map(move |b| (5.3 + f64::from(k), *b))).collect();
+    let faults = WireFaults { link_in, ..WireFaults::default() };
+    let options = Options { seconds: Some(120), faults, compare: false, ..Options::default() };
+    let sent = replay::run(&elf, Some(&image), &steps, &options, |_| {}).expect("runs").received;
+    for h in sent.housekeeping.iter().skip(2) {
+        let k = h.step as usize;
+        assert!(!h.axis_status[0].contains(AxisStatus::INPUT), "step {k}");
+        let wanted = steps.given[usize::from(CHIP_C)][k] - 40.0;
+        assert!((h.bias_dph[0] - wanted).abs() < 0.3, "step {k}: {} {wanted}", h.bias_dph[0]);
+    }
+    let options = Options { seconds: Some(120), ..Options::default() };
+    let r = replay::run(&elf, Some(&image), &steps, &options, |_| {}).expect("runs").received;
+    assert_eq!((r.differing, r.bad_frames), (0, 0), "{:?}", r.first_difference);
 }

@@ -132,6 +132,8 @@ impl Counter {
                 let period_q8 = u64::from(self.period_q8.max(1));
                 let rounded = (u64::from(delta) << 8) + (period_q8 >> 1);
                 if rounded >= u64::from(GAP_PERIODS + 1) * period_q8 {
+                    let gate = self.gate_of(ticks);
+                    gate.missing = gate.missing.saturating_add(1);
                     self.unlock(stamp);
                     return;
                 }

@@ -146,7 +146,7 @@ pub fn run(
     let scale = used.scale_factors_dph_per_code();
     let parts = parts(&Firmware::parse(elf)?);
     let timebase = Timebase::at(options.part.timer_hz() as u32);
-    let twin = options.compare.then(|| Twin::at(timebase, used, start_status, parts));
+    let twin = options.compare.then(|| Twin::at(timebase, used, start_status, parts).with_ambient(steps));
     let sensors = steps.thermometer == Thermometer::Sensors;
     let twin = twin.map(|t| if sensors { t.with_sensors() } else { t });
     let wires = Wires::new(steps.clone(), scale, options.jitter_s, options.seed, twin, Some(Decoder::new(elf)?))
@@ -194,7 +194,7 @@ fn sent_by_link(parts: Parts, steps: &Steps) -> QuantitySet {
     let wired = Channel::DRIVES.iter().filter(|_| parts.contains(Parts::AUX));
     let wired: QuantitySet = wired.map(|c| QuantitySet::one(c.quantity)).collect();
     if parts.contains(Parts::INPUTS) {
-        steps.unit_inputs.difference(wired)
+        steps.unit_inputs.difference(wired).difference(QuantitySet::CHIP)
     } else {
         QuantitySet::empty()
     }

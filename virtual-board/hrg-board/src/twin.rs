@@ -12,7 +12,7 @@ use hrg_core::chip::Factory;
 use hrg_core::compensator::Output;
 use hrg_core::frequency::{Config, CounterBank, StepFrequencies, GATES_PER_STEP};
 use hrg_core::history::{History, Settling};
-use hrg_core::inputs::{Channel, InputBank, InputValues, CHIP_C, CHIP_V};
+use hrg_core::inputs::{Channel, InputBank, CHIP_C, CHIP_V};
 use hrg_core::link::{Deframer, Identity, InputsUsed, Message};
 use hrg_core::parts::Parts;
 use hrg_core::pps::{self, Pps};
@@ -22,18 +22,30 @@ use hrg_core::sensors::{with_readings, Platinum, SensorBank, Window};
 use hrg_core::status::UnitStatus;
 use hrg_core::telemetry::Telemetry;
 use hrg_core::timebase::Timebase;
+use hrg_data::recording::steps::Steps;
 use hrg_identify::fit::correct::{ModelOf, Stepped};
 use std::collections::VecDeque;
 use virtual_board::chip_adc::{Ambient, FACTORY};
 use virtual_board::CYCLES_PER_TICK;
 
-/// Temperature and supply of the processor on the board.
-fn chip_inputs() -> InputValues {
+/// Supply and temperature of the processor as its ADC shows them.
+fn measured(ambient: Ambient) -> Option<(f32, f32)> {
     let [reference, at_30_c, at_110_c] = FACTORY;
-    let [of_reference, of_thermometer] = Ambient::default().codes();
+    let [of_reference, of_thermometer] = ambient.codes();
     let codes = [of_reference, of_thermometer, of_thermometer, of_thermometer];
-    let found = Factory { reference, at_30_c, at_110_c }.values(codes);
-    InputValues::of(found.into_iter().flat_map(|(supply_v, c)| [(CHIP_C, c), (CHIP_V, supply_v)]))
+    Factory { reference, at_30_c, at_110_c }.values(codes)
+}
+
+/// Supply and temperature of the processor in each second of a recording; those of the board where it has none.
+#[must_use]
+pub fn ambient(steps: &Steps, second: usize) -> Ambient {
+    let given = steps.given(second);
+    let [temperature_c, supply_v] = [CHIP_C, CHIP_V].map(|number| f64::from(given.get(number)));
+    let usual = Ambient::default();
+    Ambient {
+        supply_v: if supply_v.is_finite() { supply_v } else { usual.supply_v },
+        temperature_c: if temperature_c.is_finite() { temperature_c } else { usual.temperature_c },
+    }
 }
 
 /// The bias model of a unit, by the past that it was built with.
@@ -80,6 +92,8 @@ pub struct Twin {
     pub housekeeping: VecDeque<Message>,
     /// Messages of the inputs used that the unit owes.
     pub inputs_used: VecDeque<Message>,
+    /// Of the processor, by second.
+    ambient: Vec<Ambient>,
 }
 
 impl Twin {
@@ -131,7 +145,15 @@ impl Twin {
             rates: VecDeque::new(),
             housekeeping: VecDeque::new(),
             inputs_used: VecDeque::new(),
+            ambient: Vec::new(),
         }
+    }
+
+    /// With the supply and temperature of the processor that a recording has.
+    #[must_use]
+    pub fn with_ambient(mut self, steps: &Steps) -> Self {
+        self.ambient = (0..steps.len()).map(|second| ambient(steps, second)).collect();
+        self
     }
 
     /// Of a firmware that is built with the feature sensors.
@@ -172,7 +194,12 @@ impl Twin {
                 }
                 self.hear();
                 if let Some(bank) = &mut self.inputs {
-                    bank.receive(&chip_inputs());
+                    // (Begun behind the step before: in this second.)
+                    let ambient = self.ambient.get(step.step as usize).copied().unwrap_or_default();
+                    if let Some((supply_v, temperature_c)) = measured(ambient) {
+                        bank.set(CHIP_C, temperature_c);
+                        bank.set(CHIP_V, supply_v);
+                    }
                     if let Some(window) = window.filter(|w| self.aux && w.step == step.step) {
                         bank.take(&window, &Channel::DRIVES);
                     }

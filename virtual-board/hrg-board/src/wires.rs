@@ -1,6 +1,6 @@
 //! Signals on the wires of the board while a recording is played: resonator edges, ADC codes, the link.
 
-use crate::twin::Twin;
+use crate::twin::{ambient, Twin};
 use hrg_align::session::ACCELEROMETER_SCALE;
 use hrg_core::align_mode::Report;
 use hrg_core::inputs::{Channel, InputValues, QuantitySet, IN_MESSAGE};
@@ -14,6 +14,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use std::collections::VecDeque;
 use std::ops::Range;
+use virtual_board::chip_adc::Ambient;
 use virtual_board::{AdcMishap, LineFault, World, CPU_HZ, CYCLES_PER_TICK};
 
 /// Fault of a resonator's signal.
@@ -558,6 +559,14 @@ impl World for Wires {
         if let Some(twin) = &mut self.observers.twin {
             twin.captured(channel, stamp);
         }
+    }
+
+    fn ambient(&mut self, cycles: u64) -> Option<Ambient> {
+        // (Only a recording that has them says so; else a test may.)
+        let second = (cycles / CPU_HZ) as usize;
+        let given = self.steps.given(second);
+        let recorded = QuantitySet::CHIP.numbers().any(|number| given.get(number).is_finite());
+        recorded.then(|| ambient(&self.steps, second))
     }
 
     fn adc_mishap(&mut self, cycles: u64) -> Option<AdcMishap> {

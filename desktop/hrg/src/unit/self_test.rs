@@ -7,6 +7,7 @@ use hrg_core::adc::ALL_CHANNELS;
 use hrg_core::self_test::{Check, Item, Verdict};
 use hrg_core::AXES;
 use hrg_data::axes::AXIS_NAMES;
+use hrg_data::error::BadInput;
 use hrg_data::numeric::stats::std_dev;
 use hrg_data::recording::Recording;
 use serde::Serialize;
@@ -17,6 +18,8 @@ use std::time::{Duration, Instant};
 const QUESTIONS: u32 = 100;
 /// A question is answered within this; one that is not is lost.
 const ANSWERED: Duration = Duration::from_millis(500);
+/// An answer comes at once; what is more than this is a computer or a line that is busy, ms.
+const SLOWEST_MS: f32 = 200.0;
 /// Seconds over which the noise is measured.
 pub const NOISE_S: usize = 60;
 /// Noise as a share of the recording's: over so few seconds it scatters by a tenth, so these are some four standard deviations away.
@@ -114,6 +117,9 @@ impl Report {
     /// # Errors
     /// If the unit does not answer, or has no built-in test.
     pub fn of(unit: &mut Unit, against: Option<&Recording>, mut told: impl FnMut(&str)) -> Result<Self> {
+        if let Some(recording) = against {
+            comparable(unit, recording)?;
+        }
         told("the unit tests itself; its rates are flagged meanwhile");
         let (name, items) = unit.self_test()?;
         let mut rows: Vec<Row> = items.iter().map(Row::from).collect();
@@ -209,9 +215,25 @@ fn link(unit: &mut Unit) -> Result<Vec<Row>> {
             String::new(),
             longest.as_secs_f32() * 1e3,
             "ms",
-            [0.0, ANSWERED.as_secs_f32() * 1e3],
+            [0.0, SLOWEST_MS],
         ),
     ])
+}
+
+/// Refuses a recording of another unit, of corrected rates, or with rows that are no seconds.
+fn comparable(unit: &mut Unit, recording: &Recording) -> Result<()> {
+    let identity = unit.reconnect(Duration::ZERO)?;
+    let (name, of) = (identity.unit_name().to_string(), recording.unit());
+    anyhow::ensure!(
+        of == name,
+        BadInput::new(format!("--against is a recording of unit {of}, and the unit on this port is {name}"))
+    );
+    let raw = recording.meta("rates").is_none_or(|rates| rates == "raw");
+    anyhow::ensure!(
+        raw,
+        BadInput::new("--against is a recording of corrected rates; give the raw one that was fitted")
+    );
+    Ok(())
 }
 
 /// Noise of seconds, of successive differences, deg/h.
