@@ -28,25 +28,8 @@ pub const BAUD: u32 = 921_600;
 const POLL: Duration = Duration::from_millis(20);
 /// An answer comes within this. Most come at once; where the unit erases a sector to make room, that takes 2 s at most.
 const ANSWER: Duration = Duration::from_secs(6);
-/// Checks that each built-in test has a figure of.
-const ALWAYS_TESTED: [Check; 16] = [
-    Check::Offset,
-    Check::Positive,
-    Check::Negative,
-    Check::Noise,
-    Check::RateNoise,
-    Check::Samples,
-    Check::SamplesLost,
-    Check::Temperature,
-    Check::Edges,
-    Check::Clock,
-    Check::Crystal,
-    Check::Supply,
-    Check::Memory,
-    Check::Program,
-    Check::Image,
-    Check::Link,
-];
+/// Checks of parts that a firmware can do without (field log, inputs): each built-in test has a figure of all others.
+const OF_PARTS: [Check; 3] = [Check::Log, Check::SupplyVoltage, Check::ChipTemperature];
 /// The built-in test takes some five seconds, and longer where a part does not answer.
 const TESTED: Duration = Duration::from_secs(25);
 /// A command whose answer was lost is sent again.
@@ -274,6 +257,14 @@ fn named<'n>(bits: u16, names: &'n [&'n str]) -> impl Iterator<Item = &'n str> +
     names.iter().enumerate().filter(move |(k, _)| bits >> k & 1 != 0).map(|(_, n)| *n)
 }
 
+/// The identity that a message tells.
+fn identity_in(message: &Message) -> Option<Identity> {
+    match message {
+        Message::Identity(identity) => Some(*identity),
+        _ => None,
+    }
+}
+
 /// The link of a unit.
 pub struct Unit {
     path: String,
@@ -400,10 +391,7 @@ impl Unit {
     /// # Errors
     /// If the port is gone.
     pub fn identity_within(&mut self, within: Duration) -> Result<Option<Identity>> {
-        self.ask_once(&Message::Identify, within, |m| match m {
-            Message::Identity(i) => Some(*i),
-            _ => None,
-        })
+        self.ask_once(&Message::Identify, within, identity_in)
     }
 
     /// Has the unit test itself; gives its name and the items.
@@ -443,7 +431,8 @@ impl Unit {
             })?);
         }
         // (What passes has been tested.)
-        if let Some(missing) = ALWAYS_TESTED.iter().find(|check| items.iter().all(|i| i.check != **check)) {
+        let mut wanted = Check::ALL.into_iter().filter(|check| !OF_PARTS.contains(check));
+        if let Some(missing) = wanted.find(|check| items.iter().all(|i| i.check != *check)) {
             return refused(format!("it has no figure of {}; ask again", missing.facts().name));
         }
         Ok(items)
@@ -454,10 +443,7 @@ impl Unit {
     /// # Errors
     /// If no unit answers.
     pub fn identity(&mut self) -> Result<Identity> {
-        self.ask(&Message::Identify, Duration::from_secs(2), |m| match m {
-            Message::Identity(i) => Some(*i),
-            _ => None,
-        })
+        self.ask(&Message::Identify, Duration::from_secs(2), identity_in)
     }
 
     fn maintain(&mut self, command: Command) -> Result<Reply> {
