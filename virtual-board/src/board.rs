@@ -15,7 +15,7 @@ use crate::elf::Firmware;
 use crate::error::{RunError, Stop};
 use crate::memory::Memory;
 use crate::part::{Part, STM32F446RE};
-use crate::probe::Probe;
+use crate::probe::{Masked, Probe};
 use crate::profile::{Cost, Profile};
 use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG};
 use crate::thumb::IT_STATE;
@@ -270,8 +270,15 @@ impl<W: World> Board<W> {
         Some(chip.estimate.as_ref()?.longest(FIRST + number as u16))
     }
 
-    /// Counts the calls of all probes anew.
+    /// The longest stretch without interrupts since [`forget_calls`](Self::forget_calls).
+    #[must_use]
+    pub fn longest_masked(&self) -> Masked {
+        self.cpu.get_data().masked_stretch
+    }
+
+    /// Counts the calls of all probes anew, and the longest stretch without interrupts.
     pub fn forget_calls(&mut self) {
+        self.cpu.get_data_mut().masked_stretch = Masked::default();
         for p in &mut self.cpu.get_data_mut().probes {
             p.calls.clear();
             p.estimates.clear();

@@ -9,7 +9,7 @@ use crate::gpio::{Exti, Port, Syscfg};
 use crate::mutation::{RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
 use crate::part::Part;
-use crate::probe::{Moment, Probe};
+use crate::probe::{Masked, Moment, Probe};
 use crate::profile::Profile;
 use crate::serial::{Spi, Usart};
 use crate::signals::{Signal, SIGNALS};
@@ -27,6 +27,7 @@ pub struct Chip {
     pub instructions: u64,
     /// Functions whose calls are counted.
     pub probes: Vec<Probe>,
+    pub masked_stretch: Masked,
     /// Costs of each block, by half its offset in flash, where asked for.
     pub profile: Option<Profile>,
     /// The estimate of cycles, where asked for.
@@ -125,6 +126,7 @@ impl Chip {
             now,
             instructions: 0,
             probes: Vec::new(),
+            masked_stretch: Masked::default(),
             profile: None,
             estimate: None,
             estimated_from: 0,

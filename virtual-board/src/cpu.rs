@@ -143,6 +143,7 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
         let chip = c.get_data_mut();
         if chip.watched {
             let link = c.reg_read(RegisterARM::LR).unwrap_or(0) as u32;
+            let primask = c.reg_read(RegisterARM::PRIMASK).is_ok_and(|p| p & 1 != 0);
             let chip = c.get_data_mut();
             let now = chip.moment();
             if let Some(profile) = &mut chip.profile {
@@ -152,6 +153,7 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
                 let flash = Accelerator::from_acr(chip.flash.acr());
                 estimate.block(address as u32, size, &code, flash);
             }
+            chip.masked_stretch.block(address as u32, now, primask);
             let ready = chip.ready;
             chip.probes.iter_mut().for_each(|p| p.block(address as u32, now, ready, || link));
         }

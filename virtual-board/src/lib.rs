@@ -87,7 +87,7 @@ pub use board::{Board, Snapshot};
 pub use cycles::Cycles;
 pub use elf::Firmware;
 pub use error::{RunError, Stop};
-pub use probe::{Latency, Moment, Probe};
+pub use probe::{Latency, Masked, Moment, Probe};
 pub use profile::Cost;
 pub use spare::Jumper;
 

@@ -16,16 +16,42 @@ pub struct Moment {
 pub struct Latency {
     /// Calls.
     pub calls: u64,
-    /// Most instructions executed meanwhile, whatever ran.
-    pub most_instructions: u64,
-    /// All of them.
+    /// Instructions executed meanwhile, whatever ran, of all calls.
     pub instructions: u64,
-    /// Most estimated cycles in which the processor was awake meanwhile.
-    pub most_estimated: u64,
-    /// All of them.
+    /// Estimated cycles in which the processor was awake meanwhile, of all calls.
     pub estimated: u64,
-    /// Most cycles: time on the wire and sleep included.
+    /// Most cycles of a call: time on the wire and sleep included.
     pub most_cycles: u64,
+}
+
+/// Stretches in which the processor took no interrupt (PRIMASK).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Masked {
+    /// Block and moment in which the present one began.
+    since: Option<(u32, Moment)>,
+    /// Instructions of the longest.
+    pub instructions: u64,
+    /// Its estimated cycles.
+    pub estimate: u64,
+    /// Address of the block of code in which it began.
+    pub at: u32,
+}
+
+impl Masked {
+    /// A block of code at `address` begins at `now`; `primask`: no interrupt is taken.
+    pub(crate) fn block(&mut self, address: u32, now: Moment, primask: bool) {
+        match (primask, self.since) {
+            (true, None) => self.since = Some((address, now)),
+            (false, Some((at, start))) => {
+                self.since = None;
+                let instructions = now.instructions - start.instructions;
+                if instructions > self.instructions {
+                    *self = Self { since: None, instructions, estimate: now.estimate - start.estimate, at };
+                }
+            }
+            _ => {}
+        }
+    }
 }
 
 /// The calls of one function.
@@ -67,9 +93,7 @@ impl Probe {
             let l = &mut self.latency;
             l.calls += 1;
             l.instructions += instructions;
-            l.most_instructions = l.most_instructions.max(instructions);
             l.estimated += estimated;
-            l.most_estimated = l.most_estimated.max(estimated);
             l.most_cycles = l.most_cycles.max(cycles);
         }
     }

@@ -431,6 +431,7 @@ pub fn card(effect: EffectId) -> Card {
             ..Card::of(Rate, Simple, "heating and cooling have different coefficients")
         },
         E::CoolingHeatingHeld => Card::of(Rate, Idle, "heating and cooling have different coefficients, held on soaks"),
+        E::InputNetwork => Card::of(Input, Idle, "an unknown function of temperature, ramp and a recorded quantity"),
         E::RateSaturation => Card {
             refine: &[SCALE],
             grid: |x| {

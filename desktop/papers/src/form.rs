@@ -5,6 +5,7 @@ use crate::stages::{self, Stage};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
+use hrg_core::effects::parameters::{Channel, Hidden, Parameters};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::inputs;
 use hrg_data::error::BadInput;
@@ -12,9 +13,14 @@ use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{block_means, mean, quantile};
 use hrg_data::recording::steps::Run;
 
-/// Effect of one input, and its regressors.
-const OF_INPUTS: EffectId = EffectId::RecordedQuantity;
-const OF_INPUT: usize = 6;
+/// Effect of an input beside the baseline.
+#[derive(Debug, Clone, Copy)]
+struct Term {
+    effect: EffectId,
+    parameters: [f32; MAX_PARAMETERS],
+    /// Regressors that are used, the first ones.
+    outputs: usize,
+}
 
 /// A model that is linear in its coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +32,12 @@ pub(super) enum Form {
     Direct,
     Inputs,
     Damping,
-    Four { breakpoint_c: f32, origin_c: f32 },
+    /// With the seed of the layer on the drive and of that on the quadrature voltage.
+    InputNetwork([u16; 2]),
+    Four {
+        breakpoint_c: f32,
+        origin_c: f32,
+    },
 }
 
 impl Form {
@@ -40,7 +51,7 @@ impl Form {
             Model::Frequency => Some(Self::Direct),
             Model::Inputs => Some(Self::Inputs),
             Model::Damping => Some(Self::Damping),
-            Model::FourParameters | Model::FourParametersLiteral | Model::Network => None,
+            Model::FourParameters | Model::FourParametersLiteral | Model::Network | Model::InputNetwork => None,
         }
     }
 
@@ -48,7 +59,7 @@ impl Form {
     const DIRECT: [&'static str; direct::TERMS] = ["1", "f", "f^2", "f^3", "df/dt", "(df/dt)^2", "f df/dt"];
     const FOUR: [&'static str; four_parameter::TERMS] = ["1", "dT when cooling", "dT when heating", "T low", "T high"];
 
-    const OF_INPUTS: [&'static str; 2 * OF_INPUT] = [
+    const OF_INPUTS: [&'static str; 12] = [
         "drive",
         "drive^2",
         "drive T",
@@ -63,6 +74,21 @@ impl Form {
         "quad 6000 s",
     ];
 
+    const OF_NETWORK: [&'static str; 12] = [
+        "drive, neuron 1",
+        "drive, neuron 2",
+        "drive, neuron 3",
+        "drive, neuron 4",
+        "drive, neuron 5",
+        "drive, neuron 6",
+        "quad, neuron 1",
+        "quad, neuron 2",
+        "quad, neuron 3",
+        "quad, neuron 4",
+        "quad, neuron 5",
+        "quad, neuron 6",
+    ];
+
     pub(super) fn names(self) -> Vec<&'static str> {
         match self {
             Self::Baseline => hrg_identify::fit::NAMES.to_vec(),
@@ -73,6 +99,7 @@ impl Form {
             Self::Direct => Self::DIRECT.to_vec(),
             Self::Inputs => hrg_identify::fit::NAMES.iter().chain(&Self::OF_INPUTS).copied().collect(),
             Self::Damping => vec!["1", Self::OF_INPUTS[0]],
+            Self::InputNetwork(_) => hrg_identify::fit::NAMES.iter().chain(&Self::OF_NETWORK).copied().collect(),
             Self::Four { .. } => Self::FOUR.to_vec(),
         }
     }
@@ -106,7 +133,9 @@ impl Form {
         let mut fill = |values: &[f32]| out.iter_mut().zip(values).for_each(|(o, v)| *o = f64::from(*v));
         match self {
             // (What inputs add comes from their own states: `beside`.)
-            Self::Baseline | Self::TwoSetsHeld | Self::Inputs => fill(&regressors(scaling, t, r)),
+            Self::Baseline | Self::TwoSetsHeld | Self::Inputs | Self::InputNetwork(_) => {
+                fill(&regressors(scaling, t, r));
+            }
             Self::Damping => fill(&[1.0]),
             Self::TwoSets => {
                 let (x, w) = (regressors(scaling, t, r), bias::heating_weight(scaling, r));
@@ -128,30 +157,31 @@ impl Form {
     /// The regressors of each step that need more than its state: they stand behind those of [`row`](Self::row).
     fn beside(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
         let mut rows = vec![Vec::new(); run.steps.len()];
-        for number in self.inputs(a) {
-            let of = run.effect(OF_INPUTS.facts().id, &[f32::from(number), 0.0], 0.0, scaling, a);
+        for term in self.terms(a) {
+            let of = run.effect(term.effect.facts().id, &term.parameters, 0.0, scaling, a);
             for (row, values) in rows.iter_mut().zip(&of) {
-                row.extend(values.iter().take(self.of_input()).map(|v| f64::from(*v)));
+                row.extend(values.iter().take(term.outputs).map(|v| f64::from(*v)));
             }
         }
         rows
     }
 
-    /// Inputs beside the frequencies that it has regressors of.
-    fn inputs(self, a: usize) -> Vec<u8> {
+    /// Effects of inputs on an axis that it has beside the baseline.
+    fn terms(self, a: usize) -> Vec<Term> {
+        let quantity = |number: u8, outputs| {
+            let parameters = Channel { channel: number.into() }.row();
+            Term { effect: EffectId::RecordedQuantity, parameters, outputs }
+        };
+        let layer = |number: u8, seed: u16| {
+            let parameters = Hidden { channel: number.into(), seed: seed.into() }.row();
+            Term { effect: EffectId::InputNetwork, parameters, outputs: EffectId::InputNetwork.facts().outputs }
+        };
+        let both = [inputs::drive(a), inputs::quad(a)];
         match self {
-            Self::Inputs => vec![inputs::drive(a), inputs::quad(a)],
-            Self::Damping => vec![inputs::drive(a)],
+            Self::Inputs => both.map(|n| quantity(n, EffectId::RecordedQuantity.facts().outputs)).to_vec(),
+            Self::Damping => vec![quantity(inputs::drive(a), 1)],
+            Self::InputNetwork(seeds) => both.into_iter().zip(seeds).map(|(n, seed)| layer(n, seed)).collect(),
             _ => Vec::new(),
-        }
-    }
-
-    /// Regressors of each of them.
-    fn of_input(self) -> usize {
-        if self == Self::Damping {
-            1
-        } else {
-            OF_INPUT
         }
     }
 
@@ -185,16 +215,17 @@ impl Form {
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
             Self::Direct => Coefficients::Direct(take(k, 0)),
-            Self::Inputs | Self::Damping => {
-                let (n_inputs, each) = (self.inputs(a).len(), self.of_input());
-                let baseline = k.len() - n_inputs * each;
-                for (n, number) in self.inputs(a).into_iter().enumerate() {
-                    let mut term = EffectTerm::new(OF_INPUTS.facts().id, [f32::from(number), 0.0]);
-                    let from = baseline + n * each;
-                    let own = k.iter().skip(from).take(each).zip(std.iter().skip(from).chain(std::iter::repeat(&0.0)));
-                    for (j, (gain, std)) in own.enumerate() {
-                        (term.gains[a][j], term.gain_std[a][j]) = (*gain as f32, *std as f32);
+            Self::Inputs | Self::Damping | Self::InputNetwork(_) => {
+                let terms = self.terms(a);
+                let baseline = k.len() - terms.iter().map(|t| t.outputs).sum::<usize>();
+                let mut from = baseline;
+                for t in terms {
+                    let mut term = EffectTerm::new(t.effect.facts().id, t.parameters);
+                    for (j, at) in (from..from + t.outputs).enumerate() {
+                        term.gains[a][j] = k[at] as f32;
+                        term.gain_std[a][j] = std.get(at).map_or(0.0, |s| *s as f32);
                     }
+                    from += t.outputs;
                     let _ = c.effects.push(term);
                 }
                 let own = |from: &[f64]| take::<TERMS>(&from[..baseline.min(from.len())], 0);

@@ -25,6 +25,8 @@ pub enum Model {
     Inputs,
     /// A constant and the drive voltage, which goes with damping.
     Damping,
+    /// Eq 7 beside a hidden layer on the drive and one on the quadrature voltage.
+    InputNetwork,
 }
 
 /// Search for the coefficients.
@@ -107,11 +109,13 @@ pub enum Method {
     Inputs,
     /// A constant and the drive voltage.
     Damping,
+    /// Eq 7 beside a network on drive and quadrature voltage.
+    InputNetwork,
 }
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 22] = [
         Self::Lsq,
         Self::TwoSets,
         Self::TwoSetsHeld,
@@ -133,6 +137,7 @@ impl Method {
         Self::Direct,
         Self::Inputs,
         Self::Damping,
+        Self::InputNetwork,
     ];
 
     /// The name in commands and reports.
@@ -160,6 +165,7 @@ impl Method {
             Self::Direct => "direct",
             Self::Inputs => "inputs",
             Self::Damping => "damping",
+            Self::InputNetwork => "inputs-network",
         }
     }
 
@@ -194,6 +200,7 @@ impl Method {
             Self::Direct => (Frequency, Exact, Squares),
             Self::Inputs => (Model::Inputs, Exact, Squares),
             Self::Damping => (Model::Damping, Exact, Squares),
+            Self::InputNetwork => (Model::InputNetwork, Exact, Squares),
         };
         Parts { model, search, objective }
     }
@@ -209,7 +216,7 @@ impl Method {
     #[must_use]
     pub fn inputs(self, axis: usize) -> Vec<u8> {
         match self.parts().model {
-            Model::Inputs => vec![inputs::drive(axis), inputs::quad(axis)],
+            Model::Inputs | Model::InputNetwork => vec![inputs::drive(axis), inputs::quad(axis)],
             Model::Damping => vec![inputs::drive(axis)],
             _ => Vec::new(),
         }
@@ -272,6 +279,7 @@ mod tests {
             assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
         }
         let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        assert_eq!(weighable, ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs", "damping"]);
+        let names = ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs", "damping", "inputs-network"];
+        assert_eq!(weighable, names);
     }
 }

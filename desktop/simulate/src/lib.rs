@@ -2,7 +2,8 @@
 //!
 //! Chamber profile -> case (first-order lag) -> resonator (first-order lag of 694 s, zhao2022) with self-heating
 //! -> frequency by the curves of dong2023's Table 1 -> bias by eq 7, plus effects -> rate with white, flicker and
-//! random-walk noise, and the earth's rate of the attitude. The case sensor has the steps of a DS18B20 (0.0625 C).
+//! random-walk noise, and the earth's rate of the attitude. Losses and stiffness of the resonators make the effects of drive and quadrature,
+//! and the loops show them in a recording, late and with noise. The case sensor has the steps of a DS18B20 (0.0625 C).
 //! In the place of resonators platinum resistors at an ADC may stand, one in each gyro ([`Plan::thermometer`]): all that a gyro
 //! without a resonator has.
 
@@ -11,6 +12,7 @@ mod effects;
 mod noise;
 mod plant;
 pub mod profile;
+mod resonance;
 pub mod turning;
 mod units;
 
@@ -131,7 +133,7 @@ impl Plan {
         let plant = Plant::new(&profile.temperatures());
         let n = plant.board_c.len();
         let mut rng = ChaCha8Rng::seed_from_u64(self.unit_seed ^ 0x6A1_5000);
-        let monitors = Monitors::new(&plant, &mut rng);
+        let monitors = Monitors::new(&plant, self.unit_seed, &mut rng);
         let default = Calibration::uncalibrated();
         let floor = [0; AXES].map(|_| std_dev(&block_means(&rate_noise(n, &self.noise, &mut rng), 100)));
         self.effects
@@ -189,7 +191,7 @@ impl Plan {
         let mut rng = ChaCha8Rng::seed_from_u64(self.seed);
         let default = Calibration::uncalibrated();
         let scaling = &default.scaling;
-        let monitors = Monitors::new(&plant, &mut rng);
+        let monitors = Monitors::new(&plant, self.unit_seed, &mut rng);
         let has_clock_drift = self.effects.iter().any(|e| e.source == Source::Library(EffectId::Timebase));
         let noise = [0; AXES].map(|_| rate_noise(n, &self.noise, &mut rng));
         let floor_dph = [0, 1, 2].map(|a: usize| std_dev(&block_means(&noise[a], 100)));
@@ -239,8 +241,9 @@ impl Plan {
         optional.push(alone(columns::BOARD, monitors.board_c));
         optional.push(alone(columns::SUPPLY, monitors.supply_v));
         if !with_sensors {
-            optional.extend(of_axes(columns::DRIVE, monitors.drive_v));
-            optional.extend(of_axes(columns::QUADRATURE, monitors.quad_v));
+            let resonance = monitors.resonance;
+            optional.extend(of_axes(columns::DRIVE, resonance.each_ref().map(|r| r.drive_v.clone())));
+            optional.extend(of_axes(columns::QUADRATURE, resonance.map(|r| r.quad_v)));
         }
         if let Some(scheme) = &self.turning {
             optional.extend(of_axes(columns::TABLE_RATE, scheme.table_rates_dph(n)));

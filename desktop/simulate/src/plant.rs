@@ -1,6 +1,7 @@
 //! The thermal plant: chamber, case, resonator and board; and what only a recording has.
 
 use super::noise::drift;
+use super::resonance::{Resonance, Resonator};
 use hrg_core::bias::State;
 use hrg_core::inputs::{case, drive, quad, Quantities, BOARD, QUANTITIES, SUPPLY};
 use hrg_core::thermal::{AxisThermal, Thermal};
@@ -33,7 +34,7 @@ pub(super) struct Plant {
     pub(super) board_c: Vec<f64>,
 }
 
-fn lag(input: &[f64], tau: f64) -> Vec<f64> {
+pub(super) fn lag(input: &[f64], tau: f64) -> Vec<f64> {
     let share = 1.0 - (-1.0 / tau).exp();
     let mut y = input.first().copied().unwrap_or(0.0);
     input
@@ -92,31 +93,30 @@ impl Plant {
 pub(super) struct Monitors {
     pub(super) board_c: Vec<f64>,
     pub(super) supply_v: Vec<f64>,
-    pub(super) drive_v: [Vec<f64>; AXES],
-    pub(super) quad_v: [Vec<f64>; AXES],
+    pub(super) resonance: [Resonance; AXES],
     pub(super) clock_ppm: Vec<f64>,
 }
 
 impl Monitors {
-    /// Each follows temperature and drifts by itself.
-    pub(super) fn new(plant: &Plant, rng: &mut ChaCha8Rng) -> Self {
+    /// Of a run: `unit_seed` is the unit, `rng` the run.
+    pub(super) fn new(plant: &Plant, unit_seed: u64, rng: &mut ChaCha8Rng) -> Self {
         let n = plant.board_c.len();
-        Self {
-            board_c: plant.board_c.iter().zip(drift(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect(),
-            supply_v: drift(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect(),
-            drive_v: [0, 1, 2].map(|a: usize| {
-                let w = drift(n, 6000.0, rng);
-                (0..n).map(|k| 1.2 + 0.002 * (plant.resonator_c[a][k] - 10.0) + 0.02 * w[k]).collect()
-            }),
-            quad_v: [0, 1, 2].map(|a: usize| {
-                let w = drift(n, 8000.0, rng);
-                (0..n).map(|k| 0.1 - 0.001 * plant.resonator_c[a][k] + 0.03 * w[k]).collect()
-            }),
-            clock_ppm: drift(n, 7000.0, rng),
-        }
+        let board_c: Vec<f64> = plant.board_c.iter().zip(drift(n, 5000.0, rng)).map(|(b, w)| b + 0.8 * w).collect();
+        let supply_v = drift(n, 4000.0, rng).iter().map(|w| 5.0 + 0.02 * w).collect();
+        let stem = [0; AXES].map(|_| drift(n, 6000.0, rng));
+        let mismatch = [0; AXES].map(|_| drift(n, 8000.0, rng));
+        // The noise of the loops has a stream of its own.
+        let mut loops = rng.clone();
+        loops.set_stream(1);
+        let resonance = [0, 1, 2].map(|a: usize| {
+            let unit = Resonator::of(unit_seed, a);
+            unit.resonate(&plant.resonator_c[a], &board_c, [&stem[a], &mismatch[a]], &mut loops)
+        });
+        Self { board_c, supply_v, resonance, clock_ppm: drift(n, 7000.0, rng) }
     }
 
-    /// Quantities of each second, temperatures from the model's reference.
+    /// Quantities of each second as the physics has them, which make the bias; a recording has what the loops show of them. Temperatures
+    /// from the model's reference.
     pub(super) fn quantities(&self, plant: &Plant, t_ref_c: f32) -> Vec<Quantities> {
         (0..plant.board_c.len())
             .map(|k| {
@@ -126,8 +126,8 @@ impl Monitors {
                 set(SUPPLY, self.supply_v[k] as f32);
                 for a in 0..AXES {
                     set(case(a), plant.case_c[a][k] as f32 - t_ref_c);
-                    set(drive(a), self.drive_v[a][k] as f32);
-                    set(quad(a), self.quad_v[a][k] as f32);
+                    set(drive(a), self.resonance[a].anisotropy_v[k] as f32);
+                    set(quad(a), self.resonance[a].force_v[k] as f32);
                 }
                 Quantities::new(values)
             })

@@ -13,6 +13,8 @@ use hrg_data::recording::steps::{Steps, MEAN_S};
 use hrg_data::recording::Recording;
 use hrg_identify::fit;
 use hrg_identify::trace;
+use hrg_papers::method::Method;
+use hrg_papers::methods::identify;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -31,11 +33,17 @@ pub struct Arguments {
     pub page: Option<PathBuf>,
 }
 
+/// Methods that use inputs without a search.
+const METHODS: [Method; 3] = [Method::Damping, Method::Inputs, Method::InputNetwork];
+
 /// Results of a unit.
 struct Row {
     name: String,
-    /// By axis, in noise floors of the judging run: what the baseline leaves, the image without inputs, the image with them.
-    left: [[f64; AXES]; 3],
+    /// By axis, in noise floors of the judging run: what the baseline leaves, the image without inputs, the image with them, and the images
+    /// of [`METHODS`].
+    left: [[f64; AXES]; 3 + METHODS.len()],
+    /// By axis, what the report without inputs says that they would leave on the verify run, over what the image with them leaves there.
+    told: Vec<f64>,
     burn: [bool; 2],
     named: String,
     inputs: usize,
@@ -65,6 +73,8 @@ fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
     let floors: [f64; AXES] = std::array::from_fn(|a| floor(AXIS_NAMES[a]).unwrap_or(f64::NAN));
     let verify_run = &mut verify[0];
     let with = trace::trace(&train, verify_run)?;
+    let prepared = fit::prepare(&train)?;
+    let by_method = METHODS.map(|m| identify(&prepared, m, 1).map(|i| i.calibration));
     for r in train.iter_mut().chain([&mut *verify_run]) {
         r.set_unit_inputs(NO_INPUTS)?;
     }
@@ -73,9 +83,17 @@ fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
     let options = replay::Options { seconds: Some(seconds), ..replay::Options::default() };
     let flown = replay::run(elf, Some(&with.image), &steps, &options, |_| {})?;
     let named: Vec<&str> = with.report.effects.iter().map(|e| e.name.as_str()).collect();
+    let [damping, inputs, network] = by_method;
+    let images = [&with.baseline, &without.image, &with.image, &damping?, &inputs?, &network?];
+    let needs =
+        |n: &str| without.report.effects.iter().any(|e| e.reach.starts_with("needs ") && e.axes.contains_key(n));
+    let told = AXIS_NAMES.iter().filter(|n| needs(n));
+    let told =
+        told.map(|n| without.report.r#final[*n].verify_rms_dph / with.report.r#final[*n].verify_rms_dph).collect();
     Ok(Row {
+        told,
         name: format!("{}-{}", truth["case"].as_str().unwrap_or("?"), truth["seed"]),
-        left: [&with.baseline, &without.image, &with.image].map(|image| left(image, &steps, floors)),
+        left: images.map(|image| left(image, &steps, floors)),
         burn: [without.report.burn, with.report.burn],
         named: named.join(", "),
         inputs: with.image.inputs.len(),
@@ -103,7 +121,9 @@ pub fn run(arguments: &Arguments) -> Result<String> {
         3 * rows.len()
     );
     let _ = writeln!(s, "|---|---:|---:|");
-    for (k, what) in ["baseline", "image without inputs", "image with inputs"].iter().enumerate() {
+    let traced = ["baseline", "image without inputs", "image with inputs"].map(String::from);
+    let methods = METHODS.map(|m| format!("`--method {m}`"));
+    for (k, what) in traced.iter().chain(&methods).enumerate() {
         let all: Vec<f64> = rows.iter().flat_map(|r| r.left[k]).collect();
         let [middle, low, high] = [0.5, 0.05, 0.95].map(|p| quantile(&all, p));
         let _ = writeln!(s, "| {what} | {middle:.2} | {low:.2} to {high:.2} |");
@@ -119,10 +139,18 @@ pub fn run(arguments: &Arguments) -> Result<String> {
         burnt(1),
         arguments.seconds
     );
+    let told: Vec<f64> = rows.iter().flat_map(|r| r.told.clone()).collect();
+    let [middle, low, high] = [0.5, 0.05, 0.95].map(|p| quantile(&told, p));
+    let _ = writeln!(
+        s,
+        "Without inputs, the report names one that would help on {} of {} axes. What it says would be left is, over what the model with inputs leaves on the verify run, {middle:.2} in the median ({low:.2} to {high:.2}).\n",
+        told.len(),
+        3 * rows.len()
+    );
     let _ = writeln!(s, "| unit | named | inputs | baseline | without | with |\n|---|---|---:|---|---|---|");
     for r in &rows {
         let text = |v: [f64; AXES]| v.map(|v| format!("{v:.2}")).join(", ");
-        let [b, without, with] = r.left.map(text);
+        let [b, without, with, ..] = r.left.map(text);
         let _ = writeln!(s, "| {} | {} | {} | {b} | {without} | {with} |", r.name, r.named, r.inputs);
     }
     Ok(s)

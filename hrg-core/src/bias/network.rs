@@ -35,7 +35,7 @@ pub fn evaluate(weights: &[f32; WEIGHTS], u: f32) -> f32 {
 }
 
 /// Hyperbolic tangent.
-fn tanh(x: f32) -> f32 {
+pub(crate) fn tanh(x: f32) -> f32 {
     1.0 - 2.0 / (libm::expf(2.0 * x) + 1.0)
 }
 

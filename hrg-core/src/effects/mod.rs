@@ -485,6 +485,7 @@ effects! {
     thermometer_error::{ThermometerError},
     rate_saturation::{RateSaturation},
     cooling_heating_held::{CoolingHeatingHeld},
+    input_network::{InputNetwork},
 }
 
 impl EffectId {

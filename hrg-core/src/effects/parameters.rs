@@ -108,6 +108,8 @@ parameters! {
     RampRange { ramp_max_c_per_min: true, "Fastest rate of change, C per minute." }
     /// A recorded quantity.
     Channel { channel: false, "Its number: see the effect." }
+    /// A hidden layer on a recorded quantity.
+    Hidden { channel: false, "The quantity's number."; seed: false, "Seed of the weights, a whole number." }
     /// A recorded quantity of the electronics.
     Source { source: false, "0 the board's temperature, 1 the supply." }
 }

@@ -289,8 +289,10 @@ fn would_leave(r: &Report, e: &Found) -> String {
         return String::new();
     }
     let figures = |of: &dyn Fn(&String) -> f64| list(&on.iter().map(|n| three_digits(of(n))).collect::<Vec<_>>());
+    let lacking = r.effects.iter().filter(|e| e.reach.starts_with("needs ")).count();
     format!(
-        "; with it, {} instead of {} deg/h would be left on {} of the verify run",
+        "; with {}, {} instead of {} deg/h would be left on {} of the verify run",
+        if lacking > 1 { "all that the unit lacks" } else { "it" },
         figures(&|n| r.r#final[n].verify_rms_dph),
         figures(&|n| block[n].verify_rms_dph),
         list(&on)
