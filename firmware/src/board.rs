@@ -21,7 +21,7 @@ use crate::params;
 #[cfg(feature = "pps")]
 use crate::pps;
 use crate::receive::{self, Receiver};
-use crate::watchdog::{Patience, Watchdog};
+use crate::watchdog::{self, Patience, Watchdog};
 use crate::{clock, program};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
@@ -47,10 +47,18 @@ bind_interrupts!(struct Irqs {
     DMA2_STREAM7 => dma::InterruptHandler<DMA2_CH7>;
 });
 
-/// The ADC's frame is to be fetched: its data-ready edge was captured.
-#[interrupt]
-fn TIM2() {
+/// The ADC's frame is to be fetched: its data-ready edge was captured. Passes on where the stack has the interrupted code's registers.
+#[allow(unsafe_code)] // The vector table wants the name; the stack pointer is that of entry only before a prologue.
+#[unsafe(naked)]
+#[unsafe(export_name = "TIM2")]
+extern "C" fn captured() {
+    core::arch::naked_asm!("mov r0, sp", "b {}", sym data_ready)
+}
+
+/// `interrupted`: r0 to r3, r12, LR, PC, xPSR of the code that runs below.
+extern "C" fn data_ready(interrupted: &[u32; 8]) {
     adc::data_ready();
+    watchdog::sampled(interrupted);
 }
 
 /// A pulse per second came.

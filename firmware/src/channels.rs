@@ -17,6 +17,7 @@ use hrg_core::pps;
 use hrg_core::rate_output::RateSecond;
 use hrg_core::rate_path::{PendingBias, RateFrame};
 use hrg_core::status::UnitStatus;
+use hrg_core::stopped::Stopped;
 use hrg_core::AXES;
 
 type Mutex = CriticalSectionRawMutex;
@@ -76,6 +77,10 @@ pub static FETCHED: Tick = Tick::NONE;
 pub static LOOK: Tick = Tick::NONE;
 /// Wakes the rate path for either.
 pub static RATE_PATH: AtomicWaker = AtomicWaker::new();
+/// Rate path, model and threads to the interrupt of each sample: they have run ([`crate::watchdog::sampled`]).
+pub static RATES_RUN: Sign = Sign::NONE;
+pub static MODEL_RUNS: Sign = Sign::NONE;
+pub static THREADS_RUN: Sign = Sign::NONE;
 /// Rate path to watchdog: it has run.
 pub static RATE_ALIVE: Sign = Sign::NONE;
 /// Model to watchdog: it has run.
@@ -99,6 +104,8 @@ pub static INPUTS: Channel<Mutex, InputValues, { crate::params::INPUT_QUEUE }> =
 pub static INPUTS_USED: Signal<Mutex, InputsUsed> = Signal::new();
 /// Telemetry to log.
 pub static LOG: Signal<Mutex, Housekeeping> = Signal::new();
+/// Link in to link out: word of the last stop.
+pub static STOPPED: Signal<Mutex, Stopped> = Signal::new();
 /// Link in to link out: an answer.
 pub static ANSWER: Signal<Mutex, Message> = Signal::new();
 /// Telemetry to the built-in test: each second.

@@ -3,21 +3,22 @@
 #[cfg(feature = "inputs")]
 use crate::channels::INPUTS;
 use crate::channels::{
-    ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE, LINK_ERRORS, MAINTAIN,
+    ALIGN, ALIGNMENT, ANSWER, DECIMATION, FRAMES, HOUSEKEEPING, INPUTS_USED, LINK_ALIVE, LINK_ERRORS, MAINTAIN, STOPPED,
 };
 use crate::receive::Receiver;
 use crate::stop::halt;
-use embassy_futures::select::{select, select4, Either, Either4};
+use embassy_futures::select::{select3, select4, Either3, Either4};
 use embassy_stm32::mode::Async;
 use embassy_stm32::usart::UartTx;
 use hrg_core::link::{Deframer, Identity, Message};
 use hrg_core::reset::Halt;
+use hrg_core::stopped::Stopped;
 
-/// Sends: rates first, then answers, then housekeeping, then the alignment's report and the inputs that were used.
+/// Sends: rates first, then answers, then housekeeping, then the alignment's report, the inputs that were used, and word of a stop.
 #[embassy_executor::task]
 pub async fn send(mut uart: UartTx<'static, Async>) {
     loop {
-        let others = select(ALIGNMENT.wait(), INPUTS_USED.wait());
+        let others = select3(ALIGNMENT.wait(), INPUTS_USED.wait(), STOPPED.wait());
         let message = match select4(FRAMES.receive(), ANSWER.wait(), HOUSEKEEPING.wait(), others).await {
             Either4::First(frame) if !frame.intact() => {
                 defmt::error!("a frame has changed in memory");
@@ -26,8 +27,9 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
             Either4::First(frame) => Message::Rate(frame),
             Either4::Second(answer) => answer,
             Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
-            Either4::Fourth(Either::First(report)) => Message::Alignment(report),
-            Either4::Fourth(Either::Second(used)) => Message::InputsUsed(used),
+            Either4::Fourth(Either3::First(report)) => Message::Alignment(report),
+            Either4::Fourth(Either3::Second(used)) => Message::InputsUsed(used),
+            Either4::Fourth(Either3::Third(stopped)) => Message::Stopped(stopped),
         };
         // A transmit error would be one of the DMA's set-up; there is nobody to tell but the next frame.
         let _ = uart.write(&message.encode()).await;
@@ -37,7 +39,7 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
 
 /// Listens: garbage is counted and skipped.
 #[embassy_executor::task]
-pub async fn receive(mut receiver: Receiver, identity: Identity) {
+pub async fn receive(mut receiver: Receiver, identity: Identity, stopped: Stopped) {
     let mut deframer = Deframer::default();
     // Bad frames and bytes lost; what was told of them and of the line's faults.
     let (mut errors, mut reported) = (0u16, 0);
@@ -48,7 +50,12 @@ pub async fn receive(mut receiver: Receiver, identity: Identity) {
         for &byte in buffer.get(..received.unwrap_or(0)).unwrap_or(&buffer) {
             match deframer.push_command(byte) {
                 None => {}
-                Some(Ok(Message::Identify)) => ANSWER.signal(Message::Identity(identity)),
+                Some(Ok(Message::Identify)) => {
+                    ANSWER.signal(Message::Identity(identity));
+                    if stopped.says_something() {
+                        STOPPED.signal(stopped);
+                    }
+                }
                 Some(Ok(Message::SetDecimation(decimation))) => DECIMATION.signal(decimation),
                 // A host that sends commands faster than one a quarter second loses some, and sees it in the reports.
                 Some(Ok(Message::Align(command))) => drop(ALIGN.try_send(command)),

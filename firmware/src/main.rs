@@ -47,6 +47,7 @@ mod redundant;
 mod retained;
 #[cfg(feature = "self-test")]
 mod self_test;
+mod stack;
 mod stop;
 mod telemetry;
 mod watchdog;
@@ -69,9 +70,10 @@ use hrg_core::maintenance::Maintenance;
 use hrg_core::parts::Parts;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
-use hrg_core::reset::{Halt, ResetCause};
+use hrg_core::reset::ResetCause;
 use hrg_core::sectors;
 use hrg_core::status::UnitStatus;
+use hrg_core::stopped::Stopped;
 use hrg_core::telemetry::Telemetry;
 #[cfg(feature = "field-log")]
 use hrg_core::zero;
@@ -189,7 +191,7 @@ fn maintenance(identity: &Identity, place: Option<sectors::Place>) -> &'static m
 }
 
 /// Logs faults that the start has found.
-fn warn(verdict: program::Verdict, crystal: bool, halt: Halt) {
+fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped) {
     match verdict {
         program::Verdict::Intact => {}
         program::Verdict::Unsealed => {
@@ -200,18 +202,37 @@ fn warn(verdict: program::Verdict, crystal: bool, halt: Halt) {
     if !crystal {
         defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
     }
-    if halt != Halt::None {
-        defmt::warn!("stopped before by {=str}", halt.name());
+    if stopped.says_something() {
+        defmt::warn!(
+            "stopped before by {=str} at {=u32:08x} (from {=u32:08x}, faults {=u32:08x} {=u32:08x} at {=u32:08x}), {=str}:{=u16}, silent {=u8:05b}, stack {=u32}",
+            stopped.halt.name(),
+            stopped.pc,
+            stopped.lr,
+            stopped.cfsr,
+            stopped.hfsr,
+            stopped.address,
+            stopped.file(),
+            stopped.line,
+            stopped.silent.bits(),
+            stopped.stack
+        );
     }
 }
 
 /// Logs events of the start, and writes them to the field log.
 #[inline(never)]
 #[cfg_attr(not(feature = "field-log"), allow(unused_variables))]
-fn record(board: &mut board::Board, on_for_s: u32, events: [Option<Event>; 3]) {
-    for event in events.into_iter().flatten() {
+fn record(board: &mut board::Board, on_for_s: u32, stopped: &Stopped, events: [Option<Event>; 3]) {
+    let [start, others @ ..] = events;
+    #[cfg(feature = "field-log")]
+    let told = events::last_stop(events::records([0, 1].map(|s| board.sectors.log(s)))) == Some(*stopped);
+    #[cfg(not(feature = "field-log"))]
+    let told = true;
+    // (The same stop again and again would fill the log.)
+    let pieces = stopped.pieces().filter(|_| stopped.says_something() && !told).map(Event::Stopped);
+    for event in start.into_iter().chain(pieces).chain(others.into_iter().flatten()) {
         match event {
-            Event::Test { .. } => defmt::error!("the test at the start fails: hrg unit read --events says where"),
+            Event::Test { .. } => defmt::error!("the test at the start fails: hrg unit events says where"),
             Event::CutShort { .. } => defmt::warn!("a burn was cut short"),
             _ => {}
         }
@@ -224,9 +245,11 @@ fn record(board: &mut board::Board, on_for_s: u32, events: [Option<Event>; 3]) {
 #[inline(never)]
 fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let mut board = board::Board::new();
+    // (As late as this, at full speed: what has used the stack until here is not what uses most.)
+    let stack_used = stack::repaint();
     #[cfg(feature = "bring-up")]
     bring_up::prepare(&mut board.sectors);
-    let halt = retained::last_word(board.reset_cause);
+    let stopped = retained::last_stop(board.reset_cause, stack_used);
     let verdict = board.program.whole();
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
@@ -256,14 +279,15 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         board.reset_cause.name(),
         resets
     );
-    warn(verdict, board.crystal, halt);
-    let start = Event::Start { cause: board.reset_cause, halt, resets: identity.resets, calibration: checksum };
+    warn(verdict, board.crystal, &stopped);
+    let start =
+        Event::Start { cause: board.reset_cause, halt: stopped.halt, resets: identity.resets, calibration: checksum };
     let cut_short = cut_short.and_then(|place| sectors::mark(&mut board.sectors, place));
     #[cfg(feature = "self-test")]
     let test = self_test::at_start(verdict, status, board.crystal);
     #[cfg(not(feature = "self-test"))]
     let test = None;
-    record(&mut board, compensators[0].on_for_s() as u32, [Some(start), test, cut_short]);
+    record(&mut board, compensators[0].on_for_s() as u32, &stopped, [Some(start), test, cut_short]);
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
     static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
     let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
@@ -289,7 +313,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
     spawned(model::task(board.rings, board.clock, model_start, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
-    spawned(link::receive(board.link_in, identity), |t| model_spawner.spawn(t));
+    spawned(link::receive(board.link_in, identity, stopped), |t| model_spawner.spawn(t));
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
     #[cfg(feature = "field-log")]

@@ -1,7 +1,7 @@
 //! The bias model: fetches edges, makes frequencies, temperatures and biases, once a second.
 
 use crate::capture::{Clock, Rings};
-use crate::channels::{self, BIAS, LOOK, MODEL_ALIVE, STEP, TRIM};
+use crate::channels::{self, BIAS, LOOK, MODEL_ALIVE, MODEL_RUNS, STEP, TRIM};
 #[cfg(feature = "inputs")]
 use crate::chip::Chip;
 use crate::params::{FETCH_PERIOD, TIMEBASE};
@@ -67,6 +67,7 @@ pub async fn task(
         }
         LOOK.tell(now);
         MODEL_ALIVE.give();
+        MODEL_RUNS.give();
         let Some(step) = bank.poll(now) else { continue };
         #[cfg(feature = "pps")]
         let (step, report) = pps.second(step);

@@ -5,7 +5,7 @@
 use crate::adc::{self, Adc};
 #[cfg(any(feature = "sensors", feature = "aux"))]
 use crate::channels::SENSORS;
-use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATE_ALIVE, RATE_PATH, SECONDS};
+use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATES_RUN, RATE_ALIVE, RATE_PATH, SECONDS};
 use crate::stop::halt;
 use core::future::poll_fn;
 use core::task::Poll;
@@ -81,6 +81,7 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
         #[cfg(feature = "bring-up")]
         crate::bring_up::rate_task_ran();
         RATE_ALIVE.give();
+        RATES_RUN.give();
         match second {
             // Telemetry that is not listening loses a second of means; the rates went out all the same.
             Ok(Some(second)) => drop(SECONDS.try_send(second)),

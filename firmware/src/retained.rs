@@ -5,9 +5,11 @@
 //! clears nor fills the section `.uninit`. After a power-on it holds anything, which has no checksum.
 
 use crate::redundant::Compensator;
+use crate::stack;
 use core::sync::atomic::{AtomicU32, Ordering};
 use hrg_core::history::{newer, Kept, KEPT_WORDS};
 use hrg_core::reset::{Halt, ResetCause};
+use hrg_core::stopped::{self, Silent, Stopped};
 
 type Place = [AtomicU32; KEPT_WORDS];
 
@@ -17,10 +19,14 @@ type Place = [AtomicU32; KEPT_WORDS];
 #[unsafe(export_name = "_kept_states")]
 static PLACES: [Place; 2] = [const { [const { AtomicU32::new(0) }; KEPT_WORDS] }; 2];
 
-/// Reason of the last stop that the unit left: [`WORD`] and a number.
+/// Word of the last stop, as [`hrg_core::stopped`] has it.
 #[allow(unsafe_code)] // As above.
-#[unsafe(link_section = ".uninit.word")]
-static LAST_WORD: AtomicU32 = AtomicU32::new(0);
+#[unsafe(link_section = ".uninit.stop")]
+static STOP: [AtomicU32; stopped::WORDS] = [const { AtomicU32::new(0) }; stopped::WORDS];
+/// Parts that have gone silent, should the watchdog bite: [`WORD`] and their bits; PC and LR of the code that ran then.
+#[allow(unsafe_code)] // As above.
+#[unsafe(link_section = ".uninit.silent")]
+static SILENT: [AtomicU32; 3] = [const { AtomicU32::new(0) }; 3];
 /// Starts that went on from kept states, without a step since: [`WORD`] and a number.
 #[allow(unsafe_code)] // As above.
 #[unsafe(link_section = ".uninit.resumed")]
@@ -58,15 +64,39 @@ fn number(word: &AtomicU32) -> u32 {
 }
 
 /// Leaves word for the next start.
-pub fn leave_word(why: Halt) {
-    LAST_WORD.store(WORD | why as u32, Ordering::Relaxed);
+pub fn leave(stop: &Stopped) {
+    STOP.iter().zip(stop.to_words()).for_each(|(to, word)| to.store(word, Ordering::Relaxed));
 }
 
-/// Gives the reason of the last stop that the unit left, and clears it.
-pub fn last_word(cause: ResetCause) -> Halt {
-    let stated = Halt::from_number(number(&LAST_WORD) as u8).filter(|_| cause != ResetCause::Power);
-    LAST_WORD.store(0, Ordering::Relaxed);
-    stated.unwrap_or_default()
+/// Notes the parts that have gone silent (none: all run), and PC and LR of the code that ran, where they are known.
+pub fn note_silent(parts: Silent, [pc, lr]: [u32; 2]) {
+    let words = [WORD | u32::from(parts.bits()), pc, lr];
+    SILENT.iter().zip(words).for_each(|(to, word)| to.store(word, Ordering::Relaxed));
+}
+
+/// Word of the last stop, with the stack that was used until then; clears it.
+pub fn last_stop(cause: ResetCause, stack: u32) -> Stopped {
+    let words = core::array::from_fn(|k| STOP.get(k).map_or(0, read));
+    let [parts, pc, lr] = &SILENT;
+    let silent = Stopped {
+        silent: Silent::from_bits_truncate(number(parts) as u8),
+        stack,
+        pc: read(pc),
+        lr: read(lr),
+        ..Stopped::default()
+    };
+    STOP.iter().for_each(|word| word.store(0, Ordering::Relaxed));
+    note_silent(Silent::empty(), [0; 2]);
+    if cause == ResetCause::Power {
+        return Stopped::default();
+    }
+    let stop = Stopped::from_words(&words).unwrap_or_default();
+    match (stop.halt, cause) {
+        // Where the stack leaves the RAM the processor cannot even enter the handler of the fault: it stands until the watchdog bites.
+        (Halt::None, ResetCause::Watchdog) if stack::is_full(stack) => Stopped { stack, halt: Halt::Stack, ..stop },
+        (Halt::None, ResetCause::Watchdog) if !silent.silent.is_empty() => silent,
+        _ => Stopped { stack, ..stop },
+    }
 }
 
 fn words(place: &'static Place) -> impl Fn(usize) -> u32 + Copy {

@@ -7,15 +7,18 @@
 //! # Tradeoffs
 //! embassy's `IndependentWatchdog` cannot change its time once it runs, so the four registers are driven here (RM0390 chapter 20).
 
-use crate::channels::{self, LINK_ALIVE, MODEL_ALIVE, RATE_ALIVE, TELEMETRY_ALIVE};
+use crate::channels::{self, LINK_ALIVE, MODEL_ALIVE, MODEL_RUNS, RATES_RUN, RATE_ALIVE, TELEMETRY_ALIVE, THREADS_RUN};
 use crate::params::{self, Time};
 use crate::program;
+use crate::retained;
+use core::sync::atomic::{AtomicU32, Ordering};
 use embassy_stm32::pac::iwdg::vals::{Key, Pr};
 use embassy_stm32::pac::IWDG as REGISTERS;
 use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::Peri;
 use embassy_time::{Duration, Timer};
 use hrg_core::status::UnitStatus;
+use hrg_core::stopped::Silent;
 use hrg_core::supervision::{Alive, Supervision, LOOK_MS};
 
 fn feed() {
@@ -28,6 +31,29 @@ fn set((prescaler, reload): Time) {
     REGISTERS.rlr().write(|w| w.set_rl(reload));
     while REGISTERS.sr().read().0 != 0 {}
     feed();
+}
+
+/// Samples of the ADC, and the number of them in which each part runs once at least: a look's interval and a quarter.
+static SAMPLES: AtomicU32 = AtomicU32::new(0);
+const INTERVAL: u32 = 128;
+
+/// Notes a part that does not run any more, as seen from the interrupt of each sample: from there up nobody else can tell. A part that
+/// runs for ever silences those below it, so the highest of the silent ones is meant, and the code that was interrupted is where it hangs.
+pub fn sampled(interrupted: &[u32; 8]) {
+    let n = SAMPLES.load(Ordering::Relaxed).wrapping_add(1);
+    SAMPLES.store(n, Ordering::Relaxed);
+    if !n.is_multiple_of(INTERVAL) {
+        return;
+    }
+    let (rates, model, threads) = (RATES_RUN.take(), MODEL_RUNS.take(), THREADS_RUN.take());
+    let silent = match (rates, model, threads) {
+        (false, ..) => Silent::RATES,
+        (_, false, _) => Silent::MODEL,
+        (.., false) => Silent::THREADS,
+        _ => return,
+    };
+    let [.., lr, pc, _] = *interrupted;
+    retained::note_silent(silent, [pc, lr]);
 }
 
 /// The watchdog.
@@ -59,9 +85,12 @@ impl Watchdog {
                 link: LINK_ALIVE.take(),
                 telemetry: TELEMETRY_ALIVE.take(),
             };
-            if supervision.look(alive) {
+            let silent = supervision.look(alive);
+            retained::note_silent(silent, [0; 2]);
+            if silent.is_empty() {
                 feed();
             }
+            THREADS_RUN.give();
             #[cfg(feature = "self-test")]
             if channels::PROGRAM_TEST.try_take().is_some() {
                 // The pass that is under way, then a whole one.

@@ -28,6 +28,7 @@
 use crate::bytes;
 use crate::reset::{Halt, ResetCause};
 use crate::status::{AxisStatus, UnitStatus};
+use crate::stopped::{Piece, Stopped};
 use crate::zero;
 use crate::AXES;
 
@@ -123,6 +124,8 @@ pub enum Event {
         /// Check of the first of them ([`crate::self_test::Check`]), and its channel or axis; of no meaning where none fails.
         first: [u8; 2],
     },
+    /// A word of what the stop before the last start has left ([`crate::stopped`]).
+    Stopped(Piece),
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
     Lost {
         /// 1: starts and burns are written still; 0: nothing is.
@@ -151,6 +154,7 @@ mod kind {
     pub const ZERO_OF: u8 = 8;
     pub const ZERO: u8 = 9;
     pub const TEST: u8 = 10;
+    pub const STOPPED: u8 = 11;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -190,6 +194,7 @@ impl Record {
             Event::Test { at_start, failed, first } => {
                 laid_out(kind::TEST, failed, u16::from_le_bytes(first), [t, u32::from(at_start)])
             }
+            Event::Stopped(Piece { number, value }) => laid_out(kind::STOPPED, number, 0, [t, value]),
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -214,6 +219,7 @@ impl Record {
             kind::ZERO_OF => Event::ZeroOf { calibration: middle, made_unix_s: value },
             kind::ZERO => Event::Zero { axis: small, std: middle, constant: value },
             kind::TEST => Event::Test { at_start: value != 0, failed: small, first: middle.to_le_bytes() },
+            kind::STOPPED => Event::Stopped(Piece { number: small, value }),
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -243,6 +249,23 @@ pub fn records<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Record> + 'a 
         .into_iter()
         .filter(|s| head(s).is_some())
         .flat_map(|s| s.chunks_exact(RECORD).filter_map(|r| Record::from_bytes(r.first_chunk()?)))
+}
+
+/// The stop whose words the log holds last.
+#[must_use]
+pub fn last_stop(records: impl Iterator<Item = Record>) -> Option<Stopped> {
+    let (mut stop, mut last) = (Stopped::default(), None);
+    for record in records {
+        match record.event {
+            Event::Start { halt, .. } => stop = Stopped { halt, ..Stopped::default() },
+            Event::Stopped(piece) => {
+                stop.add(piece);
+                last = Some(stop);
+            }
+            _ => {}
+        }
+    }
+    last
 }
 
 /// Writes the log.
@@ -445,6 +468,7 @@ mod tests {
             Event::Unit { flags: UnitStatus::ADC_FAULT },
             Event::Burn { answer: 7, calibration: 1 },
             Event::CutShort { place: 0x2_0400 },
+            Event::Stopped(Piece { number: 3, value: 0x0801_2344 }),
             Event::Lost { count: 3 },
         ] {
             let record = Record { on_for_s: 12_345, event };
@@ -457,6 +481,19 @@ mod tests {
             }
         }
         assert_eq!(Record::from_bytes(&[0xFF; RECORD]), None);
+    }
+
+    #[test]
+    fn the_last_stop_is_that_of_the_newest_words() {
+        let start = |halt| Event::Start { cause: ResetCause::Watchdog, halt, resets: 0, calibration: 0 };
+        let fault = Stopped { halt: Halt::Fault, pc: 8, stack: 4, ..Stopped::default() };
+        let other = Stopped { halt: Halt::Panic, line: 3, stack: 4, ..Stopped::default() }.in_file("a.rs");
+        let told = |s: Stopped| std::iter::once(start(s.halt)).chain(s.pieces().map(Event::Stopped));
+        let all = |events: Vec<Event>| last_stop(events.into_iter().map(|event| Record { on_for_s: 1, event }));
+        assert_eq!(all(vec![start(Halt::None)]), None);
+        assert_eq!(all(told(fault).chain(told(other)).collect()), Some(other));
+        // A start without words, as after the same stop again.
+        assert_eq!(all(told(other).chain(told(fault)).chain([start(Halt::Fault)]).collect()), Some(fault));
     }
 
     #[test]

@@ -65,6 +65,7 @@ pub mod self_test;
 pub mod sensors;
 pub mod signature;
 pub mod status;
+pub mod stopped;
 pub mod supervision;
 pub mod telemetry;
 pub mod temperature;

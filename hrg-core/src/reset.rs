@@ -64,11 +64,13 @@ pub enum Halt {
     Corruption = 3,
     /// The crystal has stopped.
     ClockLost = 4,
+    /// The stack has left its room, which stops the processor at once.
+    Stack = 5,
 }
 
 impl Halt {
     /// Name of each in files and on screens, in the order of their numbers.
-    pub const NAMES: [&str; 5] = ["nothing", "panic", "fault", "corruption", "clock-lost"];
+    pub const NAMES: [&str; 6] = ["nothing", "panic", "fault", "corruption", "clock-lost", "stack-overflow"];
 
     /// Its name.
     #[must_use]
@@ -79,6 +81,8 @@ impl Halt {
     /// The halt with a number.
     #[must_use]
     pub fn from_number(n: u8) -> Option<Self> {
-        [Self::None, Self::Panic, Self::Fault, Self::Corruption, Self::ClockLost].into_iter().find(|h| *h as u8 == n)
+        [Self::None, Self::Panic, Self::Fault, Self::Corruption, Self::ClockLost, Self::Stack]
+            .into_iter()
+            .find(|h| *h as u8 == n)
     }
 }

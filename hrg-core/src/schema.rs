@@ -16,8 +16,9 @@
 //! ```
 
 use crate::bytes::{Reader, Writer};
-use crate::reset::ResetCause;
+use crate::reset::{Halt, ResetCause};
 use crate::status::{AxisStatus, UnitStatus};
+use crate::stopped::Silent;
 use crate::unit_name::UnitName;
 
 /// Format of one number in bytes, little-endian.
@@ -217,6 +218,8 @@ as_number! {
     AxisStatus, U16, u16, |s: AxisStatus| s.bits(), |b: u16| Some(AxisStatus::from_bits_retain(b));
     UnitStatus, U8, u8, |s: UnitStatus| s.bits(), |b: u8| Some(UnitStatus::from_bits_retain(b));
     ResetCause, U8, u8, |c: ResetCause| c as u8, ResetCause::from_number;
+    Halt, U8, u8, |h: Halt| h as u8, Halt::from_number;
+    Silent, U8, u8, |s: Silent| s.bits(), |b: u8| Some(Silent::from_bits_retain(b));
 }
 
 impl Wire for UnitName {

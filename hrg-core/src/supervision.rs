@@ -2,13 +2,16 @@
 //!
 //! # Example
 //! ```
+//! use hrg_core::stopped::Silent;
 //! use hrg_core::supervision::{Alive, Supervision};
 //!
 //! let mut supervision = Supervision::default();
 //! let all = Alive { rates: true, model: true, link: true, telemetry: true };
-//! assert!(supervision.look(all), "the watchdog is fed");
-//! assert!(!supervision.look(Alive { rates: false, ..all }), "it is not: the rates stand still");
+//! assert!(supervision.look(all).is_empty(), "nobody is silent: the watchdog is fed");
+//! assert_eq!(supervision.look(Alive { rates: false, ..all }), Silent::RATES, "it is not: the rates stand still");
 //! ```
+
+use crate::stopped::Silent;
 
 /// Interval between checks of the parts, ms. The rate path runs each millisecond and the model each ten, so both have
 /// run between two checks.
@@ -38,12 +41,17 @@ pub struct Supervision {
 }
 
 impl Supervision {
-    /// A look; whether the watchdog is to be fed.
-    pub fn look(&mut self, alive: Alive) -> bool {
+    /// A look: the parts that have stopped. The watchdog is to be fed where there is none.
+    pub fn look(&mut self, alive: Alive) -> Silent {
         let since = |quiet: u8, alive: bool| if alive { 0 } else { quiet.saturating_add(1) };
         self.link_quiet = since(self.link_quiet, alive.link);
         self.telemetry_quiet = since(self.telemetry_quiet, alive.telemetry);
-        alive.rates && alive.model && self.link_quiet.max(self.telemetry_quiet) < QUIET_LOOKS
+        let mut silent = Silent::empty();
+        silent.set(Silent::RATES, !alive.rates);
+        silent.set(Silent::MODEL, !alive.model);
+        silent.set(Silent::LINK, self.link_quiet >= QUIET_LOOKS);
+        silent.set(Silent::TELEMETRY, self.telemetry_quiet >= QUIET_LOOKS);
+        silent
     }
 }
 
@@ -56,14 +64,16 @@ mod tests {
     #[test]
     fn rates_and_model_have_no_patience_link_and_telemetry_some() {
         let mut s = Supervision::default();
-        assert!(s.look(ALL));
-        assert!(!s.look(Alive { rates: false, ..ALL }));
-        assert!(!s.look(Alive { model: false, ..ALL }));
-        for quiet in [Alive { link: false, ..ALL }, Alive { telemetry: false, ..ALL }] {
+        assert!(s.look(ALL).is_empty());
+        assert_eq!(s.look(Alive { rates: false, ..ALL }), Silent::RATES);
+        assert_eq!(s.look(Alive { model: false, ..ALL }), Silent::MODEL);
+        for (quiet, who) in
+            [(Alive { link: false, ..ALL }, Silent::LINK), (Alive { telemetry: false, ..ALL }, Silent::TELEMETRY)]
+        {
             for look in 1..200u8 {
-                assert_eq!(s.look(quiet), look < QUIET_LOOKS, "{look}");
+                assert_eq!(s.look(quiet), if look < QUIET_LOOKS { Silent::empty() } else { who }, "{look}");
             }
-            assert!(s.look(ALL), "one word is enough");
+            assert!(s.look(ALL).is_empty(), "one word is enough");
         }
     }
 }

@@ -370,6 +370,7 @@ impl<W: World> Board<W> {
             return Err(what);
         }
         self.mishaps += 1;
+        self.note_fault(&what);
         const HARD_FAULT: u16 = 3;
         let within = self.cpu.get_data().nvic.stack.contains(&HARD_FAULT);
         if within || self.enter_exception(HARD_FAULT).is_err() {
@@ -378,6 +379,20 @@ impl<W: World> Board<W> {
             chip.asleep = true;
         }
         Ok(())
+    }
+
+    /// What the fault's registers say of it (PM0214 sections 4.4.10 to 4.4.13).
+    fn note_fault(&mut self, what: &RunError) {
+        const FORCED: u32 = 1 << 30;
+        let [undefined, fetch, precise, address_valid] = [16, 8, 9, 15].map(|bit| 1u32 << bit);
+        let chip = self.cpu.get_data_mut();
+        let address = std::mem::take(&mut chip.bad_address);
+        let kind = match what {
+            RunError::Cpu { what, .. } if what.contains("INSN") || what.contains("EXCEPTION") => undefined,
+            RunError::Cpu { what, .. } if what.contains("FETCH") => fetch,
+            _ => precise | if address == 0 { 0 } else { address_valid },
+        };
+        chip.nvic.fault = [kind, FORCED, address];
     }
 
     /// Result of a DMA stream's access. Outside memory it is a transfer error, which stops the stream and raises TEIF (RM0390 section 9.3.17).

@@ -28,6 +28,8 @@ pub struct Chip {
     /// Functions whose calls are counted.
     pub probes: Vec<Probe>,
     pub masked_stretch: Masked,
+    /// Address of the last access that nothing answers.
+    pub bad_address: u32,
     /// Costs of each block, by half its offset in flash, where asked for.
     pub profile: Option<Profile>,
     /// The estimate of cycles, where asked for.
@@ -127,6 +129,7 @@ impl Chip {
             instructions: 0,
             probes: Vec::new(),
             masked_stretch: Masked::default(),
+            bad_address: 0,
             profile: None,
             estimate: None,
             estimated_from: 0,
@@ -247,6 +250,7 @@ impl Chip {
             _ => self.read_spare(address),
         };
         value.unwrap_or_else(|| {
+            self.bad_address = address;
             self.fail(format!("read of {address:#010x}: this register is not modelled"));
             0
         })
@@ -525,6 +529,7 @@ impl Chip {
 
     fn finish(&mut self, done: Option<()>, address: u32) {
         if done.is_none() {
+            self.bad_address = address;
             self.fail(format!("write to {address:#010x}: this register is not modelled"));
         }
         // A write may have moved the next event, or woken an interrupt.

@@ -7,7 +7,7 @@ use crate::error::RunError;
 use crate::memory::Memory;
 use crate::thumb::{self, IT_STATE};
 use crate::{FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
-use unicorn_engine::{Arch, ArmCpuModel, Mode, Prot, RegisterARM, TlbEntry, TlbType, Unicorn};
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, TlbEntry, TlbType, Unicorn};
 
 /// The emulator with the chip as its data.
 pub type Cpu<'a> = Unicorn<'a, Chip>;
@@ -39,6 +39,11 @@ pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result
     uc(cpu.ctl_exits_enable())?;
     count_blocks(&mut cpu, code)?;
     sleep_and_wake(&mut cpu, code)?;
+    // An address that nothing answers: the fault's registers tell it.
+    uc(cpu.add_mem_hook(HookType::MEM_UNMAPPED, 1, 0, |c, _, address, _, _| {
+        c.get_data_mut().bad_address = address as u32;
+        false
+    }))?;
     uc(cpu.add_intr_hook(|c, number| {
         let chip = c.get_data_mut();
         if number == 8 {

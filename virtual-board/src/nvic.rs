@@ -30,6 +30,8 @@ pub struct Nvic {
     ccr: u32,
     shpr: [u32; 3],
     shcsr: u32,
+    /// CFSR, HFSR and BFAR: the last fault.
+    pub fault: [u32; 3],
     cpacr: u32,
     fpccr: u32,
     /// AIRCR, PRIGROUP.
@@ -56,6 +58,7 @@ impl Default for Nvic {
             ccr: 0x200,
             shpr: [0; 3],
             shcsr: 0,
+            fault: [0; 3],
             cpacr: 0,
             fpccr: 0xC000_0000,
             group: 0,
@@ -208,7 +211,10 @@ impl Nvic {
             0xE000_ED14 => self.ccr,
             0xE000_ED18..=0xE000_ED20 => self.shpr[word(0xE000_ED18)],
             0xE000_ED24 => self.shcsr,
-            0xE000_ED28..=0xE000_ED3C => 0, // fault status
+            0xE000_ED28 => self.fault[0],
+            0xE000_ED2C => self.fault[1],
+            0xE000_ED38 => self.fault[2],
+            0xE000_ED30..=0xE000_ED3C => 0,
             0xE000_ED88 => self.cpacr,
             0xE000_EDF0 => 0, // DHCSR: no debugger
             0xE000_EF34 => self.fpccr,
@@ -263,7 +269,10 @@ impl Nvic {
             0xE000_ED14 => self.ccr = value,
             0xE000_ED18..=0xE000_ED20 => self.shpr[word(0xE000_ED18)] = value,
             0xE000_ED24 => self.shcsr = value,
-            0xE000_ED28..=0xE000_ED3C => {}
+            // A one clears.
+            0xE000_ED28 => self.fault[0] &= !value,
+            0xE000_ED2C => self.fault[1] &= !value,
+            0xE000_ED30..=0xE000_ED3C => {}
             0xE000_ED88 => self.cpacr = value,
             0xE000_EF00 => {
                 // STIR

@@ -67,7 +67,7 @@ const FLASH_BOUND: u64 = 197_000;
 /// The same with the check of signatures.
 const SIGNED_FLASH_BOUND: u64 = 205_000;
 /// The smallest unit.
-const MINIMAL_FLASH_BOUND: u64 = 100_000;
+const MINIMAL_FLASH_BOUND: u64 = 104_000;
 const RAM_BOUND: u64 = 64 * 1024;
 
 fn main() -> ExitCode {

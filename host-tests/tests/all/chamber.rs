@@ -51,7 +51,7 @@ fn image(sequence: u32, constant: f32) -> Calibration {
 fn an_image_is_burnt_over_the_link_survives_power_off_and_is_never_fitted_twice() {
     let d = folder("burn");
     let (elf, steps) = (elf(), steps());
-    let options = serve::Options { speed: 12.0, seconds: None, folder: d.clone() };
+    let options = serve::Options { speed: 12.0, seconds: None, folder: d.clone(), as_on_chip: false };
     let link = d.join("link").display().to_string();
     let power = |work: &dyn Fn()| {
         let stop = AtomicBool::new(false);

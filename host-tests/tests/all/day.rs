@@ -85,7 +85,7 @@ fn power(folder: &Path, speed: f64, work: impl FnOnce()) {
     let (elf, steps) = (elf(), steps());
     // Built before the board's time runs.
     let _ = command(folder, "");
-    let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf() };
+    let options = serve::Options { speed, seconds: None, folder: folder.to_path_buf(), as_on_chip: false };
     let stop = AtomicBool::new(false);
     std::thread::scope(|s| {
         let board = s.spawn(|| serve::serve(&elf, None, &steps, &options, &stop));

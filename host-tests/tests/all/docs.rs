@@ -6,12 +6,13 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Commands of commands.
-const GROUPS: [(&str, &str); 12] = [
+const GROUPS: [(&str, &str); 13] = [
     ("fit", "points"),
     ("fit", "soaks"),
     ("fit", "lag"),
     ("unit", "burn"),
     ("unit", "read"),
+    ("unit", "events"),
     ("unit", "image"),
     ("unit", "keygen"),
     ("unit", "zero"),

@@ -26,6 +26,7 @@ mod rates;
 mod second_chip;
 mod self_test;
 mod signed;
+mod stops;
 mod table1;
 mod words;
 mod wu2023;

@@ -54,6 +54,7 @@ impl Message {
             Self::Maintained(reply) => write_reply(reply, w),
             Self::Inputs(values) => put(w, &[0x84], values),
             Self::InputsUsed(used) => put(w, &[0x06], used),
+            Self::Stopped(stopped) => put(w, &[0x07], stopped),
         }
     }
 
@@ -82,6 +83,7 @@ impl Message {
                 _ => return None,
             }),
             0x06 => Self::InputsUsed(take(r)?),
+            0x07 => Self::Stopped(take(r)?),
             _ => return None,
         })
     }
@@ -124,7 +126,7 @@ impl Message {
     /// [`LinkError`] says what is wrong; nothing of the frame is used.
     pub fn decode(frame: &[u8]) -> Result<Self, LinkError> {
         Self::decode_with(frame, |kind, r| match kind {
-            0x01..=0x06 => Some(Self::read_report(kind, r)),
+            0x01..=0x07 => Some(Self::read_report(kind, r)),
             0x80..=0x84 => Some(Self::read_command(kind, r)),
             _ => None,
         })

@@ -18,6 +18,7 @@ use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
 use crate::status::{AxisStatus, UnitStatus};
+use crate::stopped::Stopped;
 use crate::unit_name::UnitName;
 use crate::zero::Zero;
 use crate::AXES;
@@ -240,6 +241,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintained: item of the test", lead: &[0x05, 2], fields: Item::FIELDS },
     Table { name: "maintained: test done", lead: &[0x05, 3], fields: TestDone::FIELDS },
     Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
+    Table { name: "stopped", lead: &[0x07], fields: Stopped::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
     Table { name: "align", lead: &[0x82], fields: Align::FIELDS },

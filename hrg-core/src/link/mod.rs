@@ -28,6 +28,7 @@ use crate::maintenance;
 use crate::rate_path::{RateFrame, Summary};
 use crate::reset::ResetCause;
 use crate::status::{AxisStatus, UnitStatus};
+use crate::stopped::Stopped;
 use crate::timebase::Timebase;
 use crate::unit_name::UnitName;
 use crate::AXES;
@@ -216,6 +217,8 @@ pub enum Message {
     Inputs(InputValues),
     /// Unit to host: the inputs that a model step has used, each second once any has come.
     InputsUsed(InputsUsed),
+    /// Unit to host, after each [`Message::Identity`]: what the stop before the last start has left, if there was one.
+    Stopped(Stopped),
 }
 
 /// Why bytes are not a message.

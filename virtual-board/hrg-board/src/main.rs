@@ -51,6 +51,9 @@ enum Command {
         /// Folder for the links to the pseudo-terminals, and the flash.
         #[arg(long, default_value = "out/board")]
         folder: PathBuf,
+        /// A fault of the program restarts the unit, as on the chip, in the place of a sentence that ends the run.
+        #[arg(long)]
+        as_on_chip: bool,
         /// Firmware; by default the one that cargo xtask build makes.
         #[arg(long)]
         elf: Option<PathBuf>,
@@ -168,7 +171,7 @@ fn run(command: Command) -> Result<()> {
             }
             Ok(())
         }
-        Command::Serve { recording, calibration, speed, seconds, folder, elf } => {
+        Command::Serve { recording, calibration, speed, seconds, folder, as_on_chip, elf } => {
             if !(0.01..=1000.0).contains(&speed) {
                 return Err(BadInput::new("--speed must lie between 0.01 and 1000").into());
             }
@@ -186,7 +189,7 @@ fn run(command: Command) -> Result<()> {
             let stop = Arc::new(AtomicBool::new(false));
             let set = stop.clone();
             ctrlc::set_handler(move || set.store(true, Ordering::Relaxed))?;
-            let options = serve::Options { speed, seconds, folder };
+            let options = serve::Options { speed, seconds, folder, as_on_chip };
             serve::serve(&elf, calibration.as_ref(), &Steps::new(&source)?, &options, &stop)
         }
         Command::ChipTests { elf } => hrg_board::chip_tests::command(&replay::read_elf(&elf)?),

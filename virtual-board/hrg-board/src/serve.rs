@@ -23,6 +23,8 @@ pub struct Options {
     pub seconds: Option<u64>,
     /// Folder for the links `link` and `log` to the pseudo-terminals, and for the flash that stays when the board is off.
     pub folder: PathBuf,
+    /// A fault of the program restarts the unit, and does not end the run.
+    pub as_on_chip: bool,
 }
 
 /// Calibration sectors, as offsets in flash.
@@ -79,6 +81,9 @@ pub fn serve(
         .live()
         .with_inputs(steps.unit_inputs);
     let mut board = Board::new(elf, wires)?;
+    if options.as_on_chip {
+        board.faults_as_on_chip();
+    }
     match (calibration, std::fs::read(&flash)) {
         (Some(c), _) => {
             board.write_flash(CALIBRATION_A, &c.to_bytes().context("the calibration does not fit an image")?)?;

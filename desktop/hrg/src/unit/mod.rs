@@ -1,5 +1,5 @@
 //! Everything that talks to a unit: its port ([`port`]), recordings from it ([`record`]), its log ([`mod@log`]), its screen
-//! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]), its constants in the field
+//! ([`monitor`]), keys that sign its calibrations ([`keys`]), its field log ([`events`]) with names from its program ([`symbols`]), its constants in the field
 //! ([`zero`]), its built-in test ([`self_test`]), and sensors beside it ([`sensors`]).
 
 pub mod align;
@@ -11,4 +11,5 @@ pub mod port;
 pub mod record;
 pub mod self_test;
 pub mod sensors;
+pub mod symbols;
 pub mod zero;

@@ -13,6 +13,7 @@ use hrg_core::maintenance::{chunks, Answer, Command, Reply, CHUNK, LOG_PAGE};
 use hrg_core::sectors::{Place, PAGE};
 use hrg_core::self_test::{Check, Item};
 use hrg_core::status::{AxisStatus, UnitStatus};
+use hrg_core::stopped::Stopped;
 use hrg_core::zero::Zero;
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
@@ -265,6 +266,9 @@ fn identity_in(message: &Message) -> Option<Identity> {
     }
 }
 
+/// Time within which word of a stop follows an identity.
+const STOPPED: Duration = Duration::from_millis(500);
+
 /// The link of a unit.
 pub struct Unit {
     path: String,
@@ -418,7 +422,7 @@ impl Unit {
             Some(Err(answer)) => return refused(format!("the unit says: {answer}")),
             None => {
                 return refused(format!(
-                    "no result within {} s; the unit may have started anew: hrg unit read --events",
+                    "no result within {} s; the unit may have started anew: hrg unit events",
                     TESTED.as_secs()
                 ))
             }
@@ -491,6 +495,21 @@ impl Unit {
         }
         bytes.truncate(length);
         Ok(bytes)
+    }
+
+    /// Word of the stop before the unit's last start; `None`: there was none.
+    ///
+    /// # Errors
+    /// If the unit does not answer.
+    pub fn last_stop(&mut self) -> Result<Option<Stopped>> {
+        self.reconnect(Duration::ZERO)?;
+        let until = Instant::now() + STOPPED;
+        while let Some(left) = until.checked_duration_since(Instant::now()) {
+            if let Some(Message::Stopped(stopped)) = self.next(left).context("the port is gone")? {
+                return Ok(Some(stopped));
+            }
+        }
+        Ok(None)
     }
 
     /// The field log, oldest event first.

@@ -12,6 +12,7 @@ use hrg::unit::port::{agreed_name, name_of, At, Burn, Burnt, NameError, Unit};
 use hrg::unit::record::Recorder;
 use hrg::unit::sensors;
 use hrg::unit::sensors::Sensors;
+use hrg::unit::symbols::Symbols;
 use hrg::unit::zero::Measured;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::inputs::{self, InputValues, IN_MESSAGE};
@@ -432,7 +433,7 @@ pub fn renew(arguments: &ZeroArguments) -> Result<()> {
         println!("{name:<6} {:>13.4} {constant:>22.4} {std:>9.4}", renewed.found_dph[a]);
     }
     println!(
-        "{}: kept beside image {:08x}, over power cuts, until another image is burnt; hrg unit zero --undo takes it back, hrg unit read --events lists it",
+        "{}: kept beside image {:08x}, over power cuts, until another image is burnt; hrg unit zero --undo takes it back, hrg unit events lists it",
         identity.unit_name(),
         identity.calibration
     );
@@ -577,7 +578,7 @@ pub struct KeygenArguments {
 pub fn read(arguments: &ReadArguments) -> Result<()> {
     let ReadArguments { port, events, out } = arguments;
     if *events {
-        return read_events(port);
+        return read_events(port, None);
     }
     let out = out.as_deref();
     let (identity, images) = Unit::open(port)?.read()?;
@@ -615,15 +616,36 @@ pub fn read(arguments: &ReadArguments) -> Result<()> {
     }
 }
 
-/// Prints the field log of a unit.
+/// Arguments of `hrg unit events`.
+#[derive(Args)]
+pub struct EventsArguments {
+    /// Serial port of the link.
+    #[arg(long)]
+    port: String,
+    /// The firmware that the unit runs, as an ELF: names the places at which it has stopped.
+    #[arg(long)]
+    elf: Option<PathBuf>,
+}
+
+/// `hrg unit events`: the last stop, and the field log.
+pub fn events(arguments: &EventsArguments) -> Result<()> {
+    read_events(&arguments.port, arguments.elf.as_deref())
+}
+
+/// Prints the last stop and the field log of a unit.
 ///
 /// # Errors
 /// If the unit does not answer.
-fn read_events(port: &str) -> Result<()> {
-    let all = Unit::open(port)?.events()?;
+fn read_events(port: &str, elf: Option<&Path>) -> Result<()> {
+    let symbols = elf.map(Symbols::open).transpose()?;
+    let mut unit = Unit::open(port)?;
+    if let Some(stopped) = unit.last_stop()? {
+        println!("stopped before its last start: {}", events::stop(&stopped, symbols.as_ref()));
+    }
+    let all = unit.events()?;
     println!("{} events; times since power-on, over restarts", all.len());
-    for record in &all {
-        println!("{}", events::line(record));
+    for line in events::lines(&all, symbols.as_ref()) {
+        println!("{line}");
     }
     Ok(())
 }

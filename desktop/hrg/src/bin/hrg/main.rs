@@ -236,6 +236,10 @@ enum UnitCommand {
     ///
     /// Example: hrg unit read --port /dev/ttyUSB0 -o in-use.toml
     Read(chamber::ReadArguments),
+    /// Print the last stop of a unit and its field log over power cuts: starts and their causes, stops, flags that rose, burns.
+    ///
+    /// Example: hrg unit events --port /dev/ttyUSB0 --elf firmware.elf
+    Events(chamber::EventsArguments),
     /// Write the image of a calibration into a file, for a unit whose images come by the debug port.
     ///
     /// Example: hrg unit image cal.toml --unit HRG-7 --out image.bin
@@ -399,6 +403,7 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         Command::CompareImages(arguments) => images::run(&arguments),
         Command::Unit(UnitCommand::Burn(arguments)) | Command::Burn(arguments) => chamber::burn(&arguments),
         Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
+        Command::Unit(UnitCommand::Events(arguments)) => chamber::events(&arguments),
         Command::Unit(UnitCommand::Zero(arguments)) => chamber::renew(&arguments),
         Command::Unit(UnitCommand::Test(arguments)) => {
             if !self_test::run(&arguments)? {
