@@ -1,7 +1,7 @@
 //! Channels and signals between tasks. Nothing else is shared.
 
 use crate::params::FRAME_QUEUE;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
@@ -156,7 +156,7 @@ pub static TESTING: AtomicBool = AtomicBool::new(false);
 pub static ALIGNING: AtomicBool = AtomicBool::new(false);
 
 /// Flags of the unit that stand since they were found, after the start.
-static STANDING: AtomicU8 = AtomicU8::new(0);
+static STANDING: AtomicU16 = AtomicU16::new(0);
 
 /// Those flags.
 pub fn standing() -> UnitStatus {

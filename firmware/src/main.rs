@@ -67,6 +67,7 @@ use hrg_core::events::Event;
 use hrg_core::events::{self, Record, Store as _};
 use hrg_core::link::Identity;
 use hrg_core::maintenance::Maintenance;
+use hrg_core::option_bytes::{self, Difference};
 use hrg_core::parts::Parts;
 use hrg_core::rate_output::RateOutput;
 use hrg_core::rate_path::{self, RatePath};
@@ -191,7 +192,7 @@ fn maintenance(identity: &Identity, place: Option<sectors::Place>) -> &'static m
 }
 
 /// Logs faults that the start has found.
-fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped) {
+fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped, unprotected: Difference) {
     match verdict {
         program::Verdict::Intact => {}
         program::Verdict::Unsealed => {
@@ -201,6 +202,11 @@ fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped) {
     }
     if !crystal {
         defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
+    }
+    for (name, bit) in Difference::NAMES.iter().zip(Difference::all()) {
+        if unprotected.contains(bit) {
+            defmt::warn!("option bytes: {=str}", *name);
+        }
     }
     if stopped.says_something() {
         defmt::warn!(
@@ -268,9 +274,10 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         sequence: calibration.sequence,
         reset_cause: board.reset_cause,
         resets: resets.min(0xFFFF) as u16,
+        option_bytes: embassy_stm32::pac::FLASH.optcr().read().0,
     };
     defmt::info!(
-        "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u8:02x}, start after {=str}, {=u32} resets",
+        "hrg firmware {=str}: unit {=str}, calibration {=u32:08x} no. {=u32}, status {=u16:02x}, start after {=str}, {=u32} resets",
         env!("CARGO_PKG_VERSION"),
         calibration.unit_name(),
         identity.calibration,
@@ -279,7 +286,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         board.reset_cause.name(),
         resets
     );
-    warn(verdict, board.crystal, &stopped);
+    warn(verdict, board.crystal, &stopped, option_bytes::differences(identity.option_bytes));
     let start =
         Event::Start { cause: board.reset_cause, halt: stopped.halt, resets: identity.resets, calibration: checksum };
     let cut_short = cut_short.and_then(|place| sectors::mark(&mut board.sectors, place));

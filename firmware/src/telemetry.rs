@@ -80,7 +80,7 @@ pub async fn log() {
         let c = h.corrected_dph;
         let status = h.axis_status;
         defmt::info!(
-            "t={=u32} on={=f32} f={=f64},{=f64},{=f64} T={=f32},{=f32},{=f32} dT={=f32},{=f32},{=f32} b={=f32},{=f32},{=f32} raw={=f32},{=f32},{=f32} c={=f32},{=f32},{=f32} status={=u16:02x},{=u16:02x},{=u16:02x},{=u8:02x} cal={=u32:08x} no={=u32} made={=u32} mode={=u8}",
+            "t={=u32} on={=f32} f={=f64},{=f64},{=f64} T={=f32},{=f32},{=f32} dT={=f32},{=f32},{=f32} b={=f32},{=f32},{=f32} raw={=f32},{=f32},{=f32} c={=f32},{=f32},{=f32} status={=u16:02x},{=u16:02x},{=u16:02x},{=u16:02x} cal={=u32:08x} no={=u32} made={=u32} mode={=u8}",
             h.time_ms, h.on_for_s, f[0], f[1], f[2], t[0], t[1], t[2], r[0], r[1], r[2], b[0], b[1], b[2], w[0], w[1], w[2], c[0], c[1], c[2],
             status[0].bits(), status[1].bits(), status[2].bits(), h.unit_status.bits(), h.calibration, h.sequence, h.created_unix_s, h.mode
         );

@@ -8,6 +8,7 @@
 //! embassy's `IndependentWatchdog` cannot change its time once it runs, so the four registers are driven here (RM0390 chapter 20).
 
 use crate::channels::{self, LINK_ALIVE, MODEL_ALIVE, MODEL_RUNS, RATES_RUN, RATE_ALIVE, TELEMETRY_ALIVE, THREADS_RUN};
+use crate::clock;
 use crate::params::{self, Time};
 use crate::program;
 use crate::retained;
@@ -29,9 +30,14 @@ fn set((prescaler, reload): Time) {
     REGISTERS.kr().write(|w| w.set_key(Key::ENABLE));
     REGISTERS.pr().write(|w| w.set_pr(Pr::from_bits(prescaler)));
     REGISTERS.rlr().write(|w| w.set_rl(reload));
-    while REGISTERS.sr().read().0 != 0 {}
+    // Five cycles of LSI, 0.3 ms of the slowest. One that does not run must not keep the unit from starting.
+    let taken = (0..PATIENCE).any(|_| REGISTERS.sr().read().0 == 0);
+    channels::stand(UnitStatus::WATCHDOG, !taken);
     feed();
 }
+
+/// Looks at a register, some cycles each: 5 ms at least.
+const PATIENCE: u32 = 200_000;
 
 /// Samples of the ADC, and the number of them in which each part runs once at least: a look's interval and a quarter.
 static SAMPLES: AtomicU32 = AtomicU32::new(0);
@@ -91,6 +97,7 @@ impl Watchdog {
                 feed();
             }
             THREADS_RUN.give();
+            channels::stand(UnitStatus::SUPPLY, !clock::supplied());
             #[cfg(feature = "self-test")]
             if channels::PROGRAM_TEST.try_take().is_some() {
                 // The pass that is under way, then a whole one.

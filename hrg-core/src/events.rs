@@ -186,7 +186,7 @@ impl Record {
                 laid_out(kind::START, cause as u8 | (halt as u8) << 4, resets, [t, calibration])
             }
             Event::Axis { axis, flags, temperature } => laid_out(kind::AXIS, axis, flags.bits(), [t, temperature]),
-            Event::Unit { flags } => laid_out(kind::UNIT, flags.bits(), 0, [t, 0]),
+            Event::Unit { flags } => laid_out(kind::UNIT, 0, flags.bits(), [t, 0]),
             Event::Burn { answer, calibration } => laid_out(kind::BURN, answer, 0, [t, calibration]),
             Event::CutShort { place } => laid_out(kind::CUT_SHORT, 0, 0, [t, place]),
             Event::ZeroOf { calibration, made_unix_s } => laid_out(kind::ZERO_OF, 0, calibration, [t, made_unix_s]),
@@ -213,7 +213,7 @@ impl Record {
             kind::AXIS => {
                 Event::Axis { axis: small, flags: AxisStatus::from_bits_truncate(middle), temperature: value }
             }
-            kind::UNIT => Event::Unit { flags: UnitStatus::from_bits_truncate(small) },
+            kind::UNIT => Event::Unit { flags: UnitStatus::from_bits_truncate(middle) },
             kind::BURN => Event::Burn { answer: small, calibration: value },
             kind::CUT_SHORT => Event::CutShort { place: value },
             kind::ZERO_OF => Event::ZeroOf { calibration: middle, made_unix_s: value },

@@ -52,6 +52,7 @@ pub mod inputs;
 pub mod link;
 pub mod maintenance;
 pub mod math;
+pub mod option_bytes;
 pub mod parts;
 pub mod pps;
 pub mod rate_factors;

@@ -679,7 +679,7 @@ mod tests {
                     3 => f.integrity ^= 1 << bit,
                     4..=6 => f.rate_dph[word - 4] = f32::from_bits(f.rate_dph[word - 4].to_bits() ^ 1 << bit),
                     _ => match bit / 8 {
-                        3 => f.unit_status ^= UnitStatus::from_bits_retain(1 << (bit % 8)),
+                        3 => f.unit_status ^= UnitStatus::from_bits_retain(1 << (bit % 16)),
                         k => f.axis_status[k] ^= AxisStatus::from_bits_retain(1 << (bit % 8)),
                     },
                 }

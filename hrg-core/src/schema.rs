@@ -216,7 +216,7 @@ macro_rules! as_number {
 as_number! {
     bool, Bool, u8, u8::from, |b: u8| Some(b != 0);
     AxisStatus, U16, u16, |s: AxisStatus| s.bits(), |b: u16| Some(AxisStatus::from_bits_retain(b));
-    UnitStatus, U8, u8, |s: UnitStatus| s.bits(), |b: u8| Some(UnitStatus::from_bits_retain(b));
+    UnitStatus, U16, u16, |s: UnitStatus| s.bits(), |b: u16| Some(UnitStatus::from_bits_retain(b));
     ResetCause, U8, u8, |c: ResetCause| c as u8, ResetCause::from_number;
     Halt, U8, u8, |h: Halt| h as u8, Halt::from_number;
     Silent, U8, u8, |s: Silent| s.bits(), |b: u8| Some(Silent::from_bits_retain(b));

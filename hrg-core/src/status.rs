@@ -1,6 +1,6 @@
 //! Status bits: what the unit says about the numbers it sends.
 //!
-//! A rate whose axis byte and unit byte are both zero is one that the unit stands behind. The bits of an axis and those of the unit
+//! A rate whose axis bits and unit bits are all zero is one that the unit stands behind. The bits of an axis and those of the unit
 //! are two types, which do not mix.
 //!
 //! # Example
@@ -59,7 +59,7 @@ bitflags! {
 bitflags! {
     /// Bits of the unit.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-    pub struct UnitStatus: u8 {
+    pub struct UnitStatus: u16 {
         /// The ADC sent nothing, or a frame with a wrong checksum, or samples were lost, repeated or not at their rate, since the last frame
         /// out; or a rate channel has given the same
         /// code for [`crate::rate_path::STUCK_SAMPLES`].
@@ -80,6 +80,10 @@ bitflags! {
         /// The program in flash has changed, or bits of memory do not hold what is written ([`crate::self_test`]): what the unit computes is not to be
         /// trusted.
         const PROGRAM = 1 << 7;
+        /// The supply is below what the processor needs at its full speed (2.75 V at the least, in the last 0.1 s).
+        const SUPPLY = 1 << 8;
+        /// The watchdog's oscillator does not run: a program that hangs is not started anew.
+        const WATCHDOG = 1 << 9;
     }
 }
 
@@ -108,7 +112,7 @@ impl AxisStatus {
 
 impl UnitStatus {
     /// Name of each bit in files and on screens, bit 0 first.
-    pub const NAMES: [&str; 8] = [
+    pub const NAMES: [&str; 10] = [
         "adc-fault",
         "bias-late",
         "link-errors",
@@ -117,6 +121,8 @@ impl UnitStatus {
         "timebase",
         "image-refused",
         "program",
+        "supply",
+        "watchdog",
     ];
 }
 

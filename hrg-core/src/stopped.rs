@@ -94,7 +94,7 @@ const _: () = assert!(size(Stopped::FIELDS).is_multiple_of(4));
 /// A piece of a stop, as a record of the field log holds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Piece {
-    /// Which words of the stop: from 0.
+    /// Number of the word of the stop, from 0.
     pub number: u8,
     /// The word.
     pub value: u32,

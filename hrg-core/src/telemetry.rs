@@ -213,6 +213,7 @@ mod tests {
             sequence: 9,
             reset_cause: ResetCause::Watchdog,
             resets: 2,
+            ..Identity::default()
         };
         Telemetry::new(Box::default(), Timebase::REFERENCE, identity, UnitStatus::IMAGE_REFUSED)
     }

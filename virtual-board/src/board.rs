@@ -492,6 +492,11 @@ impl<W: World> Board<W> {
         self.get(FLASH_START, &mut sp)?;
         self.get(FLASH_START + 4, &mut pc)?;
         let (sp, pc) = (u32::from_le_bytes(sp), u32::from_le_bytes(pc));
+        if pc & 1 == 0 {
+            let what =
+                "the reset vector has no Thumb bit: the processor locks up at once (PM0214 section 2.3.4)".into();
+            return Err(RunError::Cpu { what, pc });
+        }
         uc(self.cpu.reg_write(RegisterARM::XPSR, 0x0100_0000))?;
         uc(self.cpu.reg_write(RegisterARM::PRIMASK, 0))?;
         uc(self.cpu.reg_write(RegisterARM::BASEPRI, 0))?;

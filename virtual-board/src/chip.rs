@@ -230,7 +230,7 @@ impl Chip {
                 Some(self.backup.read((a - 0x4002_4000) as usize / 4 + word))
             }
             0x4000_3000 => self.iwdg.read(word, now),
-            0x4000_7000 => self.pwr.read(word),
+            0x4000_7000 => self.pwr.read(word, now),
             0x4001_1000 => self.usart1.read(word),
             0x4001_2000 => self.chip_adc.read(word, now),
             0x4001_3000 => self.spi1.read(word),
@@ -407,7 +407,7 @@ impl Chip {
                 if word == 0 {
                     self.refused_switch(base, value);
                 }
-                let done = self.pwr.write(word, value);
+                let done = self.pwr.write(word, value, self.now);
                 self.follow_clocks();
                 done
             }

@@ -70,11 +70,15 @@ impl<W: World> Board<W> {
         let mut vector = [0; 4];
         self.put(frame_at, &frame)?;
         self.get(vector_at, &mut vector)?;
+        if vector[0] & 1 == 0 {
+            let what = format!("vector {exception} has no Thumb bit: a usage fault, INVSTATE (PM0214 section 2.3.4)");
+            return Err(RunError::Cpu { what, pc });
+        }
         let cpu = &mut self.cpu;
         uc(cpu.reg_write(RegisterARM::SP, u64::from(frame_at)))?;
         uc(cpu.reg_write(RegisterARM::LR, if nested { 0xFFFF_FFE1 } else { 0xFFFF_FFE9 }))?;
         uc(cpu.reg_write(RegisterARM::XPSR, u64::from(0x0100_0000 | u32::from(exception))))?;
-        uc(cpu.reg_write(RegisterARM::PC, u64::from(u32::from_le_bytes(vector) | 1)))?;
+        uc(cpu.reg_write(RegisterARM::PC, u64::from(u32::from_le_bytes(vector))))?;
         let chip = cpu.get_data_mut();
         chip.probes.iter_mut().for_each(Probe::interrupt);
         if let Some(estimate) = &mut chip.estimate {

@@ -126,6 +126,10 @@ impl Syscfg {
         *self.regs.get_mut(word)? = value;
         Some(())
     }
+    /// Another memory than the flash is at address 0 (MEMRMP, MEM_MODE).
+    pub fn remapped(&self) -> bool {
+        self.regs[0] & 7 != 0
+    }
     /// The port that an EXTI line is connected to (EXTICR; RM0390 section 8.2.3).
     pub fn port_of(&self, line: usize) -> usize {
         (self.regs[2 + line / 4] >> (4 * (line % 4)) & 0xF) as usize

@@ -11,8 +11,10 @@ use crate::serial::LINE_BAUD;
 use crate::signals::{Signal, SIGNALS};
 use crate::tables::Pin;
 
-/// The ADC's SPI takes so much, Hz (SBAS950, timing requirements).
-const ADC_SPI_MAX_HZ: u64 = 25_000_000;
+/// The bus with the ADC works up to so much, Hz. The ADC changes its output up to 20 ns after a rising edge of SCK (SBAS950, switching
+/// characteristics, 2.7 to 3.6 V), and SPI1 wants it some 5 ns before the falling one (STM32F446 data sheet, SPI dynamic characteristics): half a
+/// bit of 25 ns. (The ADC itself takes 25 MHz.)
+const ADC_SPI_MAX_HZ: u64 = 20_000_000;
 /// A pin at its lowest speed gives so much at 50 pF and 2.7 V, Hz (STM32F446 data sheet, I/O AC characteristics).
 const LOW_SPEED_HZ: u64 = 4_000_000;
 
@@ -186,7 +188,9 @@ impl Chip {
                     self.clocks = c;
                     self.carried = [None; SIGNALS];
                 }
-                let (acr, power) = (self.flash.access_control(), self.pwr.control());
+                // (Over-drive counts as soon as it is there, and not when it is asked for.)
+                let power = self.pwr.control() & !(0b11 << 16) | self.pwr.over_drive(self.now);
+                let acr = self.flash.access_control();
                 if let Err(what) = clocks::judge(c, &self.part.clocks, acr, power) {
                     self.mismatch(|| what);
                 }
@@ -244,8 +248,8 @@ impl Chip {
             }
             0x4000_7000
                 if self.part.clocks.over_drive_above.is_some()
-                    && value & OVER_DRIVE << 1 != 0
-                    && power & OVER_DRIVE == 0 =>
+                    && value & !power & OVER_DRIVE << 1 != 0
+                    && self.pwr.over_drive(self.now) & OVER_DRIVE == 0 =>
             {
                 "PWR_CR.ODSWEN is set before over-drive is ready (RM0390 section 5.1.3)"
             }
@@ -310,15 +314,18 @@ impl Chip {
             self.mismatch(|| format!("SPI1_{what}"));
             return false;
         }
+        let pins = [Signal::BusClock, Signal::FromAdc, Signal::ToAdc, Signal::Select, Signal::Reset];
+        if !pins.into_iter().all(|s| self.carries(s)) {
+            return false;
+        }
         if hz > ADC_SPI_MAX_HZ {
             let mhz = hz as f64 / 1e6;
             self.mismatch(|| {
-                format!("SPI1_CR1.BR makes {mhz:.2} MHz, and the ADC takes 25 MHz (SBAS950, timing requirements; RM0390 section 26.7.1)")
+                format!("SPI1_CR1.BR makes {mhz:.2} MHz: half a bit is shorter than the ADC's output delay and SPI1's set-up time, which allow 20 MHz (SBAS950, switching characteristics; RM0390 section 26.7.1)")
             });
             return false;
         }
-        let pins = [Signal::BusClock, Signal::FromAdc, Signal::ToAdc, Signal::Select, Signal::Reset];
-        pins.into_iter().all(|s| self.carries(s)) && self.awake(0x4001_3000, "no bit moves")
+        self.awake(0x4001_3000, "no bit moves")
     }
 
     /// `true` if USART1 uses the format of the wire, out or in.
@@ -349,6 +356,21 @@ impl Chip {
         }
         if !self.nvic.float_unit_on() {
             self.mismatch(|| "SCB_CPACR leaves the floating-point unit off: its first instruction is a usage fault (PM0214 section 4.6.1)".into());
+        }
+        // Captures and the link go by DMA into memory, and the flash is fetched from when it wakes.
+        const MEMORY: [(u32, &str); 3] = [(15, "the flash's interface"), (16, "SRAM1"), (17, "SRAM2")];
+        if let Some((_, what)) = MEMORY.iter().find(|(bit, what)| {
+            !self.rcc.bit((0x50, *bit)) && (*what != "SRAM2" || self.part.clocks.over_drive_above.is_some())
+        }) {
+            self.mismatch(|| format!("RCC_AHB1LPENR stops {what} while the processor sleeps, and DMA has no memory (RM0390 section 6.3.14)"));
+        }
+        if self.rcc.bit((0x80, 31)) {
+            self.mismatch(|| "RCC_SSCGR.SSCGEN spreads the spectrum of the clock that the thermometer is timed by (RM0390 section 6.3.22)".into());
+        }
+        if self.syscfg.remapped() && self.nvic.vtor() < crate::FLASH_START {
+            self.mismatch(|| {
+                "SYSCFG_MEMRMP shows no flash at address 0, where VTOR has the vectors (RM0390 section 8.2.1)".into()
+            });
         }
         // AHB1, APB1, APB2.
         for (on, asleep) in [(0x30, 0x50), (0x40, 0x60), (0x44, 0x64)] {

@@ -390,6 +390,8 @@ impl Backup {
 #[derive(Debug, Clone)]
 pub struct Pwr {
     regs: [u32; 2],
+    /// Cycles at which over-drive is ready, and switched to; `u64::MAX`: it is off.
+    over_drive: [u64; 2],
     /// The supply is at so many tenths of a volt less than 3.3 V.
     pub sag_tenths: u32,
 }
@@ -397,12 +399,20 @@ pub struct Pwr {
 impl Default for Pwr {
     fn default() -> Self {
         // VOS: scale 1 of the STM32F405 and its kin; of the STM32F446, the highest (RM0390 section 5.4.1).
-        Self { regs: [3 << 14, 0], sag_tenths: 0 }
+        Self { regs: [3 << 14, 0], over_drive: [u64::MAX; 2], sag_tenths: 0 }
     }
 }
 
+/// Time that each step of over-drive takes (STM32F446 data sheet, over-drive switching characteristics: 45 us).
+const OVER_DRIVE: u64 = 45 * (crate::CPU_HZ / 1_000_000);
+
 impl Pwr {
-    pub fn read(&self, word: usize) -> Option<u32> {
+    /// ODRDY and ODSWRDY at a time, in their places in PWR_CSR, which are those of ODEN and ODSWEN in PWR_CR.
+    pub fn over_drive(&self, now: u64) -> u32 {
+        let [ready, switched] = self.over_drive.map(|at| now >= at);
+        u32::from(ready) << 16 | u32::from(switched) << 17
+    }
+    pub fn read(&self, word: usize, now: u64) -> Option<u32> {
         match word {
             0 => Some(self.regs[0]),
             1 => {
@@ -411,16 +421,19 @@ impl Pwr {
                 const FALLING_MV: [u32; 8] = [2040, 2190, 2340, 2470, 2600, 2840, 2930, 3030];
                 let level = FALLING_MV[(self.regs[0] >> 5 & 7) as usize];
                 let below = self.regs[0] & 1 << 4 != 0 && 3300 - 100 * self.sag_tenths < level;
-                // Over-drive is ready when it is on, and switched when it is ready.
-                let over_drive = self.regs[0] & 1 << 16;
-                let switched = over_drive << 1 & self.regs[0];
-                Some(self.regs[1] | 1 << 14 | over_drive | switched | u32::from(below) << 2)
+                Some(self.regs[1] | 1 << 14 | self.over_drive(now) | u32::from(below) << 2)
             }
             _ => None,
         }
     }
-    pub fn write(&mut self, word: usize, value: u32) -> Option<()> {
+    pub fn write(&mut self, word: usize, value: u32, now: u64) -> Option<()> {
         *self.regs.get_mut(word)? = value;
+        if word == 0 {
+            let [on, switch] = [16, 17].map(|bit| value & 1 << bit != 0);
+            let [ready, switched] = &mut self.over_drive;
+            *ready = if on { (*ready).min(now + OVER_DRIVE) } else { u64::MAX };
+            *switched = if on && switch { (*switched).min((*ready).max(now) + OVER_DRIVE) } else { u64::MAX };
+        }
         Some(())
     }
     /// PWR_CR.

@@ -42,7 +42,7 @@ pub struct Counts {
     /// Pulses per second: how often another one was told.
     pub pulses: u32,
     /// Flags of the unit, in any frame.
-    pub flags: u8,
+    pub flags: u16,
     /// The last housekeeping.
     pub last: Option<Housekeeping>,
     /// Answers to [`Message::Identify`].

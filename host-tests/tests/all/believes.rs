@@ -206,3 +206,61 @@ fn a_stream_that_was_stopped_half_way_must_be_set_up_anew() {
     let end = board.write_register(DMA2 + 0x88, cr).expect_err("on");
     expect(&end.to_string(), &["DMA2 stream 5", "stopped half way", "RM0390 section 9.5"]);
 }
+
+/// Gives the end of a run of the program with one byte changed; `None`: the program is refused at once.
+fn with_byte(address: u32, change: impl Fn(u8) -> u8) -> String {
+    use object::{Object, ObjectSegment};
+    let mut elf = SCENE.elf().to_vec();
+    let at = {
+        let file = object::File::parse(&elf[..]).expect("an ELF");
+        let within = |s: &object::Segment| (s.address()..s.address() + s.size()).contains(&u64::from(address));
+        let segment = file.segments().find(within).expect("it is loaded");
+        (segment.file_range().0 + u64::from(address) - segment.address()) as usize
+    };
+    elf[at] = change(elf[at]);
+    let end = Board::new(&elf, SCENE.wires()).and_then(|mut b| b.run_until(CPU_HZ));
+    end.map_or_else(|e| e.to_string(), |stop| format!("{stop:?}"))
+}
+
+#[test]
+fn vectors_without_their_thumb_bit_end_the_run() {
+    const RESET: u32 = 0x0800_0004;
+    const TIM2_VECTOR: u32 = 0x0800_0000 + 4 * (16 + 28);
+    assert_eq!(with_byte(RESET, |b| b), "Time", "control");
+    expect(&with_byte(RESET, |b| b & !1), &["reset vector", "locks up"]);
+    expect(&with_byte(TIM2_VECTOR, |b| b & !1), &["vector 44", "INVSTATE"]);
+}
+
+#[test]
+fn over_drive_takes_its_time() {
+    // ODEN with ODSWEN at once.
+    let oden = WRITES.iter().find(|w| w.address == PWR && w.value & 1 << 16 != 0).expect("the program writes it");
+    let both = Change::Becomes { address: PWR, value: oden.value | 1 << 17 };
+    expect(&ends(oden.number, both), &["ODSWEN", "before over-drive is ready"]);
+}
+
+#[test]
+fn memory_that_sleeps_a_spread_clock_and_hidden_vectors_end_the_run() {
+    const SYSCFG: u32 = 0x4001_3800;
+    for (address, bit, set, parts) in [
+        (RCC + 0x50, 16, false, ["SRAM1", "RCC_AHB1LPENR"]),
+        (RCC + 0x50, 17, false, ["SRAM2", "6.3.14"]),
+        (RCC + 0x50, 15, false, ["flash's interface", "6.3.14"]),
+        (RCC + 0x80, 31, true, ["SSCGEN", "thermometer"]),
+        (SYSCFG, 0, true, ["SYSCFG_MEMRMP", "VTOR"]),
+    ] {
+        let mut board = board();
+        board.run_until(CPU_HZ).expect("runs");
+        let value = board.read_register(address).expect("there");
+        let changed = if set { value | 1 << bit } else { value & !(1 << bit) };
+        board.write_register(address, changed).expect("written");
+        let end = board.run_until(2 * CPU_HZ).expect_err("ends");
+        expect(&end.to_string(), &parts);
+    }
+}
+
+#[test]
+fn a_bus_whose_half_bit_is_too_short_ends_the_run() {
+    // BR: PCLK2 / 2, 22.5 MHz.
+    expect(&with_bits(SPI1, 0b111 << 3, 0), &["22.50 MHz", "half a bit", "SBAS950"]);
+}

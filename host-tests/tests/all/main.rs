@@ -27,6 +27,7 @@ mod second_chip;
 mod self_test;
 mod signed;
 mod stops;
+mod supply;
 mod table1;
 mod words;
 mod wu2023;

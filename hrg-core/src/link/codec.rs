@@ -1,13 +1,12 @@
 //! Messages to bytes and back.
 
-use super::{layouts, Housekeeping, LinkError, Message, MAX_FRAME, MAX_PAYLOAD};
+use super::{layouts, LinkError, Message, MAX_FRAME, MAX_PAYLOAD};
 use crate::align_mode::Command;
 use crate::bytes::{crc32, Reader, Writer};
 use crate::maintenance::{self, Reply};
 use crate::rate_path::RateFrame;
 use crate::schema::{size, take, Layout};
 use crate::self_test::{Check, Item};
-use crate::AXES;
 use heapless::Vec;
 
 /// A rate frame before framing: type, fields, checksum.
@@ -62,7 +61,7 @@ impl Message {
     fn read_report(kind: u8, r: &mut Reader<'_>) -> Option<Self> {
         Some(match kind {
             0x01 => Self::Rate(take::<RateFrame>(r)?.with_integrity()),
-            0x02 => Self::Housekeeping(take_housekeeping(r)?),
+            0x02 => Self::Housekeeping(take(r)?),
             0x03 => Self::Identity(take(r)?),
             0x04 => Self::Alignment(take(r)?),
             0x05 => Self::Maintained(match r.u8()? {
@@ -223,17 +222,4 @@ impl layouts::Align {
             _ => return None,
         })
     }
-}
-
-/// A unit whose firmware does not know uncertainties ends before them.
-fn take_housekeeping(r: &mut Reader<'_>) -> Option<Housekeeping> {
-    const LONG: usize = size(Housekeeping::FIELDS);
-    const SHORT: usize = LONG - AXES * 4;
-    if r.remaining() != SHORT {
-        return take(r);
-    }
-    // All ones are NaN.
-    let mut bytes = [0xFF; LONG];
-    bytes[..SHORT].copy_from_slice(&r.array::<SHORT>()?);
-    take(&mut Reader::new(&bytes))
 }

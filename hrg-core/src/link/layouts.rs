@@ -68,6 +68,7 @@ layout! { Identity {
     sequence: u32, "its sequence number";
     reset_cause: ResetCause, "why the unit started: 0 power, 1 pin, 2 software, 3 watchdog";
     resets: u16, "resets since power-on";
+    option_bytes: u32, "option bytes of the processor: FLASH_OPTCR";
 } }
 
 layout! { align_mode::Report {

@@ -167,6 +167,8 @@ pub struct Identity {
     pub reset_cause: ResetCause,
     /// Resets since power-on, as far as states were kept over them.
     pub resets: u16,
+    /// Option bytes of the processor ([`crate::option_bytes`]).
+    pub option_bytes: u32,
 }
 
 impl Identity {
@@ -276,7 +278,7 @@ mod tests {
         }
     }
 
-    fn messages() -> [Message; 29] {
+    fn messages() -> [Message; 30] {
         [
             Message::Rate(
                 RateFrame {
@@ -298,6 +300,7 @@ mod tests {
                 sequence: 3,
                 reset_cause: ResetCause::Pin,
                 resets: 4,
+                option_bytes: 0x0FFF_AAED,
             }),
             Message::Identify,
             Message::SetDecimation(5),
@@ -342,6 +345,9 @@ mod tests {
             Message::Maintained(maintenance::Reply::TestDone(53)),
             Message::Inputs(InputValues::of([(2, 2.25), (5, -0.5)])),
             Message::InputsUsed(InputsUsed { step: 7, values: [0.5; QUANTITIES] }),
+            Message::Stopped(
+                Stopped { line: 7, pc: 0x0801_2345, ..Stopped::default() }.in_file("firmware/src/rate.rs"),
+            ),
         ]
     }
 

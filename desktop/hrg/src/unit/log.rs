@@ -35,7 +35,7 @@ pub fn housekeeping_of_line(line: &str) -> Option<Housekeeping> {
         samples: 0,
         adc_errors: 0,
         axis_status: [0, 1, 2].map(|a: usize| AxisStatus::from_bits_retain(s.status[a])),
-        unit_status: UnitStatus::from_bits_retain(s.status[3] as u8),
+        unit_status: UnitStatus::from_bits_retain(s.status[3]),
         rejected: [0; 3],
         missing: [0; 3],
         resets: 0,

@@ -159,7 +159,7 @@ impl From<&Housekeeping> for Second {
 const COUNTED: u16 = AxisStatus::EDGE_ERRORS.bits();
 
 /// Those of the unit.
-const COUNTED_BY_UNIT: u8 = UnitStatus::ADC_FAULT
+const COUNTED_BY_UNIT: u16 = UnitStatus::ADC_FAULT
     .union(UnitStatus::BIAS_LATE)
     .union(UnitStatus::LINK_ERRORS)
     .union(UnitStatus::FRAMES_DROPPED)

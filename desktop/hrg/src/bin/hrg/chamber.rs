@@ -17,6 +17,7 @@ use hrg::unit::zero::Measured;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::inputs::{self, InputValues, IN_MESSAGE};
 use hrg_core::link::{Housekeeping, Identity, Message};
+use hrg_core::option_bytes::{self, Difference};
 use hrg_core::sectors::{room, SECTOR_BYTES};
 use hrg_core::zero::{self, Zero};
 use hrg_data::error::BadInput;
@@ -584,6 +585,16 @@ pub fn read(arguments: &ReadArguments) -> Result<()> {
     let (identity, images) = Unit::open(port)?.read()?;
     let name = name_of(&identity).unwrap_or("without a name");
     println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
+    let open = option_bytes::differences(identity.option_bytes);
+    let open: Vec<&str> = Difference::NAMES
+        .into_iter()
+        .zip(Difference::all())
+        .filter(|(_, d)| open.contains(*d))
+        .map(|(n, _)| n)
+        .collect();
+    let how =
+        if open.is_empty() { "as it should fly".into() } else { format!("{}: docs/hardening.md", open.join("; ")) };
+    println!("option bytes {:08x}: {how}", identity.option_bytes);
     let tell = |(place, image): &At, what: &str| match image {
         Ok(c) => println!(
             "{place}: image {:08x}, number {}, made on {}, {what}",
