@@ -92,7 +92,7 @@ pub fn last_stop(cause: ResetCause, stack: u32) -> Stopped {
     }
     let stop = Stopped::from_words(&words).unwrap_or_default();
     match (stop.halt, cause) {
-        // Where the stack leaves the RAM the processor cannot even enter the handler of the fault: it stands until the watchdog bites.
+        // With a stack that has left the RAM the processor cannot even enter the handler of the fault, and stands until the watchdog bites.
         (Halt::None, ResetCause::Watchdog) if stack::is_full(stack) => Stopped { stack, halt: Halt::Stack, ..stop },
         (Halt::None, ResetCause::Watchdog) if !silent.silent.is_empty() => silent,
         _ => Stopped { stack, ..stop },

@@ -381,7 +381,7 @@ impl<W: World> Board<W> {
         Ok(())
     }
 
-    /// What the fault's registers say of it (PM0214 sections 4.4.10 to 4.4.13).
+    /// Sets the fault's registers (PM0214 sections 4.4.10 to 4.4.13).
     fn note_fault(&mut self, what: &RunError) {
         const FORCED: u32 = 1 << 30;
         let [undefined, fetch, precise, address_valid] = [16, 8, 9, 15].map(|bit| 1u32 << bit);

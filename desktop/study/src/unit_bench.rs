@@ -100,11 +100,11 @@ pub fn unit(elf: &[u8]) -> Result<Vec<Figure>> {
             "us",
         ),
         figure("ADC frame checked and taken apart", mean(&with, DECODE)?, 281.0, None, "instructions"),
-        figure("sample corrected", mean(&with, SAMPLE)?, 320.0, None, "instructions"),
+        figure("sample corrected", mean(&with, SAMPLE)?, 342.0, None, "instructions"),
         figure(
             "the same, scale factor and misalignment over temperature",
             mean(&scaled, SAMPLE)?,
-            337.0,
+            346.0,
             None,
             "instructions",
         ),

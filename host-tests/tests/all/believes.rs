@@ -213,7 +213,7 @@ fn with_byte(address: u32, change: impl Fn(u8) -> u8) -> String {
     let mut elf = SCENE.elf().to_vec();
     let at = {
         let file = object::File::parse(&elf[..]).expect("an ELF");
-        let within = |s: &object::Segment| (s.address()..s.address() + s.size()).contains(&u64::from(address));
+        let within = |s: &object::Segment<'_, '_>| (s.address()..s.address() + s.size()).contains(&u64::from(address));
         let segment = file.segments().find(within).expect("it is loaded");
         (segment.file_range().0 + u64::from(address) - segment.address()) as usize
     };

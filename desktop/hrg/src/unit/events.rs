@@ -125,7 +125,7 @@ pub fn line(record: &Record) -> String {
             flags(rose.bits(), &AxisStatus::NAMES),
             f32::from_bits(temperature)
         ),
-        Event::Unit { flags: rose } => format!("unit: {}", flags(rose.bits().into(), &UnitStatus::NAMES)),
+        Event::Unit { flags: rose } => format!("unit: {}", flags(rose.bits(), &UnitStatus::NAMES)),
         Event::Burn { answer: 0, calibration } => format!("burn: image {calibration:08x} taken"),
         Event::Burn { answer, .. } => {
             let why = Answer::from_number(answer).map_or_else(|| format!("answer {answer}"), |a| a.to_string());

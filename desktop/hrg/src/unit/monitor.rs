@@ -235,7 +235,7 @@ fn foot_lines(state: &State, h: &Housekeeping) -> Vec<Line<'static>> {
         (None, Some(_)) => "profile: waiting for the unit".into(),
         (None, None) => "profile: none given (--profile)".into(),
     };
-    let unit = words(h.unit_status.bits().into(), &UnitStatus::NAMES);
+    let unit = words(h.unit_status.bits(), &UnitStatus::NAMES);
     let link = if state.of_log {
         "link: not watched; this is the unit's log".to_string()
     } else {

@@ -249,7 +249,7 @@ fn unusable(h: &Housekeeping) -> Option<String> {
         let flags = status.intersection(USELESS);
         shown.extend(named(flags.bits(), &AxisStatus::NAMES).map(|flag| format!("{flag} on {name}")));
     }
-    shown.extend(named(h.unit_status.intersection(BROKEN).bits().into(), &UnitStatus::NAMES).map(String::from));
+    shown.extend(named(h.unit_status.intersection(BROKEN).bits(), &UnitStatus::NAMES).map(String::from));
     (!shown.is_empty()).then(|| hrg_data::error::list(&shown))
 }
 

@@ -49,12 +49,7 @@ impl From<&Housekeeping> for Second {
             temperature_c: h.temperature_c,
             bias_dph: h.bias_dph,
             bias_std_dph: h.bias_std_dph,
-            status: [
-                h.axis_status[0].bits(),
-                h.axis_status[1].bits(),
-                h.axis_status[2].bits(),
-                h.unit_status.bits().into(),
-            ],
+            status: [h.axis_status[0].bits(), h.axis_status[1].bits(), h.axis_status[2].bits(), h.unit_status.bits()],
             on_for_s: h.on_for_s,
             calibration: h.calibration,
             inputs: [f32::NAN; QUANTITIES],

@@ -150,7 +150,7 @@ impl From<&Housekeeping> for Second {
             bias_dph: h.bias_dph,
             bias_std_dph: h.bias_std_dph,
             temperature_c: h.temperature_c,
-            status: [x, y, z, h.unit_status.bits().into()],
+            status: [x, y, z, h.unit_status.bits()],
         }
     }
 }
@@ -194,7 +194,7 @@ pub fn correct(calibration: &Calibration, steps: &Steps) -> Vec<Second> {
                 bias_dph: output.bias_dph,
                 bias_std_dph: output.bias_std_dph,
                 temperature_c: output.temperature_c,
-                status: [x, y, z, if silent { UnitStatus::ADC_FAULT.bits().into() } else { 0 }],
+                status: [x, y, z, if silent { UnitStatus::ADC_FAULT.bits() } else { 0 }],
             }
         })
         .collect()
@@ -245,7 +245,7 @@ pub fn recording(calibration: &Calibration, r: &Recording) -> Result<Corrected, 
     for (time_s, status) in counted {
         let at = ((time_s - steps.start_s) / f64::from(MODEL_STEP_S)).round();
         if let Some(s) = seconds.get_mut(at as usize).filter(|_| at >= 0.0) {
-            let masks = [COUNTED, COUNTED, COUNTED, COUNTED_BY_UNIT.into()];
+            let masks = [COUNTED, COUNTED, COUNTED, COUNTED_BY_UNIT];
             s.status.iter_mut().zip(status).zip(masks).for_each(|((to, from), mask)| *to |= from & mask);
         }
     }
@@ -382,7 +382,7 @@ mod tests {
             assert_eq!(s.time_s, r.time_s[k]);
             assert_eq!(s.status[1] & AxisStatus::FREQUENCY_LOST.bits() != 0, (100..105).contains(&k), "row {k}");
             assert_eq!(s.status[0] & AxisStatus::FREQUENCY_LOST.bits(), 0);
-            assert_eq!(s.status[3] & u16::from(UnitStatus::ADC_FAULT.bits()) != 0, k == 120);
+            assert_eq!(s.status[3] & UnitStatus::ADC_FAULT.bits() != 0, k == 120);
         }
         assert!(c.notes.iter().any(|n| n.starts_with("10 seconds have no row")), "{:?}", c.notes);
         // Written and read, it is a recording of corrected rates, and is not corrected twice.
