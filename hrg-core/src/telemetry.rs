@@ -23,6 +23,7 @@
 //!     sequence: 0,
 //!     reset_cause: ResetCause::Power,
 //!     resets: 0,
+//!     option_bytes: 0,
 //! };
 //! let mut session = NotBuiltIn::IDLE;
 //! let mut telemetry = Telemetry::new(&mut session, Timebase::REFERENCE, identity, UnitStatus::DEFAULT_CALIBRATION);
