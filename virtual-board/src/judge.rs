@@ -13,7 +13,8 @@ use crate::tables::Pin;
 
 /// The bus with the ADC works up to so much, Hz. The ADC changes its output up to 20 ns after a rising edge of SCK (SBAS950, switching
 /// characteristics, 2.7 to 3.6 V), and SPI1 wants it some 5 ns before the falling one (STM32F446 data sheet, SPI dynamic characteristics): half a
-/// bit of 25 ns. (The ADC itself takes 25 MHz.)
+/// bit of 25 ns. (The ADC itself takes 25 MHz.) Neither sheet was at hand when both times were written down: compare them before you rely on
+/// this limit. The unit is at half of it.
 const ADC_SPI_MAX_HZ: u64 = 20_000_000;
 /// A pin at its lowest speed gives so much at 50 pF and 2.7 V, Hz (STM32F446 data sheet, I/O AC characteristics).
 const LOW_SPEED_HZ: u64 = 4_000_000;

@@ -403,7 +403,8 @@ impl Default for Pwr {
     }
 }
 
-/// Time that each step of over-drive takes (STM32F446 data sheet, over-drive switching characteristics: 45 us).
+/// Time that each step of over-drive takes (STM32F446 data sheet, over-drive switching characteristics: some 45 us; the sheet was not at hand when
+/// this was written). A program that waits for the flags waits as long as they take.
 const OVER_DRIVE: u64 = 45 * (crate::CPU_HZ / 1_000_000);
 
 impl Pwr {
