@@ -203,10 +203,8 @@ fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped, unprotected
     if !crystal {
         defmt::error!("the crystal is dead or wrong: running on the chip's own oscillator");
     }
-    for (name, bit) in Difference::NAMES.iter().zip(Difference::all()) {
-        if unprotected.contains(bit) {
-            defmt::warn!("option bytes: {=str}", *name);
-        }
+    for what in unprotected.in_words() {
+        defmt::warn!("option bytes: {=str}", what);
     }
     if stopped.says_something() {
         defmt::warn!(
@@ -231,11 +229,12 @@ fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped, unprotected
 fn record(board: &mut board::Board, on_for_s: u32, stopped: &Stopped, events: [Option<Event>; 3]) {
     let [start, others @ ..] = events;
     #[cfg(feature = "field-log")]
-    let told = events::last_stop(events::records([0, 1].map(|s| board.sectors.log(s)))) == Some(*stopped);
-    #[cfg(not(feature = "field-log"))]
-    let told = true;
     // (The same stop again and again would fill the log.)
-    let pieces = stopped.pieces().filter(|_| stopped.says_something() && !told).map(Event::Stopped);
+    let told = || events::last_stop(events::records([0, 1].map(|s| board.sectors.log(s)))) == Some(*stopped);
+    #[cfg(not(feature = "field-log"))]
+    let told = || true;
+    let new = stopped.says_something() && !told();
+    let pieces = stopped.pieces().filter(|_| new).map(Event::Stopped);
     for event in start.into_iter().chain(pieces).chain(others.into_iter().flatten()) {
         match event {
             Event::Test { .. } => defmt::error!("the test at the start fails: hrg unit events says where"),

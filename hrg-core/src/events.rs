@@ -133,6 +133,21 @@ pub enum Event {
     },
 }
 
+impl Event {
+    /// Goes into the stop that the log tells: a start begins it, its words fill it. `true` for a word.
+    pub fn goes_into(&self, stop: &mut Stopped) -> bool {
+        match *self {
+            Self::Start { halt, .. } => *stop = Stopped { halt, ..Stopped::default() },
+            Self::Stopped(piece) => {
+                stop.add(piece);
+                return true;
+            }
+            _ => {}
+        }
+        false
+    }
+}
+
 /// An event with its time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Record {
@@ -256,13 +271,8 @@ pub fn records<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Record> + 'a 
 pub fn last_stop(records: impl Iterator<Item = Record>) -> Option<Stopped> {
     let (mut stop, mut last) = (Stopped::default(), None);
     for record in records {
-        match record.event {
-            Event::Start { halt, .. } => stop = Stopped { halt, ..Stopped::default() },
-            Event::Stopped(piece) => {
-                stop.add(piece);
-                last = Some(stop);
-            }
-            _ => {}
+        if record.event.goes_into(&mut stop) {
+            last = Some(stop);
         }
     }
     last

@@ -39,6 +39,11 @@ impl Difference {
         "the watchdog waits for the program (WDG_SW)",
         "the program's sectors may be written (nWRP)",
     ];
+
+    /// In words.
+    pub fn in_words(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMES.into_iter().zip(Self::all()).filter(move |(_, bit)| self.contains(*bit)).map(|(name, _)| name)
+    }
 }
 
 /// Level 0 of RDP, which protects nothing.

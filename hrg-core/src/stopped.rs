@@ -21,9 +21,9 @@
 //! assert_eq!(Stopped::from_words(&words), None);
 //! ```
 
-use crate::bytes::crc32;
+use crate::bytes::{crc32, Reader, Writer};
 use crate::reset::Halt;
-use crate::schema::{layout, size, Layout};
+use crate::schema::{layout, size, take, Layout};
 
 bitflags::bitflags! {
     /// Parts of a unit that had gone silent when the watchdog was no longer fed.
@@ -128,7 +128,7 @@ impl Stopped {
     #[must_use]
     pub fn to_words(&self) -> [u32; WORDS] {
         let mut bytes = [0; 4 * WORDS];
-        let mut w = crate::bytes::Writer::new(&mut bytes);
+        let mut w = Writer::new(&mut bytes);
         self.put_fields(&mut w);
         let sum = crc32(bytes.get(..4 * (WORDS - 1)).unwrap_or_default());
         let mut words = [0; WORDS];
@@ -142,13 +142,12 @@ impl Stopped {
     /// `None`: memory holds none.
     #[must_use]
     pub fn from_words(words: &[u32; WORDS]) -> Option<Self> {
-        let mut bytes = [0; 4 * WORDS];
-        for (b, word) in bytes.as_chunks_mut().0.iter_mut().zip(words) {
-            *b = word.to_le_bytes();
-        }
+        let bytes = bytes_of(words);
         let fields = bytes.get(..4 * (WORDS - 1))?;
-        (crc32(fields) == words[WORDS - 1]).then_some(())?;
-        crate::schema::take(&mut crate::bytes::Reader::new(fields))
+        if crc32(fields) != words[WORDS - 1] {
+            return None;
+        }
+        take(&mut Reader::new(fields))
     }
 
     /// Pieces for the field log: those that are not zero, but for the first word's reason, which the start's record has.
@@ -161,17 +160,22 @@ impl Stopped {
     /// Takes a piece of the field log.
     pub fn add(&mut self, piece: Piece) {
         let mut words = self.to_words();
-        if let Some(word) = words.get_mut(usize::from(piece.number)).filter(|_| usize::from(piece.number) < WORDS - 1) {
+        if let Some(word) = words[..WORDS - 1].get_mut(usize::from(piece.number)) {
             *word = piece.value;
         }
-        let mut bytes = [0; 4 * WORDS];
-        for (b, word) in bytes.as_chunks_mut().0.iter_mut().zip(words) {
-            *b = word.to_le_bytes();
-        }
-        if let Some(with) = crate::schema::take(&mut crate::bytes::Reader::new(&bytes[..4 * (WORDS - 1)])) {
+        if let Some(with) = take(&mut Reader::new(&bytes_of(&words)[..4 * (WORDS - 1)])) {
             *self = with;
         }
     }
+}
+
+/// Words as the bytes that they are made of.
+fn bytes_of(words: &[u32; WORDS]) -> [u8; 4 * WORDS] {
+    let mut bytes = [0; 4 * WORDS];
+    for (b, word) in bytes.as_chunks_mut().0.iter_mut().zip(words) {
+        *b = word.to_le_bytes();
+    }
+    bytes
 }
 
 #[cfg(test)]

@@ -360,9 +360,7 @@ impl Chip {
         }
         // Captures and the link go by DMA into memory, and the flash is fetched from when it wakes.
         const MEMORY: [(u32, &str); 3] = [(15, "the flash's interface"), (16, "SRAM1"), (17, "SRAM2")];
-        if let Some((_, what)) = MEMORY.iter().find(|(bit, what)| {
-            !self.rcc.bit((0x50, *bit)) && (*what != "SRAM2" || self.part.clocks.over_drive_above.is_some())
-        }) {
+        if let Some((_, what)) = MEMORY.iter().find(|(bit, _)| !self.rcc.bit((0x50, *bit))) {
             self.mismatch(|| format!("RCC_AHB1LPENR stops {what} while the processor sleeps, and DMA has no memory (RM0390 section 6.3.14)"));
         }
         if self.rcc.bit((0x80, 31)) {

@@ -1,6 +1,7 @@
 //! The virtual board takes nothing of the firmware for granted: one write of its set-up made wrong ends the run with a sentence that names the register.
 //! Sources of the sentences: RM0390 and the ADC's data sheet.
 
+use crate::support::patched;
 use hrg_board::replay::{default_elf, read_elf};
 use hrg_board::wires::Wires;
 use hrg_study::faults::Scene;
@@ -207,17 +208,9 @@ fn a_stream_that_was_stopped_half_way_must_be_set_up_anew() {
     expect(&end.to_string(), &["DMA2 stream 5", "stopped half way", "RM0390 section 9.5"]);
 }
 
-/// Gives the end of a run of the program with one byte changed; `None`: the program is refused at once.
+/// Gives the end of a run of the program with one byte changed.
 fn with_byte(address: u32, change: impl Fn(u8) -> u8) -> String {
-    use object::{Object, ObjectSegment};
-    let mut elf = SCENE.elf().to_vec();
-    let at = {
-        let file = object::File::parse(&elf[..]).expect("an ELF");
-        let within = |s: &object::Segment<'_, '_>| (s.address()..s.address() + s.size()).contains(&u64::from(address));
-        let segment = file.segments().find(within).expect("it is loaded");
-        (segment.file_range().0 + u64::from(address) - segment.address()) as usize
-    };
-    elf[at] = change(elf[at]);
+    let elf = patched(SCENE.elf(), address, |bytes| bytes[0] = change(bytes[0]));
     let end = Board::new(&elf, SCENE.wires()).and_then(|mut b| b.run_until(CPU_HZ));
     end.map_or_else(|e| e.to_string(), |stop| format!("{stop:?}"))
 }

@@ -28,6 +28,7 @@ mod self_test;
 mod signed;
 mod stops;
 mod supply;
+mod support;
 mod table1;
 mod words;
 mod wu2023;

@@ -1,9 +1,10 @@
 //! The built-in test on the ELF: a good unit passes, and each fault that it is there for makes it fail.
 
+use crate::support::field_log;
 use hrg_board::host::{ask, maintain, self_test};
 use hrg_board::replay::{default_elf, read_elf, CALIBRATION_A};
 use hrg_board::wires::{AdcFault, AxisFault, WireFaults, Wires};
-use hrg_core::events::{records, Event, Record, SECTOR};
+use hrg_core::events::Event;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command, Reply};
 use hrg_core::self_test::{Check, Item, Verdict};
@@ -64,17 +65,6 @@ fn a_good_unit_passes_flags_its_rates_meanwhile_and_keeps_a_record() {
 
 /// Bit of the record of the calibration in flash, and of the program.
 const IN_IMAGE: u32 = FLASH_START + CALIBRATION_A + 100;
-
-/// The events that its flash holds.
-fn field_log(board: &Board<Wires>) -> Vec<Record> {
-    let sectors = ["_events_a_start", "_events_b_start"].map(|symbol| {
-        let mut bytes = vec![0; SECTOR];
-        let at = board.firmware().address_of(symbol).expect("there");
-        board.read_memory(at, &mut bytes).expect("in flash");
-        bytes
-    });
-    records([&sectors[0], &sectors[1]]).collect()
-}
 
 type Break = Box<dyn Fn(&mut Board<Wires>)>;
 

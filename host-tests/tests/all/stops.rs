@@ -1,16 +1,16 @@
 //! Post-mortem: a unit whose program faults, hangs or overruns its stack says on its next start where and how, by the link and in its log.
 
+use crate::support::{field_log, patched};
 use hrg_board::replay::{default_elf, read_elf};
 use hrg_board::symbol;
 use hrg_board::wires::Wires;
-use hrg_core::events::{records, Event, SECTOR};
+use hrg_core::events::Event;
 use hrg_core::link::Message;
 use hrg_core::maintenance::Command;
 use hrg_core::reset::{Halt, ResetCause};
 use hrg_core::stopped::{Silent, Stopped};
 use hrg_core::unit_name::UnitName;
 use hrg_study::faults::Scene;
-use object::{Object, ObjectSegment};
 use std::sync::LazyLock;
 use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START};
 
@@ -22,24 +22,16 @@ static SCENE: LazyLock<Scene> = LazyLock::new(|| {
 const COMMAND: &str = "hrg_core::maintenance::Maintenance::command";
 
 /// The program with other code at the start of a function, and that function's address.
-fn patched(function: &str, code: &[u16]) -> (Vec<u8>, u32) {
-    let mut elf = SCENE.elf().to_vec();
-    let at = Firmware::parse(&elf).expect("parses").function(function).expect("is there");
-    let offset = {
-        let file = object::File::parse(&elf[..]).expect("an ELF");
-        let segment = file.segments().find(|s| (s.address()..s.address() + s.size()).contains(&u64::from(at)));
-        let segment = segment.expect("its code is loaded");
-        segment.file_range().0 + u64::from(at) - segment.address()
-    };
-    for (k, half) in code.iter().enumerate() {
-        elf[offset as usize + 2 * k..][..2].copy_from_slice(&half.to_le_bytes());
-    }
-    (elf, at)
+fn with_code(function: &str, code: &[u16]) -> (Vec<u8>, u32) {
+    let at = Firmware::parse(SCENE.elf()).expect("parses").function(function).expect("is there");
+    let put =
+        |to: &mut [u8]| to.iter_mut().zip(code.iter().flat_map(|half| half.to_le_bytes())).for_each(|(t, b)| *t = b);
+    (patched(SCENE.elf(), at, put), at)
 }
 
 /// Runs such a program until it has stopped and started anew; gives what it says then, by the link and in its log, and the function's address.
 fn post_mortem(function: &str, code: &[u16]) -> (Stopped, Vec<Stopped>, u32) {
-    let (elf, at) = patched(function, code);
+    let (elf, at) = with_code(function, code);
     let scene = Scene::new(&elf, 1).expect("a scene");
     let mut board = scene.off(scene.wires(), &scene.calibration).expect("runs");
     board.run_until(2 * CPU_HZ).expect("runs");
@@ -66,14 +58,8 @@ fn post_mortem(function: &str, code: &[u16]) -> (Stopped, Vec<Stopped>, u32) {
 
 /// The stops that the log tells.
 fn logged(board: &Board<Wires>) -> Vec<Stopped> {
-    let sectors = ["_events_a_start", "_events_b_start"].map(|symbol| {
-        let mut bytes = vec![0; SECTOR];
-        let at = board.firmware().address_of(symbol).expect("memory.x names it");
-        board.read_memory(at, &mut bytes).expect("in flash");
-        bytes
-    });
     let mut out: Vec<Stopped> = Vec::new();
-    for record in records(sectors.each_ref().map(|s| &s[..])) {
+    for record in field_log(board) {
         match record.event {
             Event::Start { halt, cause: ResetCause::Watchdog, .. } => out.push(Stopped { halt, ..Stopped::default() }),
             Event::Stopped(piece) => out.last_mut().expect("behind a start").add(piece),

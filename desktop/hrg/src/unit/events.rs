@@ -1,5 +1,6 @@
 //! The field log in words.
 
+use crate::unit::named;
 use crate::unit::symbols::Symbols;
 use hrg_core::events::{Event, Record};
 use hrg_core::half::Half;
@@ -23,8 +24,7 @@ fn time(s: u32) -> String {
 
 /// Names of the flags of some bits.
 fn flags(bits: u16, names: &[&str]) -> String {
-    let set: Vec<&str> = names.iter().enumerate().filter(|(k, _)| bits & 1 << k != 0).map(|(_, n)| *n).collect();
-    set.join(", ")
+    named(bits, names).collect::<Vec<_>>().join(", ")
 }
 
 /// Kinds of a fault by bit of CFSR (PM0214 section 4.4.10).
@@ -87,22 +87,13 @@ pub fn stop(s: &Stopped, symbols: Option<&Symbols>) -> String {
 #[must_use]
 pub fn lines(records: &[Record], symbols: Option<&Symbols>) -> Vec<String> {
     let mut out = Vec::with_capacity(records.len());
-    let mut stopped: Option<Stopped> = None;
+    let mut stopped = Stopped::default();
     for (k, record) in records.iter().enumerate() {
-        match record.event {
-            Event::Start { halt, .. } => stopped = Some(Stopped { halt, ..Stopped::default() }),
-            Event::Stopped(piece) => {
-                let all = stopped.get_or_insert_default();
-                all.add(piece);
-                let last = !matches!(records.get(k + 1), Some(Record { event: Event::Stopped(_), .. }));
-                if last {
-                    out.push(format!("{:>12}  before it: {}", "", stop(all, symbols)));
-                }
-                continue;
-            }
-            _ => {}
+        if !record.event.goes_into(&mut stopped) {
+            out.push(line(record));
+        } else if !matches!(records.get(k + 1), Some(Record { event: Event::Stopped(_), .. })) {
+            out.push(format!("{:>12}  before it: {}", "", stop(&stopped, symbols)));
         }
-        out.push(line(record));
     }
     out
 }

@@ -13,3 +13,8 @@ pub mod self_test;
 pub mod sensors;
 pub mod symbols;
 pub mod zero;
+
+/// Names of the bits that are set, bit 0 first.
+pub(crate) fn named<'n>(bits: u16, names: &'n [&'n str]) -> impl Iterator<Item = &'n str> + 'n {
+    names.iter().enumerate().filter(move |(k, _)| bits >> k & 1 != 0).map(|(_, n)| *n)
+}

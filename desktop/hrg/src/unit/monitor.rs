@@ -1,5 +1,6 @@
 //! Screen of `hrg monitor`: the state of a unit as its messages report it, drawn on a terminal.
 
+use crate::unit::named;
 use hrg_core::inputs;
 use hrg_core::link::{mode, Housekeeping, Identity, InputsUsed, Message};
 use hrg_core::status::{AxisStatus, UnitStatus};
@@ -93,7 +94,7 @@ impl State {
 
 /// Names of the bits that are set.
 fn words(bits: u16, names: &[&str]) -> String {
-    let set: Vec<&str> = names.iter().enumerate().filter(|(k, _)| bits >> k & 1 == 1).map(|(_, n)| *n).collect();
+    let set: Vec<&str> = named(bits, names).collect();
     if set.is_empty() {
         "good".into()
     } else {

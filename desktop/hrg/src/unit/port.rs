@@ -2,6 +2,7 @@
 //! read back.
 
 use crate::unit::keys;
+use crate::unit::named;
 use anyhow::{Context, Result};
 use ed25519_dalek::SigningKey;
 use hrg_core::calibration::{stated_length, Calibration, ImageError, MAX_BYTES};
@@ -251,11 +252,6 @@ fn unusable(h: &Housekeeping) -> Option<String> {
     }
     shown.extend(named(h.unit_status.intersection(BROKEN).bits(), &UnitStatus::NAMES).map(String::from));
     (!shown.is_empty()).then(|| hrg_data::error::list(&shown))
-}
-
-/// The names of the bits that are set.
-fn named<'n>(bits: u16, names: &'n [&'n str]) -> impl Iterator<Item = &'n str> + 'n {
-    names.iter().enumerate().filter(move |(k, _)| bits >> k & 1 != 0).map(|(_, n)| *n)
 }
 
 /// The identity that a message tells.

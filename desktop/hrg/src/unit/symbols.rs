@@ -15,7 +15,6 @@ impl Symbols {
         let why = |e: &dyn std::fmt::Display| {
             BadInput::new(format!("{}: {e}; --elf wants the firmware that runs on the unit, as an ELF", elf.display()))
         };
-        std::fs::File::open(elf).map_err(|e| why(&e))?;
         addr2line::Loader::new(elf).map(Self).map_err(|e| why(&e))
     }
 

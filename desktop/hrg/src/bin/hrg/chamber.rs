@@ -17,7 +17,7 @@ use hrg::unit::zero::Measured;
 use hrg_core::calibration::{Calibration, MAX_BYTES};
 use hrg_core::inputs::{self, InputValues, IN_MESSAGE};
 use hrg_core::link::{Housekeeping, Identity, Message};
-use hrg_core::option_bytes::{self, Difference};
+use hrg_core::option_bytes;
 use hrg_core::sectors::{room, SECTOR_BYTES};
 use hrg_core::zero::{self, Zero};
 use hrg_data::error::BadInput;
@@ -559,8 +559,8 @@ pub struct ReadArguments {
     /// Serial port of the link.
     #[arg(long)]
     port: String,
-    /// The field log instead: starts and their causes, flags that rose, burns; the newest last.
-    #[arg(long, conflicts_with = "out")]
+    /// As hrg unit events.
+    #[arg(long, hide = true, conflicts_with = "out")]
     events: bool,
     /// File for the image in use.
     #[arg(short, long)]
@@ -579,19 +579,13 @@ pub struct KeygenArguments {
 pub fn read(arguments: &ReadArguments) -> Result<()> {
     let ReadArguments { port, events, out } = arguments;
     if *events {
-        return read_events(port, None);
+        return self::events(&EventsArguments { port: port.clone(), elf: None });
     }
     let out = out.as_deref();
     let (identity, images) = Unit::open(port)?.read()?;
     let name = name_of(&identity).unwrap_or("without a name");
     println!("unit {name}, running image {:08x}, number {}", identity.calibration, identity.sequence);
-    let open = option_bytes::differences(identity.option_bytes);
-    let open: Vec<&str> = Difference::NAMES
-        .into_iter()
-        .zip(Difference::all())
-        .filter(|(_, d)| open.contains(*d))
-        .map(|(n, _)| n)
-        .collect();
+    let open: Vec<&str> = option_bytes::differences(identity.option_bytes).in_words().collect();
     let how =
         if open.is_empty() { "as it should fly".into() } else { format!("{}: docs/hardening.md", open.join("; ")) };
     println!("option bytes {:08x}: {how}", identity.option_bytes);
@@ -638,17 +632,13 @@ pub struct EventsArguments {
     elf: Option<PathBuf>,
 }
 
-/// `hrg unit events`: the last stop, and the field log.
-pub fn events(arguments: &EventsArguments) -> Result<()> {
-    read_events(&arguments.port, arguments.elf.as_deref())
-}
-
-/// Prints the last stop and the field log of a unit.
+/// `hrg unit events`: the last stop of a unit, and its field log.
 ///
 /// # Errors
 /// If the unit does not answer.
-fn read_events(port: &str, elf: Option<&Path>) -> Result<()> {
-    let symbols = elf.map(Symbols::open).transpose()?;
+pub fn events(arguments: &EventsArguments) -> Result<()> {
+    let EventsArguments { port, elf } = arguments;
+    let symbols = elf.as_deref().map(Symbols::open).transpose()?;
     let mut unit = Unit::open(port)?;
     if let Some(stopped) = unit.last_stop()? {
         println!("stopped before its last start: {}", events::stop(&stopped, symbols.as_ref()));

@@ -232,7 +232,7 @@ enum UnitCommand {
     ///
     /// Example: hrg unit burn cal.toml --port /dev/ttyUSB0
     Burn(chamber::BurnArguments),
-    /// Read the calibrations in a unit, or its field log: events over power cuts.
+    /// Read the calibrations in a unit.
     ///
     /// Example: hrg unit read --port /dev/ttyUSB0 -o in-use.toml
     Read(chamber::ReadArguments),
