@@ -83,6 +83,7 @@ fn address(buffer: &'static [AtomicU32; WORDS]) -> u32 {
     core::ptr::from_ref(buffer) as u32
 }
 
+#[inline(always)]
 fn start_transfer() {
     wired::SELECT.0.bsrr().write(|w| w.set_br(wired::SELECT.1, true));
     // Receiver first: it must be ready for the first byte.
@@ -132,16 +133,16 @@ pub fn transferred() {
     FETCHED.tell(pac::TIM2.ccr(3).read());
 }
 
+/// Fetches from the next data-ready edge on: when somebody is there to take the frames.
+pub fn start() {
+    wired::enable_interrupts();
+}
+
 impl Adc {
     /// Sets up the bus and the streams; the ADC itself is set up by what [`receive`](Self::receive) answers.
     pub fn new(wiring: Wiring) -> Self {
         set_up_bus();
         Self { dialogue: Dialogue::default(), wiring, quiet_looks: 0, reset_since: 0 }
-    }
-
-    /// Fetches from the next data-ready edge on: when somebody is there to take the frames.
-    pub fn start(&mut self) {
-        wired::enable_interrupts();
     }
 
     /// The frame that has come ([`FETCHED`]): channels 0 to 4 are three rates and two accelerometers; channels 5 to 7 temperature
@@ -151,7 +152,7 @@ impl Adc {
         self.quiet_looks = 0;
         let word = |k: usize| RECEIVED[k].load(Ordering::Relaxed);
         let frame = [word(0), word(1), word(2), word(3), word(4), word(5), word(6), word(7)];
-        let received = self.dialogue.receive(&frame, MISSED.swap(false, Ordering::Relaxed));
+        let received = hrg_fast::receive(&mut self.dialogue, &frame, MISSED.swap(false, Ordering::Relaxed));
         send_next(received.command);
         match received.next {
             Next::Wait => {}

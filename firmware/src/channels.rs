@@ -5,7 +5,6 @@ use core::sync::atomic::{AtomicBool, AtomicU16, AtomicU32, Ordering};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::channel::Channel;
 use embassy_sync::signal::Signal;
-use embassy_sync::waitqueue::AtomicWaker;
 use hrg_core::align_mode::{Command, Report};
 use hrg_core::compensator::Output;
 use hrg_core::frequency::StepFrequencies;
@@ -54,7 +53,7 @@ impl Tick {
     pub fn tell(&self, at: u32) {
         self.at.store(at, Ordering::Relaxed);
         self.there.store(true, Ordering::Release);
-        RATE_PATH.wake();
+        crate::rate::wake();
     }
 
     /// The newest, if it was not taken yet.
@@ -75,8 +74,6 @@ pub static BIAS: Signal<Mutex, PendingBias> = Signal::new();
 pub static FETCHED: Tick = Tick::NONE;
 /// Model to rate path, every fetch: the timer. Lets the rate path run when the ADC is silent.
 pub static LOOK: Tick = Tick::NONE;
-/// Wakes the rate path for either.
-pub static RATE_PATH: AtomicWaker = AtomicWaker::new();
 /// Rate path, model and threads to the interrupt of each sample: they have run ([`crate::watchdog::sampled`]).
 pub static RATES_RUN: Sign = Sign::NONE;
 pub static MODEL_RUNS: Sign = Sign::NONE;

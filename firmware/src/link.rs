@@ -24,7 +24,11 @@ pub async fn send(mut uart: UartTx<'static, Async>) {
                 defmt::error!("a frame has changed in memory");
                 halt(Halt::Corruption)
             }
-            Either4::First(frame) => Message::Rate(frame),
+            Either4::First(frame) => {
+                let _ = uart.write(&hrg_fast::encode(&frame)).await;
+                LINK_ALIVE.give();
+                continue;
+            }
             Either4::Second(answer) => answer,
             Either4::Third(housekeeping) => Message::Housekeeping(housekeeping),
             Either4::Fourth(Either3::First(report)) => Message::Alignment(report),

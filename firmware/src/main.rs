@@ -9,7 +9,7 @@
 //!
 //! | task | runs on | file |
 //! |---|---|---|
-//! | rate | interrupt executor, above all others | `rate` |
+//! | rates (no task) | an interrupt of their own, above all tasks | `rate` |
 //! | model | interrupt executor | `model` |
 //! | link in, link out | interrupt executor, that of the model | `link` |
 //! | telemetry, align mode, log | thread | `telemetry` |
@@ -116,22 +116,12 @@ const fn built_with() -> Parts {
     parts
 }
 
-/// Runs the rate task, in the interrupt of a peripheral that the unit does not use.
-static RATE_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
-
-/// Runs the model and the link, the same way: what takes long in a thread delays neither a bias nor a
-/// frame.
+/// Runs the model and the link, in the interrupt of a peripheral that the unit does not use: what takes long in a thread delays neither a bias nor
+/// a frame.
 static MODEL_EXECUTOR: InterruptExecutor = InterruptExecutor::new();
 
 #[interrupt]
 #[allow(unsafe_code)] // `on_interrupt` must be called from here and from nowhere else.
-unsafe fn UART5() {
-    // SAFETY: this is the interrupt that `RATE_EXECUTOR` was started with.
-    unsafe { RATE_EXECUTOR.on_interrupt() }
-}
-
-#[interrupt]
-#[allow(unsafe_code)] // As above.
 unsafe fn UART4() {
     // SAFETY: this is the interrupt that `MODEL_EXECUTOR` was started with.
     unsafe { MODEL_EXECUTOR.on_interrupt() }
@@ -154,7 +144,10 @@ async fn main(spawner: Spawner) {
 // Out of line, as is `start`: what they need of stack while they build is not needed for ever.
 #[inline(never)]
 fn compensator(place: &'static StaticCell<Compensator>, calibration: &Calibration) -> &'static mut Compensator {
-    once(place.try_init_with(|| Compensator::new(calibration.clone(), 0.0)))
+    #[cfg(feature = "past")]
+    return once(hrg_fast::compensator(place, calibration));
+    #[cfg(not(feature = "past"))]
+    once(hrg_fast::settling(place, calibration))
 }
 
 /// Has the model go on from what was kept before a reset; gives the number of resets since power-on.
@@ -295,8 +288,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let test = None;
     record(&mut board, compensators[0].on_for_s() as u32, &stopped, [Some(start), test, cut_short]);
     let path = RatePath::new(params::TIMEBASE, calibration.scale_factors_dph_per_code(), rate_path::DECIMATION);
-    static OUTPUT: StaticCell<RateOutput> = StaticCell::new();
-    let output = once(OUTPUT.try_init(RateOutput::new(path, status)));
+    let output = RateOutput::new(path, status);
     static ALIGNMENT: ConstStaticCell<telemetry::Alignment> = ConstStaticCell::new(telemetry::Alignment::IDLE);
     let alignment = once(ALIGNMENT.try_take());
     AlignMode::set_accelerometers(alignment, calibration.accelerometers);
@@ -311,12 +303,10 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         #[cfg(feature = "pps")]
         correction: retained::correction(board.reset_cause),
     };
-    // Peripheral interrupts stay at the top; the rate task comes next, then model and link, threads last.
-    interrupt::UART5.set_priority(Priority::P6);
+    // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART4.set_priority(Priority::P8);
-    let rate_spawner = RATE_EXECUTOR.start(interrupt::UART5);
     let model_spawner = MODEL_EXECUTOR.start(interrupt::UART4);
-    spawned(rate::task(board.adc, output), |t| rate_spawner.spawn(t));
+    rate::start(board.adc, output);
     spawned(model::task(board.rings, board.clock, model_start, compensators), |t| model_spawner.spawn(t));
     spawned(link::send(board.link_out), |t| model_spawner.spawn(t));
     spawned(link::receive(board.link_in, identity, stopped), |t| model_spawner.spawn(t));

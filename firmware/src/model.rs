@@ -10,7 +10,6 @@ use crate::pps::PULSE;
 use crate::redundant::{update, Compensator, CHANNELS};
 use crate::retained;
 use crate::stop::halt;
-use core::sync::atomic::Ordering;
 use embassy_time::Ticker;
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP};
 #[cfg(feature = "inputs")]
@@ -55,7 +54,7 @@ pub async fn task(
         // The time first, then the edges: all edges before that time are then in.
         let now = clock.now();
         for k in 0..AXES {
-            rings.fetch(k, |stamps| bank.push(k, stamps.iter().map(|s| s.load(Ordering::Relaxed))));
+            rings.fetch(k, |stamps| hrg_fast::push(&mut bank, k, stamps));
         }
         #[cfg(feature = "pps")]
         if let Some(pulse) = PULSE.try_take() {

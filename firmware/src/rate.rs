@@ -1,23 +1,28 @@
-//! The rate task: ADC frame in, bias off, rate frame out. It runs on an interrupt executor above all other tasks and waits for
-//! nothing but its inputs: queues that are full drop, and the drop is flagged. The decisions are in
-//! [`hrg_core::rate_output`].
+//! The rate path: ADC frame in, bias off, rate frame out. It waits for nothing but its inputs: queues that are full drop, and the drop is
+//! flagged. The decisions are in [`hrg_core::rate_output`].
+//!
+//! # Design
+//! It runs in an interrupt of its own, above all tasks, which [`wake`] pends: a task on an executor cost a tenth of the unit's load in
+//! wakers and polls, a thousand times a second.
 
 use crate::adc::{self, Adc};
 #[cfg(any(feature = "sensors", feature = "aux"))]
 use crate::channels::SENSORS;
-use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATES_RUN, RATE_ALIVE, RATE_PATH, SECONDS};
-use crate::stop::halt;
-use core::future::poll_fn;
-use core::task::Poll;
-use hrg_core::rate_output::RateOutput;
+use crate::channels::{self, BIAS, DECIMATION, FETCHED, FRAMES, LOOK, RATES_RUN, RATE_ALIVE, SECONDS};
+use crate::stop::{halt, once};
+use core::sync::atomic::{AtomicPtr, Ordering};
+use embassy_stm32::interrupt;
+use embassy_stm32::interrupt::{InterruptExt, Priority};
+use hrg_core::rate_output::{Corruption, RateOutput, RateSecond};
 use hrg_core::rate_path::RateFrame;
 use hrg_core::reset::Halt;
+use static_cell::StaticCell;
 
 fn send(frame: RateFrame) -> bool {
     FRAMES.try_send(frame).is_ok()
 }
 
-/// Work of the rate task, with the moment that it is of.
+/// Work of the rate path, with the moment that it is of.
 enum Work {
     /// A frame of the ADC has come.
     Frame(u32),
@@ -27,57 +32,78 @@ enum Work {
 
 impl Work {
     /// The next work, if there is any.
+    #[inline(always)]
     fn next() -> Option<Self> {
         FETCHED.take().map(Self::Frame).or_else(|| LOOK.take().map(Self::Look))
     }
+}
 
-    /// Waits for it.
-    async fn wait() -> Self {
-        poll_fn(|context| {
-            let work = Self::next().or_else(|| {
-                RATE_PATH.register(context.waker());
-                Self::next()
-            });
-            work.map_or(Poll::Pending, Poll::Ready)
-        })
-        .await
+/// State of the rate path.
+pub struct Rates {
+    adc: Adc,
+    output: RateOutput,
+    #[cfg(any(feature = "sensors", feature = "aux"))]
+    sensors: hrg_core::sensors::SensorBank,
+}
+
+/// The state, for the interrupt and for nobody else.
+static STATE: AtomicPtr<Rates> = AtomicPtr::new(core::ptr::null_mut());
+
+/// Begins: hands the state to the interrupt, and fetches from the next data-ready edge on.
+pub fn start(adc: Adc, output: RateOutput) {
+    static PLACE: StaticCell<Rates> = StaticCell::new();
+    let state = once(PLACE.try_init_with(|| Rates {
+        adc,
+        output,
+        #[cfg(any(feature = "sensors", feature = "aux"))]
+        sensors: hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE),
+    }));
+    STATE.store(state, Ordering::Release);
+    interrupt::UART5.set_priority(Priority::P6);
+    interrupt::UART5.unpend();
+    // SAFETY: what the handler touches is set up.
+    #[allow(unsafe_code)]
+    unsafe {
+        interrupt::UART5.enable();
+    }
+    adc::start();
+}
+
+/// Has the rate path look for work: pends the interrupt of a peripheral that the unit does not use.
+#[inline(always)]
+pub fn wake() {
+    interrupt::UART5.pend();
+}
+
+/// The rate path: all work that there is.
+#[interrupt]
+fn UART5() {
+    // SAFETY: `start` has put a state there that lives for ever and hands it to nobody else, and an interrupt does not interrupt itself.
+    #[allow(unsafe_code)]
+    let Some(rates) = (unsafe { STATE.load(Ordering::Acquire).as_mut() }) else {
+        return;
+    };
+    while let Some(work) = Work::next() {
+        rates.work(&work);
     }
 }
 
-/// See the module.
-#[embassy_executor::task]
-pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
-    #[cfg(any(feature = "sensors", feature = "aux"))]
-    let mut sensors = hrg_core::sensors::SensorBank::new(crate::params::TIMEBASE);
-    adc.start();
-    loop {
-        let work = Work::wait().await;
-        let second = match work {
+impl Rates {
+    #[inline(always)]
+    fn work(&mut self, work: &Work) {
+        let second = match *work {
             Work::Frame(tick) => {
-                let received = adc.receive();
-                let Some(codes) = received.sample() else { continue };
+                let received = self.adc.receive();
+                let Some(codes) = received.sample() else { return };
                 #[cfg(any(feature = "sensors", feature = "aux"))]
-                if let Some(window) = codes.is_ok().then(|| sensors.push(tick, received.sensors())).flatten() {
+                if let Some(window) = codes.is_ok().then(|| self.sensors.push(tick, received.sensors())).flatten() {
                     SENSORS.signal(window);
                 }
-                output.sample(tick, codes, send)
+                hrg_fast::sample(&mut self.output, tick, codes, send)
             }
-            Work::Look(now) => {
-                adc.look();
-                #[cfg(feature = "self-test")]
-                adc.test();
-                // (A bias comes 50 ms before it holds, a decimation waits for the second's end: no need to look at each sample.)
-                if let Some(bias) = BIAS.try_take() {
-                    output.set_bias(bias);
-                }
-                if let Some(decimation) = DECIMATION.try_take() {
-                    output.set_decimation(decimation);
-                }
-                output.set_standing(channels::standing());
-                output.look(now, send)
-            }
+            Work::Look(now) => self.look(now),
         };
-        adc::mark_next(output.ends_next());
+        adc::mark_next(self.output.ends_next());
         #[cfg(feature = "bring-up")]
         crate::bring_up::rate_task_ran();
         RATE_ALIVE.give();
@@ -91,5 +117,23 @@ pub async fn task(mut adc: Adc, output: &'static mut RateOutput) {
                 halt(Halt::Corruption)
             }
         }
+    }
+
+    /// The time has gone on.
+    // (Out of line: a hundred times a second.)
+    #[inline(never)]
+    fn look(&mut self, now: u32) -> Result<Option<RateSecond>, Corruption> {
+        self.adc.look();
+        #[cfg(feature = "self-test")]
+        self.adc.test();
+        // (A bias comes 50 ms before it holds, a decimation waits for the second's end: no need to look at each sample.)
+        if let Some(bias) = BIAS.try_take() {
+            self.output.set_bias(bias);
+        }
+        if let Some(decimation) = DECIMATION.try_take() {
+            self.output.set_decimation(decimation);
+        }
+        self.output.set_standing(channels::standing());
+        self.output.look(now, send)
     }
 }

@@ -114,6 +114,7 @@ enum Command {
 
 impl Command {
     /// The first two words of the frame that carries it (section 8.5.1.10).
+    #[inline]
     const fn words(self) -> [u16; 2] {
         match self {
             Self::Null => [0; 2],
@@ -127,6 +128,7 @@ impl Command {
     }
 
     /// Fault that the ADC's answer to this command shows; `None`: the answer is as it must be.
+    #[inline]
     const fn wrong(self, answer: u16) -> Option<Fault> {
         match self {
             Self::Null if answer & STATUS_RESET != 0 => Some(Fault::Reset),
@@ -224,7 +226,7 @@ impl Default for Dialogue {
 impl Dialogue {
     /// A frame was fetched. `missed`: since the one before, a sample was ready and was not fetched.
     // A function of its own in the ELF, so that the virtual board can count what it costs.
-    #[inline(never)]
+    #[inline]
     pub fn receive(&mut self, frame: &[u32; WORDS], missed: bool) -> Received {
         self.behind |= missed;
         let emptying = core::mem::take(&mut self.emptying);
@@ -280,6 +282,7 @@ impl Dialogue {
         self.levels.take()
     }
 
+    #[inline]
     fn invalid(&mut self, fault: Fault) -> Result<(), Fault> {
         self.bad_in_a_row += 1;
         if self.set_up < SET_UP {
@@ -289,6 +292,7 @@ impl Dialogue {
         Err(fault)
     }
 
+    #[inline]
     fn valid(&mut self, answer: u16) -> Result<(), Fault> {
         self.bad_in_a_row = 0;
         let setting_up = self.set_up < SET_UP;
@@ -312,6 +316,7 @@ impl Dialogue {
         Ok(())
     }
 
+    #[inline]
     fn choose(&mut self) -> Command {
         const N: u8 = SETTINGS.len() as u8;
         if self.set_up < SET_UP {
@@ -369,6 +374,7 @@ const fn crc_step(sum: u32, word: u32) -> u32 {
 }
 
 /// The first word of a frame (an answer) whose checksum, over all words before its last, is right.
+#[inline]
 fn checked(words: &[u32; WORDS]) -> Result<u16, Fault> {
     // Its 27 bytes behind one of zeros, which has no effect; the seed of the checksum, 0xFFFF, inverts the first two.
     let mut sum = crc_step(0, words[0] >> 8 ^ 0x00FF_FF00);

@@ -18,6 +18,7 @@
 static CRC_32: crc::Crc<u32> = crc::Crc::<u32>::new(&crc::CRC_32_ISO_HDLC);
 
 /// CRC-32 (ISO-HDLC) of images and of the link's frames.
+#[inline]
 #[must_use]
 pub fn crc32(bytes: &[u8]) -> u32 {
     CRC_32.checksum(bytes)
@@ -62,10 +63,12 @@ pub struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     /// Starts at the front of `buffer`.
+    #[inline]
     pub fn new(buffer: &'a mut [u8]) -> Self {
         Self { buffer, at: 0, overflow: false }
     }
     /// Appends raw bytes.
+    #[inline]
     pub fn bytes(&mut self, bytes: &[u8]) {
         match self.buffer.get_mut(self.at..self.at + bytes.len()) {
             Some(room) => {
@@ -76,18 +79,22 @@ impl<'a> Writer<'a> {
         }
     }
     /// Appends one byte.
+    #[inline]
     pub fn u8(&mut self, value: u8) {
         self.bytes(&[value]);
     }
     /// Appends a 16-bit number.
+    #[inline]
     pub fn u16(&mut self, value: u16) {
         self.bytes(&value.to_le_bytes());
     }
     /// Appends a 32-bit number.
+    #[inline]
     pub fn u32(&mut self, value: u32) {
         self.bytes(&value.to_le_bytes());
     }
     /// Appends a single.
+    #[inline]
     pub fn f32(&mut self, value: f32) {
         self.bytes(&value.to_le_bytes());
     }
@@ -103,6 +110,7 @@ impl<'a> Writer<'a> {
     }
     /// Bytes written, or `None` if something did not fit.
     #[must_use]
+    #[inline]
     pub fn finish(self) -> Option<usize> {
         (!self.overflow).then_some(self.at)
     }

@@ -232,6 +232,7 @@ impl Factors {
     }
 
     /// Axes whose corrected rate holds something of a rate of those marked in `of`.
+    #[inline]
     #[must_use]
     pub fn touched(&self, of: [bool; AXES]) -> [bool; AXES] {
         let mut out = [false; AXES];
@@ -254,6 +255,7 @@ impl Factors {
     }
 
     /// A number that changes with any bit of them.
+    #[inline]
     pub(crate) fn fold(&self) -> u32 {
         let mut sum = u32::from(self.coupled);
         for [a, b, c] in self.words() {

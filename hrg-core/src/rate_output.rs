@@ -113,6 +113,7 @@ impl RateOutput {
     ///
     /// # Errors
     /// Memory is corrupted.
+    #[inline]
     pub fn sample(
         &mut self,
         tick: u32,
@@ -144,6 +145,7 @@ impl RateOutput {
         self.done(event, send)
     }
 
+    #[inline]
     fn done(&mut self, event: Event, send: impl FnOnce(RateFrame) -> bool) -> Result<Option<RateSecond>, Corruption> {
         let Event { frame, summary, corrupted } = event;
         if corrupted {

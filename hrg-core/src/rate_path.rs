@@ -103,6 +103,7 @@ impl PendingBias {
         Self::at(effective_tick, step.step, output.bias_dph, output.status).with_factors(output.factors)
     }
 
+    #[inline]
     fn fold(&self) -> u32 {
         fold([self.effective_tick, self.step, word_of(self.status)])
             ^ fold(self.bias_dph.map(f32::to_bits))
@@ -110,23 +111,27 @@ impl PendingBias {
     }
 
     /// `true` if its integrity word still fits its contents.
+    #[inline]
     #[must_use]
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
     }
 }
 
+#[inline]
 fn settings_integrity(scale_dph: &[f32; AXES], decimations: [u16; 2], stale_ticks: u32, late_ticks: i32) -> u32 {
     let [now, next] = decimations.map(u32::from);
     fold(scale_dph.map(f32::to_bits)).wrapping_add(now << 16 | next) ^ fold([stale_ticks, late_ticks as u32, 0])
 }
 
 /// A number that changes with any bit of the three.
+#[inline]
 fn fold([a, b, c]: [u32; 3]) -> u32 {
     !(a ^ b.rotate_left(11) ^ c.rotate_left(22))
 }
 
 /// A number that changes with any bit of the status of the axes.
+#[inline]
 fn word_of(status: [AxisStatus; AXES]) -> u32 {
     fold(status.map(|s| s.bits().into()))
 }
@@ -152,6 +157,7 @@ pub struct RateFrame {
 
 impl RateFrame {
     /// With its integrity word computed: after the last change.
+    #[inline]
     #[must_use]
     pub fn with_integrity(mut self) -> Self {
         self.integrity = self.fold();
@@ -159,11 +165,13 @@ impl RateFrame {
     }
 
     /// `true` if its integrity word still fits its contents: a queue in corrupted memory may hand out anything.
+    #[inline]
     #[must_use]
     pub fn intact(&self) -> bool {
         self.integrity == self.fold()
     }
 
+    #[inline]
     fn fold(&self) -> u32 {
         let status = word_of(self.axis_status) ^ u32::from(self.unit_status.bits()).rotate_left(27);
         // Non-zero for an all-zero frame, so that memory which never held a frame fails.
@@ -290,6 +298,7 @@ impl Sums {
     }
 
     /// The piece is done.
+    #[inline]
     fn end_piece(&mut self, bias: &PendingBias, scale_dph: &[f32; AXES]) {
         if self.in_piece == 0 {
             return;
@@ -313,6 +322,7 @@ impl Sums {
     }
 
     /// `true` if all bits are the same.
+    #[inline]
     fn equals(&self, other: &Self) -> bool {
         (self.samples, self.in_piece, self.codes) == (other.samples, other.in_piece, other.codes)
             && self.before_dph.map(f32::to_bits) == other.before_dph.map(f32::to_bits)
@@ -372,10 +382,12 @@ impl RatePath {
         self.sums.samples.saturating_add(1) >= self.decimation
     }
 
+    #[inline]
     fn settings_now(&self) -> u32 {
         settings_integrity(&self.scale_dph, [self.decimation, self.next_decimation], self.stale_ticks, self.late_ticks)
     }
 
+    #[inline]
     fn settings_intact(&self) -> bool {
         self.settings_integrity == self.settings_now()
     }
@@ -386,7 +398,7 @@ impl RatePath {
     }
 
     /// Takes one sample: the timer tick of its data-ready edge and the codes of the channels.
-    #[inline(never)]
+    #[inline]
     pub fn sample(&mut self, tick: u32, codes: [i32; CHANNELS]) -> Event {
         let mut event = Event { frame: None, summary: None, corrupted: false };
         if self.due(tick) {
@@ -435,6 +447,7 @@ impl RatePath {
     }
 
     /// Time has gone on to `tick`: ticks since the last good sample; `None` before the first.
+    #[inline]
     fn ticks_since_good(&mut self, tick: u32) -> Option<u32> {
         let last = self.last.as_mut()?;
         let more = tick.wrapping_sub(last.tick);
@@ -448,6 +461,7 @@ impl RatePath {
 
     /// Number of sample times from the sample before to this one. Samples that were lost between them are counted and
     /// flagged; so is an ADC at another rate. 0: it is the same sample once more, which is refused.
+    #[inline]
     fn sample_times(&mut self, tick: u32) -> u32 {
         // (Memory may be corrupted; this must not divide by zero.)
         let period = self.sample_ticks.max(1);
@@ -473,6 +487,7 @@ impl RatePath {
 
     /// A sample was missing or refused at about `tick`. A frame whose samples all are missing is
     /// not sent; the next one carries [`UnitStatus::ADC_FAULT`].
+    #[inline]
     pub fn missing(&mut self, tick: u32) -> Event {
         self.ticks_since_good(tick);
         if let Some(last) = &mut self.last {
@@ -522,13 +537,14 @@ impl RatePath {
     }
 
     /// The piece is done: it is full, or the bias changes.
-    #[inline(never)]
+    #[inline]
     fn end_piece(&mut self) {
         self.sum_up();
         self.sums.end_piece(&self.current, &self.scale_dph);
         self.mirror.end_piece(&self.current, &self.scale_dph);
     }
 
+    #[inline]
     fn summarise(&mut self) -> Summary {
         let n = f64::from(self.in_summary);
         let mut raw_dph = [f32::NAN; AXES];
@@ -555,6 +571,7 @@ impl RatePath {
         summary
     }
 
+    #[inline]
     fn finish_frame(&mut self, tick: u32) -> RateFrame {
         self.sum_up();
         let rate_dph = self.sums.mean_dph(&self.current, &self.scale_dph);

@@ -10,19 +10,36 @@ use crate::self_test::{Check, Item};
 use heapless::Vec;
 
 /// A rate frame before framing: type, fields, checksum.
-const RATE_PAYLOAD: usize = 1 + size(RateFrame::FIELDS) + 4;
+const RATE_PAYLOAD: usize = RATE.len() + size(RateFrame::FIELDS) + 4;
+/// Type of a rate frame.
+const RATE: &[u8] = &[0x01];
 
 impl Message {
     /// The frame on the wire, with its zero.
     #[inline(never)]
     #[must_use]
     pub fn encode(&self) -> Vec<u8, MAX_FRAME> {
-        // Rate frames are many and short: no more is cleared than they need.
-        let longest = if matches!(self, Self::Rate(_)) { RATE_PAYLOAD } else { MAX_PAYLOAD };
+        match self {
+            Self::Rate(frame) => Self::encode_rate(frame),
+            _ => Self::framed(MAX_PAYLOAD, |w| self.write(w)),
+        }
+    }
+
+    /// [`encode`](Self::encode) of a rate frame.
+    #[inline]
+    #[must_use]
+    pub fn encode_rate(frame: &RateFrame) -> Vec<u8, MAX_FRAME> {
+        // They are many and short: no more is cleared than they need.
+        Self::framed(RATE_PAYLOAD, |w| put(w, RATE, frame))
+    }
+
+    /// The frame of what `write` writes, at most so many bytes with the checksum.
+    #[inline]
+    fn framed(longest: usize, write: impl FnOnce(&mut Writer<'_>)) -> Vec<u8, MAX_FRAME> {
         let mut plain: Vec<u8, MAX_PAYLOAD> = Vec::new();
         let _ = plain.resize(longest, 0);
         let mut w = Writer::new(&mut plain);
-        self.write(&mut w);
+        write(&mut w);
         // The longest message fits: test `every_message_there_and_back`.
         let n = w.finish().unwrap_or(0);
         let crc = crc32(plain.get(..n).unwrap_or_default());
@@ -42,7 +59,7 @@ impl Message {
 
     fn write(&self, w: &mut Writer<'_>) {
         match self {
-            Self::Rate(r) => put(w, &[0x01], r),
+            Self::Rate(r) => put(w, RATE, r),
             Self::Housekeeping(h) => put(w, &[0x02], h),
             Self::Identity(i) => put(w, &[0x03], i),
             Self::Alignment(a) => put(w, &[0x04], a),

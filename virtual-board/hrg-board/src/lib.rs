@@ -20,7 +20,7 @@ pub mod wires;
 /// The variable of the firmware that holds the states kept over a reset.
 pub const KEPT_STATES: &str = "_kept_states";
 
-/// Functions of the core that are functions of their own in the ELF, and whose calls the board counts: their paths.
+/// Functions that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {
     /// A model step of the three axes.
     pub const UPDATE: &str = "hrg_core::compensator::Model<P>::update";
@@ -29,9 +29,9 @@ pub mod symbol {
     /// The temperature curve.
     pub const CURVE: &str = "hrg_core::temperature::TemperatureCurve::value_and_slope";
     /// An ADC frame.
-    pub const DECODE: &str = "hrg_core::adc::Dialogue::receive";
+    pub const DECODE: &str = "hrg_fast::receive";
     /// A sample corrected.
-    pub const SAMPLE: &str = "hrg_core::rate_path::RatePath::sample";
-    /// A message made into a frame.
-    pub const ENCODE: &str = "hrg_core::link::Message::encode";
+    pub const SAMPLE: &str = "hrg_fast::sample";
+    /// A rate frame as it is sent.
+    pub const ENCODE: &str = "hrg_fast::encode";
 }
