@@ -9,4 +9,6 @@ fn main() {
     println!("cargo:rustc-link-search={}", out.display());
     println!("cargo:rerun-if-changed=../../memory.x");
     println!("cargo:rustc-link-arg-bins=--defsym=_stack_size={}", 24 * 1024);
+    // No loader: the vector table is at the start of the flash, where a slot's would be 512 bytes behind the slot's.
+    println!("cargo:rustc-link-arg-bins=--defsym=_slot={:#x}", 0x0800_0000 - 512);
 }

@@ -142,6 +142,13 @@ pub static SENSORS: Signal<Mutex, hrg_core::sensors::Window> = Signal::new();
 #[cfg(feature = "field-log")]
 pub static EVENTS: Channel<Mutex, (u32, hrg_core::events::Event), { crate::params::EVENT_QUEUE }> = Channel::new();
 
+/// A host has shown that it receives from the unit.
+pub static ECHOED: AtomicBool = AtomicBool::new(false);
+/// The last second had samples.
+pub static RATES: AtomicBool = AtomicBool::new(false);
+/// Link in to link out: the programs of the unit.
+pub static PROGRAMS: Signal<Mutex, hrg_core::update::Programs> = Signal::new();
+
 /// Time since power-on at the last second, s.
 pub static ON_FOR_S: AtomicU32 = AtomicU32::new(0);
 

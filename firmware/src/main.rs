@@ -47,6 +47,7 @@ mod redundant;
 mod retained;
 #[cfg(feature = "self-test")]
 mod self_test;
+mod slot;
 mod stack;
 mod stop;
 mod telemetry;
@@ -168,7 +169,7 @@ fn resume(models: &mut [&'static mut Compensator; CHANNELS], cause: ResetCause) 
 #[cfg(feature = "field-log")]
 #[inline(never)]
 fn set_zero(models: &mut [&'static mut Compensator; CHANNELS], sectors: &maintain::Sectors, checksum: u32) {
-    if let Some(zero) = zero::newest(events::records([0, 1].map(|s| sectors.log(s))), checksum) {
+    if let Some(zero) = zero::newest(events::records(sectors.log()), checksum) {
         models.iter_mut().for_each(|m| m.set_zero(zero));
     }
 }
@@ -220,15 +221,20 @@ fn warn(verdict: program::Verdict, crystal: bool, stopped: &Stopped, unprotected
 #[inline(never)]
 #[cfg_attr(not(feature = "field-log"), allow(unused_variables))]
 fn record(board: &mut board::Board, on_for_s: u32, stopped: &Stopped, events: [Option<Event>; 3]) {
-    let [start, others @ ..] = events;
+    let [start, test, cut_short] = events;
     #[cfg(feature = "field-log")]
     // (The same stop again and again would fill the log.)
-    let told = || events::last_stop(events::records([0, 1].map(|s| board.sectors.log(s)))) == Some(*stopped);
+    let told = || events::last_stop(events::records(board.sectors.log())) == Some(*stopped);
     #[cfg(not(feature = "field-log"))]
     let told = || true;
     let new = stopped.says_something() && !told();
+    #[cfg(feature = "field-log")]
+    let program = Some(maintain::program_event())
+        .filter(|p| events::last_program(events::records(board.sectors.log())) != Some(*p));
+    #[cfg(not(feature = "field-log"))]
+    let program = None;
     let pieces = stopped.pieces().filter(|_| new).map(Event::Stopped);
-    for event in start.into_iter().chain(pieces).chain(others.into_iter().flatten()) {
+    for event in start.into_iter().chain(program).chain(pieces).chain(test).chain(cut_short) {
         match event {
             Event::Test { .. } => defmt::error!("the test at the start fails: hrg unit events says where"),
             Event::CutShort { .. } => defmt::warn!("a burn was cut short"),

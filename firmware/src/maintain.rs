@@ -1,24 +1,24 @@
-//! Maintenance mode: what the host asks, done on the two calibration sectors. The rules are in `hrg_core::maintenance`.
+//! Maintenance mode: what the host asks, done on the two calibration sectors and on the slot that does not run. The rules are in `hrg_core::maintenance` and
+//! `hrg_core::update`.
 //!
 //! The chip has one bank of flash: while a sector is erased (2 s at most, STM32F446 data sheet) the processor stands still, and nothing is
 //! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other. Most burns erase nothing; the
 //! programming of a word takes 16 us.
 
-use crate::channels::{ANSWER, MAINTAIN, MAINTENANCE_OPEN};
+use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, RATES};
 #[cfg(feature = "field-log")]
 use crate::channels::{EVENTS, ON_FOR_S, ZERO};
 use crate::clock;
 use crate::params;
 use crate::watchdog::Patience;
 use core::ops::Range;
-#[cfg(any(feature = "field-log", feature = "self-test"))]
 use core::sync::atomic::Ordering;
 #[cfg(feature = "field-log")]
 use embassy_futures::select::{select, Either};
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
-use embassy_time::{with_deadline, Instant, Timer};
+use embassy_time::{with_deadline, Duration, Instant, Timer};
 #[cfg(feature = "field-log")]
 use hrg_core::events::{self, Event, Journal, Record};
 use hrg_core::link::Message;
@@ -26,6 +26,8 @@ use hrg_core::maintenance::{Answer, Command, Maintenance, Reply};
 use hrg_core::sectors::Store;
 use hrg_core::sectors::{Place, Sector};
 use hrg_core::signature::Key;
+use hrg_core::slots::{mark, Slot, State};
+use hrg_core::update::{self, Condition, Programs, Trial, Verdict};
 
 #[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
 unsafe extern "C" {
@@ -34,13 +36,43 @@ unsafe extern "C" {
     static _calibration_b_start: u8;
     static _calibration_b_end: u8;
     #[cfg(feature = "field-log")]
-    static _events_a_start: u8;
+    static _events_start: u8;
     #[cfg(feature = "field-log")]
-    static _events_a_end: u8;
-    #[cfg(feature = "field-log")]
-    static _events_b_start: u8;
-    #[cfg(feature = "field-log")]
-    static _events_b_end: u8;
+    static _events_end: u8;
+    static _slot_a_start: u8;
+    static _slot_a_end: u8;
+    static _slot_b_start: u8;
+    static _slot_b_end: u8;
+}
+
+/// Bytes of the first sector of each slot (memory.x); the second is the rest.
+const FIRST_SECTORS: [usize; 2] = [64 * 1024, 128 * 1024];
+
+/// Addresses of a slot.
+fn slot_range(slot: usize) -> Range<usize> {
+    let [start, end] = match slot {
+        0 => [&raw const _slot_a_start, &raw const _slot_a_end],
+        _ => [&raw const _slot_b_start, &raw const _slot_b_end],
+    };
+    start.addr()..end.addr()
+}
+
+/// A slot in flash.
+fn slot_bytes(slot: usize) -> &'static [u8] {
+    let range = slot_range(slot);
+    // SAFETY: a slot (memory.x), which only `Sectors` writes to; bytes are read once each, and what is decided by them is checked after the last write.
+    #[allow(unsafe_code)]
+    unsafe {
+        core::slice::from_raw_parts(core::ptr::with_exposed_provenance(range.start), range.len())
+    }
+}
+
+/// The slot that this program is linked for: 0: A, 1: B (build.rs).
+const OWN: usize = include!(concat!(env!("OUT_DIR"), "/slot.rs"));
+
+/// The slot of this program, and both.
+pub fn slots() -> (usize, [Slot<'static>; 2]) {
+    (OWN, [0, 1].map(|slot| Slot(slot_bytes(slot))))
 }
 
 /// The key whose signatures the unit wants; `None`: it takes images without.
@@ -133,36 +165,67 @@ impl Sectors {
         clock::supplied() && self.flash.blocking_write(at, bytes).is_ok()
     }
 
-    /// A sector of the field log in flash.
+    /// The field log in flash.
     #[cfg(feature = "field-log")]
-    fn log_range(sector: usize) -> Range<usize> {
-        let [start, end] = if sector == 0 {
-            [&raw const _events_a_start, &raw const _events_a_end]
-        } else {
-            [&raw const _events_b_start, &raw const _events_b_end]
-        };
-        start.addr()..end.addr()
+    fn log_range() -> Range<usize> {
+        (&raw const _events_start).addr()..(&raw const _events_end).addr()
     }
 }
 
 #[cfg(feature = "field-log")]
 impl events::Store for Sectors {
-    fn log(&self, sector: usize) -> &[u8] {
-        let address = Self::log_range(sector).start;
-        // SAFETY: a sector of the field log (memory.x), of that size, which nothing but this type writes to, and only with `&mut self`.
+    fn log(&self) -> &[u8] {
+        let address = Self::log_range().start;
+        // SAFETY: the sector of the field log (memory.x), of that size, which nothing but this type writes to, and only with `&mut self`.
         #[allow(unsafe_code)]
         unsafe {
             core::slice::from_raw_parts(core::ptr::with_exposed_provenance(address), events::SECTOR)
         }
     }
-    fn erase_log(&mut self, sector: usize) -> bool {
-        let range = Self::log_range(sector);
+    fn erase_log(&mut self) -> bool {
+        let range = Self::log_range();
         self.erase_range((range.start - FLASH_BASE) as u32..(range.end - FLASH_BASE) as u32)
     }
-    fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; events::RECORD]) -> bool {
-        let at = Self::log_range(sector).start - FLASH_BASE + offset;
+    fn write_log(&mut self, offset: usize, record: &[u8; events::RECORD]) -> bool {
+        let at = Self::log_range().start - FLASH_BASE + offset;
         self.program(at as u32, record)
     }
+}
+
+impl update::Store for Sectors {
+    fn own(&self) -> usize {
+        OWN
+    }
+    fn slot(&self, slot: usize) -> (&[u8], u32) {
+        (slot_bytes(slot), slot_range(slot).start as u32)
+    }
+    fn first_sector(&self, slot: usize) -> usize {
+        FIRST_SECTORS[slot % 2]
+    }
+    fn erase_slot(&mut self, slot: usize, sector: usize) -> bool {
+        let Range { start, end } = slot_range(slot);
+        let second = start + FIRST_SECTORS[slot % 2];
+        let range = if sector == 0 { start..second } else { second..end };
+        // (Never the one that runs.)
+        slot != OWN && self.erase_range((range.start - FLASH_BASE) as u32..(range.end - FLASH_BASE) as u32)
+    }
+    fn write_slot(&mut self, slot: usize, offset: usize, bytes: &[u8]) -> bool {
+        self.program((slot_range(slot).start - FLASH_BASE + offset) as u32, bytes)
+    }
+}
+
+/// What the unit does now.
+fn condition(calibration: u32) -> Condition {
+    Condition {
+        rates: RATES.load(Ordering::Relaxed),
+        calibrated: calibration != 0,
+        echoed: ECHOED.load(Ordering::Relaxed),
+    }
+}
+
+/// The programs of the unit.
+pub fn programs(token: u32) -> Programs {
+    Programs::of(slots(), token)
 }
 
 impl Store for Sectors {
@@ -172,9 +235,9 @@ impl Store for Sectors {
     fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
         self.program(Self::offsets(at.sector).start + at.offset, bytes)
     }
-    fn events(&self, _sector: usize) -> &[u8] {
+    fn events(&self) -> &[u8] {
         #[cfg(feature = "field-log")]
-        return events::Store::log(self, _sector);
+        return events::Store::log(self);
         #[cfg(not(feature = "field-log"))]
         &[]
     }
@@ -188,19 +251,73 @@ impl Store for Sectors {
     }
 }
 
+/// The program that runs, until it has confirmed itself.
+struct OnTrial {
+    trial: Trial,
+    /// The next look, each second.
+    next: Instant,
+}
+
+impl OnTrial {
+    /// `None`: it has.
+    fn begin(sectors: &impl update::Store) -> Option<Self> {
+        let own = Slot(sectors.slot(sectors.own()).0);
+        let expected = own.word(mark::EXPECTED) as u8;
+        (own.state() != State::Confirmed)
+            .then(|| Self { trial: Trial::new(expected), next: Instant::now() + Duration::from_secs(1) })
+    }
+
+    /// `true` if it has confirmed itself now. A program that has had its time starts anew, and the loader takes the one before.
+    fn look(&mut self, sectors: &mut impl update::Store, now: Condition) -> bool {
+        if Instant::now() < self.next {
+            return false;
+        }
+        self.next += Duration::from_secs(1);
+        match self.trial.second(now) {
+            Verdict::Wait => false,
+            Verdict::Confirm => {
+                let done = update::confirm(sectors);
+                defmt::info!("the program has confirmed itself: {=bool}", done);
+                done
+            }
+            Verdict::GiveUp => {
+                defmt::error!("the program could not confirm itself: the one before comes back");
+                cortex_m::peripheral::SCB::sys_reset()
+            }
+        }
+    }
+}
+
+/// The event of the program that runs.
+#[cfg(feature = "field-log")]
+pub fn program_event() -> Event {
+    let Programs { slot, state, sum, .. } = programs(0);
+    Event::Program { slot, state, sum }
+}
+
 /// See the module.
 #[embassy_executor::task]
 pub async fn task(
     maintenance: &'static mut Maintenance,
     mut sectors: Sectors,
-    #[cfg_attr(not(any(feature = "field-log", feature = "self-test")), allow(unused_variables))] calibration: u32,
+    calibration: u32,
     #[cfg(feature = "field-log")] mut journal: Journal,
 ) {
     // (Events do not keep the mode open.)
     let mut idle = Instant::now() + params::MAINTENANCE_IDLE;
+    let mut trial = OnTrial::begin(&sectors);
     loop {
+        if let Some(on) = &mut trial {
+            if on.look(&mut sectors, condition(calibration)) {
+                trial = None;
+                #[cfg(feature = "field-log")]
+                journal
+                    .write(&mut sectors, Record { on_for_s: ON_FOR_S.load(Ordering::Relaxed), event: program_event() });
+            }
+        }
+        let wake = trial.as_ref().map_or(idle, |on| on.next.min(idle));
         #[cfg(feature = "field-log")]
-        let next = match with_deadline(idle, select(MAINTAIN.receive(), EVENTS.receive())).await {
+        let next = match with_deadline(wake, select(MAINTAIN.receive(), EVENTS.receive())).await {
             Ok(Either::First(command)) => Ok(command),
             Ok(Either::Second((on_for_s, event))) => {
                 journal.write(&mut sectors, Record { on_for_s, event });
@@ -209,9 +326,10 @@ pub async fn task(
             Err(late) => Err(late),
         };
         #[cfg(not(feature = "field-log"))]
-        let next = with_deadline(idle, MAINTAIN.receive()).await;
+        let next = with_deadline(wake, MAINTAIN.receive()).await;
         let command = match next {
             Ok(command) => command,
+            Err(_) if Instant::now() < idle => continue,
             Err(_) if maintenance.open() => {
                 idle = Instant::now() + params::MAINTENANCE_IDLE;
                 maintenance.command(&Command::Close, &mut sectors);
@@ -224,6 +342,7 @@ pub async fn task(
             }
         };
         idle = Instant::now() + params::MAINTENANCE_IDLE;
+        maintenance.set_condition(condition(calibration));
         #[cfg_attr(not(feature = "self-test"), allow(unused_mut))]
         let mut reply = maintenance.command(&command, &mut sectors);
         #[cfg(feature = "self-test")]

@@ -1,33 +1,27 @@
-//! The program checks itself in flash: once at start, and again and again while it runs, with the chip's CRC unit.
+//! The program checks itself in flash: once at start, and again and again while it runs, with the chip's CRC unit. So does it check the loader.
 //!
 //! # Design
-//! `cargo xtask build` writes the sum of the finished program into the ELF, into its section `.seal` behind the vector table. A program that was
-//! flashed without it (by `cargo run`) says so in its log, and is not checked.
-//!
-//! The sum is that of the CRC unit: CRC-32/MPEG-2 over words (RM0390 chapter 4), of the vector table and of everything from `.text` on.
+//! `cargo xtask build` writes the sum of the finished program into the marks of its slot ([`hrg_core::slots`]); an update brings it along. A program
+//! that was flashed without it (by `cargo run`) says so in its log, and is not checked. The sum is that of the CRC unit: CRC-32/MPEG-2 over words (RM0390 chapter 4).
+//! That of the loader stands in two reserved places of its vector table, and counts as zero there.
 
+use crate::maintain::slots;
 use core::ops::Range;
 use embassy_stm32::crc::Crc;
 use embassy_stm32::peripherals::CRC;
 use embassy_stm32::Peri;
+use hrg_core::slots::{mark, Slot, ERASED, HEAD};
 
-#[allow(unsafe_code)] // Symbols of the linker (memory.x, cortex-m-rt): only their addresses are used.
+#[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
 unsafe extern "C" {
-    static __vector_table: u8;
-    static _program_start: u8;
-    static __sidata: u8;
-    static __sdata: u8;
-    static __edata: u8;
+    static _loader_start: u8;
 }
 
-/// Stored sum: [`INTACT`], then the sum. Erased until the sum is written.
-#[allow(unsafe_code)] // The section is memory.x's.
-#[unsafe(link_section = ".seal")]
-#[used]
-static INTEGRITY: [u32; 2] = [u32::MAX; 2];
-
-/// Marks the integrity word.
-const INTACT: u32 = u32::from_le_bytes(*b"SEAL");
+/// Offsets of the loader's length and sum in its vector table.
+const LOADER_LENGTH: usize = 28;
+const LOADER_SUM: usize = 32;
+/// Its most bytes: a sector.
+const LOADER_ROOM: usize = 16 * 1024;
 
 /// Words that are checked at a time: each [`hrg_core::supervision::LOOK_MS`].
 const WORDS: usize = 256;
@@ -43,14 +37,21 @@ pub enum Verdict {
     Changed,
 }
 
+/// A piece of flash with its sum.
+struct Part {
+    range: Range<usize>,
+    sum: u32,
+    /// Address of a word that counts as zero; 0: none.
+    left_out: usize,
+}
+
 /// Goes through the program.
 pub struct Check {
     unit: Crc<'static>,
-    integrity: [u32; 2],
-    /// Ranges to check: the vector table, the rest.
-    table: Range<usize>,
-    rest: Range<usize>,
-    /// Progress of this pass.
+    /// The program, and the loader.
+    parts: [Part; 2],
+    /// The part and the address that this pass has come to.
+    part: usize,
     at: usize,
 }
 
@@ -64,20 +65,19 @@ fn word(address: usize) -> u32 {
 }
 
 impl Check {
-    /// Reads the integrity word.
+    /// Reads the sums.
     pub fn new(unit: Peri<'static, CRC>) -> Self {
-        let table = (&raw const __vector_table).addr();
-        let integrity = (&raw const INTEGRITY).addr();
-        let data = (&raw const __edata).addr() - (&raw const __sdata).addr();
-        let end = ((&raw const __sidata).addr() + data).next_multiple_of(4);
-        let rest = (&raw const _program_start).addr()..end;
-        Self {
-            unit: Crc::new(unit),
-            integrity: [word(integrity), word(integrity + 4)],
-            at: table,
-            table: table..integrity,
-            rest,
-        }
+        let (own, all) = slots();
+        let slot = all.get(own).copied().unwrap_or(Slot(&[]));
+        let start = slot.0.as_ptr().addr() + HEAD;
+        let program = start..start + slot.body().map_or(0, <[u8]>::len);
+        let loader = (&raw const _loader_start).addr();
+        let length = (word(loader + LOADER_LENGTH) as usize).min(LOADER_ROOM) & !3;
+        let parts = [
+            Part { range: program, sum: slot.word(mark::SUM), left_out: 0 },
+            Part { range: loader..loader + length, sum: word(loader + LOADER_SUM), left_out: loader + LOADER_SUM },
+        ];
+        Self { unit: Crc::new(unit), part: 0, at: parts[0].range.start, parts }
     }
 
     /// The whole program at once: at start.
@@ -89,34 +89,35 @@ impl Check {
         }
     }
 
-    /// The next piece of it; at the end of a pass, how it is.
+    /// The next piece of it; at the end of a pass, or where a part has changed, how it is.
     pub fn piece(&mut self) -> Option<Verdict> {
         self.some(WORDS)
     }
 
     fn some(&mut self, words: usize) -> Option<Verdict> {
-        let [intact, sum] = self.integrity;
-        if intact != INTACT {
-            // An erased place was never written; anything else was.
-            return Some(if self.integrity == [u32::MAX; 2] { Verdict::Unsealed } else { Verdict::Changed });
+        let [program, _] = &self.parts;
+        if program.sum == ERASED {
+            // An erased place was never written.
+            return Some(Verdict::Unsealed);
         }
-        let in_table = self.at < self.table.end;
-        let end = if in_table { self.table.end } else { self.rest.end };
-        let stop = end.min(self.at.saturating_add(words.saturating_mul(4)));
+        let Part { range, sum, left_out } = self.parts.get(self.part)?;
+        let stop = range.end.min(self.at.saturating_add(words.saturating_mul(4)));
         while self.at < stop {
-            self.unit.feed_word(word(self.at));
+            self.unit.feed_word(if self.at == *left_out { 0 } else { word(self.at) });
             self.at += 4;
         }
-        if self.at < end {
+        if self.at < range.end {
             return None;
         }
-        if in_table {
-            self.at = self.rest.start;
-            return None;
-        }
-        let found = self.unit.read();
+        let same = self.unit.read() == *sum;
         self.unit.reset();
-        self.at = self.table.start;
-        Some(if found == sum { Verdict::Intact } else { Verdict::Changed })
+        let last = self.part + 1 == self.parts.len();
+        self.part = if last || !same { 0 } else { self.part + 1 };
+        self.at = self.parts.get(self.part)?.range.start;
+        match (same, last) {
+            (false, _) => Some(Verdict::Changed),
+            (true, true) => Some(Verdict::Intact),
+            (true, false) => None,
+        }
     }
 }

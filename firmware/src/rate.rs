@@ -99,7 +99,10 @@ impl Rates {
                 if let Some(window) = codes.is_ok().then(|| self.sensors.push(tick, received.sensors())).flatten() {
                     SENSORS.signal(window);
                 }
-                hrg_fast::sample(&mut self.output, tick, codes, send)
+                match codes {
+                    Ok(codes) => hrg_fast::sample(&mut self.output, tick, codes, send),
+                    Err(_) => self.output.bad(tick, send),
+                }
             }
             Work::Look(now) => self.look(now),
         };

@@ -49,6 +49,7 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
         }
         let h = &housekeeping;
         ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
+        channels::RATES.store(h.samples > 0, Ordering::Relaxed);
         #[cfg(feature = "field-log")]
         watch.second(h.axis_status, noteworthy(h.unit_status), h.temperature_c, |event| {
             // A full queue loses it: the flag rises again, or stands in every frame.

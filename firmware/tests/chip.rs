@@ -5,6 +5,9 @@
 #![allow(unexpected_cfgs)]
 
 mod same;
+// The loader starts the tests, too.
+#[path = "../src/slot.rs"]
+mod slot;
 
 use defmt_rtt as _;
 

@@ -10,6 +10,8 @@ use hrg_core::sectors::{sequences, Place, Sector};
 /// Sectors of 8 KiB: soon full.
 struct Flash([[u8; 8192]; 2]);
 
+impl hrg_core::update::Store for Flash {}
+
 impl Store for Flash {
     fn erase(&mut self, sector: Sector) -> bool {
         let newest = sequences(&self.0[0], &self.0[1], None).newest;

@@ -55,7 +55,8 @@ impl Accelerometers {
     #[must_use]
     pub fn correct(&self, read_mps: [f64; 2], time_s: f64) -> [f64; 2] {
         let [[a, b], [c, d]] = self.matrix.map(|row| row.map(f64::from));
-        let w = [0, 1].map(|k: usize| read_mps[k] - f64::from(self.bias_mps2[k]) * time_s);
+        let [first, second] = self.bias_mps2;
+        let w = [read_mps[0] - f64::from(first) * time_s, read_mps[1] - f64::from(second) * time_s];
         let determinant = a * d - b * c;
         [(d * w[0] - b * w[1]) / determinant, (a * w[1] - c * w[0]) / determinant]
     }

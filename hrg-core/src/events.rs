@@ -1,13 +1,14 @@
 //! The field log: what befell the unit, in flash, over power cuts.
 //!
 //! # Layout
-//! Two sectors of 16 KiB. Each begins with a head that counts up; then records of 16 bytes, one after the other ([`Record`]). A record whose
-//! checksum does not match (a power cut while it was written) is skipped. The newest sector is written to; the other holds what was before. So at least
-//! 1000 events are kept, and at most 2046.
+//! One sector of 16 KiB: a head, then records of 16 bytes, one after the other ([`Record`]). A record whose checksum does not match (a power cut
+//! while it was written) is skipped. The head is written last, when a log is begun; a sector without it holds no log.
 //!
-//! # When a sector is erased
+//! # When the sector is erased
 //! An erase takes up to 0.5 s (STM32F446 data sheet, table 47), in which the processor stands still. So it is done only at power-on, before the
-//! first rate, when less than a quarter of a sector is free. In flight a full log takes no more: what is lost is counted.
+//! first rate, when less than a quarter of the sector is free. In flight a full log takes no more: what is lost is counted. The newest
+//! [`CARRIED`] records are carried over in memory, and the constants that were renewed last are put beside the calibration images first
+//! ([`crate::sectors::keep`]): a power cut in that half second loses the older events, and no constants.
 //!
 //! # Why not `sequential-storage`
 //! That crate erases when the next record needs it, and takes an asynchronous flash. Here the moment of the erase is what matters.
@@ -27,34 +28,39 @@
 
 use crate::bytes;
 use crate::reset::{Halt, ResetCause};
+use crate::sectors;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::stopped::{Piece, Stopped};
 use crate::zero;
 use crate::AXES;
+use heapless::Vec;
 
 /// Bytes of a record.
 pub const RECORD: usize = 16;
-/// Bytes of a sector.
+/// Bytes of the sector.
 pub const SECTOR: usize = 16 * 1024;
-/// Records of a sector, its head included.
+/// Records of it, the head included.
 const RECORDS: usize = SECTOR / RECORD;
-/// With fewer free records than this at power-on the other sector is erased and used.
+/// With fewer free records than this at power-on the log is begun anew.
 const ROOM: usize = RECORDS / 4;
 
-/// Places at the end of a sector that are for starts and burns.
+/// Places at its end that are for starts and burns.
 const RESERVED: usize = 33;
 
 /// Flags of an axis, or of the unit, are told once in so many seconds.
 pub const PACE_S: u32 = 60;
 
-/// The two sectors.
+/// Newest records that go on into a log that is begun anew.
+pub const CARRIED: usize = 256;
+
+/// The sector of the log.
 pub trait Store {
-    /// All bytes of one of them (0 or 1).
-    fn log(&self, sector: usize) -> &[u8];
-    /// Erases one.
-    fn erase_log(&mut self, sector: usize) -> bool;
+    /// All bytes of it.
+    fn log(&self) -> &[u8];
+    /// Erases it.
+    fn erase_log(&mut self) -> bool;
     /// Programs a record.
-    fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; RECORD]) -> bool;
+    fn write_log(&mut self, offset: usize, record: &[u8; RECORD]) -> bool;
 }
 
 /// Event of a unit.
@@ -124,6 +130,16 @@ pub enum Event {
         /// Check of the first of them ([`crate::self_test::Check`]), and its channel or axis; of no meaning where none fails.
         first: [u8; 2],
     },
+    /// The program that runs, where it is not as the log had it last: another one, on trial or confirmed, or one that came back
+    /// ([`crate::update`]).
+    Program {
+        /// 0: A, 1: B.
+        slot: u8,
+        /// Its state ([`crate::slots::State`]).
+        state: u8,
+        /// Its sum.
+        sum: u32,
+    },
     /// A word of what the stop before the last start has left ([`crate::stopped`]).
     Stopped(Piece),
     /// The log is full: from here on only starts and burns are written, as long as the places reserved for them last (1), or nothing is (0).
@@ -170,6 +186,7 @@ mod kind {
     pub const ZERO: u8 = 9;
     pub const TEST: u8 = 10;
     pub const STOPPED: u8 = 11;
+    pub const PROGRAM: u8 = 12;
 }
 
 /// A record as it lies in flash: kind, a small number, a number of 16 bits, two words, checksum (CRC-32 of what is before it).
@@ -210,6 +227,7 @@ impl Record {
                 laid_out(kind::TEST, failed, u16::from_le_bytes(first), [t, u32::from(at_start)])
             }
             Event::Stopped(Piece { number, value }) => laid_out(kind::STOPPED, number, 0, [t, value]),
+            Event::Program { slot, state, sum } => laid_out(kind::PROGRAM, slot, state.into(), [t, sum]),
             Event::Lost { count } => laid_out(kind::LOST, 0, count, [t, 0]),
         }
     }
@@ -235,6 +253,7 @@ impl Record {
             kind::ZERO => Event::Zero { axis: small, std: middle, constant: value },
             kind::TEST => Event::Test { at_start: value != 0, failed: small, first: middle.to_le_bytes() },
             kind::STOPPED => Event::Stopped(Piece { number: small, value }),
+            kind::PROGRAM => Event::Program { slot: small, state: middle.to_le_bytes()[0], sum: value },
             kind::LOST => Event::Lost { count: middle },
             _ => return None,
         };
@@ -250,20 +269,16 @@ fn head(sector: &[u8]) -> Option<u32> {
     }
 }
 
-/// The records of both sectors, oldest first.
-pub fn records<'a>(sectors: [&'a [u8]; 2]) -> impl Iterator<Item = Record> + 'a {
-    let [a, b] = sectors.map(head);
-    let swapped = match (a, b) {
-        (Some(a), Some(b)) => b.wrapping_sub(a) as i32 <= 0,
-        (Some(_), None) => true,
-        (None, _) => false,
-    };
-    let [first, second] = if swapped { [sectors[1], sectors[0]] } else { sectors };
-    // (Records in a sector without a head are from before its erase was cut short.)
-    [first, second]
-        .into_iter()
-        .filter(|s| head(s).is_some())
-        .flat_map(|s| s.chunks_exact(RECORD).filter_map(|r| Record::from_bytes(r.first_chunk()?)))
+/// The records of a log, oldest first.
+pub fn records(sector: &[u8]) -> impl Iterator<Item = Record> + '_ {
+    let begun = head(sector).is_some();
+    sector.chunks_exact(RECORD).filter(move |_| begun).filter_map(|r| Record::from_bytes(r.first_chunk()?))
+}
+
+/// The program that the log holds last.
+#[must_use]
+pub fn last_program(records: impl Iterator<Item = Record>) -> Option<Event> {
+    records.map(|record| record.event).filter(|event| matches!(event, Event::Program { .. })).last()
 }
 
 /// The stop whose words the log holds last.
@@ -281,30 +296,19 @@ pub fn last_stop(records: impl Iterator<Item = Record>) -> Option<Stopped> {
 /// Writes the log.
 #[derive(Debug, Clone)]
 pub struct Journal {
-    sector: usize,
-    /// The next record's number in it; [`RECORDS`]: there is no room.
+    /// The next record's number; [`RECORDS`]: there is no room.
     next: usize,
     lost: u16,
 }
 
 impl Journal {
     /// Finds the end of the log. `may_erase`: at power-on, before the first rate.
-    pub fn open(store: &mut impl Store, may_erase: bool) -> Self {
-        let heads = [0, 1].map(|s| head(store.log(s)));
-        let (sector, number) = match heads {
-            [Some(a), Some(b)] if b.wrapping_sub(a) as i32 > 0 => (1, b),
-            [Some(a), _] => (0, a),
-            [None, Some(b)] => (1, b),
-            [None, None] => (1, 0),
-        };
-        let next = if heads == [None; 2] { RECORDS } else { Self::end(store.log(sector)) };
-        let mut journal = Self { sector, next, lost: 0 };
-        if RECORDS - next < ROOM {
-            // The constants that were renewed last go on into the new sector.
-            let kept = zero::newest_set(records([store.log(0), store.log(1)]));
-            if journal.change(store, number.wrapping_add(1), may_erase) {
-                kept.iter().flatten().for_each(|record| journal.put(store, *record));
-            }
+    pub fn open(store: &mut (impl Store + sectors::Store), may_erase: bool) -> Self {
+        let number = head(store.log());
+        let next = Self::end(store.log());
+        let mut journal = Self { next: if number.is_some() { next } else { RECORDS }, lost: 0 };
+        if RECORDS - journal.next < ROOM && (may_erase || next == 0) {
+            journal.begin(store, number, next > 0);
         }
         journal
     }
@@ -315,16 +319,34 @@ impl Journal {
         written.map_or(0, |at| at + 1).min(RECORDS)
     }
 
-    /// Goes over to the other sector, if it is erased or may be; `true` if it has.
-    fn change(&mut self, store: &mut impl Store, number: u32, may_erase: bool) -> bool {
-        let other = 1 - self.sector;
-        let blank = store.log(other).iter().all(|b| *b == 0xFF);
-        let ready = blank || may_erase && store.erase_log(other);
-        if ready && store.write_log(other, 0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
-            *self = Self { sector: other, next: 1, lost: 0 };
-            return true;
+    /// Begins the log anew. `before`: the number of the one that is there.
+    #[inline(never)]
+    fn begin(&mut self, store: &mut (impl Store + sectors::Store), before: Option<u32>, erase: bool) {
+        let zero = zero::newest_set(records(store.log()));
+        let mut carried: Vec<Record, CARRIED> = Vec::new();
+        let there = records(store.log()).count();
+        carried.extend(records(store.log()).skip(there.saturating_sub(CARRIED)));
+        // (A log without a head was being begun when the power was cut: its constants are where they were put before that.)
+        let beside = sectors::kept(store);
+        let number = before.or(beside.map(|(number, _)| number)).unwrap_or(0).wrapping_add(1);
+        let zero = match (before, zero, beside) {
+            (Some(_), Some(set), _) => {
+                if erase && !sectors::keep(store, number, &set.map(Record::to_bytes)) {
+                    return;
+                }
+                Some(set)
+            }
+            (None, _, Some((_, set))) => zero::newest_set(set.iter().filter_map(Record::from_bytes)),
+            _ => None,
+        };
+        if erase && !store.erase_log() {
+            return;
         }
-        false
+        self.next = 1;
+        zero.iter().flatten().chain(&carried).for_each(|record| self.put(store, *record));
+        if !store.write_log(0, &laid_out(kind::HEAD, 0, 0, [number, 0])) {
+            self.next = RECORDS;
+        }
     }
 
     /// Writes a record; where there is no room it is counted, and the log says that it is full.
@@ -332,7 +354,12 @@ impl Journal {
         use Event as E;
         let matters = matches!(
             record.event,
-            E::Start { .. } | E::Burn { .. } | E::CutShort { .. } | E::ZeroOf { .. } | E::Zero { .. }
+            E::Start { .. }
+                | E::Burn { .. }
+                | E::CutShort { .. }
+                | E::ZeroOf { .. }
+                | E::Zero { .. }
+                | E::Program { .. }
         );
         let room = if matters { RECORDS - 1 } else { RECORDS - RESERVED };
         if self.next >= room {
@@ -352,10 +379,10 @@ impl Journal {
     pub fn write_and_read(&mut self, store: &mut impl Store, record: Record) -> Option<bool> {
         let at = self.next;
         self.write(store, record);
-        if head(store.log(self.sector)).is_none() {
+        if head(store.log()).is_none() {
             return Some(false);
         }
-        let written = store.log(self.sector).get(at * RECORD..(at + 1) * RECORD)?;
+        let written = store.log().get(at * RECORD..(at + 1) * RECORD)?;
         (at < RECORDS - RESERVED).then_some(written == record.to_bytes())
     }
 
@@ -363,7 +390,7 @@ impl Journal {
         let at = self.next;
         // A place that could not be written is not tried again.
         self.next += 1;
-        if !store.write_log(self.sector, at * RECORD, &record.to_bytes()) {
+        if !store.write_log(at * RECORD, &record.to_bytes()) {
             self.lost = self.lost.saturating_add(1);
         }
     }
@@ -416,42 +443,38 @@ impl Watch {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::sectors;
     use std::vec;
     use std::vec::Vec;
 
     /// Flash with a power cut after so many operations (a word programmed, a sector erased).
     struct Memory {
-        sectors: [Vec<u8>; 2],
+        /// The log's sector, and the two of the calibrations.
+        sectors: [Vec<u8>; 3],
         left: u32,
         erased: u32,
     }
 
     impl Memory {
         fn new(fill: u8) -> Self {
-            Self { sectors: [vec![fill; SECTOR], vec![fill; SECTOR]], left: u32::MAX, erased: 0 }
+            Self { sectors: [vec![fill; SECTOR], vec![0xFF; SECTOR], vec![0xFF; SECTOR]], left: u32::MAX, erased: 0 }
         }
         fn spend(&mut self) -> bool {
             self.left = self.left.saturating_sub(1);
             self.left > 0
         }
         fn all(&self) -> Vec<Record> {
-            records([&self.sectors[0], &self.sectors[1]]).collect()
+            records(&self.sectors[0]).collect()
         }
-    }
-
-    impl Store for Memory {
-        fn log(&self, sector: usize) -> &[u8] {
-            &self.sectors[sector]
-        }
-        fn erase_log(&mut self, sector: usize) -> bool {
+        fn erase(&mut self, sector: usize) -> bool {
             self.erased += 1;
             let whole = self.spend();
             let n = if whole { SECTOR } else { SECTOR / 3 };
             self.sectors[sector][..n].fill(0xFF);
             whole
         }
-        fn write_log(&mut self, sector: usize, offset: usize, record: &[u8; RECORD]) -> bool {
-            for (k, word) in record.chunks(4).enumerate() {
+        fn write(&mut self, sector: usize, offset: usize, bytes: &[u8]) -> bool {
+            for (k, word) in bytes.chunks(4).enumerate() {
                 let whole = self.spend();
                 for (to, from) in self.sectors[sector][offset + 4 * k..].iter_mut().zip(word) {
                     // Torn: some bits of the word are programmed.
@@ -462,6 +485,30 @@ mod tests {
                 }
             }
             true
+        }
+    }
+
+    impl Store for Memory {
+        fn log(&self) -> &[u8] {
+            &self.sectors[0]
+        }
+        fn erase_log(&mut self) -> bool {
+            self.erase(0)
+        }
+        fn write_log(&mut self, offset: usize, record: &[u8; RECORD]) -> bool {
+            self.write(0, offset, record)
+        }
+    }
+
+    impl sectors::Store for Memory {
+        fn erase(&mut self, sector: sectors::Sector) -> bool {
+            self.erase(1 + usize::from(sector.number()))
+        }
+        fn write(&mut self, at: sectors::Place, bytes: &[u8]) -> bool {
+            self.write(1 + usize::from(at.sector.number()), at.offset as usize, bytes)
+        }
+        fn view(&self, sector: sectors::Sector) -> &[u8] {
+            &self.sectors[1 + usize::from(sector.number())]
         }
     }
 
@@ -479,6 +526,7 @@ mod tests {
             Event::Burn { answer: 7, calibration: 1 },
             Event::CutShort { place: 0x2_0400 },
             Event::Stopped(Piece { number: 3, value: 0x0801_2344 }),
+            Event::Program { slot: 1, state: 2, sum: 0xABCD },
             Event::Lost { count: 3 },
         ] {
             let record = Record { on_for_s: 12_345, event };
@@ -507,7 +555,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_thousand_are_kept_over_many_power_ons() {
+    fn the_last_hundreds_are_kept_over_many_power_ons() {
         let mut store = Memory::new(0xA5);
         let mut k = 0;
         for _ in 0..40 {
@@ -517,13 +565,13 @@ mod tests {
                 k += 1;
             }
             assert_eq!(journal.lost(), 0);
+            let all = store.all();
+            let expected: Vec<Record> = (k - all.len() as u32..k).map(event).collect();
+            assert_eq!(all, expected);
+            assert!(k < 456 || all.len() >= CARRIED + 200, "{}", all.len());
         }
-        let all = store.all();
-        let expected: Vec<Record> = (k - all.len() as u32..k).map(event).collect();
-        assert_eq!(all, expected);
-        assert!(all.len() >= 1000, "{}", all.len());
-        // Once in three quarters of a sector.
-        assert!(store.erased <= 1 + 8000 / 768, "{}", store.erased);
+        // Once in half a sector.
+        assert!(store.erased <= 1 + 8000 / 512, "{}", store.erased);
     }
 
     #[test]
@@ -539,35 +587,44 @@ mod tests {
         assert_eq!((printed(&store, 1), printed(&store, 0)), (1, 1));
         assert_eq!(store.all().len() + usize::from(journal.lost()), 2002);
         assert_eq!(store.all().len(), RECORDS - 1);
-        assert_eq!(store.erased, 0, "no erase in flight, nor of what is erased");
-        // A restart in flight does not erase either; it takes the other sector as long as that is erased.
-        let mut journal = Journal::open(&mut store, false);
-        assert_eq!((store.erased, journal.sector, journal.next), (0, 1, 1));
-        (0..2000).for_each(|k| journal.write(&mut store, event(k)));
+        // A restart in flight does not erase either.
         let journal = Journal::open(&mut store, false);
-        assert_eq!((store.erased, journal.next), (0, RECORDS));
+        assert_eq!((store.erased, journal.next), (0, RECORDS), "no erase in flight");
+        let mut journal = Journal::open(&mut store, true);
+        assert_eq!((store.erased, journal.next), (1, CARRIED + 1));
+        journal.write(&mut store, event(7));
+        assert_eq!((store.all().len(), store.all().last()), (CARRIED + 1, Some(&event(7))));
+        // What is no log is none, and is not erased in flight.
+        let mut foreign = Memory::new(0xA5);
+        assert_eq!((Journal::open(&mut foreign, false).next, foreign.erased, foreign.all().len()), (RECORDS, 0, 0));
     }
 
     #[test]
-    fn a_cut_at_any_operation_loses_at_most_the_record_being_written() {
-        // From a log that is about to change its sector: some records, a power-on with its erase, some more.
+    fn a_cut_at_any_operation_loses_no_constants_and_at_most_the_older_events() {
+        // From a log that is about to be begun anew: some records, the constants, more records, a power-on with its erase, some more.
+        let set = zero::Zero { made_unix_s: 9, constant_dph: [1.0, -2.0, 0.5], ..zero::Zero::default() };
         let mut ready = Memory::new(0xFF);
         let mut journal = Journal::open(&mut ready, true);
-        (0..800).for_each(|k| journal.write(&mut ready, event(k)));
-        ready.sectors[1].fill(0xA5);
-        for left in 1..60 {
+        (0..100).for_each(|k| journal.write(&mut ready, event(k)));
+        zero::records(&set, 7, 1).into_iter().for_each(|record| journal.write(&mut ready, record));
+        (100..800).for_each(|k| journal.write(&mut ready, event(k)));
+        let newest = |store: &Memory| zero::newest(store.all(), 7).map(|z| z.constant_dph);
+        assert_eq!(newest(&ready), Some(set.constant_dph));
+        for left in (1..80).chain(80 + CARRIED as u32 * 4 - 20..80 + CARRIED as u32 * 4 + 60) {
             let mut store = Memory { sectors: ready.sectors.clone(), left, erased: 0 };
             let mut journal = Journal::open(&mut store, true);
             (800..810).for_each(|k| journal.write(&mut store, event(k)));
-            let all = store.all();
-            let whole = if store.left == 0 { all.len() } else { 810 };
-            assert_eq!(all, (0..whole as u32).map(event).collect::<Vec<_>>(), "cut after {left}");
-            // Power comes back.
-            store.left = u32::MAX;
+            // Power comes back, and is cut there, too.
+            let cut = store.left == 0;
+            for left in if cut { [left % 60 + 1, u32::MAX] } else { [u32::MAX; 2] } {
+                store.left = left;
+                let _ = Journal::open(&mut store, true);
+            }
             let mut journal = Journal::open(&mut store, true);
             journal.write(&mut store, event(9999));
             assert_eq!(store.all().last(), Some(&event(9999)), "cut after {left}");
-            assert!(store.all().len() > whole, "cut after {left}");
+            assert_eq!(newest(&store), Some(set.constant_dph), "cut after {left}");
+            assert!(cut || store.all().len() > CARRIED + 10, "cut after {left}");
         }
     }
 

@@ -195,13 +195,16 @@ impl History {
         };
         let mut lost = thermal.axes.each_ref().map(|a| !a.known || a.age > HOLD_S);
         let any_lost = main.looks_at_neighbours() && lost.contains(&true);
-        lost.iter_mut().enumerate().for_each(|(k, lost)| *lost |= lacks(term, k, seen));
+        for k in 0..AXES {
+            lost[k] |= lacks(term, k, seen);
+        }
         let forgotten = if remembers(term) { seen.missing } else { QuantitySet::empty() };
         let ends = inputs::with_ends(&seen.values, &calibration.inputs, forgotten);
         if *past == [Place::Known; AXES] && !any_lost && lost == [false; AXES] {
             return;
         }
-        for (k, past) in past.iter_mut().enumerate() {
+        for k in 0..AXES {
+            let past = &mut past[k];
             let (known, range) = (thermal.axes[k].known, &calibration.axes[k].curve);
             match past {
                 Place::Coming if known => {

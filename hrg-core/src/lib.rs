@@ -65,6 +65,7 @@ pub mod sectors;
 pub mod self_test;
 pub mod sensors;
 pub mod signature;
+pub mod slots;
 pub mod status;
 pub mod stopped;
 pub mod supervision;
@@ -73,6 +74,7 @@ pub mod temperature;
 pub mod thermal;
 pub mod timebase;
 pub mod unit_name;
+pub mod update;
 pub mod visited;
 pub mod zero;
 

@@ -31,14 +31,14 @@ use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector,
 use crate::self_test::{Item, Items};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
+use crate::update::{self, Condition, Update};
 use crate::zero::Zero;
 
 /// Bytes of a chunk.
 pub const CHUNK: usize = 128;
 
-/// The pages that [`Command::Read`] has for the field log: four for each of its sectors.
+/// The first of the pages that [`Command::Read`] has for the field log: four.
 pub const LOG_PAGE: u8 = 248;
-const LOG_PAGES: usize = crate::events::SECTOR / PAGE;
 
 /// An image's number may be beyond that of the newest one by so much: a slip of a host must not use up the numbers, and an image that was signed
 /// long ago must not become the newer one again.
@@ -89,6 +89,28 @@ pub enum Command {
     Test,
     /// Ask for an item of the test that was done last, by its number from 0.
     Tested(u8),
+    /// A program of so many bytes with this sum will come ([`crate::update`]).
+    Program {
+        /// Bytes from its head to its end.
+        length: u32,
+        /// Its sum ([`crate::slots::sum`]).
+        sum: u32,
+    },
+    /// A piece of it.
+    Piece {
+        /// Offset from its head.
+        offset: u32,
+        /// Bytes in use, a multiple of four.
+        length: u8,
+        /// The bytes.
+        data: [u8; CHUNK],
+    },
+    /// The program is complete, and this is its signature: check it where it lies, and have the next start try it.
+    Commit([u8; SIGNATURE]),
+    /// Have the next start take the program in the other slot again.
+    RollBack,
+    /// A host has received from the unit: the token of the last [`crate::update::Programs`]. No maintenance mode is needed.
+    Echo(u32),
 }
 
 /// An image cut into the chunks that carry it, in order.
@@ -141,6 +163,18 @@ pub enum Answer {
     NoTest = 14,
     /// An alignment runs, which the test would make invalid.
     Aligning = 15,
+    /// A sector was emptied, and there is more to be done: give the command again.
+    More = 16,
+    /// The program that runs has not confirmed itself yet.
+    Trial = 17,
+    /// What was written is not a whole program.
+    Program = 18,
+    /// The program is for another board, or for the other slot.
+    Board = 19,
+    /// The program is older than the one that runs.
+    Older = 20,
+    /// The other slot holds no program that has run well.
+    NoProgram = 21,
 }
 
 impl Answer {
@@ -165,6 +199,12 @@ impl Answer {
             A::NoLog,
             A::NoTest,
             A::Aligning,
+            A::More,
+            A::Trial,
+            A::Program,
+            A::Board,
+            A::Older,
+            A::NoProgram,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -190,6 +230,12 @@ impl core::fmt::Display for Answer {
             Self::NoLog => "its firmware has no field log, where it would keep them",
             Self::NoTest => "its firmware has no built-in test, or there is no such item",
             Self::Aligning => "an alignment runs, which the test would make invalid: end it first",
+            Self::More => "there is more to be emptied",
+            Self::Trial => "the program that runs has not confirmed itself yet: wait a minute",
+            Self::Program => "what was written is not a whole program",
+            Self::Board => "the program is for another board, or for the other slot",
+            Self::Older => "the program is older than the one that runs",
+            Self::NoProgram => "the other slot holds no program that has run well",
         })
     }
 }
@@ -251,6 +297,10 @@ pub struct Maintenance {
     coming: Option<Coming>,
     /// The first bytes of what comes, which are programmed last.
     first: [u8; COMMIT],
+    /// Programs that come.
+    update: Update,
+    /// What the unit does now.
+    condition: Condition,
 }
 
 impl Maintenance {
@@ -274,13 +324,15 @@ impl Maintenance {
             open: false,
             coming: None,
             first: [0; COMMIT],
+            update: Update::new(None),
+            condition: Condition { rates: false, calibrated: false, echoed: false },
         }
     }
 
     /// The same that takes only images signed with a key.
     #[must_use]
     pub fn with_key(self, key: Option<Key>) -> Self {
-        Self { key, ..self }
+        Self { key, update: Update::new(key), ..self }
     }
 
     /// The same of a unit that has these inputs beside the frequencies.
@@ -306,6 +358,11 @@ impl Maintenance {
         &mut self.items
     }
 
+    /// Tells what the unit does now: a new program will have to do it, too.
+    pub fn set_condition(&mut self, condition: Condition) {
+        self.condition = condition;
+    }
+
     /// `true` while a calibration may be written.
     #[must_use]
     pub fn open(&self) -> bool {
@@ -313,7 +370,7 @@ impl Maintenance {
     }
 
     /// Carries out a command; [`Command::Restart`], [`Command::Zero`] and [`Command::Test`] are left to the caller where the answer is [`Answer::Done`].
-    pub fn command(&mut self, command: &Command, store: &mut impl Store) -> Reply {
+    pub fn command(&mut self, command: &Command, store: &mut (impl Store + update::Store)) -> Reply {
         let (answer, value) = match command {
             Command::Open(name) => {
                 let answer = if self.locked {
@@ -327,6 +384,8 @@ impl Maintenance {
                 };
                 (answer, number(self.in_use))
             }
+            // (The caller looks at the token.)
+            Command::Echo(_) => (Answer::Done, 0),
             _ if !self.open => (Answer::NotOpen, 0),
             Command::Close => {
                 self.open = false;
@@ -339,7 +398,7 @@ impl Maintenance {
             Command::Read { page: number, offset } => {
                 let within = usize::from(*offset) + CHUNK <= PAGE;
                 let found = match number.checked_sub(LOG_PAGE).map(usize::from) {
-                    Some(page) => Some((store.events(page / LOG_PAGES), page % LOG_PAGES * PAGE)),
+                    Some(page) => Some((store.events(), page * PAGE)),
                     None => page(*number).map(|start| (store.view(start.sector), start.offset as usize)),
                 };
                 let piece = found
@@ -354,6 +413,10 @@ impl Maintenance {
             Command::Zero(_) if !self.log => (Answer::NoLog, 0),
             Command::Zero(zero) => (if zero.possible() { Answer::Done } else { Answer::Bound }, 0),
             Command::Newest => (Answer::Done, number(self.newest.map(|(place, _)| place))),
+            Command::Program { length, sum } => self.update.begin(*length, *sum, store),
+            Command::Piece { offset, length, data } => self.update.chunk(*offset, *length, data, store),
+            Command::Commit(signature) => self.update.end(signature, self.condition, store),
+            Command::RollBack => self.update.roll_back(store),
             Command::Test if self.test => (Answer::Done, 0),
             Command::Test => (Answer::NoTest, 0),
             Command::Tested(number) => match self.items.get(usize::from(*number)) {
@@ -519,6 +582,8 @@ mod tests {
             }
         }
     }
+
+    impl update::Store for Memory {}
 
     impl Store for Memory {
         fn erase(&mut self, sector: Sector) -> bool {
@@ -773,7 +838,7 @@ mod tests {
         assert_eq!(printed(&mut locked, &mut store, Command::Open(image(3).unit)), Answer::Locked);
         assert_eq!(printed(&mut m, &mut store, Command::Open(image(3).unit)), Answer::Done);
         for (page, offset, answer) in
-            [(0, 0, Answer::Done), (63, 3968, Answer::Done), (63, 3969, Answer::Flash), (64, 0, Answer::Flash)]
+            [(0, 0, Answer::Done), (7, 3968, Answer::Done), (7, 3969, Answer::Flash), (8, 0, Answer::Flash)]
         {
             assert_eq!(printed(&mut m, &mut store, Command::Read { page, offset }), answer);
         }

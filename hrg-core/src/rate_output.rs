@@ -120,15 +120,39 @@ impl RateOutput {
         codes: Result<&[i32; CHANNELS], Fault>,
         send: impl FnOnce(RateFrame) -> bool,
     ) -> Result<Option<RateSecond>, Corruption> {
+        match codes {
+            Ok(codes) => self.good(tick, codes, send),
+            Err(_) => self.bad(tick, send),
+        }
+    }
+
+    /// [`sample`](Self::sample) with codes.
+    ///
+    /// # Errors
+    /// As there.
+    #[inline]
+    pub fn good(
+        &mut self,
+        tick: u32,
+        codes: &[i32; CHANNELS],
+        send: impl FnOnce(RateFrame) -> bool,
+    ) -> Result<Option<RateSecond>, Corruption> {
         self.looks_without_sample = 0;
-        let event = match codes {
-            Ok(codes) => self.path.sample(tick, *codes),
-            Err(_) => self.path.missing(tick),
-        };
+        let event = self.path.sample(tick, *codes);
         // (Four samples of five.)
         if event.frame.is_none() && event.summary.is_none() && !event.corrupted {
             return Ok(None);
         }
+        self.done(event, send)
+    }
+
+    /// [`sample`](Self::sample) without codes.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn bad(&mut self, tick: u32, send: impl FnOnce(RateFrame) -> bool) -> Result<Option<RateSecond>, Corruption> {
+        self.looks_without_sample = 0;
+        let event = self.path.missing(tick);
         self.done(event, send)
     }
 

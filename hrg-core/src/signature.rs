@@ -46,6 +46,12 @@ impl Key {
     pub fn signed(&self, _: &[u8], _: &[u8; SIGNATURE]) -> bool {
         match *self {}
     }
+
+    /// `true` if a signature is this key's, of a message.
+    #[must_use]
+    pub fn has_signed(&self, _: &[u8], _: &[u8; SIGNATURE]) -> bool {
+        match *self {}
+    }
 }
 
 /// Order of the group, least byte first.
@@ -70,7 +76,6 @@ impl Key {
     #[must_use]
     pub fn signed(&self, place: &[u8], signature: &[u8; SIGNATURE]) -> bool {
         use crate::calibration::{COMMIT, MAGIC, MAX_BYTES};
-        let Ok(key) = salty::PublicKey::try_from(&self.0) else { return false };
         let Some(image) = stated_length(place).and_then(|n| place.get(..n)) else { return false };
         let mut message = [0; MAX_BYTES];
         let Some((message, _)) = message.split_at_mut_checked(image.len()) else { return false };
@@ -78,6 +83,14 @@ impl Key {
         if let Some(first) = message.first_chunk_mut::<COMMIT>() {
             *first = MAGIC;
         }
+        self.has_signed(message, signature)
+    }
+
+    /// `true` if a signature is this key's, of a message.
+    #[inline(never)]
+    #[must_use]
+    pub fn has_signed(&self, message: &[u8], signature: &[u8; SIGNATURE]) -> bool {
+        let Ok(key) = salty::PublicKey::try_from(&self.0) else { return false };
         // A signature has one form: its second half is less than the order of the group (RFC 8032, section 5.1.7), which salty leaves open.
         let (_, s) = signature.split_at(SIGNATURE / 2);
         s.iter().rev().lt(ORDER.iter().rev()) && key.verify(message, &salty::Signature::from(signature)).is_ok()

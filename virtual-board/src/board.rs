@@ -9,7 +9,7 @@
 use crate::ads131m08::Defect;
 use crate::chip::Chip;
 use crate::chip_adc::Ambient;
-use crate::cpu::{self, uc, Cpu};
+use crate::cpu::{self, uc, Code, Cpu, SharedCode};
 use crate::cycles::Cycles;
 use crate::elf::Firmware;
 use crate::error::{RunError, Stop};
@@ -17,8 +17,8 @@ use crate::memory::Memory;
 use crate::part::{Part, STM32F446RE};
 use crate::probe::{Masked, Probe};
 use crate::profile::{Cost, Profile};
-use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG};
-use crate::thumb::IT_STATE;
+use crate::system::{Iwdg, CSR_POWER_ON, CSR_SOFTWARE, CSR_WATCHDOG, SECTORS};
+use crate::thumb::{self, IT_STATE};
 use crate::{World, CPU_HZ, FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
 use unicorn_engine::{Context, HookType, RegisterARM, UcHookId};
 
@@ -46,6 +46,7 @@ pub(crate) struct Wires {
 pub struct Board<W: World> {
     // Dropped first: it points into the memories.
     pub(crate) cpu: Cpu<'static>,
+    code: SharedCode,
     pub(crate) flash: Memory,
     pub(crate) ram: Memory,
     /// The world on the wires.
@@ -110,9 +111,10 @@ impl<W: World> Board<W> {
         // RAM is not zero at power-on; painted, it shows how far the stack came.
         ram.write(RAM_START, &vec![PAINT; RAM_SIZE as usize]).ok_or(RunError::Flash(0))?;
         flash.write(FLASH_START, firmware.flash()).ok_or(RunError::Flash(0))?;
-        let cpu = cpu::emulator(Chip::new(part, CSR_POWER_ON, 0), &flash, &ram, firmware.flash())?;
+        let (cpu, code) = cpu::emulator(Chip::new(part, CSR_POWER_ON, 0), &flash, &ram, firmware.flash())?;
         let mut board = Self {
             cpu,
+            code,
             flash,
             ram,
             world,
@@ -354,6 +356,7 @@ impl<W: World> Board<W> {
         uc(self.cpu.context_restore(&s.context))?;
         *self.cpu.get_data_mut() = s.chip.clone();
         self.put(FLASH_START, &s.flash)?;
+        self.follow_flash()?;
         self.put(RAM_START, &s.ram)?;
         self.world = s.world.clone();
         self.wires = s.wires;
@@ -454,7 +457,19 @@ impl<W: World> Board<W> {
         RunError::NotModelled { what: format!("no memory at {address:#010x}"), pc: self.pc() }
     }
 
+    /// The emulator forgets programs that are not there any more.
+    fn follow_flash(&mut self) -> Result<(), RunError> {
+        // (No program lies before.)
+        for pair in SECTORS.windows(2).filter(|pair| pair[0] >= 0x1_0000) {
+            let mut now = vec![0; (pair[1] - pair[0]) as usize];
+            self.get(FLASH_START + pair[0], &mut now)?;
+            Code::follow(&self.code, &mut self.cpu, pair[0] as usize..pair[1] as usize, &now)?;
+        }
+        Ok(())
+    }
+
     pub(crate) fn restart(&mut self, cause: u32) -> Result<(), RunError> {
+        self.follow_flash()?;
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(self.cpu.get_data().part, cause, now);
         chip.writes = std::mem::take(&mut self.cpu.get_data_mut().writes);
@@ -555,10 +570,7 @@ impl<W: World> Board<W> {
             chip.nvic.changed = false;
             let pc = uc(self.cpu.reg_read(RegisterARM::PC))?;
             let ran = self.cpu.emu_start(pc | 1, 0xFFFF_FFF0, 0, 0);
-            if std::mem::take(&mut self.cpu.get_data_mut().forget_it) {
-                let xpsr = uc(self.cpu.reg_read(RegisterARM::XPSR))?;
-                uc(self.cpu.reg_write(RegisterARM::XPSR, xpsr & !IT_STATE))?;
-            }
+            self.forget_it()?;
             let chip = self.cpu.get_data_mut();
             let error = chip.error.take();
             let call = chip.call.take();
@@ -593,6 +605,21 @@ impl<W: World> Board<W> {
                 return Ok(Stop::Flash);
             }
         }
+    }
+
+    /// The emulator may stop with the state of an IT block in which it has looked up an address, or accessed a register, though the program counter is
+    /// behind that block: the next instructions would be taken for conditional ones.
+    fn forget_it(&mut self) -> Result<(), RunError> {
+        let xpsr = uc(self.cpu.reg_read(RegisterARM::XPSR))?;
+        if xpsr & IT_STATE == 0 {
+            return Ok(());
+        }
+        let (pc, mut before) = (self.pc() & !1, [0; 32]);
+        let from = pc.saturating_sub(16).max(FLASH_START);
+        if self.get(from, &mut before).is_ok() && !thumb::within_it(&before, (pc - from) as usize) {
+            uc(self.cpu.reg_write(RegisterARM::XPSR, xpsr & !IT_STATE))?;
+        }
+        Ok(())
     }
 
     /// Sleeps until the next event that is not an edge, or an edge that has something to say to the CPU.

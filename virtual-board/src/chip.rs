@@ -46,8 +46,6 @@ pub struct Chip {
     pub masked: bool,
     /// The state of an IT block may have been left behind: see the TLB hook.
     pub it_stale: bool,
-    /// It has been: to be cleared before the CPU goes on.
-    pub forget_it: bool,
     pub asleep: bool,
     /// The NMI is pending.
     pub nmi: bool,
@@ -138,7 +136,6 @@ impl Chip {
             attention: false,
             masked: false,
             it_stale: false,
-            forget_it: false,
             asleep: false,
             nmi: false,
             locked_up: false,

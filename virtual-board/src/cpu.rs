@@ -7,7 +7,10 @@ use crate::error::RunError;
 use crate::memory::Memory;
 use crate::thumb::{self, IT_STATE};
 use crate::{FLASH_SIZE, FLASH_START, RAM_SIZE, RAM_START};
-use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, TlbEntry, TlbType, Unicorn};
+use std::cell::RefCell;
+use std::ops::Range;
+use std::rc::Rc;
+use unicorn_engine::{Arch, ArmCpuModel, HookType, Mode, Prot, RegisterARM, TlbEntry, TlbType, UcHookId, Unicorn};
 
 /// The emulator with the chip as its data.
 pub type Cpu<'a> = Unicorn<'a, Chip>;
@@ -20,7 +23,7 @@ pub fn uc<T>(result: Result<T, unicorn_engine::uc_error>) -> Result<T, RunError>
 }
 
 /// The emulator on these memories, which must outlive it; `code` is what the flash holds.
-pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result<Cpu<'static>, RunError> {
+pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result<(Cpu<'static>, SharedCode), RunError> {
     let mut cpu = uc(Unicorn::new_with_data(Arch::ARM, Mode::THUMB | Mode::MCLASS, chip))?;
     uc(cpu.ctl_set_cpu_model(ArmCpuModel::CORTEX_M4 as i32))?;
     for (memory, start, size, access) in [
@@ -37,8 +40,10 @@ pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result
     forbid_code_in_ram(&mut cpu)?;
     // No exit addresses: clearing one up after each run would cost more than most runs.
     uc(cpu.ctl_exits_enable())?;
-    count_blocks(&mut cpu, code)?;
-    sleep_and_wake(&mut cpu, code)?;
+    let shared = Rc::new(RefCell::new(Code::new(code)));
+    count_blocks(&mut cpu, shared.clone())?;
+    let hooks = sleep_and_wake(&mut cpu, code, 0)?;
+    shared.borrow_mut().hooks = hooks;
     // An address that nothing answers: the fault's registers tell it.
     uc(cpu.add_mem_hook(HookType::MEM_UNMAPPED, 1, 0, |c, _, address, _, _| {
         c.get_data_mut().bad_address = address as u32;
@@ -53,7 +58,7 @@ pub fn emulator(chip: Chip, flash: &Memory, ram: &Memory, code: &[u8]) -> Result
         }
         let _ = c.emu_stop();
     }))?;
-    Ok(cpu)
+    Ok((cpu, shared))
 }
 
 /// The maker's codes in the system memory.
@@ -71,7 +76,9 @@ fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
             size,
             Some(move |c: &mut Cpu<'_>, offset: u64, size: usize| {
                 let address = (base + offset) as u32;
-                let value = c.get_data_mut().read(address & !3);
+                let chip = c.get_data_mut();
+                chip.it_stale = true;
+                let value = chip.read(address & !3);
                 let shifted = value >> (8 * (address & 3));
                 u64::from(match size {
                     1 => shifted & 0xFF,
@@ -82,6 +89,7 @@ fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
             Some(move |c: &mut Cpu<'_>, offset: u64, size: usize, value: u64| {
                 let address = (base + offset) as u32;
                 let chip = c.get_data_mut();
+                chip.it_stale = true;
                 // Registers are written whole, but for byte-wide interrupt priorities and half-words
                 // written to a register's lower half.
                 chip.store(address, value as u32, size);
@@ -108,12 +116,54 @@ fn forbid_code_in_ram(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
     Ok(())
 }
 
+/// The code in flash as the emulator has it, to look at where it is: it follows the flash at each restart ([`Code::follow`]), for a program that
+/// writes another one does not run it before.
+pub struct Code {
+    bytes: Vec<u8>,
+    /// Size and number of instructions of the block that begins at each half-word.
+    blocks: Vec<(u16, u16)>,
+    /// Hooks of instructions that the emulator must not see, with their offsets.
+    hooks: Vec<(usize, UcHookId)>,
+}
+
+/// The same for the hooks.
+pub type SharedCode = Rc<RefCell<Code>>;
+
+impl Code {
+    fn new(bytes: &[u8]) -> Self {
+        let mut bytes = bytes.to_vec();
+        bytes.resize(FLASH_SIZE as usize, 0xFF);
+        Self { bytes, blocks: vec![(0, 0); FLASH_SIZE as usize / 2], hooks: Vec::new() }
+    }
+
+    /// Takes what is in a sector of the flash now.
+    pub fn follow(code: &SharedCode, cpu: &mut Cpu<'_>, range: Range<usize>, now: &[u8]) -> Result<(), RunError> {
+        if code.borrow().bytes.get(range.clone()) == Some(now) {
+            return Ok(());
+        }
+        let old: Vec<(usize, UcHookId)> = {
+            let code = &mut *code.borrow_mut();
+            code.bytes[range.clone()].copy_from_slice(now);
+            code.blocks[range.start / 2..range.end / 2].fill((0, 0));
+            let (old, others) = code.hooks.drain(..).partition(|(at, _)| range.contains(at));
+            code.hooks = others;
+            old
+        };
+        for (_, hook) in old {
+            uc(cpu.remove_hook(hook))?;
+        }
+        uc(cpu
+            .ctl_remove_cache(u64::from(FLASH_START) + range.start as u64, u64::from(FLASH_START) + range.end as u64))?;
+        let hooks = sleep_and_wake(cpu, now, range.start)?;
+        code.borrow_mut().hooks.extend(hooks);
+        Ok(())
+    }
+}
+
 /// Counts instructions, and stops where something is due.
-fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
-    // Size and number of instructions of the block that begins at each half-word.
-    let mut blocks = vec![(0u16, 0u16); FLASH_SIZE as usize / 2];
-    let code = flash.to_vec();
+fn count_blocks(cpu: &mut Cpu<'_>, code: SharedCode) -> Result<(), RunError> {
     uc(cpu.add_block_hook(u64::from(FLASH_START), u64::from(FLASH_START + FLASH_SIZE), move |c, address, size| {
+        let Code { bytes: code, blocks, .. } = &mut *code.borrow_mut();
         let at = (address as usize - FLASH_START as usize) / 2;
         let mut block = blocks[at];
         if u32::from(block.0) != size {
@@ -123,11 +173,10 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
         }
         let n = u64::from(block.1);
         if std::mem::take(&mut c.get_data_mut().it_stale) {
-            // Filling the TLB for a store within an IT block leaves that block's state behind, and the next
+            // Filling the TLB, or an access to a register, within an IT block leaves that block's state behind, and the next
             // instructions would be taken for conditional ones.
             let in_state = c.reg_read(RegisterARM::XPSR).is_ok_and(|x| x & IT_STATE != 0);
-            if in_state && !thumb::within_it(&code, at * 2) {
-                c.get_data_mut().forget_it = true;
+            if in_state && !thumb::within_it(code, at * 2) {
                 let _ = c.emu_stop();
                 return;
             }
@@ -156,7 +205,7 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
             }
             if let Some(estimate) = &mut chip.estimate {
                 let flash = Accelerator::from_acr(chip.flash.acr());
-                estimate.block(address as u32, size, &code, flash);
+                estimate.block(address as u32, size, code, flash);
             }
             chip.masked_stretch.block(address as u32, now, primask);
             let ready = chip.ready;
@@ -170,12 +219,13 @@ fn count_blocks(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
     Ok(())
 }
 
-/// WFE, SEV, and the breakpoint of semihosting.
-fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
+/// WFE, SEV, and the breakpoint of semihosting, in a piece of flash from an offset on: gives the hooks.
+fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8], from: usize) -> Result<Vec<(usize, UcHookId)>, RunError> {
+    let mut hooks = Vec::new();
     // They are found by their encodings.
     for at in (0..flash.len() - 1).step_by(2) {
-        let address = u64::from(FLASH_START) + at as u64;
-        match (flash[at], flash[at + 1]) {
+        let address = u64::from(FLASH_START) + (from + at) as u64;
+        let hook = match (flash[at], flash[at + 1]) {
             (0x20, 0xBF) => {
                 // Unicorn must not see it: it is stepped over here.
                 uc(cpu.add_code_hook(address, address, |c, address, _| {
@@ -188,21 +238,18 @@ fn sleep_and_wake(cpu: &mut Cpu<'_>, flash: &[u8]) -> Result<(), RunError> {
                         chip.asleep = true;
                     }
                     let _ = c.emu_stop();
-                }))?;
+                }))?
             }
-            (0xAB, 0xBE) => {
-                uc(cpu.add_code_hook(address, address, |c, address, _| {
-                    let call = [RegisterARM::R0, RegisterARM::R1].map(|r| c.reg_read(r).unwrap_or(0) as u32);
-                    let _ = c.reg_write(RegisterARM::PC, (address + 2) | 1);
-                    c.get_data_mut().call = Some((call[0], call[1]));
-                    let _ = c.emu_stop();
-                }))?;
-            }
-            (0x40, 0xBF) => {
-                uc(cpu.add_code_hook(address, address, |c, _, _| c.get_data_mut().event = true))?;
-            }
-            _ => {}
-        }
+            (0xAB, 0xBE) => uc(cpu.add_code_hook(address, address, |c, address, _| {
+                let call = [RegisterARM::R0, RegisterARM::R1].map(|r| c.reg_read(r).unwrap_or(0) as u32);
+                let _ = c.reg_write(RegisterARM::PC, (address + 2) | 1);
+                c.get_data_mut().call = Some((call[0], call[1]));
+                let _ = c.emu_stop();
+            }))?,
+            (0x40, 0xBF) => uc(cpu.add_code_hook(address, address, |c, _, _| c.get_data_mut().event = true))?,
+            _ => continue,
+        };
+        hooks.push((from + at, hook));
     }
-    Ok(())
+    Ok(hooks)
 }

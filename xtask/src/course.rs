@@ -4,7 +4,7 @@
 
 use crate::{
     aux, bench_unit, bring_up, cargo, hil, library, minimal, other_chip, python, reference, root, run, sensors, setup,
-    signed, size, without,
+    signed, size, slot_b, without,
 };
 use crate::{Failure, Toolchain};
 use std::io::{BufRead, BufReader};
@@ -87,8 +87,12 @@ fn first(course: &Course, t: &Toolchain) -> Result<Sum, Failure> {
     side_by_side(
         || {
             course.step("the firmware", size)?;
+            course.step("the firmware for slot B", || slot_b(t))?;
             course.step("programs that count instructions", || bench_unit(t))?;
             course.step("lints, target", || lint_target(t, &["--features", ""]))?;
+            course.step("lints, the loader", || {
+                run(t.cargo("clippy").args(["--quiet", "-p", "loader", "--locked", "--", "-D", "warnings"]))
+            })?;
             course.step("lints, target, the smallest", || {
                 lint_target(t, &["--no-default-features", "--features", "stm32f446re"])
             })

@@ -9,7 +9,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 use heapless::Vec;
-use hrg_core::adc::{Dialogue, Fault, Received, WORDS};
+use hrg_core::adc::{Dialogue, Received, WORDS};
 use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Model};
 use hrg_core::frequency::CounterBank;
@@ -25,7 +25,7 @@ pub fn receive(dialogue: &mut Dialogue, frame: &[u32; WORDS], missed: bool) -> R
     dialogue.receive(frame, missed)
 }
 
-/// [`RateOutput::sample`].
+/// [`RateOutput::good`].
 ///
 /// # Errors
 /// Memory is corrupted.
@@ -33,10 +33,10 @@ pub fn receive(dialogue: &mut Dialogue, frame: &[u32; WORDS], missed: bool) -> R
 pub fn sample(
     output: &mut RateOutput,
     tick: u32,
-    codes: Result<&[i32; CHANNELS], Fault>,
+    codes: &[i32; CHANNELS],
     send: fn(RateFrame) -> bool,
 ) -> Result<Option<RateSecond>, Corruption> {
-    output.sample(tick, codes, send)
+    output.good(tick, codes, send)
 }
 
 /// [`CounterBank::push`], of stamps that DMA has written.

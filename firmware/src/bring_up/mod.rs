@@ -23,36 +23,33 @@ use embassy_stm32::gpio::{AfType, Flex};
 use embassy_stm32::interrupt;
 use embassy_stm32::pac;
 use embassy_time::Instant;
-use hrg_core::events::Store;
+use hrg_core::sectors::{Sector, Store};
 
 /// The processor's cycles, modulo 32 bits.
 pub fn cycles() -> u32 {
     DWT::cycle_count()
 }
 
-/// The sector of the field log that is erased to see how long that takes: sector 2 of the flash, the second of the two. Only where it is empty.
-const LOG_SECTOR: usize = 1;
-
 /// Cycles of that erase; 0: it was not done.
 static ERASE: AtomicU32 = AtomicU32::new(0);
 /// Duration of the same erase by the time driver, us: it loses turns of its counter while the processor is stalled.
 static ERASE_US: AtomicU32 = AtomicU32::new(0);
 
-/// The cycle counter runs, and a sector is erased: before the unit's tasks run, which an erase would stop.
+/// The cycle counter runs, and a sector is erased (sector 2 of the flash, for calibrations; only where it is empty): before the unit's tasks run, which an erase would stop.
 pub fn prepare(sectors: &mut Sectors) {
     // SAFETY: nothing else in this program uses the debug registers.
     #[allow(unsafe_code)]
     let mut core = unsafe { cortex_m::Peripherals::steal() };
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    if sectors.log(LOG_SECTOR).iter().all(|b| *b == 0xFF) {
+    if sectors.view(Sector::B).iter().all(|b| *b == 0xFF) {
         let (begun, time) = (cycles(), Instant::now());
-        if sectors.erase_log(LOG_SECTOR) {
+        if sectors.erase(Sector::B) {
             ERASE.store(cycles().wrapping_sub(begun), Relaxed);
             ERASE_US.store(time.elapsed().as_micros() as u32, Relaxed);
         }
     } else {
-        defmt::warn!("sector 2 holds a field log: its erase is not measured; erase the chip first");
+        defmt::warn!("sector 2 holds a calibration: its erase is not measured; erase the chip first");
     }
 }
 

@@ -30,6 +30,7 @@ mod stops;
 mod supply;
 mod support;
 mod table1;
+mod update;
 mod words;
 mod wu2023;
 mod zero;

@@ -145,7 +145,8 @@ fn no_panic_comes_from_our_own_code() {
                 }
                 let (who, place, line) = from.unwrap_or_else(|| ("?".into(), function.clone(), 1));
                 let after_end = line == 0 || callee.contains("async_fn_resumed");
-                let resumed = who == "firmware" && after_end && function.contains("TaskStorage");
+                let of_async = function.contains("TaskStorage") || function.ends_with("{{closure}}");
+                let resumed = who == "firmware" && after_end && of_async;
                 if ["hrg-core", "firmware", "?"].contains(&who.as_str()) && !resumed {
                     ours.push(format!("{place}: {callee} (in {function})"));
                 }

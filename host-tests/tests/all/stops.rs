@@ -124,6 +124,6 @@ fn a_unit_that_was_told_to_restart_says_nothing() {
     board.poll_link();
     board.run_until(board.now() + CPU_HZ).expect("runs");
     let told: Vec<&Message> = board.world.received.other.iter().collect();
-    assert!(matches!(told[..], [Message::Identity(_)]), "{told:?}");
+    assert!(matches!(told[..], [Message::Identity(_), Message::Programs(_)]), "{told:?}");
     assert_eq!(logged(&board), []);
 }

@@ -7,13 +7,10 @@ use virtual_board::Board;
 
 /// The events that a board's flash holds.
 pub fn field_log(board: &Board<Wires>) -> Vec<Record> {
-    let sectors = ["_events_a_start", "_events_b_start"].map(|symbol| {
-        let mut bytes = vec![0; SECTOR];
-        let at = board.firmware().address_of(symbol).expect("there");
-        board.read_memory(at, &mut bytes).expect("in flash");
-        bytes
-    });
-    records([&sectors[0], &sectors[1]]).collect()
+    let mut bytes = vec![0; SECTOR];
+    let at = board.firmware().address_of("_events_start").expect("there");
+    board.read_memory(at, &mut bytes).expect("in flash");
+    records(&bytes).collect()
 }
 
 /// An ELF with other bytes from an address on.

@@ -301,7 +301,8 @@ impl Calibration {
     /// Scale factor of each axis, deg/h per code.
     #[must_use]
     pub fn scale_factors_dph_per_code(&self) -> [f32; AXES] {
-        [0, 1, 2].map(|a: usize| self.axes[a].scale_factor_dph_per_code)
+        let [x, y, z] = &self.axes;
+        [x.scale_factor_dph_per_code, y.scale_factor_dph_per_code, z.scale_factor_dph_per_code]
     }
 
     /// Checks that every input that the effects need comes in to a unit that has these.

@@ -71,6 +71,7 @@ impl Message {
             Self::Inputs(values) => put(w, &[0x84], values),
             Self::InputsUsed(used) => put(w, &[0x06], used),
             Self::Stopped(stopped) => put(w, &[0x07], stopped),
+            Self::Programs(programs) => put(w, &[0x08], programs),
         }
     }
 
@@ -100,6 +101,7 @@ impl Message {
             }),
             0x06 => Self::InputsUsed(take(r)?),
             0x07 => Self::Stopped(take(r)?),
+            0x08 => Self::Programs(take(r)?),
             _ => return None,
         })
     }
@@ -129,6 +131,17 @@ impl Message {
                 8 => C::Zero(take(r)?),
                 9 => C::Test,
                 10 => C::Tested(take::<layouts::Tested>(r)?.number),
+                11 => {
+                    let layouts::Program { length, sum } = take(r)?;
+                    C::Program { length, sum }
+                }
+                12 => {
+                    let layouts::Piece { offset, length, data } = take(r)?;
+                    C::Piece { offset, length, data }
+                }
+                13 => C::Commit(take::<layouts::Commit>(r)?.signature),
+                14 => C::RollBack,
+                15 => C::Echo(take::<layouts::Echo>(r)?.token),
                 _ => return None,
             }),
             0x84 => Self::Inputs(take(r)?),
@@ -142,7 +155,7 @@ impl Message {
     /// [`LinkError`] says what is wrong; nothing of the frame is used.
     pub fn decode(frame: &[u8]) -> Result<Self, LinkError> {
         Self::decode_with(frame, |kind, r| match kind {
-            0x01..=0x07 => Some(Self::read_report(kind, r)),
+            0x01..=0x08 => Some(Self::read_report(kind, r)),
             0x80..=0x84 => Some(Self::read_command(kind, r)),
             _ => None,
         })
@@ -198,6 +211,11 @@ fn write_command(command: &maintenance::Command, w: &mut Writer<'_>) {
         C::Zero(zero) => put(w, &[0x83, 8], &zero),
         C::Test => w.bytes(&[0x83, 9]),
         C::Tested(number) => put(w, &[0x83, 10], &layouts::Tested { number }),
+        C::Program { length, sum } => put(w, &[0x83, 11], &layouts::Program { length, sum }),
+        C::Piece { offset, length, data } => put(w, &[0x83, 12], &layouts::Piece { offset, length, data }),
+        C::Commit(signature) => put(w, &[0x83, 13], &layouts::Commit { signature }),
+        C::RollBack => w.bytes(&[0x83, 14]),
+        C::Echo(token) => put(w, &[0x83, 15], &layouts::Echo { token }),
     }
 }
 

@@ -17,9 +17,12 @@ use crate::maintenance::CHUNK;
 use crate::rate_path::RateFrame;
 use crate::reset::ResetCause;
 use crate::schema::{layout, Field, Layout};
+use crate::signature::SIGNATURE;
+use crate::slots::head;
 use crate::status::{AxisStatus, UnitStatus};
 use crate::stopped::Stopped;
 use crate::unit_name::UnitName;
+use crate::update::Programs;
 use crate::zero::Zero;
 use crate::AXES;
 
@@ -69,6 +72,19 @@ layout! { Identity {
     reset_cause: ResetCause, "why the unit started: 0 power, 1 pin, 2 software, 3 watchdog";
     resets: u16, "resets since power-on";
     option_bytes: u32, "option bytes of the processor: FLASH_OPTCR";
+} }
+
+layout! { Programs {
+    slot: u8, "slot whose program runs: 0 A, 1 B";
+    state: u8, "its state: 1 new, 2 on trial, 3 confirmed";
+    version: u32, "its version: (major * 1000 + minor) * 1000 + patch";
+    sum: u32, "its sum (CRC-32/MPEG-2 of its words), which tells one build from another; all ones: flashed without it";
+    name: [u8; head::TEXT], "its name, zeros behind it";
+    other_state: u8, "state of the program in the other slot: 0: there is none";
+    other_version: u32, "its version; 0: there is none";
+    other_sum: u32, "its sum; 0: there is none";
+    other_name: [u8; head::TEXT], "its name, zeros behind it";
+    token: u32, "to be sent back (maintain: echo), so that a program on trial knows that it is received";
 } }
 
 layout! { align_mode::Report {
@@ -149,7 +165,7 @@ pub(super) struct Read {
     pub(super) offset: u16,
 }
 layout! { Read {
-    page: u8, "0 to 31: sector A in pages of 4096 bytes; 32 to 63: sector B";
+    page: u8, "0 to 3: sector A in pages of 4096 bytes; 4 to 7: sector B; 248 to 251: the field log";
     offset: u16, "offset in the page";
 } }
 
@@ -165,6 +181,52 @@ pub(super) struct Tested {
     pub(super) number: u8,
 }
 layout! { Tested { number: u8, "number of the item, from 0"; } }
+
+/// Fields of [`crate::maintenance::Command::Program`].
+#[derive(Default)]
+pub(super) struct Program {
+    pub(super) length: u32,
+    pub(super) sum: u32,
+}
+layout! { Program {
+    length: u32, "bytes that follow, from the head of the program to its end";
+    sum: u32, "their sum: CRC-32/MPEG-2 of their words";
+} }
+
+/// Fields of [`crate::maintenance::Command::Echo`].
+#[derive(Default)]
+pub(super) struct Echo {
+    pub(super) token: u32,
+}
+layout! { Echo { token: u32, "token of the last message programs"; } }
+
+/// Fields of [`crate::maintenance::Command::Piece`].
+pub(super) struct Piece {
+    pub(super) offset: u32,
+    pub(super) length: u8,
+    pub(super) data: [u8; CHUNK],
+}
+layout! { Piece {
+    offset: u32, "offset from the head of the program";
+    length: u8, "bytes of it that count, a multiple of four";
+    data: [u8; CHUNK], "the bytes";
+} }
+impl Default for Piece {
+    fn default() -> Self {
+        Self { offset: 0, length: 0, data: [0; CHUNK] }
+    }
+}
+
+/// Fields of [`crate::maintenance::Command::Commit`].
+pub(super) struct Commit {
+    pub(super) signature: [u8; SIGNATURE],
+}
+layout! { Commit { signature: [u8; SIGNATURE], "Ed25519 signature of the program from its head on; of no meaning where the unit has no key"; } }
+impl Default for Commit {
+    fn default() -> Self {
+        Self { signature: [0; SIGNATURE] }
+    }
+}
 
 /// Fields of [`crate::maintenance::Reply::Tested`].
 #[derive(Default)]
@@ -243,6 +305,7 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintained: test done", lead: &[0x05, 3], fields: TestDone::FIELDS },
     Table { name: "inputs used", lead: &[0x06], fields: InputsUsed::FIELDS },
     Table { name: "stopped", lead: &[0x07], fields: Stopped::FIELDS },
+    Table { name: "programs", lead: &[0x08], fields: Programs::FIELDS },
     Table { name: "identify", lead: &[0x80], fields: &[] },
     Table { name: "set decimation", lead: &[0x81], fields: Decimation::FIELDS },
     Table { name: "align", lead: &[0x82], fields: Align::FIELDS },
@@ -257,5 +320,10 @@ pub const MESSAGES: &[Table] = &[
     Table { name: "maintain: zero", lead: &[0x83, 8], fields: Zero::FIELDS },
     Table { name: "maintain: test", lead: &[0x83, 9], fields: &[] },
     Table { name: "maintain: item of the test", lead: &[0x83, 10], fields: Tested::FIELDS },
+    Table { name: "maintain: program", lead: &[0x83, 11], fields: Program::FIELDS },
+    Table { name: "maintain: piece", lead: &[0x83, 12], fields: Piece::FIELDS },
+    Table { name: "maintain: commit", lead: &[0x83, 13], fields: Commit::FIELDS },
+    Table { name: "maintain: roll back", lead: &[0x83, 14], fields: &[] },
+    Table { name: "maintain: echo", lead: &[0x83, 15], fields: Echo::FIELDS },
     Table { name: "inputs", lead: &[0x84], fields: InputValues::FIELDS },
 ];

@@ -10,7 +10,7 @@
 //!
 //! let wire = Message::SetDecimation(5).encode();
 //! let mut deframer = Deframer::default();
-//! let heard: Vec<_> = wire.iter().filter_map(|byte| deframer.push(*byte)).collect();
+//! let echoed: Vec<_> = wire.iter().filter_map(|byte| deframer.push(*byte)).collect();
 //! assert_eq!(heard, [Ok(Message::SetDecimation(5))]);
 //! ```
 
@@ -31,6 +31,7 @@ use crate::status::{AxisStatus, UnitStatus};
 use crate::stopped::Stopped;
 use crate::timebase::Timebase;
 use crate::unit_name::UnitName;
+use crate::update::Programs;
 use crate::AXES;
 
 /// Longest frame before framing: type, fields, checksum.
@@ -221,6 +222,8 @@ pub enum Message {
     InputsUsed(InputsUsed),
     /// Unit to host, after each [`Message::Identity`]: what the stop before the last start has left, if there was one.
     Stopped(Stopped),
+    /// Unit to host: its programs (answer to [`Identify`](Self::Identify), behind [`Identity`](Self::Identity)).
+    Programs(Programs),
 }
 
 /// Why bytes are not a message.
@@ -351,10 +354,32 @@ mod tests {
         ]
     }
 
+    /// Those of an update.
+    fn of_updates() -> [Message; 6] {
+        [
+            Message::Maintain(maintenance::Command::Program { length: 140_000, sum: 7 }),
+            Message::Maintain(maintenance::Command::Piece {
+                offset: 100_000,
+                length: 12,
+                data: [7; maintenance::CHUNK],
+            }),
+            Message::Maintain(maintenance::Command::Commit([9; 64])),
+            Message::Maintain(maintenance::Command::RollBack),
+            Message::Maintain(maintenance::Command::Echo(8)),
+            Message::Programs(Programs {
+                slot: 1,
+                version: 2_003_004,
+                sum: 9,
+                name: *b"a program of some name..........",
+                ..Programs::default()
+            }),
+        ]
+    }
+
     #[test]
     fn every_message_there_and_back() {
         let mut d = Deframer::default();
-        for m in messages() {
+        for m in messages().into_iter().chain(of_updates()) {
             let bytes = m.encode();
             assert_eq!(bytes.iter().filter(|&&b| b == 0).count(), 1, "one zero, at the end");
             let mut got = None;

@@ -4,9 +4,12 @@ use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Identity, Message};
-use hrg_core::maintenance::{self, Answer, Command, Reply};
+use hrg_core::maintenance::{self, Answer, Command, Reply, CHUNK};
 use hrg_core::self_test::Item;
+use hrg_core::signature::SIGNATURE;
+use hrg_core::slots;
 use hrg_core::unit_name::UnitName;
+use hrg_core::update::Programs;
 use virtual_board::{Board, Stop, CPU_HZ};
 
 /// The unit answers a command within this time, an erase among them, s.
@@ -56,10 +59,92 @@ pub fn ask<T>(
 /// # Errors
 /// As [`ask`].
 pub fn maintain(board: &mut Board<Wires>, command: Command) -> Result<Option<Answer>> {
+    Ok(maintained(board, command)?.map(|(answer, _)| answer))
+}
+
+/// The same with the number that comes with the answer.
+fn maintained(board: &mut Board<Wires>, command: Command) -> Result<Option<(Answer, u32)>> {
     ask(board, &Message::Maintain(command), ANSWER_S, |m| match m {
-        Message::Maintained(Reply::Answer(answer, _)) => Some(*answer),
+        Message::Maintained(Reply::Answer(answer, value)) => Some((*answer, *value)),
         _ => None,
     })
+}
+
+/// End of sending a program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sent {
+    /// The unit tries it from its next start on.
+    Committed,
+    /// The unit refuses it.
+    Refused(Answer),
+    /// The board stopped where it was told to.
+    Stopped,
+}
+
+/// A program for the slot that does not run, from its head on.
+#[derive(Debug, Clone)]
+pub struct Program {
+    /// From its head on.
+    pub body: Vec<u8>,
+    /// Its signature.
+    pub signature: [u8; SIGNATURE],
+}
+
+/// Sends a program, as `hrg unit update` does. `between` is called before each command, with the bytes that the unit has.
+///
+/// # Errors
+/// If the unit does not answer.
+pub fn send_program(
+    board: &mut Board<Wires>,
+    unit: UnitName,
+    program: &Program,
+    mut between: impl FnMut(&mut Board<Wires>, u32) -> Result<()>,
+) -> Result<Sent> {
+    let mut done = |board: &mut Board<Wires>, command: Command, there: u32| -> Result<Result<u32, Sent>> {
+        between(board, there)?;
+        Ok(match maintained(board, command)? {
+            None => Err(Sent::Stopped),
+            Some((Answer::Done, value)) => Ok(value),
+            Some((answer, _)) => Err(Sent::Refused(answer)),
+        })
+    };
+    let (length, sum) = (program.body.len() as u32, slots::sum(&program.body));
+    if let Err(end) = done(board, Command::Open(unit), 0)? {
+        return Ok(end);
+    }
+    let mut next = loop {
+        match done(board, Command::Program { length, sum }, 0)? {
+            Ok(next) => break next,
+            Err(Sent::Refused(Answer::More)) => {}
+            Err(end) => return Ok(end),
+        }
+    };
+    while next < length {
+        let piece = program.body.get(next as usize..).unwrap_or_default();
+        let piece = piece.get(..CHUNK).unwrap_or(piece);
+        let mut data = [0xFF; CHUNK];
+        data[..piece.len()].copy_from_slice(piece);
+        match done(board, Command::Piece { offset: next, length: piece.len() as u8, data }, next)? {
+            Ok(there) => next = there,
+            Err(end) => return Ok(end),
+        }
+    }
+    Ok(match done(board, Command::Commit(program.signature), length)? {
+        Ok(_) => Sent::Committed,
+        Err(end) => end,
+    })
+}
+
+/// Programs of the unit, asked now.
+///
+/// # Errors
+/// If it does not answer.
+pub fn programs(board: &mut Board<Wires>, seconds: f64) -> Result<Programs> {
+    let found = ask(board, &Message::Identify, seconds, |m| match m {
+        Message::Programs(programs) => Some(*programs),
+        _ => None,
+    })?;
+    found.context("the board stopped")
 }
 
 /// Has the unit test itself, and gives the items; `None`: the board stopped where it was told to.

@@ -20,10 +20,10 @@ use virtual_board::part::{self, Part};
 use virtual_board::{Board, Cost, Firmware, Probe, Stop, CPU_HZ};
 
 /// Flash offset of calibration sector A (memory.x).
-pub const CALIBRATION_A: u32 = 0x4_0000;
+pub const CALIBRATION_A: u32 = 0x4000;
 
 /// Flash offset of calibration sector B (memory.x).
-pub const CALIBRATION_B: u32 = 0x6_0000;
+pub const CALIBRATION_B: u32 = 0x8000;
 
 /// Options of a run.
 #[derive(Debug, Clone)]
@@ -101,6 +101,14 @@ pub fn default_elf() -> PathBuf {
     beside.unwrap_or_else(|| {
         Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().nth(2).unwrap_or(Path::new(".")).join("target").join(ELF)
     })
+}
+
+/// Path of the firmware for slot B, beside that ELF (`cargo xtask test` builds it).
+#[must_use]
+pub fn elf_for_slot_b() -> PathBuf {
+    let own = default_elf();
+    let target = own.ancestors().nth(Path::new(ELF).components().count()).unwrap_or(Path::new("."));
+    target.join("slot-b").join(ELF)
 }
 
 /// Parts that a firmware was built with; all of them where it does not state them.

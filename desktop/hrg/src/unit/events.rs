@@ -8,6 +8,7 @@ use hrg_core::maintenance::Answer;
 use hrg_core::reset::Halt;
 use hrg_core::sectors::Place;
 use hrg_core::self_test::Check;
+use hrg_core::slots::State;
 use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::stopped::{Silent, Stopped};
 use hrg_data::axes::AXIS_NAMES;
@@ -143,6 +144,11 @@ pub fn line(record: &Record) -> String {
                 (n, None) => format!("{which}: {n} failed"),
             }
         }
+        Event::Program { slot, state, sum } => format!(
+            "program {sum:08x} in slot {}: {}",
+            if slot == 0 { 'A' } else { 'B' },
+            State::from_number(state).map_or("?", State::name)
+        ),
         Event::Stopped(piece) => format!("word {} of the stop: {:08x}", piece.number, piece.value),
         Event::Lost { count: 0 } => "the log is full: what came after this was not written".into(),
         Event::Lost { .. } => "the log is nearly full: from here on only starts and burns were written".into(),

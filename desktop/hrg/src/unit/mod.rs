@@ -8,6 +8,7 @@ pub mod keys;
 pub mod log;
 pub mod monitor;
 pub mod port;
+pub mod program;
 pub mod record;
 pub mod self_test;
 pub mod sensors;

@@ -364,7 +364,7 @@ impl Unit {
     }
 
     /// Sends a message and waits for its answer; `None`: none comes.
-    fn ask_once<T>(
+    pub(super) fn ask_once<T>(
         &mut self,
         message: &Message,
         within: Duration,
@@ -446,7 +446,7 @@ impl Unit {
         self.ask(&Message::Identify, Duration::from_secs(2), identity_in)
     }
 
-    fn maintain(&mut self, command: Command) -> Result<Reply> {
+    pub(super) fn maintain(&mut self, command: Command) -> Result<Reply> {
         self.ask(&Message::Maintain(command), ANSWER, |m| match m {
             // (A test that somebody else has asked for may end meanwhile.)
             Message::Maintained(Reply::TestDone(_) | Reply::Tested { .. }) => None,
@@ -456,7 +456,7 @@ impl Unit {
     }
 
     /// A command that must be done; gives the number that came with the answer.
-    fn done(&mut self, command: Command, what: &str) -> Result<u32> {
+    pub(super) fn done(&mut self, command: Command, what: &str) -> Result<u32> {
         match self.maintain(command)? {
             Reply::Answer(Answer::Done, value) => Ok(value),
             Reply::Answer(Answer::Input, number) => {
@@ -515,11 +515,9 @@ impl Unit {
     pub fn events(&mut self) -> Result<Vec<Record>> {
         let identity = self.reconnect(Duration::ZERO)?;
         self.done(Command::Open(identity.unit), "maintenance mode")?;
-        let sectors = [0, 1].map(|sector| self.log_sector(sector));
+        let log = self.log();
         self.done(Command::Close, "maintenance mode")?;
-        let [a, b] = sectors;
-        let (a, b) = (a?, b?);
-        Ok(records([&a, &b]).collect())
+        Ok(records(&log?).collect())
     }
 
     /// `true` if an axis is flagged for want of an input, after the seconds in which they come.
@@ -549,12 +547,11 @@ impl Unit {
         taken.map(drop)
     }
 
-    /// A sector of the field log as far as it is written.
-    fn log_sector(&mut self, sector: usize) -> Result<Vec<u8>> {
+    /// The field log as far as it is written.
+    fn log(&mut self) -> Result<Vec<u8>> {
         let mut bytes = Vec::with_capacity(SECTOR);
-        let pages = SECTOR / PAGE;
         while bytes.len() < SECTOR && !bytes.ends_with(&[0xFF; CHUNK]) {
-            let page = LOG_PAGE + (sector * pages + bytes.len() / PAGE) as u8;
+            let page = LOG_PAGE + (bytes.len() / PAGE) as u8;
             let offset = (bytes.len() % PAGE) as u16;
             match self.maintain(Command::Read { page, offset })? {
                 Reply::Data { page: p, offset: o, data } if (p, o) == (page, offset) => bytes.extend_from_slice(&data),

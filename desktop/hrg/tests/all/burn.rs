@@ -40,6 +40,8 @@ enum Fault {
 
 struct Flash([Vec<u8>; 2]);
 
+impl hrg_core::update::Store for Flash {}
+
 impl Store for Flash {
     fn erase(&mut self, sector: Sector) -> bool {
         self.0[usize::from(sector.number())].fill(0xFF);

@@ -6,6 +6,7 @@
 //! | module | attacks |
 //! |---|---|
 //! | [`power`] | cuts while a calibration is written, and at random instructions |
+//! | [`update`] | cuts while a new program is written, and while it is on trial |
 //! | [`memory`] | flipped bits in the image in flash, in RAM, and in registers |
 //! | [`chip`] | ADC, program, crystal, supply, starts |
 //! | [`sensors`] | resonators and ADC, one by one and in pairs |
@@ -20,6 +21,7 @@ pub mod memory;
 pub mod power;
 pub mod sensors;
 pub mod time;
+pub mod update;
 
 use anyhow::{Context, Result};
 use hrg_board::replay::CALIBRATION_A;
@@ -336,7 +338,7 @@ impl Extent {
 }
 
 /// The parts of a campaign, in order.
-pub const PARTS: [&str; 7] = ["power", "memory", "chip", "sensors", "link", "time", "load"];
+pub const PARTS: [&str; 8] = ["power", "update", "memory", "chip", "sensors", "link", "time", "load"];
 
 /// The whole campaign, or one of its [`PARTS`]. Prints each row as it comes.
 ///
@@ -353,6 +355,7 @@ pub fn campaign(elf: &[u8], seed: u64, extent: &Extent, only: Option<&str>) -> R
         for part in PARTS.iter().filter(|p| wanted(p)) {
             match *part {
                 "power" => power::attack(&scene, seed, extent, &mut report)?,
+                "update" => update::attack(&scene, seed, extent, &mut report)?,
                 "memory" => memory::attack(&scene, seed, extent, &mut report)?,
                 "chip" => chip::attack(&scene, seed, extent, &mut report)?,
                 "sensors" => sensors::attack(&scene, extent, &mut report)?,

@@ -371,7 +371,7 @@ pub fn burn(arguments: &BurnArguments) -> Result<()> {
     );
     let length = c.to_bytes().map_or(MAX_BYTES, |b| b.len());
     println!(
-        "burn {} of the unit. A sector holds {} images of this length. When one sector is full, the other is erased (2 s without output); a sector endures 10000 erases",
+        "burn {} of the unit. A sector holds {} images of this length. When one sector is full, the other is erased (half a second without output); a sector endures 10000 erases",
         after.sequence,
         SECTOR_BYTES / room(length)
     );
@@ -471,7 +471,7 @@ pub struct ImageArguments {
 }
 
 /// Address of a calibration sector, for a debug probe: sector A (memory.x).
-const SECTOR_A: u32 = 0x0804_0000;
+const SECTOR_A: u32 = 0x0800_4000;
 
 /// `hrg unit image`.
 pub fn image(arguments: &ImageArguments) -> Result<()> {

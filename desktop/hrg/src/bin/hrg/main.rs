@@ -31,6 +31,7 @@ mod log;
 mod merge;
 mod points;
 mod profile;
+mod program;
 mod rates;
 mod report;
 mod self_test;
@@ -145,7 +146,7 @@ enum Command {
     ///
     /// Example: hrg compare-images 2025.toml 2026.toml --out changes.svg
     CompareImages(images::Arguments),
-    /// Burn, read, sign or write out calibration images.
+    /// Burn, read, sign or write out calibration images; new programs; tests and the field log.
     ///
     /// Example: hrg unit burn cal.toml --port /dev/ttyUSB0
     #[command(subcommand)]
@@ -252,7 +253,15 @@ enum UnitCommand {
     ///
     /// Example: hrg unit test --port /dev/ttyUSB0 --against run.csv
     Test(self_test::Arguments),
-    /// Make a key that signs calibrations, for firmware built with the feature signed.
+    /// Give a unit a new program over its link, with a way back; or ask which programs it holds.
+    ///
+    /// Example: hrg unit update hrg-0.1.0.prog --port /dev/ttyUSB0
+    Update(program::UpdateArguments),
+    /// Pack the firmware, linked for both slots, into a file for hrg unit update, and sign it.
+    ///
+    /// Example: hrg unit pack a.elf b.elf --key owner.key --out hrg-0.1.0.prog
+    Pack(program::PackArguments),
+    /// Make a key that signs calibrations and programs, for firmware built with the feature signed.
     ///
     /// Example: hrg unit keygen -o owner.key
     Keygen(chamber::KeygenArguments),
@@ -405,6 +414,8 @@ fn run(command: Command, status: &mut ExitCode) -> Result<()> {
         Command::Unit(UnitCommand::Image(arguments)) | Command::Image(arguments) => chamber::image(&arguments),
         Command::Unit(UnitCommand::Events(arguments)) => chamber::events(&arguments),
         Command::Unit(UnitCommand::Zero(arguments)) => chamber::renew(&arguments),
+        Command::Unit(UnitCommand::Update(arguments)) => program::update(&arguments),
+        Command::Unit(UnitCommand::Pack(arguments)) => program::pack(&arguments),
         Command::Unit(UnitCommand::Test(arguments)) => {
             if !self_test::run(&arguments)? {
                 *status = ExitCode::from(NOT_REACHED);
