@@ -9,6 +9,7 @@
 //! | sample mark out | PC8 | output |
 //! | ADC SCK, MISO, MOSI, CS | PA5, PA6, PA7, PB6 | SPI1 |
 //! | link out, in | PA9, PA10 | USART1 |
+//! | service (low: maintenance while the unit moves) | PC13 | input |
 
 use crate::adc::{self, Adc, Wiring};
 #[cfg(feature = "battery")]
@@ -22,9 +23,9 @@ use crate::params;
 use crate::pps;
 use crate::receive::{self, Receiver};
 use crate::watchdog::{self, Patience, Watchdog};
-use crate::{clock, program};
+use crate::{clock, program, time};
 use embassy_stm32::flash::Flash;
-use embassy_stm32::gpio::{AfType, Flex, Level, Output, OutputType, Pull, Speed};
+use embassy_stm32::gpio::{AfType, Flex, Input, Level, Output, OutputType, Pull, Speed};
 use embassy_stm32::interrupt;
 use embassy_stm32::mode::Async;
 #[cfg(feature = "pps")]
@@ -117,6 +118,8 @@ pub struct Board {
     pub reset_cause: ResetCause,
     /// The two calibration sectors.
     pub sectors: Sectors,
+    /// Tied low: maintenance even while the unit moves.
+    pub service: Input<'static>,
     /// The field log.
     #[cfg(feature = "field-log")]
     pub journal: Journal,
@@ -202,6 +205,7 @@ impl Board {
             config.rcc.mux.rtcsel = rcc::mux::Rtcsel::LSE;
         }
         let p = embassy_stm32::init(config);
+        time::start();
         if crystal {
             clock::watch();
         }
@@ -266,6 +270,7 @@ impl Board {
             watchdog,
             reset_cause,
             sectors,
+            service: Input::new(p.PC13, Pull::Up),
             #[cfg(feature = "field-log")]
             journal,
             program: program::Check::new(p.CRC),

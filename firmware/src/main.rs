@@ -51,6 +51,7 @@ mod slot;
 mod stack;
 mod stop;
 mod telemetry;
+mod time;
 mod watchdog;
 mod wired;
 
@@ -319,9 +320,9 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     spawned(telemetry::task(telemetry), |t| spawner.spawn(t));
     spawned(telemetry::log(), |t| spawner.spawn(t));
     #[cfg(feature = "field-log")]
-    let maintenance = maintain::task(maintenance, board.sectors, checksum, board.journal);
+    let maintenance = maintain::task(maintenance, board.sectors, board.service, checksum, board.journal);
     #[cfg(not(feature = "field-log"))]
-    let maintenance = maintain::task(maintenance, board.sectors, checksum);
+    let maintenance = maintain::task(maintenance, board.sectors, board.service, checksum);
     spawned(maintenance, |t| spawner.spawn(t));
     #[cfg(feature = "bring-up")]
     bring_up::start(spawner);

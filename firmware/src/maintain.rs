@@ -5,7 +5,7 @@
 //! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other. Most burns erase nothing; the
 //! programming of a word takes 16 us.
 
-use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, RATES};
+use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, MOVING, RATES};
 #[cfg(feature = "field-log")]
 use crate::channels::{EVENTS, ON_FOR_S, ZERO};
 use crate::clock;
@@ -16,6 +16,7 @@ use core::sync::atomic::Ordering;
 #[cfg(feature = "field-log")]
 use embassy_futures::select::{select, Either};
 use embassy_stm32::flash::{Blocking, Flash, FLASH_BASE};
+use embassy_stm32::gpio::Input;
 use embassy_stm32::pac::flash::vals::Psize;
 use embassy_stm32::pac::FLASH;
 use embassy_time::{with_deadline, Duration, Instant, Timer};
@@ -300,6 +301,7 @@ pub fn program_event() -> Event {
 pub async fn task(
     maintenance: &'static mut Maintenance,
     mut sectors: Sectors,
+    service: Input<'static>,
     calibration: u32,
     #[cfg(feature = "field-log")] mut journal: Journal,
 ) {
@@ -343,6 +345,7 @@ pub async fn task(
         };
         idle = Instant::now() + params::MAINTENANCE_IDLE;
         maintenance.set_condition(condition(calibration));
+        maintenance.set_moving(MOVING.load(Ordering::Relaxed) && service.is_high());
         #[cfg_attr(not(feature = "self-test"), allow(unused_mut))]
         let mut reply = maintenance.command(&command, &mut sectors);
         #[cfg(feature = "self-test")]

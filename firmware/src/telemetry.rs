@@ -9,6 +9,7 @@ use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};
 #[cfg(feature = "field-log")]
 use hrg_core::status::UnitStatus;
+use hrg_core::still::Still;
 use hrg_core::telemetry::{Telemetry, RATES_WAIT_MS};
 
 /// The align mode.
@@ -23,6 +24,7 @@ pub type Alignment = hrg_core::align_mode::NotBuiltIn;
 pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
     #[cfg(feature = "field-log")]
     let mut watch = hrg_core::events::Watch::default();
+    let mut still = Still::default();
     loop {
         let (step, output, report) = STEP.receive().await;
         TELEMETRY_ALIVE.give();
@@ -50,6 +52,7 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
         let h = &housekeeping;
         ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
         channels::RATES.store(h.samples > 0, Ordering::Relaxed);
+        channels::MOVING.store(still.second(h.raw_dph), Ordering::Relaxed);
         #[cfg(feature = "field-log")]
         watch.second(h.axis_status, noteworthy(h.unit_status), h.temperature_c, |event| {
             // A full queue loses it: the flag rises again, or stands in every frame.

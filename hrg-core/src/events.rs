@@ -594,7 +594,7 @@ mod tests {
         assert_eq!((store.erased, journal.next), (1, CARRIED + 1));
         journal.write(&mut store, event(7));
         assert_eq!((store.all().len(), store.all().last()), (CARRIED + 1, Some(&event(7))));
-        // What is no log is none, and is not erased in flight.
+        // A sector that holds no log is not erased in flight.
         let mut foreign = Memory::new(0xA5);
         assert_eq!((Journal::open(&mut foreign, false).next, foreign.erased, foreign.all().len()), (RECORDS, 0, 0));
     }

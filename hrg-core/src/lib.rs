@@ -67,6 +67,7 @@ pub mod sensors;
 pub mod signature;
 pub mod slots;
 pub mod status;
+pub mod still;
 pub mod stopped;
 pub mod supervision;
 pub mod telemetry;
@@ -75,6 +76,7 @@ pub mod thermal;
 pub mod timebase;
 pub mod unit_name;
 pub mod update;
+pub mod uptime;
 pub mod visited;
 pub mod zero;
 

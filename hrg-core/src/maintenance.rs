@@ -8,7 +8,8 @@
 //! never counts, whatever comes. The sequence number counts burns.
 //!
 //! # Who may write
-//! No command is executed before [`Command::Open`] has named the unit as its image names it. A build with the firmware's feature
+//! No command is executed before [`Command::Open`] has named the unit as its image names it, and none while it moves ([`crate::still`]), unless its service pin is
+//! tied low: so nobody on the link can open the mode of a unit in flight. A build with the firmware's feature
 //! `locked` refuses that too; one with the feature `signed` takes only images that the owner of its key has signed. Chunks come in order;
 //! one that is repeated (its answer was lost) is answered again and not written twice.
 //!
@@ -175,6 +176,8 @@ pub enum Answer {
     Older = 20,
     /// The other slot holds no program that has run well.
     NoProgram = 21,
+    /// The unit moves, and its service pin is open.
+    Moving = 22,
 }
 
 impl Answer {
@@ -205,6 +208,7 @@ impl Answer {
             A::Board,
             A::Older,
             A::NoProgram,
+            A::Moving,
         ]
         .into_iter()
         .find(|a| *a as u8 == n)
@@ -236,6 +240,7 @@ impl core::fmt::Display for Answer {
             Self::Board => "the program is for another board, or for the other slot",
             Self::Older => "the program is older than the one that runs",
             Self::NoProgram => "the other slot holds no program that has run well",
+            Self::Moving => "it moves: keep it still for ten seconds, or tie its service pin low",
         })
     }
 }
@@ -301,6 +306,8 @@ pub struct Maintenance {
     update: Update,
     /// What the unit does now.
     condition: Condition,
+    /// It moves, and nobody has tied its service pin.
+    moving: bool,
 }
 
 impl Maintenance {
@@ -326,6 +333,7 @@ impl Maintenance {
             first: [0; COMMIT],
             update: Update::new(None),
             condition: Condition { rates: false, calibrated: false, echoed: false },
+            moving: false,
         }
     }
 
@@ -363,6 +371,15 @@ impl Maintenance {
         self.condition = condition;
     }
 
+    /// Tells that the unit moves ([`crate::still`]) and its service pin is open: no command is executed then, and the mode ends.
+    pub fn set_moving(&mut self, moving: bool) {
+        self.moving = moving;
+        if moving {
+            self.open = false;
+            self.coming = None;
+        }
+    }
+
     /// `true` while a calibration may be written.
     #[must_use]
     pub fn open(&self) -> bool {
@@ -372,6 +389,7 @@ impl Maintenance {
     /// Carries out a command; [`Command::Restart`], [`Command::Zero`] and [`Command::Test`] are left to the caller where the answer is [`Answer::Done`].
     pub fn command(&mut self, command: &Command, store: &mut (impl Store + update::Store)) -> Reply {
         let (answer, value) = match command {
+            Command::Open(_) if self.moving && !self.locked => (Answer::Moving, 0),
             Command::Open(name) => {
                 let answer = if self.locked {
                     Answer::Locked
@@ -767,7 +785,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sector_takes_170_burns_between_two_erases() {
+    fn a_sector_takes_a_row_of_burns_between_two_erases() {
         let mut c = image(0);
         for id in [4u16, 6, 3] {
             c.effects.push(crate::calibration::EffectTerm::new(id, [600.0, 1.0])).expect("room");

@@ -14,7 +14,7 @@
 pub const SHIPPED: u32 = 0x0FFF_AAED;
 
 /// As a unit flies.
-pub const FLYING: u32 = 0x0FC6_55C1;
+pub const FLYING: u32 = 0x0FFE_55C1;
 
 bitflags::bitflags! {
     /// Protections of a unit that its option bytes do not switch on.
@@ -26,7 +26,7 @@ bitflags::bitflags! {
         const READ_OUT = 1 << 1;
         /// The watchdog waits for the program to start it (WDG_SW).
         const WATCHDOG = 1 << 2;
-        /// The program's sectors may be written (nWRP).
+        /// The loader's sector may be written (nWRP).
         const WRITE_PROTECTION = 1 << 3;
     }
 }
@@ -37,7 +37,7 @@ impl Difference {
         "no reset below 2.7 V (BOR_LEV)",
         "the debug port reads the flash (RDP)",
         "the watchdog waits for the program (WDG_SW)",
-        "the program's sectors may be written (nWRP)",
+        "the loader's sector may be written (nWRP)",
     ];
 
     /// In words.

@@ -66,7 +66,7 @@ pub mod mark {
     pub const SUM: usize = 64;
     /// Bytes from the head on that are being written, or were.
     pub const LENGTH: usize = 68;
-    /// What the program must have to confirm itself, as the one before it had it (`hrg_core::update::Condition`).
+    /// Bits of what the program must do to confirm itself, as the one before it did it (`hrg_core::update::Condition`).
     pub const EXPECTED: usize = 72;
     /// [`super::COMMITTED`]: it may be started.
     pub const COMMITTED: usize = 76;

@@ -1,7 +1,12 @@
 //! The ADS131M08 ADC as its SPI master sees it (data sheet SBAS950).
 //!
-//! Frames of ten 24-bit words. The words out are latched when chip select falls: the answer to the last command, the
-//! eight channels, a CRC (CCITT, seed 0xFFFF). The words in are executed when the frame ends.
+//! Frames of ten words, of 24 bits unless MODE.WLENGTH says otherwise. The words out are latched when chip select falls: the answer to the last command, the
+//! eight channels, a CRC (of CCITT or ANSI by MODE.CRC_TYPE, seed 0xFFFF). The words in are executed when the frame ends; with MODE.RX_CRC_EN only behind a checksum of
+//! their own.
+//!
+//! Settings under which no such ADC gives good samples give none here: a channel that is off (CLOCK.CHn_EN) sends zeros; DRDY that is let go instead of driven high
+//! (MODE.DRDY_HiZ) makes no edge against the pull-down of the unit; a reference from outside that nothing drives (CLOCK.EXTREF_EN), and a modulator that is too slow for its clock
+//! (CLOCK.PWR), give codes that mean nothing. (Sections 8.3, 8.5 and 8.6.)
 //!
 //! It keeps two samples (section 8.5.1.9.1): a frame takes the oldest; a third one that comes meanwhile replaces the second.
 //! SYNC/RESET low for 2048 clocks or longer resets it, for less it begins its conversions anew and forgets those that it has (section
@@ -10,8 +15,10 @@
 use std::collections::VecDeque;
 
 const WORDS: usize = 10;
-const FRAME: usize = WORDS * 3;
-const CRC: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+/// Bytes of the longest frame: words of 32 bits.
+const LONGEST: usize = WORDS * 4;
+const CCITT: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_IBM_3740);
+const ANSI: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_CMS);
 
 /// Code at a test voltage: 2/15 of the full scale, whatever the gain (data sheet, internal test signals).
 const TEST_LEVEL: i64 = (1 << 23) * 2 / 15;
@@ -36,6 +43,14 @@ impl Defect {
     pub const NONE: Self = Self { gain: 1000, offset: 0, noise: 0, at_pins: false };
 }
 
+/// Registers MODE and CLOCK, and bits of the first, of the second, and of STATUS.
+const MODE: usize = 0x02;
+const CLOCK: usize = 0x03;
+const RX_CRC: u16 = 1 << 12;
+const HIGH_IMPEDANCE: u16 = 1 << 1;
+const EXTERNAL_REFERENCE: u16 = 1 << 6;
+const CRC_ERROR: u16 = 1 << 12;
+
 /// Master clock that the modulator's clock is made of, Hz.
 const CLKIN_HZ: u64 = 8_192_000;
 
@@ -50,8 +65,10 @@ pub struct Ads131m08 {
     store: VecDeque<[i32; 8]>,
     /// Since when SYNC/RESET is low, cycles.
     low_since: Option<u64>,
-    out: [u8; FRAME],
-    input: [u8; FRAME],
+    out: [u8; LONGEST],
+    input: [u8; LONGEST],
+    /// Bytes of a word of the frame that is under way.
+    word_bytes: usize,
     at: usize,
     selected: bool,
     corrupt: bool,
@@ -75,8 +92,9 @@ impl Default for Ads131m08 {
             codes: [0; 8],
             store: VecDeque::new(),
             low_since: None,
-            out: [0; FRAME],
-            input: [0; FRAME],
+            out: [0; LONGEST],
+            input: [0; LONGEST],
+            word_bytes: 3,
             at: 0,
             selected: false,
             corrupt: false,
@@ -87,6 +105,21 @@ impl Default for Ads131m08 {
 }
 
 impl Ads131m08 {
+    /// A checksum of the kind that is set.
+    fn checksum(&self, bytes: &[u8]) -> u16 {
+        if self.registers[MODE] & 1 << 11 == 0 {
+            CCITT.checksum(bytes)
+        } else {
+            ANSI.checksum(bytes)
+        }
+    }
+
+    /// `true` if a conversion that is done makes an edge at DRDY.
+    #[must_use]
+    pub fn drives_data_ready(&self) -> bool {
+        self.registers[MODE] & HIGH_IMPEDANCE == 0 && self.registers[CLOCK] >> 8 != 0
+    }
+
     /// Cycles of a clock of `hz` between samples, from the oversampling ratio set.
     #[must_use]
     pub fn period(&self, hz: u64) -> u64 {
@@ -157,7 +190,7 @@ impl Ads131m08 {
             self.corrupt = corrupt;
             self.latch();
         }
-        if !selected && self.selected && self.at >= 6 {
+        if !selected && self.selected && self.at >= 2 * self.word_bytes {
             self.execute();
         }
         self.selected = selected;
@@ -170,11 +203,20 @@ impl Ads131m08 {
         for (n, w) in words[1..9].iter_mut().enumerate() {
             *w = self.converted(n) as u32 & 0xFF_FFFF;
         }
-        for (bytes, w) in self.out.chunks_exact_mut(3).zip(words) {
-            bytes.copy_from_slice(&w.to_be_bytes()[1..]);
+        let length = self.registers[MODE] >> 8 & 3;
+        self.word_bytes = [2, 3, 4, 4][usize::from(length)];
+        for (bytes, w) in self.out.chunks_exact_mut(self.word_bytes).zip(words) {
+            // Of 24 bits: the upper 16; all; with zeros behind; with the sign before.
+            match length {
+                0b00 => bytes.copy_from_slice(&w.to_be_bytes()[1..3]),
+                0b01 => bytes.copy_from_slice(&w.to_be_bytes()[1..]),
+                0b10 => bytes.copy_from_slice(&(w << 8).to_be_bytes()),
+                _ => bytes.copy_from_slice(&((w << 8) as i32 >> 8).to_be_bytes()),
+            }
         }
-        let crc = CRC.checksum(&self.out[..27]);
-        self.out[27..29].copy_from_slice(&crc.to_be_bytes());
+        let end = (WORDS - 1) * self.word_bytes;
+        let crc = self.checksum(&self.out[..end]);
+        self.out[end..end + 2].copy_from_slice(&crc.to_be_bytes());
         if self.corrupt {
             self.out[4] ^= 0x10;
         }
@@ -182,6 +224,12 @@ impl Ads131m08 {
 
     /// Converts a channel's code by the registers (sections 8.3 and 8.6): multiplexer, gain, DC block, calibration.
     fn converted(&mut self, n: usize) -> i32 {
+        if self.registers[CLOCK] & 1 << (8 + n) == 0 {
+            return 0;
+        }
+        if self.registers[CLOCK] & EXTERNAL_REFERENCE != 0 || self.registers[CLOCK] & 0b10 == 0 {
+            return self.scatter(1 << 22) as i32;
+        }
         let defect = self.defects[n];
         let noise = self.scatter(OWN_NOISE);
         let more = self.scatter(defect.noise);
@@ -212,7 +260,7 @@ impl Ads131m08 {
 
     /// Moves one byte each way.
     pub fn exchange(&mut self, byte: u8) -> u8 {
-        if !self.selected || self.at >= FRAME {
+        if !self.selected || self.at >= WORDS * self.word_bytes {
             return 0;
         }
         self.input[self.at] = byte;
@@ -222,11 +270,22 @@ impl Ads131m08 {
     }
 
     fn word(&self, index: usize) -> u16 {
-        u16::from_be_bytes([self.input[index * 3], self.input[index * 3 + 1]])
+        let at = index * self.word_bytes;
+        u16::from_be_bytes([self.input[at], self.input[at + 1]])
     }
 
     fn execute(&mut self) {
         let command = self.word(0);
+        // The checksum of what comes in stands behind the command, and its value where it has one.
+        if self.registers[MODE] & RX_CRC != 0 {
+            let words = if command >> 13 == 0b011 { 2 } else { 1 };
+            let expected = self.checksum(&self.input[..words * self.word_bytes]);
+            if self.at < (words + 1) * self.word_bytes || self.word(words) != expected {
+                self.registers[0x01] |= CRC_ERROR;
+                self.answer = self.registers[0x01] | 0x00FF;
+                return;
+            }
+        }
         let address = usize::from(command >> 7) & 63;
         match command >> 13 {
             0b011 => {

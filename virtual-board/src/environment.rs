@@ -57,6 +57,13 @@ impl<W: World> Board<W> {
         let _ = self.cpu.get_data_mut().nvic.write(register, 1 << (number % 32), 4);
     }
 
+    /// Something drives a pin (port 0 is A) to a level from now on.
+    pub fn drive_pin(&mut self, port: usize, pin: usize, high: bool) {
+        if let Some(port) = self.cpu.get_data_mut().ports.get_mut(port) {
+            port.drive(pin, high);
+        }
+    }
+
     /// Another crystal: its frequency, Hz. Before the program looks at it.
     pub fn set_crystal(&mut self, hz: f64) {
         self.cpu.get_data_mut().rcc.crystal_hz = Some(hz);

@@ -84,6 +84,9 @@ impl<W: World> Board<W> {
         }
         chip.corrupt = self.wires.invalid;
         chip.adc.convert(codes);
+        if !chip.adc.drives_data_ready() {
+            return Ok(());
+        }
         self.data_ready(at)
     }
 

@@ -23,9 +23,9 @@ use std::fmt::Write as _;
 use virtual_board::mutation::{Change, Mutation, RegisterWrite};
 use virtual_board::tables::{Register, Tables};
 
-/// Data, no set-up: the CRC unit's data register, which is fed the program word by word, and the alarms of the time driver (CCR1 to CCR4 of TIM5).
+/// Data, no set-up: the CRC unit's data register, which is fed the program word by word, and the alarm of the time driver (CCR2 of TIM5).
 fn data(address: u32) -> bool {
-    matches!(address, 0x4002_3000 | 0x4000_0C34..=0x4000_0C40)
+    matches!(address, 0x4002_3000 | 0x4000_0C38)
 }
 /// Interrupts whose handlers run tasks, which set things up as well: UART4 and UART5, as exceptions.
 const EXECUTORS: [u16; 2] = [16 + 52, 16 + 53];

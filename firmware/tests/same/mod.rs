@@ -11,11 +11,11 @@ use hrg_core::{math, AXES};
 /// Stored images of every kind of bias model, and the checksum of what each makes of [`frequencies`].
 pub const IMAGES: [(&str, &[u8], u32); 6] = [
     ("default", include_bytes!("../../../hrg-core/tests/images/version-1-default.bin"), 0x626d_761c),
-    ("effects", include_bytes!("../../../hrg-core/tests/images/version-1-effects.bin"), 0x7ea8_76e8),
-    ("models", include_bytes!("../../../hrg-core/tests/images/version-1-models.bin"), 0xac0c_5e1a),
-    ("uncertain", include_bytes!("../../../hrg-core/tests/images/version-1-uncertain.bin"), 0x1d5f_c448),
-    ("accelerometers", include_bytes!("../../../hrg-core/tests/images/version-1-accelerometers.bin"), 0x1d5f_c448),
-    ("rates", include_bytes!("../../../hrg-core/tests/images/version-1-rates.bin"), 0x17e4_5a79),
+    ("effects", include_bytes!("../../../hrg-core/tests/images/version-1-effects.bin"), 0xc34c_93cc),
+    ("models", include_bytes!("../../../hrg-core/tests/images/version-1-models.bin"), 0x8a5d_329f),
+    ("uncertain", include_bytes!("../../../hrg-core/tests/images/version-1-uncertain.bin"), 0xa987_9808),
+    ("accelerometers", include_bytes!("../../../hrg-core/tests/images/version-1-accelerometers.bin"), 0xa987_9808),
+    ("rates", include_bytes!("../../../hrg-core/tests/images/version-1-rates.bin"), 0x639f_d85c),
 ];
 /// Of [`functions`].
 pub const FUNCTIONS: u32 = 0x97fd_5a41;

@@ -234,6 +234,19 @@ fn over_drive_takes_its_time() {
 }
 
 #[test]
+fn time_has_its_interrupts() {
+    // Half a turn of the time's counter is 36 minutes: what counts the halves is looked at where it is set.
+    const TIM5: u32 = 0x4000_0C00;
+    let mut board = board();
+    board.run_until(CPU_HZ).expect("runs");
+    let read = |offset: u32| board.read_register(TIM5 + offset).expect("there");
+    let (dier, psc, arr, half) = (read(0x0C), read(0x28), read(0x2C), read(0x34));
+    assert_eq!(dier & 0b11, 0b11, "UIE and CC1IE: {dier:#x}");
+    // 90 MHz / 90: microseconds, over 32 bits.
+    assert_eq!((psc, arr, half), (89, u32::MAX, 1 << 31));
+}
+
+#[test]
 fn memory_that_sleeps_and_a_spread_clock_end_the_run() {
     for (address, bit, set, parts) in [
         (RCC + 0x50, 16, false, ["SRAM1", "RCC_AHB1LPENR"]),

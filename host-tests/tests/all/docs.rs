@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 /// Commands of commands.
-const GROUPS: [(&str, &str); 13] = [
+const GROUPS: [(&str, &str); 15] = [
     ("fit", "points"),
     ("fit", "soaks"),
     ("fit", "lag"),
@@ -17,6 +17,8 @@ const GROUPS: [(&str, &str); 13] = [
     ("unit", "keygen"),
     ("unit", "zero"),
     ("unit", "test"),
+    ("unit", "update"),
+    ("unit", "pack"),
     ("align", "accelerometers"),
     ("align", "heading"),
     ("align", "simulate"),

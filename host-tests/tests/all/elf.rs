@@ -273,7 +273,7 @@ fn the_stack_stays_small_and_the_load_low() {
     assert!(per_second < 2_900_000, "{per_second} instructions per second");
     let stack = board.stack_used();
     // Together with static RAM it is bounded by cargo xtask bench.
-    assert!((1000..47_000).contains(&stack), "{stack} bytes of stack");
+    assert!((1000..54_700).contains(&stack), "{stack} bytes of stack");
     println!("{per_second} instructions per second, {stack} bytes of stack");
 }
 

@@ -1,5 +1,6 @@
 //! Tests of the core against recorded data, of the ELF on the virtual board, and of the pages. One program: it is linked once.
 
+mod adc;
 mod believes;
 mod bench;
 mod bring_up;
@@ -14,6 +15,7 @@ mod elf;
 mod faults;
 mod foreign;
 mod inputs;
+mod interlock;
 mod layout;
 mod library;
 mod logs;

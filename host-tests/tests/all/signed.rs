@@ -1,13 +1,15 @@
 //! The firmware that wants signed calibrations and has a battery, on the virtual board. Its key is that of `host-tests/keys`.
 
 use hrg::unit::keys;
-use hrg_board::host::{maintain, running};
+use hrg::unit::program::of_elf;
+use hrg_board::host::{maintain, running, send_program, Program, Sent};
 use hrg_board::replay::{self, CALIBRATION_A};
 use hrg_board::wires::Wires;
 use hrg_core::align_mode::Command as Align;
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{burn, Answer};
+use hrg_core::slots::ADDRESSES;
 use hrg_core::status::UnitStatus;
 use hrg_study::faults::Scene;
 use std::path::Path;
@@ -115,7 +117,39 @@ fn a_check_costs_a_start_what_is_documented() {
     );
     // Measured, and a tenth on top.
     assert!((3_000_000..4_217_000).contains(&at_start), "{at_start}");
-    assert!(stack < 48_200, "{stack} bytes of stack");
+    assert!(stack < 54_700, "{stack} bytes of stack");
+}
+
+#[test]
+#[ignore = "cargo xtask test --rest"]
+fn a_unit_with_a_key_takes_programs_that_its_owner_has_signed() {
+    let scene = Scene::new(&elf(), 1).expect("a scene");
+    let mut board = unit(&scene);
+    board.run_until(2 * CPU_HZ).expect("runs");
+    let body =
+        of_elf(&replay::read_elf(&replay::elf_for_slot_b()).expect("built"), ADDRESSES[1]).expect("linked for B");
+    let key = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/keys/test.key"));
+    let sign = |body: &[u8]| -> [u8; 64] {
+        let with = keys::sign(body, &keys::load(key).expect("a key"));
+        *with.last_chunk().expect("behind it")
+    };
+    let good = sign(&body);
+    let mut torn = good;
+    torn[40] ^= 1;
+    let mut other = body.clone();
+    other[5000] ^= 1;
+    let unit = scene.calibration.unit;
+    let send = |board: &mut Board<Wires>, body: &[u8], signature| {
+        let program = Program { body: body.to_vec(), signature };
+        send_program(board, unit, &program, |_, _| Ok(())).expect("answers")
+    };
+    for (bytes, signature) in [(&body, [0; 64]), (&body, torn), (&other, good)] {
+        assert_eq!(send(&mut board, bytes, signature), Sent::Refused(Answer::Signature));
+    }
+    let begun = board.now();
+    assert_eq!(send(&mut board, &body, good), Sent::Committed);
+    println!("an update with its check: {:.1} s", (board.now() - begun) as f64 / CPU_HZ as f64);
+    assert!(board.stack_used() < 54_700, "{}", board.stack_used());
 }
 
 #[test]

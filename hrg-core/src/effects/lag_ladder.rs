@@ -4,7 +4,7 @@
 
 use super::bank::rung;
 use super::parameters::Taus;
-use super::{lag_share, Effect, Inputs, Reach, Span};
+use super::{lag_share, settle, Effect, Inputs, Reach, Span};
 
 /// Lags of the ladder.
 pub const RUNGS: usize = 9;
@@ -14,6 +14,8 @@ pub const RUNGS: usize = 9;
 pub struct LagLadder {
     share: [f32; RUNGS],
     state_c: [f32; RUNGS],
+    /// The part of the last step that was too small for the states.
+    rest_c: [f32; RUNGS],
 }
 
 impl Effect for LagLadder {
@@ -28,6 +30,7 @@ impl Effect for LagLadder {
         Self {
             share: core::array::from_fn(|k| lag_share(step_s, rung(p.tau_min_s, p.tau_max_s, k, RUNGS))),
             state_c: [f32::NAN; RUNGS],
+            rest_c: [0.0; RUNGS],
         }
     }
 
@@ -47,7 +50,7 @@ impl Effect for LagLadder {
         }
         let mut out = [0.0; RUNGS];
         for k in 0..RUNGS {
-            self.state_c[k] += self.share[k] * (t - self.state_c[k]);
+            settle(&mut self.state_c[k], &mut self.rest_c[k], self.share[k], t);
             out[k] = self.state_c[k] - t;
         }
         out

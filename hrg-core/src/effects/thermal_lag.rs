@@ -3,13 +3,15 @@
 //! equilibrium with the first one. Source: first-order thermal lag of zhao2022 (694 s for its unit).
 
 use super::parameters::Tau;
-use super::{lag_share, Effect, Inputs, Reach, Span};
+use super::{lag_share, settle, Effect, Inputs, Reach, Span};
 
 /// First-order lag of temperature, less temperature; C.
 #[derive(Debug, Clone)]
 pub struct ThermalLag {
     share: f32,
     state_c: f32,
+    /// The part of the last step that was too small for the state.
+    rest_c: f32,
 }
 
 impl Effect for ThermalLag {
@@ -21,7 +23,7 @@ impl Effect for ThermalLag {
     type Regressors = [f32; 1];
 
     fn new(parameters: Tau, step_s: f32) -> Self {
-        Self { share: lag_share(step_s, parameters.tau_s), state_c: f32::NAN }
+        Self { share: lag_share(step_s, parameters.tau_s), state_c: f32::NAN, rest_c: 0.0 }
     }
 
     fn memory(&mut self) -> &mut [f32] {
@@ -38,7 +40,7 @@ impl Effect for ThermalLag {
         if self.state_c.is_nan() {
             self.state_c = t;
         }
-        self.state_c += self.share * (t - self.state_c);
+        settle(&mut self.state_c, &mut self.rest_c, self.share, t);
         [self.state_c - t]
     }
 }
