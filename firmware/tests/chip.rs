@@ -15,6 +15,17 @@ use defmt_rtt as _;
 mod tests {
     use super::same;
     use embassy_stm32::pac;
+    use embassy_stm32::pac::iwdg::vals::{Key, Pr};
+
+    /// The loader has started the watchdog, which no test feeds: it gets its longest time, 32 s.
+    #[init]
+    fn patience() {
+        pac::IWDG.kr().write(|w| w.set_key(Key::ENABLE));
+        pac::IWDG.pr().write(|w| w.set_pr(Pr::DIVIDE_BY256));
+        pac::IWDG.rlr().write(|w| w.set_rl(0xFFF));
+        while pac::IWDG.sr().read().0 != 0 {}
+        pac::IWDG.kr().write(|w| w.set_key(Key::RESET));
+    }
 
     /// The chip computes the models that were calibrated on a desktop.
     #[test]

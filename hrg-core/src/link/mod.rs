@@ -10,7 +10,7 @@
 //!
 //! let wire = Message::SetDecimation(5).encode();
 //! let mut deframer = Deframer::default();
-//! let echoed: Vec<_> = wire.iter().filter_map(|byte| deframer.push(*byte)).collect();
+//! let heard: Vec<_> = wire.iter().filter_map(|byte| deframer.push(*byte)).collect();
 //! assert_eq!(heard, [Ok(Message::SetDecimation(5))]);
 //! ```
 

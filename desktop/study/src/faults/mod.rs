@@ -12,7 +12,7 @@
 //! | [`sensors`] | resonators and ADC, one by one and in pairs |
 //! | [`link`] | noise, cut, mutated, replayed and reordered frames, floods |
 //! | [`load`] | everything at once |
-//! | [`time`] | 50 days of time stamps |
+//! | [`time`] | a year of time stamps |
 
 pub mod chip;
 pub mod link;
@@ -324,17 +324,17 @@ pub struct Extent {
     pub bytes: u64,
     /// Seconds under full load.
     pub load_s: u64,
-    /// Every n-th wrap of the timer in 50 days.
+    /// Every n-th wrap of the timer in a year.
     pub wraps: u64,
 }
 
 impl Extent {
     /// Extent of the figures in docs/promises.md.
     pub const FULL: Self =
-        Self { random: 10_000, every: 1, on_each_axis: true, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 1 };
+        Self { random: 10_000, every: 1, on_each_axis: true, pairs: 1, bytes: 10_000_000, load_s: 3600, wraps: 7 };
     /// Extent of every test run.
     pub const SHORT: Self =
-        Self { random: 40, every: 200, on_each_axis: false, pairs: 100, bytes: 100_000, load_s: 5, wraps: 4000 };
+        Self { random: 40, every: 200, on_each_axis: false, pairs: 100, bytes: 100_000, load_s: 5, wraps: 30_000 };
 }
 
 /// The parts of a campaign, in order.

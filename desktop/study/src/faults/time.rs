@@ -1,4 +1,4 @@
-//! Fifty days of time stamps through the core, in jumps from wrap to wrap.
+//! A year of time stamps through the core, in jumps from wrap to wrap.
 
 use super::{Extent, Report};
 use hrg_core::frequency::{Config, CounterBank, GATES_PER_STEP, SETTLE_US};
@@ -6,7 +6,7 @@ use hrg_core::rate_path::{PendingBias, RatePath, BIAS_DELAY_MS};
 use hrg_core::status::AxisStatus;
 use hrg_core::timebase::Timebase;
 
-const DAYS: u64 = 50;
+const DAYS: u64 = 366;
 const TICKS: u64 = Timebase::REFERENCE.ticks_per_s() as u64;
 /// Edges on either side of a wrap, s.
 const AROUND_S: u64 = 2;
@@ -23,7 +23,7 @@ struct Found {
     milliseconds_wrapped: bool,
 }
 
-/// Every `every`-th wrap of the 32-bit timer in 50 days, with edges, samples and biases on both sides of it.
+/// Every `every`-th wrap of the 32-bit timer in a year, with edges, samples and biases on both sides of it.
 fn leap(every: u64) -> Found {
     let mut bank = CounterBank::new(Config::REFERENCE, GATES_PER_STEP);
     let mut path = RatePath::new(Timebase::REFERENCE, [0.01; 3], 5);
@@ -44,7 +44,7 @@ fn leap(every: u64) -> Found {
         let first = (from as f64 * HZ / TICKS as f64).ceil() as u64;
         let (mut good, mut next_sample) = (0, from);
         for k in 0..(2 * AROUND_S) * HZ as u64 {
-            // In integers: 50 days of ticks have no room left in an f64 for a fraction of one.
+            // In integers: a year of ticks have no room left in an f64 for a fraction of one.
             let t = ((u128::from(first + k) * u128::from(TICKS) * 1000) / u128::from((HZ * 1000.0) as u64)) as u64;
             while t > bank.close_tick() {
                 let at = bank.close_tick();
