@@ -54,7 +54,7 @@ pub async fn receive(mut receiver: Receiver, identity: Identity, stopped: Stoppe
     // Bad frames and bytes lost; what was told of them and of the line's faults.
     let (mut errors, mut reported) = (0u16, 0);
     let mut buffer = [0u8; 64];
-    // What was sent last to be sent back; 0 was never.
+    // The number that was sent last, to be sent back; 0 was never.
     let mut token = 0;
     loop {
         let received = receiver.read(&mut buffer).await;

@@ -215,7 +215,7 @@ impl update::Store for Sectors {
     }
 }
 
-/// What the unit does now.
+/// Actions of the unit now.
 fn condition(calibration: u32) -> Condition {
     Condition {
         rates: RATES.load(Ordering::Relaxed),

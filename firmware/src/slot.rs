@@ -1,4 +1,4 @@
-//! What lies in flash before the program: the loader, in sector 0, and the marks and the head of the program's own slot ([`hrg_core::slots`]).
+//! Contents of the flash before the program: the loader, in sector 0, and the marks and the head of the program's own slot ([`hrg_core::slots`]).
 //!
 //! # Design
 //! The ELF holds all of it, so that one file is flashed and flown. firmware/build.rs compiles the loader; slot.x gives each static its place. A probe that flashes this ELF

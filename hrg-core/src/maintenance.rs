@@ -168,7 +168,7 @@ pub enum Answer {
     More = 16,
     /// The program that runs has not confirmed itself yet.
     Trial = 17,
-    /// What was written is not a whole program.
+    /// The bytes written are no whole program.
     Program = 18,
     /// The program is for another board, or for the other slot.
     Board = 19,
@@ -304,7 +304,7 @@ pub struct Maintenance {
     first: [u8; COMMIT],
     /// Programs that come.
     update: Update,
-    /// What the unit does now.
+    /// Actions of the unit now, which the next program has to do as well.
     condition: Condition,
     /// It moves, and nobody has tied its service pin.
     moving: bool,
@@ -372,6 +372,7 @@ impl Maintenance {
     }
 
     /// Tells that the unit moves ([`crate::still`]) and its service pin is open: no command is executed then, and the mode ends.
+    #[inline(never)]
     pub fn set_moving(&mut self, moving: bool) {
         self.moving = moving;
         if moving {

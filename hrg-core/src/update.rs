@@ -223,7 +223,7 @@ pub fn confirm(store: &mut impl Store) -> bool {
         && Slot(store.slot(own).0).state() == State::Confirmed
 }
 
-/// What a unit does, as far as the next program has to do it, too.
+/// Actions of a unit that the next program has to do as well.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Condition {
     /// Samples come and rates go out.
@@ -263,7 +263,7 @@ pub struct Programs {
     pub other_sum: u32,
     /// Name.
     pub other_name: [u8; head::TEXT],
-    /// What a host sends back to show that it receives from the unit ([`crate::maintenance::Command::Echo`]).
+    /// Number that a host sends back to show that it receives from the unit ([`crate::maintenance::Command::Echo`]).
     pub token: u32,
 }
 
@@ -378,7 +378,7 @@ mod tests {
         fn both(&self) -> [Slot<'_>; 2] {
             [Slot(&self.slots[0]), Slot(&self.slots[1])]
         }
-        /// What the loader does: gives the slot that it starts.
+        /// Does as the loader does: gives the slot that it starts.
         fn start(&mut self) -> usize {
             for Choice { slot, trial } in order(self.both()).into_iter().flatten() {
                 let s = Slot(&self.slots[slot]);

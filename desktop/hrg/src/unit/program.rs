@@ -150,7 +150,7 @@ impl ProgramFile {
     /// The same of bytes.
     ///
     /// # Errors
-    /// What is wrong with them.
+    /// The reason for which they are none.
     pub fn of_bytes(bytes: &[u8]) -> Result<Self, &'static str> {
         let mut rest = bytes.strip_prefix(FILE).ok_or("no program for a unit")?;
         let mut next = |address: u32| -> Result<Linked, &'static str> {

@@ -148,7 +148,8 @@ fn line_faults(
         board.poll_link();
         resets += run(board, board.now() + cycles(1.2))?.n;
         let received = std::mem::take(&mut board.world.received);
-        answered += u64::from(received.other.len() == before + 1);
+        let answers = received.other.iter().skip(before).filter(|m| matches!(m, Message::Identity(_))).count();
+        answered += u64::from(answers == 1);
         counted += u64::from(received.housekeeping.last().is_some_and(|h| h.link_errors > 0));
         gap += gaps(&received);
     }
