@@ -372,7 +372,6 @@ impl Maintenance {
     }
 
     /// Tells that the unit moves ([`crate::still`]) and its service pin is open: no command is executed then, and the mode ends.
-    #[inline(never)]
     pub fn set_moving(&mut self, moving: bool) {
         self.moving = moving;
         if moving {

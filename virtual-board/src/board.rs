@@ -618,6 +618,8 @@ impl<W: World> Board<W> {
         let from = pc.saturating_sub(16).max(FLASH_START);
         if self.get(from, &mut before).is_ok() && !thumb::within_it(&before, (pc - from) as usize) {
             uc(self.cpu.reg_write(RegisterARM::XPSR, xpsr & !IT_STATE))?;
+            // The code that comes was translated with that state, and the block before leads to the translation from now on.
+            uc(self.cpu.ctl_remove_cache(u64::from(pc), u64::from(pc) + 2))?;
         }
         Ok(())
     }
