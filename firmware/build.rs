@@ -82,18 +82,20 @@ fn loader(out: &Path, slot: u32) -> Result<(), String> {
     }
     let mut bytes = fs::read(&to).map_err(|e| e.to_string())?;
     bytes.resize(bytes.len().next_multiple_of(4), 0xFF);
-    let length = (bytes.len() as u32).to_le_bytes();
-    bytes.get_mut(28..32).ok_or("the loader has no vector table")?.copy_from_slice(&length);
-    // (The sum is that of the bytes without it.)
-    let sum = sum(&bytes).to_le_bytes();
-    bytes.get_mut(32..36).ok_or("the loader has no vector table")?.copy_from_slice(&sum);
+    let length = bytes.len() as u32;
+    let mut put = |at: usize, word: u32| -> Result<u32, String> {
+        let room = bytes.get_mut(at..at + 4).ok_or("the loader has no vector table")?;
+        room.copy_from_slice(&word.to_le_bytes());
+        Ok(slots::sum(&bytes))
+    };
+    let sum = put(slots::LOADER_LENGTH, length)?;
+    put(slots::LOADER_SUM, sum)?;
     fs::write(&to, bytes).map_err(|e| e.to_string())
 }
 
 #[path = "../hrg-core/src/slots.rs"]
-#[allow(dead_code)] // Here it is the sum only.
+#[allow(dead_code)] // Here it is the sum and the places.
 mod slots;
-use slots::sum;
 
 /// Writes the key as an array of bytes.
 fn public_key(to: &Path) -> Result<(), String> {

@@ -27,7 +27,7 @@ use hrg_core::maintenance::{Answer, Command, Maintenance, Reply};
 use hrg_core::sectors::Store;
 use hrg_core::sectors::{Place, Sector};
 use hrg_core::signature::Key;
-use hrg_core::slots::{mark, Slot, State};
+use hrg_core::slots::{mark, Slot, State, FIRST_SECTORS};
 use hrg_core::update::{self, Condition, Programs, Trial, Verdict};
 
 #[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
@@ -45,9 +45,6 @@ unsafe extern "C" {
     static _slot_b_start: u8;
     static _slot_b_end: u8;
 }
-
-/// Bytes of the first sector of each slot (memory.x); the second is the rest.
-const FIRST_SECTORS: [usize; 2] = [64 * 1024, 128 * 1024];
 
 /// Addresses of a slot.
 fn slot_range(slot: usize) -> Range<usize> {

@@ -10,17 +10,14 @@ use core::ops::Range;
 use embassy_stm32::crc::Crc;
 use embassy_stm32::peripherals::CRC;
 use embassy_stm32::Peri;
-use hrg_core::slots::{mark, Slot, ERASED, HEAD};
+use hrg_core::slots::{mark, Slot, ERASED, HEAD, LOADER_LENGTH, LOADER_SUM};
 
 #[allow(unsafe_code)] // Symbols of the linker (memory.x): only their addresses are used.
 unsafe extern "C" {
     static _loader_start: u8;
 }
 
-/// Offsets of the loader's length and sum in its vector table.
-const LOADER_LENGTH: usize = 28;
-const LOADER_SUM: usize = 32;
-/// Its most bytes: a sector.
+/// Bytes of the loader at most: a sector.
 const LOADER_ROOM: usize = 16 * 1024;
 
 /// Words that are checked at a time: each [`hrg_core::supervision::LOOK_MS`].

@@ -4,7 +4,7 @@
 //! embassy-stm32 drives any timer as one of 16 bits: at 1 MHz it turns in 65 ms, and while a sector of flash is erased turns are lost (0.5 s count as 110 ms).
 //! Here the counter turns in 71 minutes ([`hrg_core::uptime`]); channel 1 interrupts half-way, and channel 2 is the alarm. It also costs 30 interrupts a second less.
 
-use core::cell::{Cell, RefCell};
+use core::cell::RefCell;
 use core::sync::atomic::{AtomicU32, Ordering};
 use core::task::Waker;
 use critical_section::{CriticalSection, Mutex};
@@ -23,14 +23,11 @@ const ALARM: usize = 1;
 struct Time {
     /// Halves since the start.
     halves: AtomicU32,
-    /// The next alarm, us.
-    next: Mutex<Cell<u64>>,
     queue: Mutex<RefCell<Queue>>,
 }
 
 embassy_time_driver::time_driver_impl!(static TIME: Time = Time {
     halves: AtomicU32::new(0),
-    next: Mutex::new(Cell::new(u64::MAX)),
     queue: Mutex::new(RefCell::new(Queue::new())),
 });
 
@@ -77,14 +74,13 @@ impl Time {
     /// Wakes what is due, and sets the alarm of what comes next.
     fn wake_due(&self, cs: CriticalSection<'_>) {
         let mut next = self.queue.borrow_ref_mut(cs).next_expiration(self.now());
-        while !self.set_alarm(cs, next) {
+        while !self.set_alarm(next) {
             next = self.queue.borrow_ref_mut(cs).next_expiration(self.now());
         }
     }
 
     /// `false`: it is due already.
-    fn set_alarm(&self, cs: CriticalSection<'_>, at: u64) -> bool {
-        self.next.borrow(cs).set(at);
+    fn set_alarm(&self, at: u64) -> bool {
         let due = alarm(at, self.now());
         let timer = pac::TIM5;
         if let Some(counter) = due {

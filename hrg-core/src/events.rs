@@ -443,48 +443,32 @@ impl Watch {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::power_cut::Power;
     use crate::sectors;
     use std::vec;
     use std::vec::Vec;
 
-    /// Flash with a power cut after so many operations (a word programmed, a sector erased).
+    /// Flash whose power may be cut.
     struct Memory {
         /// The log's sector, and the two of the calibrations.
         sectors: [Vec<u8>; 3],
-        left: u32,
+        power: Power,
         erased: u32,
     }
 
     impl Memory {
         fn new(fill: u8) -> Self {
-            Self { sectors: [vec![fill; SECTOR], vec![0xFF; SECTOR], vec![0xFF; SECTOR]], left: u32::MAX, erased: 0 }
-        }
-        fn spend(&mut self) -> bool {
-            self.left = self.left.saturating_sub(1);
-            self.left > 0
+            Self { sectors: [vec![fill; SECTOR], vec![0xFF; SECTOR], vec![0xFF; SECTOR]], power: Power::ON, erased: 0 }
         }
         fn all(&self) -> Vec<Record> {
             records(&self.sectors[0]).collect()
         }
         fn erase(&mut self, sector: usize) -> bool {
             self.erased += 1;
-            let whole = self.spend();
-            let n = if whole { SECTOR } else { SECTOR / 3 };
-            self.sectors[sector][..n].fill(0xFF);
-            whole
+            self.power.erase(&mut self.sectors[sector])
         }
         fn write(&mut self, sector: usize, offset: usize, bytes: &[u8]) -> bool {
-            for (k, word) in bytes.chunks(4).enumerate() {
-                let whole = self.spend();
-                for (to, from) in self.sectors[sector][offset + 4 * k..].iter_mut().zip(word) {
-                    // Torn: some bits of the word are programmed.
-                    *to &= if whole { *from } else { *from | 0x5A };
-                }
-                if !whole {
-                    return false;
-                }
-            }
-            true
+            self.power.program(&mut self.sectors[sector][offset..], bytes)
         }
     }
 
@@ -611,13 +595,13 @@ mod tests {
         let newest = |store: &Memory| zero::newest(store.all(), 7).map(|z| z.constant_dph);
         assert_eq!(newest(&ready), Some(set.constant_dph));
         for left in (1..80).chain(80 + CARRIED as u32 * 4 - 20..80 + CARRIED as u32 * 4 + 60) {
-            let mut store = Memory { sectors: ready.sectors.clone(), left, erased: 0 };
+            let mut store = Memory { sectors: ready.sectors.clone(), power: Power { left }, erased: 0 };
             let mut journal = Journal::open(&mut store, true);
             (800..810).for_each(|k| journal.write(&mut store, event(k)));
             // Power comes back, and is cut there, too.
-            let cut = store.left == 0;
+            let cut = store.power.left == 0;
             for left in if cut { [left % 60 + 1, u32::MAX] } else { [u32::MAX; 2] } {
-                store.left = left;
+                store.power.left = left;
                 let _ = Journal::open(&mut store, true);
             }
             let mut journal = Journal::open(&mut store, true);

@@ -54,6 +54,8 @@ pub mod maintenance;
 pub mod math;
 pub mod option_bytes;
 pub mod parts;
+#[cfg(test)]
+mod power_cut;
 pub mod pps;
 pub mod rate_factors;
 pub mod rate_of_change;

@@ -28,7 +28,7 @@
 
 use crate::calibration::{stated_length, Calibration, ImageError, COMMIT, MAX_BYTES, REFUSED};
 use crate::inputs::QuantitySet;
-use crate::sectors::{page, place_for, sequences, stored_checksum, Place, Sector, Store, PAGE};
+use crate::sectors::{make_room, page, sequences, stored_checksum, Place, Sector, Store, PAGE};
 use crate::self_test::{Item, Items};
 use crate::signature::{behind, Key, SIGNATURE};
 use crate::unit_name::UnitName;
@@ -451,12 +451,7 @@ impl Maintenance {
             return (Answer::Length, 0);
         }
         let newest = self.newest.map(|(place, _)| place);
-        let (place, erase) = place_for(store.view(Sector::A), store.view(Sector::B), newest, usize::from(total));
-        // (A sector that is blank already is not worn out by asking again.)
-        let blank = |sector| store.view(sector).iter().all(|b| *b == 0xFF);
-        if erase && !blank(place.sector) && !store.erase(place.sector) {
-            return (Answer::Flash, 0);
-        }
+        let Some(place) = make_room(store, newest, usize::from(total)) else { return (Answer::Flash, 0) };
         self.coming = Some(Coming { place, total, next: 0 });
         (Answer::Done, place.number())
     }
@@ -560,32 +555,27 @@ mod tests {
     use crate::effects::EffectId;
     use crate::events::Event;
     use crate::inputs::{self, Input};
+    use crate::power_cut::Power;
     use crate::sectors::{mark, newest, room, Found, SECTOR_BYTES};
     use std::vec;
     use std::vec::Vec;
 
-    /// Flash with a power cut after so many operations: a word programmed or a sector erased is one. The last is left half done.
+    /// Flash whose power may be cut.
     #[derive(Clone)]
     struct Memory {
         sectors: [Vec<u8>; 2],
-        left: u32,
+        power: Power,
         erased: u32,
     }
 
     impl Memory {
         /// Erased sectors of so many bytes.
         fn of(bytes: usize) -> Self {
-            Self { sectors: [vec![0xFF; bytes], vec![0xFF; bytes]], left: u32::MAX, erased: 0 }
+            Self { sectors: [vec![0xFF; bytes], vec![0xFF; bytes]], power: Power::ON, erased: 0 }
         }
 
         fn at(&mut self, sector: Sector) -> &mut Vec<u8> {
             &mut self.sectors[usize::from(sector.number())]
-        }
-
-        /// `true` if the next operation is done to its end.
-        fn spend(&mut self) -> bool {
-            self.left = self.left.saturating_sub(1);
-            self.left > 0
         }
 
         fn found(&self) -> Found<Calibration> {
@@ -606,30 +596,13 @@ mod tests {
     impl Store for Memory {
         fn erase(&mut self, sector: Sector) -> bool {
             self.erased += 1;
-            let done = self.spend();
-            let bytes = self.at(sector);
-            let n = if done { bytes.len() } else { bytes.len() / 2 };
-            bytes[..n].fill(0xFF);
-            done
+            let Self { sectors, power, .. } = self;
+            power.erase(&mut sectors[usize::from(sector.number())])
         }
         fn write(&mut self, at: Place, bytes: &[u8]) -> bool {
-            assert!(at.offset.is_multiple_of(4) && bytes.len().is_multiple_of(4));
-            for (k, word) in bytes.chunks(4).enumerate() {
-                let before = self.left;
-                let done = self.spend();
-                if before == 0 {
-                    return false;
-                }
-                let torn = if done { 0 } else { 0xA5 };
-                let from = at.offset as usize + 4 * k;
-                for (to, from) in self.at(at.sector)[from..from + 4].iter_mut().zip(word) {
-                    *to &= from | torn;
-                }
-                if !done {
-                    return false;
-                }
-            }
-            true
+            assert!(at.offset.is_multiple_of(4));
+            let Self { sectors, power, .. } = self;
+            power.program(&mut sectors[usize::from(at.sector.number())][at.offset as usize..], bytes)
         }
         fn view(&self, sector: Sector) -> &[u8] {
             &self.sectors[usize::from(sector.number())]
@@ -682,7 +655,7 @@ mod tests {
             let old = store.found().newest.map(|(c, _)| c.sequence);
             let mut left = 1;
             let done = loop {
-                let mut cut = Memory { left, ..store.clone() };
+                let mut cut = Memory { power: Power { left }, ..store.clone() };
                 let answer = burn_next(&mut cut, number);
                 let is = cut.found().newest.map(|(c, _)| c.sequence);
                 if answer == Answer::Done {
@@ -693,7 +666,7 @@ mod tests {
                 cuts += 1;
                 // The next burn goes through and ends all complaint, whatever was left; each third time.
                 if left.is_multiple_of(3) {
-                    let mut again = Memory { left: u32::MAX, ..cut };
+                    let mut again = Memory { power: Power::ON, ..cut };
                     let next = is.map_or(number, |n| n.wrapping_add(1));
                     assert_eq!(burn_next(&mut again, next), Answer::Done, "burn {k} after a cut at {left}");
                     let found = again.found();
@@ -703,7 +676,7 @@ mod tests {
             };
             erases += done.erased - store.erased;
             assert_eq!(done.found().refused, None);
-            store = Memory { left: u32::MAX, ..done };
+            store = Memory { power: Power::ON, ..done };
         }
         assert_eq!(erases, 2, "20 burns for each erase; sectors that are blank are not erased again");
         assert!(cuts > 7000, "{cuts}");
@@ -716,7 +689,7 @@ mod tests {
         let mut places = Vec::new();
         for k in 0..20 {
             // Cut somewhere in its middle, each time.
-            let mut cut = Memory { left: 10 + 4 * k, ..store };
+            let mut cut = Memory { power: Power { left: 10 + 4 * k }, ..store };
             assert_ne!(burn_next(&mut cut, 6), Answer::Done);
             let found = cut.found();
             assert_eq!(found.newest.map(|(c, p)| (c.sequence, p.number())), Some((5, 0)), "after {k} torn images");
@@ -726,7 +699,7 @@ mod tests {
                 found.refused
             );
             places.push(cut.erased);
-            store = Memory { left: u32::MAX, ..cut };
+            store = Memory { power: Power::ON, ..cut };
             // A start reports it once, into the log.
             let at = found.cut_short.expect("found");
             assert_eq!(mark(&mut store, at), Some(Event::CutShort { place: at.number() }));
@@ -917,7 +890,7 @@ mod tests {
                 let mut store = Memory::of(2 * MAX_BYTES);
                 let own = old.to_bytes().expect("fits");
                 store.sectors[0][..own.len()].copy_from_slice(&own);
-                store.left = left;
+                store.power.left = left;
                 let mut m = store.start();
                 let mut last = Answer::Done;
                 let commands = [Command::Open(old.unit), Command::Begin(bytes.len() as u16)];

@@ -311,6 +311,16 @@ pub fn mark(store: &mut impl Store, cut_short: Place) -> Option<Event> {
     store.write(cut_short, &REFUSED).then_some(Event::CutShort { place: cut_short.number() })
 }
 
+/// The place of an image of so many bytes ([`place_for`]), erased where it has to be; `None`: that failed. (A sector that is blank already is not worn out by asking
+/// again.)
+pub fn make_room(store: &mut (impl Store + ?Sized), newest: Option<Place>, length: usize) -> Option<Place> {
+    let (place, erase) = place_for(store.view(Sector::A), store.view(Sector::B), newest, length);
+    if erase && !store.view(place.sector).iter().all(|b| *b == 0xFF) && !store.erase(place.sector) {
+        return None;
+    }
+    Some(place)
+}
+
 /// Words before what is kept for the log: a refused image's first word, the length as an image states it, [`KEPT`], a number.
 const KEPT_HEAD: usize = 16;
 /// Marks a place whose contents are kept for the log.
@@ -326,10 +336,7 @@ pub const KEPT_RECORDS: usize = zero::RECORDS;
 /// `false`: the flash could not be written.
 pub fn keep(store: &mut (impl Store + ?Sized), number: u32, records: &[[u8; RECORD]; KEPT_RECORDS]) -> bool {
     let newest = sequences(store.view(Sector::A), store.view(Sector::B), None).newest.map(|(_, place)| place);
-    let (place, erase) = place_for(store.view(Sector::A), store.view(Sector::B), newest, KEPT_BYTES);
-    if erase && !store.view(place.sector).iter().all(|b| *b == 0xFF) && !store.erase(place.sector) {
-        return false;
-    }
+    let Some(place) = make_room(store, newest, KEPT_BYTES) else { return false };
     let mut bytes = [0; KEPT_BYTES];
     let mut w = Writer::new(&mut bytes);
     w.bytes(&REFUSED);

@@ -46,6 +46,12 @@ pub const MAGIC: u32 = u32::from_le_bytes(*b"HRGP");
 pub const ADDRESSES: [u32; 2] = [0x0801_0000, 0x0804_0000];
 /// Bytes of a program at most, marks and head included: those of the smaller slot.
 pub const ROOM: usize = 192 * 1024;
+/// Bytes of the first sector of each slot; the second is the rest.
+pub const FIRST_SECTORS: [usize; 2] = [64 * 1024, 128 * 1024];
+/// Offsets of the loader's length and of its sum, in reserved places of its vector table. The sum is that of the loader with a zero in its place.
+pub const LOADER_LENGTH: usize = 28;
+/// See [`LOADER_LENGTH`].
+pub const LOADER_SUM: usize = 32;
 /// Offset of the head.
 pub const HEAD: usize = 256;
 /// Offset of the vector table. (A table of 113 vectors lies at a multiple of 512: PM0214 section 4.4.4.)

@@ -28,7 +28,7 @@
 //! assert_eq!(verdicts, [Verdict::Wait, Verdict::Wait, Verdict::Confirm]);
 //! ```
 
-use crate::maintenance::{Answer, CHUNK};
+use crate::maintenance::{Answer, Command, CHUNK};
 use crate::signature::{Key, SIGNATURE};
 use crate::slots::{self, head, mark, next_number, numbered, Slot, State, COMMITTED, CONFIRMED, ERASED, HEAD, MAGIC};
 
@@ -216,6 +216,15 @@ impl Update {
     }
 }
 
+/// The command that sends the piece of a program from an offset on; `None`: there is none.
+#[must_use]
+pub fn piece(body: &[u8], offset: u32) -> Option<Command> {
+    let rest = body.get(offset as usize..).filter(|rest| !rest.is_empty())?;
+    let mut data = [0xFF; CHUNK];
+    let length = data.iter_mut().zip(rest).map(|(to, from)| *to = *from).count();
+    Some(Command::Piece { offset, length: length as u8, data })
+}
+
 /// Confirms the program that runs. `false`: the flash could not be written.
 pub fn confirm(store: &mut impl Store) -> bool {
     let own = store.own();
@@ -342,6 +351,7 @@ impl Trial {
 mod tests {
     extern crate std;
     use super::*;
+    use crate::power_cut::Power;
     use crate::slots::{order, Choice, ADDRESSES};
     use std::vec;
     use std::vec::Vec;
@@ -349,12 +359,12 @@ mod tests {
     const SECTOR: usize = 2048;
     const GOOD: Condition = Condition { rates: true, calibrated: true, echoed: true };
 
-    /// Two slots of two small sectors, with a power cut after so many operations.
+    /// Two slots of two small sectors, whose power may be cut.
     #[derive(Clone)]
     struct Memory {
         slots: [Vec<u8>; 2],
         runs: usize,
-        left: u32,
+        power: Power,
     }
 
     impl Memory {
@@ -369,11 +379,7 @@ mod tests {
             put(mark::TRIED, 0);
             put(mark::CONFIRMED, CONFIRMED);
             put(mark::NUMBERS, numbered(1));
-            Self { slots, runs: 0, left: u32::MAX }
-        }
-        fn spend(&mut self) -> bool {
-            self.left = self.left.saturating_sub(1);
-            self.left > 0
+            Self { slots, runs: 0, power: Power::ON }
         }
         fn both(&self) -> [Slot<'_>; 2] {
             [Slot(&self.slots[0]), Slot(&self.slots[1])]
@@ -409,23 +415,11 @@ mod tests {
         }
         fn erase_slot(&mut self, slot: usize, sector: usize) -> bool {
             assert_ne!(slot, self.runs, "never the one that runs");
-            let whole = self.spend();
-            let n = if whole { SECTOR } else { SECTOR / 3 };
-            self.slots[slot][sector * SECTOR..][..n].fill(0xFF);
-            whole
+            self.power.erase(&mut self.slots[slot][sector * SECTOR..][..SECTOR])
         }
         fn write_slot(&mut self, slot: usize, offset: usize, bytes: &[u8]) -> bool {
             assert!(slot != self.runs || offset < HEAD, "never the one that runs");
-            for (k, word) in bytes.chunks(4).enumerate() {
-                let whole = self.spend();
-                for (to, from) in self.slots[slot][offset + 4 * k..].iter_mut().zip(word) {
-                    *to &= if whole { *from } else { *from | 0x5A };
-                }
-                if !whole {
-                    return false;
-                }
-            }
-            true
+            self.power.program(&mut self.slots[slot][offset..], bytes)
         }
     }
 
@@ -454,10 +448,10 @@ mod tests {
             return (answer, next);
         }
         while (next as usize) < program.len() {
-            let piece = &program[next as usize..(next as usize + CHUNK).min(program.len())];
-            let mut data = [0; CHUNK];
-            data[..piece.len()].copy_from_slice(piece);
-            match update.chunk(next, piece.len() as u8, &data, store) {
+            let Some(Command::Piece { offset, length, data }) = piece(program, next) else {
+                unreachable!("there is more")
+            };
+            match update.chunk(offset, length, &data, store) {
                 (Answer::Done, n) => next = n,
                 other => return other,
             }
@@ -527,16 +521,16 @@ mod tests {
     fn an_update_that_is_cut_short_anywhere_goes_on_where_it_was() {
         let new = program(1, 6, 2900);
         let mut whole = Memory::new(5);
-        whole.left = 1_000_000;
+        whole.power.left = 1_000_000;
         assert_eq!(send(&mut Update::new(None), &mut whole, &new), (Answer::Done, 6));
-        let operations = 1_000_000 - whole.left;
+        let operations = 1_000_000 - whole.power.left;
         for left in 1..=operations + 1 {
             let mut store = Memory::new(5);
-            store.left = left;
+            store.power.left = left;
             let answer = send(&mut Update::new(None), &mut store, &new).0;
             let committed = left > operations;
             assert_eq!(answer == Answer::Done, committed, "cut after {left}");
-            store.left = u32::MAX;
+            store.power.left = u32::MAX;
             // A start finds one of the two, whole.
             let runs = store.start();
             assert!(runs == 0 && store.version() == 5 || runs == 1 && store.version() == 6 && left >= operations);

@@ -4,12 +4,12 @@ use crate::wires::{Received, Wires};
 use anyhow::{Context, Result};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Identity, Message};
-use hrg_core::maintenance::{self, Answer, Command, Reply, CHUNK};
+use hrg_core::maintenance::{self, Answer, Command, Reply};
 use hrg_core::self_test::Item;
 use hrg_core::signature::SIGNATURE;
 use hrg_core::slots;
 use hrg_core::unit_name::UnitName;
-use hrg_core::update::Programs;
+use hrg_core::update::{self, Programs};
 use virtual_board::{Board, Stop, CPU_HZ};
 
 /// The unit answers a command within this time, an erase among them, s.
@@ -119,12 +119,8 @@ pub fn send_program(
             Err(end) => return Ok(end),
         }
     };
-    while next < length {
-        let piece = program.body.get(next as usize..).unwrap_or_default();
-        let piece = piece.get(..CHUNK).unwrap_or(piece);
-        let mut data = [0xFF; CHUNK];
-        data[..piece.len()].copy_from_slice(piece);
-        match done(board, Command::Piece { offset: next, length: piece.len() as u8, data }, next)? {
+    while let Some(command) = update::piece(&program.body, next) {
+        match done(board, command, next)? {
             Ok(there) => next = there,
             Err(end) => return Ok(end),
         }

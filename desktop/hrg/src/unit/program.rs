@@ -17,10 +17,10 @@ use anyhow::{Context, Result};
 use ed25519_dalek::{Signer, SigningKey};
 use hrg_core::bytes::Reader;
 use hrg_core::link::Message;
-use hrg_core::maintenance::{Answer, Command, Reply, CHUNK};
+use hrg_core::maintenance::{Answer, Command, Reply};
 use hrg_core::signature::SIGNATURE;
 use hrg_core::slots::{self, head, Slot, State, ADDRESSES, HEAD, MAGIC, ROOM};
-use hrg_core::update::{Programs, TRIAL_S};
+use hrg_core::update::{self, Programs, TRIAL_S};
 use hrg_data::error::BadInput;
 use object::{Object, ObjectSegment};
 use std::path::Path;
@@ -32,8 +32,6 @@ const FILE: &[u8; 8] = b"HRGPROG1";
 const FOLLOWS: Duration = Duration::from_millis(500);
 /// A unit checks a signature within this, and starts.
 const STARTS: Duration = Duration::from_secs(20);
-/// Times at most that a slot is emptied a sector further: one more than it has.
-const SECTORS: usize = 3;
 
 /// A program for one slot.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -313,8 +311,8 @@ impl Unit {
     ) -> Result<()> {
         let begin = Command::Program { length: body.len() as u32, sum };
         let mut next = None;
-        for sector in 0..=SECTORS {
-            progress("emptying the slot", sector as f64 / SECTORS as f64);
+        for sector in 0..=update::SECTORS {
+            progress("emptying the slot", sector as f64 / update::SECTORS as f64);
             match self.maintain(begin)? {
                 Reply::Answer(Answer::Done, there) => {
                     next = Some(there as usize);
@@ -327,11 +325,7 @@ impl Unit {
         }
         let mut next =
             next.ok_or_else(|| BadInput::new("the slot does not become empty: its flash may be worn out"))?;
-        while next < body.len() {
-            let piece = &body[next..(next + CHUNK).min(body.len())];
-            let mut data = [0xFF; CHUNK];
-            data[..piece.len()].copy_from_slice(piece);
-            let command = Command::Piece { offset: next as u32, length: piece.len() as u8, data };
+        while let Some(command) = update::piece(body, next as u32) {
             let there = self.done(command, "a piece of the program")? as usize;
             if there <= next {
                 anyhow::bail!("the unit counts {there} bytes after {next}");

@@ -7,7 +7,7 @@ use hrg_board::replay::{elf_for_slot_b, read_elf};
 use hrg_board::wires::Wires;
 use hrg_core::maintenance::{Answer, Command, CHUNK};
 use hrg_core::slots::{self, Slot, State, ADDRESSES};
-use hrg_core::update::Programs;
+use hrg_core::update::{self, Programs};
 use rand::Rng;
 use virtual_board::{Board, Firmware, Snapshot, FLASH_START};
 
@@ -26,11 +26,7 @@ struct Course {
 /// The commands of an update as the host gives them: two sectors are emptied first.
 fn commands(scene: &Scene, body: &[u8]) -> Vec<Command> {
     let begin = Command::Program { length: body.len() as u32, sum: slots::sum(body) };
-    let pieces = body.chunks(CHUNK).enumerate().map(|(k, piece)| {
-        let mut data = [0xFF; CHUNK];
-        data[..piece.len()].copy_from_slice(piece);
-        Command::Piece { offset: (k * CHUNK) as u32, length: piece.len() as u8, data }
-    });
+    let pieces = (0..body.len()).step_by(CHUNK).filter_map(|offset| update::piece(body, offset as u32));
     [Command::Open(scene.calibration.unit)]
         .into_iter()
         .chain([begin; 3])
