@@ -14,7 +14,7 @@ use hrg_core::calibration::Calibration;
 use hrg_core::compensator::{Compensator, Model};
 use hrg_core::frequency::CounterBank;
 use hrg_core::history::Settling;
-use hrg_core::link::{Message, MAX_FRAME};
+use hrg_core::link::{Message, RATE_FRAME};
 use hrg_core::rate_output::{Corruption, RateOutput, RateSecond};
 use hrg_core::rate_path::{RateFrame, CHANNELS};
 use static_cell::StaticCell;
@@ -61,6 +61,6 @@ in_place!(settling, Model<Settling>);
 /// [`Message::encode_rate`].
 #[inline(never)]
 #[must_use]
-pub fn encode(frame: &RateFrame) -> Vec<u8, MAX_FRAME> {
+pub fn encode(frame: &RateFrame) -> Vec<u8, RATE_FRAME> {
     Message::encode_rate(frame)
 }

@@ -11,6 +11,8 @@ use heapless::Vec;
 
 /// A rate frame before framing: type, fields, checksum.
 const RATE_PAYLOAD: usize = RATE.len() + size(RateFrame::FIELDS) + 4;
+/// Length of a rate frame on the wire, with its zero, bytes. (COBS takes a byte more.)
+pub const RATE_FRAME: usize = RATE_PAYLOAD + 2;
 /// Type of a rate frame.
 const RATE: &[u8] = &[0x01];
 
@@ -20,22 +22,21 @@ impl Message {
     #[must_use]
     pub fn encode(&self) -> Vec<u8, MAX_FRAME> {
         match self {
-            Self::Rate(frame) => Self::encode_rate(frame),
+            Self::Rate(frame) => Self::framed(RATE_PAYLOAD, |w| put(w, RATE, frame)),
             _ => Self::framed(MAX_PAYLOAD, |w| self.write(w)),
         }
     }
 
-    /// [`encode`](Self::encode) of a rate frame.
+    /// [`encode`](Self::encode) of a rate frame. (They are many and short: no more is cleared or copied than they need.)
     #[inline]
     #[must_use]
-    pub fn encode_rate(frame: &RateFrame) -> Vec<u8, MAX_FRAME> {
-        // They are many and short: no more is cleared than they need.
+    pub fn encode_rate(frame: &RateFrame) -> Vec<u8, RATE_FRAME> {
         Self::framed(RATE_PAYLOAD, |w| put(w, RATE, frame))
     }
 
     /// The frame of what `write` writes, at most so many bytes with the checksum.
     #[inline]
-    fn framed(longest: usize, write: impl FnOnce(&mut Writer<'_>)) -> Vec<u8, MAX_FRAME> {
+    fn framed<const N: usize>(longest: usize, write: impl FnOnce(&mut Writer<'_>)) -> Vec<u8, N> {
         let mut plain: Vec<u8, MAX_PAYLOAD> = Vec::new();
         let _ = plain.resize(longest, 0);
         let mut w = Writer::new(&mut plain);

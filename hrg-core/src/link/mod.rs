@@ -18,6 +18,7 @@ mod codec;
 mod deframe;
 pub mod layouts;
 
+pub use codec::RATE_FRAME;
 pub use deframe::Deframer;
 
 use crate::align_mode;
