@@ -473,6 +473,7 @@ impl<W: World> Board<W> {
         let (now, instructions) = (self.now(), self.instructions());
         let mut chip = Chip::new(self.cpu.get_data().part, cause, now);
         chip.writes = std::mem::take(&mut self.cpu.get_data_mut().writes);
+        chip.reads = std::mem::take(&mut self.cpu.get_data_mut().reads);
         chip.instructions = instructions;
         chip.watched = self.cpu.get_data().watched;
         chip.profile = self.cpu.get_data_mut().profile.take();

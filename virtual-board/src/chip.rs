@@ -6,7 +6,7 @@ use crate::clocks::{Clocks, Pace};
 use crate::cycles::Estimate;
 use crate::dma::{Dma, Request, COMPLETE, HALF};
 use crate::gpio::{Exti, Port, Syscfg};
-use crate::mutation::{RegisterWrite, Writes};
+use crate::mutation::{Reads, RegisterRead, RegisterWrite, Writes};
 use crate::nvic::{irq, Nvic};
 use crate::part::Part;
 use crate::probe::{Masked, Moment, Probe};
@@ -72,6 +72,8 @@ pub struct Chip {
     pub part: &'static Part,
     /// Writes to registers.
     pub writes: Writes,
+    /// The same of reads.
+    pub reads: Reads,
     /// First address of the block of code that runs.
     pub block: u32,
 
@@ -122,6 +124,7 @@ impl Chip {
         Self {
             part,
             writes: Writes::default(),
+            reads: Reads::default(),
             block: 0,
             now,
             instructions: 0,
@@ -294,9 +297,24 @@ impl Chip {
             size,
             before,
         };
-        if let Some((address, value)) = self.writes.pass(write) {
-            self.write(address, value, size);
+        for w in self.writes.pass(write).into_iter().flatten() {
+            self.write(w.address, w.value, w.size);
         }
+    }
+
+    /// A read of the firmware.
+    pub fn load(&mut self, address: u32) -> u32 {
+        let at = self.now;
+        let read = RegisterRead {
+            number: 0,
+            writes: self.writes.count(),
+            exception: self.nvic.stack.last().copied().unwrap_or(0),
+            block: self.block,
+            address,
+            value: self.read(address),
+            at,
+        };
+        self.reads.pass(read)
     }
 
     pub fn write(&mut self, address: u32, value: u32, size: usize) {

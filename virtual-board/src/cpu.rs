@@ -78,7 +78,7 @@ fn map_registers(cpu: &mut Cpu<'_>) -> Result<(), RunError> {
                 let address = (base + offset) as u32;
                 let chip = c.get_data_mut();
                 chip.it_stale = true;
-                let value = chip.read(address & !3);
+                let value = chip.load(address & !3);
                 let shifted = value >> (8 * (address & 3));
                 u64::from(match size {
                     1 => shifted & 0xFF,

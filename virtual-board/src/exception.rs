@@ -4,7 +4,7 @@ use crate::board::Board;
 use crate::cpu::uc;
 use crate::error::RunError;
 use crate::probe::Probe;
-use crate::{World, FLASH_START};
+use crate::{World, FLASH_SIZE, FLASH_START};
 use unicorn_engine::RegisterARM;
 
 impl<W: World> Board<W> {
@@ -69,11 +69,8 @@ impl<W: World> Board<W> {
         let vector_at = cpu.get_data().nvic.vtor().max(FLASH_START) + 4 * u32::from(exception);
         let mut vector = [0; 4];
         self.put(frame_at, &frame)?;
+        self.judge_vectors(pc)?;
         self.get(vector_at, &mut vector)?;
-        if vector[0] & 1 == 0 {
-            let what = format!("vector {exception} has no Thumb bit: a usage fault, INVSTATE (PM0214 section 2.3.4)");
-            return Err(RunError::Cpu { what, pc });
-        }
         let cpu = &mut self.cpu;
         uc(cpu.reg_write(RegisterARM::SP, u64::from(frame_at)))?;
         uc(cpu.reg_write(RegisterARM::LR, if nested { 0xFFFF_FFE1 } else { 0xFFFF_FFE9 }))?;
@@ -86,6 +83,32 @@ impl<W: World> Board<W> {
         }
         chip.nvic.enter(exception);
         chip.event = true;
+        Ok(())
+    }
+
+    /// Looks at all vectors of a table before the first is taken: each that is not reserved is the address of Thumb code in flash.
+    fn judge_vectors(&mut self, pc: u32) -> Result<(), RunError> {
+        if std::mem::replace(&mut self.cpu.get_data_mut().nvic.vectors_judged, true) {
+            return Ok(());
+        }
+        let chip = self.cpu.get_data();
+        let table = chip.nvic.vtor().max(FLASH_START);
+        let interrupts = chip.part.tables.interrupts.keys().max().map_or(0, |n| *n as u32 + 1);
+        for exception in 1..16 + interrupts {
+            let mut vector = [0; 4];
+            self.get(table + 4 * exception, &mut vector)?;
+            let vector = u32::from_le_bytes(vector);
+            if vector != 0 && vector & 1 == 0 {
+                let what =
+                    format!("vector {exception} has no Thumb bit: a usage fault, INVSTATE (PM0214 section 2.3.4)");
+                return Err(RunError::Cpu { what, pc });
+            }
+            if vector != 0 && !(FLASH_START..FLASH_START + FLASH_SIZE).contains(&vector) {
+                let what =
+                    format!("vector {exception} is {vector:#010x}, where there is no flash (PM0214 section 2.3.4)");
+                return Err(RunError::Cpu { what, pc });
+            }
+        }
         Ok(())
     }
 

@@ -26,6 +26,8 @@ pub struct Nvic {
     /// Level of each line, so that a line that is still high pends again on return.
     level: [u32; 4],
     vtor: u32,
+    /// The table of vectors there has been looked at.
+    pub vectors_judged: bool,
     scr: u32,
     ccr: u32,
     shpr: [u32; 3],
@@ -54,6 +56,7 @@ impl Default for Nvic {
             priority: [0; LINES],
             level: [0; 4],
             vtor: 0,
+            vectors_judged: false,
             scr: 0,
             ccr: 0x200,
             shpr: [0; 3],
@@ -256,7 +259,7 @@ impl Nvic {
                     return None;
                 }
             }
-            0xE000_ED08 => self.vtor = value,
+            0xE000_ED08 => (self.vtor, self.vectors_judged) = (value, false),
             // Without its key a write is lost.
             0xE000_ED0C if value >> 16 != 0x05FA => {}
             // VECTRESET and VECTCLRACTIVE are for a debugger.

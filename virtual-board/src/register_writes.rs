@@ -1,7 +1,7 @@
-//! The board's writes to registers: recording them, and changing one.
+//! The board's writes to registers and reads of them: recording them, and changing one.
 
 use crate::board::Board;
-use crate::mutation::{Mutation, RegisterWrite};
+use crate::mutation::{Misread, Mutation, RegisterRead, RegisterWrite};
 use crate::World;
 use std::collections::BTreeMap;
 
@@ -17,9 +17,20 @@ impl<W: World> Board<W> {
         self.cpu.get_data().writes.recorded.as_deref().unwrap_or_default()
     }
 
-    /// Stops taking down.
-    pub fn forget_writes(&mut self) {
-        self.cpu.get_data_mut().writes.recorded = None;
+    /// Takes down from now on what is read from registers.
+    pub fn record_reads(&mut self) {
+        self.cpu.get_data_mut().reads.recorded = Some(Vec::new());
+    }
+
+    /// Reads recorded since.
+    #[must_use]
+    pub fn recorded_reads(&self) -> &[RegisterRead] {
+        self.cpu.get_data().reads.recorded.as_deref().unwrap_or_default()
+    }
+
+    /// Changes what one read gives, or those of a while. The count goes on over resets of the processor.
+    pub fn misread(&mut self, misread: Misread) {
+        self.cpu.get_data_mut().reads.misread = Some(misread);
     }
 
     /// Values of all registers, by address: those of the tables and of the core. Reading here has no effect.

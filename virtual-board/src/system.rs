@@ -570,14 +570,16 @@ impl Flash {
 /// IWDG on LSI.
 #[derive(Debug, Clone)]
 pub struct Iwdg {
-    prescaler: u32,
-    reload: u32,
+    /// PR and RLR, as they are in effect.
+    regs: [u32; 2],
+    /// As they were written: in effect once they are taken.
+    written: [u32; 2],
     running: bool,
     /// LSI, Hz; 17 to 47 kHz (data sheet).
     pub lsi_hz: u64,
     /// PR and RLR may be written: 0x5555 was the last key.
     open: bool,
-    /// PR and RLR take a write only after these cycles: PVU, RVU (RM0390 section 20.4.4).
+    /// A write of PR or RLR is taken at these cycles, and no other before: PVU, RVU (RM0390 section 20.4.4).
     busy: [u64; 2],
     /// Cycle at which it bites.
     pub bites: u64,
@@ -585,13 +587,23 @@ pub struct Iwdg {
 
 impl Default for Iwdg {
     fn default() -> Self {
-        Self { prescaler: 0, reload: 0xFFF, running: false, lsi_hz: 32_000, open: false, busy: [0; 2], bites: 0 }
+        let regs = [0, 0xFFF];
+        Self { regs, written: regs, running: false, lsi_hz: 32_000, open: false, busy: [0; 2], bites: 0 }
     }
 }
 
 impl Iwdg {
+    fn take(&mut self, now: u64) {
+        for ((reg, written), busy) in self.regs.iter_mut().zip(self.written).zip(self.busy) {
+            if now >= busy {
+                *reg = written;
+            }
+        }
+    }
     fn restart(&mut self, now: u64) {
-        let lsi_cycles = (4u64 << self.prescaler) * (u64::from(self.reload) + 1);
+        self.take(now);
+        let [prescaler, reload] = self.regs;
+        let lsi_cycles = (4u64 << prescaler) * (u64::from(reload) + 1);
         self.bites = now + lsi_cycles * crate::CPU_HZ / self.lsi_hz.max(1);
     }
     /// It runs, and LSI with it.
@@ -608,8 +620,7 @@ impl Iwdg {
         match word {
             0 => Some(0),
             3 => Some(u32::from(now < self.busy[0]) | u32::from(now < self.busy[1]) << 1),
-            1 => Some(self.prescaler),
-            2 => Some(self.reload),
+            1 | 2 => Some(self.written[word - 1]),
             _ => None,
         }
     }
@@ -625,13 +636,10 @@ impl Iwdg {
                 }
             }
             1 | 2 if self.open && now >= self.busy[word - 1] => {
+                self.take(now);
                 // Up to five cycles of LSI.
                 self.busy[word - 1] = now + 5 * crate::CPU_HZ / self.lsi_hz.max(1);
-                if word == 1 {
-                    self.prescaler = (value & 7).min(6);
-                } else {
-                    self.reload = value & 0xFFF;
-                }
+                self.written[word - 1] = if word == 1 { (value & 7).min(6) } else { value & 0xFFF };
             }
             1 | 2 => {}
             _ => return None,

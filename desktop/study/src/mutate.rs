@@ -1,27 +1,33 @@
-//! Proof by mutation: the set-up code of the flashed program is made wrong in one write, and the board must notice.
+//! Proof by mutation: the set-up code of the flashed program is made wrong in one place, and the board must notice.
 //!
 //! # Design
 //! The program starts once, and each write to a register is taken down until the first corrected rate has gone out. A mutant is one of these
-//! writes with another value, left out, or sent elsewhere: to the next instance, port, stream, pin or interrupt. It is changed on its way to the
+//! writes with another value, left out, behind the next one, or sent elsewhere: to the next instance, port, stream, pin or interrupt. It is changed on its way to the
 //! register ([`virtual_board::mutation`]), which is the same as another constant in the instruction that writes it, with no program to be built.
-//! The bits that exist are taken from the tables of stm32-metapac, not from the program.
+//! The bits that exist are taken from the tables of stm32-metapac, not from the program. Constants that are in no such write are changed in the program itself:
+//! vectors, and the settings of the ADC ([`rebuilt`]). Waits are few: all of them are tried ([`waits`]).
 //!
 //! Each mutant then goes through an `exam`: start, a second of flight with pulses per second and commands, a damaged byte, a crystal that
 //! stops, a sagging supply, a burn. It is *noticed* where the board ends the run with a sentence, or where what the unit sends or logs differs
 //! from the unmutated program. It is *harmless* where a rule of `rules` says so, with the manual's section. Nothing else may be left.
 
 mod exam;
+pub mod rebuilt;
 mod rules;
+mod waits;
 
 use crate::faults::{draws, trials, Scene};
 use anyhow::{Context, Result};
-use exam::{Exam, Outcome};
+use exam::{Exam, Outcome, Wrong};
+use hrg_core::adc::SETTINGS;
 use rand::seq::IndexedRandom;
 use rand::Rng;
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
 use virtual_board::mutation::{Change, Mutation, RegisterWrite};
+use virtual_board::part::Part;
 use virtual_board::tables::{Register, Tables};
+use virtual_board::Firmware;
 
 /// Data, no set-up: the CRC unit's data register, which is fed the program word by word, and the alarm of the time driver (CCR2 of TIM5).
 fn data(address: u32) -> bool {
@@ -35,48 +41,87 @@ const ALIKE: usize = 3;
 /// Mutants of a campaign, unless told otherwise.
 pub const COUNT: u64 = 400;
 
-/// One write, made wrong.
+/// What is made wrong in a mutant.
 #[derive(Debug, Clone)]
-pub struct Mutant {
-    /// As the program writes it.
-    pub write: RegisterWrite,
-    /// Change of the write on its way.
-    pub change: Change,
+enum Place {
+    /// A write, as the program writes it, and its change on the way.
+    Write(RegisterWrite, Change),
+    /// The vector of an exception, and its value.
+    Vector(u32, u32),
+    /// A register of the ADC, bits that change, and its value.
+    Setting(u8, u16, u16),
+}
+
+/// One place, made wrong.
+#[derive(Debug, Clone)]
+struct Mutant {
+    place: Place,
     /// Kind of the mutation.
-    pub kind: &'static str,
+    kind: &'static str,
+}
+
+/// Value that a register would hold without a write; 0 for registers that act on ones alone.
+fn before(w: &RegisterWrite) -> u32 {
+    if acts_on_ones(w.address) {
+        0
+    } else {
+        w.before
+    }
 }
 
 impl Mutant {
-    /// Value that the register would hold without the write; 0 for registers that act on ones alone.
-    #[must_use]
-    pub fn before(&self) -> u32 {
-        if acts_on_ones(self.write.address) {
-            0
-        } else {
-            self.write.before
-        }
-    }
-
-    /// Bits of the register that end up otherwise, where it stays at its register.
-    #[must_use]
-    pub fn bits(&self) -> u32 {
-        match self.change {
-            Change::LeftOut => self.write.value ^ self.before(),
-            Change::Becomes { value, .. } => self.write.value ^ value,
-        }
-    }
-
-    fn describe(&self, tables: &Tables, function: &str) -> String {
-        let w = &self.write;
+    fn describe(&self, tables: &Tables, firmware: &Firmware) -> String {
+        let kind = self.kind;
+        let (w, change) = match &self.place {
+            Place::Write(w, change) => (w, change),
+            Place::Vector(exception, value) => {
+                return format!("{kind}: vector {exception} becomes {value:#010x}, {}", function(firmware, *value))
+            }
+            Place::Setting(register, bits, value) => {
+                return format!("{kind}: register {register:#04x} of the ADC becomes {value:#06x} (bits {bits:#06x})")
+            }
+        };
         let name = tables.register_name(w.address);
-        let fields = tables.registers.get(&w.address).map(|r| r.fields_of(self.bits())).unwrap_or_default();
-        let became = match self.change {
+        let fields = |bits| tables.registers.get(&w.address).map(|r| r.fields_of(bits)).unwrap_or_default();
+        let became = match *change {
             Change::LeftOut => "left out".to_string(),
-            Change::Becomes { address, value } if address == w.address => format!("{value:#010x} ({fields})"),
+            Change::Later => "behind the next write".to_string(),
+            Change::Becomes { address, value } if address == w.address => {
+                format!("{value:#010x} ({})", fields(w.value ^ value))
+            }
             Change::Becomes { address, value } => format!("{value:#010x} at {}", tables.register_name(address)),
         };
-        format!("{}: {name} {:#010x}->{:#010x} becomes {became}, in {function}", self.kind, w.before, w.value)
+        format!(
+            "{kind}: {name} {:#010x}->{:#010x} becomes {became}, in {}",
+            w.before,
+            w.value,
+            function(firmware, w.block)
+        )
     }
+
+    /// The program with it.
+    fn wrong(&self, scene: &Scene, firmware: &Firmware) -> Result<Wrong> {
+        Ok(match &self.place {
+            Place::Write(w, change) => Wrong::Write(Mutation { number: w.number, change: *change }),
+            Place::Vector(exception, value) => {
+                Wrong::Program(vectors(firmware)? + 4 * exception, value.to_le_bytes().to_vec())
+            }
+            Place::Setting(register, _, value) => {
+                let board = virtual_board::Board::new(scene.elf(), scene.wires())?;
+                Wrong::Program(rebuilt::setting(&board, *register)?, value.to_le_bytes().to_vec())
+            }
+        })
+    }
+}
+
+/// Name of the function at an address.
+fn function(firmware: &Firmware, address: u32) -> &str {
+    firmware.function_before(address & !1).unwrap_or("?")
+}
+
+/// Address of the program's vectors.
+fn vectors(firmware: &Firmware) -> Result<u32> {
+    firmware.address_of("__vector_table").context("the program has no table of vectors")
 }
 
 /// Registers of which a one does something and a zero nothing: sets and clears of the NVIC, BSRR, IFCR.
@@ -109,6 +154,8 @@ pub struct Campaign {
     pub mutants: Vec<(String, Verdict)>,
     /// Writes that mutants were made of.
     pub writes: usize,
+    /// All waits of the start.
+    pub waits: Vec<waits::Wait>,
 }
 
 /// The writes that mutants are made of.
@@ -165,7 +212,7 @@ fn neighbours(tables: &Tables, w: &RegisterWrite) -> Vec<(u32, u32)> {
         out.extend([w.address + 4].into_iter().filter(|a| tables.registers.contains_key(a)).map(|a| (a, w.value)));
     }
     // The same change one field further: another pin, gate, channel or interrupt.
-    let before = if acts_on_ones(w.address) { 0 } else { w.before };
+    let before = before(w);
     let changed = w.value ^ before;
     let fields = fields(tables, w.address);
     for f in fields.iter().filter(|f| **f & changed != 0) {
@@ -181,27 +228,49 @@ fn neighbours(tables: &Tables, w: &RegisterWrite) -> Vec<(u32, u32)> {
     out
 }
 
-/// The mutant of a number.
-fn mutant(tables: &Tables, writes: &[RegisterWrite], seed: u64, number: u64) -> Option<Mutant> {
+/// The mutant of a number. (Vectors: of the 15 exceptions and 97 interrupts of the chip, behind the stack and the reset, which the loader has.)
+fn mutant(part: &Part, writes: &[RegisterWrite], firmware: &Firmware, seed: u64, number: u64) -> Option<Mutant> {
+    let tables = &part.tables;
     let mut draw = draws(seed, 20, number);
     for _ in 0..100 {
+        match number % 7 {
+            5 => {
+                let last = 16 + *tables.interrupts.keys().max()? as u32;
+                let at = vectors(firmware).ok()?;
+                let exception = draw.random_range(2..=last);
+                let good = firmware.word(at + 4 * exception)?;
+                let other = firmware.word(at + 4 * draw.random_range(2..=last))?;
+                let value = if draw.random::<bool>() { good & !1 } else { other };
+                if value != good {
+                    return Some(Mutant { place: Place::Vector(exception, value), kind: "vector" });
+                }
+                continue;
+            }
+            6 => {
+                let (register, good) = *SETTINGS.choose(&mut draw)?;
+                let bits = if draw.random::<bool>() { 1 << draw.random_range(0..16) } else { draw.random::<u16>() };
+                return Some(Mutant { place: Place::Setting(register, bits, good ^ bits), kind: "setting" });
+            }
+            _ => {}
+        }
         let write = *writes.choose(&mut draw)?;
         let field = *fields(tables, write.address).choose(&mut draw)?;
         let becomes = |value| Change::Becomes { address: write.address, value };
-        let (kind, change) = match number % 4 {
+        let (kind, change) = match number % 7 {
             0 => {
                 let bits: Vec<u32> = (0..32).filter(|b| field & 1 << b != 0).collect();
                 ("bit", becomes(write.value ^ 1 << bits.choose(&mut draw)?))
             }
             1 => ("field", becomes(write.value & !field | draw.random::<u32>() & field)),
             2 => ("left out", Change::LeftOut),
+            3 => ("order", Change::Later),
             _ => {
                 let Some(&(address, value)) = neighbours(tables, &write).choose(&mut draw) else { continue };
                 ("elsewhere", Change::Becomes { address, value })
             }
         };
         if change != becomes(write.value) {
-            return Some(Mutant { write, change, kind });
+            return Some(Mutant { place: Place::Write(write, change), kind });
         }
     }
     None
@@ -215,26 +284,30 @@ pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
     let scene = Scene::new(elf, 1)?;
     let exam = Exam::new(&scene)?;
     let part = &virtual_board::part::STM32F446RE;
-    let recorded = exam.record()?;
+    let recorded = exam.writes()?;
     let writes = set_up(&recorded);
     let rules = rules::Rules::new(part, &recorded);
-    let good = exam.sit(None);
+    let good = exam.sit(&Wrong::Nothing);
     anyhow::ensure!(good.ended.is_none(), "the unmutated program: {}", good.ended.unwrap_or_default());
-    anyhow::ensure!(good == exam.sit(None), "the unmutated program does not run twice alike");
-    let firmware = virtual_board::Firmware::parse(elf)?;
+    anyhow::ensure!(good == exam.sit(&Wrong::Nothing), "the unmutated program does not run twice alike");
+    let firmware = Firmware::parse(elf)?;
     let mutants = trials(
         count,
         || Ok(()),
         |(), k| {
-            let m = mutant(&part.tables, &writes, seed, k).context("no mutant can be made")?;
-            let function = firmware.function_before(m.write.block).unwrap_or("?");
-            let line = format!("{k}: {}", m.describe(&part.tables, function));
-            let mutation = Some(Mutation { number: m.write.number, change: m.change });
-            let found = exam.sit(mutation);
+            let m = mutant(part, &writes, &firmware, seed, k).context("no mutant can be made")?;
+            let line = format!("{k}: {}", m.describe(&part.tables, &firmware));
+            let wrong = m.wrong(&scene, &firmware)?;
+            let found = exam.sit(&wrong);
+            let harmless = || match m.place {
+                Place::Write(..) => rules.harmless(&good.registers, &found.registers),
+                Place::Vector(exception, _) => rules.vector(exception),
+                Place::Setting(register, bits, _) => rules::setting(register, bits),
+            };
             let verdict = match judge(&good, &found) {
                 Verdict::Unnoticed => {
-                    let excused = rules.harmless(&good.registers, &found.registers).map(Verdict::Harmless);
-                    excused.unwrap_or_else(|| judge(&exam.long_flight(None), &exam.long_flight(mutation)))
+                    let excused = harmless().map(Verdict::Harmless);
+                    excused.unwrap_or_else(|| judge(&exam.long_flight(&Wrong::Nothing), &exam.long_flight(&wrong)))
                 }
                 verdict => verdict,
             };
@@ -245,7 +318,8 @@ pub fn campaign(elf: &[u8], seed: u64, count: u64) -> Result<Campaign> {
             Ok((line, verdict))
         },
     )?;
-    Ok(Campaign { mutants, writes: writes.len() })
+    let waits = waits::all(&exam, &part.tables, &firmware)?;
+    Ok(Campaign { mutants, writes: writes.len(), waits })
 }
 
 /// Registers that differ after the start, with both values.
@@ -302,6 +376,8 @@ impl Campaign {
         for (rule, n) in &harmless {
             let _ = writeln!(s, "| {rule} | {n} |");
         }
+        s.push('\n');
+        s.push_str(&waits::markdown(&self.waits));
         s
     }
 }
@@ -322,5 +398,7 @@ pub fn mutate(elf: &[u8], seed: u64, count: u64, list: bool, page: Option<&std::
     }
     let unnoticed = all.unnoticed().count();
     anyhow::ensure!(unnoticed == 0, "{unnoticed} mutants were not noticed");
+    let waits: Vec<String> = all.waits.iter().filter(|w| !w.holds()).map(ToString::to_string).collect();
+    anyhow::ensure!(waits.is_empty(), "waits that do not hold: {}", waits.join("; "));
     Ok(())
 }

@@ -5,6 +5,7 @@ use hrg_board::wires::Wires;
 use hrg_core::adc::{ALL_CHANNELS, SETTINGS};
 use hrg_data::recording::steps::Steps;
 use hrg_study::faults::Scene;
+use hrg_study::mutate::rebuilt;
 use std::collections::BTreeMap;
 use virtual_board::{Board, CPU_HZ};
 
@@ -62,42 +63,9 @@ fn all_settings_are_those_of_the_data_sheet() {
     assert_eq!(found, expected);
 }
 
-/// Offset of the settings in the program: pairs of a value and an address, as the compiler lays them.
-fn place(flash: &[u8]) -> usize {
-    let of = |swapped: bool| -> Vec<u8> {
-        let pair = |(address, value): (u8, u16)| {
-            let [low, high] = value.to_le_bytes();
-            if swapped {
-                [low, high, address, 0]
-            } else {
-                [address, 0, low, high]
-            }
-        };
-        SETTINGS.into_iter().flat_map(pair).collect()
-    };
-    // (The byte beside the address is filled with anything.)
-    let alike = |a: &[u8], b: &[u8], swapped: bool| {
-        a.iter().zip(b).enumerate().all(|(k, (x, y))| k % 4 == if swapped { 3 } else { 1 } || x == y)
-    };
-    [true, false]
-        .into_iter()
-        .find_map(|swapped| {
-            let wanted = of(swapped);
-            (0..flash.len() - wanted.len())
-                .step_by(2)
-                .find(|at| alike(&flash[*at..], &wanted, swapped))
-                .map(|at| at + if swapped { 0 } else { 2 })
-        })
-        .expect("the table of settings is in the program")
-}
-
 #[test]
 fn a_setting_with_which_no_adc_works_is_noticed() {
     let scene = Scene::new(&read_elf(&default_elf()).expect("built before"), 1).expect("a scene");
-    let at = {
-        let board = Board::new(scene.elf(), scene.wires()).expect("runs");
-        place(board.firmware().flash())
-    };
     // One setting is made wrong in the program itself: it reads back what it has written.
     let sent = |change: Option<(u8, u16)>| {
         let steps: Steps = scene.steps().clone();
@@ -107,8 +75,8 @@ fn a_setting_with_which_no_adc_works_is_noticed() {
             .write_flash(hrg_board::replay::CALIBRATION_A, &scene.calibration.to_bytes().expect("fits"))
             .expect("flash");
         if let Some((register, value)) = change {
-            let k = SETTINGS.iter().position(|(r, _)| *r == register).expect("it is set");
-            board.write_flash((at + 4 * k) as u32, &value.to_le_bytes()).expect("flash");
+            let at = rebuilt::setting(&board, register).expect("it is set");
+            rebuilt::with(&mut board, at, &value.to_le_bytes()).expect("flash");
         }
         board.run_until(3 * CPU_HZ).map(|_| ()).map_err(|e| e.to_string()).map(|()| {
             let rates: Vec<_> = board
@@ -123,6 +91,8 @@ fn a_setting_with_which_no_adc_works_is_noticed() {
     };
     let good = sent(None).expect("runs");
     assert!(good.len() > 500, "{}", good.len());
+    // The control: a delay of the global chop, which is off.
+    assert_eq!(sent(Some((0x06, 0x0800))).as_ref(), Ok(&good));
     for (register, value, what) in [
         (0x02, 0x0010, "16-bit words"),
         (0x02, 0x0210, "32-bit words"),

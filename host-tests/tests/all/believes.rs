@@ -177,6 +177,8 @@ fn a_tenth_of_the_mutants_is_noticed_or_harmless() {
     println!("{}", all.markdown());
     let unnoticed: Vec<&str> = all.unnoticed().collect();
     assert!(unnoticed.is_empty(), "{unnoticed:#?}");
+    let waits: Vec<String> = all.waits.iter().filter(|w| !w.holds()).map(ToString::to_string).collect();
+    assert!(all.waits.len() >= 6 && waits.is_empty(), "{waits:#?}");
 }
 
 #[test]

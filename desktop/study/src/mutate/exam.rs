@@ -1,15 +1,17 @@
 //! Exam that each mutant goes through.
 
+use super::rebuilt;
 use crate::faults::Scene;
 use anyhow::{Context, Result};
 use hrg_board::host;
 use hrg_board::host::cycles;
-use hrg_board::replay::CALIBRATION_A;
+use hrg_board::replay::{CALIBRATION_A, CALIBRATION_B};
+use hrg_board::symbol;
 use hrg_board::wires::{WireFaults, Wires};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::Message;
 use std::collections::BTreeMap;
-use virtual_board::mutation::{Mutation, RegisterWrite};
+use virtual_board::mutation::{Misread, Mutation, RegisterRead, RegisterWrite};
 use virtual_board::{Board, Stop};
 
 /// The first rate has gone out by then, s; a unit that has sent none is silent.
@@ -20,6 +22,19 @@ const FLIGHT_S: f64 = 2.2;
 const LONG_S: f64 = 50.0;
 /// Time at which the unit is asked for its identity, s.
 const ASKED_S: f64 = 0.8;
+
+/// One thing that is wrong with a program, or with a chip.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Wrong {
+    /// Nothing.
+    Nothing,
+    /// A write to a register.
+    Write(Mutation),
+    /// A read of a register.
+    Read(Misread),
+    /// Bytes of the program, from an address on.
+    Program(u32, Vec<u8>),
+}
 
 /// The scene of the exams.
 pub struct Exam<'a> {
@@ -45,6 +60,13 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// `true` if the unit runs, and stops and answers as another does, at whatever time.
+    #[must_use]
+    pub fn runs_like(&self, other: &Self) -> bool {
+        let kinds = |o: &Self| o.resets.iter().map(|(_, stop)| *stop).collect::<Vec<_>>();
+        self.ended.is_none() && !self.silent && kinds(self) == kinds(other) && self.answers == other.answers
+    }
+
     /// First difference of another record from this one, if any.
     #[must_use]
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
@@ -74,10 +96,16 @@ impl<'a> Exam<'a> {
         Ok(Self { scene, image, new })
     }
 
-    fn board(&self) -> Result<Board<Wires>> {
+    fn board(&self, wrong: &Wrong) -> Result<Board<Wires>> {
         let faults = WireFaults { pulses: Some((0.5, 1.0)), ..WireFaults::default() };
         let mut board = Board::new(self.scene.elf(), self.scene.wires().live().with_faults(faults))?;
         board.write_flash(CALIBRATION_A, &self.image)?;
+        match wrong {
+            Wrong::Nothing => {}
+            Wrong::Write(mutation) => board.mutate(*mutation),
+            Wrong::Read(misread) => board.misread(*misread),
+            Wrong::Program(address, bytes) => rebuilt::with(&mut board, *address, bytes)?,
+        }
         Ok(board)
     }
 
@@ -85,8 +113,8 @@ impl<'a> Exam<'a> {
     ///
     /// # Errors
     /// If no rate goes out.
-    pub fn record(&self) -> Result<Vec<RegisterWrite>> {
-        let mut board = self.board()?;
+    pub fn writes(&self) -> Result<Vec<RegisterWrite>> {
+        let mut board = self.board(&Wrong::Nothing)?;
         board.record_writes();
         while board.world.received.rates.is_empty() {
             anyhow::ensure!(board.now() < cycles(SILENT_S), "no rate within {SILENT_S} s");
@@ -95,23 +123,42 @@ impl<'a> Exam<'a> {
         Ok(board.recorded_writes().to_vec())
     }
 
+    /// Record of a start, a flight and a burn with an erase, and all reads of registers in it.
+    pub fn burn(&self, wrong: &Wrong) -> (Outcome, Vec<RegisterRead>) {
+        let (mut out, mut reads) = (Outcome::default(), Vec::new());
+        let mut fly = || -> Result<()> {
+            let mut board = self.board(wrong)?;
+            // The sector for the new image is used up.
+            board.write_flash(CALIBRATION_B, &vec![0; hrg_core::sectors::SECTOR_BYTES])?;
+            board.record_reads();
+            run(&mut board, SILENT_S, &mut out)?;
+            out.silent = board.world.received.rates.is_empty();
+            run(&mut board, ASKED_S, &mut out)?;
+            out.answers.push(format!("{:?}", host::burn(&mut board, &self.new).map_err(|e| e.to_string())));
+            run(&mut board, FLIGHT_S, &mut out)?;
+            take(&mut board, &mut out);
+            reads = board.recorded_reads().to_vec();
+            Ok(())
+        };
+        let flown = fly();
+        out.ended = flown.err().map(|e| format!("{e:#}"));
+        (out, reads)
+    }
+
     /// Has a mutant, or the program as it is, sit the exam.
-    pub fn sit(&self, mutation: Option<Mutation>) -> Outcome {
+    pub fn sit(&self, wrong: &Wrong) -> Outcome {
         let mut out = Outcome::default();
-        if let Err(e) = self.all(mutation, &mut out) {
+        if let Err(e) = self.all(wrong, &mut out) {
             out.ended = Some(format!("{e:#}"));
         }
         out
     }
 
     /// Record of a long flight, for a mutant that the exam did not notice.
-    pub fn long_flight(&self, mutation: Option<Mutation>) -> Outcome {
+    pub fn long_flight(&self, wrong: &Wrong) -> Outcome {
         let mut out = Outcome::default();
         let mut fly = || -> Result<()> {
-            let mut board = self.board()?;
-            if let Some(m) = mutation {
-                board.mutate(m);
-            }
+            let mut board = self.board(wrong)?;
             run(&mut board, LONG_S, &mut out)?;
             take(&mut board, &mut out);
             Ok(())
@@ -121,11 +168,8 @@ impl<'a> Exam<'a> {
         out
     }
 
-    fn all(&self, mutation: Option<Mutation>, out: &mut Outcome) -> Result<()> {
-        let mut board = self.board()?;
-        if let Some(m) = mutation {
-            board.mutate(m);
-        }
+    fn all(&self, wrong: &Wrong, out: &mut Outcome) -> Result<()> {
+        let mut board = self.board(wrong)?;
         board.watch_marks();
         run(&mut board, SILENT_S, out)?;
         out.silent = board.world.received.rates.is_empty();
@@ -151,7 +195,8 @@ impl<'a> Exam<'a> {
         // Connectors come off.
         board.restore(&flown)?;
         board.unplug_resonators()?;
-        Ok(())
+        board.restore(&flown)?;
+        crash(&mut board, out)
     }
 
     /// The supply sags, to just under the level below which flash is not written, and to just above.
@@ -163,6 +208,19 @@ impl<'a> Exam<'a> {
         take(board, out);
         Ok(())
     }
+}
+
+/// The program becomes one that faults with each sample: the unit says where, and stands still until the watchdog bites.
+fn crash(board: &mut Board<Wires>, out: &mut Outcome) -> Result<()> {
+    const UNDEFINED: [u8; 2] = 0xDE00u16.to_le_bytes();
+    let at = board.firmware().function(symbol::SAMPLE)?;
+    rebuilt::with(board, at, &UNDEFINED)?;
+    board.faults_as_on_chip();
+    board.reset_by_software()?;
+    let end = FLIGHT_S + 1.5;
+    run(board, end, out)?;
+    take(board, out);
+    Ok(())
 }
 
 /// Runs until a time, s, through resets.

@@ -35,7 +35,7 @@ const RATE_TASK: &str =
     "the rate path runs between the end of a frame and the next data-ready, for less than 100 us: what has to wait for it at its own level can (PM0214 section 4.3.7)";
 const LATER: &str = "it shows after 36 minutes only: the test time_has_its_interrupts looks at the register itself";
 const RING_LASTS: &str =
-    "an interrupt that counts the turns of a ring may wait for the tasks: a ring lasts 5 ms or longer, the longest stretch of the tasks a tenth of it (docs/bench.md)";
+    "an interrupt that counts the turns of the link's ring may wait for the tasks: it lasts 5 ms, the longest stretch of the tasks a tenth of it (docs/bench.md)";
 const FRAME_LASTS: &str =
     "the end of a frame may wait for the tasks: the next data-ready comes 1 ms after the last, the longest stretch of the tasks is less than half of it (docs/bench.md)";
 const READ_ONLY: &str = "IDR is read-only: it shows the pull of a pin that nothing drives yet (RM0390 section 7.4.5)";
@@ -115,10 +115,10 @@ const RULES: &[Rule] = &[
 ];
 
 /// Those of them that do nothing but wake tasks which run in UART4's interrupt.
-const WAKING: [&str; 6] = ["DMA1_STREAM1", "DMA1_STREAM5", "DMA1_STREAM6", "DMA2_STREAM5", "DMA2_STREAM7", "USART1"];
+const WAKING: [&str; 3] = ["DMA2_STREAM5", "DMA2_STREAM7", "USART1"];
 
-/// Those of them whose rings last longer than any task runs: 25 ms the captures', 5.5 ms that of the link.
-const RINGS: [&str; 4] = ["DMA1_STREAM1", "DMA1_STREAM5", "DMA1_STREAM6", "DMA2_STREAM5"];
+/// The one of them whose ring lasts longer than any task runs: 5.5 ms, that of the link.
+const RING: &str = "DMA2_STREAM5";
 
 /// Streams that the program uses: address of CR.
 const STREAMS: [u32; 7] = [0x4002_6028, 0x4002_6088, 0x4002_60A0, 0x4002_6410, 0x4002_6458, 0x4002_6488, 0x4002_64B8];
@@ -129,21 +129,39 @@ const USED: [&str; 15] = [
     "IWDG",
 ];
 
-/// Interrupts that the program lives by: those of its streams, timers and link, and those that run tasks.
-const RAISED: [&str; 12] = [
-    "DMA1_STREAM1",
-    "DMA1_STREAM5",
-    "DMA1_STREAM6",
-    "DMA2_STREAM0",
-    "DMA2_STREAM5",
-    "DMA2_STREAM7",
-    "TIM2",
-    "TIM3",
-    "TIM5",
-    "USART1",
-    "UART4",
-    "UART5",
+/// Interrupts that the program lives by: those of its streams, timers and link, and those that run tasks. (The streams of the captures raise none.)
+const RAISED: [&str; 9] =
+    ["DMA2_STREAM0", "DMA2_STREAM5", "DMA2_STREAM7", "TIM2", "TIM3", "TIM5", "USART1", "UART4", "UART5"];
+
+/// Fields of a register of the ADC that do not matter with all others as they are set: register (the first of each channel's five from 9 on), bits,
+/// reason. (SBAS950 section 8.6.)
+const SETTING_RULES: &[(u8, u16, &str)] = &[
+    (0x02, 0xC0E0, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
+    (0x02, 1 << 13, "a checksum of the ADC's registers that nobody looks at (SBAS950 section 8.6)"),
+    (0x02, 1 << 10, "a flag that a write of 1 does not change (SBAS950 section 8.6)"),
+    (0x02, 0b1101, "the edge of DRDY is the same: all channels have the same phase, and it falls with each sample (SBAS950 section 8.5.1)"),
+    (0x02, 1 << 4, "without the time-out an ADC whose frame was cut short waits for the next fall of its chip select (SBAS950 section 8.5.1)"),
+    (0x03, 1 << 7, "the ADC's clock comes from an oscillator: its own for a crystal may be on (SBAS950 section 8.6)"),
+    (0x06, 0xE000, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
+    (0x06, 0x1E00, "the delay of the global chop, which is off (SBAS950 section 8.6)"),
+    (0x06, 0x00FE, "settings of the current detection, which is off (SBAS950 section 8.6)"),
+    (0x07, 0xFFFF, "settings of the current detection, which is off (SBAS950 section 8.6)"),
+    (0x08, 0xFF00, "settings of the current detection, which is off (SBAS950 section 8.6)"),
+    (0x08, 0x00F0, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
+    (0x08, 0x000F, "each channel has the DC block off (SBAS950 section 8.6)"),
+    (0x09, 0x0038, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
+    (0x09, 1 << 2, "the DC block is off for all channels (SBAS950 section 8.6)"),
+    (0x0B, 0x00FF, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
+    (0x0D, 0x00FF, "reserved bits of the ADC's registers (SBAS950 section 8.6)"),
 ];
+
+/// The rule by which changed bits of a setting of the ADC do not matter, if each is covered.
+pub fn setting(register: u8, bits: u16) -> Option<&'static str> {
+    let of_each = if register >= 0x09 { 0x09 + (register - 0x09) % 5 } else { register };
+    let rules: Vec<_> = SETTING_RULES.iter().filter(|(r, mask, _)| *r == of_each && mask & bits != 0).collect();
+    let covered = rules.iter().fold(0, |all, (_, mask, _)| all | mask);
+    rules.first().filter(|_| bits & !covered == 0).map(|(_, _, why)| *why)
+}
 
 /// The rules, with what they must know of the program.
 pub struct Rules {
@@ -241,6 +259,20 @@ impl Rules {
         why
     }
 
+    /// The rule by which the vector of an exception does not matter.
+    pub fn vector(&self, exception: u32) -> Option<&'static str> {
+        // NMI is the crystal's; HardFault takes what is not enabled by itself.
+        match exception {
+            0..=3 => None,
+            4..=6 => Some("an exception that is not enabled: it becomes a HardFault (PM0214 section 2.4.1)"),
+            7..=15 => Some("an exception that nothing raises (PM0214 section 2.3.2)"),
+            n => {
+                let name = self.part.tables.interrupts.get(&(n as usize - 16)).map_or("", String::as_str);
+                (!RAISED.contains(&name)).then_some(UNUSED_INTERRUPT)
+            }
+        }
+    }
+
     /// Bits that enable, disable or pend interrupts.
     fn interrupts(&self, address: u32, bits: u32) -> Option<&'static str> {
         let first = ((address & 0x7F) / 4 * 32) as usize;
@@ -263,7 +295,7 @@ impl Rules {
             return Some(UNUSED_INTERRUPT);
         }
         let of = |wanted: &str| self.priorities.iter().find(|(k, _)| name(**k) == wanted).map_or(0, |(_, p)| *p);
-        if RINGS.contains(&name(n)) {
+        if name(n) == RING {
             return Some(RING_LASTS);
         }
         if name(n) == "DMA2_STREAM0" {
