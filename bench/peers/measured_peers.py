@@ -19,8 +19,12 @@ from pathlib import Path
 import numpy as np
 from trace_peers import AXES, HRG, MEAN_S, MEASURED, Flat, GroupRidge, features, imported, means, part, peers, read, spread
 
-SPLITS = {"imu_raw_data": range(6200, 6801, 100), "voltmeter-1v": range(60000, 76001, 4000)}
-OF = {"imu_raw_data": "xyz", "voltmeter-1v": "xy"}
+SPLITS = {
+    "imu_raw_data": range(6200, 6801, 100),
+    "voltmeter-1v": range(60000, 76001, 4000),
+    "gpsdo.short": range(90000, 130001, 10000),
+}
+OF = {"imu_raw_data": "xyz", "voltmeter-1v": "xy", "gpsdo.short": "x"}
 NAMES = ["trace", "cubic", "cubic and ramp", "ridge with lags", "Gaussian process", "boosting"]
 
 
@@ -105,8 +109,10 @@ def judged(run, on, masks, corrected):
 
 
 def band(values):
+    digits = 0 if np.median(values) >= 50 else 2
+
     def short(v):
-        return f"{v:.0f}" if v < 1e5 else f"{v:.0e}"
+        return f"{v:.{digits}f}" if v < 1e5 else f"{v:.0e}"
 
     return f"{short(np.median(values))} [{short(min(values))}, {short(max(values))}]"
 

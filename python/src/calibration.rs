@@ -173,7 +173,7 @@ pub fn methods() -> Vec<&'static str> {
 
 /// See `hrg.fit`.
 #[pyfunction]
-#[pyo3(signature = (recordings, method = "lsq", *, seed = 1, uniform = false, breakpoint_c = None, curve = None, different_units = false, progress = None))]
+#[pyo3(signature = (recordings, method = "lsq", *, seed = 1, uniform = false, breakpoint_c = None, degree = None, curve = None, different_units = false, progress = None))]
 #[allow(clippy::too_many_arguments)] // They are a user's keywords.
 pub fn fit(
     py: Python<'_>,
@@ -182,17 +182,19 @@ pub fn fit(
     seed: u64,
     uniform: bool,
     breakpoint_c: Option<f64>,
+    degree: Option<Bound<'_, PyAny>>,
     curve: Option<Bound<'_, Calibration>>,
     different_units: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Calibration> {
     let method = Method::by_name(method)
         .ok_or_else(|| bad(format!("there is no method \"{method}\"; there are {}", methods().join(", "))))?;
+    let degree = degree.map(|d| d.str()?.to_string_lossy().parse().map_err(|e: String| bad(e))).transpose()?;
     let runs = recordings.iter().map(|r| r.get().at_rest()).collect::<PyResult<Vec<_>>>()?;
     let known = curve.map(|c| c.get().inner.axes.clone().map(|a| a.curve));
     work::run(py, progress.as_ref(), move || {
         let prepared = fits::prepare_with(&runs, units(different_units), known)?;
-        let options = hrg_papers::method::Options { seed, uniform, breakpoint_c };
+        let options = hrg_papers::method::Options { seed, uniform, breakpoint_c, degree };
         let mut found = identify::identify_with(&prepared, method, &options)?;
         found.calibration.created_unix_s = now();
         found.calibration.sequence = 1;

@@ -1,11 +1,11 @@
 //! Models that are linear in their coefficients: their regressors by the unit's own code, and their data.
 
-use crate::method::{Method, Model};
+use crate::method::{Degree, Method, Model};
 use crate::stages::{self, Stage};
 use hrg_core::bias::four_parameter::{self, FourParameter};
 use hrg_core::bias::{self, direct, regressors, Coefficients, Scaling, State, TERMS};
 use hrg_core::calibration::{Calibration, EffectTerm};
-use hrg_core::effects::parameters::{Channel, Hidden, Parameters};
+use hrg_core::effects::parameters::{Channel, Hidden, Parameters, TemperatureRange};
 use hrg_core::effects::{EffectId, MAX_PARAMETERS};
 use hrg_core::inputs;
 use hrg_data::error::BadInput;
@@ -13,14 +13,19 @@ use hrg_data::numeric::lsq;
 use hrg_data::numeric::stats::{block_means, mean, quantile};
 use hrg_data::recording::steps::Run;
 
-/// Effect of an input beside the baseline.
+/// Effect beside the baseline.
 #[derive(Debug, Clone, Copy)]
 struct Term {
     effect: EffectId,
     parameters: [f32; MAX_PARAMETERS],
-    /// Regressors that are used, the first ones.
+    /// The first regressor that is used, and their number.
+    first: usize,
     outputs: usize,
 }
+
+/// Curves of temperature in an image: Chebyshev polynomials of degree 3 to 10, and the points of a table.
+const SHAPE: EffectId = EffectId::TemperatureShape;
+const POINTS: EffectId = EffectId::TemperatureSpline;
 
 /// A model that is linear in its coefficients.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,8 +33,11 @@ pub(super) enum Form {
     Baseline,
     TwoSets,
     TwoSetsHeld,
-    Polynomial,
-    Direct,
+    /// Of a degree.
+    Polynomial(u8),
+    /// Of a degree.
+    Direct(u8),
+    Table,
     Inputs,
     Damping,
     /// With the seed of the layer on the drive and of that on the quadrature voltage.
@@ -41,22 +49,34 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// Of a method; `None` where its model is not linear, or a breakpoint is searched too.
-    pub(super) fn of(method: Method) -> Option<Self> {
+    /// Of a method; `None` where its model is not linear, or a breakpoint or a degree is searched too.
+    pub(super) fn of(method: Method, degree: Option<Degree>) -> Option<Self> {
         match method.parts().model {
             Model::OneSet => Some(Self::Baseline),
             Model::CoolingHeating => Some(Self::TwoSets),
             Model::CoolingHeatingHeld => Some(Self::TwoSetsHeld),
-            Model::Polynomial => Some(Self::Polynomial),
-            Model::Frequency => Some(Self::Direct),
+            Model::Polynomial(own) => match degree.unwrap_or(own) {
+                Degree::Of(n) => Some(Self::Polynomial(n)),
+                Degree::HeldOut => None,
+            },
+            Model::Frequency(own) => match degree.unwrap_or(own) {
+                Degree::Of(n) => Some(Self::Direct(n)),
+                Degree::HeldOut => None,
+            },
+            Model::Table => Some(Self::Table),
             Model::Inputs => Some(Self::Inputs),
             Model::Damping => Some(Self::Damping),
             Model::FourParameters | Model::FourParametersLiteral | Model::Network | Model::InputNetwork => None,
         }
     }
 
-    const POLYNOMIAL: [&'static str; 4] = ["1", "T", "T^2", "T^3"];
+    const POLYNOMIAL: [&'static str; 11] =
+        ["1", "T", "T^2", "T^3", "degree 4", "degree 5", "degree 6", "degree 7", "degree 8", "degree 9", "degree 10"];
     const DIRECT: [&'static str; direct::TERMS] = ["1", "f", "f^2", "f^3", "df/dt", "(df/dt)^2", "f df/dt"];
+    const TABLE: [&'static str; 14] = [
+        "point 1", "point 2", "point 3", "point 4", "point 5", "point 6", "point 7", "point 8", "point 9", "point 10",
+        "point 11", "point 12", "point 13", "point 14",
+    ];
     const FOUR: [&'static str; four_parameter::TERMS] = ["1", "dT when cooling", "dT when heating", "T low", "T high"];
 
     const OF_INPUTS: [&'static str; 12] = [
@@ -95,8 +115,12 @@ impl Form {
             Self::TwoSets | Self::TwoSetsHeld => {
                 hrg_identify::fit::NAMES.iter().chain(&hrg_identify::fit::NAMES).copied().collect()
             }
-            Self::Polynomial => Self::POLYNOMIAL.to_vec(),
-            Self::Direct => Self::DIRECT.to_vec(),
+            Self::Polynomial(n) => Self::POLYNOMIAL[..=usize::from(n)].to_vec(),
+            Self::Direct(n) => {
+                let own = direct_used(n).map(|k| Self::DIRECT[k]);
+                own.chain(Self::POLYNOMIAL.into_iter().take(usize::from(n) + 1).skip(4)).collect()
+            }
+            Self::Table => Self::TABLE.to_vec(),
             Self::Inputs => hrg_identify::fit::NAMES.iter().chain(&Self::OF_INPUTS).copied().collect(),
             Self::Damping => vec!["1", Self::OF_INPUTS[0]],
             Self::InputNetwork(_) => hrg_identify::fit::NAMES.iter().chain(&Self::OF_NETWORK).copied().collect(),
@@ -108,7 +132,7 @@ impl Form {
     pub(super) fn begin(self, c: &mut Calibration, runs: &[Run], scaling: &Scaling, a: usize) {
         let first = runs.first().and_then(|run| *self.stages(run, scaling, a).first()?);
         if let (Self::TwoSetsHeld, Some(stage)) = (self, first) {
-            effect(c, EffectId::CoolingHeatingHeld).start = stages::start_of(stage);
+            effect(c, EffectId::CoolingHeatingHeld, [0.0; MAX_PARAMETERS]).start = stages::start_of(stage);
         }
     }
 
@@ -143,11 +167,16 @@ impl Form {
                     std::array::from_fn(|j| if j < TERMS { (1.0 - w) * x[j] } else { w * x[j - TERMS] });
                 fill(&both);
             }
-            Self::Polynomial => {
+            // (Beyond a cubic the Chebyshev polynomials of degree 3 and up stand beside it.)
+            Self::Polynomial(_) => {
                 let x = regressors(scaling, t, r);
                 fill(&[x[0], x[1], x[2], scaling.cube(t)]);
             }
-            Self::Direct => fill(&direct::regressors(s.frequency_u, s.frequency_u_per_min, scaling.w_linear())),
+            Self::Direct(n) => {
+                let all = direct::regressors(s.frequency_u, s.frequency_u_per_min, scaling.w_linear());
+                out.iter_mut().zip(direct_used(n)).for_each(|(o, k)| *o = f64::from(all[k]));
+            }
+            Self::Table => {}
             Self::Four { breakpoint_c, origin_c } => {
                 fill(&four_parameter::regressors(breakpoint_c, origin_c, t, s.difference_c_per_min));
             }
@@ -157,32 +186,60 @@ impl Form {
     /// The regressors of each step that need more than its state: they stand behind those of [`row`](Self::row).
     fn beside(self, run: &Run, scaling: &Scaling, a: usize) -> Vec<Vec<f64>> {
         let mut rows = vec![Vec::new(); run.steps.len()];
-        for term in self.terms(a) {
+        for term in self.terms(scaling, a) {
             let of = run.effect(term.effect.facts().id, &term.parameters, 0.0, scaling, a);
             for (row, values) in rows.iter_mut().zip(&of) {
-                row.extend(values.iter().take(term.outputs).map(|v| f64::from(*v)));
+                row.extend(values.iter().skip(term.first).take(term.outputs).map(|v| f64::from(*v)));
             }
         }
         rows
     }
 
-    /// Effects of inputs on an axis that it has beside the baseline.
-    fn terms(self, a: usize) -> Vec<Term> {
+    /// Effects on an axis that it has beside the baseline.
+    fn terms(self, scaling: &Scaling, a: usize) -> Vec<Term> {
+        let first = 0;
         let quantity = |number: u8, outputs| {
             let parameters = Channel { channel: number.into() }.row();
-            Term { effect: EffectId::RecordedQuantity, parameters, outputs }
+            Term { effect: EffectId::RecordedQuantity, parameters, first, outputs }
+        };
+        let (low_c, high_c) = (scaling.t_ref_c - scaling.t_scale_c, scaling.t_ref_c + scaling.t_scale_c);
+        let curve = |effect, first, outputs| Term {
+            effect,
+            parameters: TemperatureRange { low_c, high_c }.row(),
+            first,
+            outputs,
         };
         let layer = |number: u8, seed: u16| {
             let parameters = Hidden { channel: number.into(), seed: seed.into() }.row();
-            Term { effect: EffectId::InputNetwork, parameters, outputs: EffectId::InputNetwork.facts().outputs }
+            Term { effect: EffectId::InputNetwork, parameters, first, outputs: EffectId::InputNetwork.facts().outputs }
         };
         let both = [inputs::drive(a), inputs::quad(a)];
         match self {
             Self::Inputs => both.map(|n| quantity(n, EffectId::RecordedQuantity.facts().outputs)).to_vec(),
             Self::Damping => vec![quantity(inputs::drive(a), 1)],
+            Self::Polynomial(n @ 4..) => vec![curve(SHAPE, 0, usize::from(n) - 2)],
+            // (Degree 3 is that of the frequency itself.)
+            Self::Direct(n @ 4..) => vec![curve(SHAPE, 1, usize::from(n) - 3)],
+            Self::Table => vec![curve(POINTS, 0, POINTS.facts().outputs)],
             Self::InputNetwork(seeds) => both.into_iter().zip(seeds).map(|(n, seed)| layer(n, seed)).collect(),
             _ => Vec::new(),
         }
+    }
+
+    /// Puts the coefficients of its effects, which are the last ones, into a calibration; gives the number of those before.
+    fn put_terms(self, c: &mut Calibration, a: usize, k: &[f64], std: &[f64]) -> usize {
+        let terms = self.terms(&c.scaling, a);
+        let baseline = k.len() - terms.iter().map(|t| t.outputs).sum::<usize>();
+        let mut from = baseline;
+        for t in terms {
+            let term = effect(c, t.effect, t.parameters);
+            for (j, at) in (from..from + t.outputs).enumerate() {
+                term.gains[a][t.first + j] = k[at] as f32;
+                term.gain_std[a][t.first + j] = std.get(at).map_or(0.0, |s| *s as f32);
+            }
+            from += t.outputs;
+        }
+        baseline
     }
 
     /// Puts coefficients into a calibration.
@@ -199,7 +256,7 @@ impl Form {
                 let of = |from: &[f64], j: usize| from.get(j).copied().unwrap_or(0.0);
                 for j in 0..TERMS {
                     let std = of(std, j).hypot(of(std, TERMS + j));
-                    let term = effect(c, EffectId::CoolingHeatingHeld);
+                    let term = effect(c, EffectId::CoolingHeatingHeld, [0.0; MAX_PARAMETERS]);
                     term.gains[a][j] = (of(k, TERMS + j) - of(k, j)) as f32;
                     term.gain_std[a][j] = std as f32;
                     c.axes[a].bias_std_dph[0][j] = (0.5 * std) as f32;
@@ -207,27 +264,21 @@ impl Form {
                 c.axes[a].bias_std_dph[1] = [0.0; TERMS];
                 Coefficients::One(std::array::from_fn(|j| (0.5 * (of(k, j) + of(k, TERMS + j))) as f32))
             }
-            Self::Polynomial => {
+            Self::Polynomial(3) => {
                 let std3 = std.get(3).map_or(0.0, |x| *x as f32);
                 c.axes[a].bias_std_dph[0][3] = 0.0;
-                let term = effect(c, EffectId::Cubic);
+                let term = effect(c, EffectId::Cubic, [0.0; MAX_PARAMETERS]);
                 (term.gains[a][0], term.gain_std[a][0]) = (k[3] as f32, std3);
                 Coefficients::One([k[0] as f32, k[1] as f32, k[2] as f32, 0.0, 0.0, 0.0])
             }
-            Self::Direct => Coefficients::Direct(take(k, 0)),
-            Self::Inputs | Self::Damping | Self::InputNetwork(_) => {
-                let terms = self.terms(a);
-                let baseline = k.len() - terms.iter().map(|t| t.outputs).sum::<usize>();
-                let mut from = baseline;
-                for t in terms {
-                    let mut term = EffectTerm::new(t.effect.facts().id, t.parameters);
-                    for (j, at) in (from..from + t.outputs).enumerate() {
-                        term.gains[a][j] = k[at] as f32;
-                        term.gain_std[a][j] = std.get(at).map_or(0.0, |s| *s as f32);
-                    }
-                    from += t.outputs;
-                    let _ = c.effects.push(term);
-                }
+            Self::Direct(n) => {
+                let mut all = [0.0; direct::TERMS];
+                direct_used(n).zip(k).for_each(|(to, k)| all[to] = *k as f32);
+                self.put_terms(c, a, k, std);
+                Coefficients::Direct(all)
+            }
+            Self::Polynomial(_) | Self::Table | Self::Inputs | Self::Damping | Self::InputNetwork(_) => {
+                let baseline = self.put_terms(c, a, k, std);
                 let own = |from: &[f64]| take::<TERMS>(&from[..baseline.min(from.len())], 0);
                 c.axes[a].bias_std_dph = [own(std), [0.0; TERMS]];
                 Coefficients::One(own(k))
@@ -241,12 +292,19 @@ impl Form {
     }
 }
 
-/// The only effect of a method's image, which is put in with its first axis.
-fn effect(c: &mut Calibration, id: EffectId) -> &mut EffectTerm {
-    if c.effects.is_empty() {
-        let _ = c.effects.push(EffectTerm::new(id.facts().id, [0.0; MAX_PARAMETERS]));
-    }
-    &mut c.effects[0]
+/// The effect of a method's image with these parameters, which is put in with its first axis.
+fn effect(c: &mut Calibration, id: EffectId, parameters: [f32; MAX_PARAMETERS]) -> &mut EffectTerm {
+    let there = c.effects.iter().position(|e| e.id == id.facts().id && e.parameters == parameters);
+    let at = there.unwrap_or_else(|| {
+        let _ = c.effects.push(EffectTerm::new(id.facts().id, parameters));
+        c.effects.len() - 1
+    });
+    &mut c.effects[at]
+}
+
+/// Regressors of [`direct`] that a curve of some degree has: powers up to it, and those of the rate.
+fn direct_used(degree: u8) -> impl Iterator<Item = usize> {
+    (0..=usize::from(degree.min(3))).chain(4..direct::TERMS)
 }
 
 /// Columns and rates of one axis over all runs, run after run.

@@ -41,10 +41,14 @@ pub(super) fn four_parameters(
     let what = if by_range { "range" } else { "standard deviation" };
     let found = match method.parts().search {
         Search::Swarm => Some(four_parameter_swarm(&tables, by_range, options.seed)),
-        Search::LiteralSwarm => {
-            let (found, unit) = literal_swarm(&tables[at], &k, by_range, options.seed);
+        Search::LiteralSwarm(_) => {
+            let (found, unit, at_walls) = literal_swarm(&tables[at], by_range, options.seed);
+            let clips = match at_walls[..] {
+                [] => String::new(),
+                _ => format!("; it clips {}", hrg_data::error::list(&at_walls)),
+            };
             records.note(format!(
-                "a unit of the output is {unit:.3e} deg/h: the box is +-800 of it per C/min, +-100 per C"
+                "a unit of the output is {unit:.3e} deg/h: the box is +-800 of it per C/min, +-100 per C{clips}"
             ));
             Some((at, found))
         }
@@ -56,7 +60,7 @@ pub(super) fn four_parameters(
             let e = tables[at].residuals(&k);
             let reached = if by_range { range(&e) } else { std_dev(&e) };
             let above = 100.0 * (reached / exact - 1.0).max(0.0);
-            let digits = if method.parts().search == Search::LiteralSwarm { 9 } else { 3 };
+            let digits = if matches!(method.parts().search, Search::LiteralSwarm(_)) { 9 } else { 3 };
             records
                 .note(format!("{what} of 100 s means {reached:.5} deg/h, {above:.digits$} % above the exact solution"));
             let unit = if by_range { "range [deg/h]" } else { "standard deviation [deg/h]" };
@@ -178,16 +182,22 @@ fn four_parameter_swarm(tables: &[Data], by_range: bool, seed: u64) -> (usize, S
     searched(&found, &scale, by_range, |z| (z[4] as usize, &tables[z[4] as usize]))
 }
 
-/// The larger coefficient of change of wu2023's Table 2 (its result by the standard deviation).
-const WU_LARGEST: f64 = 416.55;
+/// Half-widths of wu2023's box: coefficients of change (cooling, heating), and of temperature (low, high).
+const WU_BOX: [f64; four_parameter::TERMS - 1] = [800.0, 800.0, 100.0, 100.0];
+/// A coefficient this near to a wall of its box lies at it.
+const AT_A_WALL: f64 = 0.999;
 
 /// wu2023's swarm as printed: four dimensions, coefficients of change within 800 and of temperature within 100 of either
-/// sign, speeds within 10. Its Table 2 states no unit of the output; the one taken here, which is given back in deg/h, puts the larger
-/// coefficient of change of the exact solution `k` where that table has it.
-fn literal_swarm(d: &Data, k: &[f64], by_range: bool, seed: u64) -> (Searched, f64) {
-    let unit = k[1].abs().max(k[2].abs()) / WU_LARGEST;
+/// sign, speeds within 10. Its Table 2 states no unit of the output; the one taken here, which is given back in deg/h, lets each coefficient move
+/// the bias by three ranges of the rate over the run, as [`four_parameter_swarm`] does. Gives the coefficients that end at a wall, too.
+fn literal_swarm(d: &Data, by_range: bool, seed: u64) -> (Searched, f64, Vec<&'static str>) {
+    let width = 3.0 * range(&d.y).max(1e-12);
+    let of = |j: usize| width / (WU_BOX[j] * range(&d.columns[j + 1]).max(1e-12));
+    let unit = (0..WU_BOX.len()).map(of).fold(0.0, f64::max);
     let scale = [unit; four_parameter::TERMS - 1];
-    let limits = [([-800.0, 800.0], 10.0), ([-800.0, 800.0], 10.0), ([-100.0, 100.0], 10.0), ([-100.0, 100.0], 10.0)];
+    let limits = WU_BOX.map(|most| ([-most, most], 10.0));
     let found = swarm::minimise(&swarm::WU, &limits, seed, objective(|_| d, &scale, by_range));
-    (searched(&found, &scale, by_range, |_| (0, d)).1, unit)
+    let at_walls = found.position.iter().zip(WU_BOX).enumerate().filter(|(_, (z, most))| z.abs() >= AT_A_WALL * most);
+    let at_walls = at_walls.map(|(j, _)| d.names[j + 1]).collect();
+    (searched(&found, &scale, by_range, |_| (0, d)).1, unit, at_walls)
 }

@@ -11,6 +11,7 @@
 pub mod compare;
 mod form;
 mod four_parameter;
+mod held_out;
 mod hidden;
 pub mod history;
 pub mod method;

@@ -15,18 +15,57 @@ pub enum Model {
     FourParameters,
     /// Four parameters with the temperature from 0 C: the bias jumps at the breakpoint.
     FourParametersLiteral,
-    /// A cubic of temperature.
-    Polynomial,
+    /// A polynomial of temperature.
+    Polynomial(Degree),
+    /// A table of temperature, with straight lines between its points.
+    Table,
     /// A 1-5-1 network.
     Network,
     /// A curve of frequency and its rate.
-    Frequency,
+    Frequency(Degree),
     /// Eq 7 beside drive and quadrature voltage, as they are and late.
     Inputs,
     /// A constant and the drive voltage, which goes with damping.
     Damping,
     /// Eq 7 beside a hidden layer on the drive and one on the quadrature voltage.
     InputNetwork,
+}
+
+/// Degree of a polynomial.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Degree {
+    /// This one, from 1 to [`MOST`](Self::MOST).
+    Of(u8),
+    /// The one that leaves the least of parts of the train runs that were held out.
+    HeldOut,
+}
+
+impl Degree {
+    /// The highest: that of the curves that an image can hold.
+    pub const MOST: u8 = 10;
+}
+
+impl std::str::FromStr for Degree {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        if s == "auto" {
+            return Ok(Self::HeldOut);
+        }
+        let degree = s.parse().ok().filter(|n| (1..=Self::MOST).contains(n));
+        degree.map(Self::Of).ok_or_else(|| format!("a degree is a number from 1 to {}, or auto", Self::MOST))
+    }
+}
+
+/// Time of a ramp in a box that is printed without units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PerRamp {
+    /// C per minute.
+    Minute,
+    /// C per second.
+    Second,
+    /// C per 10 ms.
+    TenMilliseconds,
 }
 
 /// Search for the coefficients.
@@ -38,8 +77,8 @@ pub enum Search {
     Robust,
     /// A particle swarm.
     Swarm,
-    /// A particle swarm in the box that the paper prints.
-    LiteralSwarm,
+    /// A particle swarm in the box that the paper prints, with ramps per some time.
+    LiteralSwarm(PerRamp),
     /// A genetic algorithm that Levenberg-Marquardt finishes.
     Genetic,
 }
@@ -79,8 +118,10 @@ pub enum Method {
     Huber,
     /// Eq 7 by a swarm.
     Pso,
-    /// Eq 7 by a swarm in the box of its paper.
+    /// A cooling and a heating set, each by the swarm of dong2023 in its box, with ramps in C/s.
     PsoLiteral,
+    /// The same, with ramps in C per 10 ms.
+    PsoLiteral10Ms,
     /// Eq 7 by a swarm, for the smallest range.
     PsoRange,
     /// Eq 7 with the smallest range.
@@ -101,10 +142,16 @@ pub enum Method {
     FogPsoRangeLiteral,
     /// A cubic of temperature.
     Polynomial,
+    /// A polynomial of temperature, its degree by held-out parts.
+    PolynomialAuto,
+    /// A table of temperature.
+    Table,
     /// A network.
     GaBp,
-    /// A curve of frequency.
+    /// A curve of frequency, cubic.
     Direct,
+    /// A curve of frequency, its degree by held-out parts.
+    DirectAuto,
     /// Eq 7 beside drive and quadrature voltage.
     Inputs,
     /// A constant and the drive voltage.
@@ -115,7 +162,7 @@ pub enum Method {
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 26] = [
         Self::Lsq,
         Self::TwoSets,
         Self::TwoSetsHeld,
@@ -123,6 +170,7 @@ impl Method {
         Self::Huber,
         Self::Pso,
         Self::PsoLiteral,
+        Self::PsoLiteral10Ms,
         Self::PsoRange,
         Self::LpRange,
         Self::FogLsq,
@@ -133,8 +181,11 @@ impl Method {
         Self::FogPsoLiteral,
         Self::FogPsoRangeLiteral,
         Self::Polynomial,
+        Self::PolynomialAuto,
+        Self::Table,
         Self::GaBp,
         Self::Direct,
+        Self::DirectAuto,
         Self::Inputs,
         Self::Damping,
         Self::InputNetwork,
@@ -151,6 +202,7 @@ impl Method {
             Self::Huber => "huber",
             Self::Pso => "pso",
             Self::PsoLiteral => "pso-literal",
+            Self::PsoLiteral10Ms => "pso-literal-10ms",
             Self::PsoRange => "pso-range",
             Self::LpRange => "lp-range",
             Self::FogLsq => "fog-lsq",
@@ -161,8 +213,11 @@ impl Method {
             Self::FogPsoLiteral => "fog-pso-literal",
             Self::FogPsoRangeLiteral => "fog-pso-range-literal",
             Self::Polynomial => "polynomial",
+            Self::PolynomialAuto => "polynomial-auto",
+            Self::Table => "table",
             Self::GaBp => "ga-bp",
             Self::Direct => "direct",
+            Self::DirectAuto => "direct-auto",
             Self::Inputs => "inputs",
             Self::Damping => "damping",
             Self::InputNetwork => "inputs-network",
@@ -172,9 +227,10 @@ impl Method {
     /// Model, search and objective of the method.
     #[must_use]
     pub const fn parts(self) -> Parts {
+        use Degree::{HeldOut, Of};
         use Model::{
             CoolingHeating, CoolingHeatingHeld, FourParameters, FourParametersLiteral, Frequency, Network, OneSet,
-            Polynomial,
+            Polynomial, Table,
         };
         use Objective::{Range, Squares};
         use Search::{Exact, Genetic, LiteralSwarm, Robust, Swarm};
@@ -185,7 +241,8 @@ impl Method {
             Self::PsoTwoSets => (CoolingHeatingHeld, Swarm, Squares),
             Self::Huber => (OneSet, Robust, Squares),
             Self::Pso => (OneSet, Swarm, Squares),
-            Self::PsoLiteral => (OneSet, LiteralSwarm, Squares),
+            Self::PsoLiteral => (CoolingHeatingHeld, LiteralSwarm(PerRamp::Second), Squares),
+            Self::PsoLiteral10Ms => (CoolingHeatingHeld, LiteralSwarm(PerRamp::TenMilliseconds), Squares),
             Self::PsoRange => (OneSet, Swarm, Range),
             Self::LpRange => (OneSet, Exact, Range),
             Self::FogLsq => (FourParameters, Exact, Squares),
@@ -193,11 +250,14 @@ impl Method {
             Self::FogLp => (FourParameters, Exact, Range),
             Self::FogPsoRange => (FourParameters, Swarm, Range),
             Self::FogLiteral => (FourParametersLiteral, Exact, Squares),
-            Self::FogPsoLiteral => (FourParametersLiteral, LiteralSwarm, Squares),
-            Self::FogPsoRangeLiteral => (FourParametersLiteral, LiteralSwarm, Range),
-            Self::Polynomial => (Polynomial, Exact, Squares),
+            Self::FogPsoLiteral => (FourParametersLiteral, LiteralSwarm(PerRamp::Minute), Squares),
+            Self::FogPsoRangeLiteral => (FourParametersLiteral, LiteralSwarm(PerRamp::Minute), Range),
+            Self::Polynomial => (Polynomial(Of(3)), Exact, Squares),
+            Self::PolynomialAuto => (Polynomial(HeldOut), Exact, Squares),
+            Self::Table => (Table, Exact, Squares),
             Self::GaBp => (Network, Genetic, Squares),
-            Self::Direct => (Frequency, Exact, Squares),
+            Self::Direct => (Frequency(Of(3)), Exact, Squares),
+            Self::DirectAuto => (Frequency(HeldOut), Exact, Squares),
             Self::Inputs => (Model::Inputs, Exact, Squares),
             Self::Damping => (Model::Damping, Exact, Squares),
             Self::InputNetwork => (Model::InputNetwork, Exact, Squares),
@@ -210,6 +270,12 @@ impl Method {
     pub const fn is_weighable(self) -> bool {
         let p = self.parts();
         matches!(p.search, Search::Exact) && matches!(p.objective, Objective::Squares) && !self.has_a_breakpoint()
+    }
+
+    /// `true` if its degree may be chosen.
+    #[must_use]
+    pub const fn has_a_degree(self) -> bool {
+        matches!(self.parts().model, Model::Polynomial(_) | Model::Frequency(_))
     }
 
     /// Inputs beside the frequencies that an axis needs for it.
@@ -266,6 +332,8 @@ pub struct Options {
     pub uniform: bool,
     /// The breakpoint, C, where it is not to be searched (methods that [have one](Method::has_a_breakpoint) only).
     pub breakpoint_c: Option<f64>,
+    /// The degree, where it is not the method's own (methods that [have one](Method::has_a_degree) only).
+    pub degree: Option<Degree>,
 }
 
 #[cfg(test)]
@@ -279,7 +347,21 @@ mod tests {
             assert!(Method::ALL[..k].iter().all(|b| b.parts() != a.parts() && b.name() != a.name()), "{a}");
         }
         let weighable: Vec<&str> = Method::ALL.into_iter().filter(|m| m.is_weighable()).map(Method::name).collect();
-        let names = ["lsq", "two-sets", "two-sets-held", "polynomial", "direct", "inputs", "damping", "inputs-network"];
+        let names = [
+            "lsq",
+            "two-sets",
+            "two-sets-held",
+            "polynomial",
+            "polynomial-auto",
+            "table",
+            "direct",
+            "direct-auto",
+            "inputs",
+            "damping",
+            "inputs-network",
+        ];
         assert_eq!(weighable, names);
+        assert_eq!(["7", "auto"].map(str::parse), [Ok(Degree::Of(7)), Ok(Degree::HeldOut)]);
+        assert!(["0", "11", "x"].iter().all(|s| s.parse::<Degree>().is_err()));
     }
 }

@@ -12,7 +12,8 @@
 //! | `pso-two-sets` | the same | swarm of dong2023 on each stage | dong2023 |
 //! | `huber` | eq 7 | least squares, outliers of less weight (Huber) | |
 //! | `pso` | eq 7 | swarm of dong2023 in orthogonal coordinates | dong2023 |
-//! | `pso-literal` | eq 7 | the same swarm in its literal box: -1..1 on unscaled regressors, in deg/s and C/s | dong2023 |
+//! | `pso-literal` | eq 7, a set for each stage, held | the same swarm on each stage in its literal box: -1..1 on unscaled regressors, in deg/s and C/s | dong2023, step 1 |
+//! | `pso-literal-10ms` | the same | the same with C per 10 ms | dong2023, step 1 |
 //! | `pso-range` | eq 7 | the same swarm, smallest range of 100 s means | dong2023, wu2023 |
 //! | `lp-range` | eq 7 | smallest range, exactly | |
 //! | `fog-lsq` | four parameters, breakpoint scanned | least standard deviation of 100 s means, exactly | |
@@ -22,9 +23,12 @@
 //! | `fog-literal` | four parameters, temperature from 0 C: steps at the breakpoint | least standard deviation, exactly | wu2023 |
 //! | `fog-pso-literal` | the same, breakpoint given | swarm of wu2023 in its box, least standard deviation | wu2023 |
 //! | `fog-pso-range-literal` | the same | the same swarm, smallest range | wu2023 |
-//! | `polynomial` | cubic of temperature | least squares | zhao2022 |
+//! | `polynomial` | cubic of temperature (`--degree`: 1 to 10) | least squares | zhao2022 |
+//! | `polynomial-auto` | polynomial of temperature, degree by held-out fifths | least squares | Wang 2012, Li 2023 |
+//! | `table` | fourteen points of temperature, straight lines between | least squares | commercial units |
 //! | `ga-bp` | 1-5-1 network | genetic start, Levenberg-Marquardt | zhao2022 |
-//! | `direct` | curve of frequency and its rate | least squares | dong2023, outlook |
+//! | `direct` | curve of frequency (cubic; `--degree`) and its rate | least squares | dong2023, outlook |
+//! | `direct-auto` | the same, degree by held-out fifths | least squares | Wang 2012, Li 2023 |
 //! | `inputs` | eq 7 beside drive and quadrature voltage: each, its square, times temperature, and behind lags of 300, 1500 and 6000 s | least squares | Zhou 2025 |
 //! | `inputs-network` | eq 7 beside two hidden layers of six neurons, on temperature, ramp and the drive or the quadrature voltage | least squares; hidden weights drawn, the best of 64 layers by held-out fifths | Zhou 2025 |
 //! | `damping` | a constant and the drive voltage: the force that keeps the amplitude goes with damping, and the bias with its anisotropy | least squares | dong2023 eq 3 |
@@ -33,22 +37,28 @@
 
 use crate::form::{fit_directly, range, uniform_weights, Data, Form};
 use crate::four_parameter::four_parameters;
+use crate::held_out;
 use crate::hidden;
 use crate::history::History;
-use crate::method::{Method, Model, Objective, Options, Search};
+use crate::method::{Degree, Method, Model, Objective, Options, PerRamp, Search};
 use crate::network;
 use crate::notes::Records;
-use crate::search::{huber, literal_swarm, orthogonal_swarm, range_swarm, smallest_range, LiteralUnits};
+use crate::search::{
+    huber, literal_swarm, orthogonal_swarm, printed_columns, range_swarm, smallest_range, LiteralUnits,
+};
 use crate::stages::Stage;
 use hrg_core::bias::{self, four_parameter, Coefficients, Scaling};
 use hrg_core::calibration::Calibration;
 use hrg_core::inputs::{self, QuantitySet};
 use hrg_data::axes::AXIS_NAMES;
 use hrg_data::error::BadInput;
-use hrg_data::numeric::stats::block_means;
+use hrg_data::numeric::stats::{block_means, quantile};
 use hrg_data::recording::steps::{unit_inputs, Run};
 use hrg_identify::fit::{Prepared, MEAN_S};
 use std::time::Instant;
+
+/// Seeds over which the spread of a swarm as printed is stated.
+const LITERAL_SEEDS: u64 = 10;
 
 /// Condition number beyond which a fit of eq 7 says that its regressors nearly go together.
 const TOGETHER: f64 = 100.0;
@@ -67,6 +77,14 @@ pub enum MethodError {
     /// Its model has no breakpoint.
     #[error("{method} has no breakpoint to be given; {able} have one")]
     NoBreakpoint {
+        /// The method.
+        method: Method,
+        /// Methods that have one.
+        able: String,
+    },
+    /// Its model has no degree.
+    #[error("{method} has no degree to be given; {able} have one")]
+    NoDegree {
         /// The method.
         method: Method,
         /// Methods that have one.
@@ -147,6 +165,9 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
     if options.breakpoint_c.is_some() && !method.has_a_breakpoint() {
         return Err(MethodError::NoBreakpoint { method, able: able(Method::has_a_breakpoint) });
     }
+    if options.degree.is_some() && !method.has_a_degree() {
+        return Err(MethodError::NoDegree { method, able: able(Method::has_a_degree) });
+    }
     let start = Instant::now();
     let mut calibration = prepared.calibration.clone();
     let (mut notes, mut history) = (Vec::new(), Vec::new());
@@ -161,8 +182,14 @@ pub fn identify_with(prepared: &Prepared, method: Method, options: &Options) -> 
         let mut records = Records { axis: a, notes: &mut notes, history: &mut history };
         let form = match method.parts().model {
             Model::InputNetwork => Some(hidden::choose(&prepared.runs, &scaling, a, options.seed).map_err(here)?),
-            _ => Form::of(method),
+            Model::Polynomial(own) | Model::Frequency(own) if options.degree.unwrap_or(own) == Degree::HeldOut => {
+                Some(held_out::degree(method, &prepared.runs, &scaling, a).map_err(here)?)
+            }
+            _ => Form::of(method, options.degree),
         };
+        if let Some(Form::Polynomial(n) | Form::Direct(n)) = form {
+            records.note(format!("degree {n}"));
+        }
         parameters = match form {
             Some(form) => task.linear(form, &mut calibration, &mut records).inspect(|_| {
                 form.begin(&mut calibration, &prepared.runs, &scaling, a);
@@ -247,7 +274,7 @@ impl Task<'_> {
             }
             (Search::Swarm, Objective::Squares) => self.swarm_of_squares(&data(), None, records)?,
             (Search::Genetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
-            (Search::LiteralSwarm, _) => self.literal(&data(), records)?,
+            (Search::LiteralSwarm(_), _) => self.literal(&data(), records)?,
             (Search::Exact, Objective::Range) => {
                 let (k, smallest) = smallest_range(&data().means(MEAN_S))?;
                 records.note(format!("range of 100 s means {smallest:.4} deg/h, the smallest there is"));
@@ -282,20 +309,34 @@ impl Task<'_> {
         Ok(found.k)
     }
 
-    /// The box of the paper in the units in which it holds the solution; beside it what it reaches in ours.
+    /// The swarm and the box of dong2023 on each stage, in one of the units that the paper may mean; the note has the spread over ten seeds.
     fn literal(&self, d: &Data, records: &mut Records<'_>) -> Result<Vec<f64>, BadInput> {
-        let swarm = |units| literal_swarm(self.runs, &self.scaling, d, self.a, self.options.seed, units);
-        let (seconds, hours) = (swarm(LiteralUnits::SECONDS)?, swarm(LiteralUnits::HOURS)?);
-        for (units, s) in [("deg/s and C/s", &seconds), ("deg/h and C/min", &hours)] {
+        let (units, name) = match self.method.parts().search {
+            Search::LiteralSwarm(PerRamp::TenMilliseconds) => (LiteralUnits::SAMPLES, "deg/s and C per 10 ms"),
+            _ => (LiteralUnits::SECONDS, "deg/s and C/s"),
+        };
+        let mut k = Vec::new();
+        for stage in Stage::ALL {
+            let own = d.of_set(stage);
+            let columns = printed_columns(self.runs, &self.scaling, self.a, stage, units);
+            let swarm = |seed| literal_swarm(&columns, &self.scaling, &own, seed, units);
+            let found = swarm(self.options.seed)?;
+            let of_seeds = (0..LITERAL_SEEDS).map(|n| Ok((1.0 + swarm(n)?.found.above).sqrt()));
+            let spread = of_seeds.collect::<Result<Vec<f64>, BadInput>>()?;
             records.note(format!(
-                "in {units} the largest coefficient of least squares is {:.2}, the condition number {:.1e}: sum of squares {:.2} times the least",
-                s.largest,
-                s.condition,
-                1.0 + s.found.above
+                "{}: in {name} the largest coefficient of least squares is {:.2}, the condition number {:.1e}: RMS {:.2} times the least; over {LITERAL_SEEDS} seeds {:.2} [{:.2}, {:.2}]",
+                stage.name(),
+                found.largest,
+                found.condition,
+                (1.0 + found.found.above).sqrt(),
+                quantile(&spread, 0.5),
+                quantile(&spread, 0.0),
+                quantile(&spread, 1.0)
             ));
+            records.searched(Some(stage), |of| found.found.history(of, "RMS [deg/h]", &own.names));
+            k.extend(found.found.k);
         }
-        records.searched(None, |of| seconds.found.history(of, "RMS [deg/h]", &d.names));
-        Ok(seconds.found.k)
+        Ok(k)
     }
 
     /// The four parameters with their breakpoint, or the network; gives the number of coefficients.
@@ -408,18 +449,35 @@ mod tests {
             let d = Data::new(&p.runs, &p.calibration.scaling, a, Form::Baseline);
             let above = orthogonal_swarm(&d, 1).expect("swarms").above;
             assert!((0.0..1e-5).contains(&above), "{above:e}");
-            let literal = |units| literal_swarm(&p.runs, &p.calibration.scaling, &d, a, 1, units).expect("swarms");
-            let (seconds, hours) = (literal(LiteralUnits::SECONDS), literal(LiteralUnits::HOURS));
-            // In deg/s and C/s the box holds the solution, and the swarm misses it all the same: the regressors are too unequal.
-            assert!(seconds.largest < 1.0 && hours.largest > 1.0, "{} {}", seconds.largest, hours.largest);
-            assert!(seconds.condition > 1e4 && hours.condition > 1e3, "{:e} {:e}", seconds.condition, hours.condition);
-            for (what, above_here) in [("deg/s", seconds.found.above), ("deg/h", hours.found.above)] {
-                assert!(above_here > 0.01 && above_here > 1e4 * above, "{what}: {above_here}");
+        }
+    }
+
+    /// dong2023's step 1 as printed: a swarm on each stage, in the two units that its box may be meant in.
+    #[test]
+    fn the_printed_swarm_of_eq_7_misses_the_solution_in_either_unit() {
+        let p = prepare(&[plan(Kind::Hrg, "dong2023", 1).simulate().recording]).expect("prepares");
+        for a in 0..AXES {
+            let both = Data::new(&p.runs, &p.calibration.scaling, a, Form::TwoSetsHeld);
+            for stage in Stage::ALL {
+                let d = both.of_set(stage);
+                let literal = |units| {
+                    let columns = printed_columns(&p.runs, &p.calibration.scaling, a, stage, units);
+                    literal_swarm(&columns, &p.calibration.scaling, &d, 1, units).expect("swarms")
+                };
+                let (seconds, samples) = (literal(LiteralUnits::SECONDS), literal(LiteralUnits::SAMPLES));
+                // With C/s the solution is of the box's size, and the swarm misses it all the same: the regressors are too unequal. With C per 10 ms the box
+                // is far too small for the square of the ramp.
+                assert!(seconds.largest < 2.0 && samples.largest > 100.0, "{} {}", seconds.largest, samples.largest);
+                assert!(seconds.condition > 1e6, "{:e}", seconds.condition);
+                assert!(seconds.found.above > 0.01, "{}", seconds.found.above);
+                // The stated excess of its sum of squares is true.
+                let squares =
+                    |k: &[f64]| -> f64 { d.residuals(k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum() };
+                for found in [seconds.found, samples.found] {
+                    let ratio = squares(&found.k) / d.fit(None).expect("fits").squares;
+                    assert!((ratio / (1.0 + found.above) - 1.0).abs() < 1e-3, "{ratio} {}", found.above);
+                }
             }
-            // The stated excess of its sum of squares is true.
-            let squares = |k: &[f64]| -> f64 { d.residuals(k).iter().filter(|e| e.is_finite()).map(|e| e * e).sum() };
-            let ratio = squares(&seconds.found.k) / d.fit(None).expect("fits").squares;
-            assert!((ratio / (1.0 + seconds.found.above) - 1.0).abs() < 1e-3, "{ratio} {}", seconds.found.above);
         }
     }
 

@@ -2,7 +2,8 @@
 
 use crate::form::{range, Data};
 use crate::history::History;
-use crate::{minimax, swarm};
+use crate::stages::Stage;
+use crate::{minimax, stages, swarm};
 use hrg_core::bias::{Scaling, TERMS};
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
@@ -178,8 +179,9 @@ pub(super) struct LiteralUnits {
 impl LiteralUnits {
     /// deg/s and C/s: with them the coefficients of a unit that eq 7 describes lie in -1..1, as those of Table 3 do.
     pub(super) const SECONDS: Self = Self { rate: 1.0 / 3600.0, ramp: 1.0 / 60.0 };
-    /// deg/h and C per minute.
-    pub(super) const HOURS: Self = Self { rate: 1.0, ramp: 1.0 };
+    /// deg/s and C per 10 ms: with them Table 3's coefficients leave 9.0 and 7.4 deg/h over the paper's profile, where its Table 4 has 7.07 and 9.51;
+    /// with C/s they leave 552 and 524.
+    pub(super) const SAMPLES: Self = Self { rate: 1.0 / 3600.0, ramp: 1.0 / 6000.0 };
 
     /// Factors that convert the coefficients of eq 7 from deg/h and C per minute to these units.
     fn factors(self) -> [f64; TERMS] {
@@ -198,28 +200,37 @@ pub(super) struct LiteralSearched {
     pub(super) condition: f64,
 }
 
-/// dong2023's swarm as printed: coefficients of `1, T, T^2, dT/dt, (dT/dt)^2, T dT/dt` with T in C, each within -1..1.
-pub(super) fn literal_swarm(
+/// Regressors of eq 7 as printed, `1, T, T^2, dT/dt, (dT/dt)^2, T dT/dt` with T in C, on the steps of one stage.
+pub(super) fn printed_columns(
     runs: &[Run],
     scaling: &Scaling,
-    d: &Data,
     a: usize,
-    seed: u64,
+    stage: Stage,
     units: LiteralUnits,
-) -> Result<LiteralSearched, BadInput> {
+) -> Vec<Vec<f64>> {
     let mut columns = vec![Vec::new(); TERMS];
     for run in runs {
-        for k in 0..run.steps.len() {
-            let (t, r) = run.bias_state(k, a).map_or((f64::NAN, f64::NAN), |s| {
-                (f64::from(s.temperature_c), units.ramp * f64::from(s.ramp_c_per_min))
-            });
+        for (k, of) in stages::of_run(run, scaling, a).into_iter().enumerate() {
+            let Some(s) = run.bias_state(k, a).filter(|_| of == Some(stage)) else { continue };
+            let (t, r) = (f64::from(s.temperature_c), units.ramp * f64::from(s.ramp_c_per_min));
             for (c, v) in columns.iter_mut().zip([1.0, t, t * t, r, r * r, t * r]) {
-                c.push(if t.is_nan() { f64::NAN } else { v });
+                c.push(v);
             }
         }
     }
+    columns
+}
+
+/// dong2023's swarm as printed, on the data of one stage: coefficients of [`printed_columns`], each within -1..1.
+pub(super) fn literal_swarm(
+    columns: &[Vec<f64>],
+    scaling: &Scaling,
+    d: &Data,
+    seed: u64,
+    units: LiteralUnits,
+) -> Result<LiteralSearched, BadInput> {
     let y: Vec<f64> = d.y.iter().map(|y| units.rate * y).collect();
-    let folded = Folded::new(&columns, &y);
+    let folded = Folded::new(columns, &y);
     let found = swarm::minimise(&swarm::DONG, &[([-1.0, 1.0], 1.0); TERMS], seed, |k| folded.sum_of_squares(k));
     let exact = d.fit(None)?;
     let (t0, s) = (f64::from(scaling.t_ref_c), f64::from(scaling.t_scale_c));

@@ -135,12 +135,17 @@ fn table_1(path: &Path, page: &mut String) -> Result<()> {
 fn measured_loop(folder: &Path, out: &Path, page: &mut String) -> Result<()> {
     say!(
         page,
-        "7. Measured data: the loop on a MEMS IMU (cargo xtask measured has every method, and three more recordings)"
+        "7. Measured data: the loop on a MEMS IMU (cargo xtask measured has every method, and two more recordings)"
     );
     let short = measured::imu_in_short(folder)?;
     short.caption.lines().for_each(|line| say!(page, "   {line}"));
     say!(page, "{}", short.table.trim_end());
-    hrg_data::output::write_file(out, short.picture.as_bytes())
+    hrg_data::output::write_file(out, short.picture.as_bytes())?;
+    let (table, caption) = measured::voltmeter_in_short(folder)?;
+    say!(page, "8. Measured data: two voltmeters through the same");
+    caption.lines().for_each(|line| say!(page, "   {line}"));
+    say!(page, "{}", table.trim_end());
+    Ok(())
 }
 
 /// Prints the figures of the frames, with both images.

@@ -328,5 +328,7 @@ fn measured(folder: &Path, page: Option<PathBuf>, caption: Option<PathBuf>, pict
     if let Some(picture) = picture {
         hrg_data::output::write_file(&picture, short.picture.as_bytes())?;
     }
-    caption.map_or(Ok(()), |page| splice(&page, "measured", &format!("*{}*\n", short.caption)))
+    let Some(page) = caption else { return Ok(()) };
+    splice(&page, "measured", &format!("*{}*\n", short.caption))?;
+    splice(&page, "voltmeter", &format!("*{}*\n", measured::voltmeter_in_short(folder)?.1))
 }

@@ -35,7 +35,10 @@ pub const IMU_SPLITS_S: [f64; 7] = [6200.0, 6300.0, 6400.0, 6500.0, 6600.0, 6700
 /// Ends of the parts of voltmeter-1v that are learnt from, s, of 38 h.
 pub const VOLTMETER_SPLITS_S: [f64; 5] = [60_000.0, 64_000.0, 68_000.0, 72_000.0, 76_000.0];
 
-/// Rows of each half of gpsdo.short.
+/// Ends of the parts of gpsdo.short that are learnt from, s, of 61 h.
+pub const GPSDO_SPLITS_S: [f64; 5] = [90_000.0, 100_000.0, 110_000.0, 120_000.0, 130_000.0];
+
+/// Rows of each half of gpsdo.short, for the swap.
 const GPSDO_HALF: usize = 10_000;
 
 /// Modes of the quartz that are each other's thermometers: the other two hardly depend on temperature.
@@ -260,6 +263,52 @@ pub struct InShort {
     pub picture: String,
 }
 
+/// Figures of some methods in a sentence: standard deviations (0), or root mean squares (1).
+fn in_words(rows: &[Band], present: &[usize], pick: usize) -> String {
+    let by_row = rows.iter().map(|r| {
+        let axes: Vec<String> = present.iter().map(|a| band(&r.axes[*a][pick], 0)).collect();
+        format!("{} {}", r.method, axes.join(" / "))
+    });
+    by_row.collect::<Vec<_>>().join("; ")
+}
+
+/// The same of the two voltmeters, without a picture: table and caption.
+///
+/// # Errors
+/// If the file is not there.
+pub fn voltmeter_in_short(folder: &Path) -> anyhow::Result<(String, String)> {
+    let whole = load(folder, "voltmeter-1v")?;
+    let mut all = splits(&whole, &VOLTMETER_SPLITS_S, &[Method::Lsq])?;
+    on_the_other(&whole, &mut all)?;
+    let rows = Band::of(&all);
+    let named = |method: &str, name: &str| {
+        let row = rows.iter().find(|r| r.method == method);
+        row.map(|r| Band { method: name.into(), axes: r.axes.clone() })
+    };
+    let own: Vec<Band> = [("raw", "raw"), ("lsq", "eq 7"), ("trace", "trace")]
+        .into_iter()
+        .filter_map(|(method, name)| named(method, name))
+        .collect();
+    let other: Vec<Band> = [("lsq, of the other", "eq 7"), ("trace, of the other", "trace")]
+        .into_iter()
+        .filter_map(|(m, n)| named(m, n))
+        .collect();
+    let burn = all.iter().filter(|c| c.report.burn).count();
+    let [first, .., last] = VOLTMETER_SPLITS_S;
+    let caption = format!(
+        "Measured: two voltmeters in an air bath and a third outside it as control ({} rows, 38 h). The models are fitted to the first {first:.0} to {last:.0} s \
+         ({} splits) and judged on the rest. Standard deviation of 100 s means there, the two instruments / the control, ppb, median [range] over the splits: {}. Root mean square, \
+         the constant included: {}. The model of one instrument on the other, about the mean: {}. The trace recommends its image at {burn} of {} splits.",
+        whole.time_s.len(),
+        VOLTMETER_SPLITS_S.len(),
+        in_words(&own, &[0, 1, 2], 0),
+        in_words(&own, &[0, 1, 2], 1),
+        in_words(&other, &[0, 1], 0),
+        all.len()
+    );
+    Ok((band_table(&own, "ppb", &[0, 1, 2], 0), wrapped(&caption)))
+}
+
 /// Contents of the first page, which the demo prints, too.
 ///
 /// # Errors
@@ -270,13 +319,6 @@ pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
     let present: Vec<usize> = whole.present().collect();
     let names = ["raw", "eq 7", "trace"];
     let rows: Vec<Band> = Band::of(&all).into_iter().zip(names).map(|(r, n)| Band { method: n.into(), ..r }).collect();
-    let figures = |pick: usize| -> String {
-        let by_row = rows.iter().map(|r| {
-            let axes: Vec<String> = present.iter().map(|a| band(&r.axes[*a][pick], 0)).collect();
-            format!("{} {}", r.method, axes.join(" / "))
-        });
-        by_row.collect::<Vec<_>>().join("; ")
-    };
     let own = IMU_SPLITS_S.iter().position(|s| *s == IMU_TRAIN_S).and_then(|k| all.get(k));
     let c = own.ok_or_else(|| BadInput::new("the split of the picture is none of those of the figures"))?;
     let plain = |(n, b): (&String, &OnVerify)| (b.model == AxisModel::Baseline).then(|| n.clone());
@@ -297,8 +339,8 @@ pub fn imu_in_short(folder: &Path) -> anyhow::Result<InShort> {
          {IMU_TRAIN_S:.0}: {}.{plain}",
         whole.time_s.len(),
         IMU_SPLITS_S.len(),
-        figures(0),
-        figures(1),
+        in_words(&rows, &present, 0),
+        in_words(&rows, &present, 1),
         named(&c.report)
     );
     Ok(InShort {
@@ -375,6 +417,23 @@ fn picture(whole: &Recording, c: &Compared, names: [&str; 3]) -> anyhow::Result<
 pub fn voltmeter(folder: &Path) -> anyhow::Result<String> {
     let whole = load(folder, "voltmeter-1v")?;
     let mut all = splits(&whole, &VOLTMETER_SPLITS_S, &Method::ALL)?;
+    on_the_other(&whole, &mut all)?;
+    let [first, .., last] = VOLTMETER_SPLITS_S;
+    let mut s = format!(
+        "voltmeter-1v: {} rows; learnt from the first {first:.0} to {last:.0} s ({} splits), judged on the rest, states carried through; ppb of one volt in the place of deg/h\n   x and y: in the air bath; z: the control outside; median [range] over the splits; raw less the mean of the train rows; of the other: the image of the other instrument, about its own mean\n",
+        whole.time_s.len(),
+        VOLTMETER_SPLITS_S.len()
+    );
+    s += &band_table(&Band::of(&all), "ppb", &[0, 1, 2], 0);
+    for (at_s, c) in VOLTMETER_SPLITS_S.iter().zip(&all) {
+        let burn = if c.report.burn { "burn" } else { "do not burn" };
+        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
+    }
+    Ok(s)
+}
+
+/// Adds rows: the images of one instrument, tried on the other.
+fn on_the_other(whole: &Recording, all: &mut [Compared]) -> Result<(), BadInput> {
     for (c, at_s) in all.iter_mut().zip(VOLTMETER_SPLITS_S) {
         let (_, verify) = whole.split(at_s)?;
         let steps = Steps::new(&verify)?;
@@ -388,18 +447,7 @@ pub fn voltmeter(folder: &Path) -> anyhow::Result<String> {
             c.rows.push(Row { method: name.into(), axes: [0, 1, 2].map(figure) });
         }
     }
-    let [first, .., last] = VOLTMETER_SPLITS_S;
-    let mut s = format!(
-        "voltmeter-1v: {} rows; learnt from the first {first:.0} to {last:.0} s ({} splits), judged on the rest, states carried through; ppb of one volt in the place of deg/h\n   x and y: in the air bath; z: the control outside; median [range] over the splits; raw less the mean of the train rows; of the other: the image of the other instrument, about its own mean\n",
-        whole.time_s.len(),
-        VOLTMETER_SPLITS_S.len()
-    );
-    s += &band_table(&Band::of(&all), "ppb", &[0, 1, 2], 0);
-    for (at_s, c) in VOLTMETER_SPLITS_S.iter().zip(&all) {
-        let burn = if c.report.burn { "burn" } else { "do not burn" };
-        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
-    }
-    Ok(s)
+    Ok(())
 }
 
 /// An image with what it knows of x and y changed about.
@@ -422,35 +470,41 @@ fn halves(r: &Recording, rows: usize) -> Result<[Recording; 2], BadInput> {
     }))
 }
 
-/// The quartz oscillator: each half learnt from, the other judged on.
+/// The quartz oscillator: the log parted at several times, states carried through; then each half learnt from and the other judged on, as
+/// two runs of their own.
 ///
 /// # Errors
 /// If the file is not there.
 pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
     let whole = load(folder, "gpsdo.short")?;
-    let [first, second] = halves(&whole, GPSDO_HALF)?;
-    let (before, after) = whole.split(second.time_s[0])?;
+    let all = splits(&whole, &GPSDO_SPLITS_S, &Method::ALL)?;
+    let [first, .., last] = GPSDO_SPLITS_S;
     let mut s = format!(
-        "gpsdo.short: {} rows, each half judged by the other; ppb of frequency in the place of deg/h\n",
-        whole.time_s.len()
+        "gpsdo.short: {} rows; learnt from the first {first:.0} to {last:.0} s ({} splits), judged on the rest, states carried through; ppb of frequency in the place of deg/h\n",
+        whole.time_s.len(),
+        GPSDO_SPLITS_S.len()
     );
+    s += &band_table(&Band::of(&all), "ppb", &[0], 2);
+    if let Some(c) = all.first() {
+        c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
+    }
+    for (at_s, c) in GPSDO_SPLITS_S.iter().zip(&all) {
+        let burn = if c.report.burn { "burn" } else { "do not burn" };
+        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
+    }
+    let [first, second] = halves(&whole, GPSDO_HALF)?;
     let mut classes = Vec::new();
     for (train, verify, name) in [
-        (&before, &after, "first half learnt from, second judged, states carried through"),
-        (&first, &second, "the same as two runs"),
-        (&second, &first, "second half learnt from, first judged"),
+        (&first, &second, "the halves as two runs, the first learnt from"),
+        (&second, &first, "the same, the second learnt from"),
     ] {
-        let c = compare(train, verify, &Method::ALL)?;
-        s += &format!(" {name}\n");
-        s += &table(&c.rows, "ppb", &[0], 3);
-        c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
-        s += &format!("   trace: {}\n", named(&c.report));
+        let c = compare(train, verify, &[Method::Lsq])?;
+        s += &format!(" {name}\n{}   trace: {}\n", table(&c.rows, "ppb", &[0], 3), named(&c.report));
         let mut named: Vec<&str> = c.report.effects.iter().map(|e| e.class.name()).collect();
         named.sort_unstable();
         named.dedup();
         classes.push(named.join(", "));
     }
-    classes.remove(0);
     let same = if classes[0] == classes[1] { "the same classes" } else { "other classes" };
     s += &format!(" swap test: {same} both ways ([{}] and [{}])\n", classes[0], classes[1]);
     Ok(s)

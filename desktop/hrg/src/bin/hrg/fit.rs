@@ -48,6 +48,9 @@ pub struct Arguments {
     /// The breakpoint of the four-parameter methods (fog-...), C, instead of searching it: wu2023's div_a.
     #[arg(long, allow_negative_numbers = true)]
     breakpoint: Option<f64>,
+    /// Degree of the curve of polynomial and direct: 1 to 10, or auto (the one that leaves the least of held-out parts of the runs).
+    #[arg(long, value_name = "N|auto")]
+    degree: Option<hrg_papers::method::Degree>,
     /// File for the course of the search: objective and best coefficients after each iteration (CSV).
     #[arg(long)]
     history: Option<PathBuf>,
@@ -73,12 +76,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let (true, Some(calibration)) = (arguments.rates, &arguments.calibration) {
         return crate::rates::fit(&arguments.recordings, calibration, &arguments.verify, &out);
     }
-    let Arguments { recordings, method, seed, uniform, curve, breakpoint, history, different_units, facts, .. } =
-        arguments;
+    let Arguments {
+        recordings, method, seed, uniform, curve, breakpoint, degree, history, different_units, facts, ..
+    } = arguments;
     let recordings = facts.load(&recordings)?;
     let known = curve.as_deref().map(image_file::load).transpose()?.map(|c| c.axes.map(|a| a.curve));
     let prepared = fit::prepare_with(&recordings, units(different_units), known)?;
-    let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint };
+    let options = hrg_papers::method::Options { seed, uniform, breakpoint_c: breakpoint, degree };
     let mut found =
         with_a_bar(&format!("fitting by {method}"), || methods::identify_with(&prepared, method, &options))?;
     if let Some(history) = history {
