@@ -19,12 +19,13 @@ mod slots;
 
 use core::arch::{asm, naked_asm};
 use core::ptr::{read_volatile, with_exposed_provenance, with_exposed_provenance_mut, write_volatile};
-use slots::{mark, order, Choice, Slot, ERASED, TABLE};
+use slots::{chosen, mark, order, Choice, Slot, ERASED, TABLE};
 
-/// Registers of RM0390: RCC_AHB1ENR (6.3.10), CRC_DR and CRC_CR (4.4), FLASH_KEYR, FLASH_SR and FLASH_CR (3.8), IWDG_KR (20.4), and the
+/// Registers of RM0390: RCC_AHB1ENR (6.3.10), RCC_CSR (6.3.21), CRC_DR and CRC_CR (4.4), FLASH_KEYR, FLASH_SR and FLASH_CR (3.8), IWDG_KR (20.4), and the
 /// processor's VTOR (PM0214 section 4.4.4).
 mod register {
     pub const RCC_AHB1ENR: usize = 0x4002_3830;
+    pub const RCC_CSR: usize = 0x4002_3874;
     pub const CRC_DR: usize = 0x4002_3000;
     pub const CRC_CR: usize = 0x4002_3008;
     pub const FLASH_KEYR: usize = 0x4002_3C04;
@@ -36,6 +37,8 @@ mod register {
 
 /// RCC_AHB1ENR: clock of the CRC unit.
 const CRC_ON: u32 = 1 << 12;
+/// RCC_CSR: the reset was one by software. (The program clears the flags at each start.)
+const BY_SOFTWARE: u32 = 1 << 28;
 /// FLASH_SR: busy. FLASH_CR: program (PSIZE 0: bytes), lock.
 const BUSY: u32 = 1 << 16;
 const PROGRAM: u32 = 1;
@@ -47,7 +50,7 @@ const START: u32 = 0xCCCC;
 
 // Symbols of memory.x: only their addresses are used.
 unsafe extern "C" {
-    static _stack_start: u8;
+    static _loader_stack: u8;
     static _slot_a_start: u8;
     static _slot_a_end: u8;
     static _slot_b_start: u8;
@@ -70,7 +73,7 @@ const NONE: Vector = Vector { number: 0 };
 #[unsafe(link_section = ".vectors")]
 #[used]
 static VECTORS: [Vector; 16] = [
-    Vector { stack: &raw const _stack_start },
+    Vector { stack: &raw const _loader_stack },
     Vector { code: reset },
     STUCK,
     STUCK,
@@ -174,17 +177,11 @@ fn start(slot: &Slot<'_>) -> ! {
 unsafe extern "C" fn reset() -> ! {
     write(register::IWDG_KR, START);
     let slots = all();
-    let order = order(slots);
-    for Choice { slot, trial } in order.into_iter().flatten() {
-        if let Some(slot) = slots.get(slot).filter(|s| intact(s) && (!trial || tried(s))) {
-            start(slot);
-        }
-    }
-    // No program is as it was built: the first one, which sees that itself and says so.
-    for Choice { slot, .. } in order.into_iter().flatten() {
-        if let Some(slot) = slots.get(slot) {
-            start(slot);
-        }
+    let fit = |Choice { slot, trial, .. }: Choice| slots.get(slot).is_some_and(|s| intact(s) && (!trial || tried(s)));
+    if let Some(slot) =
+        chosen(order(slots, read(register::RCC_CSR) & BY_SOFTWARE != 0), fit).and_then(|slot| slots.get(slot))
+    {
+        start(slot);
     }
     // SAFETY: it does not come back.
     unsafe { stuck() }

@@ -146,6 +146,8 @@ pub static EVENTS: Channel<Mutex, (u32, hrg_core::events::Event), { crate::param
 pub static ECHOED: AtomicBool = AtomicBool::new(false);
 /// The last second had samples.
 pub static RATES: AtomicBool = AtomicBool::new(false);
+/// The program is on trial, beside one to go back to.
+pub static ON_TRIAL: AtomicBool = AtomicBool::new(false);
 /// The unit moves.
 pub static MOVING: AtomicBool = AtomicBool::new(false);
 /// Link in to link out: the programs of the unit.

@@ -80,7 +80,7 @@ pub async fn receive(mut receiver: Receiver, identity: Identity, stopped: Stoppe
                 }
                 // The host waits for each answer, so there is room.
                 Some(Ok(Message::Maintain(command))) => {
-                    if command == Command::Echo(token) {
+                    if token != 0 && command == Command::Echo(token) {
                         ECHOED.store(true, Ordering::Relaxed);
                     }
                     let _ = MAINTAIN.try_send(command);

@@ -254,16 +254,20 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
     let stack_used = stack::repaint();
     #[cfg(feature = "bring-up")]
     bring_up::prepare(&mut board.sectors);
-    let stopped = retained::last_stop(board.reset_cause, stack_used);
+    let programs = maintain::programs(0);
+    let before = if retained::ran_last(programs.sum) { board.reset_cause } else { ResetCause::Power };
+    let stopped = retained::last_stop(before, stack_used);
     let verdict = board.program.whole();
     let board::Loaded { calibration, place, checksum, mut status, cut_short } = board.calibration();
     status.set(UnitStatus::TIMEBASE, !board.crystal);
-    status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed);
+    // (A newer one that was left has changed.)
+    status.set(UnitStatus::PROGRAM, verdict == program::Verdict::Changed || maintain::newer_was_left());
     #[cfg(feature = "self-test")]
     status.set(UnitStatus::PROGRAM, status.contains(UnitStatus::PROGRAM) || self_test::memory_is_bad());
     static COMPENSATORS: [StaticCell<Compensator>; CHANNELS] = [const { StaticCell::new() }; CHANNELS];
     let mut compensators = COMPENSATORS.each_ref().map(|place| compensator(place, &calibration));
-    let resets = resume(&mut compensators, board.reset_cause);
+    let resets = resume(&mut compensators, before);
+    channels::MOVING.store(retained::moved(before), core::sync::atomic::Ordering::Relaxed);
     #[cfg(feature = "field-log")]
     set_zero(&mut compensators, &board.sectors, checksum);
     let identity = Identity {
@@ -308,7 +312,7 @@ fn start(spawner: Spawner) -> (Watchdog, program::Check) {
         #[cfg(feature = "inputs")]
         chip: board.chip,
         #[cfg(feature = "pps")]
-        correction: retained::correction(board.reset_cause),
+        correction: retained::correction(before),
     };
     // Peripheral interrupts stay at the top; the rate path comes next, then model and link, threads last.
     interrupt::UART4.set_priority(Priority::P8);

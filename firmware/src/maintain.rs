@@ -5,7 +5,7 @@
 //! measured or sent. That is why it takes a mode. Edges and samples lost meanwhile are flagged as any other. Most burns erase nothing; the
 //! programming of a word takes 16 us.
 
-use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, MOVING, RATES};
+use crate::channels::{ANSWER, ECHOED, MAINTAIN, MAINTENANCE_OPEN, MOVING, ON_TRIAL, RATES};
 #[cfg(feature = "field-log")]
 use crate::channels::{EVENTS, ON_FOR_S, ZERO};
 use crate::clock;
@@ -197,9 +197,6 @@ impl update::Store for Sectors {
     fn slot(&self, slot: usize) -> (&[u8], u32) {
         (slot_bytes(slot), slot_range(slot).start as u32)
     }
-    fn first_sector(&self, slot: usize) -> usize {
-        FIRST_SECTORS[slot % 2]
-    }
     fn erase_slot(&mut self, slot: usize, sector: usize) -> bool {
         let Range { start, end } = slot_range(slot);
         let second = start + FIRST_SECTORS[slot % 2];
@@ -224,6 +221,13 @@ fn condition(calibration: u32) -> Condition {
 /// The programs of the unit.
 pub fn programs(token: u32) -> Programs {
     Programs::of(slots(), token)
+}
+
+/// `true` if a program that was put into use after this one was left by the loader: it has changed.
+pub fn newer_was_left() -> bool {
+    let (own, all) = slots();
+    let [own, other] = [own, 1 - own].map(|slot| all.get(slot).copied().unwrap_or(Slot(&[])));
+    other.state() == State::Confirmed && other.number() > own.number()
 }
 
 impl Store for Sectors {
@@ -261,8 +265,9 @@ impl OnTrial {
     fn begin(sectors: &impl update::Store) -> Option<Self> {
         let own = Slot(sectors.slot(sectors.own()).0);
         let expected = own.word(mark::EXPECTED) as u8;
-        (own.state() != State::Confirmed)
-            .then(|| Self { trial: Trial::new(expected), next: Instant::now() + Duration::from_secs(1) })
+        let on_trial = own.state() != State::Confirmed;
+        ON_TRIAL.store(on_trial && update::has_other(sectors), Ordering::Relaxed);
+        on_trial.then(|| Self { trial: Trial::new(expected), next: Instant::now() + Duration::from_secs(1) })
     }
 
     /// `true` if it has confirmed itself now. A program that has had its time starts anew, and the loader takes the one before.
@@ -275,9 +280,12 @@ impl OnTrial {
             Verdict::Wait => false,
             Verdict::Confirm => {
                 let done = update::confirm(sectors);
+                ON_TRIAL.store(!done, Ordering::Relaxed);
                 defmt::info!("the program has confirmed itself: {=bool}", done);
                 done
             }
+            // (Where there is no program to go back to, a reset would not help.)
+            Verdict::GiveUp if !update::has_other(sectors) => false,
             Verdict::GiveUp => {
                 defmt::error!("the program could not confirm itself: the one before comes back");
                 cortex_m::peripheral::SCB::sys_reset()
@@ -291,6 +299,19 @@ impl OnTrial {
 pub fn program_event() -> Event {
     let Programs { slot, state, sum, .. } = programs(0);
     Event::Program { slot, state, sum }
+}
+
+/// Has a command carried out. (Where a whole program is checked, its sum and its signature, that takes longer than a watchdog whose oscillator is fast would wait.)
+fn carry_out(maintenance: &mut Maintenance, command: &Command, sectors: &mut Sectors) -> Reply {
+    let long = matches!(command, Command::Commit(_) | Command::RollBack);
+    if long {
+        sectors.patience.begin();
+    }
+    let reply = maintenance.command(command, sectors);
+    if long {
+        sectors.patience.end();
+    }
+    reply
 }
 
 /// See the module.
@@ -344,7 +365,7 @@ pub async fn task(
         maintenance.set_condition(condition(calibration));
         maintenance.set_moving(MOVING.load(Ordering::Relaxed) && service.is_high());
         #[cfg_attr(not(feature = "self-test"), allow(unused_mut))]
-        let mut reply = maintenance.command(&command, &mut sectors);
+        let mut reply = carry_out(maintenance, &command, &mut sectors);
         #[cfg(feature = "self-test")]
         if (command, reply) == (Command::Test, Reply::Answer(Answer::Done, 0)) {
             reply = if crate::channels::ALIGNING.load(Ordering::Relaxed) {

@@ -32,11 +32,36 @@ static SILENT: [AtomicU32; 3] = [const { AtomicU32::new(0) }; 3];
 #[unsafe(link_section = ".uninit.resumed")]
 static RESUMED: AtomicU32 = AtomicU32::new(0);
 
+/// The unit was at rest: [`WORD`] and 1.
+#[allow(unsafe_code)] // As above.
+#[unsafe(link_section = ".uninit.rest")]
+#[unsafe(export_name = "_kept_rest")]
+static REST: AtomicU32 = AtomicU32::new(0);
+
 /// The correction of the clock, parts per 1e9 as a float, and its bits turned over.
 #[cfg(feature = "pps")]
 #[allow(unsafe_code)] // As above.
 #[unsafe(link_section = ".uninit.correction")]
 static CORRECTION: [AtomicU32; 2] = [const { AtomicU32::new(0) }; 2];
+
+// The word in memory.x that says which program ran last.
+#[allow(unsafe_code)] // Only its address is used.
+unsafe extern "C" {
+    static _ran_last: u8;
+}
+
+/// `true` if the program that ran before this start was this one, by the sum of its slot; from now on it is. What another one has left lies anywhere, and may be
+/// of days ago: this program then starts as after a power-on.
+pub fn ran_last(sum: u32) -> bool {
+    let place = core::ptr::with_exposed_provenance_mut::<u32>((&raw const _ran_last).addr());
+    // SAFETY: a word of RAM that the linker gives to nobody; only called at the start.
+    #[allow(unsafe_code)]
+    unsafe {
+        let before = place.read_volatile();
+        place.write_volatile(sum);
+        before == sum
+    }
+}
 
 /// Marks a number in memory that a reset leaves alone as written by this program.
 const WORD: u32 = 0x4852_4700;
@@ -61,6 +86,17 @@ fn number(word: &AtomicU32) -> u32 {
     } else {
         0
     }
+}
+
+/// Notes that the unit moves, or rests, for the next start.
+pub fn note_moving(moving: bool) {
+    REST.store(WORD | u32::from(!moving), Ordering::Relaxed);
+}
+
+/// `true` if the unit has to rest for a while before it counts as resting: after a reset, unless it was at rest before. (A power-on is that of somebody who
+/// has the unit at hand.)
+pub fn moved(cause: ResetCause) -> bool {
+    cause.is_brief() && number(&REST) == 0
 }
 
 /// Leaves word for the next start.

@@ -5,6 +5,7 @@ use crate::channels::{
     self, ALIGN, ALIGNMENT, HOUSEKEEPING, LINK_ERRORS, LOG, MAINTENANCE_OPEN, ON_FOR_S, SECONDS, STEP, TELEMETRY_ALIVE,
     TRIM,
 };
+use crate::retained;
 use core::sync::atomic::Ordering;
 use embassy_time::{with_timeout, Duration};
 #[cfg(feature = "field-log")]
@@ -24,7 +25,7 @@ pub type Alignment = hrg_core::align_mode::NotBuiltIn;
 pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
     #[cfg(feature = "field-log")]
     let mut watch = hrg_core::events::Watch::default();
-    let mut still = Still::default();
+    let mut still = if channels::MOVING.load(Ordering::Relaxed) { Still::after_motion() } else { Still::default() };
     loop {
         let (step, output, report) = STEP.receive().await;
         TELEMETRY_ALIVE.give();
@@ -52,7 +53,9 @@ pub async fn task(mut telemetry: Telemetry<&'static mut Alignment>) {
         let h = &housekeeping;
         ON_FOR_S.store(h.on_for_s as u32, Ordering::Relaxed);
         channels::RATES.store(h.samples > 0, Ordering::Relaxed);
-        channels::MOVING.store(still.second(h.raw_dph), Ordering::Relaxed);
+        let moving = still.second(h.raw_dph);
+        channels::MOVING.store(moving, Ordering::Relaxed);
+        retained::note_moving(moving);
         #[cfg(feature = "field-log")]
         watch.second(h.axis_status, noteworthy(h.unit_status), h.temperature_c, |event| {
             // A full queue loses it: the flag rises again, or stands in every frame.

@@ -30,7 +30,7 @@
 //! put(mark::CONFIRMED, CONFIRMED);
 //! put(mark::NUMBERS, numbered(1));
 //! let b = vec![0xFF; 1024];
-//! assert_eq!(order([Slot(&a), Slot(&b)]), [Some(Choice { slot: 0, trial: false }), None]);
+//! assert_eq!(order([Slot(&a), Slot(&b)], true), [Some(Choice { slot: 0, trial: false, held: false }), None]);
 //! ```
 
 /// Erased flash.
@@ -160,7 +160,23 @@ pub const fn numbered(n: u16) -> u32 {
     n as u32 | (!n as u32) << 16
 }
 
+/// Bits that a mark may have lost: it is in no sum, and a unit whose mark has lost one must start all the same.
+const LOST: u32 = 3;
+
+/// `true` if a word holds a mark. (An erased word, or none, is sixteen bits away from each. A mark of which a power cut has left a part is never written before
+/// what it vouches for is there and checked.)
+const fn holds(word: u32, mark: u32) -> bool {
+    (word ^ mark).count_ones() <= LOST
+}
+
 impl<'a> Slot<'a> {
+    /// `true` if its marks are as they were written: none has lost a bit.
+    #[must_use]
+    pub fn marks_sound(&self) -> bool {
+        let confirmed = self.word(mark::CONFIRMED);
+        self.word(mark::COMMITTED) == COMMITTED && (confirmed == CONFIRMED || confirmed == ERASED)
+    }
+
     /// The word at an offset; erased behind the slot's end.
     #[must_use]
     pub fn word(&self, at: usize) -> u32 {
@@ -173,9 +189,9 @@ impl<'a> Slot<'a> {
     /// State of what it holds.
     #[must_use]
     pub fn state(&self) -> State {
-        if self.word(mark::COMMITTED) != COMMITTED {
+        if !holds(self.word(mark::COMMITTED), COMMITTED) {
             State::Empty
-        } else if self.word(mark::CONFIRMED) == CONFIRMED {
+        } else if holds(self.word(mark::CONFIRMED), CONFIRMED) {
             State::Confirmed
         } else if self.word(mark::TRIED) == ERASED {
             State::New
@@ -265,11 +281,14 @@ pub struct Choice {
     pub slot: usize,
     /// For the first time: it is to be marked as tried.
     pub trial: bool,
+    /// Not beside a program that has confirmed itself: it has failed its trial, or nobody has asked for the trial now.
+    pub held: bool,
 }
 
-/// The slots in the order in which to start them, each if its sum is right.
+/// The slots in the order in which to start them; see [`chosen`]. `restarted`: by a command, which is the time for a trial. (A program that was committed and not
+/// restarted into must not be tried at a reset in flight.)
 #[must_use]
-pub fn order([a, b]: [Slot<'_>; 2]) -> [Option<Choice>; 2] {
+pub fn order([a, b]: [Slot<'_>; 2], restarted: bool) -> [Option<Choice>; 2] {
     // The higher the rank the earlier; 0: never.
     let rank = |slot: &Slot<'_>, other: &Slot<'_>| {
         let newer = slot.number() > other.number();
@@ -282,12 +301,41 @@ pub fn order([a, b]: [Slot<'_>; 2]) -> [Option<Choice>; 2] {
             (State::Tried, _) => 1,
         }
     };
-    let choice = |slot: usize, rank: u8| if rank > 0 { Some(Choice { slot, trial: rank == 4 }) } else { None };
+    let choice = |slot: usize, rank: u8, held: bool| {
+        if rank > 0 {
+            Some(Choice { slot, trial: rank == 4, held })
+        } else {
+            None
+        }
+    };
+    let held = |slot: &Slot<'_>, other: &Slot<'_>| {
+        let waits = matches!(slot.state(), State::New) && !restarted;
+        (waits || matches!(slot.state(), State::Tried)) && matches!(other.state(), State::Confirmed)
+    };
     let (of_a, of_b) = (rank(&a, &b), rank(&b, &a));
-    let (a, b) = (choice(0, of_a), choice(1, of_b));
+    let (a, b) = (choice(0, of_a, held(&a, &b)), choice(1, of_b, held(&b, &a)));
     match (of_a >= of_b, a, b) {
         (true, Some(_), _) | (false, _, None) => [a, b],
         _ => [b, a],
+    }
+}
+
+/// The slot to start: the first in the order that is not held and is fit (its sum is right, and a trial could be marked). Where none is so the first that is not held, which
+/// sees that itself and says so. `None`: there is no program.
+#[must_use]
+pub fn chosen(order: [Option<Choice>; 2], mut fit: impl FnMut(Choice) -> bool) -> Option<usize> {
+    let free = |choice: &Choice| !choice.held;
+    let mut k = 0;
+    while k < order.len() {
+        match order[k] {
+            Some(choice) if free(&choice) && fit(choice) => return Some(choice.slot),
+            _ => k += 1,
+        }
+    }
+    let [first, second] = order;
+    match first.filter(free) {
+        Some(choice) => Some(choice.slot),
+        None => second.or(first).map(|choice| choice.slot),
     }
 }
 
@@ -324,7 +372,7 @@ mod tests {
     }
 
     fn first(a: &[u8], b: &[u8]) -> Option<(usize, bool)> {
-        order([Slot(a), Slot(b)])[0].map(|c| (c.slot, c.trial))
+        order([Slot(a), Slot(b)], true)[0].map(|c| (c.slot, c.trial))
     }
 
     #[test]

@@ -37,6 +37,9 @@ pub const TRIAL_S: u32 = 60;
 /// It has to be good for so many, one after the other.
 const GOOD_S: u32 = 3;
 
+/// A confirmation that cannot be written (the supply is low, say) is tried again until so many seconds after that.
+const PATIENCE_S: u32 = 10;
+
 /// Sectors of a slot.
 pub const SECTORS: usize = 2;
 
@@ -49,10 +52,6 @@ pub trait Store {
     /// A slot, and its address.
     fn slot(&self, _slot: usize) -> (&[u8], u32) {
         (&[], 0)
-    }
-    /// Bytes of its first sector.
-    fn first_sector(&self, _slot: usize) -> usize {
-        0
     }
     /// Erases one of its [`SECTORS`]. `false`: it failed.
     fn erase_slot(&mut self, _slot: usize, _sector: usize) -> bool {
@@ -77,13 +76,15 @@ struct Coming {
 pub struct Update {
     key: Option<Key>,
     coming: Option<Coming>,
+    /// Length and sum of the program that the slot is emptied for, and its sectors that were erased.
+    emptied: (u32, u32, usize),
 }
 
 impl Update {
     /// Receives nothing yet. `key`: takes only what it has signed.
     #[must_use]
     pub const fn new(key: Option<Key>) -> Self {
-        Self { key, coming: None }
+        Self { key, coming: None, emptied: (0, 0, 0) }
     }
 
     /// So many bytes will come, from the head to the program's end, with this sum. Gives the number of bytes that are there already;
@@ -108,13 +109,15 @@ impl Update {
             self.coming = Some(Coming { total, next });
             return (Answer::Done, next);
         }
-        let first = store.first_sector(other);
-        for (sector, part) in [(0, 0..first), (1, first..slot.0.len())] {
-            let blank = store.slot(other).0.get(part).is_some_and(|bytes| bytes.iter().all(|b| *b == 0xFF));
-            if !blank {
-                return (if store.erase_slot(other, sector) { Answer::More } else { Answer::Flash }, sector as u32);
-            }
+        // (Each sector is erased, even one that looks blank: an erase that a power cut has ended may read so, and not hold.)
+        let (of_length, of_sum, done) = self.emptied;
+        let done = if (of_length, of_sum) == (total, sum) { done } else { 0 };
+        if done < SECTORS {
+            let erased = store.erase_slot(other, done);
+            self.emptied = (total, sum, done + usize::from(erased));
+            return (if erased { Answer::More } else { Answer::Flash }, done as u32);
         }
+        self.emptied = (0, 0, 0);
         let mut word = |at: usize, word: u32| store.write_slot(other, at, &word.to_le_bytes());
         if !(word(mark::SUM, sum) && word(mark::LENGTH, total)) {
             return (Answer::Flash, 0);
@@ -198,14 +201,17 @@ impl Update {
         Ok(())
     }
 
-    /// The program in the other slot is put into use again, from the next start on. Gives its version.
+    /// The program in the other slot is put into use again, from the next start on. Gives its version. (A unit with a key asks for the signature with which it
+    /// came: it may have come before the key.)
     pub fn roll_back(&mut self, store: &mut impl Store) -> (Answer, u32) {
         self.coming = None;
+        if !has_other(store) {
+            return (Answer::NoProgram, 0);
+        }
         let other = 1 - store.own();
         let slot = Slot(store.slot(other).0);
-        let whole = slot.body().is_some_and(|body| slots::sum(body) == slot.word(mark::SUM));
-        if slot.state() != State::Confirmed || !whole {
-            return (Answer::NoProgram, 0);
+        if self.key.is_some_and(|key| !signed_as_it_came(&key, &slot)) {
+            return (Answer::Signature, 0);
         }
         let version = slot.version();
         let number = next_number([0, 1].map(|s| Slot(store.slot(s).0)));
@@ -214,6 +220,18 @@ impl Update {
             _ => (Answer::Flash, 0),
         }
     }
+}
+
+/// `true` if the other slot has a whole program that has once confirmed itself: the way back.
+pub fn has_other(store: &impl Store) -> bool {
+    let slot = Slot(store.slot(1 - store.own()).0);
+    slot.state() == State::Confirmed && slot.body().is_some_and(|body| slots::sum(body) == slot.word(mark::SUM))
+}
+
+/// `true` if a key has signed the program of a slot, by the signature that lies beside it.
+fn signed_as_it_came(key: &Key, slot: &Slot<'_>) -> bool {
+    let signature = slot.0.get(mark::SIGNATURE..).and_then(<[u8]>::first_chunk);
+    slot.body().zip(signature).is_some_and(|(body, signature)| key.has_signed(body, signature))
 }
 
 /// The command that sends the piece of a program from an offset on; `None`: there is none.
@@ -337,7 +355,7 @@ impl Trial {
     pub fn second(&mut self, now: Condition) -> Verdict {
         self.seconds = self.seconds.saturating_add(1);
         self.good = if now.bits() & self.expected == self.expected { self.good + 1 } else { 0 };
-        if self.good >= GOOD_S {
+        if self.good >= GOOD_S && self.seconds < TRIAL_S + PATIENCE_S {
             Verdict::Confirm
         } else if self.seconds >= TRIAL_S {
             Verdict::GiveUp
@@ -352,7 +370,7 @@ mod tests {
     extern crate std;
     use super::*;
     use crate::power_cut::Power;
-    use crate::slots::{order, Choice, ADDRESSES};
+    use crate::slots::{chosen, order, Choice, ADDRESSES};
     use std::vec;
     use std::vec::Vec;
 
@@ -386,17 +404,20 @@ mod tests {
         }
         /// Does as the loader does: gives the slot that it starts.
         fn start(&mut self) -> usize {
-            for Choice { slot, trial } in order(self.both()).into_iter().flatten() {
+            self.start_after(true)
+        }
+        fn start_after(&mut self, restarted: bool) -> usize {
+            let order = order(self.both(), restarted);
+            let fit = |Choice { slot, trial, .. }: Choice| {
                 let s = Slot(&self.slots[slot]);
-                if s.body().is_some_and(|body| slots::sum(body) == s.word(mark::SUM)) {
-                    if trial {
-                        self.slots[slot][mark::TRIED] = 0;
-                    }
-                    self.runs = slot;
-                    return slot;
+                let whole = s.body().is_some_and(|body| slots::sum(body) == s.word(mark::SUM));
+                if whole && trial {
+                    self.slots[slot][mark::TRIED] = 0;
                 }
-            }
-            unreachable!("there is always a program that runs")
+                whole
+            };
+            self.runs = chosen(order, fit).expect("there is always a program that runs");
+            self.runs
         }
         fn version(&self) -> u32 {
             Slot(&self.slots[self.runs]).version()
@@ -409,9 +430,6 @@ mod tests {
         }
         fn slot(&self, slot: usize) -> (&[u8], u32) {
             (&self.slots[slot], ADDRESSES[slot])
-        }
-        fn first_sector(&self, _: usize) -> usize {
-            SECTOR
         }
         fn erase_slot(&mut self, slot: usize, sector: usize) -> bool {
             assert_ne!(slot, self.runs, "never the one that runs");
@@ -484,6 +502,73 @@ mod tests {
             failed.start();
             assert_eq!(Update::new(None).roll_back(&mut failed), (Answer::NoProgram, 0));
         }
+    }
+
+    /// The marks are in no sum.
+    #[test]
+    fn a_mark_that_has_lost_some_bits_still_counts_and_is_seen() {
+        for mark in [mark::COMMITTED, mark::CONFIRMED] {
+            for (one, two) in (0..32).flat_map(|one| (0..32).map(move |two| (one, two))) {
+                let mut store = Memory::new(5);
+                let mut word = Slot(&store.slots[0]).word(mark);
+                word ^= 1 << one;
+                word ^= if one == two { 0 } else { 1 << two };
+                store.slots[0][mark..mark + 4].copy_from_slice(&word.to_le_bytes());
+                assert_eq!(store.start(), 0);
+                let slot = Slot(&store.slots[0]);
+                assert_eq!((slot.state(), slot.marks_sound()), (State::Confirmed, false));
+            }
+        }
+        assert!(Slot(&Memory::new(5).slots[0]).marks_sound());
+    }
+
+    #[test]
+    fn a_program_that_has_failed_is_not_started_for_one_that_has_changed() {
+        let mut store = Memory::new(5);
+        assert_eq!(send(&mut Update::new(None), &mut store, &program(1, 6, 1000)).0, Answer::Done);
+        assert_eq!(store.start(), 1, "tried");
+        store.slots[0][HEAD + 400] ^= 1;
+        assert_eq!(store.start(), 0, "it has changed, and says so");
+        // A new one goes before one that has changed.
+        let mut store = Memory::new(5);
+        assert_eq!(send(&mut Update::new(None), &mut store, &program(1, 6, 1000)).0, Answer::Done);
+        store.slots[0][HEAD + 400] ^= 1;
+        assert_eq!(store.start(), 1);
+    }
+
+    #[test]
+    fn a_program_is_tried_when_it_is_restarted_into_and_at_no_other_reset() {
+        let mut store = Memory::new(5);
+        assert_eq!(send(&mut Update::new(None), &mut store, &program(1, 6, 1000)).0, Answer::Done);
+        assert_eq!([store.start_after(false), store.start_after(false)], [0; 2]);
+        // Where the one that runs has changed it is started all the same.
+        let mut changed = store.clone();
+        changed.slots[0][HEAD + 400] ^= 1;
+        assert_eq!(changed.start_after(false), 0);
+        assert_eq!(store.start_after(true), 1);
+    }
+
+    #[test]
+    fn a_trial_ends_even_where_nothing_can_be_confirmed() {
+        let mut trial = Trial::new(GOOD.bits());
+        let verdicts: Vec<Verdict> = (0..100).map(|_| trial.second(GOOD)).collect();
+        let end = (TRIAL_S + PATIENCE_S) as usize - 1;
+        assert!(verdicts[3..end].iter().all(|v| *v == Verdict::Confirm));
+        assert!(verdicts[end..].iter().all(|v| *v == Verdict::GiveUp));
+    }
+
+    /// A unit had an unsigned program before it got one with a key.
+    #[cfg(feature = "signed")]
+    #[test]
+    fn a_unit_with_a_key_does_not_go_back_to_what_nobody_has_signed() {
+        let mut store = Memory::new(5);
+        assert_eq!(send(&mut Update::new(None), &mut store, &program(1, 6, 1000)).0, Answer::Done);
+        store.start();
+        assert!(confirm(&mut store));
+        let key = Key::new([7; 32]);
+        assert_eq!(Update::new(Some(key)).roll_back(&mut store).0, Answer::Signature);
+        assert_eq!(store.start(), 1);
+        assert_eq!(Update::new(None).roll_back(&mut store).0, Answer::Done, "without a key");
     }
 
     #[test]

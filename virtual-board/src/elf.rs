@@ -64,9 +64,6 @@ impl Firmware {
             .map(|s| (s.address() as u32, s.address().saturating_add(s.size()).min(u64::from(ram_end)) as u32));
         let (start, end) = in_ram.fold((ram_end, RAM_START), |(a, b), (c, d)| (a.min(c), b.max(d)));
         let statics = if start < end { start..end } else { RAM_START..RAM_START };
-        let top = u32::from_le_bytes([flash[0], flash[1], flash[2], flash[3]]).clamp(RAM_START, ram_end);
-        // It grows down to the statics, or to the start of RAM where it lies below them.
-        let stack = if top <= statics.start { RAM_START..top } else { statics.end.min(top)..top };
         let mut symbols: Vec<Symbol> = file
             .symbols()
             .filter_map(|s| {
@@ -76,6 +73,12 @@ impl Firmware {
             })
             .collect();
         symbols.sort_by(|a, b| (a.address, &a.path).cmp(&(b.address, &b.path)));
+        // A program behind a loader has a stack of its own.
+        let own = symbols.iter().find(|s| s.path == "_stack_start").map(|s| s.address);
+        let first = u32::from_le_bytes([flash[0], flash[1], flash[2], flash[3]]);
+        let top = own.unwrap_or(first).clamp(RAM_START, ram_end);
+        // It grows down to the statics, or to the start of RAM where it lies below them.
+        let stack = if top <= statics.start { RAM_START..top } else { statics.end.min(top)..top };
         Ok(Self { flash, statics, stack, symbols })
     }
 

@@ -1,4 +1,4 @@
-//! What a model that is linear leaves of parts of the train runs that it was not fitted to.
+//! Error of a model that is linear on parts of the train runs that it was not fitted to.
 
 use crate::form::{Data, Form};
 use crate::method::{Degree, Method, Model};

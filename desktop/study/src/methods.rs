@@ -124,7 +124,7 @@ fn fly(elf: &[u8], calibration: &Path, run: &Recording, seconds: Option<u64>) ->
 fn has_a_search(method: Method) -> bool {
     let p = method.parts();
     p.objective == Objective::Range
-        || matches!(p.search, Search::Swarm | Search::LiteralSwarm)
+        || matches!(p.search, Search::Swarm | Search::LiteralSwarm(_))
         || matches!(p.model, Model::FourParameters | Model::FourParametersLiteral)
 }
 

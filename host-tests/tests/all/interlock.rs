@@ -36,11 +36,37 @@ fn a_unit_that_moves_takes_no_maintenance_unless_its_service_pin_is_low() {
     assert_eq!(ask(&mut board, Command::Close), Some(Answer::Done));
     board.drive_pin(SERVICE.0, SERVICE.1, true);
     assert_eq!(ask(&mut board, Command::Open(unit)), Some(Answer::Moving));
-    // A restart does not help: it has moved within the seconds that it has seen since.
+    // A restart does not help: it moved before.
     board.reset_by_software().expect("starts");
     running(&mut board, 1.0).expect("answers");
+    assert_eq!(ask(&mut board, Command::Open(unit)), Some(Answer::Moving), "before it has seen a second");
     at(&mut board, 35);
     assert_eq!(ask(&mut board, Command::Open(unit)), Some(Answer::Moving));
     at(&mut board, 53);
     assert_eq!(ask(&mut board, Command::Open(unit)), Some(Answer::Done), "at rest for ten seconds");
+}
+
+/// A host that takes each moment in which a unit may not know yet that it moves.
+#[test]
+fn a_unit_that_moves_from_the_start_is_restarted_once_at_most() {
+    let scene = Scene::new(&read_elf(&default_elf()).expect("built before"), 1).expect("a scene");
+    let mut steps = scene.steps().clone();
+    // A steady turn of 2 deg/s.
+    steps.rate_dph[2].fill(7200.0);
+    let scale = scene.calibration.scale_factors_dph_per_code();
+    let mut board = scene.off(Wires::new(steps, scale, 20e-9, 1, None, None), &scene.calibration).expect("runs");
+    let unit = scene.calibration.unit;
+    let mut opened = 0;
+    while board.now() < 30 * CPU_HZ {
+        board.run_until(board.now() + CPU_HZ / 10).expect("runs");
+        match maintain(&mut board, Command::Open(unit)) {
+            Ok(Some(Answer::Done)) => {
+                opened += 1;
+                let _ = maintain(&mut board, Command::Restart);
+            }
+            answer => drop(answer),
+        }
+    }
+    assert!(opened <= 1, "{opened} restarts");
+    assert!(board.world.received.rates.len() > 29 * 200 - 400, "{} frames", board.world.received.rates.len());
 }

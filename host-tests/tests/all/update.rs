@@ -8,11 +8,12 @@ use hrg_board::wires::Wires;
 use hrg_core::events::Event;
 use hrg_core::link::Message;
 use hrg_core::maintenance::{Answer, Command};
-use hrg_core::slots::{head, State, ADDRESSES, HEAD};
+use hrg_core::slots::{head, mark, State, ADDRESSES, HEAD};
+use hrg_core::status::{AxisStatus, UnitStatus};
 use hrg_core::update::{Programs, TRIAL_S};
 use hrg_study::faults::{good, Scene};
 use std::sync::LazyLock;
-use virtual_board::{Board, Firmware, Stop, CPU_HZ};
+use virtual_board::{Board, Firmware, Stop, CPU_HZ, FLASH_START};
 
 static SCENE: LazyLock<Scene> = LazyLock::new(|| {
     let elf = read_elf(&default_elf()).expect("cargo xtask test builds the firmware first");
@@ -231,4 +232,52 @@ fn a_program_on_trial_takes_no_other_one() {
         _ => None,
     });
     assert_eq!(again.expect("answers").map(|p| (p.slot, p.state)), Some((1, State::Tried as u8)));
+}
+
+/// The marks beside a program are in no sum: one that has lost a bit must not end a unit.
+#[test]
+fn a_unit_whose_mark_has_lost_a_bit_runs_and_says_so() {
+    let marks = ADDRESSES[0] - FLASH_START;
+    for (mark, bit) in [(mark::COMMITTED, 0), (mark::COMMITTED, 31), (mark::CONFIRMED, 5)] {
+        let mut board = unit();
+        let word = board.firmware().word(ADDRESSES[0] + mark as u32).expect("a mark") ^ 1 << bit;
+        board.write_flash(marks + mark as u32, &word.to_le_bytes()).expect("flash");
+        board.power_cut().expect("starts");
+        board.world.received.rates.clear();
+        board.run_until(board.now() + 2 * CPU_HZ).expect("runs");
+        let last = board.world.received.rates.last().expect("it runs");
+        assert!(last.unit_status.contains(UnitStatus::PROGRAM), "{last:?}");
+    }
+}
+
+/// Another program may have left anything where this one keeps its states, and may have run for days.
+#[test]
+fn states_that_another_program_ran_after_are_not_gone_on_from() {
+    for (sum, known) in [(None, true), (Some(0x1234_5678u32), false)] {
+        let mut board = SCENE.settled().expect("settles");
+        if let Some(sum) = sum {
+            let ran = board.firmware().address_of(hrg_board::RAN_LAST).expect("there");
+            board.write_ram(ran, &sum.to_le_bytes()).expect("RAM");
+        }
+        board.reset_by_software().expect("starts");
+        board.run_until(board.now() + 30 * CPU_HZ).expect("runs");
+        let last = board.world.received.rates.last().expect("rates");
+        let unknown = last.axis_status.iter().any(|s| s.contains(AxisStatus::HISTORY_UNKNOWN));
+        assert_eq!(unknown, !known, "{last:?}");
+    }
+}
+
+/// A host that goes away between the commitment and the restart.
+#[test]
+fn a_program_that_was_committed_is_not_tried_at_a_reset_in_flight() {
+    let mut board = unit();
+    assert_eq!(send(&mut board, &unsigned(program(1, 1_002_003))), Sent::Committed);
+    board.power_cut().expect("starts");
+    running(&mut board, 1.0).expect("answers");
+    let told = programs(&mut board, 1.0).expect("answers");
+    assert_eq!((told.slot, told.other_state, told.other_version), (0, State::New as u8, 1_002_003));
+    // It is there still, for a restart by a host.
+    assert_eq!(maintain(&mut board, Command::Open(SCENE.calibration.unit)).expect("answers"), Some(Answer::Done));
+    let (told, _) = after_restart(&mut board, 6, true);
+    assert_eq!((told.slot, told.state), (1, State::Confirmed as u8));
 }

@@ -19,6 +19,10 @@ pub mod wires;
 
 /// The variable of the firmware that holds the states kept over a reset.
 pub const KEPT_STATES: &str = "_kept_states";
+/// The word that says that the unit was at rest before a reset, and its value then.
+pub const KEPT_REST: (&str, u32) = ("_kept_rest", 0x4852_4701);
+/// The word of RAM that says which program ran last, by its sum.
+pub const RAN_LAST: &str = "_ran_last";
 
 /// Functions that are functions of their own in the ELF, and whose calls the board counts: their paths.
 pub mod symbol {

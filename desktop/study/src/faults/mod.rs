@@ -26,11 +26,12 @@ pub mod update;
 use anyhow::{Context, Result};
 use hrg_board::replay::CALIBRATION_A;
 use hrg_board::wires::{Received, Wires};
-use hrg_board::KEPT_STATES;
+use hrg_board::{KEPT_REST, KEPT_STATES, RAN_LAST};
 use hrg_core::calibration::{Calibration, EffectTerm};
 use hrg_core::effects::EffectId;
 use hrg_core::frequency::StepFrequencies;
 use hrg_core::rate_path::RateFrame;
+use hrg_core::slots::{mark, ADDRESSES};
 use hrg_core::status::AxisStatus;
 use hrg_core::AXES;
 use hrg_data::recording::steps::Steps;
@@ -164,6 +165,13 @@ impl Scene {
     pub fn keep(&self, board: &mut Board<Wires>) -> Result<()> {
         let address = board.firmware().address_of(KEPT_STATES).context("the firmware keeps no states")?;
         let bytes: Vec<u8> = self.kept.iter().flat_map(|w| w.to_le_bytes()).collect();
+        // They are those of the program in slot A, and the unit was at rest.
+        let (rest, value) = KEPT_REST;
+        let rest = board.firmware().address_of(rest).context("the firmware does not keep if it was at rest")?;
+        board.write_ram(rest, &value.to_le_bytes())?;
+        let ran = board.firmware().address_of(RAN_LAST).context("the firmware does not say who ran last")?;
+        let sum = board.firmware().word(ADDRESSES[0] + mark::SUM as u32).context("no slot")?;
+        board.write_ram(ran, &sum.to_le_bytes())?;
         Ok(board.write_ram(address, &bytes)?)
     }
 

@@ -9,10 +9,13 @@ use hrg_board::replay::{CALIBRATION_A, CALIBRATION_B};
 use hrg_board::symbol;
 use hrg_board::wires::{WireFaults, Wires};
 use hrg_core::calibration::Calibration;
-use hrg_core::link::Message;
+use hrg_core::link::{Housekeeping, Message};
+use hrg_core::rate_path::RateFrame;
+use hrg_core::self_test::Item;
+use hrg_core::update::Programs;
 use std::collections::BTreeMap;
 use virtual_board::mutation::{Misread, Mutation, RegisterRead, RegisterWrite};
-use virtual_board::{Board, Stop};
+use virtual_board::{Board, Stop, CPU_HZ};
 
 /// The first rate has gone out by then, s; a unit that has sent none is silent.
 const SILENT_S: f64 = 0.6;
@@ -43,23 +46,111 @@ pub struct Exam<'a> {
     new: Calibration,
 }
 
+/// Messages and log of a stretch of an exam.
+#[derive(Debug, Default, Clone, PartialEq)]
+struct Stretch {
+    rates: Vec<RateFrame>,
+    rate_at: Vec<u64>,
+    delay_cycles: Vec<u32>,
+    housekeeping: Vec<Housekeeping>,
+    other: Vec<Message>,
+    log: Vec<String>,
+}
+
 /// Record of a unit's actions.
-#[derive(Debug, Default, Clone, PartialEq, Eq)]
+#[derive(Debug, Default, Clone, PartialEq)]
 pub struct Outcome {
     /// The sentence that the board ended the run with.
     pub ended: Option<String>,
     silent: bool,
-    sent: Vec<u8>,
-    log: Vec<u8>,
+    stretches: Vec<Stretch>,
     resets: Vec<(u64, Stop)>,
     answers: Vec<String>,
     marks: Vec<u64>,
-    times: Vec<u64>,
     /// Values of all registers after the start.
     pub registers: BTreeMap<u32, u32>,
 }
 
+/// A start that takes some instructions more shifts all times, and by rounding the last digits of temperatures and rates: no difference. Times may differ by so much
+/// from one frame to the next, us; stamps, ticks of the timer; rates, deg/h; temperatures, C.
+const TIME_US: f64 = 150.0;
+const TICKS: i64 = 2;
+const RATE_DPH: f32 = 0.01;
+const TEMPERATURE_C: f32 = 0.01;
+/// The clock against the pulses, parts per 1e9.
+const CLOCK_PPB: f32 = 50.0;
+/// Resets by the watchdog come within this, ms: its clock is a slow one.
+const RESET_MS: f64 = 5.0;
+
+fn near(a: f32, b: f32, within: f32) -> bool {
+    a == b || (a - b).abs() <= within || a.is_nan() && b.is_nan()
+}
+
+/// Two rows of the same length, pair by pair.
+fn pairs<'a, T>(a: &'a [T], b: &'a [T], alike: impl Fn(&T, &T) -> bool + 'a) -> bool {
+    a.len() == b.len() && a.iter().zip(b).all(|(x, y)| alike(x, y))
+}
+
+fn cycles_near(a: u64, b: u64, us: f64) -> bool {
+    (a as f64 - b as f64).abs() * 1e6 / CPU_HZ as f64 <= us
+}
+
+impl Stretch {
+    fn rates_alike(&self, other: &Self) -> bool {
+        let since = |r: &[RateFrame], f: &RateFrame| i64::from(f.tick.wrapping_sub(r[0].tick));
+        pairs(&self.rates, &other.rates, |a, b| {
+            let ticks = since(&self.rates, a) - since(&other.rates, b);
+            let rates = a.rate_dph.iter().zip(b.rate_dph).all(|(x, y)| near(*x, y, RATE_DPH));
+            ticks.abs() <= TICKS && rates && (a.axis_status, a.unit_status) == (b.axis_status, b.unit_status)
+        })
+    }
+
+    fn times_alike(&self, other: &Self) -> bool {
+        let gaps = |s: &Self| s.rate_at.windows(2).map(|w| w[1] - w[0]).collect::<Vec<_>>();
+        let delays = |s: &Self| s.delay_cycles.iter().map(|d| u64::from(*d)).collect::<Vec<_>>();
+        pairs(&gaps(self), &gaps(other), |a, b| cycles_near(*a, *b, TIME_US))
+            && pairs(&delays(self), &delays(other), |a, b| cycles_near(*a, *b, TIME_US))
+    }
+
+    fn housekeeping_alike(&self, other: &Self) -> bool {
+        pairs(&self.housekeeping, &other.housekeeping, |a, b| {
+            let temperatures = a.temperature_c.iter().zip(b.temperature_c).all(|(x, y)| near(*x, y, TEMPERATURE_C));
+            let pulse = |h: &Housekeeping| h.pps_age_ms == u32::MAX;
+            temperatures
+                && pulse(a) == pulse(b)
+                && near(a.clock_ppb, b.clock_ppb, CLOCK_PPB)
+                && (a.axis_status, a.unit_status, a.samples) == (b.axis_status, b.unit_status, b.samples)
+        })
+    }
+
+    /// Messages but for their numbers, but that of which unit, which image and which program.
+    fn others_alike(&self, other: &Self) -> bool {
+        pairs(&self.other, &other.other, |a, b| match (a, b) {
+            (Message::Programs(a), Message::Programs(b)) => Programs { token: 0, ..*a } == Programs { token: 0, ..*b },
+            (Message::Stopped(a), Message::Stopped(b)) => (a.halt, a.pc, a.cfsr) == (b.halt, b.pc, b.cfsr),
+            _ => a == b,
+        })
+    }
+
+    /// Lines but for their numbers.
+    fn logs_alike(&self, other: &Self) -> bool {
+        let words =
+            |line: &String| line.chars().filter(|c| !c.is_ascii_digit() && *c != '.' && *c != '-').collect::<String>();
+        pairs(&self.log, &other.log, |a, b| words(a) == words(b))
+    }
+}
+
 impl Outcome {
+    fn all(&self, other: &Self, alike: impl Fn(&Stretch, &Stretch) -> bool) -> bool {
+        pairs(&self.stretches, &other.stretches, alike)
+    }
+
+    fn resets_alike(&self, other: &Self) -> bool {
+        pairs(&self.resets, &other.resets, |(at, stop), (other_at, other_stop)| {
+            stop == other_stop && cycles_near(*at, *other_at, 1000.0 * RESET_MS)
+        })
+    }
+
     /// `true` if the unit runs, and stops and answers as another does, at whatever time.
     #[must_use]
     pub fn runs_like(&self, other: &Self) -> bool {
@@ -67,17 +158,20 @@ impl Outcome {
         self.ended.is_none() && !self.silent && kinds(self) == kinds(other) && self.answers == other.answers
     }
 
-    /// First difference of another record from this one, if any.
+    /// First difference of another record from this one, if any. A shift of the start is none.
     #[must_use]
     pub fn difference(&self, other: &Self) -> Option<&'static str> {
+        let marks = (self.marks.len() as i64 - other.marks.len() as i64).abs() <= 1;
         [
             (other.silent, "the unit is silent"),
-            (self.resets != other.resets, "its watchdog bites at another time, or not"),
-            (self.sent != other.sent, "what it sends differs"),
-            (self.log != other.log, "its log differs"),
+            (!self.resets_alike(other), "its watchdog bites at another time, or not"),
+            (!self.all(other, Stretch::rates_alike), "its rates differ"),
+            (!self.all(other, Stretch::housekeeping_alike), "its housekeeping differs"),
+            (!self.all(other, Stretch::others_alike), "what else it sends differs"),
+            (!self.all(other, Stretch::logs_alike), "its log differs"),
             (self.answers != other.answers, "it answers otherwise"),
-            (self.marks != other.marks, "its sample mark differs"),
-            (self.times != other.times, "what it sends comes at other times"),
+            (!marks, "its sample mark differs"),
+            (!self.all(other, Stretch::times_alike), "what it sends comes at other times"),
         ]
         .into_iter()
         .find_map(|(differs, what)| differs.then_some(what))
@@ -182,7 +276,6 @@ impl<'a> Exam<'a> {
         board.poll_link();
         run(&mut board, FLIGHT_S, out)?;
         out.marks = board.marks().to_vec();
-        out.times.clone_from(&board.world.received.rate_at);
         take(&mut board, out);
         let flown = board.snapshot()?;
         // The crystal stops: the chip says so, and the watchdog starts the unit anew.
@@ -192,11 +285,23 @@ impl<'a> Exam<'a> {
         take(&mut board, out);
         board.restore(&flown)?;
         self.supply(&mut board, out)?;
+        // The built-in test looks at each channel of the ADC.
+        board.restore(&flown)?;
+        self.test(&mut board, out)?;
         // Connectors come off.
         board.restore(&flown)?;
         board.unplug_resonators()?;
         board.restore(&flown)?;
         crash(&mut board, out)
+    }
+
+    /// The built-in test: each figure is within its limits, or not.
+    fn test(&self, board: &mut Board<Wires>, out: &mut Outcome) -> Result<()> {
+        let tested = host::self_test(board, self.new.unit);
+        let verdicts = |items: Vec<Item>| -> Vec<_> { items.iter().map(|i| (i.check, i.index, i.verdict())).collect() };
+        out.answers.push(format!("{:?}", tested.map(|t| t.map(verdicts)).map_err(|e| e.to_string())));
+        take(board, out);
+        Ok(())
     }
 
     /// The supply sags, to just under the level below which flash is not written, and to just above.
@@ -233,7 +338,15 @@ fn run(board: &mut Board<Wires>, until_s: f64, out: &mut Outcome) -> Result<()> 
     }
 }
 
+/// Ends a stretch.
 fn take(board: &mut Board<Wires>, out: &mut Outcome) {
-    out.sent.extend(board.world.printed());
-    out.log.extend(std::mem::take(&mut board.world.received.log_bytes));
+    let r = std::mem::take(&mut board.world.received);
+    out.stretches.push(Stretch {
+        rates: r.rates,
+        rate_at: r.rate_at,
+        delay_cycles: r.delay_cycles,
+        housekeeping: r.housekeeping,
+        other: r.other,
+        log: r.log,
+    });
 }

@@ -2,10 +2,13 @@
 
 use anyhow::{Context, Result};
 use hrg_core::adc::SETTINGS;
-use hrg_core::slots::{mark, sum, Slot, ADDRESSES, ERASED, ROOM};
+use hrg_core::slots::{mark, sum, Slot, ADDRESSES, ERASED, HEAD, ROOM};
 use virtual_board::{Board, World, FLASH_START};
 
-/// Changes bytes of the program in slot A, at an address.
+/// A word of the head that nobody reads, which is chosen so that the sum stays: a unit says its sum, and must not be told by it.
+const SPARE: usize = HEAD + 200;
+
+/// Changes bytes of the program in slot A, at an address. Its sum stays as it was.
 ///
 /// # Errors
 /// A place outside the flash.
@@ -16,10 +19,30 @@ pub fn with<W: World>(board: &mut Board<W>, address: u32, bytes: &[u8]) -> Resul
     let slot = Slot(&slot);
     // (A program that was flashed without a sum has none.)
     if slot.word(mark::SUM) != ERASED {
-        let sum = sum(slot.body().context("no program in slot A")?);
-        board.write_flash(ADDRESSES[0] - FLASH_START + mark::SUM as u32, &sum.to_le_bytes())?;
+        let body = slot.body().context("no program in slot A")?;
+        let spare = word_for(body, SPARE - HEAD, slot.word(mark::SUM)).context("no spare word in the head")?;
+        board.write_flash(ADDRESSES[0] - FLASH_START + SPARE as u32, &spare.to_le_bytes())?;
     }
     Ok(())
+}
+
+/// The word that a body must have at a place for its [`sum`] to be this one. (The sum is a division of polynomials, which can be undone word by word.)
+fn word_for(body: &[u8], at: usize, wanted: u32) -> Option<u32> {
+    let before = sum(body.get(..at)?);
+    let mut after = wanted;
+    for word in body.get(at + 4..)?.chunks_exact(4).rev() {
+        after = undone(after) ^ u32::from_le_bytes(word.try_into().ok()?);
+    }
+    Some(undone(after) ^ before)
+}
+
+/// The register of the sum before the 32 shifts of a word.
+fn undone(mut crc: u32) -> u32 {
+    for _ in 0..32 {
+        // The polynomial is odd: its lowest bit tells if it was subtracted.
+        crc = if crc & 1 == 0 { crc >> 1 } else { (crc ^ 0x04C1_1DB7) >> 1 | 1 << 31 };
+    }
+    crc
 }
 
 /// Address of the value of a setting of the ADC in the program.
@@ -56,4 +79,22 @@ fn table(flash: &[u8]) -> Option<usize> {
             .find(|at| alike(flash.get(*at..).unwrap_or_default(), &wanted, swapped))
             .map(|at| at + if swapped { 0 } else { 2 })
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sum_is_kept_by_one_word() {
+        let body: Vec<u8> = (0..400u32).map(|k| (k * 37 % 251) as u8).collect();
+        let wanted = sum(&body);
+        let mut changed = body.clone();
+        changed[300] ^= 0x55;
+        assert_ne!(sum(&changed), wanted);
+        let word = word_for(&changed, 80, wanted).expect("there");
+        changed[80..84].copy_from_slice(&word.to_le_bytes());
+        assert_eq!(sum(&changed), wanted);
+        assert_eq!(word_for(&body, 80, wanted), Some(u32::from_le_bytes(body[80..84].try_into().expect("four"))));
+    }
 }
