@@ -485,10 +485,13 @@ impl Default for Start {
     }
 }
 
+/// Standard deviations by which a filter's azimuth may differ from the closed form's, which has no prior and no linearization. (A filter that has found it is within one.)
+const MOST_APART: f64 = 5.0;
+
 /// Runs a filter.
 ///
 /// # Errors
-/// A [`Refusal`] in words.
+/// A [`Refusal`] in words; a filter that has diverged, or that is far from the closed form.
 pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<Report, BadInput> {
     let refused = |r: Refusal| BadInput::new(format!("no azimuth: {r}"));
     let config = recording.config().map_err(refused)?;
@@ -497,7 +500,29 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
     if let Some(why) = beyond_the_prior(&outcome, &config, || filter.run(recording, &wide, start).0) {
         return Err(why);
     }
+    if let (FilterKind::Ekf, Err(Refusal::BaseMoving)) = (filter, &outcome) {
+        // (The exact filter, which needs no first azimuth, tells a base that moves from a filter that has left it.)
+        if FilterKind::Linear.run(recording, &config, start).0.is_ok() {
+            return Err(BadInput::new(format!(
+                "no azimuth: the EKF has diverged from its first azimuth of {:.0} deg; give --first-azimuth nearer to it, or take --filter linear, which needs none",
+                start.azimuth_deg
+            )));
+        }
+    }
     let e = outcome.map_err(refused)?;
+    let closed_form = closed_form::closed_form(recording, &config, Some(e.azimuth));
+    if let Some(c) = &closed_form {
+        let apart = c.apart_arcmin(e.azimuth / DEGREE).abs() / (e.azimuth_std / ARCMIN);
+        if apart > MOST_APART {
+            return Err(BadInput::new(format!(
+                "no azimuth: the filter {} gives {:.4} deg +- {:.2}', and the closed form {:.4} deg, {apart:.0} standard deviations from it: the filter has not found it (upf-literal, as its paper prints it, is kept to show that); take --filter linear",
+                filter.name(),
+                e.azimuth / DEGREE,
+                e.azimuth_std / ARCMIN,
+                c.azimuth_deg
+            )));
+        }
+    }
     Ok(Report {
         filter: filter.name().into(),
         azimuth_deg: e.azimuth / DEGREE,
@@ -511,7 +536,7 @@ pub fn align(recording: &Recording, filter: FilterKind, start: Start) -> Result<
         converged_at_s,
         integrity: e.integrity,
         level_at_s: level_at_s(&history),
-        closed_form: closed_form::closed_form(recording, &config, Some(e.azimuth)),
+        closed_form,
         history: history.iter().map(|(t, p, e)| moment(*t, *p, e)).collect(),
     })
 }

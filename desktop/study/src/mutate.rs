@@ -41,7 +41,7 @@ const ALIKE: usize = 3;
 /// Mutants of a campaign, unless told otherwise.
 pub const COUNT: u64 = 400;
 
-/// What is made wrong in a mutant.
+/// The place that is wrong in a mutant.
 #[derive(Debug, Clone)]
 enum Place {
     /// A write, as the program writes it, and its change on the way.
