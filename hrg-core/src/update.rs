@@ -541,7 +541,7 @@ mod tests {
         let mut store = Memory::new(5);
         assert_eq!(send(&mut Update::new(None), &mut store, &program(1, 6, 1000)).0, Answer::Done);
         assert_eq!([store.start_after(false), store.start_after(false)], [0; 2]);
-        // Where the one that runs has changed it is started all the same.
+        // The one that runs is started even if it has changed.
         let mut changed = store.clone();
         changed.slots[0][HEAD + 400] ^= 1;
         assert_eq!(changed.start_after(false), 0);
