@@ -280,12 +280,17 @@ impl OnTrial {
             Verdict::Wait => false,
             Verdict::Confirm => {
                 let done = update::confirm(sectors);
-                ON_TRIAL.store(!done, Ordering::Relaxed);
+                if done {
+                    ON_TRIAL.store(false, Ordering::Relaxed);
+                }
                 defmt::info!("the program has confirmed itself: {=bool}", done);
                 done
             }
-            // (Where there is no program to go back to, a reset would not help.)
-            Verdict::GiveUp if !update::has_other(sectors) => false,
+            // Without a program to go back to a reset would not help: it goes on trying.
+            Verdict::GiveUp if !update::has_other(sectors) => {
+                self.trial.again();
+                false
+            }
             Verdict::GiveUp => {
                 defmt::error!("the program could not confirm itself: the one before comes back");
                 cortex_m::peripheral::SCB::sys_reset()

@@ -351,6 +351,11 @@ impl Trial {
         Self { expected: expected & 0b11 | 0b100, seconds: 0, good: 0 }
     }
 
+    /// Begins anew: there is no program to go back to.
+    pub fn again(&mut self) {
+        (self.seconds, self.good) = (0, 0);
+    }
+
     /// A second has gone by.
     pub fn second(&mut self, now: Condition) -> Verdict {
         self.seconds = self.seconds.saturating_add(1);
@@ -555,6 +560,9 @@ mod tests {
         let end = (TRIAL_S + PATIENCE_S) as usize - 1;
         assert!(verdicts[3..end].iter().all(|v| *v == Verdict::Confirm));
         assert!(verdicts[end..].iter().all(|v| *v == Verdict::GiveUp));
+        trial.again();
+        let again: Vec<Verdict> = (0..3).map(|_| trial.second(GOOD)).collect();
+        assert_eq!(again, [Verdict::Wait, Verdict::Wait, Verdict::Confirm]);
     }
 
     /// A unit had an unsigned program before it got one with a key.
