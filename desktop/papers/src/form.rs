@@ -55,18 +55,22 @@ impl Form {
             Model::OneSet => Some(Self::Baseline),
             Model::CoolingHeating => Some(Self::TwoSets),
             Model::CoolingHeatingHeld => Some(Self::TwoSetsHeld),
-            Model::Polynomial(own) => match degree.unwrap_or(own) {
-                Degree::Of(n) => Some(Self::Polynomial(n)),
-                Degree::HeldOut => None,
-            },
-            Model::Frequency(own) => match degree.unwrap_or(own) {
-                Degree::Of(n) => Some(Self::Direct(n)),
+            Model::Polynomial(own) | Model::Frequency(own) => match degree.unwrap_or(own) {
+                Degree::Of(n) => Some(Self::of_degree(method, n)),
                 Degree::HeldOut => None,
             },
             Model::Table => Some(Self::Table),
             Model::Inputs => Some(Self::Inputs),
             Model::Damping => Some(Self::Damping),
             Model::FourParameters | Model::FourParametersLiteral | Model::Network | Model::InputNetwork => None,
+        }
+    }
+
+    /// Of a method whose degree may be chosen.
+    pub(super) fn of_degree(method: Method, degree: u8) -> Self {
+        match method.parts().model {
+            Model::Frequency(_) => Self::Direct(degree),
+            _ => Self::Polynomial(degree),
         }
     }
 

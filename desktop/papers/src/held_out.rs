@@ -1,7 +1,7 @@
 //! Error of a model that is linear on parts of the train runs that it was not fitted to.
 
 use crate::form::{Data, Form};
-use crate::method::{Degree, Method, Model};
+use crate::method::{Degree, Method};
 use hrg_core::bias::Scaling;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
@@ -16,11 +16,22 @@ const FOLDS: usize = 5;
 /// # Errors
 /// Where none can be fitted: the reason of the last.
 pub(super) fn degree(method: Method, runs: &[Run], scaling: &Scaling, a: usize) -> Result<Form, BadInput> {
+    best((1..=Degree::MOST).map(|n| Form::of_degree(method, n)), runs, scaling, a)
+}
+
+/// The first of the forms that leave the least of held-out means.
+///
+/// # Errors
+/// Where none can be fitted: the reason of the last.
+pub(super) fn best(
+    forms: impl Iterator<Item = Form>,
+    runs: &[Run],
+    scaling: &Scaling,
+    a: usize,
+) -> Result<Form, BadInput> {
     let mut best: Option<(f64, Form)> = None;
-    let mut why = BadInput::new("no degree can be fitted");
-    for n in 1..=Degree::MOST {
-        let form =
-            if matches!(method.parts().model, Model::Frequency(_)) { Form::Direct(n) } else { Form::Polynomial(n) };
+    let mut why = BadInput::new("there is no model to be fitted");
+    for form in forms {
         match held_out(&Data::new(runs, scaling, a, form).means(MEAN_S)) {
             Ok(left) if best.as_ref().is_none_or(|(least, _)| left < *least) => best = Some((left, form)),
             Ok(_) => {}
@@ -31,7 +42,7 @@ pub(super) fn degree(method: Method, runs: &[Run], scaling: &Scaling, a: usize) 
 }
 
 /// Sum of squares that fits to the other parts leave of each part.
-pub(super) fn held_out(d: &Data) -> Result<f64, BadInput> {
+fn held_out(d: &Data) -> Result<f64, BadInput> {
     let rows = d.y.len();
     let fold = |k: usize| (k * 2 * FOLDS / rows) % FOLDS;
     let mut left = 0.0;

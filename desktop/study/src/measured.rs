@@ -219,6 +219,15 @@ fn named(r: &trace::Report) -> String {
     format!("verdict {kind}; named: {}; left: {}", hrg_data::error::list(&names), left.join("; "))
 }
 
+/// Advice and names of the trace at each split.
+fn advice(at_s: &[f64], all: &[Compared]) -> String {
+    let line = |(at_s, c): (&f64, &Compared)| {
+        let burn = if c.report.burn { "burn" } else { "do not burn" };
+        format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report))
+    };
+    at_s.iter().zip(all).map(line).collect()
+}
+
 /// The MEMS IMU: learnt from the first part of its log, judged on the last cooling, with states carried through, for several splits.
 ///
 /// # Errors
@@ -425,11 +434,7 @@ pub fn voltmeter(folder: &Path) -> anyhow::Result<String> {
         VOLTMETER_SPLITS_S.len()
     );
     s += &band_table(&Band::of(&all), "ppb", &[0, 1, 2], 0);
-    for (at_s, c) in VOLTMETER_SPLITS_S.iter().zip(&all) {
-        let burn = if c.report.burn { "burn" } else { "do not burn" };
-        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
-    }
-    Ok(s)
+    Ok(s + &advice(&VOLTMETER_SPLITS_S, &all))
 }
 
 /// Adds rows: the images of one instrument, tried on the other.
@@ -488,10 +493,7 @@ pub fn gpsdo(folder: &Path) -> anyhow::Result<String> {
     if let Some(c) = all.first() {
         c.left_out.iter().for_each(|l| s += &format!("   not usable here: {l}\n"));
     }
-    for (at_s, c) in GPSDO_SPLITS_S.iter().zip(&all) {
-        let burn = if c.report.burn { "burn" } else { "do not burn" };
-        s += &format!("   trace, split at {at_s:.0}: {burn}; {}\n", named(&c.report));
-    }
+    s += &advice(&GPSDO_SPLITS_S, &all);
     let [first, second] = halves(&whole, GPSDO_HALF)?;
     let mut classes = Vec::new();
     for (train, verify, name) in [

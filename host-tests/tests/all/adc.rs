@@ -75,7 +75,7 @@ fn a_setting_with_which_no_adc_works_is_noticed() {
             .write_flash(hrg_board::replay::CALIBRATION_A, &scene.calibration.to_bytes().expect("fits"))
             .expect("flash");
         if let Some((register, value)) = change {
-            let at = rebuilt::setting(&board, register).expect("it is set");
+            let at = rebuilt::setting(board.firmware(), register).expect("it is set");
             rebuilt::with(&mut board, at, &value.to_le_bytes()).expect("flash");
         }
         board.run_until(3 * CPU_HZ).map(|_| ()).map_err(|e| e.to_string()).map(|()| {

@@ -3,7 +3,7 @@
 use anyhow::{Context, Result};
 use hrg_core::adc::SETTINGS;
 use hrg_core::slots::{mark, sum, Slot, ADDRESSES, ERASED, HEAD, ROOM};
-use virtual_board::{Board, World, FLASH_START};
+use virtual_board::{Board, Firmware, World, FLASH_START};
 
 /// A word of the head that nobody reads, which is chosen so that the sum stays: a unit says its sum, and must not be told by it.
 const SPARE: usize = HEAD + 200;
@@ -49,8 +49,8 @@ fn undone(mut crc: u32) -> u32 {
 ///
 /// # Errors
 /// If there is none.
-pub fn setting<W: World>(board: &Board<W>, register: u8) -> Result<u32> {
-    let at = table(board.firmware().flash()).context("the table of the ADC's settings is not in the program")?;
+pub fn setting(firmware: &Firmware, register: u8) -> Result<u32> {
+    let at = table(firmware.flash()).context("the table of the ADC's settings is not in the program")?;
     let k = SETTINGS.iter().position(|(r, _)| *r == register).context("the program does not set this register")?;
     Ok(FLASH_START + (at + 4 * k) as u32)
 }
