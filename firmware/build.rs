@@ -4,7 +4,7 @@ use std::process::Command;
 use std::{env, fs, path::Path, path::PathBuf};
 
 /// Bytes of stack, a tenth above what the virtual board has seen (`cargo xtask bench`).
-const STACK: u32 = 55 * 1024;
+const STACK: u32 = 54 * 1024;
 /// The test programs need more of it.
 const STACK_OF_TESTS: u32 = 64 * 1024;
 

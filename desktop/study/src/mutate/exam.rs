@@ -7,7 +7,7 @@ use hrg_board::host;
 use hrg_board::host::cycles;
 use hrg_board::replay::{CALIBRATION_A, CALIBRATION_B};
 use hrg_board::symbol;
-use hrg_board::wires::{WireFaults, Wires};
+use hrg_board::wires::{WireFaults, Wires, BYTE_CYCLES};
 use hrg_core::calibration::Calibration;
 use hrg_core::link::{Housekeeping, Message};
 use hrg_core::rate_path::RateFrame;
@@ -79,6 +79,10 @@ const RATE_DPH: f32 = 0.01;
 const TEMPERATURE_C: f32 = 0.01;
 /// The clock against the pulses, parts per 1e9.
 const CLOCK_PPB: f32 = 50.0;
+/// Ticks of TIM2 in a microsecond.
+const TICKS_PER_US: f64 = 90.0;
+/// Commands without a pause: five rings of the link's receiver.
+const FLOOD: usize = 5 * 513 / 8;
 /// Resets by the watchdog come within this, ms: its clock is a slow one.
 const RESET_MS: f64 = 5.0;
 
@@ -116,11 +120,20 @@ impl Stretch {
         pairs(&self.housekeeping, &other.housekeeping, |a, b| {
             let temperatures = a.temperature_c.iter().zip(b.temperature_c).all(|(x, y)| near(*x, y, TEMPERATURE_C));
             let pulse = |h: &Housekeeping| h.pps_age_ms == u32::MAX;
+            // (Pulses come at the same times, so a longer start makes all their ticks smaller.)
+            let start_us = f64::from(a.pps_tick.wrapping_sub(b.pps_tick) as i32) / TICKS_PER_US;
             temperatures
                 && pulse(a) == pulse(b)
+                && start_us.abs() <= TIME_US
                 && near(a.clock_ppb, b.clock_ppb, CLOCK_PPB)
                 && (a.axis_status, a.unit_status, a.samples) == (b.axis_status, b.unit_status, b.samples)
-        })
+        }) && pairs(&self.between_pulses(), &other.between_pulses(), |a, b| (a - b).abs() <= TICKS)
+    }
+
+    /// Ticks from one pulse of the housekeeping to the next.
+    fn between_pulses(&self) -> Vec<i64> {
+        let ticks = |w: &[Housekeeping]| i64::from(w[1].pps_tick.wrapping_sub(w[0].pps_tick));
+        self.housekeeping.windows(2).map(ticks).collect()
     }
 
     /// Messages but for their numbers, but that of which unit, which image and which program.
@@ -288,6 +301,8 @@ impl<'a> Exam<'a> {
         // The built-in test looks at each channel of the ADC.
         board.restore(&flown)?;
         self.test(&mut board, out)?;
+        board.restore(&flown)?;
+        flood(&mut board, out)?;
         // Connectors come off.
         board.restore(&flown)?;
         board.unplug_resonators()?;
@@ -313,6 +328,17 @@ impl<'a> Exam<'a> {
         take(board, out);
         Ok(())
     }
+}
+
+/// Commands come without a pause, as many as fill the receiver's ring several times: each is answered, or not.
+fn flood(board: &mut Board<Wires>, out: &mut Outcome) -> Result<()> {
+    let commands = Message::Identify.encode().repeat(FLOOD);
+    board.world.hear(&commands);
+    board.poll_link();
+    let end = board.now() as f64 / CPU_HZ as f64 + commands.len() as f64 * BYTE_CYCLES as f64 / CPU_HZ as f64;
+    run(board, end + 0.05, out)?;
+    take(board, out);
+    Ok(())
 }
 
 /// The program becomes one that faults with each sample: the unit says where, and stands still until the watchdog bites.
