@@ -49,7 +49,7 @@ const USAGE: &str = "cargo xtask COMMAND
                     that should change nothing (about 30 min)
   mutate [ARGS]     make one write of the program's set-up wrong at a time; the virtual board must notice (--short: a tenth; --page: into a page)
   faults [ARGS]     attack what docs/promises.md promises: power, memory, sensors, link, load, time (about 15 min; --short: 1)
-  methods [ARGS]    every identification method on three simulated units, its cost counted, and flown (about 20 min)
+  methods [ARGS]    every identification method on simulated units of three kinds and of the second plant, costs counted, and flown (40 min; --units 5 --seeds 1 --fly none: 10)
   study [ARGS]      the seeded campaign behind docs/trace.md
   study --controls [N] the trace on N clean units (default 600), a third with the spectra of measured residuals, into docs/controls.md
   study --foreign [N]  the trace on the second plant, seeds 1 to N (default 1), graded into docs/foreign.md
@@ -88,7 +88,7 @@ fn main() -> ExitCode {
         Some("fingerprint") => fingerprint::print(rest),
         Some("faults") => study("faults", rest).and_then(|()| page_of(rest, "cargo xtask faults", false)),
         Some("mutate") => study("mutate", rest),
-        Some("methods") => study("methods", rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
+        Some("methods") => methods(rest).and_then(|()| page_of(rest, "cargo xtask methods", false)),
         Some("test") => course::test(rest),
         Some("build") => setup::toolchain().and_then(|t| build(&t)).and_then(|()| programs()),
         Some("size") if rest.first().is_some_and(|a| a == "--signed") => setup::toolchain().and_then(|t| signed(&t)),
@@ -338,6 +338,25 @@ fn inputs(arguments: &[String]) -> Result<(), Failure> {
     let folder = folder.display().to_string();
     tool("hrg-study", &["inputs", "--folder", &folder, "--page", "docs/inputs.md"].map(String::from))?;
     printed::stamp(&["docs/inputs.md"], &format!("cargo xtask study --inputs {seeds}"), true)
+}
+
+/// Cases of the second plant on which the methods of the papers are tried, and units of each.
+const METHODS_ON: [&str; 5] =
+    ["memory-rod", "hysteresis-bouc-wen", "shape-hinges", "rate-saturating", "mix-rod-plays-stretched"];
+const UNITS_OF_EACH: u64 = 5;
+
+/// Methods of the papers, on units of their kinds and of the second plant.
+fn methods(arguments: &[String]) -> Result<(), Failure> {
+    let (plant, folder) = (foreign_plant()?, root().join("out/methods/second-plant"));
+    for case in METHODS_ON {
+        for seed in 1..=UNITS_OF_EACH {
+            run(Command::new(&plant)
+                .args(["make", "--case", case, "--seed", &seed.to_string(), "--out"])
+                .arg(&folder))?;
+        }
+    }
+    let more = ["--foreign".to_string(), folder.display().to_string()];
+    study("methods", &[arguments, &more].concat())
 }
 
 /// Builds the second plant, and `hrg`, which it grades.

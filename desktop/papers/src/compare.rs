@@ -14,7 +14,7 @@ use hrg_data::error::BadInput;
 use hrg_data::image_file;
 use hrg_data::numeric::allan;
 use hrg_data::numeric::progress;
-use hrg_data::numeric::stats::{block_means, std_dev};
+use hrg_data::numeric::stats::{block_means, mean, std_dev};
 use hrg_data::plot;
 use hrg_data::plot::{Panel, Series};
 use hrg_data::recording::facts;
@@ -81,6 +81,12 @@ pub struct Judged {
     pub repeat_3sigma_dph: Option<[f64; AXES]>,
     /// The mean over those of another profile.
     pub other_3sigma_dph: Option<[f64; AXES]>,
+    /// The stages of those that repeat a training profile; none where there is no such run.
+    #[serde(default)]
+    pub repeat_stages_3sigma_dph: Option<[[f64; AXES]; 2]>,
+    /// Mean of the corrected rates of the unseen runs, RMS over the runs: what three sigma about each run's own mean leaves out.
+    #[serde(default)]
+    pub verify_mean_dph: [f64; AXES],
     /// Bias instability of the unseen runs by Allan deviation (its least value over 0.664), deg/h.
     pub bias_instability_dph: [f64; AXES],
 }
@@ -227,7 +233,9 @@ fn over_runs(runs: &[[Vec<f64>; AXES]], figure: impl Fn(&[f64]) -> f64) -> [f64;
     })
 }
 
-fn three_sigma(v: &[f64], mean_s: usize) -> f64 {
+/// Three standard deviations of means over some seconds.
+#[must_use]
+pub fn three_sigma(v: &[f64], mean_s: usize) -> f64 {
     3.0 * std_dev(&block_means(v, mean_s))
 }
 
@@ -237,12 +245,18 @@ fn bias_instability(v: &[f64]) -> f64 {
     points.iter().map(|p| p.deviation).fold(f64::INFINITY, f64::min) / allan::FLICKER
 }
 
+/// Rates of a run, axis by axis.
+type Rates = [Vec<f64>; AXES];
+/// The stage of each step of a run, axis by axis.
+type Stages = [Vec<Option<Stage>>; AXES];
+
 /// The runs on which images are judged.
 struct Bench {
     train: Vec<Steps>,
     /// The stage of each step of each training run, axis by axis.
-    stages: Vec<[Vec<Option<Stage>>; AXES]>,
+    stages: Vec<Stages>,
     verify: Vec<Steps>,
+    verify_stages: Vec<Stages>,
     /// Set for each verify run that repeats a training profile.
     repeats: Vec<bool>,
     /// Steps at the start of each run that are not judged.
@@ -255,11 +269,14 @@ impl Bench {
     fn new(prepared: &fit::Prepared, verify: Vec<Steps>, from_s: f64) -> Self {
         let scaling = &prepared.calibration.scaling;
         let curves = prepared.calibration.axes.each_ref().map(|a| a.curve);
-        let again = |v: &Steps| prepared.runs.iter().any(|t| independence::repeats(&Run::new(v.clone(), curves), t));
+        let runs: Vec<Run> = verify.iter().map(|v| Run::new(v.clone(), curves)).collect();
+        let again = |v: &Run| prepared.runs.iter().any(|t| independence::repeats(v, t));
+        let stages = |r: &Run| [0, 1, 2].map(|a| stages::of_run(r, scaling, a));
         Self {
             train: prepared.runs.iter().map(|r| r.steps.clone()).collect(),
-            stages: prepared.runs.iter().map(|r| [0, 1, 2].map(|a| stages::of_run(r, scaling, a))).collect(),
-            repeats: verify.iter().map(again).collect(),
+            stages: prepared.runs.iter().map(stages).collect(),
+            verify_stages: runs.iter().map(stages).collect(),
+            repeats: runs.iter().map(again).collect(),
             mean_s: verify.first().map_or(MEAN_S, |s| s.mean_s),
             verify,
             skip: from_s as usize,
@@ -277,18 +294,27 @@ impl Bench {
             rates.iter_mut().take(self.skip).for_each(|v| *v = f64::NAN);
         }
         let three_sigma = |v: &[f64]| three_sigma(v, self.mean_s);
-        let of_stage = |stage| -> Vec<[Vec<f64>; AXES]> {
-            let both = train.iter().zip(&self.stages);
-            both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect()
+        let of_stage = |stage, runs: &[Rates], stages: &[Stages]| -> [f64; AXES] {
+            let both = runs.iter().zip(stages);
+            let parts: Vec<Rates> =
+                both.map(|(r, s)| [0, 1, 2].map(|a: usize| stages::only(&r[a], &s[a], stage))).collect();
+            over_runs(&parts, three_sigma)
         };
+        fn only<T: Clone>(all: &[T], kinds: &[bool], kind: bool) -> Vec<T> {
+            all.iter().zip(kinds).filter(|(_, k)| **k == kind).map(|(v, _)| v.clone()).collect()
+        }
         let of_kind = |kind: bool| {
-            let chosen: Vec<_> =
-                verify.iter().zip(&self.repeats).filter(|(_, r)| **r == kind).map(|(v, _)| v.clone()).collect();
+            let chosen = only(&verify, &self.repeats, kind);
             (!chosen.is_empty()).then(|| over_runs(&chosen, three_sigma))
         };
+        let (again, again_stages) =
+            (only(&verify, &self.repeats, true), only(&self.verify_stages, &self.repeats, true));
         Judged {
             train_3sigma_dph: over_runs(&train, three_sigma),
-            train_stages_3sigma_dph: Stage::ALL.map(|s| over_runs(&of_stage(s), three_sigma)),
+            train_stages_3sigma_dph: Stage::ALL.map(|s| of_stage(s, &train, &self.stages)),
+            repeat_stages_3sigma_dph: (!again.is_empty())
+                .then(|| Stage::ALL.map(|s| of_stage(s, &again, &again_stages))),
+            verify_mean_dph: over_runs(&verify, |v| mean(v).powi(2)).map(f64::sqrt),
             verify_3sigma_dph: over_runs(&verify, three_sigma),
             repeat_3sigma_dph: of_kind(true),
             other_3sigma_dph: of_kind(false),
@@ -488,7 +514,7 @@ pub fn count_costs(c: &mut Comparison, board: &Path, out: &Path, recording: &Pat
 }
 
 /// Headings of the table.
-const HEADER: [&str; 13] = [
+const HEADER: [&str; 14] = [
     "method",
     "numbers",
     "train 3s",
@@ -496,6 +522,7 @@ const HEADER: [&str; 13] = [
     "heating",
     "repeat 3s",
     "other 3s",
+    "mean",
     "instability",
     "time s",
     "f to bias",
@@ -517,11 +544,14 @@ pub fn table(c: &Comparison, markdown: bool, last: Option<Column<'_>>) -> String
         v => format!("{v:.3}"),
     };
     let judged = |j: &Judged| -> Vec<String> {
-        let [cooling, heating] = &j.train_stages_3sigma_dph;
+        // (Stages of unseen runs, where there are any.)
+        let [cooling, heating] = j.repeat_stages_3sigma_dph.as_ref().unwrap_or(&j.train_stages_3sigma_dph);
         let unseen = [&j.repeat_3sigma_dph, &j.other_3sigma_dph];
         let all =
             [Some(&j.train_3sigma_dph), Some(cooling), Some(heating)].into_iter().chain(unseen.map(Option::as_ref));
-        all.chain([Some(&j.bias_instability_dph)]).map(|v| v.map_or_else(dash, |v| figure(over_axes(v)))).collect()
+        all.chain([Some(&j.verify_mean_dph), Some(&j.bias_instability_dph)])
+            .map(|v| v.map_or_else(dash, |v| figure(over_axes(v))))
+            .collect()
     };
     let mut lines: Vec<Vec<String>> = vec![HEADER.map(String::from).to_vec()];
     lines.push(["raw".to_string(), dash()].into_iter().chain(judged(&c.raw)).chain((0..5).map(|_| dash())).collect());
@@ -657,7 +687,10 @@ mod tests {
         assert_eq!(Contender::by_name("trace"), Ok(Contender::Trace));
         assert_eq!(Contender::by_name("ga-bp"), Ok(Contender::Method(Method::GaBp)));
         let e = Contender::by_name("guess").expect_err("refused").0;
-        assert!(e.contains("guess") && e.contains("polynomial, polynomial-auto, table, ga-bp, direct,"), "{e}");
+        assert!(
+            e.contains("guess") && e.contains("polynomial, polynomial-auto, table, ga-bp, ga-bp-literal, direct,"),
+            "{e}"
+        );
         assert!(e.ends_with("inputs-network and trace"), "{e}");
     }
 }

@@ -81,6 +81,8 @@ pub enum Search {
     LiteralSwarm(PerRamp),
     /// A genetic algorithm that Levenberg-Marquardt finishes.
     Genetic,
+    /// A genetic algorithm and back-propagation, as its paper has them.
+    LiteralGenetic,
 }
 
 /// Objective that is minimised.
@@ -148,6 +150,8 @@ pub enum Method {
     Table,
     /// A network.
     GaBp,
+    /// The same, searched as its paper has it.
+    GaBpLiteral,
     /// A curve of frequency, cubic.
     Direct,
     /// A curve of frequency, its degree by held-out parts.
@@ -162,7 +166,7 @@ pub enum Method {
 
 impl Method {
     /// All, in the order of the table.
-    pub const ALL: [Self; 26] = [
+    pub const ALL: [Self; 27] = [
         Self::Lsq,
         Self::TwoSets,
         Self::TwoSetsHeld,
@@ -184,6 +188,7 @@ impl Method {
         Self::PolynomialAuto,
         Self::Table,
         Self::GaBp,
+        Self::GaBpLiteral,
         Self::Direct,
         Self::DirectAuto,
         Self::Inputs,
@@ -216,6 +221,7 @@ impl Method {
             Self::PolynomialAuto => "polynomial-auto",
             Self::Table => "table",
             Self::GaBp => "ga-bp",
+            Self::GaBpLiteral => "ga-bp-literal",
             Self::Direct => "direct",
             Self::DirectAuto => "direct-auto",
             Self::Inputs => "inputs",
@@ -233,7 +239,7 @@ impl Method {
             Polynomial, Table,
         };
         use Objective::{Range, Squares};
-        use Search::{Exact, Genetic, LiteralSwarm, Robust, Swarm};
+        use Search::{Exact, Genetic, LiteralGenetic, LiteralSwarm, Robust, Swarm};
         let (model, search, objective) = match self {
             Self::Lsq => (OneSet, Exact, Squares),
             Self::TwoSets => (CoolingHeating, Exact, Squares),
@@ -256,6 +262,7 @@ impl Method {
             Self::PolynomialAuto => (Polynomial(HeldOut), Exact, Squares),
             Self::Table => (Table, Exact, Squares),
             Self::GaBp => (Network, Genetic, Squares),
+            Self::GaBpLiteral => (Network, LiteralGenetic, Squares),
             Self::Direct => (Frequency(Of(3)), Exact, Squares),
             Self::DirectAuto => (Frequency(HeldOut), Exact, Squares),
             Self::Inputs => (Model::Inputs, Exact, Squares),

@@ -27,6 +27,7 @@
 //! | `polynomial-auto` | polynomial of temperature, degree by held-out fifths | least squares | Wang 2012, Li 2023 |
 //! | `table` | fourteen points of temperature, straight lines between | least squares | commercial units |
 //! | `ga-bp` | 1-5-1 network | genetic start, Levenberg-Marquardt | zhao2022 |
+//! | `ga-bp-literal` | 1-5-1 network | genetic start by the error of test samples, back-propagation | zhao2022 |
 //! | `direct` | curve of frequency (cubic; `--degree`) and its rate | least squares | dong2023, outlook |
 //! | `direct-auto` | the same, degree by held-out fifths | least squares | Wang 2012, Li 2023 |
 //! | `inputs` | eq 7 beside drive and quadrature voltage: each, its square, times temperature, and behind lags of 300, 1500 and 6000 s | least squares | Zhou 2025 |
@@ -273,7 +274,7 @@ impl Task<'_> {
                 k
             }
             (Search::Swarm, Objective::Squares) => self.swarm_of_squares(&data(), None, records)?,
-            (Search::Genetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
+            (Search::Genetic | Search::LiteralGenetic, _) => return Err(MethodError::GeneticIsForNetworks.into()),
             (Search::LiteralSwarm(_), _) => self.literal(&data(), records)?,
             (Search::Exact, Objective::Range) => {
                 let (k, smallest) = smallest_range(&data().means(MEAN_S))?;
@@ -376,7 +377,10 @@ impl Task<'_> {
                 }
             }
         }
-        network::train(&u, &y, self.options.seed)
+        match self.method.parts().search {
+            Search::LiteralGenetic => network::train_as_printed(&u, &y, self.options.seed),
+            _ => network::train(&u, &y, self.options.seed),
+        }
     }
 }
 

@@ -19,6 +19,7 @@ mod units;
 pub use defects::inject_defects;
 pub use effects::{EffectSpec, Source, Unmodelled};
 pub use noise::Noise;
+pub use plant::RESONATOR_LAG_S;
 pub use profile::{Leg, Profile, PROFILES};
 pub use units::Kind;
 

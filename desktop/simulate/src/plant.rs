@@ -9,7 +9,7 @@ use hrg_core::AXES;
 use rand_chacha::ChaCha8Rng;
 
 /// Thermal lag of the resonators behind the case, s (zhao2022: 694 s; the axes of one unit differ a little).
-const RESONATOR_LAG_S: [f64; AXES] = [694.0, 655.0, 741.0];
+pub const RESONATOR_LAG_S: [f64; AXES] = [694.0, 655.0, 741.0];
 
 /// Lag of the cases behind the chamber, s.
 const CASE_LAG_S: [f64; AXES] = [420.0, 380.0, 450.0];

@@ -71,12 +71,13 @@ impl Kind {
                     let slope = if x < 0.0 { -0.00022 * o[2] } else { 0.00035 * o[3] };
                     0.3 + change * r + slope * x
                 }
-                // deg/h: from about -2.4 to -11 between 0 and 60 C of the chamber (theirs).
+                // deg/h: from about -2.4 to -11 between 0 and 60 C of the chamber, with a slope at 0 C, where its time constant is read from the
+                // output (theirs).
                 Self::Zhao => {
                     let x = (t - 6.7) / 60.0;
                     let bend = 2.6 * o[0];
                     let s = |x: f64| (bend * (2.0 * x - 0.9 * o[1])).tanh();
-                    let curve = (s(x) - s(0.0)) / (s(1.0) - s(0.0));
+                    let curve = 0.5 * x + 0.5 * (s(x) - s(0.0)) / (s(1.0) - s(0.0));
                     -2.4497 - 8.5716 * curve + 0.25 * o[2] * (7.0 * o[3] * x).sin()
                 }
             }

@@ -110,10 +110,10 @@ enum Command {
     /// Example: hrg-study align-demo --runs 200
     AlignDemo {
         /// Platforms in each campaign.
-        #[arg(long, default_value_t = 200)]
+        #[arg(long, default_value_t = hrg_align_tools::study::RUNS)]
         runs: u64,
         /// Seed.
-        #[arg(long, default_value_t = 1)]
+        #[arg(long, default_value_t = hrg_align_tools::study::SEED)]
         seed: u64,
         /// Folder for the files.
         #[arg(long, default_value = "out/alignment")]
@@ -132,10 +132,19 @@ enum Command {
         /// Folder for the files.
         #[arg(long, default_value = "out/methods")]
         out: PathBuf,
+        /// Units of each case.
+        #[arg(long, default_value_t = 5)]
+        units: u64,
+        /// Draws of noise for each unit.
+        #[arg(long, default_value_t = 5)]
+        seeds: u64,
+        /// Folder with recordings of the second plant: a case more.
+        #[arg(long)]
+        foreign: Option<PathBuf>,
         /// Fly only so many seconds of the repeat runs.
         #[arg(long)]
         seconds: Option<u64>,
-        /// Fly only the image of this unit (dong-like, wu-like or zhao-like).
+        /// Fly only the image of this unit (dong-like, dong2023, wu-like or zhao-like; none: no flight).
         #[arg(long)]
         fly: Option<String>,
         /// Write the tables as Markdown to this file, and the pictures beside it.
@@ -259,10 +268,14 @@ fn run(command: Command) -> Result<()> {
             let bench = replay::read_elf(&replay::default_elf().with_file_name("bench"))?;
             hrg_study::align::demo(&elf, &bench, runs, seed, &out, table.as_deref())
         }
-        Command::Methods { seed, out, seconds, fly, table, page, elf } => {
+        Command::Methods { seed, out, units, seeds, foreign, seconds, fly, table, page, elf } => {
             let elf = replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?;
             let (fly, table, page) = (fly.as_deref(), table.as_deref(), page.as_deref());
-            hrg_study::methods::methods(&elf, &Work { out: &out, seed, seconds, fly, table, page })
+            let foreign = foreign.as_deref();
+            hrg_study::methods::methods(
+                &elf,
+                &Work { out: &out, seed, units, seeds, foreign, seconds, fly, table, page },
+            )
         }
         Command::Rates { seed, out, elf } => {
             hrg_study::rates::rates(&replay::read_elf(&elf.unwrap_or_else(replay::default_elf))?, seed, &out)

@@ -113,7 +113,7 @@ pub(super) fn thermal_lag(a: usize, runs: Option<&[Run]>) -> Quantity {
     let (mut found, mut why) = (Vec::new(), String::from("no run"));
     for run in runs {
         match lag::first_order(run, a, input, lag::Output::Frequency) {
-            Ok(lag) => found.extend(time_constant(&lag)),
+            Ok(found_here) => found.push((found_here.lag.tau_s[0], 1.96 * found_here.lag.tau_std_s)),
             Err(e) => why = e.0,
         }
     }
@@ -131,15 +131,6 @@ pub(super) fn thermal_lag(a: usize, runs: Option<&[Run]>) -> Quantity {
         runs.len()
     );
     quantity(name, "s", Some((v, (v - w).max(0.0), v + w)), conditions)
-}
-
-/// A time constant and half of its interval, from 100 s means; `None` where they are too few.
-fn time_constant(found: &lag::Followed) -> Option<(f64, f64)> {
-    let columns = found.linear().map(|c| block_means(&c, MEAN_S));
-    let y = block_means(found.answer(), MEAN_S);
-    let kept = |v: &[f64]| v.iter().zip(&y).filter(|(_, y)| y.is_finite()).map(|(v, _)| *v).collect::<Vec<f64>>();
-    let (_, low, high) = coefficient(&columns.each_ref().map(|c| kept(c)), &kept(&y), 3)?;
-    Some((found.lag.tau_s[0], 0.5 * (high - low)))
 }
 
 pub(super) fn slope_of_temperature(means: &[Mean]) -> Quantity {

@@ -7,11 +7,17 @@
 //! With it, the resonator's temperature can be predicted where no frequency is at hand.
 //!
 //! If the curve of frequency over temperature is not known either, the gyro's own output answers the step ([`Output::Rate`], as in
-//! zhao2022): its bias follows the resonator. The result is a little off if the bias depends on dT/dt as well.
+//! zhao2022): its bias follows the resonator. The result is a little off if the bias depends on dT/dt as well. A bias that bends over the step
+//! looks like another time constant, so a square of the lagged temperature is tried beside it ([`Bend`]).
+//!
+//! The time constant's deviation is that of its likelihood with correlated residuals ([`Profile`]): the noise models of
+//! [`crate::trace::noise`], each weighted by how well it fits. White residuals would promise several times too much.
 
+use crate::trace::noise::{Basis, Filters, NOISE_MODELS};
 use hrg_core::AXES;
 use hrg_data::error::BadInput;
 use hrg_data::numeric::lsq;
+use hrg_data::numeric::stats::{dot, log_sum};
 use hrg_data::recording::columns;
 use hrg_data::recording::steps::Run;
 use serde::Serialize;
@@ -52,14 +58,30 @@ impl Output {
 pub struct Lag {
     /// Gain `K`, C (or deg/h) per C.
     pub gain: f64,
-    /// Its standard deviation for white residuals.
+    /// Its standard deviation, for correlated residuals where there is one time constant, for white ones where there are two.
     pub gain_std: f64,
     /// Time constants, s: one or two.
     pub tau_s: Vec<f64>,
+    /// Standard deviation of the time constant, s, for correlated residuals; NaN where there are two.
+    pub tau_std_s: f64,
     /// Resonator temperature (or rate) where the input is zero.
     pub offset_c: f64,
     /// RMS of what the lag leaves, C (or deg/h).
     pub residual_c: f64,
+}
+
+/// The second explanation of an answer: the output bends over the step, with the square of the lagged input. Its gain is taken to change by as much as
+/// itself, one standard deviation, before the data are seen.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bend {
+    /// Time constant beside it, s.
+    pub tau_s: f64,
+    /// Its standard deviation, s.
+    pub tau_std_s: f64,
+    /// Log of the odds for it against the lag alone.
+    pub log_odds: f64,
+    /// Change of the gain from the coldest to the warmest of the step, deg/h per C.
+    pub change_of_gain: f64,
 }
 
 /// The response of one axis.
@@ -73,13 +95,19 @@ pub struct Response {
     pub first_order: Lag,
     /// Two lags in series, where they leave less than half of the residual.
     pub second_order: Option<Lag>,
+    /// The lag with a bend beside it, where the rate answers.
+    pub bend: Option<Bend>,
 }
 
 /// A step of the input must span this, C, for its answer to be read.
 const SMALLEST_STEP_C: f64 = 3.0;
+/// Time constants are sought between these, s.
+const SHORTEST_S: f64 = 10.0;
 const LONGEST_S: f64 = 20_000.0;
-/// The rate answers a step where its gain is so many standard deviations.
-const LEAST_ANSWER: f64 = 10.0;
+/// The rate answers a step where its gain, and the time constant, are so many standard deviations.
+const LEAST_ANSWER: f64 = 3.0;
+/// Means that the likelihood is made of, s.
+const MEAN_S: usize = 20;
 
 impl Response {
     /// The lag of the resonator's temperature. The rate tells its time constant alone: in equilibrium the resonator is then taken to
@@ -87,10 +115,29 @@ impl Response {
     #[must_use]
     pub fn of_temperature(&self) -> Lag {
         let lag = self.second_order.as_ref().unwrap_or(&self.first_order).clone();
+        let (tau, std) = self.time_constant();
         match self.output {
             Output::Frequency => lag,
-            Output::Rate => Lag { gain: 1.0, gain_std: f64::NAN, offset_c: 0.0, residual_c: f64::NAN, ..lag },
+            Output::Rate => Lag {
+                gain: 1.0,
+                gain_std: f64::NAN,
+                tau_s: vec![tau],
+                tau_std_s: std,
+                offset_c: 0.0,
+                residual_c: f64::NAN,
+            },
         }
+    }
+
+    /// The time constant and its standard deviation over both explanations, each with its odds, s.
+    #[must_use]
+    pub fn time_constant(&self) -> (f64, f64) {
+        let alone = (self.first_order.tau_s[0], self.first_order.tau_std_s);
+        let Some(b) = &self.bend else { return alone };
+        let share = 1.0 / (1.0 + (-b.log_odds).exp());
+        let mean = alone.0 + share * (b.tau_s - alone.0);
+        let about = |tau: f64, std: f64| std * std + (tau - mean).powi(2);
+        (mean, ((1.0 - share) * about(alone.0, alone.1) + share * about(b.tau_s, b.tau_std_s)).sqrt())
     }
 }
 
@@ -154,6 +201,7 @@ fn with_taus(input: &[f64], output: &[f64], taus: &[f64]) -> Result<(Lag, f64), 
         gain: fit.coefficients[1],
         gain_std: fit.std[1],
         tau_s: taus.to_vec(),
+        tau_std_s: f64::NAN,
         offset_c: fit.coefficients[0],
         residual_c: (fit.squares / fit.rows as f64).sqrt(),
     };
@@ -189,10 +237,15 @@ fn cost(input: &[f64], output: &[f64], taus: &[f64]) -> f64 {
     }
 }
 
+/// Logarithms of time constants, evenly spaced.
+fn grid(parts: u32) -> impl Iterator<Item = f64> {
+    (0..=parts).map(move |k| SHORTEST_S.ln() + (LONGEST_S / SHORTEST_S).ln() * f64::from(k) / f64::from(parts))
+}
+
 /// Golden-section search of the logarithm of a time constant.
 fn search(mut cost: impl FnMut(f64) -> f64) -> f64 {
     // A coarse grid first: the cost need not have one valley only.
-    let grid: Vec<f64> = (0..=24).map(|k| (10f64).ln() + (LONGEST_S / 10.0).ln() * f64::from(k) / 24.0).collect();
+    let grid: Vec<f64> = grid(24).collect();
     let costs: Vec<f64> = grid.iter().map(|l| cost(l.exp())).collect();
     let at = (0..grid.len()).min_by(|a, b| costs[*a].total_cmp(&costs[*b])).unwrap_or(0);
     let (mut low, mut high) = (grid[at.saturating_sub(1)], grid[(at + 1).min(grid.len() - 1)]);
@@ -243,33 +296,144 @@ fn step_at(input: &[f64]) -> usize {
     steepest.saturating_sub(REST)
 }
 
+/// Likelihood of a time constant: for each, the coefficients of the columns are those of generalised least squares under every noise
+/// model, and the likelihood is the mean over these.
+struct Profile<'a> {
+    input: &'a [f64],
+    answer: Vec<f64>,
+    used: Vec<usize>,
+    filters: Filters,
+    whitened: [Vec<f64>; NOISE_MODELS.len()],
+    /// Standard deviation of a bend before the data are seen, deg/h per C^2: the gain may change by itself from one end of the step to the other.
+    bend_std: f64,
+}
+
+/// Likelihoods of one time constant.
+#[derive(Debug, Clone, Copy)]
+struct At {
+    tau_s: f64,
+    /// Log likelihood of the lag alone, and with a bend beside it.
+    log: [f64; 2],
+    gain_std: f64,
+    /// The bend, deg/h per C^2.
+    bend: f64,
+}
+
+/// A time constant by its likelihood.
+#[derive(Debug, Clone, Copy)]
+struct Likely {
+    top: At,
+    mean_s: f64,
+    std_s: f64,
+    /// Log of the mean likelihood over the logarithm of the time constant.
+    evidence: f64,
+}
+
+fn means(x: &[f64]) -> Vec<f64> {
+    x.chunks_exact(MEAN_S).map(|c| c.iter().sum::<f64>() / MEAN_S as f64).collect()
+}
+
+impl<'a> Profile<'a> {
+    fn new(input: &'a [f64], answer: &[f64]) -> Self {
+        let all = means(answer);
+        let used: Vec<usize> = (0..all.len()).filter(|k| all[*k].is_finite()).collect();
+        let answer: Vec<f64> = used.iter().map(|k| all[*k]).collect();
+        let filters = Filters::new(&vec![1.0; answer.len()], &[0]);
+        let whitened = filters.whiten_by_all(&answer);
+        Self { input, answer, used, filters, whitened, bend_std: f64::INFINITY }
+    }
+
+    /// Columns of a time constant: offset, state at the start, lagged input, and its square about the middle.
+    fn columns(&self, tau: f64) -> [Vec<f64>; 4] {
+        let [lagged, fading] = regressors(self.input, &[tau]);
+        let (low, high) = span(&lagged);
+        let square = lagged.iter().map(|x| (x - 0.5 * (low + high)).powi(2)).collect();
+        let used = |c: Vec<f64>| -> Vec<f64> {
+            let c = means(&c);
+            self.used.iter().map(|k| c[*k]).collect()
+        };
+        [vec![1.0; lagged.len()], fading, lagged, square].map(used)
+    }
+
+    fn at(&self, tau_s: f64) -> At {
+        let columns = self.columns(tau_s).map(|c| self.filters.whiten_by_all(&c));
+        let (n, free) = (self.answer.len() as f64, self.answer.len() as f64 - 3.0);
+        let under = |s: usize| {
+            let mut basis = Basis::default();
+            let length = columns[..3].iter().map(|c| basis.add_measured(c[s].clone())).last().unwrap_or(0.0);
+            let (mut rest, mut bend) = (self.whitened[s].clone(), columns[3][s].clone());
+            basis.reduce(&mut rest);
+            basis.reduce(&mut bend);
+            let squares = dot(&rest, &rest).max(1e-300);
+            let before = NOISE_MODELS[s].log_prior() + self.filters.log_determinant(s);
+            let variance = squares / free.max(1.0);
+            let (known, product) = (variance / self.bend_std.powi(2), dot(&bend, &rest));
+            let all = (dot(&bend, &bend) + known).max(1e-300);
+            let bent =
+                before - 0.5 * n * (squares - product * product / all).max(1e-300).ln() + 0.5 * (known / all).ln();
+            ([before - 0.5 * n * squares.ln(), bent], variance / length.max(1e-300), product / all)
+        };
+        let each: Vec<_> = (0..NOISE_MODELS.len()).map(under).collect();
+        let log = [0, 1].map(|k: usize| log_sum(&each.iter().map(|e| e.0[k]).collect::<Vec<_>>()));
+        let share = |k: usize, s: usize| (each[s].0[k] - log[k]).exp();
+        let variance = (0..each.len()).map(|s| share(0, s) * each[s].1).sum::<f64>();
+        let bend = (0..each.len()).map(|s| share(1, s) * each[s].2).sum();
+        At { tau_s, log, gain_std: variance.sqrt(), bend }
+    }
+
+    /// The most likely time constant of the lag alone (0) or with a bend (1), with mean and deviation of the likelihood as a density over the
+    /// time constant's logarithm.
+    fn likely(&self, kind: usize) -> Likely {
+        let log = |t: f64| self.at(t).log[kind];
+        let top = self.at(search(|t| -log(t)));
+        const STEP: f64 = 0.02;
+        let drop = top.log[kind] - 0.5 * (log(top.tau_s * STEP.exp()) + log(top.tau_s * (-STEP).exp()));
+        let sigma = (0.5 * STEP * STEP / drop.max(1e-6)).sqrt().min(1.0);
+        // Fine about the top, and coarse over all.
+        let fine = (-16..=16).map(|k| top.tau_s.ln() + 0.25 * sigma * f64::from(k));
+        let mut points: Vec<f64> =
+            grid(48).chain(fine).filter(|l| *l >= SHORTEST_S.ln() && *l <= LONGEST_S.ln()).collect();
+        points.sort_by(f64::total_cmp);
+        let density: Vec<f64> = points.iter().map(|l| (log(l.exp()) - top.log[kind]).exp()).collect();
+        // By trapezoids: the integral of a function of the time constant.
+        let integral = |of: &dyn Fn(f64) -> f64| {
+            let value = |k: usize| density[k] * of(points[k].exp());
+            (1..points.len()).map(|k| 0.5 * (points[k] - points[k - 1]) * (value(k) + value(k - 1))).sum::<f64>()
+        };
+        let whole = integral(&|_| 1.0);
+        let mean_s = integral(&|t| t) / whole;
+        let std_s = (integral(&|t| (t - mean_s).powi(2)) / whole).sqrt();
+        Likely { top, mean_s, std_s, evidence: top.log[kind] + (whole / (LONGEST_S / SHORTEST_S).ln()).ln() }
+    }
+}
+
+/// Lowest and highest value.
+fn span(x: &[f64]) -> (f64, f64) {
+    x.iter().filter(|x| x.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)))
+}
+
 /// First-order lag of an axis behind its input, with the series that it was found from.
 pub struct Followed {
     /// The lag.
     pub lag: Lag,
     input: Vec<f64>,
     answer: Vec<f64>,
+    likely: Likely,
     squares: f64,
 }
 
 impl Followed {
-    /// Columns of the model, linear about what was found: offset, lagged input, state at the start, and the change by one second of time
-    /// constant. With the answer they give the uncertainty of the time constant.
-    #[must_use]
-    pub fn linear(&self) -> [Vec<f64>; 4] {
-        const STEP: f64 = 0.01;
-        let tau = self.lag.tau_s[0];
-        let [lagged, fading] = regressors(&self.input, &[tau]);
-        let [further, _] = regressors(&self.input, &[tau * (1.0 + STEP)]);
-        let change = self.lag.gain / (STEP * tau);
-        let slope = lagged.iter().zip(further).map(|(x, f)| change * (f - x)).collect();
-        [vec![1.0; lagged.len()], lagged, fading, slope]
-    }
-
-    /// The answer to the input, C (or deg/h).
-    #[must_use]
-    pub fn answer(&self) -> &[f64] {
-        &self.answer
+    /// The second explanation: the output bends over the step.
+    fn bend(&self) -> Bend {
+        let (low, high) = span(&self.input);
+        let bend_std = self.lag.gain.abs() / (2.0 * (high - low));
+        let likely = Profile { bend_std, ..Profile::new(&self.input, &self.answer) }.likely(1);
+        Bend {
+            tau_s: likely.mean_s,
+            tau_std_s: likely.std_s,
+            log_odds: likely.evidence - self.likely.evidence,
+            change_of_gain: 2.0 * likely.top.bend * (high - low),
+        }
     }
 }
 
@@ -283,8 +447,7 @@ pub fn first_order(run: &Run, a: usize, input: Input, output: Output) -> Result<
     let u = input_of(run, a, input).ok_or_else(|| {
         BadInput::new(format!("column {name} is missing or mostly empty; a step response needs what drove it"))
     })?;
-    let (low, high) =
-        u.iter().filter(|x| x.is_finite()).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(*x), h.max(*x)));
+    let (low, high) = span(&u);
     if !(high - low > SMALLEST_STEP_C) {
         return Err(BadInput::new(format!(
             "column {name} spans {:.1} C; a step response needs a step of some degrees, 10 C for instance, and a hold of at least three time constants (an hour)",
@@ -297,8 +460,20 @@ pub fn first_order(run: &Run, a: usize, input: Input, output: Output) -> Result<
         Output::Rate => run.steps.rate_dph[a].clone(),
     };
     let (input, answer) = (u[from..].to_vec(), answer[from..].to_vec());
-    let tau = search(|t| cost(&input, &answer, &[t]));
+    let likely = Profile::new(&input, &answer).likely(0);
+    let tau = likely.top.tau_s;
     let (lag, squares) = with_taus(&input, &answer, &[tau])?;
+    let lag = Lag { gain_std: likely.top.gain_std, tau_std_s: likely.std_s, ..lag };
+    let answers = lag.gain.abs() > LEAST_ANSWER * lag.gain_std && tau > LEAST_ANSWER * lag.tau_std_s;
+    if output == Output::Rate && !answers {
+        return Err(BadInput::new(format!(
+            "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C, {tau:.0} +- {:.0} s): its bias does not change enough there for its noise; step elsewhere, or further",
+            hrg_data::axes::AXIS_NAMES[a],
+            lag.gain,
+            lag.gain_std,
+            lag.tau_std_s
+        )));
+    }
     let held = input.len() as f64 * f64::from(hrg_core::MODEL_STEP_S);
     if tau > 0.5 * held || tau > 0.9 * LONGEST_S {
         return Err(BadInput::new(format!(
@@ -306,15 +481,7 @@ pub fn first_order(run: &Run, a: usize, input: Input, output: Output) -> Result<
             hrg_data::axes::AXIS_NAMES[a]
         )));
     }
-    if output == Output::Rate && !(lag.gain.abs() > LEAST_ANSWER * lag.gain_std) {
-        return Err(BadInput::new(format!(
-            "axis {}: the rate does not answer the step ({:.4} +- {:.4} deg/h per C); its bias does not change there: step elsewhere, or further",
-            hrg_data::axes::AXIS_NAMES[a],
-            lag.gain,
-            lag.gain_std
-        )));
-    }
-    Ok(Followed { lag, input, answer, squares })
+    Ok(Followed { lag, input, answer, likely, squares })
 }
 
 /// Identifies the lag of each axis: [`first_order`], and two lags in series where the temperature answers.
@@ -333,7 +500,8 @@ pub fn identify(run: &Run, input: Input, output: Output) -> Result<[Response; AX
             // Its noise hides a second lag.
             Output::Rate => None,
         };
-        out.push(Response { input, output, first_order: found.lag, second_order });
+        let bend = (output == Output::Rate).then(|| found.bend());
+        out.push(Response { input, output, first_order: found.lag, second_order, bend });
     }
     out.try_into().map_err(|_| BadInput::new("three axes were expected"))
 }
@@ -404,12 +572,38 @@ mod tests {
             assert!((r.first_order.tau_s[0] / tau - 1.0).abs() < 0.1, "{:?} for {tau}", r.first_order);
             assert_eq!(r.of_temperature().gain, 1.0);
         }
-        // At 0 to 10 C the bias of a simulated unit like zhao2022's is flat.
-        let kind = Kind::Zhao;
-        let flat = Plan { kind, noise: kind.noise(), ..Plan::of(Profile::parse("lag").expect("named"), 4, 6) };
-        let steps = Steps::new(&flat.simulate().recording).expect("long enough");
-        let e = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect_err("refused").0;
+        // A unit whose bias is flat there.
+        let simulated = Plan { noise: Kind::Zhao.noise(), ..Plan::of(Profile::parse("lag").expect("named"), 4, 6) };
+        let simulated = simulated.simulate();
+        let mut flat = Steps::new(&simulated.recording).expect("long enough");
+        flat.rate_dph = simulated.noise_dph.clone();
+        let e = identify(&Run::new(flat, curves), Input::Case, Output::Rate).expect_err("refused").0;
         assert!(e.contains("does not answer"), "{e}");
+    }
+
+    /// The same on simulated units of its kind, whose bias bends over the step by whatever it does: the time constant is within its deviation.
+    #[test]
+    fn experiment_1_of_zhao2022_on_units_of_its_kind() {
+        use hrg_data::recording::steps::Steps;
+        use hrg_simulate::Kind;
+        let curves = hrg_core::calibration::Calibration::uncalibrated().axes.map(|a| a.curve);
+        let (mut squares, mut bent) = (Vec::new(), 0);
+        for unit in 1..=7 {
+            let kind = Kind::Zhao;
+            let plan = Plan { kind, noise: kind.noise(), ..Plan::of(Profile::parse("lag").expect("named"), unit, 6) };
+            let steps = Steps::new(&plan.simulate().recording).expect("long enough");
+            let found = identify(&Run::new(steps, curves), Input::Case, Output::Rate).expect("answers");
+            for (r, truth) in found.iter().zip([694.0, 655.0, 741.0]) {
+                let (tau, std) = r.time_constant();
+                squares.push(((tau - truth) / std).powi(2));
+                bent += usize::from(r.bend.as_ref().is_some_and(|b| b.log_odds > 1.0));
+                assert!(std < 0.6 * truth, "{r:?}");
+            }
+        }
+        // (An assumed lag alone is up to four of its deviations off.)
+        let mean = squares.iter().sum::<f64>() / squares.len() as f64;
+        assert!(mean < 1.0 && squares.iter().all(|s| *s < 4.0), "{squares:?}");
+        assert!(bent > 0);
     }
 
     #[test]

@@ -133,8 +133,8 @@ fn compare_methods(
         )?;
     }
     print!("{}", compare::table(&c, false, None));
-    println!("3s: three sigma of means over {} s; cooling, heating: the same of each stage of the training runs, a soak with the ramp before it;", c.mean_s);
-    println!("repeat, other: on unseen runs of a training profile, and of other profiles; instability: least Allan deviation / 0.664;");
+    println!("3s: three sigma of means over {} s; cooling, heating: the same of each stage, a soak with the ramp before it, of unseen repeats (of the training runs where there is none);", c.mean_s);
+    println!("repeat, other: on unseen runs of a training profile, and of other profiles; mean: of the unseen runs, which 3s leaves out; instability: least Allan deviation / 0.664;");
     println!("{}, RMS of the axes. {}.", c.rate_unit, c.about_verify);
     println!("instructions on the unit: f to bias, of one axis' calibration curve f-T and bias model; update, of all three axes with");
     println!(

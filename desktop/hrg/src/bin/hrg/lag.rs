@@ -61,28 +61,46 @@ fn thermal_lag(arguments: &Arguments, input: Input, output: Output) -> Result<()
     };
     let run = Run::new(Steps::new(&recording)?, curves);
     let responses = lag::identify(&run, input, output)?;
-    println!(
-        "{:<5} {:>8} {:>9} {:>16} {:>14}   two lags in series",
-        "axis",
-        "gain",
-        "+-",
-        "time constant s",
-        format!("residual {}", output.unit())
-    );
-    for (name, r) in AXIS_NAMES.iter().zip(&responses) {
-        let f = &r.first_order;
-        let second = r.second_order.as_ref().map_or("not needed".to_string(), |s| {
-            format!("{:.0} s and {:.0} s leave {:.3} C", s.tau_s[0], s.tau_s[1], s.residual_c)
-        });
-        println!(
-            "{name:<5} {:>8.4} {:>9.4} {:>16.1} {:>14.3}   {second}",
-            f.gain, f.gain_std, f.tau_s[0], f.residual_c
-        );
-    }
+    table(&responses);
     match (&arguments.predict, &arguments.out) {
         (Some(predict), _) => predicted(predict, &responses, curves, input, arguments),
         (None, Some(out)) => hrg_data::output::write_file(out, serde_json::to_string_pretty(&responses)?.as_bytes()),
         (None, None) => Ok(()),
+    }
+}
+
+/// Prints what was found.
+fn table(responses: &[lag::Response]) {
+    println!(
+        "{:<5} {:>9} {:>8} {:>16} {:>8} {:>15}   another explanation",
+        "axis",
+        "gain",
+        "+-",
+        "time constant s",
+        "+-",
+        format!("residual {}", responses[0].output.unit())
+    );
+    for (name, r) in AXIS_NAMES.iter().zip(responses) {
+        let f = &r.first_order;
+        let second = r.second_order.as_ref().map(|s| {
+            format!("two lags in series, {:.0} s and {:.0} s, leave {:.3} C", s.tau_s[0], s.tau_s[1], s.residual_c)
+        });
+        let bend = r.bend.as_ref().map(|b| {
+            let (tau, std) = r.time_constant();
+            format!(
+                "the bias bends: {:.0} +- {:.0} s, log odds {:+.1}; with both by their odds {tau:.0} +- {std:.0} s",
+                b.tau_s, b.tau_std_s, b.log_odds
+            )
+        });
+        println!(
+            "{name:<5} {:>9.4} {:>8.4} {:>16.1} {:>8.1} {:>15.3}   {}",
+            f.gain,
+            f.gain_std,
+            f.tau_s[0],
+            f.tau_std_s,
+            f.residual_c,
+            second.or(bend).unwrap_or_else(|| "none needed".into())
+        );
     }
 }
 

@@ -11,6 +11,9 @@ pub struct Arguments {
     /// Seed: 0 is chen2015's case, any other a platform of its own.
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// chen2015's case with this draw of its noise (the draws of docs/alignment-results.md begin with 0).
+    #[arg(long, conflicts_with = "seed")]
+    chen: Option<u64>,
     /// Error of the turn, arc minutes.
     #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     turn_error: f64,
@@ -27,8 +30,12 @@ pub struct Arguments {
 /// # Errors
 /// Bad input, or a file that cannot be written.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { seed, turn_error, one_position, out } = arguments;
-    let mut plant = if seed == 0 { Plant::chen(0) } else { Plant::drawn(seed) };
+    let Arguments { seed, chen, turn_error, one_position, out } = arguments;
+    let mut plant = match (chen, seed) {
+        (Some(draw), _) => Plant::chen(draw),
+        (None, 0) => Plant::chen(0),
+        (None, seed) => Plant::drawn(seed),
+    };
     plant.turn_error = turn_error / 60.0 / 180.0 * std::f64::consts::PI;
     if one_position {
         plant.seconds[2] = 0;
