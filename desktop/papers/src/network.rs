@@ -169,7 +169,7 @@ pub fn train_as_printed(u: &[f64], y: &[f64], seed: u64) -> Result<Trained, BadI
     let thin = u.len().div_ceil(printed::SAMPLES * printed::TESTED / (printed::TESTED - 1)).max(1);
     let all: Vec<(f64, f64)> = u.iter().zip(y).step_by(thin).map(|(u, y)| (*u, scale.scaled(*y))).collect();
     let part = |tested: bool| -> (Vec<f64>, Vec<f64>) {
-        let kept = |k: usize| (k % printed::TESTED == 0) == tested;
+        let kept = |k: usize| k.is_multiple_of(printed::TESTED) == tested;
         all.iter().enumerate().filter(|(k, _)| kept(*k)).map(|(_, s)| *s).unzip()
     };
     let ((u, y), (test_u, test_y)) = (part(false), part(true));
