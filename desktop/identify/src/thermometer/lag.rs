@@ -10,7 +10,7 @@
 //! zhao2022): its bias follows the resonator. The result is a little off if the bias depends on dT/dt as well. A bias that bends over the step
 //! looks like another time constant, so a square of the lagged temperature is tried beside it ([`Bend`]).
 //!
-//! The time constant's deviation is that of its likelihood with correlated residuals ([`Profile`]): the noise models of
+//! The time constant's deviation is that of its likelihood with correlated residuals: the noise models of
 //! [`crate::trace::noise`], each weighted by how well it fits. White residuals would promise several times too much.
 
 use crate::trace::noise::{Basis, Filters, NOISE_MODELS};
