@@ -40,7 +40,7 @@ const FOREIGN_NAME: &str = "second-plant";
 const FOREIGN_ABOUT: &str = "Units of the second plant (`host-tests/foreign-plant`), which shares no code with this project's effects: five each that follow the far end \
 of a rod, Bouc and Wen's hysteresis, two hinges over temperature, a saturating dT/dt, and a mixture. Three sigma on the run that chose nothing, where the noise alone has 1.";
 
-/// What dong2023 prints.
+/// Figures that dong2023 prints.
 const DONG: &[(&str, &str)] = &[
     ("raw", "cooling 7.071, heating 9.512"),
     ("pso-literal-10ms", "cooling 3.812, heating 5.096"),
