@@ -326,14 +326,8 @@ const LOSSES: [&str; 3] = ["input-loss-anisotropy", "input-quadrature-leak", "in
 fn inputs(arguments: &[String]) -> Result<(), Failure> {
     let seeds = arguments.first().map_or("4", String::as_str);
     let count: u64 = seeds.parse().map_err(|_| Failure(format!("study --inputs: {seeds} is not a number")))?;
-    let (plant, folder) = (foreign_plant()?, root().join("out/inputs"));
-    for case in LOSSES {
-        for seed in 1..=count {
-            run(Command::new(&plant)
-                .args(["make", "--case", case, "--seed", &seed.to_string(), "--out"])
-                .arg(&folder))?;
-        }
-    }
+    let folder = root().join("out/inputs");
+    units_of_the_second_plant(&LOSSES, count, &folder)?;
     build(&setup::toolchain()?)?;
     let folder = folder.display().to_string();
     tool("hrg-study", &["inputs", "--folder", &folder, "--page", "docs/inputs.md"].map(String::from))?;
@@ -347,16 +341,21 @@ const UNITS_OF_EACH: u64 = 5;
 
 /// Methods of the papers, on units of their kinds and of the second plant.
 fn methods(arguments: &[String]) -> Result<(), Failure> {
-    let (plant, folder) = (foreign_plant()?, root().join("out/methods/second-plant"));
-    for case in METHODS_ON {
-        for seed in 1..=UNITS_OF_EACH {
-            run(Command::new(&plant)
-                .args(["make", "--case", case, "--seed", &seed.to_string(), "--out"])
-                .arg(&folder))?;
-        }
-    }
+    let folder = root().join("out/methods/second-plant");
+    units_of_the_second_plant(&METHODS_ON, UNITS_OF_EACH, &folder)?;
     let more = ["--foreign".to_string(), folder.display().to_string()];
     study("methods", &[arguments, &more].concat())
+}
+
+/// Recordings of some cases of the second plant, so many units of each.
+fn units_of_the_second_plant(cases: &[&str], count: u64, folder: &Path) -> Result<(), Failure> {
+    let plant = foreign_plant()?;
+    for case in cases {
+        for seed in 1..=count {
+            run(Command::new(&plant).args(["make", "--case", case, "--seed", &seed.to_string(), "--out"]).arg(folder))?;
+        }
+    }
+    Ok(())
 }
 
 /// Builds the second plant, and `hrg`, which it grades.

@@ -51,10 +51,39 @@ struct Row {
     differing: usize,
 }
 
-/// Runs of a role.
-fn runs(folder: &Path, truth: &Value, role: &str) -> Result<Vec<Recording>> {
-    let all = truth["runs"].as_array().into_iter().flatten().filter(|r| r["role"] == role);
-    all.map(|r| load_recording(&folder.join(r["file"].as_str().unwrap_or("?")))).collect()
+/// A unit that the second plant has written: its truth, and the runs beside it.
+pub(crate) struct Unit {
+    truth: Value,
+    folder: PathBuf,
+}
+
+impl Unit {
+    /// Of the file of its truth.
+    pub(crate) fn read(truth: &Path) -> Result<Self> {
+        let folder = truth.parent().unwrap_or(Path::new(".")).to_path_buf();
+        Ok(Self { truth: serde_json::from_slice(&std::fs::read(truth)?)?, folder })
+    }
+
+    /// Name of its case, and its seed.
+    pub(crate) fn name(&self) -> (&str, u64) {
+        (self.truth["case"].as_str().unwrap_or("?"), self.truth["seed"].as_u64().unwrap_or(0))
+    }
+
+    fn of_role(&self, role: &str) -> impl Iterator<Item = &Value> {
+        self.truth["runs"].as_array().into_iter().flatten().filter(move |r| r["role"] == role)
+    }
+
+    /// Runs of a role.
+    pub(crate) fn runs(&self, role: &str) -> Result<Vec<Recording>> {
+        self.of_role(role).map(|r| load_recording(&self.folder.join(r["file"].as_str().unwrap_or("?")))).collect()
+    }
+
+    /// The run that judges, and its noise floors, deg/h; NaN for an axis that is not there.
+    pub(crate) fn judge(&self) -> Result<(Recording, [f64; AXES])> {
+        let run = self.of_role("judge").last().context("no run that judges")?;
+        let floor = |a: usize| run["axes"][AXIS_NAMES[a]]["floor_dph"].as_f64().unwrap_or(f64::NAN);
+        Ok((self.runs("judge")?.pop().context("no run that judges")?, std::array::from_fn(floor)))
+    }
 }
 
 /// The residual of an image on a run, in the noise floors of that run.
@@ -64,13 +93,9 @@ fn left(image: &Calibration, steps: &Steps, floors: [f64; AXES]) -> [f64; AXES] 
 }
 
 fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
-    let truth: Value = serde_json::from_slice(&std::fs::read(truth_file)?)?;
-    let folder = truth_file.parent().unwrap_or(Path::new("."));
-    let (mut train, mut verify) = (runs(folder, &truth, "train")?, runs(folder, &truth, "verify")?);
-    let judge = runs(folder, &truth, "judge")?.pop().context("no run that judges")?;
-    let run = truth["runs"].as_array().into_iter().flatten().find(|r| r["role"] == "judge");
-    let floor = |n: &str| run.and_then(|r| r["axes"][n]["floor_dph"].as_f64());
-    let floors: [f64; AXES] = std::array::from_fn(|a| floor(AXIS_NAMES[a]).unwrap_or(f64::NAN));
+    let unit = Unit::read(truth_file)?;
+    let (mut train, mut verify) = (unit.runs("train")?, unit.runs("verify")?);
+    let (judge, floors) = unit.judge()?;
     let verify_run = &mut verify[0];
     let with = trace::trace(&train, verify_run)?;
     let prepared = fit::prepare(&train)?;
@@ -92,7 +117,7 @@ fn one(elf: &[u8], truth_file: &Path, seconds: u64) -> Result<Row> {
         told.map(|n| without.report.r#final[*n].verify_rms_dph / with.report.r#final[*n].verify_rms_dph).collect();
     Ok(Row {
         told,
-        name: format!("{}-{}", truth["case"].as_str().unwrap_or("?"), truth["seed"]),
+        name: format!("{}-{}", unit.name().0, unit.name().1),
         left: images.map(|image| left(image, &steps, floors)),
         burn: [without.report.burn, with.report.burn],
         named: named.join(", "),

@@ -2,22 +2,19 @@
 
 use super::{Case, Work};
 use crate::faults::trials;
+use crate::inputs::Unit;
 use anyhow::{Context, Result};
 use hrg_core::AXES;
-use hrg_data::axes::AXIS_NAMES;
 use hrg_data::cost::Cost;
 use hrg_data::image_file;
-use hrg_data::load::load_recording;
 use hrg_data::numeric::stats::{block_means, mean, quantile};
 use hrg_data::recording::steps::{Run, Steps, MEAN_S};
-use hrg_data::recording::Recording;
 use hrg_identify::fit;
 use hrg_identify::fit::independence::Units;
 use hrg_papers::compare;
 use hrg_papers::compare::{Comparison, Contender};
 use hrg_papers::stages;
 use hrg_papers::stages::Stage;
-use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -95,8 +92,8 @@ pub fn short(v: f64) -> String {
 }
 
 /// Median, and least and most of all draws.
-pub fn cell<const N: usize>(all: &[[f64; N]], column: usize) -> String {
-    let v: Vec<f64> = all.iter().map(|f| f[column]).filter(|v| v.is_finite()).collect();
+pub fn cell(all: &[f64]) -> String {
+    let v: Vec<f64> = all.iter().copied().filter(|v| v.is_finite()).collect();
     match v.len() {
         0 => String::new(),
         1 => short(v[0]),
@@ -128,18 +125,20 @@ fn costs(cost: Option<&Cost>) -> [String; COSTS.len()] {
 }
 
 impl Spread {
-    /// Median of a figure of a method.
-    fn median(&self, method: &str, column: usize) -> f64 {
+    /// A figure of a method on all draws; none where the method could not be used.
+    fn figure(&self, method: &str, column: usize) -> Vec<f64> {
         let row = self.rows.iter().find(|(name, _)| name == method);
-        let v: Vec<f64> =
-            row.iter().flat_map(|(_, all)| all.iter().map(|f| f[column])).filter(|v| v.is_finite()).collect();
-        quantile(&v, 0.5)
+        row.iter().flat_map(|(_, all)| all.iter().map(|f| f[column])).collect()
+    }
+
+    /// `true` if a method has this figure.
+    fn has(&self, column: usize) -> bool {
+        self.rows.iter().any(|(_, all)| all.iter().any(|f| f[column].is_finite()))
     }
 
     /// The table of a case. `theirs`: what the source prints for a method.
     pub fn table(&self, theirs: &[(&str, &str)]) -> String {
-        let has = |column: usize| self.rows.iter().any(|(_, all)| all.iter().any(|f| f[column].is_finite()));
-        let shown: Vec<usize> = (0..COLUMNS.len()).filter(|c| has(*c)).collect();
+        let shown: Vec<usize> = (0..COLUMNS.len()).filter(|c| self.has(*c)).collect();
         let counted = self.first.rows.iter().any(|r| r.cost.is_some());
         let mut head = vec!["method", "numbers"];
         head.extend(shown.iter().map(|c| COLUMNS[*c]));
@@ -150,10 +149,10 @@ impl Spread {
             head.push("theirs");
         }
         let mut out = format!("| {} |\n|---|{}\n", head.join(" | "), "--:|".repeat(head.len() - 1));
-        for (method, all) in &self.rows {
+        for (method, _) in &self.rows {
             let row = self.first.rows.iter().find(|r| r.method == *method);
             let mut cells = vec![named(method), row.map_or_else(String::new, |r| r.parameters.to_string())];
-            cells.extend(shown.iter().map(|c| cell(all, *c)));
+            cells.extend(shown.iter().map(|c| cell(&self.figure(method, *c))));
             if counted {
                 cells.extend(costs(row.and_then(|r| r.cost.as_ref())));
             }
@@ -182,7 +181,8 @@ impl Spread {
     /// # Errors
     /// If the drawing library fails.
     pub fn picture(&self, title: &str, unit: &str) -> Result<String> {
-        let of = |(m, _): &(String, Vec<Figures>)| (m.clone(), [self.median(m, REPEAT), self.median(m, OTHER)]);
+        let median = |m: &str, column| quantile(&self.figure(m, column), 0.5);
+        let of = |(m, _): &(String, Vec<Figures>)| (m.clone(), [median(m, REPEAT), median(m, OTHER)]);
         let bars = hrg_data::plot::Bars {
             title: title.into(),
             unit: unit.into(),
@@ -281,26 +281,15 @@ pub fn foreign(recordings: &Path, work: &Work<'_>) -> Result<Spread> {
 }
 
 fn one_foreign(file: &Path, work: &Work<'_>) -> Result<(Comparison, Vec<(String, Figures)>)> {
-    let truth: Value = serde_json::from_slice(&std::fs::read(file)?)?;
-    let recordings = file.parent().unwrap_or(Path::new("."));
-    let runs: Vec<&Value> = truth["runs"].as_array().into_iter().flatten().collect();
-    let load = |role: &str| -> Result<Vec<Recording>> {
-        let of_role = runs.iter().filter(|r| r["role"] == role);
-        of_role.map(|r| load_recording(&recordings.join(r["file"].as_str().unwrap_or("?")))).collect()
-    };
-    let run = runs.iter().find(|r| r["role"] == "judge").context("no run that judges")?;
-    let floor = |n: &str| run["axes"][n]["floor_dph"].as_f64().unwrap_or(f64::NAN);
-    let judge = Judge {
-        repeat: None,
-        other: Steps::new(&load("judge")?.pop().context("no run that judges")?)?,
-        skip: 0,
-        // (Three floors, so that three sigma of the noise is 1.)
-        unit_dph: [0, 1, 2].map(|a: usize| 3.0 * floor(AXIS_NAMES[a])),
-    };
-    let folder = folder(work.out, truth["case"].as_str().unwrap_or("?"), truth["seed"].as_u64().unwrap_or(0), 1);
+    let unit = Unit::read(file)?;
+    let (run, floors) = unit.judge()?;
+    // (Three floors, so that three sigma of the noise is 1.)
+    let judge = Judge { repeat: None, other: Steps::new(&run)?, skip: 0, unit_dph: floors.map(|f| 3.0 * f) };
+    let (case, seed) = unit.name();
+    let folder = folder(work.out, case, seed, 1);
     std::fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let options = compare::Options { seed: 1, units: Units::Same, from_s: 0.0 };
-    let (train, verify) = (load("train")?, load("verify")?);
+    let (train, verify) = (unit.runs("train")?, unit.runs("verify")?);
     let c = compare::compare(&train, &verify, (&Contender::all(), &[]), &options, &folder, |_| {})?;
     let figures = judged(&c, &folder, &judge)?;
     Ok((c, figures))
@@ -311,7 +300,7 @@ pub fn summary(cases: &[(&str, &Spread)]) -> String {
     let mut out = String::from("| method |");
     let mut rule = String::from("|---|");
     for (name, s) in cases {
-        let repeat = s.rows.iter().any(|(_, all)| all.iter().any(|f| f[REPEAT].is_finite()));
+        let repeat = s.has(REPEAT);
         let _ = if repeat { write!(out, " {name}: repeat | other profile |") } else { write!(out, " {name} |") };
         rule.push_str(if repeat { "--:|--:|" } else { "--:|" });
     }
@@ -319,12 +308,10 @@ pub fn summary(cases: &[(&str, &Spread)]) -> String {
     for method in std::iter::once("raw").chain(Contender::all().iter().map(|c| c.name())) {
         let mut cells = Vec::new();
         for (_, s) in cases {
-            let all = s.rows.iter().find(|(name, _)| name == method).map_or(&[][..], |(_, all)| all);
-            let repeat = s.rows.iter().any(|(_, all)| all.iter().any(|f| f[REPEAT].is_finite()));
-            if repeat {
-                cells.push(cell(all, REPEAT));
+            if s.has(REPEAT) {
+                cells.push(cell(&s.figure(method, REPEAT)));
             }
-            cells.push(cell(all, OTHER));
+            cells.push(cell(&s.figure(method, OTHER)));
         }
         if cells.iter().any(|c| !c.is_empty()) {
             let _ = writeln!(out, "| {} | {} |", named(method), cells.join(" | "));

@@ -34,19 +34,18 @@ pub fn table(work: &Work<'_>) -> Result<String> {
                 false => (r.first_order.tau_s[0], r.first_order.tau_std_s),
                 true => r.time_constant(),
             };
-            let percent = |v: &dyn Fn(f64, f64, f64) -> f64| -> Vec<[f64; 1]> {
-                found.iter().map(|(a, r)| (of(r), TRUE_S[*a])).map(|((tau, std), truth)| [v(tau, std, truth)]).collect()
+            let each = |v: &dyn Fn(f64, f64, f64) -> f64| -> Vec<f64> {
+                found.iter().map(|(a, r)| (of(r), TRUE_S[*a])).map(|((tau, std), truth)| v(tau, std, truth)).collect()
             };
-            let errors = percent(&|tau, _, truth| 100.0 * (tau / truth - 1.0));
-            let stated = percent(&|_, std, truth| 100.0 * std / truth);
-            let squares: Vec<f64> =
-                percent(&|tau, std, truth| ((tau - truth) / std).powi(2)).iter().map(|v| v[0]).collect();
+            let errors = each(&|tau, _, truth| 100.0 * (tau / truth - 1.0));
+            let stated = each(&|_, std, truth| 100.0 * std / truth);
+            let squares = each(&|tau, std, truth| ((tau - truth) / std).powi(2));
             let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
             let _ = writeln!(
                 out,
                 "| {name} | {model} | {} | {} | {} (largest {}) | {refused} of {} |",
-                cell(&errors, 0),
-                cell(&stated, 0),
+                cell(&errors),
+                cell(&stated),
                 short(rms),
                 short(quantile(&squares, 1.0).sqrt()),
                 work.units * work.seeds
